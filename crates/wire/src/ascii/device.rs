@@ -1,0 +1,127 @@
+//! The module's end: requests read.
+
+use super::{Exchange, FRAME_MAX, Line, Request, Text};
+use crate::hex::byte;
+use crate::{Address, Decoded, Malformed, PulseWidth};
+
+/// How strictly a module reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rules {
+    /// Frames must carry a checksum.
+    pub checksum: bool,
+    /// Hexadecimal digits a to f are taken too. Off by default [EDA §2.8].
+    pub lower_case: bool,
+}
+
+impl Exchange {
+    /// Reads the beginning of `rx`, which starts with a delimiter, as a request.
+    #[inline]
+    pub fn decode_request(rx: &[u8], rules: Rules) -> Decoded<Exchange> {
+        match rx.first() {
+            None => return Decoded::Partial { more: 4 },
+            Some(b'$' | b'%' | b'#' | b'@' | b'~') => {}
+            Some(_) => return Decoded::Malformed(Malformed::Start),
+        }
+        let Some(line) = Line::first(rx) else {
+            return match rx.len() {
+                FRAME_MAX.. => Decoded::Malformed(Malformed::End),
+                _ => Decoded::Partial { more: 1 },
+            };
+        };
+        match parse(line, rules) {
+            Ok(value) => Decoded::Whole {
+                len: line.frame_len(),
+                value,
+            },
+            Err(why) => Decoded::Malformed(why),
+        }
+    }
+}
+
+/// Reads a request.
+#[inline]
+fn parse(line: Line<'_>, rules: Rules) -> Result<Exchange, Malformed> {
+    let text = line.unsealed(rules.checksum, rules.lower_case)?;
+    let checksum = rules.checksum;
+    let [delimiter, high, low, body @ ..] = text else {
+        return Err(Malformed::Length);
+    };
+    if [*high, *low] == *b"**" {
+        let request = match (delimiter, body) {
+            (b'#', []) => Request::SampleAll,
+            (b'~', []) => Request::HostOk,
+            _ => return Err(Malformed::Function),
+        };
+        return Ok(Exchange {
+            address: Address(0),
+            checksum,
+            request,
+        });
+    }
+    let address = Address(byte(*high, *low, rules.lower_case).ok_or(Malformed::Syntax)?);
+    Ok(Exchange {
+        address,
+        checksum,
+        request: parse_body(*delimiter, body, rules.lower_case)?,
+    })
+}
+
+#[inline]
+fn parse_body(delimiter: u8, body: &[u8], lower_case: bool) -> Result<Request, Malformed> {
+    let two = |high: &u8, low: &u8| byte(*high, *low, lower_case).ok_or(Malformed::Syntax);
+    Ok(match (delimiter, body) {
+        (b'$', [b'M']) => Request::ReadName,
+        (b'$', [b'F']) => Request::ReadFirmware,
+        (b'$', [b'2']) => Request::ReadConfig,
+        (b'$', [b'3']) => Request::ReadPulse,
+        (b'$', [b'4']) => Request::ReadLatched,
+        (b'$', [b'5']) => Request::ReadReset,
+        (b'$', [b'6']) => Request::ReadData,
+        (b'$', [b'I']) => Request::ReadInit,
+        (b'%', [a, b, c, d, e, f, g, h]) => Request::WriteConfig {
+            new_address: Address(two(a, b)?),
+            type_code: two(c, d)?,
+            baud_code: two(e, f)?,
+            format: two(g, h)?,
+        },
+        (b'#', [a, b, c, d]) => Request::WriteOutputs {
+            order: two(a, b)?,
+            data: two(c, d)?,
+        },
+        (b'#', [b'4', a, b, c, d]) => Request::WritePulse {
+            mask: two(a, b)?,
+            width: PulseWidth::from_tenths(two(c, d)?).ok_or(Malformed::Value)?,
+        },
+        (b'@', []) => Request::ReadAll,
+        (b'~', [b'0']) => Request::ReadWatchdogStatus,
+        (b'~', [b'1']) => Request::ClearWatchdog,
+        (b'~', [b'2']) => Request::ReadWatchdog,
+        (b'~', [b'3', e, a, b]) => Request::WriteWatchdog {
+            enabled: match e {
+                b'0' => false,
+                b'1' => true,
+                _ => return Err(Malformed::Value),
+            },
+            tenths: two(a, b)?,
+        },
+        (b'~', [b'4']) => Request::ReadSafe,
+        (b'~', [b'5', a, b, c, d]) => Request::WriteSafe {
+            power_on: two(a, b)?,
+            safe: two(c, d)?,
+        },
+        (b'~', [b'O', ..]) => Request::Rename(Text::parse(body.get(1..).unwrap_or_default())?),
+        _ => return Err(Malformed::Function),
+    })
+}
+
+/// The address in a frame that ends with CR but is no request, where its checksum is right: so
+/// that a module can say `?AA` to it.
+#[must_use]
+pub fn address_of(frame: &[u8], rules: Rules) -> Option<Address> {
+    let line = Line::first(frame)?;
+    let text = line.unsealed(rules.checksum, rules.lower_case).ok()?;
+    match *text {
+        [_, high, low, ..] => byte(high, low, rules.lower_case).map(Address),
+        _ => None,
+    }
+}

@@ -1,0 +1,178 @@
+//! Speeds, character formats, and how long characters and frames take on the wire.
+
+use crate::Micros;
+use core::fmt;
+
+/// A speed that the serial ports of this field have, 1200 to 115200 baud.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[allow(missing_docs)]
+pub enum Baud {
+    B1200,
+    B2400,
+    B4800,
+    B9600,
+    B19200,
+    B38400,
+    B57600,
+    B115200,
+}
+
+impl Baud {
+    /// Every speed, slowest first.
+    pub const ALL: [Baud; 8] = [
+        Baud::B1200,
+        Baud::B2400,
+        Baud::B4800,
+        Baud::B9600,
+        Baud::B19200,
+        Baud::B38400,
+        Baud::B57600,
+        Baud::B115200,
+    ];
+
+    /// Bits per second.
+    #[must_use]
+    pub const fn rate(self) -> u32 {
+        match self {
+            Baud::B1200 => 1200,
+            Baud::B2400 => 2400,
+            Baud::B4800 => 4800,
+            Baud::B9600 => 9600,
+            Baud::B19200 => 19200,
+            Baud::B38400 => 38400,
+            Baud::B57600 => 57600,
+            Baud::B115200 => 115_200,
+        }
+    }
+
+    /// The speed of so many bits per second, or nothing for one that no port has.
+    #[must_use]
+    pub fn from_rate(rate: u32) -> Option<Baud> {
+        Baud::ALL.into_iter().find(|baud| baud.rate() == rate)
+    }
+}
+
+impl fmt::Display for Baud {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.rate().fmt(f)
+    }
+}
+
+/// Parity and stop bits of a character; there are always eight data bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Character {
+    /// No parity, one stop bit: 10 bits. What all five families leave the factory with.
+    #[default]
+    N1,
+    /// Even parity, one stop bit: 11 bits.
+    E1,
+    /// Odd parity, one stop bit: 11 bits.
+    O1,
+    /// No parity, two stop bits: 11 bits, what the Modbus standard wants without parity.
+    N2,
+}
+
+impl Character {
+    /// How many bits one character takes, start and stop bits included: 10 or 11.
+    #[must_use]
+    pub const fn bits(self) -> u32 {
+        match self {
+            Character::N1 => 10,
+            Character::E1 | Character::O1 | Character::N2 => 11,
+        }
+    }
+}
+
+impl fmt::Display for Character {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Character::N1 => "8N1",
+            Character::E1 => "8E1",
+            Character::O1 => "8O1",
+            Character::N2 => "8N2",
+        })
+    }
+}
+
+/// How a line talks at one moment: its speed and its character format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Settings {
+    /// The speed.
+    pub baud: Baud,
+    /// Parity and stop bits.
+    pub character: Character,
+}
+
+impl Settings {
+    /// 9600 8N1, the factory setting of all five families.
+    pub const FACTORY: Settings = Settings {
+        baud: Baud::B9600,
+        character: Character::N1,
+    };
+
+    /// The time that so many characters take on the wire, rounded up to the microsecond.
+    #[must_use]
+    pub const fn frame_time(self, characters: usize) -> Micros {
+        self.tenths_of_characters(characters as u64 * 10)
+    }
+
+    /// The silence that ends a Modbus RTU frame: 3.5 characters of this line's own length up to
+    /// 19200 baud, 1.75 ms above [MODBUS §1.4].
+    #[must_use]
+    pub const fn t3_5(self) -> Micros {
+        if self.baud.rate() > 19200 {
+            Micros(1750)
+        } else {
+            self.tenths_of_characters(35)
+        }
+    }
+
+    /// The longest pause inside a Modbus RTU frame: 1.5 characters up to 19200 baud, 0.75 ms
+    /// above [MODBUS §1.5].
+    #[must_use]
+    pub const fn t1_5(self) -> Micros {
+        if self.baud.rate() > 19200 {
+            Micros(750)
+        } else {
+            self.tenths_of_characters(15)
+        }
+    }
+
+    const fn tenths_of_characters(self, tenths: u64) -> Micros {
+        let bit_micros = tenths.saturating_mul(self.character.bits() as u64 * 100_000);
+        Micros(bit_micros.div_ceil(self.baud.rate() as u64))
+    }
+}
+
+impl fmt::Display for Settings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.baud, self.character)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_those_of_the_standard() {
+        let at = |baud, character| Settings { baud, character };
+        // [MODBUS §1.4, §1.5], 11-bit and 10-bit characters.
+        assert_eq!(at(Baud::B1200, Character::E1).t3_5(), Micros(32_084));
+        assert_eq!(at(Baud::B9600, Character::N2).t3_5(), Micros(4_011));
+        assert_eq!(at(Baud::B9600, Character::N1).t3_5(), Micros(3_646));
+        assert_eq!(at(Baud::B9600, Character::O1).t1_5(), Micros(1_719));
+        assert_eq!(at(Baud::B19200, Character::N1).t3_5(), Micros(1_823));
+        assert_eq!(at(Baud::B38400, Character::N1).t3_5(), Micros(1_750));
+        assert_eq!(at(Baud::B115200, Character::N1).t1_5(), Micros(750));
+        assert_eq!(Settings::FACTORY.frame_time(8), Micros(8_334));
+    }
+
+    #[test]
+    fn every_speed_is_found_by_its_rate() {
+        for baud in Baud::ALL {
+            assert_eq!(Baud::from_rate(baud.rate()), Some(baud));
+        }
+        assert_eq!(Baud::from_rate(9601), None);
+    }
+}
