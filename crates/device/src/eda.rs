@@ -1,0 +1,55 @@
+//! What the two EDA modules share: three protocols over the same few functions.
+//!
+//! [`host`] turns ops into frames of any of the three; [`answer`] is the module. Whatever the
+//! protocol, outputs follow the same rules [EDA9060A §3.11].
+
+mod answer;
+mod host;
+
+pub(crate) use answer::{ascii, lc02, refuse_ascii, rtu};
+pub(crate) use host::{exchange, group, interpret, recognises};
+
+use crate::{Family, Setup};
+use railbus_wire::Baud;
+
+/// The speeds and their codes, the same in all three protocols [EDA §1.2].
+pub(crate) static BAUDS: [(u8, Baud); 5] = [
+    (0x03, Baud::B1200),
+    (0x04, Baud::B2400),
+    (0x05, Baud::B4800),
+    (0x06, Baud::B9600),
+    (0x07, Baud::B19200),
+];
+
+/// The registers that FC03 reads on an EDA9060A [EDA9060A §6.6, §6.7, §6.8, §6.9]. Not those
+/// that FC10 writes: the same number means something else there [EDA9060A §6.17].
+mod read_map {
+    pub(super) const MODEL: u16 = 0;
+    pub(super) const SERIAL: u16 = 1;
+    pub(super) const PULSE: u16 = 2;
+    pub(super) const PROTOCOL: u16 = 3;
+    pub(super) const LEN: u16 = 4;
+}
+
+/// The registers that FC10 writes [EDA9060A §6.13].
+mod write_map {
+    pub(super) const SERIAL: u16 = 0;
+    pub(super) const PULSE: u16 = 1;
+}
+
+/// Bit 7 of the protocol register: ASCII frames carry a checksum [EDA9060A §6.9].
+const PROTOCOL_CHECKSUM: u16 = 1 << 7;
+
+const fn has_pulses(setup: &Setup) -> bool {
+    matches!(setup.family, Family::Eda9060a)
+}
+
+/// The name a module tells: not the one on its front [EDA9060A §1.2].
+const fn name(setup: &Setup) -> &'static [u8; 4] {
+    if has_pulses(setup) { b"9060" } else { b"9050" }
+}
+
+/// The model number, BCD [EDA §3.7].
+const fn model(setup: &Setup) -> u16 {
+    if has_pulses(setup) { 0x9060 } else { 0x9050 }
+}

@@ -1,0 +1,37 @@
+//! EDA9060A: four relays, which may give pulses, and four inputs. What it shares with the
+//! EDA9050 is in [`crate::eda`].
+
+use crate::{Profile, eda};
+use railbus_wire::{Character, Micros, Protocol, rtu::Function};
+
+/// The datasheet as data.
+pub(crate) static PROFILE: Profile = Profile {
+    name: "eda9060a",
+    model: "EDA9060A",
+    outputs: 4,
+    inputs: 4,
+    analogs: 0,
+    protocols: &[Protocol::Ascii, Protocol::Lc02, Protocol::Rtu],
+    bauds: &eda::BAUDS,
+    characters: &[(0, Character::N1)],
+    addresses: (0, 255),
+    gap: None,
+    output_label: ("do", 0),
+    input_label: ("di", 0),
+};
+
+/// Functions that the codec reads and the module does not have [EDA9060A §6.1].
+pub(crate) const ABSENT: &[Function] = &[Function::ReadInputRegisters, Function::WriteRegister];
+
+/// Half of the LED's blinking, once a second [EDA9060A §1.6].
+const HALF_BLINK: Micros = Micros::from_millis(500);
+
+/// The LED blinks, and is lit while the module sends.
+pub(crate) const fn led(since_start: Micros, sending: bool) -> bool {
+    sending || (since_start.0 / HALF_BLINK.0).is_multiple_of(2)
+}
+
+/// How long the LED stays as it is.
+pub(crate) const fn led_holds(since_start: Micros) -> Micros {
+    Micros(HALF_BLINK.0 - since_start.0 % HALF_BLINK.0)
+}

@@ -1,0 +1,276 @@
+//! EMD-2A2Q: two analog inputs and two relays on Modbus RTU.
+//!
+//! Its registers are the ERC-8's shifted by one, with other speed codes: what sets the speed
+//! of the one sets the address of the other [EMD-2A2Q §4.2, ERC-8 §4.2].
+
+use crate::engine::{Body, Calibration, Eeprom};
+use crate::modbus::{self, Answer, respond, run_in};
+use crate::{Bank, Change, Op, Profile, Seen, Setup};
+use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordBlock, WordSpan};
+use railbus_wire::{
+    Address, Baud, Character, Exchange, Frame, Instant, Micros, Protocol, Response, Settings, Words,
+};
+
+/// The datasheet as data.
+pub(crate) static PROFILE: Profile = Profile {
+    name: "emd2a2q",
+    model: "EMD-2A2Q",
+    outputs: 2,
+    inputs: 0,
+    analogs: 2,
+    protocols: &[Protocol::Rtu],
+    bauds: &[
+        (0, Baud::B2400),
+        (1, Baud::B4800),
+        (2, Baud::B9600),
+        (3, Baud::B19200),
+        (4, Baud::B38400),
+    ],
+    characters: &[(0, Character::N1), (1, Character::O1), (2, Character::E1)],
+    addresses: (1, 32),
+    gap: Some(Micros::from_millis(10)),
+    output_label: ("k", 1),
+    input_label: ("d", 1),
+};
+
+/// The coil of OUT1.
+const FIRST_COIL: u16 = 8;
+const RELAYS: u16 = 2;
+
+const ADDRESS: u16 = 1;
+const BAUD: u16 = 2;
+const CHARACTER: u16 = 3;
+const VOLTAGE: u16 = 4;
+const COMMAND: u16 = 5;
+const ANALOGS: u16 = 6;
+const REGISTERS: u16 = 8;
+
+/// Functions that the codec reads and the module does not have [EMD-2A2Q §2.2].
+pub(crate) const ABSENT: &[Function] =
+    &[Function::ReadDiscreteInputs, Function::ReadInputRegisters];
+
+/// What register 0 of the simulated module says.
+const VERSION: u16 = 12;
+
+/// The bits of the command register [EMD-2A2Q §5.1].
+const ZERO: u16 = 1 << 0;
+const SPAN: u16 = 1 << 1;
+const RESTORE: u16 = 1 << 2;
+
+/// How long a calibration takes in the simulated module [EMD-2A2Q §5.5].
+const CALIBRATION_TIME: Micros = Micros::from_millis(500);
+
+/// The host's half: the one exchange of an op.
+pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
+    let read = |at, count| Some(Request::ReadHoldingRegisters(WordSpan::new(at, count)?));
+    let register = |at, value| Some(Request::WriteRegister { at, value });
+    let request = match *op {
+        Op::ReadOutputs => Some(Request::ReadCoils(BitSpan::new(FIRST_COIL, RELAYS)?)),
+        Op::ReadAnalogs => read(ANALOGS, 2),
+        Op::Identify => read(0, 1),
+        Op::ReadConfig => read(ADDRESS, 3),
+        Op::Write(bank) => return modbus::write_run(setup, FIRST_COIL, bank),
+        Op::Configure(Change::Address(new)) => register(ADDRESS, u16::from(new.0)),
+        Op::Configure(Change::Baud(baud)) => register(BAUD, PROFILE.baud_code(baud)?.into()),
+        Op::Configure(Change::Character(character)) => {
+            register(CHARACTER, PROFILE.character_code(character)?.into())
+        }
+        Op::Configure(Change::CalibrationVoltage(voltage)) => register(VOLTAGE, voltage),
+        Op::Configure(Change::CalibrateZero) => register(COMMAND, ZERO),
+        Op::Configure(Change::CalibrateSpan) => register(COMMAND, SPAN),
+        Op::Configure(Change::Restore) => register(COMMAND, RESTORE),
+        _ => None,
+    };
+    Some(Exchange::rtu(setup.address, request?))
+}
+
+/// The host's half: what a reply says.
+pub(crate) fn interpret(op: &Op, response: &Response<'_>) -> Option<Seen> {
+    let Response::Rtu(response) = response else {
+        return None;
+    };
+    Some(match (op, response) {
+        (Op::ReadOutputs, rtu::Response::Bits(relays)) => Seen::Channels {
+            outputs: Bank::new(crate::family::mask(PROFILE.outputs), relays.to_mask()),
+            inputs: Bank::default(),
+        },
+        (Op::ReadAnalogs, rtu::Response::Words(words)) => {
+            Seen::Analogs([words.get(0)?, words.get(1)?])
+        }
+        (Op::Identify, rtu::Response::Words(words)) => Seen::Version(words.get(0)?),
+        (Op::ReadConfig, rtu::Response::Words(words)) => seen_config(words),
+        (_, rtu::Response::Done) => Seen::Done,
+        _ => return None,
+    })
+}
+
+fn seen_config(words: &Words<'_>) -> Seen {
+    let code = |at: u16| u8::try_from(words.get(at - ADDRESS)?).ok();
+    Seen::Config {
+        address: code(ADDRESS).map(Address),
+        baud: code(BAUD).and_then(|code| PROFILE.baud_of(code)),
+        character: code(CHARACTER).and_then(|code| PROFILE.character_of(code)),
+        checksum: None,
+    }
+}
+
+/// The module's half: carries out a request and writes the reply. Every write to address 0 is
+/// carried out [EMD-2A2Q §6.1].
+pub(crate) fn answer(
+    body: &mut Body,
+    now: Instant,
+    exchange: &rtu::Exchange<'_>,
+    reply: &mut Frame,
+) {
+    if !body.hears(exchange.address) {
+        return;
+    }
+    let from = body.address();
+    let outcome = carry_out(body, now, exchange.request);
+    respond(exchange, from, outcome, reply);
+}
+
+fn carry_out(body: &mut Body, now: Instant, request: Request<'_>) -> Result<Answer, Exception> {
+    match request {
+        Request::ReadCoils(span) => {
+            let first = run_in(FIRST_COIL, RELAYS, span.start(), span.count())?;
+            Ok(Answer::Bits(body.outputs >> first, span.count()))
+        }
+        Request::WriteCoil { at, value } => {
+            let on = value.state().ok_or(Exception::VALUE)?;
+            let mask = 1 << run_in(FIRST_COIL, RELAYS, at, 1)?;
+            body.switch(mask, if on { mask } else { 0 });
+            Ok(Answer::Done)
+        }
+        Request::WriteCoils(block) => {
+            let first = run_in(FIRST_COIL, RELAYS, block.start(), block.values().len())?;
+            let mask = crate::family::mask(block.values().len() as u8) << first;
+            body.switch(mask, block.values().to_mask() << first);
+            Ok(Answer::Done)
+        }
+        Request::ReadHoldingRegisters(span) => {
+            run_in(0, REGISTERS, span.start(), span.count())?;
+            Ok(Answer::words(&registers(body), span))
+        }
+        Request::WriteRegister { at, value } => {
+            let block = WordBlock::new(at, Words::one(value)).ok_or(Exception::ADDRESS)?;
+            write_registers(body, now, &block)
+        }
+        Request::WriteRegisters(block) => write_registers(body, now, &block),
+        Request::ReadDiscreteInputs(_) | Request::ReadInputRegisters(_) => Err(Exception::FUNCTION),
+    }
+}
+
+fn registers(body: &Body) -> [u16; 8] {
+    let Eeprom {
+        address,
+        serial,
+        calibration,
+        ..
+    } = body.eeprom;
+    let code = |code: Option<u8>| u16::from(code.unwrap_or_default());
+    let [first, second] = [0, 1].map(|channel| reading(body, channel));
+    [
+        VERSION,
+        u16::from(address.0),
+        code(PROFILE.baud_code(serial.baud)),
+        code(PROFILE.character_code(serial.character)),
+        calibration.voltage,
+        body.calibrating.map_or(0, |(bit, _)| bit),
+        first,
+        second,
+    ]
+}
+
+/// What an input reads after calibration, in hundredths, never below 0 [EMD-2A2Q §4.14].
+fn reading(body: &Body, channel: usize) -> u16 {
+    let calibration = &body.eeprom.calibration;
+    let measured = body.analogs.get(channel).copied().unwrap_or_default();
+    let zero = calibration.zero.get(channel).copied().unwrap_or_default();
+    let (at_span, voltage) = calibration.span.get(channel).copied().unwrap_or((1, 1));
+    let above_zero = i64::from(measured) - i64::from(zero);
+    let scaled = above_zero * i64::from(voltage) / i64::from(at_span.max(1));
+    u16::try_from(scaled.max(0)).unwrap_or(u16::MAX)
+}
+
+/// Writes all registers of a block, or none [EMD-2A2Q §2.4].
+fn write_registers(
+    body: &mut Body,
+    now: Instant,
+    block: &WordBlock<'_>,
+) -> Result<Answer, Exception> {
+    run_in(0, REGISTERS, block.start(), block.values().len())?;
+    let mut eeprom = body.eeprom;
+    let mut command = 0;
+    for (at, value) in (block.start()..).zip(block.values().iter()) {
+        let code = u8::try_from(value).map_err(|_| Exception::VALUE);
+        match at {
+            ADDRESS => eeprom.address = modbus::address(&PROFILE, value)?,
+            BAUD => eeprom.serial.baud = PROFILE.baud_of(code?).ok_or(Exception::VALUE)?,
+            CHARACTER => {
+                eeprom.serial.character = PROFILE.character_of(code?).ok_or(Exception::VALUE)?;
+            }
+            VOLTAGE if (1..=2000).contains(&value) => eeprom.calibration.voltage = value,
+            VOLTAGE => return Err(Exception::VALUE),
+            COMMAND => command = value,
+            _ => return Err(Exception::ADDRESS),
+        }
+    }
+    start(body, now, command, eeprom);
+    Ok(Answer::Done)
+}
+
+/// Keeps the settings and begins what the command register asks for: restore before zero
+/// before span, and only the first [EMD-2A2Q §5.6].
+fn start(body: &mut Body, now: Instant, command: u16, eeprom: Eeprom) {
+    if command & RESTORE != 0 {
+        // A calibration under way would undo its part of the restore [EMD-2A2Q §5.8].
+        body.calibrating = None;
+        body.keep(Eeprom {
+            address: Address(1),
+            serial: Settings::FACTORY,
+            calibration: Calibration::NEUTRAL,
+            ..eeprom
+        });
+        return;
+    }
+    if eeprom != body.eeprom {
+        body.keep(eeprom);
+    }
+    let bit = if command & ZERO != 0 {
+        ZERO
+    } else {
+        command & SPAN
+    };
+    if bit != 0 {
+        body.calibrating = Some((bit, now + CALIBRATION_TIME));
+    }
+}
+
+/// Ends a calibration whose time has come.
+pub(crate) fn run_calibration(body: &mut Body, now: Instant) {
+    let Some((bit, _)) = body.calibrating.take_if(|(_, at)| *at <= now) else {
+        return;
+    };
+    let mut calibration = body.eeprom.calibration;
+    if bit == ZERO {
+        calibration.zero = body.analogs;
+    } else {
+        for ((span, measured), zero) in calibration
+            .span
+            .iter_mut()
+            .zip(body.analogs)
+            .zip(calibration.zero)
+        {
+            let above_zero = measured.saturating_sub(zero);
+            *span = (
+                u16::try_from(above_zero).unwrap_or(1).max(1),
+                calibration.voltage,
+            );
+        }
+    }
+    body.keep(Eeprom {
+        calibration,
+        ..body.eeprom
+    });
+}

@@ -1,0 +1,453 @@
+//! The module itself, as one state machine: the simulated module and the firmware alike.
+//!
+//! The driver hands in what happens ([`Engine::handle`]) and then drains what the module does
+//! ([`Engine::poll`]) until it says [`Output::Wait`]; each `Wait` replaces the deadline before
+//! it. What all families share is here; each family's own behaviour is in its room.
+
+mod body;
+mod receiver;
+
+use crate::{Family, Setup, SetupError, eda, emd2a2q, erc8, r55};
+pub(crate) use body::Body;
+use railbus_wire::{
+    Address, Frame, Instant, Micros, Protocol, PulseWidth, Settings, ascii, lc02, rtu,
+};
+use receiver::Receiver;
+
+/// What a module keeps while it has no power. Outputs are not kept [EDA §1.6].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Eeprom {
+    /// Its address.
+    pub address: Address,
+    /// Speed and character format.
+    pub serial: Settings,
+    /// The protocol it speaks. Not on any wire: the maker's software writes it.
+    pub protocol: Protocol,
+    /// Its ASCII frames carry a checksum.
+    pub checksum: bool,
+    /// Bit n = output n gives pulses (EDA9060A).
+    pub pulse_mask: u8,
+    /// The width of all pulses (EDA9060A).
+    pub pulse_width: PulseWidth,
+    /// How the analog inputs are calibrated (EMD-2A2Q).
+    pub calibration: Calibration,
+}
+
+/// How an EMD-2A2Q turns what it measures into what it reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Calibration {
+    /// Register 4: the voltage applied for the span step, in hundredths.
+    pub voltage: u16,
+    /// What each input measured at the zero step, in hundredths.
+    pub zero: [i16; 2],
+    /// What each input measured above zero at the span step, in hundredths, and the voltage
+    /// that then was applied; equal numbers change nothing.
+    pub span: [(u16, u16); 2],
+}
+
+impl Calibration {
+    /// As the module leaves the factory: 5.00 V, and readings as measured.
+    pub const NEUTRAL: Calibration = Calibration {
+        voltage: 500,
+        zero: [0; 2],
+        span: [(500, 500); 2],
+    };
+}
+
+impl Eeprom {
+    /// The settings that make a module be as described.
+    #[must_use]
+    pub const fn of(setup: &Setup) -> Eeprom {
+        Eeprom {
+            address: setup.address,
+            serial: setup.serial,
+            protocol: setup.protocol,
+            checksum: setup.checksum,
+            pulse_mask: 0,
+            pulse_width: PulseWidth::DEFAULT,
+            calibration: Calibration::NEUTRAL,
+        }
+    }
+}
+
+/// When a change of address, speed, parity or checksum takes effect.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Applies {
+    /// After the last stop bit of the reply, which is still sent in the old way.
+    #[default]
+    AfterReply,
+    /// At the next power-up.
+    AfterRestart,
+    /// The address after the reply, the rest at the next power-up.
+    AddressAfterReply,
+}
+
+/// Switches for what the datasheets leave open. The defaults are the choices of
+/// `docs/datasheets`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// From the end of a request to the reply, on top of what recognising the end of a frame
+    /// takes.
+    pub turnaround: Micros,
+    /// When changed settings take effect.
+    pub applies: Applies,
+    /// EDA modules answer Modbus exceptions, and `?AA` in ASCII, instead of staying silent.
+    pub refuse_aloud: bool,
+    /// ASCII hexadecimal digits a to f are taken.
+    pub lower_case: bool,
+    /// ERC-8 and EMD-2A2Q answer exception 08 to a wrong CRC, and 04 to a bad character.
+    pub answer_bad_frames: bool,
+    /// Requests that follow earlier traffic sooner than the family's gap are not heard.
+    pub insist_on_gap: bool,
+}
+
+/// What happens to a module.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input<'a> {
+    /// Characters heard on the line; the last one ended now.
+    Bytes(&'a [u8]),
+    /// A character with a wrong stop bit or parity ended now.
+    BadByte,
+    /// The deadline of [`Output::Wait`] has come.
+    Timeout,
+    /// The last stop bit of the reply has left.
+    Sent,
+    /// The levels at the digital inputs: bit n = input n is high or open.
+    Levels(u32),
+    /// What lies at an analog input, in hundredths of its unit.
+    Analog(u8, i16),
+    /// The INIT* pin of an EDA9050 is grounded.
+    Init(bool),
+    /// The DIP switch of a 0x55 board; 0 leaves the address to the EEPROM.
+    Dip(u8),
+}
+
+/// What the driver has to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output<'a> {
+    /// Send these bytes now, and say [`Input::Sent`] when they have left.
+    Transmit(&'a [u8]),
+    /// Change something outside.
+    Effect(Effect),
+    /// Nothing more until the deadline, or until something happens.
+    Wait(Option<Instant>),
+}
+
+/// A change outside the module.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Effect {
+    /// Output `channel`, 0-based, is now on or off.
+    Output {
+        /// Which output.
+        channel: u8,
+        /// Pulled in or conducting.
+        on: bool,
+    },
+    /// The LED is now lit or dark.
+    Led(bool),
+    /// Listen and send this way from now on.
+    Serial(Settings),
+    /// Keep this over a loss of power.
+    Save(Eeprom),
+}
+
+/// A module.
+#[derive(Clone, Debug)]
+pub struct Engine {
+    body: Body,
+    receiver: Receiver,
+    reply: Frame,
+    /// When the reply goes out.
+    reply_at: Option<Instant>,
+    sending: bool,
+    reported: Reported,
+    now: Instant,
+}
+
+/// What the driver was told last.
+#[derive(Clone, Copy, Debug)]
+struct Reported {
+    outputs: u32,
+    led: Option<bool>,
+    serial: Settings,
+    eeprom: Eeprom,
+}
+
+impl Engine {
+    /// A module that is powered up now with these settings. All outputs are off
+    /// [EDA §1.6].
+    ///
+    /// # Errors
+    /// Where no module of the family can be as described.
+    pub fn new(
+        setup: &Setup,
+        eeprom: Eeprom,
+        options: Options,
+        now: Instant,
+    ) -> Result<Engine, SetupError> {
+        setup.check()?;
+        Ok(Engine {
+            body: Body::new(setup, eeprom, options, now),
+            receiver: Receiver::new(now),
+            reply: Frame::new(),
+            reply_at: None,
+            sending: false,
+            reported: Reported {
+                outputs: 0,
+                led: None,
+                serial: eeprom.serial,
+                eeprom,
+            },
+            now,
+        })
+    }
+
+    /// Tells the module what happened, and when. Time never runs backwards.
+    pub fn handle(&mut self, now: Instant, input: Input<'_>) {
+        self.now = now;
+        // A driver that is late hands in what happened after a pulse had ended.
+        self.body.run_timers(now);
+        match input {
+            Input::Bytes(bytes) if !self.sending => self.hear(bytes),
+            Input::BadByte if !self.sending => {
+                self.begin_hearing(1);
+                self.receiver.bad_byte(self.body.protocol(), now);
+            }
+            Input::Bytes(_) | Input::BadByte => {}
+            Input::Timeout => self.end_frame_if_silent(),
+            Input::Sent if !self.sending => {}
+            Input::Sent => {
+                self.sending = false;
+                self.receiver.line_was_busy(now);
+                self.body.apply();
+            }
+            Input::Levels(levels) => self.body.set_levels(levels),
+            Input::Analog(channel, value) => self.body.set_analog(channel, value),
+            Input::Init(grounded) => self.body.init_pin = grounded,
+            Input::Dip(dip) => self.body.dip = dip,
+        }
+    }
+
+    /// The next thing to do; [`Output::Wait`] when there is nothing more.
+    pub fn poll(&mut self) -> Output<'_> {
+        if let Some(effect) = self.next_effect() {
+            return Output::Effect(effect);
+        }
+        if self.reply_at.is_some_and(|at| at <= self.now) && !self.sending {
+            self.reply_at = None;
+            self.sending = true;
+            // Half duplex: what is being heard while it begins to talk is lost.
+            self.receiver.clear();
+        }
+        if let Some(lit) = self.led_change() {
+            return Output::Effect(Effect::Led(lit));
+        }
+        if self.sending && !self.reply.bytes().is_empty() {
+            return self.transmit();
+        }
+        Output::Wait(self.deadline())
+    }
+
+    /// The outputs as they are: bit n = output n is on.
+    #[must_use]
+    pub const fn outputs(&self) -> u32 {
+        self.body.outputs
+    }
+
+    /// The settings in force, which may differ from those kept.
+    #[must_use]
+    pub const fn active(&self) -> &Eeprom {
+        &self.body.active
+    }
+
+    /// The settings kept.
+    #[must_use]
+    pub const fn eeprom(&self) -> &Eeprom {
+        &self.body.eeprom
+    }
+
+    fn transmit(&mut self) -> Output<'_> {
+        // The frame is handed out once: an empty one marks it as taken.
+        let taken = core::mem::take(&mut self.receiver.outgoing);
+        self.receiver.outgoing = core::mem::replace(&mut self.reply, taken);
+        self.reply.clear();
+        Output::Transmit(self.receiver.outgoing.bytes())
+    }
+
+    fn next_effect(&mut self) -> Option<Effect> {
+        let changed = self.body.outputs ^ self.reported.outputs;
+        if changed != 0 {
+            let channel = changed.trailing_zeros();
+            self.reported.outputs ^= 1 << channel;
+            let on = self.body.outputs >> channel & 1 == 1;
+            return Some(Effect::Output {
+                channel: channel as u8,
+                on,
+            });
+        }
+        if self.body.eeprom != self.reported.eeprom {
+            self.reported.eeprom = self.body.eeprom;
+            return Some(Effect::Save(self.body.eeprom));
+        }
+        if self.body.active.serial != self.reported.serial {
+            self.reported.serial = self.body.active.serial;
+            return Some(Effect::Serial(self.body.active.serial));
+        }
+        None
+    }
+
+    fn led_change(&mut self) -> Option<bool> {
+        let lit = self.body.led(self.now, self.sending);
+        (self.reported.led != Some(lit)).then(|| {
+            self.reported.led = Some(lit);
+            lit
+        })
+    }
+
+    fn deadline(&self) -> Option<Instant> {
+        let reply_at = self.reply_at.filter(|_| !self.sending);
+        let led = self.body.led_deadline(self.now).filter(|_| !self.sending);
+        let frame_end = self.frame_end();
+        [reply_at, led, frame_end, self.body.timer_deadline()]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    /// When silence will have ended the frame being heard.
+    fn frame_end(&self) -> Option<Instant> {
+        let silence = self.body.active.serial.t3_5();
+        let open = self.body.protocol() == Protocol::Rtu && self.receiver.has_frame();
+        open.then(|| self.receiver.last + silence)
+    }
+
+    fn end_frame_if_silent(&mut self) {
+        if self.frame_end().is_some_and(|end| end <= self.now) {
+            self.end_frame();
+        }
+    }
+
+    /// So many characters end now. The frame before them ends first if they began after its
+    /// silence: a driver that is late hands in both at once.
+    fn begin_hearing(&mut self, characters: usize) {
+        let took = self.body.active.serial.frame_time(characters);
+        let began = Instant(self.now.0.saturating_sub(took.0));
+        if self.frame_end().is_some_and(|end| end <= began) {
+            self.end_frame();
+        }
+        // The INIT* pin acts between frames [EDA9050 §2.3]: when none is open, or the one that
+        // is was given up by its sender.
+        let silence = self.receiver.silence_before(self.now, took);
+        if !self.receiver.has_frame() || silence >= self.body.request_gap() {
+            self.body.follow_init_pin();
+        }
+        let gap = self.body.insisted_gap();
+        self.receiver.begin(self.now, took, gap);
+    }
+
+    fn hear(&mut self, bytes: &[u8]) {
+        let serial = self.body.active.serial;
+        for (&byte, left) in bytes.iter().zip((1..=bytes.len()).rev()) {
+            self.begin_hearing(left);
+            match self.body.protocol() {
+                Protocol::Rtu => self.receiver.push(byte),
+                Protocol::Ascii => self.hear_ascii(byte),
+                Protocol::Lc02 => self.hear_lc02(byte),
+                Protocol::R55 => self.hear_r55(byte),
+            }
+            let later = serial.frame_time(left - 1);
+            self.receiver.last = Instant(self.now.0.saturating_sub(later.0));
+        }
+    }
+
+    fn hear_ascii(&mut self, byte: u8) {
+        let rules = ascii::Rules {
+            checksum: self.body.active.checksum,
+            lower_case: self.body.options.lower_case,
+        };
+        let Some(decoded) = self.receiver.push_ascii(byte, rules) else {
+            return;
+        };
+        self.begin_reply();
+        match decoded {
+            Ok(exchange) => eda::ascii(&mut self.body, self.now, &exchange, &mut self.reply),
+            Err(address) => eda::refuse_ascii(&self.body, address, &mut self.reply),
+        }
+        self.schedule_reply();
+    }
+
+    fn hear_lc02(&mut self, byte: u8) {
+        self.receiver.push(byte);
+        while let Some(exchange) = self.receiver.take(lc02::Exchange::decode_request) {
+            self.begin_reply();
+            eda::lc02(&mut self.body, self.now, &exchange, &mut self.reply);
+            self.schedule_reply();
+        }
+    }
+
+    fn hear_r55(&mut self, byte: u8) {
+        self.receiver.push(byte);
+        let mut answered = self.reply_at.is_some();
+        while let Some(frame) = self.receiver.take(r55::decode_frame) {
+            if let Some(exchange) = frame {
+                answered |= r55::answer(&mut self.body, self.now, &exchange, &mut self.reply);
+            }
+        }
+        if answered {
+            // Requests need no gap between them, so that only silence shows which was the last,
+            // and only that one is answered [R55 §3.12].
+            let silence = self.body.active.serial.t1_5();
+            self.reply_at = Some(self.now + silence + self.body.options.turnaround);
+        } else {
+            self.body.apply();
+        }
+    }
+
+    /// Silence has ended a Modbus frame.
+    fn end_frame(&mut self) {
+        let frame = self.receiver.end_frame();
+        if !frame.heard_rightly {
+            self.receiver.clear();
+            return;
+        }
+        self.begin_reply();
+        let had_bad_byte = frame.bad_byte;
+        let body = &mut self.body;
+        match rtu::Exchange::decode_frame(self.receiver.frame()) {
+            _ if had_bad_byte => {
+                let frame = self.receiver.frame();
+                body.answer_bad_frame(frame, rtu::Exception::FAILURE, &mut self.reply);
+            }
+            Ok(exchange) => match body.setup.family {
+                Family::Eda9060a | Family::Eda9050 => {
+                    eda::rtu(body, self.now, &exchange, &mut self.reply);
+                }
+                Family::Erc8 => erc8::answer(body, &exchange, &mut self.reply),
+                Family::Emd2a2q => emd2a2q::answer(body, self.now, &exchange, &mut self.reply),
+                Family::R55 => {}
+            },
+            Err(rtu::RequestError::Garbled) => {
+                let frame = self.receiver.frame();
+                body.answer_bad_frame(frame, rtu::Exception::CHECKSUM, &mut self.reply);
+            }
+            Err(error) => body.refuse_rtu(error.exception(), &mut self.reply),
+        }
+        self.receiver.clear();
+        self.schedule_reply();
+    }
+
+    /// A new request was heard: a reply that has not left yet is dropped.
+    fn begin_reply(&mut self) {
+        self.reply.clear();
+        self.reply_at = None;
+    }
+
+    fn schedule_reply(&mut self) {
+        if self.reply.bytes().is_empty() {
+            // Nobody is answered, so there is no last stop bit to wait for.
+            self.body.apply();
+        } else {
+            self.reply_at = Some(self.now + self.body.options.turnaround);
+        }
+    }
+}

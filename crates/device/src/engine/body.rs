@@ -1,0 +1,279 @@
+//! What a module consists of besides its ears and mouth, and what any family does with it.
+
+use super::{Applies, Eeprom, Options};
+use crate::{Family, Setup, eda9050, eda9060a, emd2a2q, erc8};
+use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, r55, rtu};
+
+/// The state that the families' behaviour works on.
+#[derive(Clone, Debug)]
+pub(crate) struct Body {
+    pub(crate) setup: Setup,
+    pub(crate) options: Options,
+    /// What is kept.
+    pub(crate) eeprom: Eeprom,
+    /// What is in force: as kept at power-up, and as [`Body::apply`] brings it up to date.
+    pub(crate) active: Eeprom,
+    /// Bit n = output n is on.
+    pub(crate) outputs: u32,
+    /// Bit n = input n is high or open. An open input reads high
+    /// [EDA9060A §1.5, EDA9050 §1.4].
+    pub(crate) levels: u32,
+    /// What lies at the analog inputs, in hundredths.
+    pub(crate) analogs: [i16; 2],
+    /// Internal variables of a programmable board.
+    pub(crate) variables: [u32; 32],
+    /// The level of the INIT* pin.
+    pub(crate) init_pin: bool,
+    /// The level that the protocol in force goes by.
+    init_grounded: bool,
+    pub(crate) dip: u8,
+    pub(crate) started: Instant,
+    /// A calibration step of an EMD-2A2Q: the bits of register 5, and when they are done.
+    pub(crate) calibrating: Option<(u16, Instant)>,
+    /// A change that waits for the reply's last stop bit.
+    changed: bool,
+    timers: [Option<Timer>; 32],
+}
+
+/// An output that goes to another state by itself.
+#[derive(Clone, Copy, Debug)]
+struct Timer {
+    at: Instant,
+    on: bool,
+}
+
+impl Body {
+    pub(super) fn new(setup: &Setup, eeprom: Eeprom, options: Options, now: Instant) -> Body {
+        Body {
+            setup: *setup,
+            options,
+            eeprom,
+            active: eeprom,
+            outputs: 0,
+            levels: setup.input_mask(),
+            analogs: [0; 2],
+            variables: [0; 32],
+            init_pin: setup.protocol == Protocol::Lc02,
+            init_grounded: setup.protocol == Protocol::Lc02,
+            dip: 0,
+            started: now,
+            calibrating: None,
+            changed: false,
+            timers: [None; 32],
+        }
+    }
+
+    /// The address in force.
+    pub(crate) const fn address(&self) -> Address {
+        match (self.setup.family, self.dip) {
+            (Family::R55, 1..) => Address(self.dip),
+            _ => self.active.address,
+        }
+    }
+
+    /// The protocol in force: on an EDA9050 the INIT* pin chooses between two of the three.
+    pub(crate) const fn protocol(&self) -> Protocol {
+        match (self.setup.family, self.active.protocol) {
+            (Family::Eda9050, Protocol::Ascii | Protocol::Lc02) => {
+                eda9050::protocol_by_pin(self.init_grounded)
+            }
+            (_, protocol) => protocol,
+        }
+    }
+
+    pub(crate) fn set_levels(&mut self, levels: u32) {
+        self.levels = levels & self.setup.input_mask();
+    }
+
+    pub(crate) fn set_analog(&mut self, channel: u8, value: i16) {
+        if let Some(analog) = self.analogs.get_mut(usize::from(channel)) {
+            *analog = value;
+        }
+    }
+
+    /// Keeps new settings; they come into force after the reply.
+    pub(crate) fn keep(&mut self, eeprom: Eeprom) {
+        self.eeprom = eeprom;
+        self.changed = true;
+    }
+
+    /// Brings kept settings into force, as far as they act without a restart.
+    pub(super) fn apply(&mut self) {
+        if !core::mem::take(&mut self.changed) {
+            return;
+        }
+        let Eeprom {
+            address,
+            serial,
+            protocol,
+            checksum,
+            ..
+        } = self.active;
+        self.active = self.eeprom;
+        match self.options.applies {
+            Applies::AfterReply => return,
+            Applies::AfterRestart => self.active.address = address,
+            Applies::AddressAfterReply => {}
+        }
+        self.active = Eeprom {
+            serial,
+            protocol,
+            checksum,
+            ..self.active
+        };
+    }
+
+    /// Brings outputs of the mask into these states; their timers are forgotten.
+    pub(crate) fn switch(&mut self, mask: u32, on: u32) {
+        let mask = mask & self.setup.output_mask();
+        self.outputs = self.outputs & !mask | on & mask;
+        for (index, timer) in self.timers.iter_mut().enumerate() {
+            if mask >> index & 1 == 1 {
+                *timer = None;
+            }
+        }
+    }
+
+    /// Brings one output into a state now and into the other one after `time`; no time at all
+    /// is the end state at once.
+    pub(crate) fn switch_for(&mut self, now: Instant, channel: Channel, on: bool, time: Micros) {
+        let instant = if time == Micros::ZERO { !on } else { on };
+        self.switch(channel.mask(), if instant { channel.mask() } else { 0 });
+        let is_ours = self.setup.output_mask() & channel.mask() != 0;
+        if let Some(timer) = self.timers.get_mut(usize::from(channel.index()))
+            && time != Micros::ZERO
+            && is_ours
+        {
+            *timer = Some(Timer {
+                at: now + time,
+                on: !on,
+            });
+        }
+    }
+
+    pub(super) fn run_timers(&mut self, now: Instant) {
+        for (index, timer) in self.timers.iter_mut().enumerate() {
+            if let Some(Timer { at, on }) = *timer
+                && at <= now
+            {
+                *timer = None;
+                let bit = 1 << index;
+                self.outputs = if on {
+                    self.outputs | bit
+                } else {
+                    self.outputs & !bit
+                };
+            }
+        }
+        emd2a2q::run_calibration(self, now);
+    }
+
+    pub(super) fn timer_deadline(&self) -> Option<Instant> {
+        let timers = self.timers.iter().flatten().map(|timer| timer.at);
+        timers.chain(self.calibrating.map(|(_, at)| at)).min()
+    }
+
+    /// The LED: the two EDA modules describe theirs, the others are just on
+    /// [EDA9060A §1.6, EDA9050 §1.8].
+    pub(super) const fn led(&self, now: Instant, sending: bool) -> bool {
+        match self.setup.family {
+            Family::Eda9060a => eda9060a::led(now.since(self.started), sending),
+            Family::Eda9050 => eda9050::led(sending),
+            Family::Erc8 | Family::R55 | Family::Emd2a2q => true,
+        }
+    }
+
+    pub(super) fn led_deadline(&self, now: Instant) -> Option<Instant> {
+        match self.setup.family {
+            Family::Eda9060a => Some(now + eda9060a::led_holds(now.since(self.started))),
+            _ => None,
+        }
+    }
+
+    /// The gap before a request that this module insists on.
+    pub(super) fn insisted_gap(&self) -> Micros {
+        match self.options.insist_on_gap {
+            true if self.setup.family != Family::R55 => self.request_gap(),
+            _ => Micros::ZERO,
+        }
+    }
+
+    /// The gap that a host leaves before a request, in the settings in force.
+    pub(super) fn request_gap(&self) -> Micros {
+        let setup = Setup {
+            serial: self.active.serial,
+            protocol: self.protocol(),
+            ..self.setup
+        };
+        setup.request_gap()
+    }
+
+    /// Goes by what the INIT* pin says now.
+    pub(super) const fn follow_init_pin(&mut self) {
+        self.init_grounded = self.init_pin;
+    }
+
+    /// Refuses a Modbus request with an exception, where the family has exceptions and the
+    /// request is for this module alone.
+    pub(crate) fn refuse_rtu(
+        &self,
+        refusal: Option<(Address, u8, rtu::Exception)>,
+        reply: &mut Frame,
+    ) {
+        let aloud = match self.setup.family {
+            Family::Erc8 | Family::Emd2a2q => true,
+            Family::Eda9060a | Family::Eda9050 | Family::R55 => self.options.refuse_aloud,
+        };
+        if let Some((address, code, why)) = refusal
+            && aloud
+            && address == self.address()
+            && address != rtu::BROADCAST
+        {
+            let absent = match self.setup.family {
+                Family::Erc8 => erc8::ABSENT,
+                Family::Emd2a2q => emd2a2q::ABSENT,
+                Family::Eda9060a => eda9060a::ABSENT,
+                Family::Eda9050 => eda9050::ABSENT,
+                Family::R55 => &[],
+            };
+            // A function that is not there is refused before its quantity [MODBUS §3.5].
+            let why = if absent.iter().any(|function| function.code() == code) {
+                rtu::Exception::FUNCTION
+            } else {
+                why
+            };
+            rtu::encode_exception(address, code, why, reply);
+        }
+    }
+
+    /// Answers a frame that did not arrive whole: with silence, or with an exception where that
+    /// switch is on and the frame names this module [ERC-8 §5.8, §5.9].
+    pub(super) fn answer_bad_frame(&self, frame: &[u8], why: rtu::Exception, reply: &mut Frame) {
+        let listed = matches!(self.setup.family, Family::Erc8 | Family::Emd2a2q);
+        if let &[address, code, ..] = frame
+            && listed
+            && self.options.answer_bad_frames
+            && Address(address) == self.address()
+        {
+            rtu::encode_exception(self.address(), code, why, reply);
+        }
+    }
+
+    /// Whether a request with this address is for this module, or for all.
+    pub(crate) fn hears(&self, address: Address) -> bool {
+        let broadcast = match self.protocol() {
+            Protocol::Rtu => address == rtu::BROADCAST,
+            Protocol::R55 => address == r55::BROADCAST,
+            Protocol::Ascii | Protocol::Lc02 => false,
+        };
+        address == self.address() || broadcast
+    }
+
+    /// The code of the speed that is kept.
+    pub(crate) fn baud_code(&self) -> Option<u8> {
+        self.setup
+            .family
+            .profile()
+            .baud_code(self.eeprom.serial.baud)
+    }
+}

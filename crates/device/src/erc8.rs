@@ -1,0 +1,164 @@
+//! ERC-8: eight relays on Modbus RTU.
+//!
+//! Coils 60 to 67 (decimal) are the relays; three holding registers keep address, speed and
+//! parity. The manual lists functions 01, 05 and 0F and writes registers with 06
+//! [ERC-8 §2, §3].
+
+use crate::engine::{Body, Eeprom};
+use crate::modbus::{self, Answer, respond, run_in};
+use crate::{Bank, Change, Op, Profile, Seen, Setup};
+use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordSpan};
+use railbus_wire::{Address, Baud, Character, Exchange, Frame, Micros, Protocol, Response};
+
+/// The datasheet as data.
+pub(crate) static PROFILE: Profile = Profile {
+    name: "erc8",
+    model: "ERC-8",
+    outputs: 8,
+    inputs: 0,
+    analogs: 0,
+    protocols: &[Protocol::Rtu],
+    bauds: &[
+        (0, Baud::B4800),
+        (1, Baud::B9600),
+        (2, Baud::B19200),
+        (3, Baud::B38400),
+    ],
+    characters: &[(0, Character::N1), (1, Character::O1), (2, Character::E1)],
+    addresses: (1, 32),
+    gap: Some(Micros::from_millis(20)),
+    output_label: ("k", 1),
+    input_label: ("d", 1),
+};
+
+/// The coil of relay 1, decimal 60 as the manual's example shows.
+const FIRST_COIL: u16 = 60;
+const RELAYS: u16 = 8;
+
+/// The holding registers: address, speed code, parity code.
+const ADDRESS: u16 = 0;
+const BAUD: u16 = 1;
+const CHARACTER: u16 = 2;
+const REGISTERS: u16 = 3;
+
+/// Functions that the codec reads and the module does not have [ERC-8 §2.4].
+pub(crate) const ABSENT: &[Function] = &[
+    Function::ReadDiscreteInputs,
+    Function::ReadInputRegisters,
+    Function::WriteRegisters,
+];
+
+/// The host's half: the one exchange of an op.
+pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
+    let register = |at, value| Some(Request::WriteRegister { at, value });
+    let request = match *op {
+        Op::ReadOutputs => Some(Request::ReadCoils(BitSpan::new(FIRST_COIL, RELAYS)?)),
+        Op::ReadConfig => Some(Request::ReadHoldingRegisters(WordSpan::new(
+            ADDRESS, REGISTERS,
+        )?)),
+        Op::Write(bank) => return modbus::write_run(setup, FIRST_COIL, bank),
+        Op::Configure(Change::Address(new)) => register(ADDRESS, u16::from(new.0)),
+        Op::Configure(Change::Baud(baud)) => register(BAUD, PROFILE.baud_code(baud)?.into()),
+        Op::Configure(Change::Character(character)) => {
+            register(CHARACTER, PROFILE.character_code(character)?.into())
+        }
+        _ => None,
+    };
+    Some(Exchange::rtu(setup.address, request?))
+}
+
+/// The host's half: what a reply says.
+pub(crate) fn interpret(op: &Op, response: &Response<'_>) -> Option<Seen> {
+    let Response::Rtu(response) = response else {
+        return None;
+    };
+    Some(match (op, response) {
+        (Op::ReadOutputs, rtu::Response::Bits(relays)) => Seen::Channels {
+            outputs: Bank::new(crate::family::mask(PROFILE.outputs), relays.to_mask()),
+            inputs: Bank::default(),
+        },
+        (Op::ReadConfig, rtu::Response::Words(words)) => {
+            let code = |at| u8::try_from(words.get(at)?).ok();
+            Seen::Config {
+                address: code(ADDRESS).map(Address),
+                baud: code(BAUD).and_then(|code| PROFILE.baud_of(code)),
+                character: code(CHARACTER).and_then(|code| PROFILE.character_of(code)),
+                checksum: None,
+            }
+        }
+        (_, rtu::Response::Done) => Seen::Done,
+        _ => return None,
+    })
+}
+
+/// The module's half: carries out a request and writes the reply. Address 0 is only for
+/// changing the address [ERC-8 §4.10, §4.11].
+pub(crate) fn answer(body: &mut Body, exchange: &rtu::Exchange<'_>, reply: &mut Frame) {
+    let broadcast = exchange.address == rtu::BROADCAST;
+    let readdresses = matches!(exchange.request, Request::WriteRegister { at: ADDRESS, .. });
+    if !body.hears(exchange.address) || broadcast && !readdresses {
+        return;
+    }
+    let from = body.address();
+    let outcome = carry_out(body, exchange.request);
+    respond(exchange, from, outcome, reply);
+}
+
+fn carry_out(body: &mut Body, request: Request<'_>) -> Result<Answer, Exception> {
+    match request {
+        Request::ReadCoils(span) => {
+            let first = run_in(FIRST_COIL, RELAYS, span.start(), span.count())?;
+            Ok(Answer::Bits(body.outputs >> first, span.count()))
+        }
+        Request::WriteCoil { at, value } => {
+            let on = value.state().ok_or(Exception::VALUE)?;
+            let mask = 1 << run_in(FIRST_COIL, RELAYS, at, 1)?;
+            body.switch(mask, if on { mask } else { 0 });
+            Ok(Answer::Done)
+        }
+        Request::WriteCoils(block) => {
+            let first = run_in(FIRST_COIL, RELAYS, block.start(), block.values().len())?;
+            let mask = crate::family::mask(block.values().len() as u8) << first;
+            body.switch(mask, block.values().to_mask() << first);
+            Ok(Answer::Done)
+        }
+        Request::ReadHoldingRegisters(span) => {
+            run_in(ADDRESS, REGISTERS, span.start(), span.count())?;
+            Ok(Answer::words(&registers(body), span))
+        }
+        Request::WriteRegister { at, value } => {
+            let eeprom = configured(body.eeprom, at, value)?;
+            body.keep(eeprom);
+            Ok(Answer::Done)
+        }
+        Request::ReadDiscreteInputs(_)
+        | Request::ReadInputRegisters(_)
+        | Request::WriteRegisters(_) => Err(Exception::FUNCTION),
+    }
+}
+
+fn registers(body: &Body) -> [u16; 3] {
+    let Eeprom {
+        address, serial, ..
+    } = body.eeprom;
+    let code = |code: Option<u8>| u16::from(code.unwrap_or_default());
+    [
+        u16::from(address.0),
+        code(PROFILE.baud_code(serial.baud)),
+        code(PROFILE.character_code(serial.character)),
+    ]
+}
+
+/// The settings with one register written.
+fn configured(mut eeprom: Eeprom, at: u16, value: u16) -> Result<Eeprom, Exception> {
+    let code = u8::try_from(value).map_err(|_| Exception::VALUE);
+    match at {
+        ADDRESS => eeprom.address = modbus::address(&PROFILE, value)?,
+        BAUD => eeprom.serial.baud = PROFILE.baud_of(code?).ok_or(Exception::VALUE)?,
+        CHARACTER => {
+            eeprom.serial.character = PROFILE.character_of(code?).ok_or(Exception::VALUE)?;
+        }
+        _ => return Err(Exception::ADDRESS),
+    }
+    Ok(eeprom)
+}

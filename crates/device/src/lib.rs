@@ -1,0 +1,37 @@
+//! Five families of DIN-rail I/O modules, both ends of the wire.
+//!
+//! Each family has one room here, which holds its datasheet as data (a [`Profile`]), what the
+//! host makes of it ([`Module`]: an [`Op`] becomes one exchange, its reply becomes [`Seen`]) and
+//! the module's own behaviour (its half of [`Engine`], which is both the simulated module and
+//! the firmware). Nothing here knows a clock, a port or an allocator.
+//!
+//! Sections in brackets, as `[ERC-8 §2.1]`, are numbered facts of `docs/datasheets`.
+
+#![no_std]
+#![forbid(unsafe_code)]
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::unreachable
+)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::indexing_slicing))]
+
+mod eda;
+mod eda9050;
+mod eda9060a;
+mod emd2a2q;
+mod engine;
+mod erc8;
+mod family;
+mod modbus;
+mod module;
+mod op;
+mod r55;
+
+pub use engine::{Applies, Calibration, Eeprom, Effect, Engine, Input, Options, Output};
+pub use family::{Family, Layout, Point, PointKind, Profile, Setup, SetupError};
+pub use module::Module;
+pub use op::{Bank, Change, Op, Refusal, Seen, Unsupported};
+pub use r55::board_address;

@@ -1,0 +1,108 @@
+//! What the families that speak Modbus share: runs of coils, and replies.
+
+use crate::{Bank, Profile, Setup};
+use railbus_wire::rtu::{self, BitBlock, Exception, Request, Response, WordSpan};
+use railbus_wire::{Address, Bits, Exchange, Frame, Words};
+
+/// The first run of neighbouring channels, which a Modbus coil write takes.
+pub(crate) const fn run_of(want: Bank) -> Bank {
+    if want.mask == 0 {
+        return want;
+    }
+    let first = want.mask.trailing_zeros();
+    let run = crate::family::mask((want.mask >> first).trailing_ones() as u8) << first;
+    Bank::new(run, want.on)
+}
+
+/// A coil write for one output or a run of them; output 0 has the coil `first_coil`.
+pub(crate) fn write_run(setup: &Setup, first_coil: u16, bank: Bank) -> Option<Exchange<'static>> {
+    if run_of(bank) != bank {
+        return None;
+    }
+    let first = bank.mask.trailing_zeros();
+    let at = first_coil.checked_add(first as u16)?;
+    let request = match bank.mask.count_ones() {
+        1 => Request::WriteCoil {
+            at,
+            value: (bank.on != 0).into(),
+        },
+        count => {
+            let values = Bits::from_mask(bank.on >> first, count as u16)?;
+            Request::WriteCoils(BitBlock::new(at, values)?)
+        }
+    };
+    Some(Exchange::rtu(setup.address, request))
+}
+
+/// What a module's half made of a request, before it is a frame.
+pub(crate) enum Answer {
+    /// That many of the lowest bits.
+    Bits(u32, u16),
+    /// Registers, packed, and how many bytes of them.
+    Words([u8; 16], usize),
+    /// A write was carried out.
+    Done,
+}
+
+impl Answer {
+    /// The registers of a span, of a map that begins at 0 and holds the span.
+    pub(crate) fn words(map: &[u16], span: WordSpan) -> Answer {
+        let mut packed = [0; 16];
+        let (pairs, _) = packed.as_chunks_mut::<2>();
+        for (pair, word) in pairs
+            .iter_mut()
+            .zip(map.iter().skip(usize::from(span.start())))
+        {
+            *pair = word.to_be_bytes();
+        }
+        Answer::Words(packed, 2 * usize::from(span.count()))
+    }
+}
+
+/// Writes the reply of the module at `from`. Nobody answers a request to all.
+pub(crate) fn respond(
+    exchange: &rtu::Exchange<'_>,
+    from: Address,
+    outcome: Result<Answer, Exception>,
+    reply: &mut Frame,
+) {
+    if exchange.address == rtu::BROADCAST {
+        return;
+    }
+    let mut send = |response| exchange.encode_response(from, &response, reply);
+    match outcome {
+        Ok(Answer::Done) => send(Response::Done),
+        Ok(Answer::Bits(bits, count)) => {
+            if let Some(bits) = Bits::from_mask(bits, count) {
+                send(Response::Bits(bits));
+            }
+        }
+        Ok(Answer::Words(bytes, len)) => {
+            if let Some(words) = bytes.get(..len).and_then(Words::from_packed) {
+                send(Response::Words(words));
+            }
+        }
+        Err(why) => send(Response::Exception(why)),
+    }
+}
+
+/// Where a run of coils or registers begins inside a map that has `len` of them from `first`
+/// on, or the exception of a run that leaves it.
+pub(crate) fn run_in(first: u16, len: u16, at: u16, count: u16) -> Result<u16, Exception> {
+    let offset = at.checked_sub(first).ok_or(Exception::ADDRESS)?;
+    let inside = offset.checked_add(count).is_some_and(|end| end <= len);
+    if inside {
+        Ok(offset)
+    } else {
+        Err(Exception::ADDRESS)
+    }
+}
+
+/// An address as a register holds it.
+pub(crate) fn address(profile: &Profile, value: u16) -> Result<Address, Exception> {
+    let (low, high) = profile.addresses;
+    let in_range = u8::try_from(value)
+        .ok()
+        .filter(|address| (low..=high).contains(address));
+    in_range.map(Address).ok_or(Exception::VALUE)
+}

@@ -1,0 +1,162 @@
+//! A module as the host sees it: ops become exchanges, replies become what was seen.
+
+use crate::{Bank, Family, Op, Refusal, Seen, Setup, SetupError, Unsupported};
+use crate::{eda, emd2a2q, erc8, modbus, r55};
+use railbus_wire::{Exchange, Protocol, Response, ascii, rtu};
+
+/// A module on a line, seen from the host.
+#[derive(Clone, Debug)]
+pub struct Module {
+    setup: Setup,
+    /// Which outputs give pulses; unknown until the module was asked.
+    pulse_mask: Option<u8>,
+}
+
+impl Module {
+    /// The module of this description.
+    ///
+    /// # Errors
+    /// Where no module of the family can be as described.
+    pub fn new(setup: Setup) -> Result<Module, SetupError> {
+        setup.check()?;
+        let pulse_mask = match setup.family {
+            Family::Eda9060a => None,
+            Family::Eda9050 | Family::Erc8 | Family::R55 | Family::Emd2a2q => Some(0),
+        };
+        Ok(Module { setup, pulse_mask })
+    }
+
+    /// Its description.
+    #[must_use]
+    pub const fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    /// The one exchange of an op.
+    ///
+    /// # Errors
+    /// [`Unsupported`] where the model has no single frame for it, or not in this protocol.
+    pub fn exchange(&self, op: &Op) -> Result<Exchange<'static>, Unsupported> {
+        let setup = &self.setup;
+        match (setup.family, op) {
+            (_, Op::Write(bank) | Op::WriteSilent(bank))
+                if bank.mask == 0 || bank.mask & !setup.output_mask() != 0 =>
+            {
+                None
+            }
+            (Family::Eda9060a | Family::Eda9050, _) => eda::exchange(setup, op),
+            (Family::Erc8, _) => erc8::exchange(setup, op),
+            (Family::Emd2a2q, _) => emd2a2q::exchange(setup, op),
+            (Family::R55, _) => r55::exchange(setup, op),
+        }
+        .ok_or(Unsupported)
+    }
+
+    /// What the reply to an op says, in channel terms.
+    #[must_use]
+    pub fn interpret(&self, op: &Op, response: &Response<'_>) -> Seen {
+        let seen = match (response, self.setup.family) {
+            (Response::Rtu(rtu::Response::Exception(why)), _) => {
+                Some(Seen::Refused(Refusal::Exception(*why)))
+            }
+            (Response::Ascii(ascii::Response::Invalid), _) => Some(Seen::Refused(Refusal::Invalid)),
+            (Response::Ascii(ascii::Response::Ignored), _) => {
+                Some(Seen::Refused(Refusal::WatchdogTripped))
+            }
+            (_, Family::Eda9060a | Family::Eda9050) => eda::interpret(&self.setup, op, response),
+            (_, Family::Erc8) => erc8::interpret(op, response),
+            (_, Family::Emd2a2q) => emd2a2q::interpret(op, response),
+            (_, Family::R55) => r55::interpret(&self.setup, op, response),
+        };
+        seen.unwrap_or(Seen::Unexpected)
+    }
+
+    /// Whether what [`Op::Identify`] brought is what this model says of itself. A module that
+    /// names no model is not contradicted.
+    #[must_use]
+    pub fn recognises(&self, seen: &Seen) -> bool {
+        match self.setup.family {
+            Family::Eda9060a | Family::Eda9050 => eda::recognises(&self.setup, seen),
+            Family::Erc8 | Family::R55 | Family::Emd2a2q => true,
+        }
+    }
+
+    /// Takes note of what changes how later ops are to be treated.
+    pub fn learn(&mut self, seen: &Seen) {
+        if let Seen::Pulse { mask, .. } = seen {
+            self.pulse_mask = Some(*mask);
+        }
+    }
+
+    /// Whether doing the op twice is the same as doing it once. Toggling and jogging are not,
+    /// and neither is switching on an output that gives pulses: the second one makes the pulse
+    /// longer [EDA9060A §3.7].
+    #[must_use]
+    pub fn repeatable(&self, op: &Op) -> bool {
+        match op {
+            Op::Write(bank) | Op::WriteSilent(bank) => {
+                bank.on & u32::from(self.pulse_mask.unwrap_or(u8::MAX)) == 0
+            }
+            Op::Toggle(_) | Op::Jog { .. } | Op::Configure(_) => false,
+            Op::WriteVariable(..) => true,
+            read => read.is_read(),
+        }
+    }
+
+    /// Which outputs may give pulses: those that do, or all while the module was not asked.
+    #[must_use]
+    pub fn pulse_mask(&self) -> u32 {
+        u32::from(self.pulse_mask.unwrap_or(u8::MAX)) & self.setup.output_mask()
+    }
+
+    /// The ops that read everything once.
+    pub fn full_poll(&self) -> impl Iterator<Item = Op> + use<> {
+        let setup = self.setup;
+        let one_frame = matches!(
+            setup.protocol,
+            Protocol::Ascii | Protocol::Lc02 | Protocol::R55
+        );
+        let outputs = setup.outputs > 0 || one_frame;
+        let inputs = setup.inputs > 0 && !one_frame;
+        let channels = [
+            outputs.then_some(Op::ReadOutputs),
+            inputs.then_some(Op::ReadInputs),
+            (setup.family.profile().analogs > 0).then_some(Op::ReadAnalogs),
+        ];
+        channels
+            .into_iter()
+            .flatten()
+            .chain((0..setup.variables).map(Op::ReadVariable))
+    }
+
+    /// The ops to do once when the module is first heard, or heard again: what it does with
+    /// commands may have been changed meanwhile.
+    pub fn greeting(&self) -> impl Iterator<Item = Op> + use<> {
+        (self.setup.family == Family::Eda9060a)
+            .then_some(Op::ReadPulse)
+            .into_iter()
+    }
+
+    /// As much of these states as one frame can bring about, as an op. Never empty for a bank
+    /// that is not.
+    #[must_use]
+    pub fn group(&self, want: Bank) -> Bank {
+        match self.setup.family {
+            Family::Eda9060a | Family::Eda9050 => eda::group(&self.setup, want),
+            Family::Erc8 | Family::Emd2a2q => modbus::run_of(want),
+            Family::R55 => r55::group(&self.setup, want),
+        }
+    }
+
+    /// The op that reads back what an op changed, where one does.
+    #[must_use]
+    pub const fn read_back(&self, op: &Op) -> Option<Op> {
+        match op {
+            Op::Write(_) | Op::WriteSilent(_) | Op::Toggle(_) | Op::Jog { .. } => {
+                Some(Op::ReadOutputs)
+            }
+            Op::WriteVariable(index, _) => Some(Op::ReadVariable(*index)),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! The 0x55/0x22 relay boards: up to 32 relays, inputs, or 16 of each.
+
+use crate::engine::{Body, Eeprom};
+use crate::{Bank, Change, Layout, Op, Profile, Seen, Setup};
+use railbus_wire::r55::{BROADCAST, Exchange, FRAME_LEN, Request, Response, U24};
+use railbus_wire::{
+    Address, Baud, Channel, Character, Decoded, Frame, Instant, Malformed, Micros, Protocol, Reply,
+};
+
+/// The datasheet as data.
+pub(crate) static PROFILE: Profile = Profile {
+    name: "r55",
+    model: "0x55 board",
+    outputs: 32,
+    inputs: 32,
+    analogs: 0,
+    protocols: &[Protocol::R55],
+    bauds: &[(0, Baud::B9600)],
+    characters: &[(0, Character::N1)],
+    addresses: (1, 255),
+    gap: None,
+    output_label: ("k", 1),
+    input_label: ("d", 1),
+};
+
+/// How long after power-up an address can be written [R55 §4.6].
+const ADDRESS_WINDOW: Micros = Micros::from_secs(10);
+/// The variables of a programmable board in the simulator [R55 §5.3].
+const VARIABLES: usize = 32;
+
+/// The host's half: the one exchange of an op. Every op but `WriteSilent` takes the form that
+/// is answered.
+pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<railbus_wire::Exchange<'static>> {
+    let request = match *op {
+        Op::ReadOutputs | Op::ReadInputs => Request::ReadState,
+        Op::Write(bank) | Op::WriteSilent(bank) => write(setup, bank)?,
+        Op::Toggle(mask) if mask == 0 || mask & !setup.output_mask() != 0 => return None,
+        Op::Toggle(mask) => match single(mask) {
+            Some(channel) => Request::Toggle(channel),
+            None => Request::GroupToggle(mask),
+        },
+        Op::Jog { channel, .. } if channel.index() >= setup.outputs => return None,
+        Op::Jog {
+            channel,
+            close,
+            millis,
+        } if close != setup.invert_on_off => Request::JogClose(channel, millis),
+        Op::Jog {
+            channel, millis, ..
+        } => Request::JogOpen(channel, millis),
+        Op::ReadVariable(index) if index < setup.variables => Request::ReadVariable(index),
+        Op::WriteVariable(index, value) if index < setup.variables => {
+            Request::WriteVariable(index, value)
+        }
+        Op::Configure(Change::Address(new)) => Request::WriteAddress(new),
+        _ => return None,
+    };
+    let exchange = Exchange::new(setup.address, request);
+    let exchange = match op {
+        Op::WriteSilent(_) => exchange.without_reply()?,
+        _ => exchange,
+    };
+    Some(railbus_wire::Exchange::R55(exchange))
+}
+
+/// The request that brings these outputs into these states, where one does: one relay, a group
+/// with one state, or all.
+fn write(setup: &Setup, bank: Bank) -> Option<Request> {
+    let on = if setup.invert_on_off {
+        !bank.on & bank.mask
+    } else {
+        bank.on
+    };
+    Some(match (single(bank.mask), on) {
+        (Some(channel), 0) => Request::Open(channel),
+        (Some(channel), _) => Request::Close(channel),
+        (None, on) if bank.mask == setup.output_mask() => Request::SetAll(on),
+        (None, 0) => Request::GroupOff(bank.mask),
+        (None, on) if on == bank.mask => Request::GroupOn(bank.mask),
+        (None, _) => return None,
+    })
+}
+
+const fn single(mask: u32) -> Option<Channel> {
+    if mask.count_ones() == 1 {
+        Channel::new(mask.trailing_zeros() as u8)
+    } else {
+        None
+    }
+}
+
+/// The host's half: as much as one frame can bring about. All outputs at once, or those that
+/// get the state of the lowest one.
+pub(crate) const fn group(setup: &Setup, want: Bank) -> Bank {
+    let lowest = want.mask & want.mask.wrapping_neg();
+    if want.mask == setup.output_mask() {
+        want
+    } else if want.on & lowest != 0 {
+        Bank::new(want.on, want.on)
+    } else {
+        Bank::new(want.mask & !want.on, 0)
+    }
+}
+
+/// The host's half: what a reply says. Commands are answered with the state after execution.
+pub(crate) fn interpret(
+    setup: &Setup,
+    op: &Op,
+    response: &railbus_wire::Response<'_>,
+) -> Option<Seen> {
+    let railbus_wire::Response::R55(response) = response else {
+        return None;
+    };
+    Some(match *op {
+        Op::ReadVariable(asked) | Op::WriteVariable(asked, _) => {
+            let [.., index] = response.data;
+            let value = U24::new(response.to_word() >> 8)?;
+            if index != asked {
+                return None;
+            }
+            Seen::Variable(index, value)
+        }
+        Op::Configure(_) => Seen::Done,
+        _ => {
+            let (outputs, inputs) = match setup.layout {
+                Layout::Outputs => (response.to_word(), 0),
+                Layout::Inputs => (0, response.to_word()),
+                Layout::Mixed => (response.outputs().into(), response.inputs().into()),
+            };
+            let outputs = if setup.invert_on_off {
+                !outputs
+            } else {
+                outputs
+            };
+            Seen::Channels {
+                outputs: Bank::new(setup.output_mask(), outputs),
+                inputs: Bank::new(setup.input_mask(), inputs),
+            }
+        }
+    })
+}
+
+/// The address of the board that answered an address read: in D4, or in the address byte of
+/// a board that leaves D4 empty [R55 §4.4].
+#[must_use]
+pub fn board_address(reply: &Reply<Response>) -> Option<Address> {
+    let [.., low] = reply.response.data;
+    match low {
+        0 => reply.from.filter(|from| *from != BROADCAST),
+        address => Some(Address(address)),
+    }
+}
+
+/// The module's half: the frame that begins what was heard. One with a good sum that asks for
+/// nothing known is a frame all the same, and nothing is looked for inside it [R55 §1.8].
+pub(crate) fn decode_frame(heard: &[u8]) -> Decoded<Option<Exchange>> {
+    match Exchange::decode_request(heard) {
+        Decoded::Malformed(Malformed::Function | Malformed::Value) => Decoded::Whole {
+            len: FRAME_LEN,
+            value: None,
+        },
+        decoded => decoded.map(Some),
+    }
+}
+
+/// The module's half: carries out a request, and writes the reply. Whether there is one.
+pub(crate) fn answer(
+    body: &mut Body,
+    now: Instant,
+    exchange: &Exchange,
+    reply: &mut Frame,
+) -> bool {
+    if !body.hears(exchange.address()) {
+        return false;
+    }
+    let broadcast = exchange.address() == BROADCAST;
+    let from = body.address();
+    let Some(response) = carry_out(body, now, exchange.request()) else {
+        return false;
+    };
+    let to_one = !broadcast || matches!(exchange.request(), Request::ReadAddress);
+    let answers = exchange.expects_reply() && to_one;
+    if answers {
+        exchange.encode_response(from, response, reply);
+    }
+    answers
+}
+
+/// Does what a request asks for; nothing where the board stays silent.
+fn carry_out(body: &mut Body, now: Instant, request: Request) -> Option<Response> {
+    let all = body.setup.output_mask();
+    let has = |channel: Channel| (channel.index() < body.setup.outputs).then_some(channel);
+    match request {
+        Request::ReadState => {}
+        Request::Open(channel) => body.switch(has(channel)?.mask(), 0),
+        Request::Close(channel) => body.switch(has(channel)?.mask(), all),
+        Request::SetAll(on) => body.switch(all, on),
+        Request::GroupOff(mask) => body.switch(mask, 0),
+        Request::GroupOn(mask) => body.switch(mask, mask),
+        Request::GroupToggle(mask) => body.switch(mask, !body.outputs),
+        Request::Toggle(channel) => body.switch(has(channel)?.mask(), !body.outputs),
+        Request::JogClose(channel, time) | Request::JogOpen(channel, time) => {
+            let close = matches!(request, Request::JogClose(..));
+            let time = Micros::from_millis(time.get().into());
+            body.switch_for(now, has(channel)?, close, time);
+        }
+        Request::ReadAddress => return Some(Response::word(body.address().0.into())),
+        Request::WriteAddress(new) => return readdress(body, now, new),
+        Request::ReadVariable(index) => {
+            return Some(Response::variable(
+                index,
+                U24::new(*variable(body, index)?)?,
+            ));
+        }
+        Request::WriteVariable(index, value) => {
+            *variable(body, index)? = value.get();
+            return Some(Response::variable(index, value));
+        }
+    }
+    Some(state(body))
+}
+
+/// The state as this board's layout has it.
+const fn state(body: &Body) -> Response {
+    Response::word(match body.setup.layout {
+        Layout::Outputs => body.outputs,
+        Layout::Inputs => body.levels,
+        Layout::Mixed => body.levels << 16 | body.outputs,
+    })
+}
+
+/// Writes the address: only soon after power-up, and only where no DIP switch gives it
+/// [R55 §4.6, §4.8].
+fn readdress(body: &mut Body, now: Instant, new: Address) -> Option<Response> {
+    let in_window = now.since(body.started) <= ADDRESS_WINDOW;
+    let allowed = new != Address(0) && new != BROADCAST;
+    if !in_window || body.dip != 0 || !allowed {
+        return None;
+    }
+    body.keep(Eeprom {
+        address: new,
+        ..body.eeprom
+    });
+    Some(Response::word(new.0.into()))
+}
+
+/// A variable, on boards that have any.
+fn variable(body: &mut Body, index: u8) -> Option<&mut u32> {
+    let programmable = body.setup.variables > 0;
+    let variables = body
+        .variables
+        .get_mut(..VARIABLES)
+        .filter(|_| programmable)?;
+    variables.get_mut(usize::from(index))
+}

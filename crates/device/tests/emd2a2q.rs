@@ -1,0 +1,546 @@
+//! EMD-2A2Q, by the numbered facts of `docs/datasheets/emd2a2q.md`. What it shares with the
+//! ERC-8 is in `sisters.rs`, descriptions are in `setup.rs`.
+
+mod support;
+
+use railbus_device::{
+    Bank, Calibration, Change, Eeprom, Effect, Family, Input, Module, Op, Options, Seen, Setup,
+};
+use railbus_wire::{Address, Baud, Channel, Character, Instant, Micros, Settings};
+use support::{Bench, hex, request, seen, with_crc};
+
+fn setup(address: u8) -> Setup {
+    Setup::new(Family::Emd2a2q, Address(address))
+}
+
+fn emd() -> Bench {
+    Bench::new(setup(1))
+}
+
+fn host() -> Module {
+    Module::new(setup(1)).expect("an EMD-2A2Q")
+}
+
+/// One register of module 1.
+fn register(module: &mut Bench, at: u16) -> u16 {
+    let reply = module.ask_rtu(&format!("01 03 {at:04X} 0001"));
+    let reply = reply.expect("a register");
+    assert_eq!(reply[..3], [0x01, 0x03, 0x02]);
+    u16::from_be_bytes([reply[3], reply[4]])
+}
+
+/// Writes one register of module 1, which is answered by its echo.
+fn set(module: &mut Bench, at: u16, value: u16) {
+    let write = format!("01 06 {at:04X} {value:04X}");
+    assert_eq!(module.ask_rtu(&write), Some(hex(&write)));
+}
+
+/// What both inputs read.
+fn readings(module: &mut Bench) -> [u16; 2] {
+    [6, 7].map(|at| register(module, at))
+}
+
+/// What lies at both inputs.
+fn apply(module: &mut Bench, first: i16, second: i16) {
+    module.input(Input::Analog(0, first));
+    module.input(Input::Analog(1, second));
+}
+
+/// [EMD-2A2Q §1.1, §2.1, §3.1, §3.3, §3.4] the printed frames, and the same for OUT2.
+#[test]
+fn relays_one_by_one() {
+    let mut module = emd();
+    let on = hex("01 05 0008 FF00 0DF8");
+    assert_eq!(module.ask(&on), Some(on));
+    let read = module.ask_hex("01 01 0008 0001 7C08");
+    assert_eq!(read, Some(hex("01 01 01 01 9048")));
+    let table = [
+        ("01 05 0009 FF00", 0b11),
+        ("01 05 0008 0000", 0b10),
+        ("01 05 0009 0000", 0b00),
+    ];
+    module.did();
+    for (write, outputs) in table {
+        assert_eq!(module.ask_rtu(write), Some(hex(write)));
+        assert_eq!(module.engine.outputs(), outputs);
+        let read = module.ask_rtu("01 01 0008 0002");
+        assert_eq!(read, Some(vec![1, 1, 1, outputs as u8]));
+    }
+    let told: Vec<Effect> = module.did().into_iter().map(|(_, what)| what).collect();
+    let output = |channel, on| Effect::Output { channel, on };
+    assert_eq!(told, [output(1, true), output(0, false), output(1, false)]);
+}
+
+/// [EMD-2A2Q §3.5] FC0F at 8 count 2 sets both; a run of one leaves the other alone.
+#[test]
+fn relays_together() {
+    let mut module = emd();
+    let table = [
+        ("01 0F 0008 0002 01 03", 0b11),
+        ("01 0F 0009 0001 01 00", 0b01),
+        ("01 0F 0008 0002 01 FE", 0b10),
+    ];
+    for (write, outputs) in table {
+        assert_eq!(module.ask_rtu(write), Some(hex(write)[..6].to_vec()));
+        assert_eq!(module.engine.outputs(), outputs, "{write}");
+    }
+}
+
+/// [EMD-2A2Q §2.2] functions that there are not; [EMD-2A2Q §3.2, §3.6] coils outside 8-9;
+/// [EMD-2A2Q §4.7, §4.8] registers that there are not, and those that are only read;
+/// [EMD-2A2Q §3.3, §4.5, §4.9] values out of range.
+#[test]
+fn what_is_refused() {
+    let mut module = emd();
+    module.ask_rtu("01 05 0009 FF00");
+    let by_code: [(u8, &[&str]); 3] = [
+        (
+            1,
+            &[
+                "01 15 0008 0001",
+                "01 02 0008 0001",
+                "01 04 0006 0002",
+                "01 07",
+                "01 08 0000 0000",
+                "01 0B",
+                "01 11",
+                "01 16 0001 0000 0000",
+                "01 2B 0E 01 00",
+            ],
+        ),
+        (
+            2,
+            &[
+                "01 01 0000 0001",
+                "01 05 0000 FF00",
+                "01 05 0007 FF00",
+                "01 05 000A FF00",
+                "01 01 0007 0002",
+                "01 01 0008 0003",
+                "01 01 0009 0002",
+                "01 0F 0000 0002 01 03",
+                "01 0F 0008 0003 01 07",
+                "01 0F 0009 0002 01 00",
+                "01 03 0008 0001",
+                "01 03 0000 0009",
+                "01 03 0007 0002",
+                "01 06 0008 0000",
+                "01 06 0000 0001",
+                "01 06 0006 0000",
+                "01 06 0007 0000",
+                "01 10 0000 0001 02 0001",
+                "01 06 FFFF 0001",
+                "01 10 FFFF 0001 02 0001",
+                "01 10 0007 0002 04 0000 0000",
+            ],
+        ),
+        (
+            3,
+            &[
+                "01 05 0008 FF01",
+                "01 05 0008 0001",
+                "01 06 0001 0000",
+                "01 06 0001 0021",
+                "01 06 0002 0005",
+                "01 06 0003 0003",
+                "01 06 0004 0000",
+                "01 06 0004 07D1",
+                "01 06 0004 FFFF",
+                "01 10 0001 0001 03 0002 00",
+            ],
+        ),
+    ];
+    for (code, requests) in by_code {
+        for request in requests {
+            module.refuses(request, code);
+        }
+    }
+}
+
+/// [EMD-2A2Q §4.1, §4.2, §4.3, §4.4, §4.5, §4.6, §5.1] the map as shipped; version and inputs
+/// are the module's own, and the rest is 1, 9600, no parity, 5.00 V, nothing under way.
+#[test]
+fn the_register_map() {
+    let mut module = emd();
+    apply(&mut module, 871, 12);
+    let reply = module.ask_rtu("01 03 0000 0008").expect("all of it");
+    assert_eq!(reply[..3], hex("01 03 10"));
+    assert_eq!(reply[5..], hex("0001 0002 0000 01F4 0000 0367 000C"));
+    let version = register(&mut module, 0);
+    module.refuses("01 06 0000 0000", 2);
+    assert_eq!(register(&mut module, 0), version);
+    let read = module.ask_rtu("01 03 0006 0001");
+    assert_eq!(read, Some(hex("01 03 02 0367")), "8.71 as printed");
+}
+
+/// [EMD-2A2Q §2.1, §2.3] FC06 is answered by its echo, FC10 with start and count.
+/// [EMD-2A2Q §4.5] the calibration voltage takes 1-2000.
+#[test]
+fn registers_are_written_by_two_functions() {
+    let mut module = emd();
+    for voltage in [1, 500, 1000, 2000] {
+        set(&mut module, 4, voltage);
+        assert_eq!(register(&mut module, 4), voltage);
+    }
+    let reply = module.ask_rtu("01 10 0002 0003 06 0003 0001 03E8");
+    assert_eq!(reply, Some(hex("01 10 0002 0003")));
+    let read = module.ask_rtu("01 03 0002 0003");
+    assert_eq!(read, Some(hex("01 03 06 0003 0001 03E8")));
+    let active = module.engine.active().serial;
+    let expected = (Baud::B19200, Character::O1);
+    assert_eq!((active.baud, active.character), expected);
+}
+
+/// [EMD-2A2Q §2.4] one value that is refused refuses all, wherever it stands.
+#[test]
+fn several_registers_all_or_nothing() {
+    let mut module = emd();
+    let table = [
+        // Address 33, speed 5, parity 3, voltage 0; then a register that is only read.
+        ("01 10 0001 0004 08 0021 0001 0001 0064", 3),
+        ("01 10 0001 0004 08 0002 0005 0001 0064", 3),
+        ("01 10 0001 0004 08 0002 0001 0003 0064", 3),
+        ("01 10 0001 0004 08 0002 0001 0001 0000", 3),
+        ("01 10 0004 0003 06 0064 0001 0000", 2),
+        ("01 10 0000 0002 04 0001 0002", 2),
+    ];
+    for (request, code) in table {
+        module.refuses(request, code);
+    }
+    assert_eq!(register(&mut module, 5), 0, "nothing was begun either");
+    assert!(
+        module
+            .ask_rtu("01 10 0001 0004 08 0002 0001 0001 0064")
+            .is_some()
+    );
+    let read = module.ask_rtu("02 03 0001 0004");
+    assert_eq!(read, Some(hex("02 03 08 0002 0001 0001 0064")));
+}
+
+/// [EMD-2A2Q §4.10] the printed address write comes back identical, from the old address.
+#[test]
+fn the_printed_address_write() {
+    let mut module = Bench::new(setup(6));
+    let write = hex("06 06 0001 0001 187D");
+    assert_eq!(module.ask(&write), Some(write.clone()));
+    assert_eq!(module.ask(&write), None);
+    assert_eq!(register(&mut module, 1), 1);
+}
+
+/// [EMD-2A2Q §4.6, §4.13, §4.14] an input reads what lies there times 100, whatever its range
+/// is called: 10 V is 1000, 20 mA is 2000, and nothing is below 0.
+#[test]
+fn analog_inputs() {
+    let mut module = emd();
+    let table = [
+        ([0, 0], [0, 0]),
+        ([1000, 871], [1000, 871]),
+        ([2000, 1], [2000, 1]),
+        ([-1, -300], [0, 0]),
+    ];
+    for ([first, second], expected) in table {
+        apply(&mut module, first, second);
+        assert_eq!(readings(&mut module), expected);
+        let reply = module.ask_rtu("01 03 0006 0002").expect("both");
+        let analogs = seen(&host(), &Op::ReadAnalogs, &with_crc(&reply));
+        assert_eq!(analogs, Seen::Analogs(expected));
+    }
+}
+
+/// [EMD-2A2Q §5.1, §5.3, §5.5] zero: what both inputs measure becomes 0, after 500 ms to the
+/// microsecond, and is kept.
+#[test]
+fn calibration_of_zero() {
+    let mut module = emd();
+    apply(&mut module, 12, -7);
+    module.wait(50);
+    module.did();
+    module.send(&with_crc(&hex("01 06 0005 0001")));
+    let begun = module.now + Settings::FACTORY.t3_5();
+    assert!(module.run_until(begun + Micros::from_millis(100)).is_some());
+    assert_eq!(register(&mut module, 5), 1);
+    module.wait(1000);
+    let kept = Eeprom {
+        calibration: Calibration {
+            zero: [12, -7],
+            ..Calibration::NEUTRAL
+        },
+        ..Eeprom::of(&module.setup)
+    };
+    let done = begun + Micros::from_millis(500);
+    assert_eq!(module.did(), [(done, Effect::Save(kept))]);
+    assert_eq!(
+        (register(&mut module, 5), readings(&mut module)),
+        (0, [0, 0])
+    );
+    apply(&mut module, 112, 93);
+    assert_eq!(readings(&mut module), [100, 100]);
+}
+
+/// [EMD-2A2Q §5.1, §5.4, §5.5] span: what both inputs measure becomes the voltage of register 4.
+#[test]
+fn calibration_of_span() {
+    let mut module = emd();
+    set(&mut module, 4, 1000);
+    apply(&mut module, 800, 1250);
+    set(&mut module, 5, 2);
+    assert_eq!(register(&mut module, 5), 2);
+    module.wait(500);
+    assert_eq!(
+        (register(&mut module, 5), readings(&mut module)),
+        (0, [1000, 1000])
+    );
+    apply(&mut module, 400, 500);
+    assert_eq!(readings(&mut module), [500, 400]);
+    // The voltage of the next calibration does not touch this one.
+    set(&mut module, 4, 500);
+    assert_eq!(readings(&mut module), [500, 400]);
+}
+
+/// [EMD-2A2Q §4.12, §5.3, §5.4] zero and then span, as the sheet has it, over a loss of power.
+#[test]
+fn a_whole_calibration_survives_power_off() {
+    let mut module = emd();
+    set(&mut module, 4, 1000);
+    apply(&mut module, 20, -10);
+    set(&mut module, 5, 1);
+    module.wait(500);
+    apply(&mut module, 1020, 490);
+    set(&mut module, 5, 2);
+    module.wait(500);
+    module.power_cycle();
+    assert_eq!(register(&mut module, 4), 1000);
+    let table = [
+        ([1020, 490], [1000, 1000]),
+        ([20, -10], [0, 0]),
+        ([520, 240], [500, 500]),
+    ];
+    for ([first, second], expected) in table {
+        apply(&mut module, first, second);
+        assert_eq!(readings(&mut module), expected);
+    }
+}
+
+/// A calibration that power-off interrupts never was.
+#[test]
+fn power_off_ends_a_calibration() {
+    let mut module = emd();
+    apply(&mut module, 12, 12);
+    set(&mut module, 5, 1);
+    module.power_cycle();
+    module.wait(1000);
+    apply(&mut module, 12, 12);
+    assert_eq!(
+        (register(&mut module, 5), readings(&mut module)),
+        (0, [12, 12])
+    );
+}
+
+/// [EMD-2A2Q §5.2] bits 3-15 do nothing; [EMD-2A2Q §5.6] of several bits only the first of
+/// restore, zero and span is carried out.
+#[test]
+fn command_bits() {
+    let table = [
+        (0x0000, 0, [300, 400]),
+        (0x0008, 0, [300, 400]),
+        (0xFFF8, 0, [300, 400]),
+        (0xFFF9, 1, [0, 0]),
+        (0xFFFA, 2, [500, 500]),
+        (0x0003, 1, [0, 0]),
+        (0x0004, 0, [300, 400]),
+        (0x0007, 0, [300, 400]),
+    ];
+    for (command, under_way, afterwards) in table {
+        let mut module = emd();
+        apply(&mut module, 300, 400);
+        set(&mut module, 5, command);
+        assert_eq!(register(&mut module, 5), under_way, "{command:04X}");
+        module.wait(500);
+        let after = (register(&mut module, 5), readings(&mut module));
+        assert_eq!(after, (0, afterwards), "{command:04X}");
+        if under_way == 0 {
+            assert_eq!(*module.engine.eeprom(), Eeprom::of(&module.setup));
+        }
+    }
+}
+
+/// A module at 9, 19200 8E1, whose calibration is not the neutral one.
+fn configured() -> Bench {
+    let calibration = Calibration {
+        voltage: 1000,
+        zero: [5, 6],
+        span: [(900, 1000), (1100, 1000)],
+    };
+    let serial = Settings {
+        baud: Baud::B19200,
+        character: Character::E1,
+    };
+    let setup = Setup { serial, ..setup(9) };
+    let eeprom = Eeprom {
+        calibration,
+        ..Eeprom::of(&setup)
+    };
+    Bench::with(setup, eeprom, Options::default())
+}
+
+/// [EMD-2A2Q §5.8] restore answers in the old way and then is as shipped; relays stay.
+#[test]
+fn restore() {
+    let mut module = configured();
+    apply(&mut module, 300, 400);
+    assert!(module.ask_rtu("09 0F 0008 0002 01 02").is_some());
+    let write = "09 06 0005 0004";
+    module.wait(50);
+    module.did();
+    let old = module.engine.active().serial;
+    module.send(&with_crc(&hex(write)));
+    let understood = module.now + old.t3_5();
+    let left = understood + old.frame_time(8);
+    assert_eq!(module.run_until(left), Some(with_crc(&hex(write))));
+    let shipped = Eeprom::of(&setup(1));
+    assert_eq!(
+        module.did(),
+        [
+            (understood, Effect::Save(shipped)),
+            (left, Effect::Serial(Settings::FACTORY)),
+        ]
+    );
+    assert_eq!(module.engine.outputs(), 0b10);
+    assert_eq!(readings(&mut module), [300, 400]);
+    let read = module.ask_rtu("01 03 0001 0005");
+    assert_eq!(read, Some(hex("01 03 0A 0001 0002 0000 01F4 0000")));
+    module.power_cycle();
+    assert_eq!(*module.engine.active(), shipped);
+}
+
+/// [EMD-2A2Q §5.8] a calibration under way does not outlive a restore.
+#[test]
+fn restore_ends_a_calibration() {
+    let mut module = configured();
+    apply(&mut module, 300, 400);
+    assert!(module.ask_rtu("09 06 0005 0001").is_some());
+    assert!(module.ask_rtu("09 06 0005 0004").is_some());
+    assert_eq!(register(&mut module, 5), 0);
+    module.wait(1000);
+    assert_eq!(readings(&mut module), [300, 400]);
+}
+
+/// A driver that is late with a timer does not change what the next request is told.
+#[test]
+fn a_late_timer_comes_before_the_next_request() {
+    let mut module = emd();
+    apply(&mut module, 12, 12);
+    set(&mut module, 5, 1);
+    // A second later the driver hands in a whole request, having slept through the end.
+    module.now = module.now + Micros::from_secs(1);
+    let read = with_crc(&hex("01 03 0005 0002"));
+    module.engine.handle(module.now, Input::Bytes(&read));
+    let reply = module.run_until(module.now + Micros::from_millis(100));
+    assert_eq!(reply, Some(with_crc(&hex("01 03 04 0000 0000"))));
+}
+
+/// [EMD-2A2Q §6.1] every write to address 0 is carried out and not answered.
+/// [EMD-2A2Q §6.2] reads from address 0 are ignored.
+#[test]
+fn broadcasts() {
+    let mut module = Bench::new(setup(6));
+    apply(&mut module, 300, 400);
+    let table = [
+        "00 05 0008 FF00",
+        "00 0F 0008 0002 01 03",
+        "00 06 0004 0064",
+    ];
+    for request in table {
+        assert_eq!(module.ask_rtu(request), None);
+    }
+    assert_eq!(module.engine.outputs(), 0b11);
+    assert_eq!(module.engine.eeprom().calibration.voltage, 100);
+    for request in ["00 01 0008 0002", "00 03 0000 0008", "00 06 0001 0021"] {
+        module.ignores(&with_crc(&hex(request)));
+    }
+    assert_eq!(module.ask_hex("00 06 0001 0001 181B"), None);
+    assert_eq!(register(&mut module, 1), 1);
+    assert_eq!(module.ask_rtu("00 10 0002 0002 04 0003 0001"), None);
+    let serial = module.engine.active().serial;
+    assert_eq!(
+        (serial.baud, serial.character),
+        (Baud::B19200, Character::O1)
+    );
+    assert_eq!(module.ask_rtu("00 06 0005 0001"), None);
+    module.wait(500);
+    assert_eq!(readings(&mut module), [0, 0]);
+}
+
+/// Settings that come without a reply act when the request has been understood.
+#[test]
+fn broadcast_settings_act_at_once() {
+    let mut module = emd();
+    module.wait(50);
+    module.did();
+    module.send(&with_crc(&hex("00 06 0002 0004")));
+    let understood: Instant = module.now + Settings::FACTORY.t3_5();
+    module.wait(100);
+    let times: Vec<Instant> = module.did().into_iter().map(|(at, _)| at).collect();
+    assert_eq!(times, [understood; 2], "saved and in force");
+    assert_eq!(module.engine.active().serial.baud, Baud::B38400);
+}
+
+/// [EMD-2A2Q §5.7] one command bit at a time; and the other ops.
+#[test]
+fn the_host_asks() {
+    let relay = |index| Channel::new(index).expect("a relay");
+    let change = |change| Op::Configure(change);
+    let table = [
+        (Op::ReadOutputs, "01 01 0008 0002"),
+        (Op::ReadAnalogs, "01 03 0006 0002"),
+        (Op::Identify, "01 03 0000 0001"),
+        (Op::ReadConfig, "01 03 0001 0003"),
+        (Op::Write(Bank::one(relay(0), true)), "01 05 0008 FF00"),
+        (Op::Write(Bank::one(relay(1), false)), "01 05 0009 0000"),
+        (Op::Write(Bank::new(3, 2)), "01 0F 0008 0002 01 02"),
+        (change(Change::Address(Address(9))), "01 06 0001 0009"),
+        (change(Change::Baud(Baud::B2400)), "01 06 0002 0000"),
+        (change(Change::Baud(Baud::B38400)), "01 06 0002 0004"),
+        (change(Change::Character(Character::O1)), "01 06 0003 0001"),
+        (change(Change::CalibrationVoltage(1000)), "01 06 0004 03E8"),
+        (change(Change::CalibrateZero), "01 06 0005 0001"),
+        (change(Change::CalibrateSpan), "01 06 0005 0002"),
+        (change(Change::Restore), "01 06 0005 0004"),
+    ];
+    for (op, frame) in table {
+        assert_eq!(request(&host(), &op), Some(with_crc(&hex(frame))), "{op:?}");
+    }
+    for op in [
+        Op::ReadInputs,
+        Op::Toggle(1),
+        Op::WriteSilent(Bank::new(1, 1)),
+        Op::Write(Bank::new(4, 4)),
+        change(Change::Baud(Baud::B1200)),
+    ] {
+        assert_eq!(request(&host(), &op), None, "{op:?}");
+    }
+}
+
+#[test]
+fn the_host_understands() {
+    let host = host();
+    let said = |op, reply| seen(&host, &op, &with_crc(&hex(reply)));
+    let relays = Seen::Channels {
+        outputs: Bank::new(3, 2),
+        inputs: Bank::default(),
+    };
+    assert_eq!(said(Op::ReadOutputs, "01 01 01 FE"), relays);
+    assert_eq!(said(Op::Identify, "01 03 02 0102"), Seen::Version(0x0102));
+    let config = Seen::Config {
+        address: Some(Address(6)),
+        baud: Some(Baud::B2400),
+        character: Some(Character::E1),
+        checksum: None,
+    };
+    assert_eq!(said(Op::ReadConfig, "01 03 06 0006 0000 0002"), config);
+    let zero = Op::Configure(Change::CalibrateZero);
+    assert_eq!(said(zero, "01 06 0005 0001"), Seen::Done);
+    assert!(!host.repeatable(&zero));
+    let read: Vec<Op> = host.full_poll().collect();
+    assert_eq!(read, [Op::ReadOutputs, Op::ReadAnalogs]);
+}
