@@ -1,0 +1,51 @@
+//! A half-duplex line of I/O modules in virtual time.
+//!
+//! [`Line`] joins modules, a host and faults: characters take their time, two talkers at once
+//! collide, a module at another speed hears garbage, and what goes wrong is drawn from one
+//! seed, so that a run is its seed. It has the shape of everything in railbus: the driver hands
+//! in what happens ([`Line::handle`]) and drains what comes of it ([`Line::poll`]) until it
+//! says [`Output::Wait`]; each `Wait` replaces the deadline before it. There is no clock here:
+//! the driver may jump from deadline to deadline, or wait for a real clock to reach them.
+//!
+//! ```
+//! use railbus_sim::{Input, Line, LineConfig, Output};
+//! use railbus_device::{Eeprom, Family, Options, Setup};
+//! use railbus_wire::{Address, Instant, Settings};
+//!
+//! let mut line = Line::new(LineConfig::default());
+//! let oven = Setup::new(Family::Erc8, Address(1));
+//! line.add(Instant(0), "oven", &oven, Eeprom::of(&oven), Options::default())?;
+//!
+//! // Relay 1 on, as the manual prints it; it is answered by its echo.
+//! let mut now = Instant(100_000);
+//! let request = [0x01, 0x05, 0x00, 0x3C, 0xFF, 0x00, 0x4C, 0x36];
+//! line.handle(now, Input::Send { bytes: &request, settings: Settings::FACTORY });
+//! let mut reply = Vec::new();
+//! while reply.len() < 8 {
+//!     match line.poll() {
+//!         Output::Heard { bytes, .. } => reply.extend_from_slice(bytes),
+//!         Output::Effect { .. } => {}
+//!         Output::Wait(at) => {
+//!             now = at.ok_or("nothing will happen any more")?;
+//!             line.handle(now, Input::Timeout);
+//!         }
+//!     }
+//! }
+//! assert_eq!(reply, request);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+#![forbid(unsafe_code)]
+
+pub mod demo;
+mod faults;
+mod line;
+mod random;
+mod slot;
+mod talk;
+mod trace;
+
+pub use faults::{Chance, Faults, Injected, Span};
+pub use line::{Chunks, Input, Line, LineConfig, Output};
+pub use slot::{Act, ModuleId, Power};
+pub use trace::{Direction, Entry, Trace};

@@ -1,0 +1,387 @@
+//! The line itself: one event after another, in the order of virtual time.
+
+mod hearing;
+mod power;
+mod talking;
+
+use crate::random::Random;
+use crate::slot::Slot;
+use crate::talk::{NEVER, State, Talk, Talker};
+use crate::{Act, Direction, Faults, Injected, ModuleId, Trace};
+use railbus_device::{Eeprom, Effect, Engine, Options, Setup, SetupError};
+use railbus_wire::{Instant, Micros, Settings};
+use std::collections::VecDeque;
+
+/// What the host may have waiting to be sent; more is dropped.
+const BACKLOG_MAX: Micros = Micros::from_secs(60);
+
+/// What a line is like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LineConfig {
+    /// All chance comes from here.
+    pub seed: u64,
+    /// What goes wrong.
+    pub faults: Faults,
+    /// The host hears what it sends, as adapters do whose receiver stays on.
+    pub echo: bool,
+    /// In which pieces characters are handed out.
+    pub chunks: Chunks,
+    /// How many entries the trace keeps; 0 is none, and costs nothing.
+    pub trace: usize,
+}
+
+impl Default for LineConfig {
+    /// Nothing goes wrong, no echo, whole frames, no trace.
+    fn default() -> LineConfig {
+        LineConfig {
+            seed: 0,
+            faults: Faults::NONE,
+            echo: false,
+            chunks: Chunks::Whole,
+            trace: 0,
+        }
+    }
+}
+
+/// In which pieces characters are handed to those who hear them. Never is one handed out before
+/// it has ended, nor held back when anything may depend on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Chunks {
+    /// As many as can be, up to a whole frame.
+    #[default]
+    Whole,
+    /// One by one.
+    Single,
+    /// A random number each time.
+    Random,
+}
+
+/// What happens to the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input<'a> {
+    /// The host begins to send now, or as soon as it has sent what it was told before. It
+    /// listens with these settings from now on.
+    Send {
+        /// The characters.
+        bytes: &'a [u8],
+        /// Speed and character format.
+        settings: Settings,
+    },
+    /// Somebody does something at a module.
+    Act(ModuleId, Act),
+    /// The deadline of [`Output::Wait`] has come.
+    Timeout,
+}
+
+/// What comes of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output<'a> {
+    /// The host hears these characters.
+    Heard {
+        /// When the last of them ended: now, unless the driver is late.
+        at: Instant,
+        /// The characters; what a receiver makes of a spoilt one is a random byte.
+        bytes: &'a [u8],
+    },
+    /// A module changed something outside itself.
+    Effect {
+        /// When.
+        at: Instant,
+        /// Which module.
+        module: ModuleId,
+        /// What.
+        effect: Effect,
+    },
+    /// Nothing more until the deadline, or until something happens.
+    Wait(Option<Instant>),
+}
+
+/// What is to be handed to the driver; heard characters lie in [`Line::heard`].
+#[derive(Clone, Copy, Debug)]
+enum Outgoing {
+    Heard {
+        at: Instant,
+        from: usize,
+        to: usize,
+    },
+    Effect {
+        at: Instant,
+        module: ModuleId,
+        effect: Effect,
+    },
+}
+
+/// A half-duplex line in virtual time.
+#[derive(Clone, Debug)]
+pub struct Line {
+    config: LineConfig,
+    /// What the driver said last; what was due by then happens in [`Line::poll`].
+    now: Instant,
+    slots: Vec<Slot>,
+    /// When each module is to be woken, kept apart so that a look at all of them is short.
+    wakes: Vec<Instant>,
+    talks: Vec<Talk>,
+    /// Talks that are over, for their memory.
+    spare: Vec<Talk>,
+    acts: VecDeque<(Instant, ModuleId, Act)>,
+    noise_at: Instant,
+    host_settings: Settings,
+    host_free_at: Instant,
+    outbox: VecDeque<Outgoing>,
+    heard: Vec<u8>,
+    scratch: Vec<u8>,
+    random: Random,
+    injected: Injected,
+    collisions: u64,
+    trace: Option<Trace>,
+}
+
+impl Line {
+    /// A line with nothing on it.
+    #[must_use]
+    pub fn new(config: LineConfig) -> Line {
+        let mut line = Line {
+            config,
+            now: Instant(0),
+            slots: Vec::new(),
+            wakes: Vec::new(),
+            talks: Vec::new(),
+            spare: Vec::new(),
+            acts: VecDeque::new(),
+            noise_at: NEVER,
+            host_settings: Settings::FACTORY,
+            host_free_at: Instant(0),
+            outbox: VecDeque::new(),
+            heard: Vec::new(),
+            scratch: Vec::new(),
+            random: Random::new(config.seed),
+            injected: Injected::default(),
+            collisions: 0,
+            trace: (config.trace > 0).then(|| Trace::new(config.trace)),
+        };
+        line.set_faults(config.faults);
+        line
+    }
+
+    /// Adds a module that is powered up now.
+    ///
+    /// # Errors
+    /// Where no module of the family can be as described.
+    pub fn add(
+        &mut self,
+        now: Instant,
+        name: &str,
+        setup: &Setup,
+        eeprom: Eeprom,
+        options: Options,
+    ) -> Result<ModuleId, SetupError> {
+        let id = ModuleId(self.slots.len());
+        self.slots
+            .push(Slot::new(now, name, setup, eeprom, options)?);
+        self.wakes.push(now);
+        self.set_module_faults(id, Faults::NONE);
+        Ok(id)
+    }
+
+    /// Tells the line what happened, and when. Time never runs backwards.
+    pub fn handle(&mut self, now: Instant, input: Input<'_>) {
+        self.now = self.now.max(now);
+        match input {
+            Input::Send { bytes, settings } => self.send(bytes, settings),
+            Input::Act(module, act) => self.acts.push_back((self.now, module, act)),
+            Input::Timeout => {}
+        }
+    }
+
+    /// The next thing that comes of it; [`Output::Wait`] when there is nothing more.
+    pub fn poll(&mut self) -> Output<'_> {
+        while self.outbox.is_empty() {
+            self.heard.clear();
+            let due = self.next_due();
+            if due > self.now {
+                return Output::Wait((due != NEVER).then_some(due));
+            }
+            self.run(due);
+        }
+        match self.outbox.pop_front() {
+            Some(Outgoing::Heard { at, from, to }) => Output::Heard {
+                at,
+                bytes: self.heard.get(from..to).unwrap_or_default(),
+            },
+            Some(Outgoing::Effect { at, module, effect }) => Output::Effect { at, module, effect },
+            None => Output::Wait(None),
+        }
+    }
+
+    /// Changes what goes wrong on the line, with all modules.
+    pub fn set_faults(&mut self, faults: Faults) {
+        self.config.faults = faults;
+        self.noise_at = match faults.noise_every {
+            Some(mean) => self.now + self.random.around(mean),
+            None => NEVER,
+        };
+        for index in 0..self.slots.len() {
+            let own = self.slots[index].own_faults;
+            self.set_module_faults(ModuleId(index), own);
+        }
+    }
+
+    /// Changes what goes wrong with one module, on top of what goes wrong on the line.
+    pub fn set_module_faults(&mut self, module: ModuleId, faults: Faults) {
+        let slot = &mut self.slots[module.0];
+        slot.own_faults = faults;
+        slot.faults = faults.on(self.config.faults);
+        if slot.powered {
+            self.plan_power_cut(module, self.now);
+        }
+    }
+
+    /// Whether the host hears what it sends, from now on.
+    pub const fn set_echo(&mut self, echo: bool) {
+        self.config.echo = echo;
+    }
+
+    /// The line itself carries garbage from now on for a time.
+    pub fn babble(&mut self, time: Micros) {
+        self.talk_garbage(Talker::Noise, self.host_settings, self.now, time);
+    }
+
+    /// All modules, in the order they were added.
+    pub fn modules(&self) -> impl Iterator<Item = ModuleId> + use<> {
+        (0..self.slots.len()).map(ModuleId)
+    }
+
+    /// The name a module was added by.
+    #[must_use]
+    pub fn name(&self, module: ModuleId) -> &str {
+        &self.slots[module.0].name
+    }
+
+    /// The module itself, as it is once [`Line::poll`] says `Wait`. Without power it is as it
+    /// would start.
+    #[must_use]
+    pub fn engine(&self, module: ModuleId) -> &Engine {
+        &self.slots[module.0].engine
+    }
+
+    /// Whether the module has power.
+    #[must_use]
+    pub fn is_powered(&self, module: ModuleId) -> bool {
+        self.slots[module.0].powered
+    }
+
+    /// When the host will have sent all that it was told to.
+    #[must_use]
+    pub const fn host_free_at(&self) -> Instant {
+        self.host_free_at
+    }
+
+    /// How often what went wrong so far.
+    #[must_use]
+    pub const fn injected(&self) -> &Injected {
+        &self.injected
+    }
+
+    /// How many characters so far were spoilt because two talked at once.
+    #[must_use]
+    pub const fn collisions(&self) -> u64 {
+        self.collisions
+    }
+
+    /// What happened, where the line keeps a trace.
+    #[must_use]
+    pub const fn trace(&self) -> Option<&Trace> {
+        self.trace.as_ref()
+    }
+
+    /// What happened, to be taken out entry by entry.
+    pub const fn trace_mut(&mut self) -> Option<&mut Trace> {
+        self.trace.as_mut()
+    }
+
+    fn next_due(&self) -> Instant {
+        let talks = self.talks.iter().map(|talk| talk.due);
+        let wakes = self.wakes.iter().copied();
+        let act = self.acts.front().map_or(NEVER, |(at, ..)| *at);
+        let first = act.min(self.noise_at);
+        talks.chain(wakes).fold(first, Ord::min)
+    }
+
+    /// Does all that is due at one moment. Characters end before others begin, so that a talk
+    /// does not collide with one that begins where it ends; and a module that is woken has
+    /// heard everything up to that moment.
+    fn run(&mut self, at: Instant) {
+        self.hand_out_chunks(at);
+        self.start_talks(at);
+        while let Some((_, module, act)) = self.acts.pop_front_if(|(due, ..)| *due <= at) {
+            self.act(at, module, act);
+        }
+        if self.noise_at <= at {
+            self.make_noise(at);
+        }
+        if self.wakes.iter().any(|wake| *wake <= at) {
+            self.hand_out_ended(at);
+            self.wake_modules(at);
+        }
+        self.forget_old_talks();
+    }
+
+    fn wake_modules(&mut self, at: Instant) {
+        for index in 0..self.slots.len() {
+            if self.wakes[index] <= at {
+                self.wake(ModuleId(index), at);
+            }
+        }
+    }
+
+    /// Forgets talks that no running one can have collided with.
+    fn forget_old_talks(&mut self) {
+        if self.talks.iter().all(|talk| talk.state != State::Over) {
+            return;
+        }
+        let running = self
+            .talks
+            .iter()
+            .filter(|talk| talk.state == State::Running);
+        let oldest = running.map(|talk| talk.end_of(talk.next)).min();
+        let mut index = 0;
+        while let Some(talk) = self.talks.get(index) {
+            let is_old = oldest.is_none_or(|oldest| talk.end() <= oldest);
+            if talk.state == State::Over && is_old {
+                self.spare.push(self.talks.swap_remove(index));
+            } else {
+                index += 1;
+            }
+        }
+    }
+
+    fn note(
+        &mut self,
+        at: Instant,
+        who: Talker,
+        direction: Direction,
+        event: &'static str,
+        bytes: &[u8],
+    ) {
+        self.note_number(at, who, direction, event, None, bytes);
+    }
+
+    fn note_number(
+        &mut self,
+        at: Instant,
+        who: Talker,
+        direction: Direction,
+        event: &'static str,
+        number: Option<u64>,
+        bytes: &[u8],
+    ) {
+        if let Some(trace) = &mut self.trace {
+            let who = match who {
+                Talker::Host => "host",
+                Talker::Noise => "line",
+                Talker::Module(module) => &self.slots[module.0].name,
+            };
+            trace.add(at, who, direction, event, number, bytes);
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! What happened, in fixed columns: what one pastes into an issue.
+
+use core::fmt;
+use railbus_wire::Instant;
+use std::collections::VecDeque;
+
+/// Which way something went, seen from the host.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// From the host to the line.
+    Out,
+    /// From the line to the host.
+    In,
+    /// From a module, or from nowhere, to the line.
+    Talk,
+    /// Not on the line at all: power, inputs, outputs.
+    Panel,
+    /// Something was made to go wrong.
+    Fault,
+}
+
+impl Direction {
+    const fn sign(self) -> &'static str {
+        match self {
+            Direction::Out => "->",
+            Direction::In => "=>",
+            Direction::Talk => "<-",
+            Direction::Panel => "..",
+            Direction::Fault => "!!",
+        }
+    }
+}
+
+/// One line of a trace.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    at: Instant,
+    since: u64,
+    who: Box<str>,
+    direction: Direction,
+    event: &'static str,
+    number: Option<u64>,
+    bytes: Vec<u8>,
+}
+
+impl Entry {
+    /// When it happened.
+    #[must_use]
+    pub const fn at(&self) -> Instant {
+        self.at
+    }
+
+    /// Who did it, or to whom it happened: `host`, `line`, or a module's name.
+    #[must_use]
+    pub fn who(&self) -> &str {
+        &self.who
+    }
+
+    /// Which way it went.
+    #[must_use]
+    pub const fn direction(&self) -> Direction {
+        self.direction
+    }
+
+    /// What happened: `sends`, `hears`, `flip`, `power off` and the like.
+    #[must_use]
+    pub const fn event(&self) -> &'static str {
+        self.event
+    }
+
+    /// The characters, where it is about characters.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+impl fmt::Display for Entry {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:>12} {:>9}  {:<10} {} {}",
+            self.at.0,
+            self.since,
+            self.who,
+            self.direction.sign(),
+            self.event
+        )?;
+        let mut width = self.event.len();
+        if let Some(number) = self.number {
+            let digits = number.checked_ilog10().unwrap_or(0) as usize + 1;
+            width += digits + 1;
+            write!(f, " {number}")?;
+        }
+        if !self.bytes.is_empty() {
+            write!(f, "{:1$}", "", 14usize.saturating_sub(width))?;
+        }
+        for byte in &self.bytes {
+            write!(f, " {byte:02X}")?;
+        }
+        Ok(())
+    }
+}
+
+/// The last so many things that happened on a line.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    entries: VecDeque<Entry>,
+    limit: usize,
+    last: Instant,
+    /// How many were dropped for newer ones.
+    dropped: u64,
+}
+
+impl Trace {
+    /// A trace that keeps so many entries.
+    pub(crate) const fn new(limit: usize) -> Trace {
+        Trace {
+            entries: VecDeque::new(),
+            limit,
+            last: Instant(0),
+            dropped: 0,
+        }
+    }
+
+    /// What is kept, oldest first.
+    pub fn entries(&self) -> impl Iterator<Item = &Entry> {
+        self.entries.iter()
+    }
+
+    /// Takes the oldest entry out.
+    pub fn take(&mut self) -> Option<Entry> {
+        self.entries.pop_front()
+    }
+
+    pub(crate) fn add(
+        &mut self,
+        at: Instant,
+        who: &str,
+        direction: Direction,
+        event: &'static str,
+        number: Option<u64>,
+        bytes: &[u8],
+    ) {
+        if self.entries.len() == self.limit {
+            self.entries.pop_front();
+            self.dropped += 1;
+        }
+        self.entries.push_back(Entry {
+            at,
+            since: at.since(self.last).0,
+            who: who.into(),
+            direction,
+            event,
+            number,
+            bytes: bytes.to_vec(),
+        });
+        self.last = self.last.max(at);
+    }
+}
+
+/// A heading and one line for each entry.
+impl fmt::Display for Trace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:>12} {:>9}  {:<10}    {:<14} BYTES",
+            "TIME us", "+us", "WHO", "EVENT"
+        )?;
+        if self.dropped > 0 {
+            writeln!(f, "{:>12} earlier entries were dropped", self.dropped)?;
+        }
+        for entry in &self.entries {
+            writeln!(f, "{entry}")?;
+        }
+        Ok(())
+    }
+}
