@@ -1,0 +1,199 @@
+//! Commands: what a caller wants done, until it has ended.
+
+use crate::event::Events;
+use crate::node::Node;
+use crate::{Confirmed, Event, Evidence, Fault, ModuleId, Ticket};
+use alloc::collections::VecDeque;
+use railbus_device::{Bank, Op};
+use railbus_wire::{Instant, Micros};
+
+/// How often a command's own exchange is tried, where repeating does no harm.
+pub(crate) const TRIES_MAX: u8 = 3;
+/// How often its outputs are read back before that counts as failed.
+pub(crate) const READS_MAX: u8 = 2;
+/// How long after its expiry a command that was sent still waits to be read back.
+const READ_BACK_PATIENCE: Micros = Micros::from_secs(5);
+
+/// A command under way.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Command {
+    pub(crate) ticket: Ticket,
+    pub(crate) module: ModuleId,
+    pub(crate) op: Op,
+    pub(crate) verify: bool,
+    pub(crate) submitted: Instant,
+    pub(crate) expires: Instant,
+    pub(crate) stage: Stage,
+    /// Of a write: the outputs that no frame has carried yet.
+    pub(crate) left: u32,
+    /// Every frame so far was acknowledged.
+    pub(crate) acknowledged: bool,
+    /// When the last of its own replies had come in.
+    pub(crate) replied: Option<Instant>,
+    pub(crate) evidence: Evidence,
+    /// The last frame came back garbled rather than not at all.
+    pub(crate) garbled: bool,
+}
+
+/// Where a command is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Stage {
+    /// Waits for its turn.
+    Queued,
+    /// Its frame is on the line.
+    Sent,
+    /// Its frame was sent; its outputs are to be read back. So often was that tried.
+    ReadBack(u8),
+}
+
+/// What a command wants of outputs, where it is a plain write.
+pub(crate) const fn bank_of(op: &Op) -> Option<Bank> {
+    match op {
+        Op::Write(bank) => Some(*bank),
+        _ => None,
+    }
+}
+
+/// The outputs that an op touches: nothing may be done to them by another one until it ended.
+pub(crate) const fn touched(op: &Op) -> u32 {
+    match op {
+        Op::Write(bank) | Op::WriteSilent(bank) => bank.mask,
+        Op::Toggle(mask) => *mask,
+        Op::Jog { channel, .. } => channel.mask(),
+        Op::Configure(_) => u32::MAX,
+        _ => 0,
+    }
+}
+
+impl Command {
+    pub(crate) const fn new(
+        ticket: Ticket,
+        module: ModuleId,
+        op: Op,
+        verify: bool,
+        (submitted, expires): (Instant, Instant),
+    ) -> Command {
+        let left = match bank_of(&op) {
+            Some(bank) => bank.mask,
+            None => 0,
+        };
+        Command {
+            ticket,
+            module,
+            op,
+            verify,
+            submitted,
+            expires,
+            stage: Stage::Queued,
+            left,
+            acknowledged: true,
+            replied: None,
+            evidence: Evidence {
+                attempts: 0,
+                bytes: 0,
+                why: None,
+            },
+            garbled: false,
+        }
+    }
+
+    /// Whether it was never put on the line.
+    pub(crate) const fn is_unsent(&self) -> bool {
+        matches!(self.stage, Stage::Queued) && self.evidence.attempts == 0
+    }
+
+    /// What the outputs, read after its frame, make of it: its end, or nothing yet.
+    pub(crate) fn judge(&mut self, node: &Node, outputs: Bank) -> Option<Result<Confirmed, Fault>> {
+        let Stage::ReadBack(reads) = self.stage else {
+            return None;
+        };
+        let Some(want) = bank_of(&self.op) else {
+            return Some(self.end_by_reply());
+        };
+        let seen = outputs.mask & want.mask;
+        let wrong = (outputs.on ^ want.on) & want.mask;
+        if seen == want.mask && wrong == 0 {
+            return Some(Ok(Confirmed::Readback));
+        }
+        // A pulse may be over before it is looked for: then only its reply is left.
+        let may_be_over = node.pulse_mask() & want.on;
+        if wrong & !may_be_over == 0 && seen == want.mask {
+            return Some(self.end_by_reply());
+        }
+        if !self.acknowledged && node.repeatable(&self.op) && self.evidence.attempts < TRIES_MAX {
+            self.left = want.mask;
+            self.acknowledged = true;
+            self.stage = Stage::Queued;
+            return None;
+        }
+        if reads + 1 < READS_MAX {
+            self.stage = Stage::ReadBack(reads + 1);
+            return None;
+        }
+        Some(Err(if self.acknowledged {
+            Fault::NotVerified
+        } else {
+            self.lost()
+        }))
+    }
+
+    /// When it ends because its time is up; a frame on the line is waited for.
+    pub(crate) fn time_is_up_at(&self) -> Option<Instant> {
+        match self.stage {
+            Stage::Queued => Some(self.expires),
+            Stage::Sent => None,
+            Stage::ReadBack(_) => Some(self.expires + READ_BACK_PATIENCE),
+        }
+    }
+
+    /// The end where its time is up: what was never sent did nothing, what waits to be sent
+    /// again may have.
+    pub(crate) fn end_by_time(&self) -> Result<Confirmed, Fault> {
+        match self.stage {
+            Stage::Queued if self.is_unsent() => Err(Fault::Expired),
+            Stage::Queued => Err(self.lost()),
+            Stage::Sent | Stage::ReadBack(_) => self.end_by_reply(),
+        }
+    }
+
+    /// The end where nothing can be read back.
+    pub(crate) fn end_by_reply(&self) -> Result<Confirmed, Fault> {
+        if self.acknowledged {
+            Ok(Confirmed::Reply)
+        } else {
+            Err(self.lost())
+        }
+    }
+
+    /// The fault of an exchange without a good reply.
+    pub(crate) const fn lost(&self) -> Fault {
+        if self.garbled {
+            Fault::Garbled(self.evidence)
+        } else {
+            Fault::NoReply(self.evidence)
+        }
+    }
+}
+
+/// Goes through the commands in their order; those for which `end` gives one, end.
+pub(crate) fn decide(
+    commands: &mut VecDeque<Command>,
+    events: &mut Events,
+    now: Instant,
+    mut end: impl FnMut(&mut Command) -> Option<Result<Confirmed, Fault>>,
+) {
+    let mut index = 0;
+    while let Some(command) = commands.get_mut(index) {
+        let Some(end) = end(command) else {
+            index += 1;
+            continue;
+        };
+        let took = command.replied.unwrap_or(now).since(command.submitted);
+        events.tell(Event::Done {
+            ticket: command.ticket,
+            end,
+            took,
+        });
+        commands.remove(index);
+    }
+}

@@ -1,0 +1,96 @@
+//! An exchange under way, and on whose account.
+
+use crate::ModuleId;
+use railbus_device::Op;
+use railbus_wire::{Exchange, Instant, Micros, Settings};
+
+/// The longest pause inside a reply, as adapters hand it over in pieces.
+const PIECE_PAUSE: Micros = Micros::from_millis(50);
+/// The longest that pauses inside a reply put off its deadline, in all.
+const PIECES_MAX: Micros = Micros::from_millis(300);
+
+/// On whose account an exchange is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Job {
+    /// A read of the poll plan, or a look whether a silent module is back.
+    Poll { module: ModuleId, op: Op },
+    /// A read that a module is greeted with.
+    Greeting { module: ModuleId, op: Op },
+    /// The frame of one or more commands.
+    Command { module: ModuleId, op: Op },
+    /// The outputs are read for commands that wait for it.
+    ReadBack { module: ModuleId },
+    /// A probe of a scan.
+    Probe,
+}
+
+impl Job {
+    /// The module it is for; a probe is for none.
+    pub(crate) const fn module(&self) -> Option<ModuleId> {
+        match self {
+            Job::Poll { module, .. }
+            | Job::Greeting { module, .. }
+            | Job::Command { module, .. }
+            | Job::ReadBack { module } => Some(*module),
+            Job::Probe => None,
+        }
+    }
+
+    /// The op of its exchange, where it has one.
+    pub(crate) const fn op(&self) -> Op {
+        match self {
+            Job::Poll { op, .. } | Job::Greeting { op, .. } | Job::Command { op, .. } => *op,
+            Job::ReadBack { .. } | Job::Probe => Op::ReadOutputs,
+        }
+    }
+}
+
+/// An exchange under way.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Flight {
+    pub(crate) job: Job,
+    pub(crate) exchange: Exchange<'static>,
+    /// When the request began.
+    pub(crate) asked: Instant,
+    /// When the request has left.
+    pub(crate) sent: Instant,
+    /// When the reply is given up.
+    pub(crate) deadline: Instant,
+    /// The latest that `deadline` may become.
+    pub(crate) limit: Instant,
+}
+
+impl Flight {
+    pub(crate) fn new(
+        job: Job,
+        exchange: Exchange<'static>,
+        (asked, sent, deadline): (Instant, Instant, Instant),
+    ) -> Flight {
+        Flight {
+            job,
+            exchange,
+            asked,
+            sent,
+            deadline,
+            limit: deadline + PIECES_MAX,
+        }
+    }
+
+    /// The reply has begun: its other pieces may be a little late.
+    pub(crate) fn extend(&mut self, now: Instant, rest: Micros) {
+        self.deadline = self.deadline.max(now + rest + PIECE_PAUSE).min(self.limit);
+    }
+}
+
+/// A read that a scan wants to make between the line's own exchanges.
+#[derive(Clone, Copy, Debug)]
+pub struct Probe {
+    /// What to ask; it must be a read.
+    pub exchange: Exchange<'static>,
+    /// Speed and character format to ask in.
+    pub settings: Settings,
+    /// The silence before it.
+    pub gap: Micros,
+    /// How long to wait for the reply to begin, from the end of the request.
+    pub timeout: Micros,
+}

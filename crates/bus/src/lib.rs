@@ -1,0 +1,567 @@
+//! One half-duplex line as a state machine. It tells the truth about its modules: a late reply
+//! is never taken for another, "done" means that the module said so, and a command that may or
+//! may not have acted is reported as just that.
+//!
+//! The driver hands in what happens ([`Bus::handle`]) and then drains what the line does
+//! ([`Bus::poll`]) until it says [`Output::Wait`]; each `Wait` replaces the deadline before it.
+//! The crate knows no clock and no port.
+
+#![no_std]
+#![forbid(unsafe_code)]
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::unreachable
+)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::indexing_slicing))]
+
+extern crate alloc;
+
+mod command;
+mod config;
+mod ear;
+mod event;
+mod flight;
+mod ghost;
+mod node;
+mod outcome;
+mod schedule;
+
+pub use config::{Config, EchoMode, Medium, Plan, Terms};
+use event::Events;
+pub use event::{Confirmed, Event, Evidence, Fault, Presence, Probed, Ticket};
+pub use ghost::GHOSTS_MAX;
+pub use schedule::COMMANDS_MAX;
+
+use alloc::collections::VecDeque;
+use alloc::vec::Vec;
+use command::{Command, decide};
+use ear::Ear;
+pub use flight::Probe;
+use flight::{Flight, Job};
+use ghost::{Ghost, Ghosts};
+use node::Node;
+use railbus_device::{Module, Refusal, Seen};
+use railbus_wire::{
+    Decoded, Exchange, Frame, Instant, Malformed, Micros, Reply, Response, Settings, rtu,
+};
+
+/// A module's number on its line, in the order in which they were added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ModuleId(pub usize);
+
+/// What happens to a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input<'a> {
+    /// The port is open.
+    Opened,
+    /// The port is gone, or was closed.
+    Closed,
+    /// Characters were heard; the last one ended now.
+    Bytes(&'a [u8]),
+    /// The deadline of [`Output::Wait`] has come.
+    Timeout,
+}
+
+/// What the driver has to do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Output<'a> {
+    /// Send these bytes now, in this way.
+    Transmit {
+        /// The frame.
+        bytes: &'a [u8],
+        /// Speed and character format.
+        settings: Settings,
+    },
+    /// Something happened.
+    Event(Event),
+    /// Nothing more until the deadline, or until something happens.
+    Wait(Option<Instant>),
+}
+
+/// One line and its modules.
+#[derive(Debug)]
+pub struct Bus {
+    config: Config,
+    nodes: Vec<Node>,
+    /// Modules of more than one protocol share the line.
+    mixed: bool,
+    commands: VecDeque<Command>,
+    events: Events,
+    ghosts: Ghosts,
+    ear: Ear,
+    state: State,
+    probe: Option<Probe>,
+    last: Last,
+    /// The frame being sent, kept for the driver and to know its echo.
+    outgoing: Frame,
+    outgoing_taken: bool,
+    settings: Settings,
+    /// When the line was last busy: a character heard, or the end of what was sent.
+    busy_until: Instant,
+    /// The time that one silent module may be probed again.
+    probe_silent_at: Instant,
+    next_silent: usize,
+    /// What reading everything once takes, about.
+    cycle: Micros,
+    next_ticket: u64,
+    now: Instant,
+}
+
+/// What the line is doing.
+#[derive(Clone, Copy, Debug)]
+enum State {
+    Closed,
+    /// Nothing before this moment: replies asked for before the opening may still come.
+    Settling(Instant),
+    Idle,
+    Waiting(Flight),
+}
+
+impl Bus {
+    /// A closed line without modules.
+    #[must_use]
+    pub fn new(config: Config) -> Bus {
+        Bus {
+            config,
+            nodes: Vec::new(),
+            mixed: false,
+            commands: VecDeque::with_capacity(COMMANDS_MAX),
+            events: Events::new(),
+            ghosts: Ghosts::new(config.ghosts),
+            ear: Ear::new(config.echo, config.probation),
+            state: State::Closed,
+            probe: None,
+            last: Last::default(),
+            outgoing: Frame::new(),
+            outgoing_taken: true,
+            settings: Settings::FACTORY,
+            busy_until: Instant(0),
+            probe_silent_at: Instant(0),
+            next_silent: 0,
+            cycle: Micros::ZERO,
+            next_ticket: 0,
+            now: Instant(0),
+        }
+    }
+
+    /// Adds a module to the line; it is polled as the plan says, unless the plan says never.
+    pub fn add(&mut self, module: Module, plan: Plan) -> ModuleId {
+        let id = ModuleId(self.nodes.len());
+        let mut node = Node::new(module, plan);
+        node.start(self.now, id.0, id.0 + 1);
+        let protocol = node.module.setup().protocol;
+        self.mixed |= self
+            .nodes
+            .iter()
+            .any(|other| other.module.setup().protocol != protocol);
+        self.nodes.push(node);
+        id
+    }
+
+    /// The module of this number.
+    #[must_use]
+    pub fn module(&self, id: ModuleId) -> Option<&Module> {
+        self.nodes.get(id.0).map(|node| &node.module)
+    }
+
+    /// Whether a module is heard.
+    #[must_use]
+    pub fn presence(&self, id: ModuleId) -> Presence {
+        self.nodes
+            .get(id.0)
+            .map(|node| node.presence)
+            .unwrap_or_default()
+    }
+
+    /// The bytes heard since the last request, echo taken out. Meant for the driver right after
+    /// [`Event::Probed`].
+    #[must_use]
+    pub fn heard(&self) -> &[u8] {
+        self.ear.heard()
+    }
+
+    /// Whether the adapter echoes; nothing while that is not known.
+    #[must_use]
+    pub const fn echoes(&self) -> Option<bool> {
+        self.ear.echoes
+    }
+
+    /// Until when a reply may still come to a request that was given up: whoever uses the port
+    /// next could take it for a reply to a request of his.
+    #[must_use]
+    pub fn haunted_until(&self) -> Option<Instant> {
+        self.ghosts.haunted_until()
+    }
+
+    /// Tells the line what happened, and when. Time never runs backwards.
+    pub fn handle(&mut self, now: Instant, input: Input<'_>) {
+        self.now = now;
+        self.ghosts.expire(now);
+        // Every transition of a line is in this match.
+        match (self.state, input) {
+            (State::Closed, Input::Opened) => self.open(),
+            (State::Closed, _) => {}
+            (_, Input::Opened) => {
+                self.close();
+                self.open();
+            }
+            (_, Input::Closed) => self.close(),
+            (State::Settling(until), Input::Timeout) if until <= now => self.settled(),
+            (State::Settling(_), Input::Bytes(_)) => self.busy_until = now,
+            (State::Idle, Input::Bytes(bytes)) => self.overhear(bytes),
+            (State::Waiting(flight), Input::Bytes(bytes)) => self.listen(flight, bytes),
+            (State::Waiting(flight), Input::Timeout) if flight.deadline <= now => {
+                self.give_up(flight);
+            }
+            (_, Input::Timeout) => {}
+        }
+        self.expire_commands();
+    }
+
+    /// The next thing to do; [`Output::Wait`] when there is nothing more.
+    pub fn poll(&mut self) -> Output<'_> {
+        if let Some(event) = self.events.next() {
+            return Output::Event(event);
+        }
+        let next = match &self.state {
+            State::Closed => None,
+            State::Settling(until) => Some(*until),
+            State::Waiting(flight) => Some(flight.deadline),
+            State::Idle => {
+                let next = self.start_next();
+                if self.outgoing_taken
+                    && let Some(event) = self.events.next()
+                {
+                    return Output::Event(event);
+                }
+                next
+            }
+        };
+        if !self.outgoing_taken {
+            self.outgoing_taken = true;
+            return Output::Transmit {
+                bytes: self.outgoing.bytes(),
+                settings: self.settings,
+            };
+        }
+        Output::Wait(match (self.next_expiry(), next) {
+            (Some(expiry), Some(next)) => Some(expiry.min(next)),
+            (expiry, next) => expiry.or(next),
+        })
+    }
+
+    fn open(&mut self) {
+        self.state = State::Settling(self.now + self.config.settle);
+        self.ghosts.clear();
+        self.ear = Ear::new(self.config.echo, self.config.probation);
+        self.busy_until = self.now;
+        self.probe_silent_at = self.now;
+        let count = self.nodes.len();
+        let now = self.now + self.config.settle;
+        self.cycle = Micros::ZERO;
+        for (nth, node) in self.nodes.iter_mut().enumerate() {
+            node.start(now, nth, count);
+            self.cycle += node.cycle();
+        }
+    }
+
+    fn settled(&mut self) {
+        self.ear.forget();
+        self.state = State::Idle;
+    }
+
+    fn close(&mut self) {
+        self.state = State::Closed;
+        self.outgoing_taken = true;
+        self.ghosts.clear();
+        self.probe = None;
+        decide(&mut self.commands, &mut self.events, self.now, |command| {
+            Some(Err(if command.is_unsent() {
+                Fault::Closed
+            } else {
+                Fault::Unknown
+            }))
+        });
+        for index in 0..self.nodes.len() {
+            if let Some(node) = self.nodes.get_mut(index)
+                && node.presence == Presence::Online
+            {
+                node.presence = Presence::Silent;
+                self.events.tell(Event::Presence {
+                    module: ModuleId(index),
+                    presence: Presence::Silent,
+                });
+            }
+        }
+    }
+
+    /// Bytes that nobody asked for: late replies, replies once more, noise.
+    fn overhear(&mut self, bytes: &[u8]) {
+        let babbles = self.ear.overhear(self.now, self.busy_until, bytes);
+        self.busy_until = self.now;
+        if babbles {
+            self.events.tell(Event::Babble);
+        }
+        self.lay_ghosts_in_ear();
+    }
+
+    /// Looks among the bytes heard for replies of ghosts, and forgets those bytes.
+    fn lay_ghosts_in_ear(&mut self) {
+        if self.ear.heard().is_empty() {
+            return;
+        }
+        if let Some((ghost, ..)) = self.ghosts.take_answered(self.ear.heard()) {
+            self.ear.forget();
+            self.meet(ghost);
+        } else if self.ear.holds_duplicate() {
+            self.ear.forget();
+            self.become_cautious();
+        }
+    }
+
+    /// The reply of a ghost came.
+    fn meet(&mut self, ghost: Ghost) {
+        if ghost.answered {
+            self.become_cautious();
+            return;
+        }
+        if self.ear.is_cautious() {
+            let until = self.now + self.config.duplicate_window;
+            self.ghosts.add(Ghost {
+                until,
+                answered: true,
+                ..ghost
+            });
+        }
+        let Some(module) = ghost.module else { return };
+        let after = self.now.since(ghost.sent);
+        self.note_answer(module, after);
+        self.events.tell(Event::Late { module, after });
+    }
+
+    fn become_cautious(&mut self) {
+        if self.ear.become_cautious() {
+            self.events.tell(Event::Duplicates);
+        }
+    }
+
+    fn note_answer(&mut self, module: ModuleId, turnaround: Micros) {
+        let news = self
+            .nodes
+            .get_mut(module.0)
+            .is_some_and(|node| node.answered(turnaround));
+        if news {
+            self.events.tell(Event::Presence {
+                module,
+                presence: Presence::Online,
+            });
+        }
+    }
+
+    /// Bytes while a reply is awaited.
+    fn listen(&mut self, mut flight: Flight, bytes: &[u8]) {
+        self.busy_until = self.now.max(self.busy_until);
+        let too_early = self.config.medium == Medium::Wire && self.now < flight.sent;
+        let echo_news = self
+            .ear
+            .listen(bytes, &flight.exchange, self.outgoing.bytes(), too_early);
+        if echo_news {
+            self.events.tell(Event::Echo);
+        }
+        let heard = self.ear.reply();
+        let missing = match flight.exchange.find_response(heard) {
+            (skip, Decoded::Whole { len, value }) if !self.ghosts.hide(heard, skip) => {
+                let outcome = self.interpret(&flight, &value);
+                return self.answered(&flight, skip, len, outcome);
+            }
+            (_, Decoded::Partial { more }) => more,
+            _ if heard.is_empty() => return,
+            // Someone else, or noise: the reply may still follow it.
+            (_, Decoded::Malformed(_) | Decoded::Whole { .. }) => {
+                if let Some((ghost, skip, len)) = self.ghosts.take_answered(heard) {
+                    self.ear.cut(skip, len);
+                    self.meet(ghost);
+                }
+                flight.exchange.response_len_max()
+            }
+        };
+        flight.extend(self.now, self.settings.frame_time(missing));
+        self.state = State::Waiting(flight);
+    }
+
+    /// The deadline has come: the last look at what was heard, then the fault.
+    fn give_up(&mut self, flight: Flight) {
+        if !flight.exchange.expects_reply() {
+            return self.sent(flight);
+        }
+        self.ear.end_of_listening();
+        for skip in 0..self.ear.reply().len() {
+            let rest = self.ear.reply().get(skip..).unwrap_or_default();
+            if let Decoded::Whole { len, value } = flight.exchange.decode_response(rest)
+                && !self.ghosts.hide(self.ear.reply(), skip)
+            {
+                let outcome = self.interpret(&flight, &value);
+                return self.answered(&flight, skip, len, outcome);
+            }
+        }
+        self.missed(flight);
+    }
+
+    fn interpret(&self, flight: &Flight, reply: &Reply<Response<'_>>) -> Outcome {
+        let node = flight.job.module().and_then(|id| self.nodes.get(id.0));
+        match node {
+            Some(node) => Outcome::Seen(node.module.interpret(&flight.job.op(), &reply.response)),
+            None => Outcome::Probed,
+        }
+    }
+
+    /// A good reply came, `len` bytes after `skip` others.
+    fn answered(&mut self, flight: &Flight, skip: usize, len: usize, outcome: Outcome) {
+        self.state = State::Idle;
+        let reply_time = self.settings.frame_time(len);
+        let turnaround = self.now.since(flight.sent) - reply_time;
+        self.ear
+            .answered(flight.exchange, self.outgoing.bytes(), skip, len);
+        self.lay_ghosts_in_ear();
+        if self.ear.is_cautious() {
+            let until = self.now + self.config.duplicate_window;
+            let module = flight.job.module();
+            let ghost = Ghost {
+                exchange: flight.exchange,
+                module,
+                sent: flight.sent,
+                until,
+                answered: true,
+            };
+            self.ghosts.add(ghost);
+        }
+        if let Some(module) = flight.job.module() {
+            self.note_answer(module, turnaround);
+        }
+        match outcome {
+            Outcome::Probed => {
+                self.events.tell(Event::Probed {
+                    outcome: Probed::Answered,
+                    after: turnaround,
+                });
+            }
+            Outcome::Seen(Seen::Refused(Refusal::Exception(rtu::Exception::CHECKSUM))) => {
+                self.fail(flight, Some(Malformed::Checksum));
+            }
+            Outcome::Seen(Seen::Unexpected) => self.fail(flight, Some(Malformed::Value)),
+            Outcome::Seen(seen) => self.learn(flight, seen),
+        }
+    }
+
+    /// No good reply came in time.
+    fn missed(&mut self, flight: Flight) {
+        self.state = State::Idle;
+        // Perhaps what was heard is a reply to something before.
+        let late = self.ghosts.take_answered(self.ear.heard());
+        let why = match late {
+            Some(_) => None,
+            None => self.ear.why(&flight.exchange),
+        };
+        self.haunt(&flight);
+        if let Some((ghost, ..)) = late {
+            self.meet(ghost);
+        }
+        if let Some(module) = flight.job.module()
+            && let Some(node) = self.nodes.get_mut(module.0)
+        {
+            let was_silent = node.is_silent();
+            let gap = node.module.setup().request_gap();
+            let falls_silent = node.missed();
+            if falls_silent {
+                self.events.tell(Event::Presence {
+                    module,
+                    presence: Presence::Silent,
+                });
+            }
+            if was_silent && matches!(flight.job, Job::Poll { .. }) {
+                self.pay_for_silence(flight.asked, gap);
+            }
+        }
+        self.fail(&flight, why);
+    }
+
+    /// The request becomes a ghost: its reply may still come.
+    fn haunt(&mut self, flight: &Flight) {
+        let module = flight.job.module();
+        let node = module.and_then(|id| self.nodes.get(id.0));
+        let late_max = node.map_or(node::LATE_MIN, Node::late_max);
+        self.ghosts.add(Ghost {
+            exchange: flight.exchange,
+            module,
+            sent: flight.sent,
+            until: flight.sent + late_max,
+            answered: false,
+        });
+    }
+
+    /// A frame that nobody answers has left.
+    fn sent(&mut self, flight: Flight) {
+        self.state = State::Idle;
+        match flight.job {
+            Job::Command { module, .. } => self.decide_sent(module, |_| Some(Ok(Confirmed::Sent))),
+            Job::Poll { .. } | Job::ReadBack { .. } | Job::Greeting { .. } => {}
+            Job::Probe => self.events.tell(Event::Probed {
+                outcome: Probed::Silent,
+                after: Micros::ZERO,
+            }),
+        }
+    }
+
+    /// Puts an exchange on the line; says when its reply will be given up.
+    fn start(&mut self, job: Job, exchange: Exchange<'static>, timeout: Micros) -> Instant {
+        exchange.encode(&mut self.outgoing);
+        self.outgoing_taken = false;
+        // What is not answered has to be given its time, wherever it is buffered.
+        let sent = match self.config.medium {
+            Medium::Buffered if exchange.expects_reply() => self.now,
+            _ => self.now + self.settings.frame_time(self.outgoing.bytes().len()),
+        };
+        if self.ear.prepare() {
+            self.events.tell(Event::Quiet);
+        }
+        self.busy_until = sent;
+        let deadline = if exchange.expects_reply() {
+            sent + timeout + self.wire_time(&exchange)
+        } else {
+            sent
+        };
+        let asked = self.now;
+        self.state = State::Waiting(Flight::new(job, exchange, (asked, sent, deadline)));
+        deadline
+    }
+
+    /// What request (where it is buffered) and reply take on the wire beside the turnaround.
+    fn wire_time(&self, exchange: &Exchange<'_>) -> Micros {
+        let reply = self.settings.frame_time(exchange.response_len_max());
+        match self.config.medium {
+            Medium::Wire => reply,
+            Medium::Buffered => reply + self.settings.frame_time(self.outgoing.bytes().len()),
+        }
+    }
+}
+
+/// What was put on the line last.
+#[derive(Clone, Copy, Debug, Default)]
+struct Last {
+    /// A probe of a scan.
+    probe: bool,
+    /// A poll that could not wait any more.
+    urgent: bool,
+    /// A frame that another may follow without a gap.
+    chain: bool,
+}
+
+/// What a reply says, free of the bytes it was read from.
+#[derive(Clone, Copy, Debug)]
+enum Outcome {
+    Seen(Seen),
+    Probed,
+}

@@ -1,0 +1,211 @@
+//! What the end of an exchange means for whoever asked: readings, and the ends of commands.
+
+use crate::command::{self, Command, Stage, bank_of, decide};
+use crate::flight::{Flight, Job};
+use crate::{Bus, Confirmed, Event, Evidence, Fault, ModuleId, Probed};
+use railbus_device::{Bank, Op, Seen};
+use railbus_wire::Malformed;
+
+impl Bus {
+    /// What a good reply means for whoever asked.
+    pub(crate) fn learn(&mut self, flight: &Flight, seen: Seen) {
+        let Some(module) = flight.job.module() else {
+            return;
+        };
+        let op = flight.job.op();
+        let refused = matches!(seen, Seen::Refused(_));
+        if let Some(node) = self.nodes.get_mut(module.0) {
+            node.module.learn(&seen);
+            node.polled(&op, flight.asked);
+            if node.greeting() == Some(op) {
+                node.greeted += 1;
+            }
+        }
+        if !matches!(seen, Seen::Done | Seen::Refused(_)) {
+            let (asked, heard) = (flight.asked, self.now);
+            self.events.tell(Event::Seen {
+                module,
+                op,
+                seen,
+                asked,
+                heard,
+            });
+        }
+        if let Job::Command { .. } = flight.job {
+            self.acknowledge(module, &op, seen);
+        } else if let Seen::Refused(refusal) = seen {
+            self.events.tell(Event::Missed {
+                module,
+                op,
+                fault: Fault::Refused(refusal),
+            });
+        }
+        if let Seen::Channels { outputs, .. } = seen
+            && op.is_read()
+            && !refused
+        {
+            self.judge(module, outputs);
+        } else if let Job::ReadBack { .. } = flight.job {
+            self.miss_read_back(module);
+        }
+    }
+
+    /// The module answered a command.
+    fn acknowledge(&mut self, module: ModuleId, op: &Op, seen: Seen) {
+        let now = self.now;
+        let reads_back = self
+            .nodes
+            .get(module.0)
+            .is_some_and(|node| node.module.read_back(op) == Some(Op::ReadOutputs));
+        let carried = bank_of(op).map(|bank| bank.mask);
+        self.decide_sent(module, |command| {
+            command.replied = Some(now);
+            if let Seen::Refused(refusal) = seen {
+                return Some(Err(Fault::Refused(refusal)));
+            }
+            let to_be_read = command.verify && reads_back;
+            if !to_be_read && is_denied(&command.op, op, &seen) {
+                return Some(Err(Fault::NotVerified));
+            }
+            if let Some(mask) = carried {
+                command.left &= !mask;
+                if command.left != 0 {
+                    command.stage = Stage::Queued;
+                    return None;
+                }
+            }
+            if to_be_read {
+                command.stage = Stage::ReadBack(0);
+                return None;
+            }
+            Some(Ok(Confirmed::Reply))
+        });
+    }
+
+    /// An exchange failed: no reply, or none that is good.
+    pub(crate) fn fail(&mut self, flight: &Flight, why: Option<Malformed>) {
+        let bytes = u16::try_from(self.ear.heard().len()).unwrap_or(u16::MAX);
+        let fault = |evidence: Evidence| match why {
+            Some(_) => Fault::Garbled(evidence),
+            None => Fault::NoReply(evidence),
+        };
+        let evidence = Evidence {
+            attempts: 1,
+            bytes,
+            why,
+        };
+        match flight.job {
+            Job::Command { module, op } => self.lose(module, &op, evidence),
+            Job::ReadBack { module } => {
+                self.miss_read_back(module);
+                self.events.tell(Event::Missed {
+                    module,
+                    op: Op::ReadOutputs,
+                    fault: fault(evidence),
+                });
+            }
+            Job::Poll { module, op } | Job::Greeting { module, op } => {
+                self.events.tell(Event::Missed {
+                    module,
+                    op,
+                    fault: fault(evidence),
+                });
+            }
+            Job::Probe => {
+                let outcome = if bytes == 0 {
+                    Probed::Silent
+                } else {
+                    Probed::Garbled
+                };
+                let after = self.now.since(flight.sent);
+                self.events.tell(Event::Probed { outcome, after });
+            }
+        }
+    }
+
+    /// The reply to a command was lost. What can be read back is; what can be repeated is;
+    /// nothing else is sent a second time.
+    fn lose(&mut self, module: ModuleId, op: &Op, evidence: Evidence) {
+        let Some(node) = self.nodes.get(module.0) else {
+            return;
+        };
+        let reads_back = node.module.read_back(op) == Some(Op::ReadOutputs);
+        let repeatable = node.repeatable(op);
+        let silent = node.is_silent();
+        self.decide_sent(module, |command| {
+            command.acknowledged = false;
+            command.garbled = evidence.why.is_some();
+            let attempts = command.evidence.attempts;
+            command.evidence = Evidence {
+                attempts,
+                ..evidence
+            };
+            if silent {
+                // More of the same would only keep the line from the others.
+                return Some(Err(command.lost()));
+            }
+            if reads_back {
+                command.stage = Stage::ReadBack(0);
+            } else if repeatable && attempts < command::TRIES_MAX {
+                command.acknowledged = true;
+                command.stage = Stage::Queued;
+            } else {
+                return Some(Err(command.lost()));
+            }
+            None
+        });
+    }
+
+    /// Hands the outputs just read to every command that waits for them.
+    fn judge(&mut self, id: ModuleId, outputs: Bank) {
+        let Some(node) = self.nodes.get(id.0) else {
+            return;
+        };
+        decide(&mut self.commands, &mut self.events, self.now, |command| {
+            if command.module == id {
+                command.judge(node, outputs)
+            } else {
+                None
+            }
+        });
+    }
+
+    /// A read-back failed: after a few, the command ends by what its own reply said.
+    pub(crate) fn miss_read_back(&mut self, module: ModuleId) {
+        decide(
+            &mut self.commands,
+            &mut self.events,
+            self.now,
+            |command| match command.stage {
+                Stage::ReadBack(reads) if command.module == module => {
+                    command.stage = Stage::ReadBack(reads + 1);
+                    (reads + 1 >= command::READS_MAX).then(|| command.end_by_reply())
+                }
+                _ => None,
+            },
+        );
+    }
+
+    /// Changes or ends the commands whose frame is on the line.
+    pub(crate) fn decide_sent(
+        &mut self,
+        module: ModuleId,
+        mut change: impl FnMut(&mut Command) -> Option<Result<Confirmed, Fault>>,
+    ) {
+        decide(&mut self.commands, &mut self.events, self.now, |command| {
+            let sent = command.module == module && command.stage == Stage::Sent;
+            if sent { change(command) } else { None }
+        });
+    }
+}
+
+/// Whether the reply to a frame itself shows another state than its command wants.
+fn is_denied(command: &Op, frame: &Op, seen: &Seen) -> bool {
+    match (command, frame, seen) {
+        (Op::Write(want), Op::Write(sent), Seen::Channels { outputs, .. }) => {
+            (outputs.on ^ want.on) & want.mask & sent.mask & outputs.mask != 0
+        }
+        (Op::WriteVariable(_, want), _, Seen::Variable(_, is)) => want != is,
+        _ => false,
+    }
+}

@@ -1,0 +1,483 @@
+//! Whose turn it is: commands first, but no reading becomes too old; silent modules share one
+//! twentieth of the time.
+
+use crate::command::{Command, Stage, bank_of, decide, touched};
+use crate::flight::{Job, Probe};
+use crate::node::Node;
+use crate::{Bus, Event, Fault, Last, ModuleId, Presence, Probed, State, Terms, Ticket};
+use railbus_device::{Bank, Module, Op};
+use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, carries_command};
+
+/// The longest queue of commands.
+pub const COMMANDS_MAX: usize = 64;
+/// How long a command waits for its turn before it expires.
+const TIME_TO_LIVE: Micros = Micros::from_secs(5);
+/// All silent modules together are asked for one part in so many of the time.
+const SILENT_SHARE: u64 = 20;
+/// So long a poll in another speed waits for polls in the present one.
+const SPEED_PATIENCE: Micros = Micros::from_millis(250);
+/// So long after its request a silent module gives way to a command.
+const GIVES_WAY: Micros = Micros::from_millis(60);
+
+/// An exchange that could be put on the line.
+#[derive(Clone, Copy, Debug)]
+struct Work {
+    job: Job,
+    exchange: Exchange<'static>,
+    settings: Settings,
+    gap: Micros,
+    timeout: Micros,
+    /// It goes before commands.
+    urgent: bool,
+}
+
+/// What looking for work found.
+#[derive(Clone, Copy, Debug, Default)]
+struct Search {
+    work: Option<Work>,
+    /// When to look again.
+    again: Option<Instant>,
+}
+
+impl Search {
+    fn look_again(&mut self, at: Instant) {
+        self.again = Some(self.again.map_or(at, |known| known.min(at)));
+    }
+}
+
+impl Bus {
+    /// Takes a command. It ends with exactly one [`Event::Done`].
+    ///
+    /// # Errors
+    /// [`Fault::Closed`], [`Fault::Unsupported`] or [`Fault::Overloaded`]: it was not taken and
+    /// nothing was sent.
+    pub fn submit(
+        &mut self,
+        now: Instant,
+        module: ModuleId,
+        op: Op,
+        terms: Terms,
+    ) -> Result<Ticket, Fault> {
+        self.now = now;
+        if matches!(self.state, State::Closed) {
+            return Err(Fault::Closed);
+        }
+        let node = self.nodes.get(module.0).ok_or(Fault::Unsupported)?;
+        let first = match bank_of(&op) {
+            Some(bank) => Op::Write(node.module.group(bank)),
+            None => op,
+        };
+        let exchange = node
+            .module
+            .exchange(&first)
+            .map_err(|_| Fault::Unsupported)?;
+        if self.is_unsafe(&exchange) {
+            return Err(Fault::Unsupported);
+        }
+        if self.commands.len() >= COMMANDS_MAX {
+            return Err(Fault::Overloaded);
+        }
+        let ticket = Ticket(self.next_ticket);
+        self.next_ticket += 1;
+        let expires = terms.expires.unwrap_or(now + TIME_TO_LIVE);
+        self.commands.push_back(Command::new(
+            ticket,
+            module,
+            op,
+            terms.verify,
+            (now, expires),
+        ));
+        self.hurry_silent_module(module);
+        Ok(ticket)
+    }
+
+    /// Takes a read that a scan wants to make; one at a time. It ends with one
+    /// [`Event::Probed`]. False when the line is closed or has one already.
+    pub fn submit_probe(&mut self, now: Instant, probe: Probe) -> bool {
+        self.now = now;
+        if matches!(self.state, State::Closed) || self.probe.is_some() {
+            return false;
+        }
+        self.probe = Some(probe);
+        true
+    }
+
+    /// A silent module that is being asked gives way to a command for another one.
+    fn hurry_silent_module(&mut self, wanted: ModuleId) {
+        if let State::Waiting(flight) = &mut self.state
+            && let Job::Poll { module, .. } = flight.job
+            && module != wanted
+            && self
+                .nodes
+                .get(module.0)
+                .is_some_and(|node| node.presence != Presence::Online)
+        {
+            let gives_way = self.now.max(flight.sent + GIVES_WAY);
+            flight.deadline = flight.deadline.min(gives_way);
+        }
+    }
+
+    /// Puts the next exchange on the line, if its time has come; says when to come back.
+    pub(crate) fn start_next(&mut self) -> Option<Instant> {
+        loop {
+            let mut search = Search::default();
+            self.search(&mut search);
+            let Some(work) = &search.work else {
+                return search.again;
+            };
+            let ready = self.ready_at(work);
+            if ready > self.now {
+                return Some(search.again.map_or(ready, |again| again.min(ready)));
+            }
+            self.mark(work);
+            if !self.is_unsafe(&work.exchange) {
+                self.settings = work.settings;
+                return Some(self.start(work.job, work.exchange, work.timeout));
+            }
+            self.refuse(work.job);
+        }
+    }
+
+    /// Ends what must not be put on this line.
+    fn refuse(&mut self, job: Job) {
+        let fault = Fault::Unsupported;
+        match job {
+            Job::Command { module, .. } => self.decide_sent(module, |_| Some(Err(fault))),
+            Job::ReadBack { module } => self.miss_read_back(module),
+            Job::Probe => {
+                let (outcome, after) = (Probed::Unsafe, Micros::ZERO);
+                self.events.tell(Event::Probed { outcome, after });
+            }
+            Job::Poll { module, op } | Job::Greeting { module, op } => {
+                if let (Some(node), Job::Greeting { .. }) = (self.nodes.get_mut(module.0), job) {
+                    node.greeted += 1;
+                }
+                self.events.tell(Event::Missed { module, op, fault });
+            }
+        }
+    }
+
+    /// When the silence before this exchange will have been long enough.
+    fn ready_at(&self, work: &Work) -> Instant {
+        let chained = self.last.chain && in_chain(&work.exchange);
+        let gap = if chained { Micros::ZERO } else { work.gap };
+        let gap = if work.settings == self.settings {
+            gap
+        } else {
+            gap.max(work.settings.t3_5() * 2)
+                .max(self.settings.t3_5() * 2)
+        };
+        self.busy_until + gap
+    }
+
+    /// Notes that this exchange is on the line.
+    fn mark(&mut self, work: &Work) {
+        match work.job {
+            Job::Command { module, op } => {
+                self.mark_sent(module, &op);
+                if let (Op::Configure(_), Some(node)) = (op, self.nodes.get_mut(module.0)) {
+                    node.greeted = 0;
+                }
+            }
+            Job::Poll { module, op } => {
+                if let Some(node) = self.nodes.get_mut(module.0) {
+                    node.poll_started(&op, self.now);
+                    if node.is_silent() {
+                        self.next_silent = module.0 + 1;
+                    }
+                }
+            }
+            Job::Probe => self.probe = None,
+            Job::Greeting { .. } | Job::ReadBack { .. } => {}
+        }
+        self.last = Last {
+            probe: matches!(work.job, Job::Probe),
+            urgent: work.urgent,
+            chain: in_chain(&work.exchange),
+        };
+    }
+
+    /// Marks the commands that a frame carries.
+    fn mark_sent(&mut self, module: ModuleId, op: &Op) {
+        let mut carried = bank_of(op).map(|bank| bank.mask);
+        let queued = |c: &&mut Command| c.module == module && c.stage == Stage::Queued;
+        for command in self.commands.iter_mut().filter(queued) {
+            let carries = match carried {
+                Some(mask) => bank_of(&command.op).is_some() && mask & command.left != 0,
+                None => command.op == *op,
+            };
+            if !carries {
+                continue;
+            }
+            command.stage = Stage::Sent;
+            command.evidence.attempts = command.evidence.attempts.saturating_add(1);
+            match &mut carried {
+                Some(mask) => *mask &= !command.left,
+                None => return,
+            }
+        }
+    }
+
+    /// Whose turn it is. Reads that can't wait and commands take turns where both press.
+    fn search(&self, search: &mut Search) {
+        // Before the polls that can wait come silent modules: a full line must not keep a module
+        // silent.
+        let found = self.polls_have_rivals()
+            && (!self.last.urgent || self.commands.is_empty())
+            && self.search_polls(search, true)
+            || self.search_commands(search)
+            || !self.last.probe && self.search_probe(search)
+            || self.search_silent(search)
+            || self.search_polls(search, false)
+            || self.search_probe(search);
+        debug_assert_eq!(found, search.work.is_some());
+    }
+
+    /// Whether anything but polls wants the line. Among themselves the one due longest goes first,
+    /// so that those that can't wait need not be looked for.
+    fn polls_have_rivals(&self) -> bool {
+        let has_other_reads = |node: &Node| node.is_silent() || node.greeting().is_some();
+        !self.commands.is_empty() || self.probe.is_some() || self.nodes.iter().any(has_other_reads)
+    }
+
+    /// Takes the work unless a ghost forbids it now.
+    #[inline]
+    fn offer(&self, search: &mut Search, work: Work) -> bool {
+        if let Some(until) = self.ghosts.blocked_until(&work.exchange) {
+            search.look_again(until);
+            return false;
+        }
+        search.work = Some(work);
+        true
+    }
+
+    #[inline]
+    fn work(&self, id: ModuleId, job: Job, timeout: Micros) -> Option<Work> {
+        let module = &self.nodes.get(id.0)?.module;
+        let exchange = module.exchange(&job.op()).ok()?;
+        let (settings, gap) = (module.setup().serial, module.setup().request_gap());
+        Some(Work {
+            job,
+            exchange,
+            settings,
+            gap,
+            timeout,
+            urgent: false,
+        })
+    }
+
+    fn search_commands(&self, search: &mut Search) -> bool {
+        for (index, command) in self.commands.iter().enumerate() {
+            let module = command.module;
+            let Some(node) = self.nodes.get(module.0) else {
+                continue;
+            };
+            let job = match command.stage {
+                Stage::Sent => continue,
+                Stage::ReadBack(_) => Job::ReadBack { module },
+                Stage::Queued if self.is_barred(index, command) => continue,
+                Stage::Queued => self.job_of(index, command, node),
+            };
+            if let Some(work) = self.work(module, job, node.timeout())
+                && self.offer(search, work)
+            {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// The exchange that a waiting command is after. Until it is known whether the adapter
+    /// echoes, that is a read: the echo of a write can look like its acknowledgement.
+    fn job_of(&self, index: usize, command: &Command, node: &Node) -> Job {
+        let module = command.module;
+        let first_read = node.polls.first().map(|poll| poll.op);
+        match (bank_of(&command.op), first_read) {
+            (_, Some(op)) if self.ear.echoes.is_none() && !command.op.is_read() => {
+                Job::Poll { module, op }
+            }
+            (Some(bank), _) => {
+                let together = self.gather(index, &node.module);
+                // What other modules could take for a command is sent in smaller portions.
+                let is_unsafe = self.mixed
+                    && node
+                        .module
+                        .exchange(&together)
+                        .is_ok_and(|exchange| self.is_unsafe(&exchange));
+                let alone = || Op::Write(node.module.group(Bank::new(command.left, bank.on)));
+                let op = if is_unsafe { alone() } else { together };
+                Job::Command { module, op }
+            }
+            (None, _) => Job::Command {
+                module,
+                op: command.op,
+            },
+        }
+    }
+
+    /// Whether an earlier command for the same outputs has not ended yet.
+    fn is_barred(&self, index: usize, command: &Command) -> bool {
+        self.commands.iter().take(index).any(|earlier| {
+            earlier.module == command.module && touched(&earlier.op) & touched(&command.op) != 0
+        })
+    }
+
+    /// One frame for as many waiting writes to the module as it can carry, this one included.
+    fn gather(&self, index: usize, module: &Module) -> Op {
+        let mut want = Bank::default();
+        let mut wanted_by = None;
+        for (at, command) in self.commands.iter().enumerate().skip(index) {
+            let same = *wanted_by.get_or_insert(command.module) == command.module;
+            if let Some(bank) = bank_of(&command.op)
+                && same
+                && command.stage == Stage::Queued
+                && !self.is_barred(at, command)
+            {
+                want = Bank::new(want.mask | command.left, want.on | bank.on & command.left);
+            }
+        }
+        Op::Write(module.group(want))
+    }
+
+    /// The read that is due longest; with `urgent` only those that must not wait any more.
+    fn search_polls(&self, search: &mut Search, urgent: bool) -> bool {
+        let mut best = None;
+        for (index, node) in self.nodes.iter().enumerate() {
+            if !node.plan.enabled || node.is_silent() {
+                continue;
+            }
+            let module = ModuleId(index);
+            let mut look = |due: Instant, job: Job| {
+                if due > self.now {
+                    return search.look_again(due);
+                }
+                let other_speed = node.module.setup().serial != self.settings;
+                let handicap = if other_speed {
+                    SPEED_PATIENCE
+                } else {
+                    Micros::ZERO
+                };
+                let rank = due + handicap;
+                if best.is_none_or(|known| rank < known)
+                    && let Some(work) = self.work(module, job, node.timeout())
+                    && self.offer(search, Work { urgent, ..work })
+                {
+                    best = Some(rank);
+                }
+            };
+            if !urgent && let Some(op) = node.greeting() {
+                look(Instant(0), Job::Greeting { module, op });
+            }
+            for poll in &node.polls {
+                let due = if urgent {
+                    node.urgent_at(poll, self.cycle)
+                } else {
+                    poll.due
+                };
+                let op = poll.op;
+                look(due, Job::Poll { module, op });
+            }
+        }
+        best.is_some()
+    }
+
+    /// The next silent module, if their share of the time allows it.
+    fn search_silent(&self, search: &mut Search) -> bool {
+        if !self.nodes.iter().any(Node::is_silent) {
+            return false;
+        }
+        let count = self.nodes.len();
+        let turns = (self.next_silent..count).chain(0..self.next_silent.min(count));
+        for index in turns {
+            let Some(node) = self.nodes.get(index) else {
+                continue;
+            };
+            if !node.plan.enabled || !node.is_silent() {
+                continue;
+            }
+            if self.probe_silent_at > self.now {
+                search.look_again(self.probe_silent_at);
+                return false;
+            }
+            let module = ModuleId(index);
+            let work = node.probe_op().and_then(|op| {
+                let exchange = node.module.exchange(&op).ok()?;
+                let timeout = node.probe_timeout(&exchange);
+                self.work(module, Job::Poll { module, op }, timeout)
+            });
+            if let Some(work) = work
+                && self.offer(search, work)
+            {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// A silent module was asked in vain: the others have the line to themselves for a while.
+    pub(crate) fn pay_for_silence(&mut self, asked: Instant, gap: Micros) {
+        let cost = self.now.since(asked) + gap;
+        self.probe_silent_at = asked + cost * SILENT_SHARE;
+    }
+
+    fn search_probe(&self, search: &mut Search) -> bool {
+        let Some(probe) = self.probe else {
+            return false;
+        };
+        let work = Work {
+            job: Job::Probe,
+            exchange: probe.exchange,
+            settings: probe.settings,
+            gap: probe.gap,
+            timeout: probe.timeout,
+            urgent: false,
+        };
+        self.offer(search, work)
+    }
+
+    /// Whether modules of another protocol on this line could take the frame for a command.
+    fn is_unsafe(&self, exchange: &Exchange<'_>) -> bool {
+        if !self.mixed {
+            return false;
+        }
+        let own = exchange.protocol();
+        let mut frame = railbus_wire::Frame::new();
+        exchange.encode(&mut frame);
+        Protocol::ALL.into_iter().any(|other| {
+            other != own
+                && self
+                    .nodes
+                    .iter()
+                    .any(|node| node.module.setup().protocol == other)
+                && carries_command(frame.bytes(), other)
+        })
+    }
+
+    /// Ends commands that waited too long for their turn, the first or a later one.
+    pub(crate) fn expire_commands(&mut self) {
+        let now = self.now;
+        if self.next_expiry().is_none_or(|at| at > now) {
+            return;
+        }
+        decide(&mut self.commands, &mut self.events, now, |command| {
+            let is_up = command.time_is_up_at().is_some_and(|at| at <= now);
+            is_up.then(|| command.end_by_time())
+        });
+    }
+
+    /// When the next waiting command expires.
+    pub(crate) fn next_expiry(&self) -> Option<Instant> {
+        if self.commands.is_empty() {
+            return None;
+        }
+        self.commands
+            .iter()
+            .filter_map(Command::time_is_up_at)
+            .min()
+    }
+}
+
+/// Whether frames of this kind may follow each other without a gap [R55 §1.6].
+const fn in_chain(exchange: &Exchange<'_>) -> bool {
+    matches!(exchange, Exchange::R55(_)) && !exchange.expects_reply()
+}

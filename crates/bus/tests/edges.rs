@@ -1,0 +1,235 @@
+//! Edges of the line's rules, each at its exact moment: what is just in time and just too late.
+
+mod support;
+
+use railbus_bus::{
+    Bus, Config, EchoMode, Event, Evidence, Fault, Input, ModuleId, Plan, Presence, Terms,
+};
+use railbus_device::{Bank, Change, Family, Module, Op, Refusal, Setup};
+use railbus_wire::{Address, Channel, Instant, Micros, r55::U24};
+use support::{Drive, Happening, millis};
+
+/// A line whose modules are asked only by command, and what went over it.
+struct Line {
+    drive: Drive,
+    frames: Vec<Vec<u8>>,
+    told: Vec<(Instant, Event)>,
+}
+
+impl Line {
+    fn new(echo: EchoMode, setups: &[Setup]) -> Line {
+        let config = Config {
+            echo,
+            settle: Micros::ZERO,
+            probation: 0,
+            ..Config::default()
+        };
+        let mut bus = Bus::new(config);
+        for setup in setups {
+            bus.add(Module::new(*setup).expect("a possible module"), Plan::NEVER);
+        }
+        let mut line = Line {
+            drive: Drive::new(bus),
+            frames: Vec::new(),
+            told: Vec::new(),
+        };
+        line.drive.input(Input::Opened);
+        line.run(millis(1000), |_| None);
+        line
+    }
+
+    fn submit(&mut self, op: Op) {
+        let now = self.drive.now;
+        let taken = self
+            .drive
+            .bus
+            .submit(now, ModuleId(0), op, Terms::default());
+        taken.expect("taken");
+        self.drive.touched();
+    }
+
+    /// Runs for a time; `answer` says what comes back to a frame, 5 ms after it.
+    fn run(&mut self, time: Micros, answer: impl Fn(&[u8]) -> Option<Vec<u8>>) {
+        let until = self.drive.now + time;
+        while let Some(happening) = self.drive.step(until) {
+            match happening {
+                Happening::Frame {
+                    bytes,
+                    settings,
+                    end,
+                } => {
+                    if let Some(reply) = answer(&bytes) {
+                        let heard = end + millis(5) + settings.frame_time(reply.len());
+                        self.drive.hear_at(heard, &reply);
+                    }
+                    self.frames.push(bytes);
+                }
+                Happening::Told(event) => self.told.push((self.drive.now, event)),
+                Happening::Heard(_) => {}
+            }
+        }
+    }
+
+    fn told_at(&self, wanted: Event) -> Vec<Instant> {
+        let same = self.told.iter().filter(|(_, event)| *event == wanted);
+        same.map(|(at, _)| *at).collect()
+    }
+}
+
+fn board() -> Setup {
+    Setup {
+        outputs: 8,
+        ..Setup::new(Family::R55, Address(4))
+    }
+}
+
+/// Any 0x55 request is answered with its own function and all outputs off.
+fn as_a_board(frame: &[u8]) -> Option<Vec<u8>> {
+    let mut reply = vec![0x22, frame[1], frame[2], 0, 0, 0, 0];
+    reply.push(
+        reply
+            .iter()
+            .fold(0, |sum: u8, byte| sum.wrapping_add(*byte)),
+    );
+    Some(reply)
+}
+
+#[test]
+fn a_line_says_what_it_knows_of_itself() {
+    for (echo, echoes) in [(EchoMode::On, Some(true)), (EchoMode::Off, Some(false))] {
+        assert_eq!(Line::new(echo, &[board()]).drive.bus.echoes(), echoes);
+    }
+    let mut line = Line::new(EchoMode::Auto, &[board()]);
+    let bus = &line.drive.bus;
+    assert_eq!(bus.echoes(), None);
+    assert_eq!(bus.presence(ModuleId(0)), Presence::Unheard);
+    assert_eq!(
+        bus.module(ModuleId(0)).map(|module| *module.setup()),
+        Some(board())
+    );
+    assert!(bus.module(ModuleId(1)).is_none());
+    line.submit(Op::ReadOutputs);
+    line.run(millis(100), as_a_board);
+    assert_eq!(line.drive.bus.presence(ModuleId(0)), Presence::Online);
+    assert_eq!(line.drive.bus.echoes(), Some(false));
+    line.drive.hear_at(line.drive.now + millis(1), b"noise");
+    line.run(millis(10), as_a_board);
+    assert_eq!(line.drive.bus.heard(), b"noise");
+}
+
+/// Silence after the first read proves that there is no echo; anything else proves nothing.
+#[test]
+fn silence_proves_that_nothing_echoes() {
+    let mut silent = Line::new(EchoMode::Auto, &[board()]);
+    silent.submit(Op::ReadOutputs);
+    silent.run(millis(400), |_| None);
+    assert_eq!(silent.drive.bus.echoes(), Some(false));
+
+    let mut noisy = Line::new(EchoMode::Auto, &[board()]);
+    noisy.submit(Op::ReadOutputs);
+    noisy.run(millis(400), |_| Some(vec![0x00, 0xFF]));
+    assert_eq!(noisy.drive.bus.echoes(), None);
+}
+
+/// Toggles and jogs of one output wait until the one before has been read back.
+#[test]
+fn commands_for_one_output_wait_for_each_other() {
+    let channel = Channel::new(0).expect("it exists");
+    let millis_of_jog = U24::new(500).expect("it fits");
+    let jog = Op::Jog {
+        channel,
+        close: true,
+        millis: millis_of_jog,
+    };
+    for (op, code) in [(Op::Toggle(1), 0x20), (jog, 0x21)] {
+        let mut line = Line::new(EchoMode::Off, &[board()]);
+        line.submit(op);
+        line.submit(op);
+        line.run(millis(1000), as_a_board);
+        let codes: Vec<u8> = line.frames.iter().map(|frame| frame[2]).collect();
+        assert_eq!(codes, [code, 0x10, code, 0x10], "{op:?}");
+    }
+}
+
+/// A module is not given another address while an earlier command for it waits for a ghost to
+/// go: that command would be sent to nobody.
+#[test]
+fn a_change_of_settings_waits_for_earlier_commands() {
+    let mut line = Line::new(EchoMode::Off, &[Setup::new(Family::Erc8, Address(1))]);
+    let first = Channel::new(0).expect("it exists");
+    line.submit(Op::Write(Bank::one(first, true)));
+    line.submit(Op::Configure(Change::Address(Address(2))));
+    // The write's reply is lost, the relay reads off, and so it is sent again after its ghost.
+    let off = [1, 1, 1, 0, 0x51, 0x88];
+    line.run(millis(2000), |frame| (frame[1] == 1).then(|| off.to_vec()));
+    let codes: Vec<u8> = line.frames.iter().map(|frame| frame[1]).collect();
+    let readdressed = codes
+        .iter()
+        .position(|code| *code == 6)
+        .expect("it was sent");
+    let rewritten = codes
+        .iter()
+        .rposition(|code| *code == 5)
+        .expect("it was sent");
+    assert!(readdressed > rewritten && rewritten > 0, "{codes:?}");
+}
+
+/// A babble is named once it has lasted for more than half a second without a silence of more
+/// than 50 ms, once, and it ends with the next request.
+#[test]
+fn a_babble_is_named_and_ends() {
+    let chatter = |line: &mut Line, from: u64, to: u64, step: u64| {
+        let start = line.drive.now;
+        for at in (from..=to).step_by(step as usize) {
+            line.drive.hear_at(start + millis(at), &[0xA5]);
+        }
+        line.run(millis(to + 200), |_| None);
+        start
+    };
+    let mut line = Line::new(EchoMode::Off, &[board()]);
+    let start = chatter(&mut line, 100, 1100, 10);
+    assert_eq!(line.told_at(Event::Babble), [start + millis(100 + 510)]);
+    line.submit(Op::ReadOutputs);
+    line.run(millis(100), as_a_board);
+    assert_eq!(line.told_at(Event::Quiet).len(), 1);
+
+    let mut at_the_edge = Line::new(EchoMode::Off, &[board()]);
+    chatter(&mut at_the_edge, 100, 600, 10);
+    assert!(
+        at_the_edge.told_at(Event::Babble).is_empty(),
+        "500 ms are no babble yet"
+    );
+
+    let mut just_joined = Line::new(EchoMode::Off, &[board()]);
+    chatter(&mut just_joined, 100, 1100, 50);
+    assert_eq!(
+        just_joined.told_at(Event::Babble).len(),
+        1,
+        "50 ms are no silence yet"
+    );
+
+    let mut with_silences = Line::new(EchoMode::Off, &[board()]);
+    chatter(&mut with_silences, 100, 1100, 51);
+    assert!(with_silences.told_at(Event::Babble).is_empty());
+}
+
+#[test]
+fn a_fault_says_whether_the_module_may_have_acted() {
+    let evidence = Evidence::default();
+    let did_nothing = [
+        Fault::Unsupported,
+        Fault::Overloaded,
+        Fault::Expired,
+        Fault::Locked,
+        Fault::Closed,
+        Fault::Refused(Refusal::Invalid),
+    ];
+    let may_have_acted = [
+        Fault::NoReply(evidence),
+        Fault::Garbled(evidence),
+        Fault::NotVerified,
+        Fault::Unknown,
+    ];
+    assert!(did_nothing.iter().all(|fault| !fault.may_have_acted()));
+    assert!(may_have_acted.iter().all(Fault::may_have_acted));
+}

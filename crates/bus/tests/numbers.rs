@@ -1,0 +1,555 @@
+//! The line rules' numbers, measured in virtual time and so exact on every machine.
+//!
+//! The reference line: five modules, Modbus RTU, 9600 baud, 5 ms turnaround, full polling.
+
+#![allow(
+    clippy::print_stdout,
+    reason = "what was measured is shown with --nocapture"
+)]
+
+mod support;
+
+use railbus_bus::{Bus, Config, Confirmed, Event, Input, ModuleId, Plan, Presence, Terms, Ticket};
+use railbus_device::{Bank, Eeprom, Engine, Family, Module, Op, Options, Setup};
+use railbus_wire::{Address, Channel, Instant, Micros, Protocol, Settings};
+use std::collections::{BTreeMap, HashMap};
+use support::{Drive, Happening, millis};
+
+/// Several modules, polled, and what is measured of them.
+struct Bench {
+    drive: Drive,
+    modules: Vec<Module>,
+    /// The last good reading of each op of each module: when it was asked for.
+    asked: HashMap<(usize, Op), Instant>,
+    /// The oldest that a reading became before it was replaced.
+    oldest: Micros,
+    /// Since when ages count.
+    count_from: Instant,
+    tickets: BTreeMap<Ticket, usize>,
+    latencies: Vec<Micros>,
+    ends: BTreeMap<String, usize>,
+    presence: Vec<(Instant, usize, Presence)>,
+    requests: usize,
+    too_early: usize,
+    /// The time that requests to each module took that were not answered, gap included.
+    spent: Vec<Micros>,
+    last_request: Instant,
+    last_settings: Option<Settings>,
+    random: u64,
+}
+
+impl Bench {
+    fn new(setups: &[Setup], plan: Plan, turnaround: Micros) -> Bench {
+        let mut bus = Bus::new(Config::default());
+        let modules: Vec<Module> = setups
+            .iter()
+            .map(|setup| Module::new(*setup).expect("a possible module"))
+            .collect();
+        for module in &modules {
+            bus.add(module.clone(), plan);
+        }
+        let mut drive = Drive::new(bus);
+        for setup in setups {
+            // The module recognises the end of a frame by itself, in t3.5.
+            let recognises = match setup.protocol {
+                Protocol::Rtu => setup.serial.t3_5(),
+                _ => Micros::ZERO,
+            };
+            let options = Options {
+                turnaround: turnaround - recognises,
+                insist_on_gap: true,
+                ..Options::default()
+            };
+            let engine = Engine::new(setup, Eeprom::of(setup), options, Instant(0));
+            drive.play(engine.expect("a possible module"));
+        }
+        let spent = vec![Micros::ZERO; setups.len()];
+        let mut bench = Bench {
+            drive,
+            modules,
+            asked: HashMap::new(),
+            oldest: Micros::ZERO,
+            count_from: Instant(0),
+            tickets: BTreeMap::new(),
+            latencies: Vec::new(),
+            ends: BTreeMap::new(),
+            presence: Vec::new(),
+            requests: 0,
+            too_early: 0,
+            spent,
+            last_request: Instant(0),
+            last_settings: None,
+            random: 0x9E37_79B9_7F4A_7C15,
+        };
+        bench.drive.input(Input::Opened);
+        bench
+    }
+
+    /// The reference line, with as many modules as told of the EDA kind.
+    fn reference() -> Bench {
+        Bench::new(&reference_setups(), Plan::default(), millis(5))
+    }
+
+    fn now(&self) -> Instant {
+        self.drive.now
+    }
+
+    /// A number below `below`, the same in every run.
+    fn random(&mut self, below: u64) -> u64 {
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 7;
+        self.random ^= self.random << 17;
+        self.random % below
+    }
+
+    /// Switches the power of a module.
+    fn power(&mut self, module: usize, on: bool) {
+        self.drive.players[module].alive = on;
+    }
+
+    fn submit(&mut self, module: usize, op: Op, terms: Terms) {
+        let now = self.now();
+        let ticket = self
+            .drive
+            .bus
+            .submit(now, ModuleId(module), op, terms)
+            .expect("taken");
+        self.drive.touched();
+        self.tickets.insert(ticket, module);
+    }
+
+    /// Switches an output, whichever, on or off.
+    fn switch(&mut self, module: usize) {
+        let outputs = u64::from(self.modules[module].setup().outputs);
+        let channel = Channel::new(self.random(outputs) as u8).expect("a channel");
+        let on = self.random(2) == 1;
+        self.submit(module, Op::Write(Bank::one(channel, on)), Terms::default());
+    }
+
+    fn run_for(&mut self, span: Micros) {
+        self.run_until(self.now() + span);
+    }
+
+    fn run_until(&mut self, until: Instant) {
+        let mut busy_until = self.drive.busy_until;
+        while let Some(happening) = self.drive.step(until) {
+            match happening {
+                Happening::Frame {
+                    bytes,
+                    settings,
+                    end,
+                } => {
+                    self.note_request(&bytes, settings, busy_until);
+                    self.drive.ask_players(end, &bytes);
+                }
+                Happening::Heard(_) => {}
+                Happening::Told(event) => self.note(event),
+            }
+            busy_until = self.drive.busy_until;
+        }
+    }
+
+    /// The module that a frame is for; addresses differ on these lines.
+    fn addressee(&self, frame: &[u8]) -> usize {
+        let found = self.modules.iter().position(|module| {
+            let setup = module.setup();
+            let address = setup.address.0;
+            match setup.protocol {
+                Protocol::Rtu => frame[0] == address,
+                Protocol::R55 => frame[..2] == [0x55, address],
+                Protocol::Lc02 => frame[..3] == [0x4C, 0x57, address],
+                Protocol::Ascii => {
+                    let digits = format!("{address:02X}");
+                    matches!(frame[0], b'$' | b'#' | b'@' | b'%')
+                        && frame[1..3] == *digits.as_bytes()
+                }
+            }
+        });
+        found.expect("a module's address")
+    }
+
+    fn note_request(&mut self, frame: &[u8], settings: Settings, busy_until: Instant) {
+        let now = self.now();
+        let module = self.addressee(frame);
+        let gap = self.modules[module].setup().request_gap();
+        let switched = self.last_settings.is_some_and(|last| last != settings);
+        let gap = match self.last_settings {
+            Some(last) if switched => gap.max(last.t3_5() * 2).max(settings.t3_5() * 2),
+            _ => gap,
+        };
+        self.requests += 1;
+        if now < busy_until + gap {
+            self.too_early += 1;
+        }
+        self.last_request = now;
+        self.last_settings = Some(settings);
+    }
+
+    fn note(&mut self, event: Event) {
+        match event {
+            Event::Seen {
+                module,
+                op,
+                asked,
+                heard,
+                ..
+            } => {
+                let last = self.asked.insert((module.0, op), asked);
+                if let Some(last) = last
+                    && self.count_from <= last
+                {
+                    self.oldest = self.oldest.max(heard.since(last));
+                }
+            }
+            Event::Done { ticket, end, took } => {
+                self.tickets.remove(&ticket).expect("ends once");
+                let name = match end {
+                    Ok(Confirmed::Readback) => "readback",
+                    Ok(Confirmed::Reply) => "reply",
+                    Ok(Confirmed::Sent) => "sent",
+                    Err(fault) => fault.name(),
+                };
+                *self.ends.entry(name.to_owned()).or_default() += 1;
+                self.latencies.push(took);
+            }
+            Event::Presence { module, presence } => {
+                self.presence.push((self.now(), module.0, presence));
+            }
+            Event::Missed { module, .. } => {
+                let gap = self.modules[module.0].setup().request_gap();
+                let took = self.now().since(self.last_request);
+                self.spent[module.0] += took + gap;
+            }
+            _ => {}
+        }
+    }
+
+    /// The age of the oldest reading of a living module's, now and in the past.
+    fn oldest(&self, alive: impl Fn(usize) -> bool) -> Micros {
+        let present = self
+            .asked
+            .iter()
+            .filter(|((module, op), _)| alive(*module) && self.polls(*module, op))
+            .map(|(_, asked)| self.now().since(*asked));
+        present.fold(self.oldest, Micros::max)
+    }
+
+    fn polls(&self, module: usize, op: &Op) -> bool {
+        self.modules[module].full_poll().any(|poll| poll == *op)
+    }
+
+    fn forget(&mut self) {
+        self.latencies.clear();
+        self.ends.clear();
+        self.oldest = Micros::ZERO;
+        self.count_from = self.now();
+        self.spent.fill(Micros::ZERO);
+    }
+
+    /// The latency that 99 of 100 commands keep, and the longest.
+    fn p99(&mut self) -> (Micros, Micros) {
+        self.latencies.sort();
+        let at = self.latencies.len() * 99 / 100;
+        (self.latencies[at], self.latencies[self.latencies.len() - 1])
+    }
+}
+
+/// Three EDA9060A and two EDA9050, whose gap is that of Modbus.
+fn reference_setups() -> Vec<Setup> {
+    (1..=5)
+        .map(|address| Setup {
+            protocol: Protocol::Rtu,
+            ..Setup::new(
+                if address <= 3 {
+                    Family::Eda9060a
+                } else {
+                    Family::Eda9050
+                },
+                Address(address),
+            )
+        })
+        .collect()
+}
+
+/// "Command latency: reference line p99 <= 60 ms".
+#[test]
+fn commands_are_answered_within_60_ms() {
+    let mut bench = Bench::reference();
+    bench.run_for(Micros::from_secs(5));
+    bench.forget();
+    for _ in 0..2000 {
+        let module = bench.random(5) as usize;
+        bench.switch(module);
+        let pause = bench.random(1000) + 100;
+        bench.run_for(millis(pause));
+    }
+    let (p99, worst) = bench.p99();
+    println!("command latency: p99 {p99:?}, worst {worst:?}");
+    assert!(p99 <= millis(60), "p99 {p99:?}");
+    assert!(worst <= millis(100), "worst {worst:?}");
+    assert_eq!(bench.ends, BTreeMap::from([("readback".to_owned(), 2000)]));
+}
+
+/// "… <= 160 ms with one dead module", for one that was heard before and one that never was.
+#[test]
+fn commands_are_answered_within_160_ms_beside_a_dead_module() {
+    for heard_before in [true, false] {
+        let mut bench = Bench::reference();
+        if heard_before {
+            bench.run_for(Micros::from_secs(5));
+        }
+        bench.power(4, false);
+        bench.run_for(Micros::from_secs(10));
+        bench.forget();
+        for _ in 0..2000 {
+            let module = bench.random(4) as usize;
+            bench.switch(module);
+            let pause = bench.random(1000) + 100;
+            bench.run_for(millis(pause));
+        }
+        let (p99, worst) = bench.p99();
+        println!(
+            "beside a dead module (heard before: {heard_before}): p99 {p99:?}, worst {worst:?}"
+        );
+        assert!(p99 <= millis(160), "p99 {p99:?}");
+        assert_eq!(bench.ends, BTreeMap::from([("readback".to_owned(), 2000)]));
+        assert!(bench.oldest(|module| module != 4) <= Micros::from_secs(2));
+    }
+}
+
+/// "All dead modules of a line together cost <= 5 % of its time; probes take turns. One dead
+/// module that has answered before is back <= 2 s after it answers again, n dead ones <= 2 s x n;
+/// a module that never answered <= 6 s (x n)."
+#[test]
+fn dead_modules_cost_a_twentieth_and_come_back_in_time() {
+    for (dead, heard_before) in [
+        (1, true),
+        (2, true),
+        (4, true),
+        (1, false),
+        (2, false),
+        (4, false),
+    ] {
+        let per_module = Micros::from_secs(if heard_before { 2 } else { 6 });
+        let mut worst = Micros::ZERO;
+        for phase in 0..20 {
+            let mut bench = Bench::reference();
+            if heard_before {
+                bench.run_for(Micros::from_secs(5));
+            }
+            for module in 0..dead {
+                bench.power(module, false);
+            }
+            // Three misses each make them silent.
+            bench.run_for(Micros::from_secs(12));
+            bench.forget();
+            let span = Micros::from_secs(120);
+            bench.run_for(span);
+            let cost: Micros = bench.spent[..dead]
+                .iter()
+                .fold(Micros::ZERO, |sum, one| sum + *one);
+            // One probe may begin in the span and be paid for after it.
+            let share = Micros(span.0 / 20) + millis(290);
+            assert!(
+                cost <= share,
+                "{dead} dead (heard before: {heard_before}) cost {cost:?} of {span:?}"
+            );
+            bench.run_for(millis(phase * 317));
+            let woken = bench.now();
+            bench.presence.clear();
+            for module in 0..dead {
+                bench.power(module, true);
+            }
+            bench.run_for(per_module * dead as u64);
+            for module in 0..dead {
+                let back = bench
+                    .presence
+                    .iter()
+                    .find(|(_, who, is)| *who == module && *is == Presence::Online);
+                let (at, ..) = back.unwrap_or_else(|| {
+                    panic!("{dead} dead (heard before: {heard_before}): {module} not back in time")
+                });
+                worst = worst.max(at.since(woken));
+            }
+        }
+        println!("{dead} dead (heard before: {heard_before}): back after at most {worst:?}");
+    }
+}
+
+/// "8 unrelated commands/s: every module still polled within its max age (default 2 s at 9600)".
+#[test]
+fn polls_keep_their_age_under_8_commands_a_second() {
+    let mut bench = Bench::reference();
+    bench.run_for(Micros::from_secs(5));
+    bench.forget();
+    for turn in 0..8 * 120 {
+        bench.switch(turn % 5);
+        bench.run_for(millis(125));
+    }
+    let oldest = bench.oldest(|_| true);
+    let (p99, _) = bench.p99();
+    println!("8 commands/s: oldest reading {oldest:?}, command p99 {p99:?}");
+    assert!(oldest <= Micros::from_secs(2), "{oldest:?}");
+    bench.run_for(Micros::from_secs(1));
+    assert_eq!(bench.ends, BTreeMap::from([("readback".to_owned(), 960)]));
+}
+
+/// "… or 20/s that coalesce into group frames".
+#[test]
+fn polls_keep_their_age_under_20_commands_a_second_that_coalesce() {
+    let mut bench = Bench::reference();
+    bench.run_for(Micros::from_secs(5));
+    bench.forget();
+    for turn in 0..5 * 120u32 {
+        // Four neighbouring outputs of one module at once, five times a second.
+        for channel in 0..4 {
+            let channel = Channel::new(channel).expect("a channel");
+            let op = Op::Write(Bank::one(channel, turn % 2 == 0));
+            bench.submit(turn as usize % 5, op, Terms::default());
+        }
+        bench.run_for(millis(200));
+    }
+    let oldest = bench.oldest(|_| true);
+    let (p99, _) = bench.p99();
+    println!("20 commands/s: oldest reading {oldest:?}, command p99 {p99:?}");
+    assert!(oldest <= Micros::from_secs(2), "{oldest:?}");
+    bench.run_for(Micros::from_secs(1));
+    assert_eq!(bench.ends, BTreeMap::from([("readback".to_owned(), 2400)]));
+}
+
+/// More commands than the line can carry: they wait, but no reading becomes too old.
+#[test]
+fn polls_keep_their_age_under_a_flood_of_commands() {
+    let mut bench = Bench::reference();
+    bench.run_for(Micros::from_secs(5));
+    bench.forget();
+    for turn in 0..20 * 60 {
+        if bench.tickets.len() < 60 {
+            bench.switch(turn % 5);
+        }
+        bench.run_for(millis(50));
+    }
+    let oldest = bench.oldest(|_| true);
+    println!("flood: oldest reading {oldest:?}, ends {:?}", bench.ends);
+    assert!(oldest <= Micros::from_secs(2), "{oldest:?}");
+}
+
+/// "0 requests too early in 10^6": not one begins before its module's silence is over, and every
+/// one is answered by modules that insist on it. All four protocols, three speeds, commands.
+#[test]
+fn of_a_million_requests_none_is_too_early() {
+    let setup = |family, address, protocol, rate| {
+        let mut setup = Setup::new(family, Address(address));
+        setup.protocol = protocol;
+        setup.serial.baud = railbus_wire::Baud::from_rate(rate).expect("a speed");
+        setup
+    };
+    let lines: [&[Setup]; 3] = [
+        &reference_setups(),
+        &[
+            setup(Family::Eda9060a, 1, Protocol::Rtu, 9600),
+            setup(Family::Erc8, 2, Protocol::Rtu, 9600),
+            setup(Family::Emd2a2q, 3, Protocol::Rtu, 9600),
+            setup(Family::R55, 4, Protocol::R55, 9600),
+            setup(Family::Eda9050, 0x55, Protocol::Ascii, 9600),
+            setup(Family::Eda9050, 6, Protocol::Lc02, 9600),
+        ],
+        &[
+            setup(Family::Eda9060a, 1, Protocol::Rtu, 19200),
+            setup(Family::Erc8, 2, Protocol::Rtu, 38400),
+            setup(Family::Emd2a2q, 3, Protocol::Rtu, 38400),
+        ],
+    ];
+    let mut requests = 0;
+    for (index, setups) in lines.iter().enumerate() {
+        let plan = Plan {
+            interval: millis(1),
+            ..Plan::default()
+        };
+        let mut bench = Bench::new(setups, plan, millis(5));
+        while bench.requests < 340_000 {
+            bench.run_for(Micros::from_secs(3));
+            let module = bench.random(setups.len() as u64) as usize;
+            bench.switch(module);
+        }
+        bench.run_for(Micros::from_secs(1));
+        assert_eq!(bench.too_early, 0, "line {index}");
+        let all_confirmed = bench.ends.keys().all(|end| end == "readback");
+        assert!(all_confirmed, "line {index}: {:?}", bench.ends);
+        let ever_silent = bench
+            .presence
+            .iter()
+            .any(|(.., is)| *is != Presence::Online);
+        assert!(
+            !ever_silent,
+            "line {index}: a module took a request for too early"
+        );
+        requests += bench.requests;
+    }
+    assert!(requests >= 1_000_000, "only {requests} requests");
+}
+
+/// The reply timeout is "learned: p99.9 of its own turnaround x 2, at least 20 ms, at most 300 ms";
+/// the time a lost reply costs shows it.
+#[test]
+fn the_reply_timeout_is_learned_within_its_bounds() {
+    for (turnaround, waits) in [(5, 20), (30, 60), (100, 200), (140, 280), (200, 300)] {
+        let setups = &reference_setups()[..1];
+        let mut bench = Bench::new(setups, Plan::NEVER, millis(turnaround));
+        bench.run_for(Micros::from_secs(1));
+        for _ in 0..5 {
+            bench.submit(0, Op::ReadOutputs, Terms::default());
+            bench.run_for(Micros::from_secs(1));
+        }
+        bench.power(0, false);
+        let asked = bench.now();
+        bench.submit(
+            0,
+            Op::Configure(railbus_device::Change::Pulse {
+                mask: 0,
+                width: railbus_wire::PulseWidth::DEFAULT,
+            }),
+            Terms::default(),
+        );
+        let mut given_up = asked;
+        while !bench.tickets.is_empty() {
+            bench.run_for(Micros(100));
+            given_up = bench.now();
+        }
+        // 11 characters out, 8 back.
+        let wire = setups[0].serial.frame_time(11) + setups[0].serial.frame_time(8);
+        let waited = given_up.since(asked) - wire;
+        let want = millis(waits);
+        assert!(
+            want <= waited && waited <= want + Micros(1000),
+            "turnaround {turnaround} ms: waits {waited:?}, not {want:?}"
+        );
+    }
+}
+
+/// "Command time to live: 5 s, then `expired`, never sent"; a caller's own is kept too.
+#[test]
+fn a_command_lives_five_seconds() {
+    let mut bench = Bench::reference();
+    let input = Input::Closed;
+    bench.drive.input(input);
+    bench.drive.input(Input::Opened);
+    // A line that is never silent lets nobody through.
+    let babbles_until = bench.now() + Micros::from_secs(8);
+    bench.switch(0);
+    let mut expired = None;
+    while bench.now() < babbles_until {
+        bench.drive.input(Input::Bytes(&[0x5A]));
+        bench.run_for(millis(2));
+        if bench.tickets.is_empty() && expired.is_none() {
+            expired = Some(bench.now());
+        }
+    }
+    assert_eq!(bench.ends, BTreeMap::from([("expired".to_owned(), 1)]));
+    assert_eq!(bench.requests, 0, "never sent");
+    let lived = expired.expect("expired").since(Instant(0));
+    assert!(
+        Micros::from_secs(5) <= lived && lived <= Micros::from_secs(5) + millis(2),
+        "{lived:?}"
+    );
+}
