@@ -1,0 +1,204 @@
+//! The callers who wait for the end of something.
+
+use crate::line::{Done, ProbeResult};
+use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probed, Ticket};
+use railbus_device::{Op, Seen};
+use railbus_wire::Micros;
+use tokio::sync::oneshot;
+
+/// The most bytes kept of what a probe meets.
+const TAPE_MAX: usize = 300;
+
+/// Everyone who waits.
+#[derive(Debug)]
+pub(crate) struct Desk {
+    runs: Vec<Run>,
+    probe: Option<Probing>,
+}
+
+/// A caller who waits for a command's end.
+#[derive(Debug)]
+pub(crate) struct Run {
+    pub(crate) ticket: Ticket,
+    pub(crate) module: ModuleId,
+    pub(crate) op: Op,
+    /// The last thing seen that may be the answer.
+    pub(crate) seen: Option<Seen>,
+    pub(crate) reply: oneshot::Sender<Result<Done, Fault>>,
+}
+
+/// A caller who waits for a probe's end. What comes back is recorded here, because the state
+/// machine keeps no reply that it has understood.
+#[derive(Debug)]
+struct Probing {
+    sent: Vec<u8>,
+    heard: Vec<u8>,
+    reply: oneshot::Sender<Result<ProbeResult, Fault>>,
+}
+
+impl Desk {
+    pub(crate) fn new() -> Desk {
+        Desk {
+            runs: Vec::with_capacity(COMMANDS_MAX),
+            probe: None,
+        }
+    }
+
+    /// Whether nobody waits.
+    pub(crate) fn is_idle(&self) -> bool {
+        self.runs.is_empty() && self.probe.is_none()
+    }
+
+    pub(crate) fn add(&mut self, run: Run) {
+        self.runs.push(run);
+    }
+
+    pub(crate) fn add_probe(&mut self, reply: oneshot::Sender<Result<ProbeResult, Fault>>) {
+        self.probe = Some(Probing {
+            sent: Vec::new(),
+            heard: Vec::new(),
+            reply,
+        });
+    }
+
+    /// A frame goes out.
+    pub(crate) fn sent(&mut self, bytes: &[u8]) {
+        if let Some(probe) = &mut self.probe {
+            probe.sent.clear();
+            probe.sent.extend_from_slice(bytes);
+            probe.heard.clear();
+        }
+    }
+
+    /// Bytes came in.
+    pub(crate) fn heard(&mut self, bytes: &[u8]) {
+        if let Some(probe) = &mut self.probe {
+            let room = TAPE_MAX - probe.heard.len().min(TAPE_MAX);
+            probe.heard.extend(bytes.iter().take(room));
+        }
+    }
+
+    /// A module said something.
+    pub(crate) fn seen(&mut self, module: ModuleId, op: &Op, seen: Seen) {
+        for run in self.runs.iter_mut().filter(|run| run.module == module) {
+            let answers = if run.op.is_read() {
+                run.op == *op
+            } else {
+                matches!(seen, Seen::Channels { outputs, .. } if outputs.mask != 0)
+            };
+            if answers {
+                run.seen = Some(seen);
+            }
+        }
+    }
+
+    /// A command ended.
+    pub(crate) fn end(&mut self, ticket: Ticket, end: Result<Confirmed, Fault>, took: Micros) {
+        let Some(index) = self.runs.iter().position(|run| run.ticket == ticket) else {
+            return;
+        };
+        let run = self.runs.swap_remove(index);
+        let done = end.map(|confirmed| Done {
+            confirmed,
+            took,
+            // Outputs seen before a write that was not read back say nothing of it.
+            seen: run
+                .seen
+                .filter(|_| run.op.is_read() || confirmed == Confirmed::Readback),
+        });
+        // Fails where the caller has gone away.
+        let _ = run.reply.send(done);
+    }
+
+    /// A probe ended.
+    pub(crate) fn end_probe(&mut self, outcome: Probed, after: Micros, echoes: bool) {
+        if let Some(probe) = self.probe.take() {
+            let mut bytes = probe.heard;
+            if echoes && bytes.starts_with(&probe.sent) {
+                bytes.drain(..probe.sent.len());
+            }
+            let _ = probe.reply.send(Ok(ProbeResult {
+                outcome,
+                bytes,
+                after,
+            }));
+        }
+    }
+
+    /// The line is closed: who still waits is told so.
+    pub(crate) fn clear(&mut self) {
+        for run in self.runs.drain(..) {
+            let _ = run.reply.send(Err(Fault::Unknown));
+        }
+        if let Some(probe) = self.probe.take() {
+            let _ = probe.reply.send(Err(Fault::Closed));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_device::Bank;
+
+    fn desk_with(op: Op) -> (Desk, oneshot::Receiver<Result<Done, Fault>>) {
+        let (reply, end) = oneshot::channel();
+        let mut desk = Desk::new();
+        desk.add(Run {
+            ticket: Ticket(7),
+            module: ModuleId(1),
+            op,
+            seen: None,
+            reply,
+        });
+        (desk, end)
+    }
+
+    fn outputs(on: u32) -> Seen {
+        Seen::Channels {
+            outputs: Bank::new(0xFF, on),
+            inputs: Bank::default(),
+        }
+    }
+
+    #[test]
+    fn a_read_gets_what_was_seen_last_of_its_own_module_and_op() {
+        let (mut desk, mut end) = desk_with(Op::ReadOutputs);
+        desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(1));
+        desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(2));
+        desk.seen(ModuleId(0), &Op::ReadOutputs, outputs(3));
+        desk.seen(ModuleId(1), &Op::ReadAnalogs, Seen::Analogs([1, 2]));
+        desk.end(Ticket(7), Ok(Confirmed::Reply), Micros(5));
+        let done = end.try_recv().unwrap().unwrap();
+        assert_eq!(done.seen, Some(outputs(2)));
+        assert!(desk.is_idle());
+    }
+
+    #[test]
+    fn a_write_that_was_not_read_back_has_seen_nothing() {
+        for (confirmed, seen) in [
+            (Confirmed::Reply, None),
+            (Confirmed::Readback, Some(outputs(4))),
+        ] {
+            let (mut desk, mut end) = desk_with(Op::Toggle(4));
+            desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(4));
+            desk.end(Ticket(7), Ok(confirmed), Micros(5));
+            assert_eq!(end.try_recv().unwrap().unwrap().seen, seen);
+        }
+    }
+
+    #[test]
+    fn a_probe_gets_what_came_back_without_the_echo() {
+        for (echoes, bytes) in [(true, &[3, 4][..]), (false, &[1, 2, 3, 4][..])] {
+            let (reply, mut end) = oneshot::channel();
+            let mut desk = Desk::new();
+            desk.add_probe(reply);
+            desk.heard(&[9]);
+            desk.sent(&[1, 2]);
+            desk.heard(&[1, 2, 3]);
+            desk.heard(&[4]);
+            desk.end_probe(Probed::Answered, Micros(5), echoes);
+            assert_eq!(end.try_recv().unwrap().unwrap().bytes, bytes);
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! Why a port can't be used. Data without sentences, so that others can word it in any language.
+
+use rustix::io::Errno;
+use std::fmt;
+use std::io;
+
+/// Why a port can't be opened, or was lost.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum PortError {
+    /// There is nothing of that name.
+    Missing,
+    /// Someone else has it.
+    Busy {
+        /// Who, where that can be seen.
+        holder: Option<Holder>,
+    },
+    /// This user may not open it.
+    Permission(Access),
+    /// There is something of that name, but no terminal.
+    NotATty,
+    /// The other end takes no connection.
+    Refused,
+    /// The other end does not answer.
+    Unreachable,
+    /// It was open and is gone: pulled out, or closed at the other end.
+    Gone,
+    /// Nobody takes what is sent: it piles up, and would reach the modules much too late.
+    Stuck,
+    /// The other end does not speak Modbus TCP.
+    Garbled,
+    /// Anything else, as the system's error number; 0 where it gave none.
+    Io(i32),
+}
+
+/// A program that has a port open.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Holder {
+    /// Its process number.
+    pub pid: u32,
+    /// Its name.
+    pub name: String,
+}
+
+/// Who may open a port.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Access {
+    /// The number of the owner.
+    pub owner: u32,
+    /// The number of the group.
+    pub group: u32,
+    /// The group's name, where `/etc/group` has one: `dialout` on Debian.
+    pub group_name: Option<String>,
+    /// The permission bits, such as `0o660`.
+    pub mode: u32,
+}
+
+impl PortError {
+    /// The name in JSON and logs.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            PortError::Missing => "missing",
+            PortError::Busy { .. } => "busy",
+            PortError::Permission(_) => "permission",
+            PortError::NotATty => "not_a_tty",
+            PortError::Refused => "refused",
+            PortError::Unreachable => "unreachable",
+            PortError::Gone => "gone",
+            PortError::Stuck => "stuck",
+            PortError::Garbled => "garbled",
+            PortError::Io(_) => "io",
+        }
+    }
+
+    /// What an error while sending or receiving means: the port is no longer what it was.
+    #[must_use]
+    pub fn of_loss(error: &io::Error) -> PortError {
+        match error.kind() {
+            io::ErrorKind::WouldBlock | io::ErrorKind::WriteZero => PortError::Stuck,
+            io::ErrorKind::InvalidData => PortError::Garbled,
+            io::ErrorKind::UnexpectedEof
+            | io::ErrorKind::ConnectionReset
+            | io::ErrorKind::ConnectionAborted
+            | io::ErrorKind::BrokenPipe
+            | io::ErrorKind::NotConnected => PortError::Gone,
+            io::ErrorKind::TimedOut
+            | io::ErrorKind::HostUnreachable
+            | io::ErrorKind::NetworkUnreachable => PortError::Unreachable,
+            _ => match error.raw_os_error().map(Errno::from_raw_os_error) {
+                Some(Errno::IO | Errno::NXIO | Errno::NODEV) => PortError::Gone,
+                other => PortError::Io(other.map_or(0, Errno::raw_os_error)),
+            },
+        }
+    }
+}
+
+impl fmt::Display for PortError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::error::Error for PortError {}
+
+impl From<Errno> for PortError {
+    fn from(errno: Errno) -> PortError {
+        PortError::Io(errno.raw_os_error())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_loss_is_told_by_what_it_means() {
+        let of_errno = |errno: Errno| PortError::of_loss(&errno.into());
+        assert_eq!(of_errno(Errno::IO), PortError::Gone);
+        assert_eq!(of_errno(Errno::NODEV), PortError::Gone);
+        assert_eq!(of_errno(Errno::PIPE), PortError::Gone);
+        assert_eq!(of_errno(Errno::AGAIN), PortError::Stuck);
+        assert_eq!(of_errno(Errno::HOSTUNREACH), PortError::Unreachable);
+        assert_eq!(of_errno(Errno::NOMEM), PortError::Io(12));
+        let end = io::ErrorKind::UnexpectedEof.into();
+        assert_eq!(PortError::of_loss(&end), PortError::Gone);
+    }
+}

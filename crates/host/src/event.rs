@@ -1,0 +1,162 @@
+//! What a line tells everyone.
+
+use crate::{Granted, PortError};
+use railbus_bus::Event;
+use std::fmt;
+use std::sync::Arc;
+use tokio::sync::{broadcast, watch};
+
+/// How many events wait for a receiver before the oldest are dropped.
+const EVENTS_MAX: usize = 256;
+
+/// How a line's port is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LineState {
+    /// It is being opened for the first time.
+    Opening,
+    /// It is open.
+    Up,
+    /// It can't be opened, or was lost. It is looked for until it is there.
+    Absent(Arc<PortError>),
+    /// The line was closed for good.
+    Closed,
+}
+
+/// Something that happened on a line, or to it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LineEvent {
+    /// Its port changed.
+    State(LineState),
+    /// Its state machine told something.
+    Bus(Event),
+    /// This receiver was too slow: so many events before the next one are lost to it.
+    Lagged(u64),
+}
+
+/// Sees every event, in the line's task, before the next thing happens and before a caller is
+/// answered: what it writes down, a caller whose command has ended finds written. It must not
+/// wait.
+pub type Observer = Box<dyn FnMut(&LineEvent) + Send>;
+
+/// A receiver of a line's events, from its making on.
+#[derive(Debug)]
+pub struct Events(Option<broadcast::Receiver<LineEvent>>);
+
+impl Events {
+    pub(crate) fn of(line: &broadcast::WeakSender<LineEvent>) -> Events {
+        Events(line.upgrade().map(|sender| sender.subscribe()))
+    }
+
+    /// The next event; none after the line was closed.
+    pub async fn next(&mut self) -> Option<LineEvent> {
+        match self.0.as_mut()?.recv().await {
+            Ok(event) => Some(event),
+            Err(broadcast::error::RecvError::Lagged(count)) => Some(LineEvent::Lagged(count)),
+            Err(broadcast::error::RecvError::Closed) => None,
+        }
+    }
+}
+
+/// The line's end of all that.
+pub(crate) struct Teller {
+    observer: Option<Observer>,
+    events: broadcast::Sender<LineEvent>,
+    state: watch::Sender<LineState>,
+    granted: watch::Sender<Option<Granted>>,
+}
+
+impl Teller {
+    pub(crate) fn new(observer: Option<Observer>) -> Teller {
+        Teller {
+            observer,
+            events: broadcast::Sender::new(EVENTS_MAX),
+            state: watch::Sender::new(LineState::Opening),
+            granted: watch::Sender::new(None),
+        }
+    }
+
+    pub(crate) fn events(&self) -> broadcast::WeakSender<LineEvent> {
+        self.events.downgrade()
+    }
+
+    pub(crate) fn state(&self) -> watch::Receiver<LineState> {
+        self.state.subscribe()
+    }
+
+    pub(crate) fn granted(&self) -> watch::Receiver<Option<Granted>> {
+        self.granted.subscribe()
+    }
+
+    /// Notes what the port's driver granted.
+    pub(crate) fn grant(&self, granted: Option<Granted>) {
+        self.granted.send_replace(granted);
+    }
+
+    pub(crate) fn tell(&mut self, event: Event) {
+        if self.observer.is_some() || self.events.receiver_count() > 0 {
+            self.publish(LineEvent::Bus(event));
+        }
+    }
+
+    /// Tells a change of state; one that is none is not told.
+    pub(crate) fn change(&mut self, state: LineState) {
+        if *self.state.borrow() != state {
+            self.publish(LineEvent::State(state.clone()));
+            self.state.send_replace(state);
+        }
+    }
+
+    fn publish(&mut self, event: LineEvent) {
+        if let Some(observer) = &mut self.observer {
+            observer(&event);
+        }
+        if self.events.receiver_count() > 0 {
+            // Fails where the last one has just gone.
+            let _ = self.events.send(event);
+        }
+    }
+}
+
+impl fmt::Debug for Teller {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Teller")
+            .field("state", &self.state)
+            .finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_slow_receiver_is_told_how_much_it_lost() {
+        let mut teller = Teller::new(None);
+        let mut events = Events::of(&teller.events());
+        for _ in 0..EVENTS_MAX + 3 {
+            teller.tell(Event::Babble);
+        }
+        assert_eq!(events.next().await, Some(LineEvent::Lagged(3)));
+        assert_eq!(events.next().await, Some(LineEvent::Bus(Event::Babble)));
+        let line = teller.events();
+        drop(teller);
+        while let Some(event) = events.next().await {
+            assert_eq!(event, LineEvent::Bus(Event::Babble));
+        }
+        assert_eq!(Events::of(&line).next().await, None);
+    }
+
+    #[tokio::test]
+    async fn a_state_is_told_once_and_to_the_observer_first() {
+        let seen = Arc::new(std::sync::Mutex::new(Vec::new()));
+        let writer = Arc::clone(&seen);
+        let observer = move |event: &LineEvent| writer.lock().unwrap().push(event.clone());
+        let mut teller = Teller::new(Some(Box::new(observer)));
+        let missing = LineState::Absent(Arc::new(PortError::Missing));
+        for state in [&LineState::Opening, &missing, &missing, &LineState::Up] {
+            teller.change(state.clone());
+        }
+        let told = [missing, LineState::Up].map(LineEvent::State);
+        assert_eq!(*seen.lock().unwrap(), told);
+    }
+}

@@ -1,0 +1,68 @@
+//! Serial and TCP ports on tokio, and [`Line`]: the handle of one RS-485 line of I/O modules.
+//! This is the crate that a Rust program adds.
+//!
+//! A line is opened by the name of its port and a list of modules. One task per line does what
+//! the line's state machine ([`railbus_bus::Bus`]) says; the handle hands commands in and
+//! events out. A port that vanishes is a state of the line, not its end: the task goes on
+//! looking for the port under the same name.
+//!
+//! ```no_run
+//! use railbus_host::{Line, LineConfig, LineName, Op, Plan, Terms};
+//! use railbus_host::{Address, Bank, Channel, Family, Module, ModuleId, Setup};
+//!
+//! # async fn run() -> Result<(), Box<dyn std::error::Error>> {
+//! let name: LineName = "/dev/serial/by-id/usb-FTDI_FT232R_A10KZP45-if00-port0".parse()?;
+//! let oven = Module::new(Setup::new(Family::Erc8, Address(3)))?;
+//! let line = Line::open(LineConfig::new(name).with(oven, Plan::default()))?;
+//! line.opened().await?;
+//! let k3 = Channel::new(2).ok_or("32 channels at most")?;
+//! let on = Op::Write(Bank::one(k3, true));
+//! let done = line.run(ModuleId(0), on, Terms::default()).await?;
+//! println!("{:?}", done.confirmed);
+//! # Ok(())
+//! # }
+//! ```
+
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
+
+#[cfg(not(target_os = "linux"))]
+compile_error!(
+    "railbus-host drives serial ports by Linux's own calls; other systems are not supported yet. \
+     railbus-wire, railbus-device, railbus-bus and railbus-sim build everywhere."
+);
+
+mod backoff;
+mod clock;
+mod desk;
+mod error;
+mod event;
+mod ioctl;
+mod line;
+mod mbap;
+mod mbtcp;
+mod name;
+mod port;
+mod serial;
+mod task;
+mod tcp;
+
+pub use error::{Access, Holder, PortError};
+pub use event::{Events, LineEvent, LineState, Observer};
+pub use line::{Done, JOBS_MAX, Line, LineConfig, ProbeResult};
+pub use mbtcp::ModbusTcpPort;
+pub use name::{LineName, NameError};
+pub use port::{AnyPort, Port};
+pub use serial::{Granted, Rs485, SerialOptions, SerialPort};
+pub use tcp::TcpPort;
+
+pub use railbus_bus::{
+    Config, Confirmed, EchoMode, Event, Evidence, Fault, Medium, ModuleId, Plan, Presence, Probe,
+    Probed, Terms,
+};
+pub use railbus_device::{
+    Bank, Change, Family, Module, Op, Point, PointKind, Refusal, Seen, Setup,
+};
+pub use railbus_wire::{
+    Address, Baud, Channel, Character, Exchange, Instant, Micros, Protocol, Settings,
+};

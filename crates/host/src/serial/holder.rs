@@ -1,0 +1,44 @@
+//! Who has a port open, as far as this user may see.
+
+use crate::Holder;
+use std::fs::{self, Metadata};
+use std::os::fd::RawFd;
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::path::Path;
+
+/// The first process that has this terminal open, but for our own descriptor `own`. Another
+/// line of this very process counts.
+pub(crate) fn find(tty: &Metadata, own: Option<RawFd>) -> Option<Holder> {
+    let me = std::process::id();
+    for process in fs::read_dir("/proc").ok()?.flatten() {
+        let name = process.file_name();
+        let Some(pid) = name.to_str().and_then(|name| name.parse::<u32>().ok()) else {
+            continue;
+        };
+        let own = own.filter(|_| pid == me);
+        if holds(&process.path(), tty, own) {
+            let name = fs::read_to_string(process.path().join("comm")).unwrap_or_default();
+            let name = name.trim_end().to_owned();
+            return Some(Holder { pid, name });
+        }
+    }
+    None
+}
+
+fn holds(process: &Path, tty: &Metadata, own: Option<RawFd>) -> bool {
+    let Ok(descriptors) = fs::read_dir(process.join("fd")) else {
+        // Another user's process, or one that has ended meanwhile.
+        return false;
+    };
+    descriptors.flatten().any(|entry| {
+        let number = entry.file_name();
+        let number = number.to_str().and_then(|number| number.parse().ok());
+        let is_own = own.is_some() && number == own;
+        !is_own && fs::metadata(entry.path()).is_ok_and(|open| is_same(&open, tty))
+    })
+}
+
+/// Names and mounts may differ, the device behind them is the same.
+fn is_same(a: &Metadata, b: &Metadata) -> bool {
+    a.file_type().is_char_device() && a.rdev() == b.rdev() && a.dev() == b.dev()
+}

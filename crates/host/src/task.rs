@@ -1,0 +1,419 @@
+//! The task of a line: does what the state machine says, and looks for the port when it is gone.
+
+use crate::backoff::Backoff;
+use crate::clock::Alarm;
+use crate::desk::{Desk, Run};
+use crate::event::Teller;
+use crate::line::Job;
+use crate::{LineState, Port, PortError};
+use railbus_bus::{Bus, Config, Event, Fault, Input, Medium, Output, Plan};
+use railbus_device::Module;
+use railbus_wire::{Instant, Micros, Settings};
+use std::future::{Future, poll_fn};
+use std::io;
+use std::pin::pin;
+use std::sync::Arc;
+use std::task::Poll;
+use tokio::sync::{mpsc, oneshot};
+
+/// How long commands are given to end when the line is closed.
+const CLOSING_MAX: Micros = Micros::from_secs(1);
+/// More than any frame, and more than any chunk that adapters hand over at once.
+const BUFFER: usize = 512;
+
+/// A line's port, state machine and callers.
+#[derive(Debug)]
+pub(crate) struct Task<P> {
+    port: P,
+    bus: Bus,
+    config: Config,
+    modules: Vec<(Module, Plan)>,
+    jobs: mpsc::Receiver<Job>,
+    desk: Desk,
+    teller: Teller,
+    alarm: Alarm,
+    /// The last moment told to the state machine.
+    told: Instant,
+    /// How far its time lies behind the clock. It takes a frame to leave at the moment told
+    /// last. A task that was held up sends later, and so counts the silence after the frame
+    /// from too early on: its time stands still meanwhile, until something is heard again.
+    lag: Micros,
+    last: LastFrame,
+    leaving: Option<Leaving>,
+}
+
+/// When the frame sent last was sent, and what is needed to say when it will have left.
+#[derive(Clone, Copy, Debug)]
+struct LastFrame {
+    at: Instant,
+    bytes: usize,
+    settings: Settings,
+}
+
+/// The line is being closed.
+#[derive(Debug)]
+struct Leaving {
+    /// Commands may end until then.
+    until: Instant,
+    /// Who asked for it; nobody where all handles were dropped.
+    reply: Option<oneshot::Sender<()>>,
+}
+
+/// What a line waits for.
+#[derive(Debug)]
+enum Happened {
+    Bytes(io::Result<usize>),
+    Deadline(io::Result<Instant>),
+    Job(Option<Job>),
+}
+
+/// Why the line does not go on as it did.
+#[derive(Debug)]
+enum Stop {
+    Lost(io::Error),
+    Left,
+}
+
+impl From<io::Error> for Stop {
+    fn from(error: io::Error) -> Stop {
+        Stop::Lost(error)
+    }
+}
+
+impl<P: Port> Task<P> {
+    pub(crate) fn new(
+        port: P,
+        (config, modules): (Config, Vec<(Module, Plan)>),
+        jobs: mpsc::Receiver<Job>,
+        teller: Teller,
+        alarm: Alarm,
+    ) -> Task<P> {
+        let config = with_medium(config, port.medium());
+        Task {
+            bus: build(config, &modules),
+            port,
+            config,
+            modules,
+            jobs,
+            desk: Desk::new(),
+            teller,
+            told: alarm.now(),
+            alarm,
+            lag: Micros::ZERO,
+            last: LastFrame {
+                at: Instant(0),
+                bytes: 0,
+                settings: Settings::FACTORY,
+            },
+            leaving: None,
+        }
+    }
+
+    /// The line's life, until it is closed or nobody has a handle of it any more.
+    pub(crate) async fn run(mut self) {
+        let mut backoff = Backoff::new();
+        while self.leaving.is_none() {
+            let lost = match self.open().await {
+                Some(Ok(())) => {
+                    backoff.reset();
+                    self.be_up().await
+                }
+                Some(Err(why)) => Some(why),
+                None => None,
+            };
+            if let Some(why) = lost
+                && self.leaving.is_none()
+            {
+                self.teller.change(LineState::Absent(Arc::new(why)));
+                self.pause(backoff.next()).await;
+            }
+        }
+        self.teller.change(LineState::Closed);
+        if let Some(reply) = self.leaving.and_then(|leaving| leaving.reply) {
+            let _ = reply.send(());
+        }
+    }
+
+    /// Opens the port; nothing when the line was closed meanwhile.
+    async fn open(&mut self) -> Option<Result<(), PortError>> {
+        match without_port(&mut self.jobs, self.port.open()).await {
+            Ok(end) => Some(end),
+            Err(closed) => {
+                self.leave(closed);
+                None
+            }
+        }
+    }
+
+    /// Waits until it is worth while to look for the port again.
+    async fn pause(&mut self, pause: Micros) {
+        let wait = self.alarm.sleep(pause);
+        if let Err(closed) = without_port(&mut self.jobs, wait).await {
+            self.leave(closed);
+        }
+    }
+
+    /// Drives the line until the port is lost, or the line is closed.
+    async fn be_up(&mut self) -> Option<PortError> {
+        let config = with_medium(self.config, self.port.medium());
+        if config.medium != self.config.medium {
+            // What the port is shows only now. No command was taken yet.
+            self.config = config;
+            self.bus = build(config, &self.modules);
+        }
+        self.lag = Micros::ZERO;
+        self.teller.grant(self.port.granted());
+        self.teller.change(LineState::Up);
+        self.handle(self.alarm.now(), Input::Opened);
+        let stop = self.drive().await;
+        if let Stop::Left = stop {
+            self.let_frame_leave().await;
+        }
+        self.port.close();
+        self.handle(self.alarm.now(), Input::Closed);
+        while let Output::Event(event) = self.bus.poll() {
+            self.on_event(event);
+        }
+        self.desk.clear();
+        match stop {
+            Stop::Lost(error) => Some(PortError::of_loss(&error)),
+            Stop::Left => None,
+        }
+    }
+
+    /// The line's loop.
+    async fn drive(&mut self) -> Stop {
+        let mut buffer = [0; BUFFER];
+        loop {
+            if let Err(stop) = self.turn(&mut buffer).await {
+                return stop;
+            }
+        }
+    }
+
+    async fn turn(&mut self, buffer: &mut [u8; BUFFER]) -> Result<(), Stop> {
+        let deadline = self.drain()?;
+        self.alarm.set(deadline)?;
+        match self.next(buffer).await {
+            Happened::Bytes(count) => {
+                let bytes = buffer.get(..count?).unwrap_or_default();
+                self.lag = Micros::ZERO;
+                self.desk.heard(bytes);
+                self.handle(self.alarm.now(), Input::Bytes(bytes));
+            }
+            Happened::Deadline(now) => self.handle(now?, Input::Timeout),
+            Happened::Job(job) => self.take_all(job),
+        }
+        Ok(())
+    }
+
+    /// Does what the state machine says until it waits; the clock's time until which it does.
+    fn drain(&mut self) -> Result<Option<Instant>, Stop> {
+        loop {
+            if self.has_left() {
+                return Err(Stop::Left);
+            }
+            match self.bus.poll() {
+                Output::Transmit { bytes, settings } => {
+                    self.port.send(bytes, settings)?;
+                    self.desk.sent(bytes);
+                    let at = self.alarm.now();
+                    self.lag = at.since(self.told);
+                    self.last = LastFrame {
+                        at,
+                        bytes: bytes.len(),
+                        settings,
+                    };
+                }
+                Output::Event(event) => self.on_event(event),
+                Output::Wait(at) => return Ok(self.wake_at(at)),
+            }
+        }
+    }
+
+    /// The state machine's deadline as the clock counts, and no later than the closing.
+    fn wake_at(&self, deadline: Option<Instant>) -> Option<Instant> {
+        let deadline = deadline.map(|at| at + self.lag);
+        let Some(leaving) = &self.leaving else {
+            return deadline;
+        };
+        let closing = match self.haunted_until() {
+            Some(until) => until.min(leaving.until),
+            None => leaving.until,
+        };
+        Some(deadline.map_or(closing, |at| at.min(closing)))
+    }
+
+    /// Bytes go first: they decide what a deadline means. Jobs go last, so that a flood of them
+    /// holds up nothing.
+    async fn next(&mut self, buffer: &mut [u8; BUFFER]) -> Happened {
+        let takes_jobs = self.leaving.is_none();
+        let mut read = pin!(self.port.read(buffer));
+        poll_fn(|cx| {
+            if let Poll::Ready(count) = read.as_mut().poll(cx) {
+                return Poll::Ready(Happened::Bytes(count));
+            }
+            if let Poll::Ready(now) = self.alarm.poll(cx) {
+                return Poll::Ready(Happened::Deadline(now));
+            }
+            if takes_jobs {
+                return self.jobs.poll_recv(cx).map(Happened::Job);
+            }
+            Poll::Pending
+        })
+        .await
+    }
+
+    fn handle(&mut self, now: Instant, input: Input<'_>) {
+        self.told = self.bus_time(now);
+        self.bus.handle(self.told, input);
+    }
+
+    fn bus_time(&self, now: Instant) -> Instant {
+        Instant(now.0.saturating_sub(self.lag.0)).max(self.told)
+    }
+
+    /// The event is told before the caller is answered: who reads after a write sees the write.
+    fn on_event(&mut self, event: Event) {
+        self.teller.tell(event);
+        match event {
+            Event::Seen {
+                module, op, seen, ..
+            } => self.desk.seen(module, &op, seen),
+            Event::Done { ticket, end, took } => self.desk.end(ticket, end, took),
+            Event::Probed { outcome, after } => {
+                let echoes = self.bus.echoes() == Some(true);
+                self.desk.end_probe(outcome, after, echoes);
+            }
+            _ => {}
+        }
+    }
+
+    /// Takes all jobs that wait, so that writes handed in together can share a frame.
+    fn take_all(&mut self, first: Option<Job>) {
+        self.take(first);
+        while self.leaving.is_none()
+            && let Ok(job) = self.jobs.try_recv()
+        {
+            self.take(Some(job));
+        }
+    }
+
+    fn take(&mut self, job: Option<Job>) {
+        self.told = self.bus_time(self.alarm.now());
+        match job {
+            Some(Job::Run {
+                module,
+                op,
+                terms,
+                reply,
+            }) => match self.bus.submit(self.told, module, op, terms) {
+                Ok(ticket) => self.desk.add(Run {
+                    ticket,
+                    module,
+                    op,
+                    seen: None,
+                    reply,
+                }),
+                Err(fault) => drop(reply.send(Err(fault))),
+            },
+            Some(Job::Probe { probe, reply }) => {
+                if self.bus.submit_probe(self.told, probe) {
+                    self.desk.add_probe(reply);
+                } else {
+                    let _ = reply.send(Err(Fault::Overloaded));
+                }
+            }
+            Some(Job::Close { reply }) => self.leave(Some(reply)),
+            None => self.leave(None),
+        }
+    }
+
+    /// Begins to close the line: takes no more jobs.
+    fn leave(&mut self, reply: Option<oneshot::Sender<()>>) {
+        self.jobs.close();
+        while let Ok(job) = self.jobs.try_recv() {
+            job.refuse();
+        }
+        let until = self.alarm.now() + CLOSING_MAX;
+        self.leaving = Some(Leaving { until, reply });
+    }
+
+    /// Whether nothing keeps a line any more that is being closed.
+    fn has_left(&self) -> bool {
+        let Some(leaving) = &self.leaving else {
+            return false;
+        };
+        let now = self.alarm.now();
+        let haunted = self.haunted_until().is_some_and(|until| until > now);
+        leaving.until <= now || self.desk.is_idle() && !haunted
+    }
+
+    /// Until when a late reply may come that would meet whoever opens the port next.
+    fn haunted_until(&self) -> Option<Instant> {
+        self.bus.haunted_until().map(|until| until + self.lag)
+    }
+
+    /// A frame cut off could be taken for another one.
+    async fn let_frame_leave(&mut self) {
+        let LastFrame {
+            at,
+            bytes,
+            settings,
+        } = self.last;
+        let left = (at + settings.frame_time(bytes)).since(self.alarm.now());
+        if left > Micros::ZERO {
+            let _ = self.alarm.sleep(left).await;
+        }
+    }
+}
+
+impl Job {
+    /// Ends what can't be done without a port.
+    fn refuse(self) {
+        match self {
+            Job::Run { reply, .. } => drop(reply.send(Err(Fault::Closed))),
+            Job::Probe { reply, .. } => drop(reply.send(Err(Fault::Closed))),
+            Job::Close { reply } => drop(reply.send(())),
+        }
+    }
+}
+
+/// Waits for something while there is no port and jobs can't be done. Where the line is closed
+/// meanwhile, the error says who did it.
+async fn without_port<T>(
+    jobs: &mut mpsc::Receiver<Job>,
+    work: impl Future<Output = T>,
+) -> Result<T, Option<oneshot::Sender<()>>> {
+    let mut work = pin!(work);
+    poll_fn(|cx| {
+        while let Poll::Ready(job) = jobs.poll_recv(cx) {
+            match job {
+                None => return Poll::Ready(Err(None)),
+                Some(Job::Close { reply }) => return Poll::Ready(Err(Some(reply))),
+                Some(job) => job.refuse(),
+            }
+        }
+        work.as_mut().poll(cx).map(Ok)
+    })
+    .await
+}
+
+/// A port that buffers makes the line buffered; one that does not, may stand before one that does.
+const fn with_medium(config: Config, medium: Medium) -> Config {
+    Config {
+        medium: match medium {
+            Medium::Buffered => medium,
+            Medium::Wire => config.medium,
+        },
+        ..config
+    }
+}
+
+fn build(config: Config, modules: &[(Module, Plan)]) -> Bus {
+    let mut bus = Bus::new(config);
+    for (module, plan) in modules {
+        bus.add(module.clone(), *plan);
+    }
+    bus
+}

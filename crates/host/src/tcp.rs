@@ -1,0 +1,119 @@
+//! Serial servers that pass bytes on as they are.
+
+use crate::clock::within;
+use crate::{LineName, Port, PortError};
+use railbus_bus::Medium;
+use railbus_wire::{Micros, Settings};
+use rustix::net::sockopt;
+use std::io;
+use std::time::Duration;
+use tokio::net::TcpStream;
+
+/// The longest that a connection may take to come about.
+const CONNECT_MAX: Micros = Micros::from_secs(3);
+/// A server that acknowledges nothing for so long is gone. Without this, a server that lost its
+/// power would look like a line of silent modules for a quarter of an hour.
+const SILENT_MAX: Duration = Duration::from_secs(5);
+
+/// A connection to a serial server.
+#[derive(Debug)]
+pub struct TcpPort {
+    host: String,
+    port: u16,
+    stream: Option<TcpStream>,
+}
+
+impl TcpPort {
+    /// The port there, closed.
+    #[must_use]
+    pub const fn new(host: String, port: u16) -> TcpPort {
+        TcpPort {
+            host,
+            port,
+            stream: None,
+        }
+    }
+}
+
+impl Port for TcpPort {
+    fn name(&self) -> String {
+        let (host, port) = (self.host.clone(), self.port);
+        LineName::Tcp { host, port }.to_string()
+    }
+
+    fn medium(&self) -> Medium {
+        Medium::Buffered
+    }
+
+    async fn open(&mut self) -> Result<(), PortError> {
+        self.stream = None;
+        self.stream = Some(connect(&self.host, self.port).await?);
+        Ok(())
+    }
+
+    async fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        read(self.stream.as_ref(), buffer).await
+    }
+
+    fn send(&mut self, bytes: &[u8], _: Settings) -> io::Result<()> {
+        send(self.stream.as_ref(), bytes)
+    }
+
+    fn close(&mut self) {
+        self.stream = None;
+    }
+}
+
+/// A connection that sends small frames at once and notices when nobody is there any more.
+pub(crate) async fn connect(host: &str, port: u16) -> Result<TcpStream, PortError> {
+    let attempt = within(CONNECT_MAX, TcpStream::connect((host, port))).await;
+    let attempt = attempt.map_err(|error| PortError::of_loss(&error))?;
+    let stream = attempt
+        .ok_or(PortError::Unreachable)?
+        .map_err(|error| refused(&error))?;
+    stream
+        .set_nodelay(true)
+        .map_err(|e| PortError::of_loss(&e))?;
+    watch(&stream)?;
+    Ok(stream)
+}
+
+fn watch(stream: &TcpStream) -> rustix::io::Result<()> {
+    let millis = SILENT_MAX.as_millis();
+    sockopt::set_tcp_user_timeout(stream, u32::try_from(millis).unwrap_or(u32::MAX))?;
+    sockopt::set_tcp_keepidle(stream, SILENT_MAX)?;
+    sockopt::set_tcp_keepintvl(stream, Duration::from_secs(1))?;
+    sockopt::set_socket_keepalive(stream, true)
+}
+
+pub(crate) async fn read(stream: Option<&TcpStream>, buffer: &mut [u8]) -> io::Result<usize> {
+    let stream = stream.ok_or(io::ErrorKind::NotConnected)?;
+    loop {
+        stream.readable().await?;
+        match stream.try_read(buffer) {
+            Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+            end => return end,
+        }
+    }
+}
+
+/// Hands over a frame whole; where that fails the connection can't be used any more, because
+/// nobody knows where in a frame the other end is.
+pub(crate) fn send(stream: Option<&TcpStream>, bytes: &[u8]) -> io::Result<()> {
+    let stream = stream.ok_or(io::ErrorKind::NotConnected)?;
+    match stream.try_write(bytes)? {
+        written if written == bytes.len() => Ok(()),
+        _ => Err(io::ErrorKind::WriteZero.into()),
+    }
+}
+
+/// Why no connection came about.
+fn refused(error: &io::Error) -> PortError {
+    match error.kind() {
+        io::ErrorKind::ConnectionRefused => PortError::Refused,
+        // The resolver's errors have no number of the system: there is no such host.
+        _ if error.raw_os_error().is_none() => PortError::Missing,
+        _ => PortError::of_loss(error),
+    }
+}
