@@ -1,0 +1,78 @@
+//! The configuration of a site: its lines, their modules, and what the points are called.
+//!
+//! A configuration is read whole or refused whole: every problem is found in one go, each with
+//! its line and column, and nothing is half taken.
+
+mod problem;
+mod read;
+mod units;
+
+pub use problem::{Kind, Problem};
+pub use units::{Range, parse_duration};
+
+use railbus_bus::{EchoMode, Plan};
+use railbus_device::{Point, Setup};
+use railbus_wire::Settings;
+use std::collections::BTreeMap;
+
+/// A whole site.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Config {
+    /// Its lines, by name.
+    pub lines: BTreeMap<String, LineConfig>,
+    /// Its modules, by name.
+    pub modules: BTreeMap<String, ModuleConfig>,
+}
+
+/// A line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LineConfig {
+    /// Where it is plugged in: `/dev/…`, `pty:…`, `tcp:host:port`, `mbtcp:host:port`.
+    pub port: String,
+    /// The speed and character format of its modules, unless one says otherwise.
+    pub serial: Settings,
+    /// Whether the adapter echoes.
+    pub echo: EchoMode,
+}
+
+/// A module.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModuleConfig {
+    /// The line it hangs on.
+    pub line: String,
+    /// What it is.
+    pub setup: Setup,
+    /// How often it is read.
+    pub plan: Plan,
+    /// What its analog inputs measure.
+    pub range: Range,
+    /// What is said of single points.
+    pub points: BTreeMap<Point, PointConfig>,
+}
+
+/// What is said of a point.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PointConfig {
+    /// Its name in English.
+    pub name_en: Option<String>,
+    /// Its name in Chinese.
+    pub name_zh: Option<String>,
+    /// It must not be written.
+    pub locked: bool,
+}
+
+impl Config {
+    /// Reads a configuration.
+    ///
+    /// # Errors
+    /// Every problem found, in the order of the text.
+    pub fn parse(text: &str) -> Result<Config, Vec<Problem>> {
+        read::read(text)
+    }
+
+    /// The modules of a line, in the order of their names: their numbers on the line count so.
+    pub fn modules_of(&self, line: &str) -> impl Iterator<Item = (&String, &ModuleConfig)> {
+        let of_line = move |(_, module): &(&String, &ModuleConfig)| module.line == line;
+        self.modules.iter().filter(of_line)
+    }
+}

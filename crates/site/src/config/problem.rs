@@ -1,0 +1,77 @@
+//! What can be wrong with a configuration, as data: whoever shows it finds the words.
+
+use railbus_device::SetupError;
+use railbus_host::NameError;
+
+/// A problem and its place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Problem {
+    /// The line in the text, from 1.
+    pub line: usize,
+    /// The column in characters, from 1.
+    pub column: usize,
+    /// The table and key it is about, as `module.pump.address`; empty for the whole text.
+    pub path: String,
+    /// What is wrong.
+    pub kind: Kind,
+}
+
+/// What is wrong.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Kind {
+    /// The text is no TOML; the parser's own words.
+    Syntax(String),
+    /// A key that does not exist here, and the one that may be meant.
+    UnknownKey(Option<&'static str>),
+    /// A key that must be there.
+    MissingKey(&'static str),
+    /// A value of another kind than the one named.
+    WrongType(&'static str),
+    /// A value that is none of these.
+    NotOneOf(Vec<&'static str>),
+    /// A number outside these bounds.
+    OutOfRange(i64, i64),
+    /// A name that is not made of `a-z`, `0-9` and `_`, 1 to 32 characters.
+    BadName,
+    /// Not a length of time with its unit, such as `200ms`.
+    BadDuration,
+    /// Not a range of an analog input.
+    BadRange,
+    /// Not the name of a port.
+    BadPort(NameError),
+    /// Another line is plugged into the same port.
+    PortTaken(String),
+    /// A line that is not there.
+    NoSuchLine,
+    /// A point that the module does not have.
+    NoSuchPoint,
+    /// What the family says to the module.
+    Setup(SetupError),
+    /// Another module on the same line has the same address in the same protocol.
+    AddressTaken(String),
+}
+
+impl Kind {
+    /// The stable code of this kind of problem; its first two digits are the exit code.
+    #[must_use]
+    pub const fn code(&self) -> &'static str {
+        match self {
+            Kind::Syntax(_) => "E0811",
+            Kind::UnknownKey(_) => "E0812",
+            Kind::MissingKey(_) => "E0813",
+            Kind::WrongType(_) => "E0814",
+            Kind::NotOneOf(_) => "E0815",
+            Kind::OutOfRange(..) => "E0816",
+            Kind::BadName => "E0817",
+            Kind::BadDuration => "E0818",
+            Kind::BadRange => "E0819",
+            Kind::NoSuchLine => "E0820",
+            Kind::NoSuchPoint => "E0821",
+            Kind::Setup(_) => "E0822",
+            Kind::AddressTaken(_) => "E0823",
+            Kind::BadPort(_) => "E0825",
+            Kind::PortTaken(_) => "E0826",
+        }
+    }
+}

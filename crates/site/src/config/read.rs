@@ -1,0 +1,599 @@
+//! From TOML to a configuration, with the place of everything that is wrong.
+
+use super::{Config, Kind, LineConfig, ModuleConfig, PointConfig, Problem, Range, parse_duration};
+use railbus_bus::{EchoMode, Plan};
+use railbus_device::{Family, Layout, Setup, SetupError};
+use railbus_host::LineName;
+use railbus_wire::{Address, Baud, Character, Protocol, Settings};
+use std::collections::BTreeMap;
+use std::ops::Range as Span;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+const LINE_KEYS: [&str; 4] = ["port", "baud", "format", "echo"];
+const MODULE_KEYS: [&str; 17] = [
+    "line",
+    "model",
+    "address",
+    "protocol",
+    "baud",
+    "format",
+    "checksum",
+    "outputs",
+    "inputs",
+    "variables",
+    "layout",
+    "invert_on_off",
+    "gap",
+    "poll",
+    "max_age",
+    "range",
+    "point",
+];
+const POINT_KEYS: [&str; 2] = ["name", "locked"];
+const NAME_KEYS: [&str; 2] = ["en", "zh"];
+const RANGE_KEYS: [&str; 4] = ["low", "high", "unit", "decimals"];
+
+const BAUDS: [&str; 8] = [
+    "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
+];
+const FORMATS: [(&str, Character); 4] = [
+    ("8N1", Character::N1),
+    ("8E1", Character::E1),
+    ("8O1", Character::O1),
+    ("8N2", Character::N2),
+];
+const ECHOES: [(&str, EchoMode); 3] = [
+    ("auto", EchoMode::Auto),
+    ("on", EchoMode::On),
+    ("off", EchoMode::Off),
+];
+const LAYOUTS: [(&str, Layout); 3] = [
+    ("outputs", Layout::Outputs),
+    ("inputs", Layout::Inputs),
+    ("mixed", Layout::Mixed),
+];
+
+type Value<'t> = Spanned<DeValue<'t>>;
+
+pub(super) fn read(text: &str) -> Result<Config, Vec<Problem>> {
+    let mut reader = Reader {
+        text,
+        problems: Vec::new(),
+    };
+    let config = match DeTable::parse(text) {
+        Ok(root) => reader.root(root.get_ref()),
+        Err(error) => {
+            let kind = Kind::Syntax(error.message().to_owned());
+            reader.problem(error.span().unwrap_or(0..0), "", kind);
+            Config::default()
+        }
+    };
+    reader
+        .problems
+        .sort_by_key(|problem| (problem.line, problem.column));
+    if reader.problems.is_empty() {
+        Ok(config)
+    } else {
+        Err(reader.problems)
+    }
+}
+
+struct Reader<'t> {
+    text: &'t str,
+    problems: Vec<Problem>,
+}
+
+/// One table, its keys all known.
+struct Section<'r, 't> {
+    path: String,
+    span: Span<usize>,
+    table: &'r DeTable<'t>,
+}
+
+impl Section<'_, '_> {
+    /// Where a key's value stands, or the table where there is none.
+    fn place_of(&self, key: &str) -> Span<usize> {
+        let value = self.table.get(key);
+        value.map_or_else(|| self.span.clone(), Spanned::span)
+    }
+}
+
+impl<'t> Reader<'t> {
+    fn problem(&mut self, span: Span<usize>, path: &str, kind: Kind) {
+        let before = self.text.get(..span.start).unwrap_or(self.text);
+        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+        self.problems.push(Problem {
+            line: before.matches('\n').count() + 1,
+            column: before.get(line_start..).unwrap_or_default().chars().count() + 1,
+            path: path.to_owned(),
+            kind,
+        });
+    }
+
+    fn root(&mut self, root: &DeTable<'t>) -> Config {
+        let mut config = Config::default();
+        // A line that has problems is there all the same, for the modules that name it.
+        let mut lines = BTreeMap::new();
+        for (key, value) in root {
+            match key.get_ref().as_ref() {
+                "line" => {
+                    let mut taken = BTreeMap::new();
+                    self.named(value, "line", |reader, name, section| {
+                        let (path, port_at) = (section.path.clone(), section.place_of("port"));
+                        let line = reader.line(section);
+                        let serial = line.as_ref().map_or(Settings::FACTORY, |line| line.serial);
+                        lines.insert(name.clone(), serial);
+                        if let Some(line) = line {
+                            if let Some(other) = taken.insert(line.port.clone(), name.clone()) {
+                                let path = format!("{path}.port");
+                                reader.problem(port_at, &path, Kind::PortTaken(other));
+                            }
+                            config.lines.insert(name, line);
+                        }
+                    });
+                }
+                "module" => {}
+                other => {
+                    let meant = closest(other, &["line", "module"]);
+                    self.problem(key.span(), other, Kind::UnknownKey(meant));
+                }
+            }
+        }
+        if let Some(modules) = root.get("module") {
+            let mut taken = BTreeMap::new();
+            self.named(modules, "module", |reader, name, section| {
+                let address_at = section.place_of("address");
+                let path = section.path.clone();
+                if let Some(module) = reader.module(section, &lines) {
+                    let Setup {
+                        protocol, address, ..
+                    } = module.setup;
+                    let place = (module.line.clone(), protocol, address);
+                    if let Some(other) = taken.insert(place, name.clone()) {
+                        let path = format!("{path}.address");
+                        reader.problem(address_at, &path, Kind::AddressTaken(other));
+                    }
+                    config.modules.insert(name, module);
+                }
+            });
+        }
+        config
+    }
+
+    /// The tables `[kind.name]`.
+    fn named(
+        &mut self,
+        value: &Value<'t>,
+        kind: &str,
+        mut each: impl FnMut(&mut Self, String, Section<'_, 't>),
+    ) {
+        let Some(tables) = self.table(value, kind) else {
+            return;
+        };
+        for (name, value) in tables {
+            let path = format!("{kind}.{}", name.get_ref());
+            if !is_slug(name.get_ref()) {
+                self.problem(name.span(), &path, Kind::BadName);
+                continue;
+            }
+            if let Some(table) = self.table(value, &path) {
+                let section = Section {
+                    path,
+                    span: value.span(),
+                    table,
+                };
+                each(self, name.get_ref().to_string(), section);
+            }
+        }
+    }
+
+    fn table<'r>(&mut self, value: &'r Value<'t>, path: &str) -> Option<&'r DeTable<'t>> {
+        let table = value.get_ref().as_table();
+        if table.is_none() {
+            self.problem(value.span(), path, Kind::WrongType("table"));
+        }
+        table
+    }
+
+    fn check_keys(&mut self, section: &Section<'_, 't>, known: &[&'static str]) {
+        for key in section.table.keys() {
+            let name = key.get_ref().as_ref();
+            if !known.contains(&name) {
+                let path = format!("{}.{name}", section.path);
+                self.problem(key.span(), &path, Kind::UnknownKey(closest(name, known)));
+            }
+        }
+    }
+
+    fn line(&mut self, section: Section<'_, 't>) -> Option<LineConfig> {
+        self.check_keys(&section, &LINE_KEYS);
+        let serial = self.serial(&section, Settings::FACTORY);
+        let echo = self.one_of(&section, "echo", &ECHOES)?.unwrap_or_default();
+        let port = self.required(&section, "port", |reader, value, path| {
+            let port = reader.string(value, path)?;
+            if let Err(why) = port.parse::<LineName>() {
+                reader.problem(value.span(), path, Kind::BadPort(why));
+                return None;
+            }
+            Some(port)
+        })?;
+        Some(LineConfig {
+            port,
+            serial: serial?,
+            echo,
+        })
+    }
+
+    /// Speed and character format, or those of the line.
+    fn serial(&mut self, section: &Section<'_, 't>, of_line: Settings) -> Option<Settings> {
+        let baud = match section.table.get("baud") {
+            None => Some(of_line.baud),
+            Some(value) => {
+                let path = format!("{}.baud", section.path);
+                let rate = self.integer(value, &path)?;
+                let baud = u32::try_from(rate).ok().and_then(Baud::from_rate);
+                if baud.is_none() {
+                    self.problem(value.span(), &path, Kind::NotOneOf(BAUDS.to_vec()));
+                }
+                baud
+            }
+        };
+        let character = self
+            .one_of(section, "format", &FORMATS)?
+            .unwrap_or(of_line.character);
+        Some(Settings {
+            baud: baud?,
+            character,
+        })
+    }
+
+    fn module(
+        &mut self,
+        section: Section<'_, 't>,
+        lines: &BTreeMap<String, Settings>,
+    ) -> Option<ModuleConfig> {
+        self.check_keys(&section, &MODULE_KEYS);
+        let families = Family::ALL.map(|family| (family.name(), family));
+        let line = self.required(&section, "line", Self::string);
+        let of_line = line.as_ref().and_then(|name| lines.get(name));
+        if let (Some(_), None, Some(value)) = (&line, of_line, section.table.get("line")) {
+            self.problem(
+                value.span(),
+                &format!("{}.line", section.path),
+                Kind::NoSuchLine,
+            );
+        }
+        let address = self.required(&section, "address", |reader, value, path| {
+            reader.integer_in(value, path, 0, 255)
+        });
+        let family = match self.one_of(&section, "model", &families)? {
+            Some(family) => family,
+            None => {
+                self.problem(
+                    section.span.clone(),
+                    &section.path,
+                    Kind::MissingKey("model"),
+                );
+                return None;
+            }
+        };
+        let setup = Setup::new(family, Address(address? as u8));
+        let of_line = *of_line?;
+        let setup = self.setup(&section, setup, of_line)?;
+        if let Err(error) = setup.check() {
+            let key = key_of(error);
+            let span = section.place_of(key);
+            self.problem(span, &format!("{}.{key}", section.path), Kind::Setup(error));
+            return None;
+        }
+        let points = self.points(&section, &setup);
+        let plan = self.plan(&section)?;
+        let range = self.range(&section)?;
+        Some(ModuleConfig {
+            line: line?,
+            setup,
+            plan,
+            range,
+            points,
+        })
+    }
+
+    /// What differs from the factory's settings.
+    fn setup(
+        &mut self,
+        section: &Section<'_, 't>,
+        factory: Setup,
+        of_line: Settings,
+    ) -> Option<Setup> {
+        let protocols = Protocol::ALL.map(|protocol| (protocol.name(), protocol));
+        let protocol = self
+            .one_of(section, "protocol", &protocols)?
+            .unwrap_or(factory.protocol);
+        let layout = self
+            .one_of(section, "layout", &LAYOUTS)?
+            .unwrap_or_default();
+        let (outputs, inputs) = match layout {
+            Layout::Inputs => (0, 32),
+            Layout::Mixed => (16, 16),
+            Layout::Outputs => (factory.outputs, factory.inputs),
+        };
+        let gap = self.duration(section, "gap")?;
+        Some(Setup {
+            protocol,
+            serial: self.serial(section, of_line)?,
+            checksum: self.boolean(section, "checksum")?,
+            outputs: self.count(section, "outputs", outputs)?,
+            inputs: self.count(section, "inputs", inputs)?,
+            variables: self.count(section, "variables", 0)?,
+            layout,
+            invert_on_off: self.boolean(section, "invert_on_off")?,
+            gap,
+            ..factory
+        })
+    }
+
+    fn plan(&mut self, section: &Section<'_, 't>) -> Option<Plan> {
+        let never = section
+            .table
+            .get("poll")
+            .and_then(|value| value.get_ref().as_str());
+        if never == Some("never") {
+            return Some(Plan::NEVER);
+        }
+        let standard = Plan::default();
+        let interval = self.duration(section, "poll")?.unwrap_or(standard.interval);
+        let max_age = self
+            .duration(section, "max_age")?
+            .unwrap_or(standard.max_age);
+        Some(Plan {
+            interval,
+            max_age,
+            ..standard
+        })
+    }
+
+    fn points(
+        &mut self,
+        section: &Section<'_, 't>,
+        setup: &Setup,
+    ) -> BTreeMap<railbus_device::Point, PointConfig> {
+        let mut points = BTreeMap::new();
+        let path = format!("{}.point", section.path);
+        let Some(value) = section.table.get("point") else {
+            return points;
+        };
+        let Some(tables) = self.table(value, &path) else {
+            return points;
+        };
+        for (label, value) in tables {
+            let path = format!("{path}.{}", label.get_ref());
+            let Some(point) = setup.point(label.get_ref()) else {
+                self.problem(label.span(), &path, Kind::NoSuchPoint);
+                continue;
+            };
+            if let Some(table) = self.table(value, &path) {
+                let section = Section {
+                    path,
+                    span: value.span(),
+                    table,
+                };
+                if let Some(config) = self.point(&section) {
+                    points.insert(point, config);
+                }
+            }
+        }
+        points
+    }
+
+    fn point(&mut self, section: &Section<'_, 't>) -> Option<PointConfig> {
+        self.check_keys(section, &POINT_KEYS);
+        let locked = self.boolean(section, "locked")?;
+        let (name_en, name_zh) = match section.table.get("name").map(|v| (v, v.get_ref())) {
+            None => (None, None),
+            Some((_, DeValue::String(name))) => (Some(name.to_string()), Some(name.to_string())),
+            Some((value, _)) => {
+                let path = format!("{}.name", section.path);
+                let table = self.table(value, &path)?;
+                let names = Section {
+                    path,
+                    span: value.span(),
+                    table,
+                };
+                self.check_keys(&names, &NAME_KEYS);
+                (
+                    self.optional(&names, "en", Self::string)?,
+                    self.optional(&names, "zh", Self::string)?,
+                )
+            }
+        };
+        Some(PointConfig {
+            name_en,
+            name_zh,
+            locked,
+        })
+    }
+
+    fn range(&mut self, section: &Section<'_, 't>) -> Option<Range> {
+        let Some(value) = section.table.get("range") else {
+            return Some(Range::volts());
+        };
+        let path = format!("{}.range", section.path);
+        match value.get_ref() {
+            DeValue::String(name) if name == "0-10V" => return Some(Range::volts()),
+            DeValue::String(name) if name == "0-20mA" => return Some(Range::milliamps()),
+            DeValue::Table(table) => {
+                let section = Section {
+                    path: path.clone(),
+                    span: value.span(),
+                    table,
+                };
+                self.check_keys(&section, &RANGE_KEYS);
+                let number = |key| section.table.get(key).and_then(|v| as_number(v.get_ref()));
+                let unit = self.optional(&section, "unit", Self::string)?;
+                let decimals = self.count(&section, "decimals", 2)?;
+                if let (Some(low), Some(high), Some(unit)) = (number("low"), number("high"), unit) {
+                    return Some(Range {
+                        low,
+                        high,
+                        unit,
+                        decimals,
+                    });
+                }
+            }
+            _ => {}
+        }
+        self.problem(value.span(), &path, Kind::BadRange);
+        None
+    }
+
+    fn required<T>(
+        &mut self,
+        section: &Section<'_, 't>,
+        key: &'static str,
+        read: impl FnOnce(&mut Self, &Value<'t>, &str) -> Option<T>,
+    ) -> Option<T> {
+        match section.table.get(key) {
+            Some(value) => read(self, value, &format!("{}.{key}", section.path)),
+            None => {
+                self.problem(section.span.clone(), &section.path, Kind::MissingKey(key));
+                None
+            }
+        }
+    }
+
+    /// Nothing for what is wrong, nothing inside for what is not there.
+    fn optional<T>(
+        &mut self,
+        section: &Section<'_, 't>,
+        key: &str,
+        read: impl FnOnce(&mut Self, &Value<'t>, &str) -> Option<T>,
+    ) -> Option<Option<T>> {
+        match section.table.get(key) {
+            Some(value) => read(self, value, &format!("{}.{key}", section.path)).map(Some),
+            None => Some(None),
+        }
+    }
+
+    fn one_of<T: Copy>(
+        &mut self,
+        section: &Section<'_, 't>,
+        key: &str,
+        choices: &[(&'static str, T)],
+    ) -> Option<Option<T>> {
+        self.optional(section, key, |reader, value, path| {
+            let text = value.get_ref().as_str();
+            let found = choices.iter().find(|(name, _)| text == Some(*name));
+            if found.is_none() {
+                let names = choices.iter().map(|(name, _)| *name).collect();
+                reader.problem(value.span(), path, Kind::NotOneOf(names));
+            }
+            found.map(|(_, choice)| *choice)
+        })
+    }
+
+    fn boolean(&mut self, section: &Section<'_, 't>, key: &str) -> Option<bool> {
+        let found = self.optional(section, key, |reader, value, path| {
+            let found = value.get_ref().as_bool();
+            if found.is_none() {
+                reader.problem(value.span(), path, Kind::WrongType("true / false"));
+            }
+            found
+        })?;
+        Some(found.unwrap_or(false))
+    }
+
+    fn count(&mut self, section: &Section<'_, 't>, key: &str, standard: u8) -> Option<u8> {
+        let found = self.optional(section, key, |reader, value, path| {
+            reader.integer_in(value, path, 0, 32)
+        })?;
+        Some(found.map_or(standard, |count| count as u8))
+    }
+
+    fn duration(
+        &mut self,
+        section: &Section<'_, 't>,
+        key: &str,
+    ) -> Option<Option<railbus_wire::Micros>> {
+        self.optional(section, key, |reader, value, path| {
+            let found = value.get_ref().as_str().and_then(parse_duration);
+            if found.is_none() {
+                reader.problem(value.span(), path, Kind::BadDuration);
+            }
+            found
+        })
+    }
+
+    fn string(&mut self, value: &Value<'t>, path: &str) -> Option<String> {
+        let found = value.get_ref().as_str().map(str::to_owned);
+        if found.is_none() {
+            self.problem(value.span(), path, Kind::WrongType("text in quotes"));
+        }
+        found
+    }
+
+    fn integer(&mut self, value: &Value<'t>, path: &str) -> Option<i64> {
+        let number = value.get_ref().as_integer();
+        let found = number.and_then(|n| i64::from_str_radix(n.as_str(), n.radix()).ok());
+        if found.is_none() {
+            self.problem(value.span(), path, Kind::WrongType("whole number"));
+        }
+        found
+    }
+
+    fn integer_in(&mut self, value: &Value<'t>, path: &str, low: i64, high: i64) -> Option<i64> {
+        let number = self.integer(value, path)?;
+        if (low..=high).contains(&number) {
+            return Some(number);
+        }
+        self.problem(value.span(), path, Kind::OutOfRange(low, high));
+        None
+    }
+}
+
+fn as_number(value: &DeValue<'_>) -> Option<f64> {
+    match value {
+        DeValue::Integer(number) => number.as_str().parse().ok(),
+        DeValue::Float(number) => number.as_str().parse().ok(),
+        _ => None,
+    }
+}
+
+/// The key that the family's objection is about.
+const fn key_of(error: SetupError) -> &'static str {
+    match error {
+        SetupError::Address(..) => "address",
+        SetupError::Protocol => "protocol",
+        SetupError::Baud => "baud",
+        SetupError::Character => "format",
+        SetupError::Channels => "outputs",
+        SetupError::Checksum => "checksum",
+    }
+}
+
+/// Names are parts of paths in the command line, topics and addresses of web pages.
+fn is_slug(name: &str) -> bool {
+    let slug = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    (1..=32).contains(&name.len()) && name.chars().all(slug)
+}
+
+/// The known word nearest to one that is not known, if it is near.
+fn closest(word: &str, known: &[&'static str]) -> Option<&'static str> {
+    let distance = |other: &str| edit_distance(word, other);
+    let nearest = known.iter().copied().min_by_key(|other| distance(other))?;
+    (distance(nearest) <= 2.max(word.len() / 3)).then_some(nearest)
+}
+
+/// How many letters must be changed, added or dropped.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.bytes().enumerate() {
+        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
+        for (j, y) in b.bytes().enumerate() {
+            let changed = diagonal + usize::from(x != y);
+            diagonal = row[j + 1];
+            row[j + 1] = changed.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}

@@ -1,0 +1,28 @@
+//! The truth about a site: its lines, modules and points, what is known of them, and how good
+//! that knowledge is. There is no network here.
+//!
+//! [`Service`] opens the lines of a [`Config`], keeps the truth ([`Site`]) up to date, and takes
+//! commands. Whoever shows or commands a site, over whatever network, does it through a clone of
+//! the one `Service`.
+
+#![forbid(unsafe_code)]
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
+
+mod audit;
+pub mod config;
+mod failure;
+mod frame;
+mod health;
+mod service;
+mod truth;
+
+pub use audit::{AUDIT_MAX, Entry};
+pub use config::Config;
+pub use failure::Failure;
+pub use frame::read_request;
+pub use service::{
+    By, LineStatus, ModuleStatus, PULSE_MAX, PointStatus, Pulse, PulseDone, Reloaded, Service,
+    StartError, Update, Updates, WriteDone, WriteTerms,
+};
+pub use truth::{Change, PointState, Pulses, Quality, Site, Value};

@@ -1,0 +1,230 @@
+//! A site at work: its lines opened, its truth kept, its commands carried out.
+
+mod command;
+mod pulse;
+mod reload;
+mod state;
+mod status;
+mod update;
+
+pub use command::{WriteDone, WriteTerms};
+pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
+pub use reload::Reloaded;
+pub use status::{LineStatus, ModuleStatus, PointStatus};
+pub use update::{Update, Updates};
+
+use crate::audit::{Audit, Entry};
+use crate::{Config, Failure};
+use pulse::Timers;
+use railbus_device::{Module, SetupError};
+use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, Plan, PortError};
+use railbus_wire::Micros;
+use state::State;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::broadcast;
+
+/// How many updates wait for a subscriber before the oldest are dropped.
+const UPDATES_MAX: usize = 256;
+
+/// Why a site can't be started.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum StartError {
+    /// The name of a line's port is none.
+    Port(String, NameError),
+    /// A module can't be as described.
+    Setup(String, SetupError),
+    /// The system refuses what it always grants.
+    System(PortError),
+}
+
+impl fmt::Display for StartError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            StartError::Port(line, why) => write!(f, "line {line}: {why}"),
+            StartError::Setup(module, why) => write!(f, "module {module}: {why}"),
+            StartError::System(why) => why.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for StartError {}
+
+/// A site at work. Clones are handles of the same site; its lines are closed by
+/// [`Service::close`], or when the last handle and the last pulse have gone.
+///
+/// Reads take what is known, and never wait for the line; how old it is, is a part of the
+/// answer. Commands go to the line and wait for their end.
+#[derive(Clone, Debug)]
+pub struct Service {
+    inner: Arc<Inner>,
+}
+
+pub(crate) struct Inner {
+    state: Mutex<State>,
+    lines: Mutex<BTreeMap<String, Line>>,
+    audit: Mutex<Audit>,
+    timers: Timers,
+    updates: broadcast::Sender<Update>,
+    /// Only one at a time may change the configuration.
+    reloading: tokio::sync::Mutex<()>,
+    start: std::time::Instant,
+    polls: bool,
+}
+
+impl fmt::Debug for Inner {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Inner")
+            .field("start", &self.start)
+            .field("polls", &self.polls)
+            .finish_non_exhaustive()
+    }
+}
+
+/// A panic while the lock was held leaves values that are each whole.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Service {
+    /// Opens the lines of a site and reads its modules again and again. To be called inside a
+    /// tokio runtime with I/O and time enabled.
+    ///
+    /// # Errors
+    /// [`StartError`]. A port that can't be opened is none: it is looked for until it is there.
+    pub fn start(config: Config) -> Result<Service, StartError> {
+        Service::start_with(config, true)
+    }
+
+    /// The same, but only what is asked for is read: for a single command.
+    ///
+    /// # Errors
+    /// As [`Service::start`].
+    pub fn start_quiet(config: Config) -> Result<Service, StartError> {
+        Service::start_with(config, false)
+    }
+
+    fn start_with(config: Config, polls: bool) -> Result<Service, StartError> {
+        let names: Vec<String> = config.lines.keys().cloned().collect();
+        let prepared: Vec<LineConfig> = names
+            .iter()
+            .map(|name| prepare(&config, name, polls))
+            .collect::<Result<_, _>>()?;
+        let service = Service {
+            inner: Arc::new(Inner {
+                state: Mutex::new(State::new(config)),
+                lines: Mutex::new(BTreeMap::new()),
+                audit: Mutex::new(Audit::new()),
+                timers: Timers::default(),
+                updates: broadcast::Sender::new(UPDATES_MAX),
+                reloading: tokio::sync::Mutex::new(()),
+                start: std::time::Instant::now(),
+                polls,
+            }),
+        };
+        for (name, prepared) in names.into_iter().zip(prepared) {
+            service.open(name, prepared).map_err(StartError::System)?;
+        }
+        Ok(service)
+    }
+
+    /// Opens a line whose events the state hears of before anyone else.
+    fn open(&self, name: String, mut config: LineConfig) -> Result<(), PortError> {
+        let inner = Arc::downgrade(&self.inner);
+        let line = name.clone();
+        config.observer = Some(Box::new(move |event| {
+            // The task outlives the site only while it closes its port.
+            if let Some(inner) = inner.upgrade() {
+                inner.observe(&line, event);
+            }
+        }));
+        let opened = Line::open(config)?;
+        lock(&self.inner.lines).insert(name, opened);
+        Ok(())
+    }
+
+    /// What changes from now on. The newest updates are kept for a slow subscriber, which is
+    /// told how many older ones it missed.
+    #[must_use]
+    pub fn subscribe(&self) -> Updates {
+        Updates::new(self.inner.updates.subscribe())
+    }
+
+    /// What was done lately, oldest first.
+    #[must_use]
+    pub fn audit(&self) -> Vec<Entry> {
+        lock(&self.inner.audit).entries()
+    }
+
+    /// Waits until the port of a line is open, or could not be opened once.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchLine`]. How the port is, [`Service::line`] says.
+    pub async fn opened(&self, line: &str) -> Result<(), Failure> {
+        let handle = self.inner.handle(line).ok_or(Failure::NoSuchLine)?;
+        // The reason is a part of the line's status.
+        let _ = handle.opened().await;
+        Ok(())
+    }
+
+    /// Ends the site: outputs of pulses that are timed here are released, commands under way
+    /// get a second to end, the frames on the wire leave, the ports are closed.
+    pub async fn close(&self) {
+        self.inner.timers.stop_all().await;
+        let lines = std::mem::take(&mut *lock(&self.inner.lines));
+        close_all(lines.into_values()).await;
+    }
+}
+
+/// Closes lines side by side.
+async fn close_all(lines: impl Iterator<Item = Line>) {
+    let close = |line: Line| tokio::spawn(async move { line.close().await });
+    let closing: Vec<_> = lines.map(close).collect();
+    for line in closing {
+        // Fails only where the runtime itself ends.
+        let _ = line.await;
+    }
+}
+
+impl Inner {
+    fn handle(&self, line: &str) -> Option<Line> {
+        lock(&self.lines).get(line).cloned()
+    }
+
+    /// Time since the start of the site.
+    fn now(&self) -> Micros {
+        let passed = self.start.elapsed().as_micros();
+        Micros(u64::try_from(passed).unwrap_or(u64::MAX))
+    }
+
+    /// The line's handle of a module, and its number there.
+    fn place(&self, module: &str) -> Option<(Line, ModuleId)> {
+        let (line, id) = lock(&self.state).place(module)?;
+        Some((self.handle(&line)?, id))
+    }
+
+    /// Fails where nobody listens, which does not matter.
+    fn tell(&self, update: Update) {
+        let _ = self.updates.send(update);
+    }
+}
+
+/// A line as the host wants it described.
+fn prepare(config: &Config, name: &str, polls: bool) -> Result<LineConfig, StartError> {
+    let wrong_port = |why| StartError::Port(name.to_owned(), why);
+    let Some(line) = config.lines.get(name) else {
+        return Err(wrong_port(NameError::Form));
+    };
+    let port: LineName = line.port.parse().map_err(wrong_port)?;
+    let mut prepared = LineConfig::new(port);
+    prepared.serial.settings = line.serial;
+    prepared.bus.echo = line.echo;
+    for (module, described) in config.modules_of(name) {
+        let wrong = |why| StartError::Setup(module.clone(), why);
+        let plan = if polls { described.plan } else { Plan::NEVER };
+        let module = Module::new(described.setup).map_err(wrong)?;
+        prepared.modules.push((module, plan));
+    }
+    Ok(prepared)
+}

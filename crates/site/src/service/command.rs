@@ -1,0 +1,286 @@
+//! Commands: what is checked before they go to the line, and what is told of their end.
+
+use super::{Inner, Service, lock};
+use crate::config::ModuleConfig;
+use crate::{Failure, Value};
+use railbus_device::{Bank, Module, Op, Point, PointKind, Seen};
+use railbus_host::{Confirmed, Done, Fault, Probe, ProbeResult, Terms};
+use railbus_wire::{Channel, Exchange, Micros};
+use std::fmt::Write;
+
+/// How long a frame of one's own waits for the reply to begin, where nobody says.
+const RAW_TIMEOUT: Micros = Micros::from_millis(300);
+
+/// On what terms outputs are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WriteTerms {
+    /// Read the outputs back and compare, where the module can.
+    pub verify: bool,
+    /// In the form that no module answers.
+    pub silent: bool,
+    /// Only where every one of the outputs is in this state now, for which they are read first.
+    pub only_if: Option<bool>,
+}
+
+impl Default for WriteTerms {
+    fn default() -> WriteTerms {
+        WriteTerms {
+            verify: true,
+            silent: false,
+            only_if: None,
+        }
+    }
+}
+
+/// How outputs were written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WriteDone {
+    /// Each output with what it is now, and what it was before, where that is known.
+    pub outputs: Vec<(Point, Option<bool>, Option<bool>)>,
+    /// How far that is certain.
+    pub confirmed: Confirmed,
+    /// From handing the command in to the last byte of its own reply.
+    pub took: Micros,
+    /// The number of its audit entry.
+    pub audit: String,
+    /// It was made of a read and a write.
+    pub read_then_set: bool,
+}
+
+impl Service {
+    /// Brings outputs of one module into these states with one command of the line, and leaves
+    /// the others alone.
+    ///
+    /// # Errors
+    /// [`Failure`]; [`Failure::may_have_acted`] says whether something may have happened even
+    /// so.
+    pub async fn write(
+        &self,
+        module: &str,
+        set: &[(Point, bool)],
+        terms: WriteTerms,
+    ) -> Result<WriteDone, Failure> {
+        let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+        self.inner.writable(module, &points)?;
+        if let Some(wanted) = terms.only_if {
+            self.read_fresh(module).await?;
+            let known = |point| self.inner.output(module, point);
+            let other = points.iter().find(|point| known(**point) != Some(wanted));
+            if let Some(point) = other {
+                return Err(Failure::NotAsAsked(*point, !wanted));
+            }
+        }
+        let mut bank = Bank::default();
+        for (point, on) in set {
+            let one = Bank::one(channel(*point)?, *on);
+            bank = Bank::new(bank.mask | one.mask, bank.on & !one.mask | one.on);
+        }
+        let op = if terms.silent {
+            Op::WriteSilent(bank)
+        } else {
+            Op::Write(bank)
+        };
+        for point in &points {
+            self.inner.timers.forget(module, *point);
+        }
+        let what = self.inner.describe(module, set);
+        let wanted = |point| bank_state(bank, point);
+        self.inner
+            .command(module, &points, op, terms.verify, what, wanted)
+            .await
+    }
+
+    /// Switches an output over: `raw` by the board's own command, which is never repeated;
+    /// else it is read first and then set, and someone else may come between.
+    ///
+    /// # Errors
+    /// As [`Service::write`]; [`Fault::Unsupported`] where the model has no such command.
+    pub async fn toggle(
+        &self,
+        module: &str,
+        point: Point,
+        raw: bool,
+    ) -> Result<WriteDone, Failure> {
+        self.inner.writable(module, &[point])?;
+        if raw {
+            self.inner.timers.forget(module, point);
+            let what = format!("toggle {}", self.inner.label(module, point));
+            let op = Op::Toggle(channel(point)?.mask());
+            return self
+                .inner
+                .command(module, &[point], op, true, what, |_| None)
+                .await;
+        }
+        self.read_fresh(module).await?;
+        let now = self.inner.output(module, point).ok_or(Fault::Unknown)?;
+        let set = [(point, !now)];
+        let done = self.write(module, &set, WriteTerms::default()).await?;
+        Ok(WriteDone {
+            read_then_set: true,
+            ..done
+        })
+    }
+
+    /// Asks a module for everything now. What it says is known when this returns.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchModule`], or what the line said.
+    pub async fn read_fresh(&self, module: &str) -> Result<(), Failure> {
+        let setup = self.inner.described(module)?.setup;
+        let module_ops = Module::new(setup).map_err(|_| Fault::Unsupported)?;
+        for op in module_ops.full_poll() {
+            self.inner.run(module, op, false).await?;
+        }
+        Ok(())
+    }
+
+    /// Sends a read of one's own, in the line's own speed and format.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchLine`], or what the line said.
+    pub async fn raw(
+        &self,
+        line: &str,
+        exchange: Exchange<'static>,
+        timeout: Option<Micros>,
+    ) -> Result<ProbeResult, Failure> {
+        let status = self.line(line).ok_or(Failure::NoSuchLine)?;
+        let handle = self.inner.handle(line).ok_or(Failure::NoSuchLine)?;
+        let probe = Probe {
+            exchange,
+            settings: status.serial,
+            // What the slowest of the families wants.
+            gap: Micros::from_millis(20).max(status.serial.t3_5()),
+            timeout: timeout.unwrap_or(RAW_TIMEOUT),
+        };
+        Ok(handle.probe(probe).await?)
+    }
+}
+
+impl Inner {
+    pub(super) fn described(&self, module: &str) -> Result<ModuleConfig, Failure> {
+        let state = lock(&self.state);
+        let config = state.site.config().modules.get(module);
+        config.cloned().ok_or(Failure::NoSuchModule)
+    }
+
+    /// Whether these points are outputs that may be written.
+    pub(super) fn writable(&self, module: &str, points: &[Point]) -> Result<(), Failure> {
+        let config = self.described(module)?;
+        if points.is_empty() {
+            return Err(Failure::NoSuchPoint);
+        }
+        for point in points {
+            if point.index >= config.setup.count(point.kind) {
+                return Err(Failure::NoSuchPoint);
+            }
+            if point.kind != PointKind::Output {
+                return Err(Failure::NotAnOutput(*point));
+            }
+            if config.points.get(point).is_some_and(|point| point.locked) {
+                return Err(Failure::Locked(*point));
+            }
+        }
+        Ok(())
+    }
+
+    /// What an output was when it was last read.
+    pub(super) fn output(&self, module: &str, point: Point) -> Option<bool> {
+        let state = lock(&self.state);
+        let (known, _) = state.site.point(module, point, railbus_wire::Instant(0));
+        match known?.value {
+            Value::Bool(on) => Some(on),
+            Value::Analog(..) | Value::Number(_) => None,
+        }
+    }
+
+    pub(super) fn label(&self, module: &str, point: Point) -> String {
+        let label = self.described(module).map(|module| {
+            let (letters, number) = module.setup.label(point);
+            format!("{letters}{number}")
+        });
+        label.unwrap_or_default()
+    }
+
+    fn describe(&self, module: &str, set: &[(Point, bool)]) -> String {
+        let mut text = String::new();
+        for (point, on) in set {
+            let on = if *on { "on" } else { "off" };
+            // Writing into a String does not fail.
+            let _ = write!(text, "{}={on} ", self.label(module, *point));
+        }
+        text.truncate(text.trim_end().len());
+        text
+    }
+
+    /// One command of the line, with its audit entry and the states before and after.
+    pub(super) async fn command(
+        &self,
+        module: &str,
+        points: &[Point],
+        op: Op,
+        verify: bool,
+        what: String,
+        wanted: impl Fn(Point) -> Option<bool>,
+    ) -> Result<WriteDone, Failure> {
+        let before: Vec<_> = points.iter().map(|p| self.output(module, *p)).collect();
+        let audit = lock(&self.audit).begin(module, what);
+        let end = self.run(module, op, verify).await;
+        let told = match &end {
+            Ok(done) => confirmed_name(done.confirmed),
+            Err(fault) => fault.name(),
+        };
+        lock(&self.audit).end(&audit, told);
+        let done = end?;
+        let after = |point: Point| match (done.confirmed, done.seen) {
+            (Confirmed::Sent, _) => None,
+            (Confirmed::Readback, Some(Seen::Channels { outputs, .. })) => {
+                bank_state(outputs, point)
+            }
+            // A toggle is read back too, and what was read is known by now.
+            (Confirmed::Reply, _) => wanted(point).or_else(|| self.output(module, point)),
+            (Confirmed::Readback, _) => wanted(point),
+        };
+        let outputs = points.iter().zip(before);
+        Ok(WriteDone {
+            outputs: outputs.map(|(p, before)| (*p, after(*p), before)).collect(),
+            confirmed: done.confirmed,
+            took: done.took,
+            audit,
+            read_then_set: false,
+        })
+    }
+
+    /// Does an op with a module; counts what the module or the line did wrong.
+    pub(super) async fn run(&self, module: &str, op: Op, verify: bool) -> Result<Done, Fault> {
+        let (line, id) = self.place(module).ok_or(Fault::Closed)?;
+        let terms = Terms {
+            verify,
+            ..Terms::default()
+        };
+        let end = line.run(id, op, terms).await;
+        if let Err(Fault::NoReply(_) | Fault::Garbled(_) | Fault::Refused(_) | Fault::NotVerified) =
+            end
+        {
+            let now = self.now();
+            lock(&self.state).missed(module, now);
+        }
+        end
+    }
+}
+
+const fn confirmed_name(confirmed: Confirmed) -> &'static str {
+    match confirmed {
+        Confirmed::Readback => "readback",
+        Confirmed::Reply => "reply",
+        Confirmed::Sent => "sent",
+    }
+}
+
+pub(super) fn channel(point: Point) -> Result<Channel, Failure> {
+    Channel::new(point.index).ok_or(Failure::NoSuchPoint)
+}
+
+fn bank_state(bank: Bank, point: Point) -> Option<bool> {
+    bank.get(Channel::new(point.index)?)
+}

@@ -1,0 +1,140 @@
+//! All that is known of a site, and the only place where events change it.
+
+use super::{Inner, Update, lock};
+use crate::health::Health;
+use crate::{Config, Site};
+use railbus_host::{Event, LineEvent, LineState, ModuleId};
+use railbus_wire::Micros;
+use std::collections::BTreeMap;
+
+/// All that is known of a site.
+#[derive(Debug)]
+pub(super) struct State {
+    pub(super) site: Site,
+    pub(super) lines: BTreeMap<String, LineNow>,
+    pub(super) health: BTreeMap<String, Health>,
+}
+
+/// How a line is.
+#[derive(Clone, Debug)]
+pub(super) struct LineNow {
+    pub(super) state: LineState,
+    pub(super) babble: bool,
+    /// The names of its modules, by their numbers on the line.
+    pub(super) modules: Vec<String>,
+}
+
+impl LineNow {
+    pub(super) fn new(config: &Config, line: &str) -> LineNow {
+        LineNow {
+            state: LineState::Opening,
+            babble: false,
+            modules: config
+                .modules_of(line)
+                .map(|(name, _)| name.clone())
+                .collect(),
+        }
+    }
+}
+
+impl State {
+    pub(super) fn new(config: Config) -> State {
+        let lines = config.lines.keys();
+        let lines = lines
+            .map(|name| (name.clone(), LineNow::new(&config, name)))
+            .collect();
+        State {
+            site: Site::new(config),
+            lines,
+            health: BTreeMap::new(),
+        }
+    }
+
+    /// The line of a module, and its number there.
+    pub(super) fn place(&self, module: &str) -> Option<(String, ModuleId)> {
+        let line = &self.site.config().modules.get(module)?.line;
+        let modules = &self.lines.get(line)?.modules;
+        let id = modules.iter().position(|name| name == module)?;
+        Some((line.clone(), ModuleId(id)))
+    }
+
+    /// Whether a module's line is open.
+    pub(super) fn is_up(&self, module: &str) -> bool {
+        let config = self.site.config().modules.get(module);
+        let line = config.and_then(|config| self.lines.get(&config.line));
+        line.is_some_and(|line| line.state == LineState::Up)
+    }
+
+    /// An exchange with a module failed.
+    pub(super) fn missed(&mut self, module: &str, now: Micros) {
+        self.health_of(module).errors.count(now);
+    }
+
+    fn health_of(&mut self, module: &str) -> &mut Health {
+        self.health.entry(module.to_owned()).or_default()
+    }
+
+    /// Takes note of an event; gives back what changed by it.
+    fn apply(&mut self, line: &str, event: &LineEvent, now: Micros) -> Vec<Update> {
+        let this = || Update::Line(line.to_owned());
+        let Some(known) = self.lines.get_mut(line) else {
+            return Vec::new();
+        };
+        let event = match event {
+            LineEvent::State(state) => {
+                known.state = state.clone();
+                return vec![this()];
+            }
+            LineEvent::Bus(event) => event,
+            LineEvent::Lagged(_) => return Vec::new(),
+        };
+        let name = |id: ModuleId| known.modules.get(id.0).cloned().unwrap_or_default();
+        match event {
+            Event::Seen {
+                module,
+                seen,
+                asked,
+                heard,
+                ..
+            } => {
+                let module = name(*module);
+                self.health_of(&module).replied(heard.since(*asked));
+                let changes = self.site.saw(&module, seen, *asked);
+                changes.into_iter().map(Update::Point).collect()
+            }
+            Event::Missed { module, .. } => {
+                let module = name(*module);
+                self.missed(&module, now);
+                Vec::new()
+            }
+            Event::Presence { module, presence } => {
+                let module = name(*module);
+                self.site.heard(&module, *presence);
+                vec![Update::Module(module)]
+            }
+            Event::Late { module, .. } => {
+                let module = name(*module);
+                self.health_of(&module).late.count(now);
+                Vec::new()
+            }
+            Event::Babble | Event::Quiet => {
+                known.babble = *event == Event::Babble;
+                vec![this()]
+            }
+            Event::Echo | Event::Duplicates | Event::Done { .. } | Event::Probed { .. } => {
+                Vec::new()
+            }
+        }
+    }
+}
+
+impl Inner {
+    /// Called in the line's task, before a command's caller is answered: who has written and
+    /// then reads, reads what was written.
+    pub(super) fn observe(&self, line: &str, event: &LineEvent) {
+        let updates = lock(&self.state).apply(line, event, self.now());
+        for update in updates {
+            self.tell(update);
+        }
+    }
+}

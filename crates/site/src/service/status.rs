@@ -1,0 +1,204 @@
+//! What is known, for whoever asks.
+
+use super::state::State;
+use super::{Inner, Service, lock};
+use crate::config::{ModuleConfig, PointConfig, Range};
+use crate::{Config, Quality, Value};
+use railbus_device::{Point, PointKind, Setup};
+use railbus_host::{LineState, Presence};
+use railbus_wire::{Instant, Micros, Settings};
+
+/// A line, as it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LineStatus {
+    /// Its name.
+    pub name: String,
+    /// Where it is plugged in.
+    pub port: String,
+    /// Its speed and character format, unless a module says otherwise.
+    pub serial: Settings,
+    /// How its port is.
+    pub state: LineState,
+    /// Something on it never stops sending.
+    pub babble: bool,
+    /// Its modules.
+    pub modules: Vec<String>,
+}
+
+/// A module, as it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModuleStatus {
+    /// Its name.
+    pub name: String,
+    /// The line it hangs on.
+    pub line: String,
+    /// What it is.
+    pub setup: Setup,
+    /// Whether it is heard. Nobody is while the line is not open.
+    pub presence: Presence,
+    /// From the beginning of a request to the end of its reply, smoothed.
+    pub rtt: Option<Micros>,
+    /// Exchanges that failed within the last hour.
+    pub errors: u32,
+    /// Replies that came too late within the last hour.
+    pub late: u32,
+}
+
+/// A point, as far as it is known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointStatus {
+    /// Its module.
+    pub module: String,
+    /// Which one.
+    pub point: Point,
+    /// Its label at the terminal.
+    pub label: String,
+    /// What the configuration says of it.
+    pub config: PointConfig,
+    /// Its last value.
+    pub value: Option<Value>,
+    /// How far that can be trusted.
+    pub quality: Quality,
+    /// How old it is at most.
+    pub age: Option<Micros>,
+    /// What an analog input measures.
+    pub range: Option<Range>,
+    /// The width of its pulses, where it is an output that gives some.
+    pub pulse: Option<Micros>,
+}
+
+impl Service {
+    /// The configuration in force.
+    #[must_use]
+    pub fn config(&self) -> Config {
+        lock(&self.inner.state).site.config().clone()
+    }
+
+    /// All lines.
+    #[must_use]
+    pub fn lines(&self) -> Vec<LineStatus> {
+        let state = lock(&self.inner.state);
+        let names = state.site.config().lines.keys();
+        names.filter_map(|name| state.line(name)).collect()
+    }
+
+    /// A line.
+    #[must_use]
+    pub fn line(&self, name: &str) -> Option<LineStatus> {
+        lock(&self.inner.state).line(name)
+    }
+
+    /// All modules.
+    #[must_use]
+    pub fn modules(&self) -> Vec<ModuleStatus> {
+        let now = self.inner.now();
+        let mut state = lock(&self.inner.state);
+        let names: Vec<String> = state.site.config().modules.keys().cloned().collect();
+        names
+            .iter()
+            .filter_map(|name| state.module(name, now))
+            .collect()
+    }
+
+    /// A module.
+    #[must_use]
+    pub fn module(&self, name: &str) -> Option<ModuleStatus> {
+        let now = self.inner.now();
+        lock(&self.inner.state).module(name, now)
+    }
+
+    /// The points of a module, outputs first; none where there is no such module.
+    #[must_use]
+    pub fn points(&self, module: &str) -> Vec<PointStatus> {
+        let now = self.inner.line_time(module);
+        let state = lock(&self.inner.state);
+        let Some(config) = state.site.config().modules.get(module) else {
+            return Vec::new();
+        };
+        let points = config.setup.points();
+        points
+            .map(|point| state.point(module, config, point, now))
+            .collect()
+    }
+
+    /// A point.
+    #[must_use]
+    pub fn point(&self, module: &str, point: Point) -> Option<PointStatus> {
+        let now = self.inner.line_time(module);
+        let state = lock(&self.inner.state);
+        let config = state.site.config().modules.get(module)?;
+        (point.index < config.setup.count(point.kind))
+            .then(|| state.point(module, config, point, now))
+    }
+}
+
+impl Inner {
+    /// The time in which readings of a module are told.
+    fn line_time(&self, module: &str) -> Instant {
+        let place = self.place(module);
+        place.map_or(Instant(0), |(line, _)| line.now())
+    }
+}
+
+impl State {
+    fn line(&self, name: &str) -> Option<LineStatus> {
+        let config = self.site.config().lines.get(name)?;
+        let now = self.lines.get(name)?;
+        Some(LineStatus {
+            name: name.to_owned(),
+            port: config.port.clone(),
+            serial: config.serial,
+            state: now.state.clone(),
+            babble: now.babble,
+            modules: now.modules.clone(),
+        })
+    }
+
+    fn module(&mut self, name: &str, now: Micros) -> Option<ModuleStatus> {
+        let presence = match self.site.presence(name) {
+            Presence::Online if !self.is_up(name) => Presence::Silent,
+            presence => presence,
+        };
+        let config = self.site.config().modules.get(name)?;
+        let (line, setup) = (config.line.clone(), config.setup);
+        let health = self.health.entry(name.to_owned()).or_default();
+        Some(ModuleStatus {
+            name: name.to_owned(),
+            line,
+            setup,
+            presence,
+            rtt: health.rtt(),
+            errors: health.errors.total(now),
+            late: health.late.total(now),
+        })
+    }
+
+    fn point(
+        &self,
+        module: &str,
+        config: &ModuleConfig,
+        point: Point,
+        now: Instant,
+    ) -> PointStatus {
+        let (known, quality) = self.site.point(module, point, now);
+        let quality = match quality {
+            Quality::Good | Quality::Stale if !self.is_up(module) => Quality::Offline,
+            quality => quality,
+        };
+        let (letters, number) = config.setup.label(point);
+        let pulses = self.site.pulses(module);
+        PointStatus {
+            module: module.to_owned(),
+            point,
+            label: format!("{letters}{number}"),
+            config: config.points.get(&point).cloned().unwrap_or_default(),
+            value: known.map(|known| known.value),
+            quality,
+            age: known.map(|known| now.since(known.read)),
+            range: (point.kind == PointKind::Analog).then(|| config.range.clone()),
+            pulse: pulses
+                .and_then(|pulses| pulses.of(point))
+                .map(|width| Micros::from_millis(u64::from(width.tenths()) * 100)),
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! What is known of every point, since when, and how good it is.
+
+use crate::Config;
+use crate::config::ModuleConfig;
+use railbus_bus::Presence;
+use railbus_device::{Bank, Point, PointKind, Seen};
+use railbus_wire::{Channel, Instant, PulseWidth};
+use std::collections::BTreeMap;
+
+/// The value of a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Value {
+    /// An output is on, or an input is high or open.
+    Bool(bool),
+    /// An analog value in its unit, and the register it was read from.
+    Analog(f64, u16),
+    /// An internal variable, 0 to 16 777 215.
+    Number(u32),
+}
+
+/// How far a value can be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// Read, and not older than the module's maximum age.
+    Good,
+    /// Read, but too long ago.
+    Stale,
+    /// Its module does not answer; the value is the last one read.
+    Offline,
+    /// Never read.
+    Unknown,
+}
+
+impl Quality {
+    /// The name in JSON and tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Quality::Good => "good",
+            Quality::Stale => "stale",
+            Quality::Offline => "offline",
+            Quality::Unknown => "unknown",
+        }
+    }
+}
+
+/// What is known of a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointState {
+    /// The last value read.
+    pub value: Value,
+    /// When the request began that read it: the value may be so old.
+    pub read: Instant,
+}
+
+/// A point got another value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Change {
+    /// Its module.
+    pub module: String,
+    /// Which point.
+    pub point: Point,
+    /// What it was before, where that is known.
+    pub before: Option<Value>,
+    /// What it is.
+    pub value: Value,
+}
+
+/// What is known of a module.
+#[derive(Clone, Debug, Default)]
+struct ModuleState {
+    presence: Presence,
+    points: BTreeMap<Point, PointState>,
+    pulse: Option<Pulses>,
+}
+
+/// Which outputs of a module give pulses, and how long.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pulses {
+    /// Bit n = output n gives pulses.
+    pub mask: u8,
+    /// The width of all of them.
+    pub width: PulseWidth,
+}
+
+impl Pulses {
+    /// How long a pulse of this output is, where it gives any.
+    #[must_use]
+    pub fn of(self, point: Point) -> Option<PulseWidth> {
+        let gives = point.kind == PointKind::Output
+            && u32::from(self.mask)
+                .checked_shr(u32::from(point.index))
+                .is_some_and(|m| m & 1 == 1);
+        gives.then_some(self.width)
+    }
+}
+
+/// The truth about a site. [`Site::saw`] and [`Site::heard`] are its only writers.
+#[derive(Clone, Debug)]
+pub struct Site {
+    config: Config,
+    modules: BTreeMap<String, ModuleState>,
+}
+
+impl Site {
+    /// A site of which nothing is known yet.
+    #[must_use]
+    pub fn new(config: Config) -> Site {
+        let modules = config
+            .modules
+            .keys()
+            .map(|name| (name.clone(), ModuleState::default()))
+            .collect();
+        Site { config, modules }
+    }
+
+    /// Its configuration.
+    #[must_use]
+    pub const fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Whether a module is heard.
+    #[must_use]
+    pub fn presence(&self, module: &str) -> Presence {
+        self.modules
+            .get(module)
+            .map(|state| state.presence)
+            .unwrap_or_default()
+    }
+
+    /// A module is heard, or no longer.
+    pub fn heard(&mut self, module: &str, presence: Presence) {
+        if let Some(state) = self.modules.get_mut(module) {
+            state.presence = presence;
+        }
+    }
+
+    /// A module said something that was true at `read` or later; gives back what is new in it.
+    pub fn saw(&mut self, module: &str, seen: &Seen, read: Instant) -> Vec<Change> {
+        let Some(config) = self.config.modules.get(module) else {
+            return Vec::new();
+        };
+        let Some(state) = self.modules.get_mut(module) else {
+            return Vec::new();
+        };
+        if let Seen::Pulse { mask, width } = *seen {
+            state.pulse = Some(Pulses { mask, width });
+        }
+        let mut changes = Vec::new();
+        for (point, value) in values(config, seen) {
+            let before = state.points.insert(point, PointState { value, read });
+            let before = before.map(|before| before.value);
+            if before != Some(value) {
+                changes.push(Change {
+                    module: module.to_owned(),
+                    point,
+                    before,
+                    value,
+                });
+            }
+        }
+        changes
+    }
+
+    /// Which outputs of a module give pulses, where it was asked.
+    #[must_use]
+    pub fn pulses(&self, module: &str) -> Option<Pulses> {
+        self.modules.get(module)?.pulse
+    }
+
+    /// Takes another configuration. Of the modules that `keep` names, what is known stays known.
+    pub fn reconfigure(&mut self, config: Config, keep: impl Fn(&str) -> bool) {
+        let mut known = std::mem::take(&mut self.modules);
+        *self = Site::new(config);
+        for (name, state) in &mut self.modules {
+            if keep(name)
+                && let Some(kept) = known.remove(name)
+            {
+                *state = kept;
+            }
+        }
+    }
+
+    /// What is known of a point, and how good that is now.
+    #[must_use]
+    pub fn point(&self, module: &str, point: Point, now: Instant) -> (Option<PointState>, Quality) {
+        let known = self
+            .modules
+            .get(module)
+            .and_then(|state| state.points.get(&point))
+            .copied();
+        let max_age = self
+            .config
+            .modules
+            .get(module)
+            .map(|config| config.plan.max_age);
+        let quality = match (known, self.presence(module), max_age) {
+            (None, ..) | (_, _, None) => Quality::Unknown,
+            (Some(_), Presence::Silent | Presence::Unheard, _) => Quality::Offline,
+            (Some(state), Presence::Online, Some(max_age)) if now.since(state.read) > max_age => {
+                Quality::Stale
+            }
+            (Some(_), Presence::Online, Some(_)) => Quality::Good,
+        };
+        (known, quality)
+    }
+}
+
+/// The points that a reply tells of.
+fn values(config: &ModuleConfig, seen: &Seen) -> Vec<(Point, Value)> {
+    let bank = |kind, bank: Bank| {
+        (0..config.setup.count(kind)).filter_map(move |index| {
+            let state = bank.get(Channel::new(index)?)?;
+            Some((Point { kind, index }, Value::Bool(state)))
+        })
+    };
+    match *seen {
+        Seen::Channels { outputs, inputs } => bank(PointKind::Output, outputs)
+            .chain(bank(PointKind::Input, inputs))
+            .collect(),
+        Seen::Analogs(registers) => (0..)
+            .zip(registers)
+            .map(|(index, register)| {
+                let value = Value::Analog(config.range.value(register), register);
+                (
+                    Point {
+                        kind: PointKind::Analog,
+                        index,
+                    },
+                    value,
+                )
+            })
+            .collect(),
+        Seen::Variable(index, value) => {
+            vec![(
+                Point {
+                    kind: PointKind::Variable,
+                    index,
+                },
+                Value::Number(value.get()),
+            )]
+        }
+        _ => Vec::new(),
+    }
+}

@@ -1,0 +1,187 @@
+//! What is wrong with a configuration is told all at once, each with its place.
+
+use railbus_site::Config;
+use railbus_site::config::Kind;
+
+const GOOD: &str = r#"
+[line.main]
+port = "/dev/ttyUSB0"
+
+[module.pump]
+line = "main"
+model = "eda9060a"
+address = 1
+poll = "500ms"
+
+[module.pump.point.do0]
+name = { zh = "一号水泵", en = "Pump 1" }
+locked = true
+
+[module.oven]
+line = "main"
+model = "erc8"
+address = 3
+"#;
+
+/// Code, line, column and path of every problem.
+fn problems(text: &str) -> Vec<(&'static str, usize, usize, String)> {
+    let problems = Config::parse(text).expect_err("it has problems");
+    let told = |p: railbus_site::config::Problem| (p.kind.code(), p.line, p.column, p.path);
+    problems.into_iter().map(told).collect()
+}
+
+/// The one problem of a text.
+fn problem(text: &str) -> (&'static str, usize, usize, String) {
+    let mut all = problems(text);
+    assert_eq!(all.len(), 1, "{all:?}");
+    all.remove(0)
+}
+
+#[test]
+fn a_good_one_is_read() {
+    let config = Config::parse(GOOD).expect("it is good");
+    let pump = &config.modules["pump"];
+    assert_eq!(pump.setup.address.0, 1);
+    let do0 = pump.setup.point("do0").expect("it has one");
+    assert!(pump.points[&do0].locked);
+    assert_eq!(pump.points[&do0].name_zh.as_deref(), Some("一号水泵"));
+    let names: Vec<_> = config.modules_of("main").map(|(name, _)| name).collect();
+    assert_eq!(names, ["oven", "pump"]);
+}
+
+#[test]
+fn each_problem_has_its_code_and_place() {
+    let at = |text: &str, code, line, column, path: &str| {
+        assert_eq!(
+            problem(text),
+            (code, line, column, path.to_owned()),
+            "{text}"
+        );
+    };
+    let line = "[line.main]\nport = \"/dev/ttyUSB0\"\n";
+    let pump = format!("{line}[module.pump]\nline = \"main\"\nmodel = \"eda9060a\"\naddress = 1\n");
+    at("[line.main\n", "E0811", 1, 11, "");
+    at("[lines.main]\n", "E0812", 1, 2, "lines");
+    at(
+        &format!("{line}prot = 1\n"),
+        "E0812",
+        3,
+        1,
+        "line.main.prot",
+    );
+    at("[line.main]\n", "E0813", 1, 1, "line.main");
+    at("[line.main]\nport = 5\n", "E0814", 2, 8, "line.main.port");
+    at(
+        &format!("{line}baud = 9601\n"),
+        "E0815",
+        3,
+        8,
+        "line.main.baud",
+    );
+    at(
+        &pump.replace("= 1\n", "= 256\n"),
+        "E0816",
+        6,
+        11,
+        "module.pump.address",
+    );
+    at(&line.replace("main", "Main"), "E0817", 1, 7, "line.Main");
+    at(
+        &format!("{pump}poll = \"200\"\n"),
+        "E0818",
+        7,
+        8,
+        "module.pump.poll",
+    );
+    at(
+        &format!("{pump}range = \"0-5V\"\n"),
+        "E0819",
+        7,
+        9,
+        "module.pump.range",
+    );
+    at(
+        &pump.replace("\"main\"", "\"mian\""),
+        "E0820",
+        4,
+        8,
+        "module.pump.line",
+    );
+    let point = format!("{pump}[module.pump.point.do4]\n");
+    at(&point, "E0821", 7, 20, "module.pump.point.do4");
+    at(
+        &format!("{pump}protocol = \"r55\"\n"),
+        "E0822",
+        7,
+        12,
+        "module.pump.protocol",
+    );
+    at(
+        "[line.main]\nport = \"ttyUSB0\"\n",
+        "E0825",
+        2,
+        8,
+        "line.main.port",
+    );
+    let twice = format!("{line}{}", line.replace("main", "other"));
+    at(&twice, "E0826", 4, 8, "line.other.port");
+}
+
+#[test]
+fn two_modules_on_one_address_are_told() {
+    let text = GOOD.replace(
+        "address = 3",
+        "address = 3\n\n[module.shed]\nline = \"main\"\n\
+                             model = \"erc8\"\naddress = 3",
+    );
+    let problems = Config::parse(&text).expect_err("they collide");
+    assert_eq!(problems[0].kind, Kind::AddressTaken("oven".to_owned()));
+    assert_eq!(problems[0].kind.code(), "E0823");
+    assert_eq!((problems[0].line, problems[0].column), (23, 11));
+    // Modules of different protocols do not hear each other's address.
+    let other = GOOD.replace("address = 3", "address = 1");
+    assert!(Config::parse(&other).is_ok());
+}
+
+#[test]
+fn an_unknown_key_comes_with_the_one_that_is_meant() {
+    let text = GOOD.replace("poll =", "pol =");
+    let problems = Config::parse(&text).expect_err("it is unknown");
+    assert_eq!(problems[0].kind, Kind::UnknownKey(Some("poll")));
+    let text = GOOD.replace("poll =", "colour =");
+    let problems = Config::parse(&text).expect_err("it is unknown");
+    assert_eq!(problems[0].kind, Kind::UnknownKey(None));
+}
+
+#[test]
+fn all_problems_are_told_in_the_order_of_the_text() {
+    let text = GOOD
+        .replace("/dev/ttyUSB0", "ttyUSB0")
+        .replace("500ms", "500")
+        .replace("erc8", "erc9");
+    let lines: Vec<usize> = problems(&text)
+        .into_iter()
+        .map(|(_, line, ..)| line)
+        .collect();
+    assert!(lines.is_sorted(), "{lines:?}");
+    assert!(
+        lines.contains(&3) && lines.contains(&9) && lines.contains(&17),
+        "{lines:?}"
+    );
+}
+
+#[test]
+fn no_text_makes_it_panic() {
+    for cut in GOOD.char_indices().map(|(at, _)| at) {
+        let _ = Config::parse(&GOOD[..cut]);
+        let _ = Config::parse(&GOOD[cut..]);
+    }
+    for wrong in [
+        "line = 1",
+        "module = []",
+        "[module]\npump = 1",
+        "[[line.main]]",
+    ] {
+        assert!(Config::parse(wrong).is_err(), "{wrong}");
+    }
+}

@@ -1,0 +1,276 @@
+//! A site at work, over TCP with a relay board of a few lines.
+
+use railbus_device::{Point, PointKind};
+use railbus_host::{Confirmed, Fault, LineState};
+use railbus_site::{By, Config, Failure, Pulse, Quality, Service, Update, Value, WriteTerms};
+use railbus_wire::{Micros, crc16};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpListener;
+
+const fn k(number: u8) -> Point {
+    Point {
+        kind: PointKind::Output,
+        index: number - 1,
+    }
+}
+
+/// An ERC-8 at address 3: coils from 60 on, functions 01, 05 and 0F.
+async fn board() -> (String, Arc<AtomicU8>) {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = format!("tcp:{}", listener.local_addr().unwrap());
+    let relays = Arc::new(AtomicU8::new(0));
+    let state = Arc::clone(&relays);
+    tokio::spawn(async move {
+        while let Ok((mut stream, _)) = listener.accept().await {
+            let mut request = [0; 64];
+            while let Ok(len @ 8..) = stream.read(&mut request).await {
+                let reply = answer(&request[..len], &state);
+                let _ = stream.write_all(&reply).await;
+            }
+        }
+    });
+    (port, relays)
+}
+
+fn answer(request: &[u8], relays: &AtomicU8) -> Vec<u8> {
+    let coil = request[3] - 60;
+    let mut reply = match request[1] {
+        1 => vec![3, 1, 1, relays.load(Ordering::SeqCst) >> coil],
+        5 => {
+            let bit = 1 << coil;
+            if request[4] == 0xFF {
+                relays.fetch_or(bit, Ordering::SeqCst);
+            } else {
+                relays.fetch_and(!bit, Ordering::SeqCst);
+            }
+            request[..6].to_vec()
+        }
+        15 => {
+            let mask = ((1_u16 << request[5]) - 1) as u8;
+            let on = (request[7] & mask) << coil;
+            let keep = !(mask << coil);
+            relays.store(relays.load(Ordering::SeqCst) & keep | on, Ordering::SeqCst);
+            request[..6].to_vec()
+        }
+        other => vec![3, other | 0x80, 1],
+    };
+    reply.extend(crc16(&reply).to_le_bytes());
+    reply
+}
+
+fn text(port: &str) -> String {
+    format!(
+        "[line.main]\nport = \"{port}\"\n\
+         [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n\
+         [module.oven.point]\nk8.locked = true\n"
+    )
+}
+
+fn start(port: &str) -> Service {
+    Service::start(Config::parse(&text(port)).unwrap()).unwrap()
+}
+
+/// A site whose port is not there.
+fn start_absent() -> Service {
+    start("/dev/railbus-test-nothing-here")
+}
+
+async fn until(what: impl Fn() -> bool) {
+    for _ in 0..1_000 {
+        if what() {
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    panic!("it never came");
+}
+
+#[tokio::test]
+async fn a_write_tells_before_and_after_and_is_known_at_once() {
+    let (port, relays) = board().await;
+    let service = start(&port);
+    let mut updates = service.subscribe();
+    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+
+    let both = [(k(1), true), (k(3), true)];
+    let done = service
+        .write("oven", &both, WriteTerms::default())
+        .await
+        .unwrap();
+    assert_eq!(done.confirmed, Confirmed::Readback);
+    let told = [
+        (k(1), Some(true), Some(false)),
+        (k(3), Some(true), Some(false)),
+    ];
+    assert_eq!(done.outputs, told);
+    assert_eq!(relays.load(Ordering::SeqCst), 0b101);
+    let known = service.point("oven", k(3)).unwrap();
+    assert_eq!(known.value, Some(Value::Bool(true)));
+    assert!(service.module("oven").unwrap().rtt.is_some());
+
+    let entry = service.audit().pop().unwrap();
+    assert_eq!((entry.id, entry.end), (done.audit, Some("readback")));
+    assert_eq!(entry.what, "k1=on k3=on");
+
+    let mut seen_on = false;
+    while !seen_on {
+        let update = tokio::time::timeout(Duration::from_secs(5), updates.next()).await;
+        seen_on = matches!(
+            update.unwrap().unwrap(),
+            Update::Point(change) if change.point == k(1) && change.value == Value::Bool(true)
+        );
+    }
+    service.close().await;
+    assert_eq!(service.line("main").unwrap().state, LineState::Closed);
+}
+
+#[tokio::test]
+async fn compare_and_set_and_toggle() {
+    let (port, relays) = board().await;
+    let service = start(&port);
+    service.opened("main").await.unwrap();
+    let if_on = WriteTerms {
+        only_if: Some(true),
+        ..WriteTerms::default()
+    };
+    let refused = service.write("oven", &[(k(2), false)], if_on).await;
+    assert_eq!(refused, Err(Failure::NotAsAsked(k(2), false)));
+    let done = service.toggle("oven", k(2), false).await.unwrap();
+    assert!(done.read_then_set);
+    assert_eq!(done.outputs, [(k(2), Some(true), Some(false))]);
+    assert_eq!(relays.load(Ordering::SeqCst), 0b10);
+    let raw = service.toggle("oven", k(2), true).await;
+    assert_eq!(raw, Err(Failure::Line(Fault::Unsupported)));
+}
+
+#[tokio::test]
+async fn a_pulse_is_released_though_the_caller_has_gone() {
+    let (port, relays) = board().await;
+    let service = start(&port);
+    service.opened("main").await.unwrap();
+    let pulse = Pulse {
+        width: Some(Micros::from_millis(300)),
+        ..Pulse::default()
+    };
+    let asking = service.clone();
+    let caller = tokio::spawn(async move { asking.pulse("oven", k(4), pulse).await });
+    until(|| relays.load(Ordering::SeqCst) == 0b1000).await;
+    caller.abort();
+    until(|| relays.load(Ordering::SeqCst) == 0).await;
+    service.pulses_ended().await;
+}
+
+#[tokio::test]
+async fn the_end_of_the_site_releases_pulses_and_a_command_takes_them_over() {
+    let (port, relays) = board().await;
+    let service = start(&port);
+    service.opened("main").await.unwrap();
+    let long = Pulse {
+        width: Some(Micros::from_secs(600)),
+        ..Pulse::default()
+    };
+    for number in [1, 2] {
+        let begun = service.pulse("oven", k(number), long).await.unwrap();
+        assert_eq!((begun.by, begun.value), (By::Host, true));
+    }
+    // Switched on by a command, it is no pulse any more.
+    service
+        .write("oven", &[(k(1), true)], WriteTerms::default())
+        .await
+        .unwrap();
+    service.close().await;
+    assert_eq!(relays.load(Ordering::SeqCst), 0b01);
+}
+
+#[tokio::test]
+async fn what_must_not_be_written_is_refused() {
+    let service = start_absent();
+    let write = async |module: &str, point| {
+        let end = service
+            .write(module, &[(point, true)], WriteTerms::default())
+            .await;
+        end.expect_err("it is refused")
+    };
+    assert_eq!(write("oven", k(8)).await, Failure::Locked(k(8)));
+    assert_eq!(write("oven", k(9)).await, Failure::NoSuchPoint);
+    assert_eq!(write("shed", k(1)).await, Failure::NoSuchModule);
+    let none = service.write("oven", &[], WriteTerms::default()).await;
+    assert_eq!(none, Err(Failure::NoSuchPoint));
+    let locked = service.pulse("oven", k(8), Pulse::default()).await;
+    assert_eq!(locked, Err(Failure::Locked(k(8))));
+    assert!(service.audit().is_empty(), "nothing was tried");
+}
+
+#[tokio::test]
+async fn a_port_that_is_not_there_is_a_state() {
+    let service = start_absent();
+    service.opened("main").await.unwrap();
+    let status = service.line("main").unwrap();
+    assert!(matches!(status.state, LineState::Absent(_)), "{status:?}");
+    let end = service
+        .write("oven", &[(k(1), true)], WriteTerms::default())
+        .await;
+    assert_eq!(end, Err(Failure::Line(Fault::Closed)));
+    assert_eq!(
+        service.point("oven", k(1)).unwrap().quality,
+        Quality::Unknown
+    );
+}
+
+#[tokio::test]
+async fn pulses_that_can_not_be_are_refused() {
+    let service = start_absent();
+    let refused = async |pulse| {
+        service
+            .pulse("oven", k(1), pulse)
+            .await
+            .expect_err("refused")
+    };
+    let wrong = |failure| matches!(failure, Failure::PulseWidth { .. });
+    assert!(
+        wrong(refused(Pulse::default()).await),
+        "the board has no width of its own"
+    );
+    let width = |micros| Pulse {
+        width: Some(Micros(micros)),
+        ..Pulse::default()
+    };
+    assert!(wrong(refused(width(0)).await));
+    assert!(wrong(refused(width(u64::MAX)).await));
+    let by_device = Pulse {
+        by: By::Device,
+        ..width(1_000_000)
+    };
+    assert!(wrong(refused(by_device).await));
+}
+
+#[tokio::test]
+async fn a_refused_configuration_changes_nothing() {
+    let (port, _) = board().await;
+    let service = start(&port);
+    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    let before = service.config();
+    let bad = text(&port).replace("erc8", "erc9").replace("k8", "k9");
+    let problems = service.reload(&bad).await.expect_err("it is bad");
+    assert!(!problems.is_empty());
+    assert_eq!(service.config(), before);
+    assert_eq!(service.point("oven", k(1)).unwrap().quality, Quality::Good);
+
+    // Another lock is nothing to the line; another module is.
+    let locks = text(&port).replace("k8", "k1");
+    let done = service.reload(&locks).await.unwrap();
+    assert_eq!((done.kept.len(), done.opened.len()), (1, 0));
+    assert_eq!(service.point("oven", k(1)).unwrap().quality, Quality::Good);
+    let refused = service
+        .write("oven", &[(k(1), true)], WriteTerms::default())
+        .await;
+    assert_eq!(refused, Err(Failure::Locked(k(1))));
+    let renamed = text(&port).replace("module.oven", "module.kiln");
+    let done = service.reload(&renamed).await.unwrap();
+    assert_eq!((done.kept.len(), done.opened.len()), (0, 1));
+    assert!(service.module("oven").is_none());
+    until(|| service.point("kiln", k(1)).unwrap().quality == Quality::Good).await;
+}

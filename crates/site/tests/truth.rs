@@ -1,0 +1,101 @@
+//! What is known of a point, and how good that is.
+
+use railbus_device::{Bank, Point, PointKind, Seen};
+use railbus_host::Presence;
+use railbus_site::{Config, Quality, Site, Value};
+use railbus_wire::{Instant, Micros};
+
+const CONFIG: &str = r#"
+[line.main]
+port = "/dev/ttyUSB0"
+[module.oven]
+line = "main"
+model = "erc8"
+address = 3
+max_age = "2s"
+[module.tank]
+line = "main"
+model = "emd2a2q"
+address = 5
+"#;
+
+const K1: Point = Point {
+    kind: PointKind::Output,
+    index: 0,
+};
+
+fn site() -> Site {
+    Site::new(Config::parse(CONFIG).expect("it is good"))
+}
+
+fn outputs(on: u32) -> Seen {
+    Seen::Channels {
+        outputs: Bank::new(0xFF, on),
+        inputs: Bank::default(),
+    }
+}
+
+#[test]
+fn a_value_is_good_then_stale_then_offline() {
+    let at = |millis| Instant(0) + Micros::from_millis(millis);
+    let mut site = site();
+    let quality = |site: &Site, millis| site.point("oven", K1, at(millis)).1;
+    assert_eq!(quality(&site, 0), Quality::Unknown);
+    site.heard("oven", Presence::Online);
+    assert_eq!(quality(&site, 0), Quality::Unknown, "heard, but never read");
+    site.saw("oven", &outputs(1), at(100));
+    assert_eq!(quality(&site, 2_100), Quality::Good);
+    assert_eq!(quality(&site, 2_101), Quality::Stale);
+    site.heard("oven", Presence::Silent);
+    assert_eq!(quality(&site, 200), Quality::Offline);
+    let (known, _) = site.point("oven", K1, at(200));
+    assert_eq!(known.map(|known| known.value), Some(Value::Bool(true)));
+    site.heard("oven", Presence::Online);
+    assert_eq!(quality(&site, 200), Quality::Good);
+    assert_eq!(site.point("nobody", K1, at(0)).1, Quality::Unknown);
+}
+
+#[test]
+fn only_what_is_new_is_told() {
+    let mut site = site();
+    let told = site.saw("oven", &outputs(0), Instant(0));
+    assert_eq!(told.len(), 8, "all of them for the first time");
+    assert!(told.iter().all(|change| change.before.is_none()));
+    assert!(site.saw("oven", &outputs(0), Instant(1)).is_empty());
+    let told = site.saw("oven", &outputs(1), Instant(2));
+    assert_eq!(told.len(), 1);
+    assert_eq!(told[0].point, K1);
+    assert_eq!(told[0].before, Some(Value::Bool(false)));
+    assert_eq!(told[0].value, Value::Bool(true));
+    assert!(site.saw("nobody", &outputs(1), Instant(3)).is_empty());
+}
+
+#[test]
+fn analog_registers_are_hundredths() {
+    let mut site = site();
+    site.saw("tank", &Seen::Analogs([871, 0]), Instant(0));
+    let point = Point {
+        kind: PointKind::Analog,
+        index: 0,
+    };
+    let (known, _) = site.point("tank", point, Instant(0));
+    assert_eq!(
+        known.map(|known| known.value),
+        Some(Value::Analog(8.71, 871))
+    );
+}
+
+#[test]
+fn another_configuration_keeps_what_is_known_of_kept_modules() {
+    let mut site = site();
+    site.saw("oven", &outputs(1), Instant(0));
+    site.saw("tank", &Seen::Analogs([871, 0]), Instant(0));
+    let config = site.config().clone();
+    site.reconfigure(config, |module| module == "oven");
+    assert!(site.point("oven", K1, Instant(0)).0.is_some());
+    let analog = Point {
+        kind: PointKind::Analog,
+        index: 0,
+    };
+    assert!(site.point("tank", analog, Instant(0)).0.is_none());
+}
