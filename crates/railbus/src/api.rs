@@ -1,0 +1,11 @@
+//! What `railbus serve` and its callers say to each other: one set of types for the server, the
+//! client, and the machine-readable output of every command.
+
+pub(crate) mod ask;
+mod config_words;
+pub(crate) mod convert;
+pub(crate) mod failures;
+pub(crate) mod paths;
+pub(crate) mod problem;
+pub(crate) mod types;
+pub(crate) mod watching;

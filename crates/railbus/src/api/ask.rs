@@ -1,0 +1,298 @@
+//! What one can ask of a site, in the terms of the API: the server asks so for its clients, and
+//! a command without a server for itself.
+
+use super::problem::{Problem, codes};
+use super::types::{
+    LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten, PointInfo, PulseRequest,
+    Pulsed, Quality, RawAnswer, RawRequest, SCHEMA, ToggleRequest, WriteRequest, Written,
+};
+use super::{convert, failures, paths};
+use railbus_device::Point;
+use railbus_site::{Failure, Pulse, Service, WriteDone, WriteTerms, read_request};
+use railbus_wire::{Micros, Protocol};
+
+/// The most digits of a frame of one's own.
+const RAW_MAX: usize = 256;
+
+/// All lines.
+pub(crate) fn lines(service: &Service) -> Vec<LineInfo> {
+    service.lines().into_iter().map(convert::line).collect()
+}
+
+/// All modules.
+pub(crate) fn modules(service: &Service) -> Vec<ModuleInfo> {
+    let modules = service.modules().into_iter();
+    modules
+        .map(|status| convert::module(service, status))
+        .collect()
+}
+
+/// The points that a selector names.
+pub(crate) fn points(service: &Service, selectors: &[String]) -> Vec<PointInfo> {
+    let modules = service.config().modules.into_keys();
+    modules
+        .flat_map(|module| service.points(&module))
+        .filter(|status| paths::selects(selectors, &status.module, &status.label))
+        .map(convert::point)
+        .collect()
+}
+
+/// All points that one of the selectors names, asked for now. A module that does not answer
+/// leaves the others to be asked, and what is known of it from before counts as that of a module
+/// that does not answer; where none answers, it is told why.
+pub(crate) async fn fresh_points(
+    service: &Service,
+    selectors: &[String],
+) -> Result<Vec<PointInfo>, Problem> {
+    let mut modules: Vec<String> = points(service, selectors)
+        .into_iter()
+        .map(|point| point.module)
+        .collect();
+    modules.dedup();
+    let mut silent = Vec::new();
+    let mut why = None;
+    for module in &modules {
+        if let Err(failure) = service.read_fresh(module).await {
+            why.get_or_insert_with(|| failures::problem(service, module, None, &failure));
+            silent.push(module.clone());
+        }
+    }
+    match why {
+        Some(why) if silent.len() == modules.len() => Err(why),
+        _ => {
+            let mut asked = points(service, selectors);
+            for point in asked.iter_mut().filter(|p| silent.contains(&p.module)) {
+                point.quality = Quality::Offline;
+            }
+            Ok(asked)
+        }
+    }
+}
+
+/// Refuses the name of a module or point that is not there; patterns may select nothing.
+pub(crate) fn check_selector(service: &Service, selector: &str) -> Result<(), Problem> {
+    if selector.contains(['*', '?']) {
+        return Ok(());
+    }
+    if paths::split(selector).is_some() {
+        return find(service, selector).map(|_| ());
+    }
+    match service.module(selector) {
+        Some(_) => Ok(()),
+        None => Err(failures::no_such_module(service, selector)),
+    }
+}
+
+/// One point, by its path.
+pub(crate) async fn point(
+    service: &Service,
+    path: &str,
+    fresh: bool,
+) -> Result<PointInfo, Problem> {
+    let (module, point) = find(service, path)?;
+    if fresh {
+        let asked = service.read_fresh(&module).await;
+        asked.map_err(|failure| failures::problem(service, &module, Some(point), &failure))?;
+    }
+    let status = service.point(&module, point);
+    let status = status.ok_or_else(|| failures::no_such_module(service, &module))?;
+    Ok(convert::point(status))
+}
+
+/// Switches one output.
+pub(crate) async fn write(
+    service: &Service,
+    path: &str,
+    wanted: WriteRequest,
+) -> Result<Written, Problem> {
+    let (module, point) = find(service, path)?;
+    let terms = WriteTerms {
+        verify: wanted.verify,
+        silent: wanted.no_reply,
+        only_if: wanted.only_if,
+    };
+    let done = service
+        .write(&module, &[(point, wanted.value)], terms)
+        .await;
+    done.map(written)
+        .map_err(|failure| failures::problem(service, &module, Some(point), &failure))
+}
+
+/// Switches several outputs of one module.
+pub(crate) async fn outputs(
+    service: &Service,
+    module: &str,
+    wanted: OutputsRequest,
+) -> Result<OutputsWritten, Problem> {
+    let mut set = Vec::with_capacity(wanted.set.len());
+    for (label, on) in &wanted.set {
+        let (_, point) = find(service, &format!("{module}.{label}"))?;
+        set.push((point, *on));
+    }
+    if set.is_empty() {
+        let problem = Problem::new(codes::BAD_REQUEST).with("module", module);
+        return Err(problem.with("reason", "\"set\" names no output"));
+    }
+    let terms = WriteTerms {
+        verify: wanted.verify,
+        silent: wanted.no_reply,
+        only_if: None,
+    };
+    let done = service.write(module, &set, terms).await;
+    let done = done.map_err(|failure| failures::problem(service, module, None, &failure))?;
+    let label = |point: &Point| {
+        let status = service.point(module, *point);
+        status.map(|status| status.label).unwrap_or_default()
+    };
+    let each = done.outputs.iter().map(|(point, value, before)| {
+        let (value, before) = (*value, *before);
+        (label(point), OutputWritten { value, before })
+    });
+    Ok(OutputsWritten {
+        set: each.collect(),
+        confirmed: convert::confirmed(done.confirmed),
+        took_ms: convert::millis(done.took),
+        audit: done.audit,
+    })
+}
+
+/// Switches an output over.
+pub(crate) async fn toggle(
+    service: &Service,
+    path: &str,
+    wanted: ToggleRequest,
+) -> Result<Written, Problem> {
+    let (module, point) = find(service, path)?;
+    let done = service.toggle(&module, point, wanted.raw).await;
+    done.map(written)
+        .map_err(|failure| failures::problem(service, &module, Some(point), &failure))
+}
+
+/// Begins a pulse.
+pub(crate) async fn pulse(
+    service: &Service,
+    path: &str,
+    wanted: PulseRequest,
+) -> Result<Pulsed, Problem> {
+    let (module, point) = find(service, path)?;
+    let pulse = Pulse {
+        width: wanted.ms.map(|ms| Micros(ms.saturating_mul(1_000))),
+        by: convert::by(wanted.by),
+        off: wanted.off,
+    };
+    let done = service.pulse(&module, point, pulse).await;
+    let done =
+        done.map_err(|failure| failures::problem(service, &module, Some(point), &failure))?;
+    Ok(Pulsed {
+        value: done.value,
+        before: done.before,
+        by: convert::timekeeper(done.by),
+        ms: Some(convert::millis(done.width)),
+        confirmed: convert::confirmed(done.confirmed),
+        took_ms: convert::millis(done.took),
+        audit: done.audit,
+    })
+}
+
+/// Sends a read of one's own.
+pub(crate) async fn raw(service: &Service, wanted: RawRequest) -> Result<RawAnswer, Problem> {
+    let line = match wanted.line {
+        Some(line) => line,
+        None => only_line(service)?,
+    };
+    let protocols = Protocol::ALL;
+    let protocol = protocols.into_iter().find(|p| p.name() == wanted.protocol);
+    let protocol = protocol.ok_or_else(|| {
+        let names = protocols.map(Protocol::name).to_vec();
+        let problem = Problem::new(codes::BAD_REQUEST).with("reason", "protocol");
+        problem.with("known", names)
+    })?;
+    let bad_frame = |reason: &str| Problem::new(codes::BAD_FRAME).with("reason", reason);
+    let bytes = from_hex(&wanted.bytes)
+        .ok_or_else(|| bad_frame("not pairs of hexadecimal digits, or too many of them"))?;
+    let exchange =
+        read_request(protocol, &bytes).ok_or_else(|| bad_frame("no read, or a wrong checksum"))?;
+    let timeout = wanted
+        .timeout_ms
+        .map(|ms| Micros::from_millis(ms.min(10_000)));
+    let met = service.raw(&line, exchange, timeout).await;
+    let met = met.map_err(|failure| failures::of_line(service, &line, &failure))?;
+    Ok(RawAnswer {
+        schema: SCHEMA,
+        line,
+        sent: to_hex(&bytes),
+        bytes: to_hex(&met.bytes),
+        outcome: convert::outcome(met.outcome),
+        after_ms: convert::millis_tenths(met.after),
+    })
+}
+
+fn written(done: WriteDone) -> Written {
+    let output = done.outputs.first();
+    Written {
+        value: output.and_then(|(_, value, _)| *value),
+        before: output.and_then(|(_, _, before)| *before),
+        confirmed: convert::confirmed(done.confirmed),
+        took_ms: convert::millis(done.took),
+        audit: done.audit,
+        read_then_set: done.read_then_set,
+    }
+}
+
+/// The module and the point of a path.
+fn find(service: &Service, path: &str) -> Result<(String, Point), Problem> {
+    let (module, label) = paths::split(path).unwrap_or((path, ""));
+    let Some(status) = service.module(module) else {
+        return Err(failures::no_such_module(service, module));
+    };
+    let point = status.setup.point(label);
+    let point = point.ok_or_else(|| failures::no_such_point(service, module, label))?;
+    Ok((module.to_owned(), point))
+}
+
+/// The one line there is.
+fn only_line(service: &Service) -> Result<String, Problem> {
+    let mut names = service.config().lines.into_keys();
+    match (names.next(), names.next()) {
+        (Some(line), None) => Ok(line),
+        _ => Err(failures::of_line(service, "", &Failure::NoSuchLine)),
+    }
+}
+
+/// Digits in pairs; blanks do not count.
+fn from_hex(text: &str) -> Option<Vec<u8>> {
+    let digits: Vec<u8> = text
+        .chars()
+        .filter(|c| !c.is_whitespace())
+        .take(2 * RAW_MAX + 1)
+        .map(|c| c.to_digit(16).and_then(|digit| u8::try_from(digit).ok()))
+        .collect::<Option<_>>()?;
+    let pairs = digits.chunks_exact(2);
+    let whole = pairs.remainder().is_empty() && digits.len() <= 2 * RAW_MAX;
+    whole.then(|| {
+        pairs
+            .map(|pair| pair.iter().fold(0, |byte, d| byte << 4 | d))
+            .collect()
+    })
+}
+
+fn to_hex(bytes: &[u8]) -> String {
+    let pairs: Vec<String> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
+    pairs.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hexadecimal_digits_are_read_in_pairs() {
+        assert_eq!(from_hex("03 01\n00fC"), Some(vec![3, 1, 0, 0xFC]));
+        assert_eq!(from_hex(""), Some(Vec::new()));
+        for wrong in ["0", "0g", "03 0", "é1"] {
+            assert_eq!(from_hex(wrong), None, "{wrong}");
+        }
+        assert_eq!(from_hex(&"00".repeat(RAW_MAX + 1)), None);
+        assert_eq!(to_hex(&[3, 0xFC]), "03 FC");
+    }
+}

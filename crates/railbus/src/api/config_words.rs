@@ -1,0 +1,97 @@
+//! What is wrong with a configuration, in words.
+
+use crate::i18n::Lang;
+use railbus_device::SetupError;
+use railbus_host::NameError;
+use railbus_site::config::Kind;
+
+/// One problem in a few words.
+pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
+    let both = |en: String, zh: String| match lang {
+        Lang::En => en,
+        Lang::Zh => zh,
+    };
+    let fixed = |both: [&'static str; 2]| lang.of(both).to_owned();
+    match kind {
+        // The parser speaks English only.
+        Kind::Syntax(words) => both(format!("no TOML: {words}"), format!("不是 TOML：{words}")),
+        Kind::UnknownKey(Some(meant)) => both(
+            format!("unknown key; did you mean \"{meant}\"?"),
+            format!("未知的键；是否应为 \"{meant}\"？"),
+        ),
+        Kind::UnknownKey(None) => fixed(["unknown key", "未知的键"]),
+        Kind::MissingKey(key) => both(format!("\"{key}\" is missing"), format!("缺少 \"{key}\"")),
+        Kind::WrongType(wanted) => {
+            both(format!("must be: {wanted}"), format!("类型应为：{wanted}"))
+        }
+        Kind::NotOneOf(choices) => {
+            let choices = choices.join(", ");
+            both(
+                format!("must be one of: {choices}"),
+                format!("应为其中之一：{choices}"),
+            )
+        }
+        Kind::OutOfRange(low, high) => both(
+            format!("must be from {low} to {high}"),
+            format!("应在 {low} 到 {high} 之间"),
+        ),
+        Kind::BadName => fixed([
+            "names are 1 to 32 of a-z, 0-9 and _",
+            "名称须由 1 到 32 个 a-z、0-9 或 _ 组成",
+        ]),
+        Kind::BadDuration => fixed([
+            "not a length of time with its unit, such as \"200ms\"",
+            "须为带单位的时间，如 \"200ms\"",
+        ]),
+        Kind::BadRange => fixed([
+            "must be \"0-10V\", \"0-20mA\" or { low, high, unit }",
+            "应为 \"0-10V\"、\"0-20mA\" 或 { low, high, unit }",
+        ]),
+        Kind::BadPort(why) => fixed(port(*why)),
+        Kind::PortTaken(other) => both(
+            format!("line \"{other}\" is plugged in here already"),
+            format!("总线 \"{other}\" 已使用此端口"),
+        ),
+        Kind::NoSuchLine => fixed(["there is no such line", "没有此总线"]),
+        Kind::NoSuchPoint => fixed(["the module has no such point", "该模块没有此点"]),
+        Kind::Setup(why) => setup(lang, *why),
+        Kind::AddressTaken(other) => both(
+            format!("module \"{other}\" has this address already"),
+            format!("模块 \"{other}\" 已使用此地址"),
+        ),
+        _ => kind.code().to_owned(),
+    }
+}
+
+const fn port(why: NameError) -> [&'static str; 2] {
+    match why {
+        NameError::Form => [
+            "write /dev/…, tcp:HOST:PORT, mbtcp:HOST[:PORT] or pty:/PATH",
+            "应写为 /dev/…、tcp:主机:端口、mbtcp:主机[:端口] 或 pty:/路径",
+        ],
+        NameError::Path => [
+            "after pty: comes a path that begins with /",
+            "pty: 之后应为以 / 开头的路径",
+        ],
+        NameError::Host => [
+            "write HOST:PORT, an IPv6 address in brackets",
+            "应写为 主机:端口，IPv6 地址加方括号",
+        ],
+        NameError::Port => [
+            "the TCP port is a number from 1 to 65535",
+            "TCP 端口应为 1 到 65535 的数字",
+        ],
+    }
+}
+
+fn setup(lang: Lang, why: SetupError) -> String {
+    match (lang, why) {
+        (Lang::En, why) => why.to_string(),
+        (Lang::Zh, SetupError::Address(low, high)) => format!("该型号的地址应为 {low} 到 {high}"),
+        (Lang::Zh, SetupError::Protocol) => "该型号不支持此协议".to_owned(),
+        (Lang::Zh, SetupError::Baud) => "该型号没有此波特率".to_owned(),
+        (Lang::Zh, SetupError::Character) => "该型号没有此校验方式".to_owned(),
+        (Lang::Zh, SetupError::Channels) => "该型号没有这么多通道".to_owned(),
+        (Lang::Zh, SetupError::Checksum) => "只有 ASCII 协议有校验和开关".to_owned(),
+    }
+}

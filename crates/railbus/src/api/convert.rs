@@ -1,0 +1,176 @@
+//! From what the site knows to what the API says.
+
+use super::types::{
+    Confirmed, Kind, LineInfo, ModuleInfo, ModuleState, Outcome, PointInfo, PortState, Quality,
+    Timekeeper, Value,
+};
+use crate::render::time::rfc3339;
+use jiff::{SignedDuration, Timestamp};
+use railbus_device::PointKind;
+use railbus_host::{LineState, PortError, Presence, Probed};
+use railbus_site::{By, LineStatus, ModuleStatus, PointStatus, Service};
+use railbus_wire::Micros;
+use std::collections::BTreeMap;
+
+/// Milliseconds, rounded.
+pub(crate) const fn millis(time: Micros) -> u64 {
+    (time.0 + 500) / 1_000
+}
+
+/// Milliseconds with one decimal.
+pub(crate) fn millis_tenths(time: Micros) -> f64 {
+    ((time.0 + 50) / 100) as f64 / 10.0
+}
+
+/// A line.
+pub(crate) fn line(status: LineStatus) -> LineInfo {
+    let (state, why) = match &status.state {
+        LineState::Opening => (PortState::Opening, None),
+        LineState::Up => (PortState::Up, None),
+        LineState::Absent(why) if matches!(**why, PortError::Busy { .. }) => {
+            (PortState::Busy, Some(why))
+        }
+        LineState::Absent(why) => (PortState::Absent, Some(why)),
+        LineState::Closed => (PortState::Closed, None),
+    };
+    let holder = match why.map(|why| &**why) {
+        Some(PortError::Busy { holder }) => holder.as_ref(),
+        _ => None,
+    };
+    LineInfo {
+        line: status.name,
+        port: status.port,
+        state,
+        reason: why.map(|why| why.name().to_owned()),
+        holder: holder.map(|holder| format!("{} ({})", holder.name, holder.pid)),
+        baud: status.serial.baud.rate(),
+        format: status.serial.character.to_string(),
+        babble: status.babble,
+        modules: status.modules,
+    }
+}
+
+/// A module with the states of its channels.
+pub(crate) fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
+    let points = service.points(&status.name);
+    let bits = |kind| {
+        let of_kind = points.iter().filter(|status| status.point.kind == kind);
+        of_kind
+            .map(|status| match status.value {
+                Some(railbus_site::Value::Bool(true)) => '1',
+                Some(railbus_site::Value::Bool(false)) => '0',
+                _ => '?',
+            })
+            .collect()
+    };
+    ModuleInfo {
+        outputs: bits(PointKind::Output),
+        inputs: bits(PointKind::Input),
+        module: status.name,
+        line: status.line,
+        address: status.setup.address.0,
+        protocol: status.setup.protocol.name().to_owned(),
+        model: status.setup.family.name().to_owned(),
+        title: status.setup.family.to_string(),
+        state: match status.presence {
+            Presence::Online => ModuleState::Online,
+            Presence::Silent => ModuleState::Offline,
+            Presence::Unheard => ModuleState::Unheard,
+        },
+        rtt_ms: status.rtt.map(millis_tenths),
+        errors_1h: status.errors,
+        late_1h: status.late,
+    }
+}
+
+/// A point.
+pub(crate) fn point(status: PointStatus) -> PointInfo {
+    let config = status.config;
+    let names = [("en", config.name_en), ("zh", config.name_zh)];
+    let named = |(lang, name): (&str, Option<String>)| Some((lang.to_owned(), name?));
+    let read_at = status.age.and_then(|age| {
+        let age = i64::try_from(age.0).ok()?;
+        Timestamp::now()
+            .checked_sub(SignedDuration::from_micros(age))
+            .ok()
+    });
+    PointInfo {
+        path: format!("{}.{}", status.module, status.label),
+        module: status.module,
+        label: status.label,
+        kind: match status.point.kind {
+            PointKind::Output => Kind::Output,
+            PointKind::Input => Kind::Input,
+            PointKind::Analog => Kind::Analog,
+            PointKind::Variable => Kind::Variable,
+        },
+        index: status.point.index,
+        name: names
+            .into_iter()
+            .filter_map(named)
+            .collect::<BTreeMap<_, _>>(),
+        value: status.value.map(value),
+        raw: match status.value {
+            Some(railbus_site::Value::Analog(_, register)) => Some(register),
+            _ => None,
+        },
+        unit: status.range.as_ref().map(|range| range.unit.clone()),
+        decimals: status.range.as_ref().map(|range| range.decimals),
+        quality: match status.quality {
+            railbus_site::Quality::Good => Quality::Good,
+            railbus_site::Quality::Stale => Quality::Stale,
+            railbus_site::Quality::Offline => Quality::Offline,
+            railbus_site::Quality::Unknown => Quality::Unknown,
+        },
+        age_ms: status.age.map(millis),
+        time: read_at.map(rfc3339),
+        locked: config.locked,
+        pulse_ms: status.pulse.map(millis),
+    }
+}
+
+/// A value.
+pub(crate) const fn value(value: railbus_site::Value) -> Value {
+    match value {
+        railbus_site::Value::Bool(on) => Value::Bool(on),
+        railbus_site::Value::Analog(value, _) => Value::Analog(value),
+        railbus_site::Value::Number(number) => Value::Number(number),
+    }
+}
+
+/// How far something is certain.
+pub(crate) const fn confirmed(confirmed: railbus_host::Confirmed) -> Confirmed {
+    match confirmed {
+        railbus_host::Confirmed::Readback => Confirmed::Readback,
+        railbus_host::Confirmed::Reply => Confirmed::Reply,
+        railbus_host::Confirmed::Sent => Confirmed::Sent,
+    }
+}
+
+/// What a probe met.
+pub(crate) const fn outcome(probed: Probed) -> Outcome {
+    match probed {
+        Probed::Answered => Outcome::Answered,
+        Probed::Garbled => Outcome::Garbled,
+        Probed::Silent => Outcome::Silent,
+        Probed::Unsafe => Outcome::Unsafe,
+    }
+}
+
+/// Who keeps a pulse's time, as asked for.
+pub(crate) const fn by(by: Timekeeper) -> By {
+    match by {
+        Timekeeper::Auto => By::Auto,
+        Timekeeper::Device => By::Device,
+        Timekeeper::Host => By::Host,
+    }
+}
+
+/// Who keeps a pulse's time, as it is.
+pub(crate) const fn timekeeper(by: By) -> Timekeeper {
+    match by {
+        By::Auto => Timekeeper::Auto,
+        By::Device => Timekeeper::Device,
+        By::Host => Timekeeper::Host,
+    }
+}

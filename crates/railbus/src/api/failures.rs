@@ -1,0 +1,226 @@
+//! From what went wrong at the site to what the API says of it.
+
+use super::problem::{Kind, Problem, codes};
+use crate::i18n::Lang;
+use railbus_bus::Evidence;
+use railbus_device::{Point, Refusal};
+use railbus_host::{Fault, LineState, PortError};
+use railbus_site::config::Problem as ConfigProblem;
+use railbus_site::{Failure, Service};
+use railbus_wire::Micros;
+use serde_json::json;
+
+/// Why a command to a module was not done.
+pub(crate) fn problem(
+    service: &Service,
+    module: &str,
+    point: Option<Point>,
+    failure: &Failure,
+) -> Problem {
+    let of_point = |kind, point: &Point| {
+        let problem = about(service, Problem::new(kind), module);
+        problem.with("point", label(service, module, *point))
+    };
+    let problem = match failure {
+        Failure::NoSuchModule => no_such_module(service, module),
+        Failure::NoSuchPoint => about(service, Problem::new(codes::NO_SUCH_POINT), module),
+        Failure::NoSuchLine => Problem::new(codes::NO_SUCH_LINE),
+        Failure::NotAnOutput(point) => of_point(codes::NOT_AN_OUTPUT, point),
+        Failure::Locked(point) => of_point(codes::LOCKED, point),
+        Failure::NotAsAsked(point, is) => of_point(codes::NOT_AS_ASKED, point).with("value", *is),
+        Failure::PulseWidth {
+            point,
+            asked,
+            own,
+            pulse_mode,
+        } => {
+            let problem = of_point(codes::PULSE_WIDTH, point).with("pulse_mode", *pulse_mode);
+            let path = format!("{module}.{}", label(service, module, *point));
+            pulse_hints(problem, &path, *asked, *own)
+        }
+        Failure::Line(fault) => {
+            let problem = of_fault(service, module, fault);
+            match point {
+                Some(point) => problem.with("point", label(service, module, point)),
+                None => problem,
+            }
+        }
+    };
+    Problem {
+        may_have_acted: failure.may_have_acted(),
+        ..problem
+    }
+}
+
+/// The ways out of a pulse that the module can't give.
+fn pulse_hints(
+    problem: Problem,
+    path: &str,
+    asked: Option<Micros>,
+    own: Option<Micros>,
+) -> Problem {
+    let by_host = |asked: u64| format!("railbus pulse {path} {asked}ms --by host");
+    let Some(own) = own else {
+        return problem.with_hint(format!("railbus pulse {path} 500ms"));
+    };
+    let problem = problem.with("width_ms", own.0 / 1_000);
+    match asked {
+        // Its own width was asked for, but the output is in level mode.
+        None => problem.with_hint(by_host(500)),
+        Some(asked) => problem
+            .with_hint(format!("railbus pulse {path}"))
+            .with_hint(by_host(asked.0 / 1_000)),
+    }
+}
+
+/// There is no such module; the ones there are.
+pub(crate) fn no_such_module(service: &Service, name: &str) -> Problem {
+    let known: Vec<String> = service.config().modules.into_keys().collect();
+    Problem::new(codes::NO_SUCH_MODULE)
+        .with("name", name)
+        .with("known", known)
+}
+
+/// The module has no such point; the ones it has.
+pub(crate) fn no_such_point(service: &Service, module: &str, name: &str) -> Problem {
+    let points = service.points(module);
+    let known: Vec<String> = points.into_iter().map(|point| point.label).collect();
+    Problem::new(codes::NO_SUCH_POINT)
+        .with("module", module)
+        .with("name", name)
+        .with("known", known)
+}
+
+/// There is no such line; the ones there are.
+pub(crate) fn no_such_line(service: &Service, name: &str) -> Problem {
+    let known: Vec<String> = service.config().lines.into_keys().collect();
+    Problem::new(codes::NO_SUCH_LINE)
+        .with("name", name)
+        .with("known", known)
+}
+
+/// What the line said of a command to a module.
+fn of_fault(service: &Service, module: &str, fault: &Fault) -> Problem {
+    if *fault == Fault::Closed {
+        let line = service.module(module).map(|module| module.line);
+        return line_closed(service, &line.unwrap_or_default()).with("module", module);
+    }
+    let problem = about(service, Problem::new(kind_of(fault)), module);
+    match fault {
+        Fault::NoReply(evidence) => {
+            let problem = with_evidence(problem, evidence);
+            let line = problem.text("line");
+            problem.with_hint(format!("railbus scan -l {line}"))
+        }
+        Fault::Garbled(evidence) => with_evidence(problem, evidence),
+        Fault::Refused(refusal) => problem.with(
+            "refusal",
+            match refusal {
+                Refusal::Exception(why) => format!("Modbus exception {:02}: {why}", why.0),
+                Refusal::Invalid => "?AA".to_owned(),
+                Refusal::WatchdogTripped => "!AA".to_owned(),
+            },
+        ),
+        _ => problem,
+    }
+}
+
+/// Why a line takes nothing.
+pub(crate) fn line_closed(service: &Service, line: &str) -> Problem {
+    let mut problem = Problem::new(codes::LINE_CLOSED).with("line", line);
+    let Some(status) = service.line(line) else {
+        return problem;
+    };
+    problem = problem.with("port", status.port);
+    let why = match &status.state {
+        LineState::Absent(why) => &**why,
+        LineState::Opening => return problem.with("reason", "opening"),
+        LineState::Up | LineState::Closed => return problem.with("reason", "closed"),
+    };
+    problem = problem.with("reason", why.name());
+    match why {
+        PortError::Busy {
+            holder: Some(holder),
+        } => problem.with("holder", format!("{} ({})", holder.name, holder.pid)),
+        PortError::Permission(access) => match &access.group_name {
+            Some(group) => problem
+                .with("group", group.clone())
+                .with_hint(format!("sudo usermod -aG {group} $USER")),
+            None => problem,
+        },
+        _ => problem,
+    }
+}
+
+/// What the line said of something that is no command to a module.
+pub(crate) fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
+    match failure {
+        Failure::NoSuchLine => no_such_line(service, line),
+        Failure::Line(Fault::Closed) => line_closed(service, line),
+        Failure::Line(fault) => Problem::new(kind_of(fault)).with("line", line),
+        _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
+    }
+}
+
+const fn kind_of(fault: &Fault) -> Kind {
+    match fault {
+        Fault::Unsupported => codes::UNSUPPORTED,
+        Fault::Overloaded => codes::OVERLOADED,
+        Fault::Expired => codes::EXPIRED,
+        Fault::Locked => codes::LOCKED,
+        Fault::Closed => codes::LINE_CLOSED,
+        Fault::Refused(_) => codes::REFUSED,
+        Fault::NoReply(_) => codes::NO_REPLY,
+        Fault::Garbled(_) => codes::GARBLED,
+        Fault::NotVerified => codes::NOT_VERIFIED,
+        Fault::Unknown => codes::UNKNOWN,
+    }
+}
+
+fn with_evidence(problem: Problem, evidence: &Evidence) -> Problem {
+    let problem = problem
+        .with("attempts", evidence.attempts)
+        .with("rx_bytes", evidence.bytes);
+    match evidence.why {
+        Some(why) => problem.with("why", why.to_string()),
+        None => problem,
+    }
+}
+
+/// Adds who and where the module is.
+fn about(service: &Service, problem: Problem, module: &str) -> Problem {
+    let problem = problem.with("module", module);
+    let Some(status) = service.module(module) else {
+        return problem;
+    };
+    let setup = status.setup;
+    problem
+        .with("line", status.line)
+        .with("address", setup.address.0)
+        .with("protocol", setup.protocol.name())
+        .with("model", setup.family.name())
+        .with("baud", setup.serial.baud.rate())
+        .with("format", setup.serial.character.to_string())
+}
+
+fn label(service: &Service, module: &str, point: Point) -> String {
+    let status = service.point(module, point);
+    status.map(|status| status.label).unwrap_or_default()
+}
+
+/// A configuration that was refused.
+pub(crate) fn bad_config(lang: Lang, file: &str, problems: &[ConfigProblem]) -> Problem {
+    let entry = |problem: &ConfigProblem| {
+        json!({
+            "line": problem.line,
+            "column": problem.column,
+            "path": problem.path,
+            "code": problem.kind.code(),
+            "reason": super::config_words::reason(lang, &problem.kind),
+        })
+    };
+    let entries: Vec<_> = problems.iter().map(entry).collect();
+    Problem::new(codes::BAD_CONFIG)
+        .with("file", file)
+        .with("problems", entries)
+}

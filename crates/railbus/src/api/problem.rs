@@ -1,0 +1,171 @@
+//! Why something was not done, as data: the code says what to tell, the rest fills the gaps.
+//! Over HTTP it is an `application/problem+json` [RFC 9457].
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Why something was not done.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Problem {
+    /// The stable code, as `E0301`. Its first two digits are the exit code.
+    pub(crate) code: String,
+    /// In one English sentence, for those who know no better.
+    pub(crate) title: String,
+    /// The HTTP status.
+    pub(crate) status: u16,
+    /// What it was about and what was met: `module`, `line`, `point`, `address`, `protocol`,
+    /// `model`, `attempts`, `rx_bytes`, `reason`, ... Keys of the codes are listed at
+    /// [`codes`].
+    #[serde(flatten)]
+    pub(crate) with: BTreeMap<String, serde_json::Value>,
+    /// Commands that may help.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) hint: Vec<String>,
+    /// The module may have acted all the same.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) may_have_acted: bool,
+}
+
+impl Problem {
+    /// A problem of this kind.
+    pub(crate) fn new(kind: Kind) -> Problem {
+        Problem {
+            code: kind.code.to_owned(),
+            title: kind.title.to_owned(),
+            status: kind.status,
+            with: BTreeMap::new(),
+            hint: Vec::new(),
+            may_have_acted: false,
+        }
+    }
+
+    /// Adds what it was about.
+    pub(crate) fn with(mut self, key: &str, value: impl Into<serde_json::Value>) -> Problem {
+        self.with.insert(key.to_owned(), value.into());
+        self
+    }
+
+    /// Adds a command that may help.
+    pub(crate) fn with_hint(mut self, command: impl Into<String>) -> Problem {
+        self.hint.push(command.into());
+        self
+    }
+
+    /// What it says under a key, as text; empty where it says nothing.
+    pub(crate) fn text(&self, key: &str) -> String {
+        match self.with.get(key) {
+            Some(serde_json::Value::String(text)) => text.clone(),
+            Some(other) => other.to_string(),
+            None => String::new(),
+        }
+    }
+}
+
+/// A kind of problem.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Kind {
+    /// The stable code.
+    pub(crate) code: &'static str,
+    /// The HTTP status.
+    pub(crate) status: u16,
+    /// In one English sentence.
+    pub(crate) title: &'static str,
+}
+
+/// Every kind there is, and the keys that come with it.
+pub(crate) mod codes {
+    use super::Kind;
+
+    macro_rules! kinds {
+        ($($(#[$doc:meta])* $name:ident = $code:literal, $status:literal, $title:literal;)*) => {
+            $($(#[$doc])* pub(crate) const $name: Kind = Kind {
+                code: $code, status: $status, title: $title,
+            };)*
+            /// All of them.
+            #[cfg(test)]
+            pub(crate) const ALL: &[Kind] = &[$($name),*];
+        };
+    }
+
+    kinds! {
+        /// Also `reason`.
+        INTERNAL = "E0101", 500, "the system refuses something that always works";
+        /// Also `module`, `line`.
+        OVERLOADED = "E0105", 503, "too much is waiting already; nothing was sent";
+        /// Also `module`, `line`.
+        EXPIRED = "E0106", 503, "its time ran out while it waited; nothing was sent";
+        /// Also `module`, `point`.
+        LOCKED = "E0107", 423, "the point is locked by the configuration";
+        /// Also `module`, `point`, `value`: what it is.
+        NOT_AS_ASKED = "E0108", 409, "the output is not in the state asked for; nothing was sent";
+        /// Also `reason`, `socket`.
+        DAEMON = "E0109", 502, "the daemon's answer can't be understood";
+        /// Also `path`.
+        NO_SUCH_PAGE = "E0110", 404, "there is nothing at this address";
+        /// Also `module`, `line`, `address`, `protocol`, `model`, `attempts`, `rx_bytes`, `baud`,
+        /// `format`.
+        NO_REPLY = "E0301", 504, "the module did not answer";
+        /// Also `module`, `line`, ...
+        UNKNOWN = "E0302", 504, "the line was lost during the command; nobody knows how it ended";
+        /// Also `module`, `line`, ..., `refusal`.
+        REFUSED = "E0401", 502, "the module answered no";
+        /// Also `module`, `line`, ..., `attempts`, `rx_bytes`, `why`.
+        GARBLED = "E0501", 502, "something came back that is no reply";
+        /// Also `module`, `line`, ..., `point`, `value`: what was wanted.
+        NOT_VERIFIED = "E0601", 409, "acknowledged, but read back otherwise";
+        /// Also `line`, `port`, `reason`, `holder`, `group`.
+        LINE_CLOSED = "E0710", 503, "the line is not open";
+        /// Also `name`, `known`.
+        NO_SUCH_MODULE = "E0801", 404, "there is no such module";
+        /// Also `module`, `name`, `known`.
+        NO_SUCH_POINT = "E0802", 404, "the module has no such point";
+        /// Also `name`, `known`.
+        NO_SUCH_LINE = "E0803", 404, "there is no such line";
+        /// Also `module`, `point`, `model`, `width_ms` and `pulse_mode`: the module's own, where
+        /// known.
+        PULSE_WIDTH = "E0804", 422, "the module can't give a pulse of this length";
+        /// Also `module`, `model`.
+        UNSUPPORTED = "E0805", 422, "the model has no command for that";
+        /// Also `reason`.
+        BAD_REQUEST = "E0806", 422, "the request says something that is no value here";
+        /// Also `module`, `point`.
+        NOT_AN_OUTPUT = "E0807", 422, "the point is no output";
+        /// Also `reason`.
+        BAD_FRAME = "E0808", 422, "the bytes are no read of that protocol";
+        /// No configuration, no flags. Also `looked`: the places.
+        NO_CONFIG = "E0809", 422, "there is no configuration";
+        /// Also `file`, `problems`: each with `line`, `column`, `path`, `code`, `reason`.
+        BAD_CONFIG = "E0810", 422, "the configuration has problems";
+        /// Also `file`, `reason`.
+        CONFIG_FILE = "E0824", 422, "the configuration can't be read";
+        /// Also `reason`.
+        FORBIDDEN = "E0901", 403, "not from there";
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_are_exit_codes_and_never_used_twice() {
+        let mut seen = std::collections::BTreeSet::new();
+        for kind in codes::ALL {
+            assert!(seen.insert(kind.code), "{}", kind.code);
+            let exit: u8 = kind.code[1..3].parse().expect("two digits");
+            assert!((1..=11).contains(&exit), "{}", kind.code);
+        }
+    }
+
+    #[test]
+    fn it_comes_back_as_it_went() {
+        let problem = Problem::new(codes::NO_REPLY)
+            .with("module", "pump")
+            .with("attempts", 3)
+            .with_hint("railbus scan");
+        let text = serde_json::to_string(&problem).unwrap();
+        assert!(text.contains(r#""module":"pump""#), "{text}");
+        assert_eq!(serde_json::from_str::<Problem>(&text).unwrap(), problem);
+        assert_eq!(problem.text("attempts"), "3");
+    }
+}

@@ -1,0 +1,194 @@
+//! Whoever does what a command asks for: the daemon, if one runs, or a site opened here and now.
+//!
+//! Both give the same answers in the same types, so that no command knows which one it talks to.
+
+mod local;
+mod remote;
+
+use crate::api::problem::Problem;
+use crate::api::types::{
+    LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest, Pulsed,
+    RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest, Written,
+};
+use crate::i18n::Lang;
+use local::Local;
+use railbus_device::{Family, Layout};
+use railbus_wire::{Character, Protocol};
+use remote::Remote;
+use std::path::PathBuf;
+
+/// What the flags say about whom to ask.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Wanted {
+    /// The configuration, where a flag names one.
+    pub(crate) config: Option<PathBuf>,
+    /// The daemon's socket, where a flag names one.
+    pub(crate) socket: Option<PathBuf>,
+    /// Not through a daemon.
+    pub(crate) direct: bool,
+    /// No configuration at all: this port, and this module on it.
+    pub(crate) ad_hoc: Option<AdHoc>,
+    /// The language in which a configuration's problems are told.
+    pub(crate) lang: Lang,
+    /// Read all modules again and again, as `watch` needs; else only what is asked for is read.
+    pub(crate) polls: bool,
+}
+
+/// A line and a module on it, named by flags alone: `-l PORT -m MODEL -a ADDR`.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct AdHoc {
+    /// The port; the line is called `line`.
+    pub(crate) port: String,
+    /// Its speed; 9600 if not said.
+    pub(crate) baud: Option<u32>,
+    /// Its character format; 8N1 if not said.
+    pub(crate) format: Option<Character>,
+    /// The module; none for frames of one's own.
+    pub(crate) module: Option<AdHocModule>,
+}
+
+/// The module of an [`AdHoc`] line.
+#[derive(Clone, Debug)]
+pub(crate) struct AdHocModule {
+    /// What it is called: by its model, unless said otherwise.
+    pub(crate) name: String,
+    /// Its kind.
+    pub(crate) family: Family,
+    /// Its address.
+    pub(crate) address: u8,
+    /// The protocol; the model's own if not said.
+    pub(crate) protocol: Option<Protocol>,
+    /// Its ASCII frames carry a checksum.
+    pub(crate) checksum: bool,
+    /// Outputs and inputs of a 0x55 board, and how it uses its bits.
+    pub(crate) outputs: Option<u8>,
+    pub(crate) inputs: Option<u8>,
+    pub(crate) layout: Option<Layout>,
+}
+
+/// Whoever does what a command asks for.
+#[derive(Debug)]
+pub(crate) enum Backend {
+    /// A site opened here.
+    Local(Local),
+    /// The daemon, over its socket.
+    Daemon(Remote),
+}
+
+/// What happens, one after the other.
+#[derive(Debug)]
+pub(crate) enum Watch {
+    /// On a site opened here.
+    Local(local::Watch),
+    /// At the daemon.
+    Daemon(remote::Watch),
+}
+
+impl Watch {
+    /// The next thing that happens; none once the site was closed. Can be dropped and called
+    /// again without losing anything.
+    pub(crate) async fn next(&mut self) -> Option<Result<WatchEvent, Problem>> {
+        match self {
+            Watch::Local(watch) => watch.next().await.map(Ok),
+            Watch::Daemon(watch) => watch.next().await,
+        }
+    }
+}
+
+/// Calls the same of both.
+macro_rules! either {
+    ($self:ident . $method:ident ( $($argument:expr),* )) => {
+        match $self {
+            Backend::Local(local) => local.$method($($argument),*).await,
+            Backend::Daemon(remote) => remote.$method($($argument),*).await,
+        }
+    };
+}
+
+impl Backend {
+    /// The daemon if its socket answers, and no flag is against it; else a site from the flags,
+    /// or from a configuration. To be called inside a tokio runtime with I/O and time enabled.
+    pub(crate) async fn open(wanted: &Wanted) -> Result<Backend, Problem> {
+        let direct = wanted.direct || wanted.config.is_some() || wanted.ad_hoc.is_some();
+        if !direct && let Some(remote) = Remote::find(wanted.socket.as_deref()).await {
+            return Ok(Backend::Daemon(remote));
+        }
+        Local::open(wanted).await.map(Backend::Local)
+    }
+
+    /// Whether it is the daemon, which reads by itself, and whose values have an age.
+    pub(crate) const fn is_daemon(&self) -> bool {
+        matches!(self, Backend::Daemon(_))
+    }
+
+    /// All lines.
+    pub(crate) async fn lines(&self) -> Result<Vec<LineInfo>, Problem> {
+        either!(self.lines())
+    }
+
+    /// All modules. Here every one of them is asked first.
+    pub(crate) async fn modules(&self) -> Result<Vec<ModuleInfo>, Problem> {
+        either!(self.modules())
+    }
+
+    /// The points that one of the selectors names: `pump`, `pump.do0`, `*.di*`; all where there
+    /// are none. `fresh` asks the line first, as it always is here.
+    pub(crate) async fn points(
+        &self,
+        selectors: &[String],
+        fresh: bool,
+    ) -> Result<Vec<PointInfo>, Problem> {
+        either!(self.points(selectors, fresh))
+    }
+
+    /// Switches one output.
+    pub(crate) async fn write(&self, path: &str, wanted: WriteRequest) -> Result<Written, Problem> {
+        either!(self.write(path, wanted))
+    }
+
+    /// Switches several outputs of one module, in as few frames as it can take.
+    pub(crate) async fn outputs(
+        &self,
+        module: &str,
+        wanted: OutputsRequest,
+    ) -> Result<OutputsWritten, Problem> {
+        either!(self.outputs(module, wanted))
+    }
+
+    /// Switches an output over.
+    pub(crate) async fn toggle(
+        &self,
+        path: &str,
+        wanted: ToggleRequest,
+    ) -> Result<Written, Problem> {
+        either!(self.toggle(path, wanted))
+    }
+
+    /// Begins a pulse. One that the host times here ends only while this process lives: see
+    /// [`Backend::finish`].
+    pub(crate) async fn pulse(&self, path: &str, wanted: PulseRequest) -> Result<Pulsed, Problem> {
+        either!(self.pulse(path, wanted))
+    }
+
+    /// Sends a read of one's own.
+    pub(crate) async fn raw(&self, wanted: RawRequest) -> Result<RawAnswer, Problem> {
+        either!(self.raw(wanted))
+    }
+
+    /// What happens from now on, after every point as it is.
+    pub(crate) async fn watch(&self, selectors: &[String]) -> Result<Watch, Problem> {
+        match self {
+            Backend::Local(local) => local.watch(selectors).await.map(Watch::Local),
+            Backend::Daemon(remote) => remote.watch(selectors).await.map(Watch::Daemon),
+        }
+    }
+
+    /// Ends what was begun: outputs of pulses that are timed here are released when their time
+    /// has come, or at once where `now` says so; then ports are closed. To be called before the
+    /// program ends.
+    pub(crate) async fn finish(self, now: bool) {
+        if let Backend::Local(local) = self {
+            local.finish(now).await;
+        }
+    }
+}

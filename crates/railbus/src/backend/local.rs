@@ -1,0 +1,202 @@
+//! A site opened here and now, for one command.
+
+use super::{AdHoc, Wanted};
+use crate::api::problem::{Problem, codes};
+use crate::api::types::{
+    LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest, Pulsed,
+    RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest, Written,
+};
+use crate::api::watching::Watching;
+use crate::api::{ask, failures, paths};
+use crate::config_file;
+use railbus_bus::{EchoMode, Plan};
+use railbus_device::{Layout, Setup};
+use railbus_host::LineState;
+use railbus_site::config::{LineConfig, ModuleConfig, Range};
+use railbus_site::{Config, Service};
+use railbus_wire::{Address, Baud, Character, Settings};
+use std::collections::BTreeMap;
+
+/// The name of a line that flags describe.
+const AD_HOC_LINE: &str = "line";
+
+/// A site opened here and now.
+#[derive(Debug)]
+pub(crate) struct Local {
+    service: Service,
+    polls: bool,
+}
+
+/// What happens on it.
+#[derive(Debug)]
+pub(crate) struct Watch(Watching);
+
+impl Watch {
+    pub(super) async fn next(&mut self) -> Option<WatchEvent> {
+        self.0.next().await
+    }
+}
+
+impl Local {
+    /// Opens the site of the flags, or of a configuration. Ports that can't be opened are told
+    /// by what is asked of them.
+    pub(super) async fn open(wanted: &Wanted) -> Result<Local, Problem> {
+        let config = match &wanted.ad_hoc {
+            Some(ad_hoc) => described(ad_hoc)?,
+            None => config_file::read(wanted.lang, wanted.config.as_deref())?.config,
+        };
+        let lines: Vec<String> = config.lines.keys().cloned().collect();
+        let service = if wanted.polls {
+            Service::start(config)
+        } else {
+            Service::start_quiet(config)
+        };
+        let service = service
+            .map_err(|why| Problem::new(codes::BAD_REQUEST).with("reason", why.to_string()))?;
+        for line in lines {
+            // What became of it is asked below, where it matters.
+            let _ = service.opened(&line).await;
+        }
+        Ok(Local {
+            service,
+            polls: wanted.polls,
+        })
+    }
+
+    pub(super) async fn lines(&self) -> Result<Vec<LineInfo>, Problem> {
+        Ok(ask::lines(&self.service))
+    }
+
+    pub(super) async fn modules(&self) -> Result<Vec<ModuleInfo>, Problem> {
+        if !self.polls {
+            // It does not matter here which of them answers: each says so itself.
+            let _ = ask::fresh_points(&self.service, &[]).await;
+        }
+        Ok(ask::modules(&self.service))
+    }
+
+    pub(super) async fn points(
+        &self,
+        selectors: &[String],
+        _fresh: bool,
+    ) -> Result<Vec<PointInfo>, Problem> {
+        for selector in selectors {
+            self.check(selector)?;
+        }
+        ask::fresh_points(&self.service, selectors).await
+    }
+
+    pub(super) async fn write(&self, path: &str, wanted: WriteRequest) -> Result<Written, Problem> {
+        self.read_before(path).await?;
+        ask::write(&self.service, path, wanted).await
+    }
+
+    pub(super) async fn outputs(
+        &self,
+        module: &str,
+        wanted: OutputsRequest,
+    ) -> Result<OutputsWritten, Problem> {
+        self.read_before(module).await?;
+        ask::outputs(&self.service, module, wanted).await
+    }
+
+    pub(super) async fn toggle(
+        &self,
+        path: &str,
+        wanted: ToggleRequest,
+    ) -> Result<Written, Problem> {
+        ask::toggle(&self.service, path, wanted).await
+    }
+
+    pub(super) async fn pulse(&self, path: &str, wanted: PulseRequest) -> Result<Pulsed, Problem> {
+        ask::pulse(&self.service, path, wanted).await
+    }
+
+    pub(super) async fn raw(&self, wanted: RawRequest) -> Result<RawAnswer, Problem> {
+        ask::raw(&self.service, wanted).await
+    }
+
+    pub(super) async fn watch(&self, selectors: &[String]) -> Result<Watch, Problem> {
+        for selector in selectors {
+            self.check(selector)?;
+        }
+        Ok(Watch(Watching::new(self.service.clone(), selectors)))
+    }
+
+    pub(super) async fn finish(self, now: bool) {
+        if !now {
+            self.service.pulses_ended().await;
+        }
+        self.service.close().await;
+    }
+
+    /// Refuses the name of a module or point that is not there.
+    fn check(&self, selector: &str) -> Result<(), Problem> {
+        ask::check_selector(&self.service, selector)
+    }
+
+    /// Nothing is known of a module that was opened just now: what its outputs are before they
+    /// are switched, is asked. It does not matter whether that succeeds.
+    async fn read_before(&self, path: &str) -> Result<(), Problem> {
+        let module = paths::split(path).map_or(path, |(module, _)| module);
+        let line = self.service.module(module).map(|status| status.line);
+        let status = line.as_deref().and_then(|line| self.service.line(line));
+        if let Some(status) = status
+            && status.state != LineState::Up
+        {
+            return Err(failures::line_closed(&self.service, &status.name));
+        }
+        let _ = self.service.read_fresh(module).await;
+        Ok(())
+    }
+}
+
+/// The configuration that flags amount to.
+fn described(ad_hoc: &AdHoc) -> Result<Config, Problem> {
+    let wrong = |reason: String| Problem::new(codes::BAD_REQUEST).with("reason", reason);
+    let baud = match ad_hoc.baud {
+        None => Baud::B9600,
+        Some(rate) => {
+            Baud::from_rate(rate).ok_or_else(|| wrong(format!("no such speed: {rate}")))?
+        }
+    };
+    let serial = Settings {
+        baud,
+        character: ad_hoc.format.unwrap_or(Character::N1),
+    };
+    let mut config = Config::default();
+    let line = LineConfig {
+        port: ad_hoc.port.clone(),
+        serial,
+        echo: EchoMode::Auto,
+    };
+    config.lines.insert(AD_HOC_LINE.to_owned(), line);
+    if let Some(module) = &ad_hoc.module {
+        let factory = Setup::new(module.family, Address(module.address));
+        let layout = module.layout.unwrap_or(factory.layout);
+        let (outputs, inputs) = match layout {
+            Layout::Inputs => (0, 32),
+            Layout::Mixed => (16, 16),
+            Layout::Outputs => (factory.outputs, factory.inputs),
+        };
+        let setup = Setup {
+            protocol: module.protocol.unwrap_or(factory.protocol),
+            serial,
+            checksum: module.checksum,
+            outputs: module.outputs.unwrap_or(outputs),
+            inputs: module.inputs.unwrap_or(inputs),
+            layout,
+            ..factory
+        };
+        setup.check().map_err(|why| wrong(why.to_string()))?;
+        let described = ModuleConfig {
+            line: AD_HOC_LINE.to_owned(),
+            setup,
+            plan: Plan::default(),
+            range: Range::volts(),
+            points: BTreeMap::new(),
+        };
+        config.modules.insert(module.name.clone(), described);
+    }
+    Ok(config)
+}

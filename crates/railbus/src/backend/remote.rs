@@ -1,0 +1,188 @@
+//! The daemon, over its socket: HTTP as everyone else speaks it.
+
+mod http;
+
+use crate::api::problem::{Problem, codes};
+use crate::api::types::{
+    LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo, Points,
+    PulseRequest, Pulsed, RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest, Written,
+};
+use crate::serve::socket;
+use http::{Lines as TextLines, send};
+use hyper::Method;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+
+/// The daemon behind a socket.
+#[derive(Debug)]
+pub(crate) struct Remote {
+    socket: PathBuf,
+}
+
+/// What happens at the daemon.
+#[derive(Debug)]
+pub(crate) struct Watch(TextLines);
+
+impl Watch {
+    pub(super) async fn next(&mut self) -> Option<Result<WatchEvent, Problem>> {
+        loop {
+            let line = match self.0.next().await? {
+                Ok(line) => line,
+                Err(problem) => return Some(Err(problem)),
+            };
+            // A newer daemon may know events that this program does not; an empty line is sent
+            // to see whether anyone is there.
+            if let Ok(event) = serde_json::from_str(&line) {
+                return Some(Ok(event));
+            }
+        }
+    }
+}
+
+impl Remote {
+    /// The first daemon that answers: on the socket named, or on one of the usual ones.
+    pub(super) async fn find(named: Option<&Path>) -> Option<Remote> {
+        let usual = socket::places();
+        let places = named.map_or(usual, |path| vec![path.to_owned()]);
+        for socket in places {
+            if tokio::net::UnixStream::connect(&socket).await.is_ok() {
+                return Some(Remote { socket });
+            }
+        }
+        None
+    }
+
+    pub(super) async fn lines(&self) -> Result<Vec<LineInfo>, Problem> {
+        let lines: Lines = self.get("/api/v1/lines").await?;
+        Ok(lines.lines)
+    }
+
+    pub(super) async fn modules(&self) -> Result<Vec<ModuleInfo>, Problem> {
+        let modules: Modules = self.get("/api/v1/modules").await?;
+        Ok(modules.modules)
+    }
+
+    pub(super) async fn points(
+        &self,
+        selectors: &[String],
+        fresh: bool,
+    ) -> Result<Vec<PointInfo>, Problem> {
+        let path = format!(
+            "/api/v1/points?{}{}",
+            select(selectors),
+            fresh_as_query(fresh)
+        );
+        let points: Points = self.get(&path).await?;
+        Ok(points.points)
+    }
+
+    pub(super) async fn write(&self, path: &str, wanted: WriteRequest) -> Result<Written, Problem> {
+        self.send(Method::PUT, &point(path, ""), &wanted).await
+    }
+
+    pub(super) async fn outputs(
+        &self,
+        module: &str,
+        wanted: OutputsRequest,
+    ) -> Result<OutputsWritten, Problem> {
+        let path = format!("/api/v1/modules/{}/outputs", encoded(module));
+        self.send(Method::PUT, &path, &wanted).await
+    }
+
+    pub(super) async fn toggle(
+        &self,
+        path: &str,
+        wanted: ToggleRequest,
+    ) -> Result<Written, Problem> {
+        self.send(Method::POST, &point(path, "/toggle"), &wanted)
+            .await
+    }
+
+    pub(super) async fn pulse(&self, path: &str, wanted: PulseRequest) -> Result<Pulsed, Problem> {
+        self.send(Method::POST, &point(path, "/pulse"), &wanted)
+            .await
+    }
+
+    pub(super) async fn raw(&self, wanted: RawRequest) -> Result<RawAnswer, Problem> {
+        self.send(Method::POST, "/api/v1/raw", &wanted).await
+    }
+
+    pub(super) async fn watch(&self, selectors: &[String]) -> Result<Watch, Problem> {
+        let path = format!("/api/v1/watch?{}", select(selectors));
+        let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
+        Ok(Watch(answer.lines().await?))
+    }
+
+    async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {
+        let answer = send(&self.socket, Method::GET, path, Vec::new()).await?;
+        self.read(&answer.whole().await?)
+    }
+
+    async fn send<T: DeserializeOwned>(
+        &self,
+        method: Method,
+        path: &str,
+        body: &impl Serialize,
+    ) -> Result<T, Problem> {
+        let body = serde_json::to_vec(body).unwrap_or_default();
+        let answer = send(&self.socket, method, path, body).await?;
+        self.read(&answer.whole().await?)
+    }
+
+    fn read<T: DeserializeOwned>(&self, body: &[u8]) -> Result<T, Problem> {
+        serde_json::from_slice(body).map_err(|error| {
+            Problem::new(codes::DAEMON)
+                .with("socket", self.socket.display().to_string())
+                .with("reason", error.to_string())
+        })
+    }
+}
+
+const fn fresh_as_query(fresh: bool) -> &'static str {
+    if fresh { "fresh=1" } else { "" }
+}
+
+/// `select=pump,*.di*&`
+fn select(selectors: &[String]) -> String {
+    if selectors.is_empty() {
+        return String::new();
+    }
+    let encoded: Vec<String> = selectors.iter().map(|selector| encoded(selector)).collect();
+    format!("select={}&", encoded.join(","))
+}
+
+/// The address of a point.
+fn point(path: &str, what: &str) -> String {
+    let (module, label) = path.split_once('.').unwrap_or((path, "-"));
+    format!(
+        "/api/v1/points/{}/{}{what}",
+        encoded(module),
+        encoded(label)
+    )
+}
+
+/// With everything but letters, digits and `_*-` as `%XX`.
+fn encoded(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for byte in text.bytes() {
+        if byte.is_ascii_alphanumeric() || b"_*-.".contains(&byte) {
+            out.push(char::from(byte));
+        } else {
+            out += &format!("%{byte:02X}");
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_can_not_leave_their_place() {
+        assert_eq!(point("pump.do0", "/pulse"), "/api/v1/points/pump/do0/pulse");
+        assert_eq!(point("a/b.c?d", ""), "/api/v1/points/a%2Fb/c%3Fd");
+        assert_eq!(select(&["*.d?1".to_owned()]), "select=*.d%3F1&");
+    }
+}

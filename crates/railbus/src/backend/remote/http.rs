@@ -1,0 +1,119 @@
+//! One HTTP request over a Unix socket, and what comes back.
+
+use crate::api::problem::{Problem, codes};
+use http_body_util::{BodyExt, Full, Limited};
+use hyper::body::{Bytes, Incoming};
+use hyper::client::conn::http1;
+use hyper::header::{CONTENT_TYPE, HOST};
+use hyper::{Method, Request, Response};
+use hyper_util::rt::TokioIo;
+use std::path::Path;
+use std::time::Duration;
+use tokio::net::UnixStream;
+
+/// The longest answer.
+const ANSWER_MAX: usize = 8 << 20;
+/// The longest line of a stream.
+const LINE_MAX: usize = 64 << 10;
+/// How long the daemon may take: commands live 5 s, and pulses begin within that.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// An answer whose head has come.
+pub(super) struct Answer {
+    response: Response<Incoming>,
+}
+
+/// The lines of a stream.
+#[derive(Debug)]
+pub(super) struct Lines {
+    body: Incoming,
+    buffer: Vec<u8>,
+}
+
+/// Asks, and waits for the head of the answer.
+pub(super) async fn send(
+    socket: &Path,
+    method: Method,
+    path: &str,
+    body: Vec<u8>,
+) -> Result<Answer, Problem> {
+    let failed = |reason: String| {
+        let problem = Problem::new(codes::DAEMON).with("reason", reason);
+        problem.with("socket", socket.display().to_string())
+    };
+    let stream = UnixStream::connect(socket).await;
+    let stream = stream.map_err(|error| failed(error.to_string()))?;
+    let (mut sender, connection) = http1::handshake(TokioIo::new(stream))
+        .await
+        .map_err(|error| failed(error.to_string()))?;
+    // Ends with the answer's body, or with the daemon.
+    tokio::spawn(connection);
+    let request = Request::builder()
+        .method(method)
+        .uri(path)
+        .header(HOST, "localhost")
+        .header(CONTENT_TYPE, "application/json")
+        .body(Full::new(Bytes::from(body)))
+        .map_err(|error| failed(error.to_string()))?;
+    match tokio::time::timeout(PATIENCE, sender.send_request(request)).await {
+        Ok(Ok(response)) => Ok(Answer { response }),
+        Ok(Err(error)) => Err(failed(error.to_string())),
+        Err(_) => Err(failed("no answer within 30 s".to_owned())),
+    }
+}
+
+impl Answer {
+    /// The whole body; a problem where the daemon tells one.
+    pub(super) async fn whole(self) -> Result<Bytes, Problem> {
+        let status = self.response.status();
+        let body = Limited::new(self.response.into_body(), ANSWER_MAX);
+        let body = body
+            .collect()
+            .await
+            .map_err(|error| Problem::new(codes::DAEMON).with("reason", error.to_string()))?;
+        let body = body.to_bytes();
+        if status.is_success() {
+            return Ok(body);
+        }
+        Err(serde_json::from_slice(&body).unwrap_or_else(|_| {
+            Problem::new(codes::DAEMON).with("reason", format!("HTTP status {status}"))
+        }))
+    }
+
+    /// The body line by line; a problem where the daemon tells one.
+    pub(super) async fn lines(self) -> Result<Lines, Problem> {
+        if !self.response.status().is_success() {
+            return Err(match self.whole().await {
+                Err(problem) => problem,
+                Ok(_) => Problem::new(codes::DAEMON),
+            });
+        }
+        Ok(Lines {
+            body: self.response.into_body(),
+            buffer: Vec::new(),
+        })
+    }
+}
+
+impl Lines {
+    /// The next line; none at the end.
+    pub(super) async fn next(&mut self) -> Option<Result<String, Problem>> {
+        let failed = |reason: String| Problem::new(codes::DAEMON).with("reason", reason);
+        loop {
+            if let Some(at) = self.buffer.iter().position(|byte| *byte == b'\n') {
+                let line: Vec<u8> = self.buffer.drain(..=at).collect();
+                return Some(Ok(String::from_utf8_lossy(&line).trim().to_owned()));
+            }
+            if self.buffer.len() > LINE_MAX {
+                return Some(Err(failed("a line without an end".to_owned())));
+            }
+            match self.body.frame().await? {
+                Ok(frame) => {
+                    let data = frame.into_data().unwrap_or_default();
+                    self.buffer.extend_from_slice(&data);
+                }
+                Err(error) => return Some(Err(failed(error.to_string()))),
+            }
+        }
+    }
+}

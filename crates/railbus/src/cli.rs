@@ -1,0 +1,196 @@
+//! The command line: one definition per command, which gives its parser and its help.
+
+use crate::commands::{decode, explain, get, global_flags, ls, pulse, raw, scan, set, watch};
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use crate::texts::Text;
+use crate::{serve, sim, usage};
+use clap::error::ErrorKind;
+use clap::{Arg, ArgAction, ArgMatches, Command};
+use std::ffi::OsString;
+use std::io::Write;
+
+/// A command: its name, its definition, and what it does.
+struct Verb {
+    name: &'static str,
+    define: fn(Lang) -> Command,
+    run: fn(Lang, &ArgMatches) -> Result<(), Failure>,
+}
+
+/// All commands, in the order of the help.
+const VERBS: &[Verb] = &[
+    Verb {
+        name: scan::NAME,
+        define: scan::define,
+        run: scan::run,
+    },
+    Verb {
+        name: ls::NAME,
+        define: ls::define,
+        run: ls::run,
+    },
+    Verb {
+        name: get::NAME,
+        define: get::define,
+        run: get::run,
+    },
+    Verb {
+        name: set::NAME,
+        define: set::define,
+        run: set::run,
+    },
+    Verb {
+        name: pulse::NAME,
+        define: pulse::define,
+        run: pulse::run,
+    },
+    Verb {
+        name: watch::NAME,
+        define: watch::define,
+        run: watch::run,
+    },
+    Verb {
+        name: raw::NAME,
+        define: raw::define,
+        run: raw::run,
+    },
+    Verb {
+        name: decode::NAME,
+        define: decode::define,
+        run: decode::run,
+    },
+    Verb {
+        name: sim::NAME,
+        define: sim::define,
+        run: sim::run,
+    },
+    Verb {
+        name: serve::NAME,
+        define: serve::define,
+        run: serve::run,
+    },
+    Verb {
+        name: explain::NAME,
+        define: explain::define,
+        run: explain::run,
+    },
+];
+
+/// Flags that every command has stand below its own.
+pub(crate) const LAST: usize = 1_000;
+
+/// Does what the arguments say.
+pub(crate) fn run(lang: Lang, arguments: Vec<OsString>) -> Result<(), Failure> {
+    let matches = match define(lang).try_get_matches_from(arguments) {
+        Ok(matches) => matches,
+        Err(error) if is_answer(error.kind()) => {
+            // Nothing is wrong where the reader has heard enough and closed the pipe.
+            let _ = write!(std::io::stdout(), "{}", error.render());
+            return Ok(());
+        }
+        Err(error) => return Err(usage::failure(lang, &error)),
+    };
+    // The parser lets nothing through without a command that it knows.
+    let Some((name, matches)) = matches.subcommand() else {
+        return Ok(());
+    };
+    let verb = VERBS.iter().find(|verb| verb.name == name);
+    verb.map_or(Ok(()), |verb| (verb.run)(lang, matches))
+}
+
+const fn is_answer(kind: ErrorKind) -> bool {
+    matches!(kind, ErrorKind::DisplayHelp | ErrorKind::DisplayVersion)
+}
+
+/// The whole command line.
+fn define(lang: Lang) -> Command {
+    let root = verb(lang, "railbus", Text::About, "railbus COMMAND")
+        .version(env!("CARGO_PKG_VERSION"))
+        .subcommand_required(true)
+        .subcommand_help_heading(lang.get(Text::Commands))
+        .subcommands(VERBS.iter().map(|verb| (verb.define)(lang)));
+    root.arg(
+        flag(lang, "version", Text::Version)
+            .short('V')
+            .action(ArgAction::Version)
+            .display_order(LAST),
+    )
+    .arg(
+        flag(lang, "lang", Text::LangFlag)
+            .value_name("LANG")
+            .value_parser(["en", "zh"])
+            .hide_possible_values(true)
+            .display_order(LAST)
+            .global(true),
+    )
+    .arg(
+        flag(lang, "verbose", Text::Verbose)
+            .short('v')
+            .action(ArgAction::SetTrue)
+            .display_order(LAST)
+            .global(true),
+    )
+    .args(global_flags(lang))
+}
+
+/// A command with what all have in common: its help in the language, and `-h`.
+pub(crate) fn verb(lang: Lang, name: &'static str, about: Text, usage: &'static str) -> Command {
+    let template = format!(
+        "{{about-with-newline}}\n{{before-help}}{}{{usage}}\n\n{{all-args}}\n",
+        lang.get(Text::Usage)
+    );
+    Command::new(name)
+        .about(lang.get(about))
+        .override_usage(usage)
+        .help_template(template)
+        .next_help_heading(lang.get(Text::Options))
+        .disable_help_flag(true)
+        .disable_help_subcommand(true)
+        .disable_version_flag(true)
+        .arg(
+            flag(lang, "help", Text::Help)
+                .short('h')
+                .action(ArgAction::Help)
+                .display_order(LAST),
+        )
+}
+
+/// Examples, to stand at the head of a command's help.
+pub(crate) fn examples(lang: Lang, examples: Text) -> String {
+    format!("{}\n{}", lang.get(Text::Examples), lang.get(examples))
+}
+
+/// A flag whose long form is its name.
+pub(crate) fn flag(lang: Lang, name: &'static str, help: Text) -> Arg {
+    Arg::new(name).long(name).help(lang.get(help))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_definitions_are_sound() {
+        for lang in [Lang::En, Lang::Zh] {
+            define(lang).debug_assert();
+        }
+    }
+
+    #[test]
+    fn chinese_help_is_all_chinese() {
+        let text = |arguments: &[&str]| {
+            let error = define(Lang::Zh).try_get_matches_from(arguments).err();
+            error
+                .map(|error| error.render().to_string())
+                .unwrap_or_default()
+        };
+        let root = [vec!["railbus", "-h"]];
+        let verbs = VERBS.iter().map(|verb| vec!["railbus", verb.name, "-h"]);
+        for arguments in root.into_iter().chain(verbs) {
+            let help = text(&arguments);
+            for english in ["Usage", "Options", "Commands", "Print", "default"] {
+                assert!(!help.contains(english), "{english} in {help}");
+            }
+        }
+    }
+}

@@ -1,0 +1,17 @@
+//! The commands of daily work, one file each.
+
+pub(crate) mod decode;
+pub(crate) mod explain;
+pub(crate) mod get;
+pub(crate) mod ls;
+pub(crate) mod pulse;
+pub(crate) mod raw;
+pub(crate) mod scan;
+pub(crate) mod set;
+pub(crate) mod watch;
+
+mod context;
+mod place;
+mod stop;
+
+pub(crate) use context::{Context, global_flags};

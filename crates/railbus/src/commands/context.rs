@@ -1,0 +1,210 @@
+//! What the flags that every command has say, and the runtime that commands run in.
+
+use crate::api::problem::Problem;
+use crate::backend::{AdHoc, AdHocModule, Backend, Wanted};
+use crate::cli::{LAST, flag};
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::Format;
+use crate::texts::Text;
+use clap::{Arg, ArgAction, ArgMatches, value_parser};
+use railbus_device::Family;
+use railbus_host::LineName;
+use railbus_site::config::parse_duration;
+use railbus_wire::{Baud, Character, Micros, Protocol};
+use std::future::Future;
+use std::path::PathBuf;
+
+const FORMATS: [(&str, Character); 4] = [
+    ("8N1", Character::N1),
+    ("8E1", Character::E1),
+    ("8O1", Character::O1),
+    ("8N2", Character::N2),
+];
+const BAUDS: [&str; 8] = [
+    "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
+];
+
+/// What the flags say.
+#[derive(Debug)]
+pub(crate) struct Context {
+    pub(crate) lang: Lang,
+    pub(crate) format: Format,
+    pub(crate) quiet: bool,
+    /// A line of the configuration; a port is in `wanted`.
+    pub(crate) line: Option<String>,
+    pub(crate) timeout: Option<Micros>,
+    pub(crate) wanted: Wanted,
+}
+
+/// The flags that every command has.
+pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
+    let with = |name, help, value: &'static str| flag(lang, name, help).value_name(value);
+    let choice =
+        |arg: Arg, names: Vec<&'static str>| arg.value_parser(names).hide_possible_values(true);
+    let families = Family::ALL.map(Family::name).to_vec();
+    let protocols = Protocol::ALL.map(Protocol::name).to_vec();
+    let flags = vec![
+        with("line", Text::LineFlag, "LINE").short('l'),
+        choice(
+            with("output", Text::OutputFlag, "FORMAT").short('o'),
+            Format::NAMES.to_vec(),
+        ),
+        flag(lang, "quiet", Text::QuietFlag)
+            .short('q')
+            .action(ArgAction::SetTrue),
+        with("config", Text::ConfigFlag, "FILE").value_parser(value_parser!(PathBuf)),
+        flag(lang, "direct", Text::DirectFlag).action(ArgAction::SetTrue),
+        with("socket", Text::SocketFlag, "PATH").value_parser(value_parser!(PathBuf)),
+        with("timeout", Text::TimeoutFlag, "TIME").value_parser(duration),
+        choice(with("model", Text::ModelFlag, "MODEL").short('m'), families),
+        with("address", Text::AddressFlag, "ADDR")
+            .short('a')
+            .value_parser(address),
+        choice(
+            with("protocol", Text::ProtocolFlag, "PROTO").short('p'),
+            protocols,
+        ),
+        choice(with("baud", Text::BaudFlag, "N"), BAUDS.to_vec()),
+        choice(
+            with("format", Text::FormatFlag, "8N1"),
+            FORMATS.map(|(name, _)| name).to_vec(),
+        ),
+        flag(lang, "checksummed", Text::ChecksumFlag)
+            .long("ascii-checksum")
+            .action(ArgAction::SetTrue),
+    ];
+    let global = |arg: Arg| arg.global(true).display_order(LAST);
+    flags.into_iter().map(global).collect()
+}
+
+/// A length of time with its unit.
+pub(crate) fn duration(text: &str) -> Result<Micros, String> {
+    parse_duration(text).ok_or_else(String::new)
+}
+
+/// An address as manuals write it: `10`, `0x0A`, `0Ah`.
+pub(crate) fn address(text: &str) -> Result<u8, String> {
+    let hexadecimal = text
+        .strip_prefix("0x")
+        .or_else(|| text.strip_suffix(['h', 'H']));
+    match hexadecimal {
+        Some(digits) => u8::from_str_radix(digits, 16),
+        None => text.parse(),
+    }
+    .map_err(|error| error.to_string())
+}
+
+impl Context {
+    pub(crate) fn of(lang: Lang, matches: &ArgMatches) -> Result<Context, Failure> {
+        let text = |name: &str| matches.get_one::<String>(name).cloned();
+        let format = text("output").and_then(|name| Format::from_name(&name));
+        let line = text("line");
+        let ad_hoc = ad_hoc(lang, matches, line.as_deref())?;
+        Ok(Context {
+            lang,
+            format: format.unwrap_or_default(),
+            quiet: matches.get_flag("quiet"),
+            line: line.filter(|_| ad_hoc.is_none()),
+            timeout: matches.get_one("timeout").copied(),
+            wanted: Wanted {
+                config: matches.get_one("config").cloned(),
+                socket: matches.get_one("socket").cloned(),
+                direct: matches.get_flag("direct"),
+                ad_hoc,
+                lang,
+                polls: false,
+            },
+        })
+    }
+
+    /// The daemon, or a site opened here.
+    pub(crate) async fn open(&self) -> Result<Backend, Failure> {
+        Backend::open(&self.wanted)
+            .await
+            .map_err(|problem| self.failure(&problem))
+    }
+
+    /// A problem in words.
+    pub(crate) fn failure(&self, problem: &Problem) -> Failure {
+        Failure::of_problem(self.lang, problem)
+    }
+
+    /// Says something beside the result, unless that is not wanted.
+    pub(crate) fn note(&self, text: &str) {
+        if !self.quiet {
+            crate::render::out::note(text);
+        }
+    }
+
+    /// Runs a command to its end.
+    pub(crate) fn block<T>(
+        &self,
+        command: impl Future<Output = Result<T, Failure>>,
+    ) -> Result<T, Failure> {
+        tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .map_err(|error| Failure::of(self.lang, Code::System).because(error))?
+            .block_on(command)
+    }
+}
+
+/// Port and module named by flags alone, where they are.
+fn ad_hoc(lang: Lang, matches: &ArgMatches, line: Option<&str>) -> Result<Option<AdHoc>, Failure> {
+    let text = |name: &str| matches.get_one::<String>(name).map(String::as_str);
+    let missing = |name: &str| {
+        let message = lang.fill(Text::MissingArgument, &[("name", &name)]);
+        Failure::new(Code::Usage, message).with_try("railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8")
+    };
+    let family = text("model").and_then(Family::from_name);
+    let address: Option<u8> = matches.get_one("address").copied();
+    let is_port = line.is_some_and(|line| line.parse::<LineName>().is_ok());
+    let (port, module) = match (line, family, address) {
+        (Some(port), Some(family), Some(address)) => (port, Some((family, address))),
+        (_, Some(_), None) => return Err(missing("--address")),
+        (_, None, Some(_)) => return Err(missing("--model")),
+        (None, Some(_), Some(_)) => return Err(missing("--line")),
+        (Some(port), None, None) if is_port => (port, None),
+        (_, None, None) => return Ok(None),
+    };
+    let protocol = text("protocol");
+    let protocol = Protocol::ALL
+        .into_iter()
+        .find(|known| protocol == Some(known.name()));
+    let format = text("format");
+    let baud = text("baud").and_then(|baud| baud.parse().ok());
+    Ok(Some(AdHoc {
+        port: port.to_owned(),
+        baud: baud.and_then(Baud::from_rate).map(Baud::rate),
+        format: FORMATS
+            .into_iter()
+            .find(|(name, _)| format == Some(*name))
+            .map(|(_, character)| character),
+        module: module.map(|(family, address)| AdHocModule {
+            name: family.name().to_owned(),
+            family,
+            address,
+            protocol,
+            checksum: matches.get_flag("checksummed"),
+            outputs: None,
+            inputs: None,
+            layout: None,
+        }),
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_read_in_both_systems() {
+        for (text, number) in [("10", 10), ("0x0A", 10), ("0Ah", 10), ("F5h", 245)] {
+            assert_eq!(address(text), Ok(number), "{text}");
+        }
+        for wrong in ["256", "-1", "x", "", "h"] {
+            assert!(address(wrong).is_err(), "{wrong}");
+        }
+    }
+}

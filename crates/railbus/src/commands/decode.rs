@@ -1,0 +1,169 @@
+//! `railbus decode`: what bytes mean.
+
+mod known;
+pub(super) mod meaning;
+mod readings;
+mod replies;
+
+use super::Context;
+use crate::cli;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::records;
+use crate::render::{Format, hex, out, width};
+use crate::texts::Text;
+use clap::{Arg, ArgAction, ArgMatches, Command};
+use readings::{Check, Reading};
+use serde_json::{Value, json};
+use std::io::Read;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "decode";
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    let usage = "railbus decode HEX… [--all] | railbus decode -";
+    cli::verb(lang, NAME, Text::DecodeAbout, usage)
+        .before_help(cli::examples(lang, Text::DecodeExamples))
+        .arg(
+            Arg::new("HEX")
+                .help(lang.get(Text::DecodeHex))
+                .num_args(1..)
+                .required(true),
+        )
+        .arg(cli::flag(lang, "all", Text::DecodeAll).action(ArgAction::SetTrue))
+}
+
+/// Prints the readings, best first.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let words: Vec<&str> = matches
+        .get_many::<String>("HEX")
+        .into_iter()
+        .flatten()
+        .map(String::as_str)
+        .collect();
+    let frames = match words.as_slice() {
+        ["-"] => standard_input(lang)?,
+        words => vec![words.join(" ")],
+    };
+    let mut bad = None;
+    for frame in frames {
+        let bytes = hex::parse(&frame).ok_or_else(|| no_bytes(lang, &frame))?;
+        let readings = readings::of(lang, &bytes);
+        let all = matches.get_flag("all");
+        let shown = show(&context, &bytes, &readings, all);
+        out::result(lang, &shown)?;
+        if !readings.first().is_some_and(Reading::is_good) {
+            bad = Some(bytes);
+        }
+    }
+    match bad {
+        None => Ok(()),
+        Some(bytes) => {
+            let failure = Failure::of(lang, Code::NoProtocol);
+            Err(failure.with_fact("bytes", hex::spaced(&bytes)))
+        }
+    }
+}
+
+/// The failure of text that is no bytes.
+pub(super) fn no_bytes(lang: Lang, text: &str) -> Failure {
+    let message = lang.fill(Text::NoBytes, &[("text", &text)]);
+    Failure::new(Code::Usage, message).with_try("railbus decode 03 05 00 3C FF 00 4D D4")
+}
+
+/// One frame to a line.
+fn standard_input(lang: Lang) -> Result<Vec<String>, Failure> {
+    let mut text = String::new();
+    let read = std::io::stdin().read_to_string(&mut text);
+    read.map_err(|error| Failure::of(lang, Code::System).because(error))?;
+    let lines = text.lines().map(str::trim).filter(|line| !line.is_empty());
+    Ok(lines.map(str::to_owned).collect())
+}
+
+fn show(context: &Context, bytes: &[u8], readings: &[Reading], all: bool) -> String {
+    let lang = context.lang;
+    let known = known::find(bytes);
+    if context.format.is_json() {
+        let known = known.map(|known| json!({ "id": known.id, "note": known.note(lang) }));
+        return records::line(json!({
+            "bytes": hex::spaced(bytes),
+            "readings": readings.iter().map(as_json).collect::<Vec<_>>(),
+            "known": known,
+        }));
+    }
+    let Some(best) = readings.first() else {
+        return lang.fill(Text::NoReading, &[("count", &bytes.len())]) + "\n";
+    };
+    if context.format == Format::Value {
+        return format!("{}\n", best.meaning);
+    }
+    // What is just as good a reading is never kept quiet.
+    let count = |reading: &&Reading| all || reading.is_good() == best.is_good() && best.is_good();
+    let mut text = String::new();
+    for reading in readings
+        .iter()
+        .filter(|reading| all || std::ptr::eq(*reading, best))
+    {
+        text += &told(lang, reading);
+    }
+    if let Some(known) = known {
+        text += &labelled(
+            lang,
+            Text::KnownLabel,
+            &format!("{}: {}", known.id, known.note(lang)),
+        );
+    }
+    let others = readings.iter().filter(count).count().saturating_sub(1);
+    if !all && others > 0 {
+        text += &labelled(
+            lang,
+            Text::AlsoLabel,
+            &lang.fill(Text::AlsoCount, &[("count", &others)]),
+        );
+    }
+    text
+}
+
+fn labelled(lang: Lang, label: Text, text: &str) -> String {
+    format!("  {}{text}\n", width::pad(lang.get(label), 10))
+}
+
+fn told(lang: Lang, reading: &Reading) -> String {
+    let kind = lang.get(if reading.reply {
+        Text::ReplyWord
+    } else {
+        Text::RequestWord
+    });
+    let mut head = format!("{} {kind}", reading.protocol);
+    if let Some(address) = reading.address {
+        head += lang.get(Text::Comma);
+        head += &lang.fill(Text::AtAddress, &[("address", &address)]);
+    }
+    let mut text = format!("{head}\n  {}\n", reading.meaning);
+    let check = match &reading.check {
+        Check::None => return text,
+        Check::Right(is) => lang.fill(Text::CheckRight, &[("is", is)]),
+        Check::Wrong { is, should } => {
+            lang.fill(Text::CheckWrong, &[("is", is), ("should", should)])
+        }
+    };
+    text += &labelled(lang, Text::CheckLabel, &check);
+    text
+}
+
+fn as_json(reading: &Reading) -> Value {
+    let check = match &reading.check {
+        Check::None => Value::Null,
+        Check::Right(is) => json!({ "ok": true, "is": is }),
+        Check::Wrong { is, should } => json!({ "ok": false, "is": is, "should": should }),
+    };
+    json!({
+        "protocol": reading.protocol,
+        "kind": if reading.reply { "reply" } else { "request" },
+        "address": reading.address.map(|address| address.0),
+        "meaning": reading.meaning,
+        "checksum": check,
+    })
+}

@@ -1,0 +1,326 @@
+//! What bytes mean in each protocol: as they are, or as they would be with the right checksum.
+
+use super::{meaning, replies};
+use crate::i18n::{Lang, say};
+use railbus_wire::{
+    Address, Decoded, Exchange, Protocol, ascii, crc16, lc02, lcus, r55, rtu, sum8,
+};
+
+/// One way to read the bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Reading {
+    pub(super) protocol: &'static str,
+    pub(super) reply: bool,
+    pub(super) address: Option<Address>,
+    pub(super) meaning: String,
+    pub(super) check: Check,
+}
+
+/// The checksum.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Check {
+    /// The frame has none.
+    None,
+    /// It is right.
+    Right(String),
+    /// It is wrong.
+    Wrong { is: String, should: String },
+}
+
+impl Reading {
+    pub(super) fn is_good(&self) -> bool {
+        !matches!(self.check, Check::Wrong { .. })
+    }
+}
+
+/// All readings, best first.
+pub(super) fn of(lang: Lang, bytes: &[u8]) -> Vec<Reading> {
+    let mut readings = Vec::new();
+    for protocol in [
+        Protocol::R55,
+        Protocol::Lc02,
+        Protocol::Ascii,
+        Protocol::Rtu,
+    ] {
+        for (frame, check) in checked(protocol, bytes) {
+            readings.extend(in_protocol(lang, protocol, &frame, &check));
+        }
+    }
+    if let Decoded::Whole { len: 4, value } = lcus::Request::decode(bytes)
+        && bytes.len() == 4
+    {
+        let (n, state) = (value.channel, crate::render::values::state(lang, value.on));
+        readings.push(Reading {
+            protocol: "lcus",
+            reply: false,
+            address: None,
+            meaning: say!(
+                lang,
+                "relay {n} {state} (USB relay board)",
+                "继电器 {n} {state}（USB 继电器板）"
+            ),
+            check: Check::Right(hex(bytes.get(3..).unwrap_or_default())),
+        });
+    }
+    readings.sort_by_key(|reading| (!reading.is_good(), unlikely(reading)));
+    let mut seen: Vec<Reading> = Vec::new();
+    for reading in readings {
+        if !seen.contains(&reading) {
+            seen.push(reading);
+        }
+    }
+    seen
+}
+
+/// A frame of Modbus RTU has nothing but its CRC to know it by: with a wrong one, others that
+/// also have marks at their ends are likelier.
+fn unlikely(reading: &Reading) -> bool {
+    reading.protocol == Protocol::Rtu.name() && !reading.is_good()
+}
+
+/// The bytes with a right checksum, and what was to be said of theirs.
+fn checked(protocol: Protocol, bytes: &[u8]) -> Vec<(Vec<u8>, Check)> {
+    let verdict = |at: std::ops::Range<usize>, should: Vec<u8>| {
+        let is = bytes.get(at.clone())?;
+        let check = if is == should {
+            Check::Right(hex(is))
+        } else {
+            Check::Wrong {
+                is: hex(is),
+                should: hex(&should),
+            }
+        };
+        let mut frame = bytes.to_vec();
+        frame.splice(at, should);
+        Some((frame, check))
+    };
+    let len = bytes.len();
+    let head = |end: usize| bytes.get(..end).unwrap_or_default();
+    match protocol {
+        Protocol::Rtu if len >= 4 => {
+            let crc = crc16(head(len - 2)).to_le_bytes().to_vec();
+            verdict(len - 2..len, crc).into_iter().collect()
+        }
+        Protocol::R55 if len == r55::FRAME_LEN => {
+            let sum = vec![sum8(head(len - 1))];
+            verdict(len - 1..len, sum).into_iter().collect()
+        }
+        Protocol::Lc02 if len >= 5 && bytes.last() == Some(&lc02::envelope::END) => {
+            let body = bytes.get(2..len - 2).unwrap_or_default();
+            verdict(len - 2..len - 1, vec![sum8(body)])
+                .into_iter()
+                .collect()
+        }
+        Protocol::Ascii if bytes.last() == Some(&ascii::CR) => {
+            let mut frames = vec![(bytes.to_vec(), Check::None)];
+            if len > 4 {
+                let sum = format!("{:02X}", sum8(head(len - 3))).into_bytes();
+                let text = |digits: &[u8]| String::from_utf8_lossy(digits).into_owned();
+                let is = bytes.get(len - 3..len - 1).unwrap_or_default();
+                if is == sum {
+                    frames.insert(0, (bytes.to_vec(), Check::Right(text(is))));
+                }
+            }
+            frames
+        }
+        _ => Vec::new(),
+    }
+}
+
+fn in_protocol(lang: Lang, protocol: Protocol, frame: &[u8], check: &Check) -> Vec<Reading> {
+    let reading = |reply, address, meaning| Reading {
+        protocol: protocol.name(),
+        reply,
+        address,
+        meaning,
+        check: check.clone(),
+    };
+    let mut readings = Vec::new();
+    match request(protocol, frame, check) {
+        Some(Ok(exchange)) => {
+            let broadcast = matches!(exchange, Exchange::Ascii(e) if e.request.is_broadcast());
+            let address = (!broadcast).then_some(exchange.address());
+            readings.push(reading(false, address, meaning::request(lang, &exchange)));
+        }
+        Some(Err((address, code))) => readings.push(reading(
+            false,
+            Some(address),
+            say!(
+                lang,
+                "unknown function {code:02X}h",
+                "未知功能码 {code:02X}h"
+            ),
+        )),
+        None => {}
+    }
+    for (exchange, response, from) in replies::of(frame) {
+        let summed = matches!(exchange, Exchange::Ascii(e) if e.checksum);
+        let fits = exchange.protocol() == protocol
+            && (protocol != Protocol::Ascii || summed == matches!(check, Check::Right(_)));
+        if fits {
+            readings.push(reading(
+                true,
+                from,
+                meaning::response(lang, &exchange, &response),
+            ));
+        }
+    }
+    readings
+}
+
+/// The request that a whole frame is, or a function that is not known.
+fn request<'a>(
+    protocol: Protocol,
+    frame: &'a [u8],
+    check: &Check,
+) -> Option<Result<Exchange<'a>, (Address, u8)>> {
+    let whole = |len: usize| len == frame.len();
+    match protocol {
+        Protocol::Rtu => match rtu::Exchange::decode_frame(frame) {
+            Ok(exchange) => Some(Ok(Exchange::Rtu(exchange))),
+            Err(rtu::RequestError::Function { address, code })
+                if code < 0x80 && matches!(check, Check::Right(_)) =>
+            {
+                Some(Err((address, code)))
+            }
+            Err(_) => None,
+        },
+        Protocol::R55 => match (r55::Exchange::decode_request(frame), frame) {
+            (Decoded::Whole { len, value }, _) if whole(len) => Some(Ok(Exchange::R55(value))),
+            (_, [r55::REQUEST_START, address, code, ..]) => Some(Err((Address(*address), *code))),
+            _ => None,
+        },
+        Protocol::Lc02 => match lc02::Exchange::decode_request(frame) {
+            Decoded::Whole { len, value } if whole(len) => Some(Ok(Exchange::Lc02(value))),
+            _ => None,
+        },
+        Protocol::Ascii => {
+            let rules = ascii::Rules {
+                checksum: matches!(check, Check::Right(_)),
+                lower_case: true,
+            };
+            match ascii::Exchange::decode_request(frame, rules) {
+                Decoded::Whole { len, value } if whole(len) => Some(Ok(Exchange::Ascii(value))),
+                _ => None,
+            }
+        }
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    crate::render::hex::spaced(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::hex::parse;
+
+    fn best(text: &str) -> Reading {
+        let bytes = parse(text).unwrap();
+        of(Lang::En, &bytes).remove(0)
+    }
+
+    #[test]
+    fn frames_of_the_datasheets_are_read() {
+        for (frame, protocol, reply, address, meaning) in [
+            (
+                "03 01 00 3C 00 08 FC 22",
+                "rtu",
+                false,
+                Some(3),
+                "read 8 coils from 60",
+            ),
+            (
+                "03 05 00 3C FF 00 4D D4",
+                "rtu",
+                false,
+                Some(3),
+                "coil 60 on",
+            ),
+            (
+                "01 81 02 C1 91",
+                "rtu",
+                true,
+                Some(1),
+                "refused: exception 02 illegal data address",
+            ),
+            (
+                "55 04 10 00 00 00 00 69",
+                "r55",
+                false,
+                Some(4),
+                "read state",
+            ),
+            ("22 04 10 00 00 00 05 3B", "r55", true, Some(4), "k1 k3 on"),
+            (
+                "4C 57 01 03 04 0D",
+                "lc02",
+                false,
+                Some(1),
+                "read outputs and inputs",
+            ),
+            ("$01M", "ascii", false, Some(1), "read name"),
+            (
+                "!030200",
+                "ascii",
+                true,
+                None,
+                "outputs do0 do1 on; inputs high: di1",
+            ),
+            (
+                "A0 01 01 A2",
+                "lcus",
+                false,
+                None,
+                "relay 1 on (USB relay board)",
+            ),
+        ] {
+            let best = best(frame);
+            assert!(best.is_good(), "{best:?}");
+            assert_eq!((best.protocol, best.reply), (protocol, reply), "{best:?}");
+            assert_eq!(best.address.map(|address| address.0), address, "{best:?}");
+            assert_eq!(best.meaning, meaning);
+        }
+    }
+
+    #[test]
+    fn a_wrong_checksum_is_named_and_the_rest_is_read() {
+        let reading = best("6C 63 01 03 22 34 0D");
+        assert_eq!(reading.protocol, "lc02");
+        assert_eq!(reading.meaning, "outputs do0 do1 on; inputs high: di1 di5");
+        let check = Check::Wrong {
+            is: "34".to_owned(),
+            should: "26".to_owned(),
+        };
+        assert_eq!(reading.check, check);
+    }
+
+    #[test]
+    fn bytes_that_are_two_things_are_read_as_both() {
+        let bytes = parse("55 01 00 03 00 04 C0 1D").unwrap();
+        let readings = of(Lang::En, &bytes);
+        let protocols: Vec<&str> = readings.iter().map(|reading| reading.protocol).collect();
+        assert!(
+            protocols.contains(&"rtu") && protocols.contains(&"r55"),
+            "{readings:?}"
+        );
+        assert!(readings.iter().take(2).all(Reading::is_good));
+    }
+
+    #[test]
+    fn any_bytes_are_read_without_harm() {
+        let mut seed = 1_u32;
+        for len in 0..64 {
+            for _ in 0..50 {
+                let bytes: Vec<u8> = (0..len)
+                    .map(|_| {
+                        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                        (seed >> 24) as u8
+                    })
+                    .collect();
+                of(Lang::Zh, &bytes);
+            }
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! Replies without their requests: every request that bytes could be the reply to is tried.
+
+use railbus_wire::{Address, Channel, Decoded, Exchange, Response, ascii, lc02, r55, rtu};
+
+/// The ways to read whole bytes as a reply: to what, and from whom.
+pub(super) fn of(bytes: &[u8]) -> Vec<(Exchange<'static>, Response<'_>, Option<Address>)> {
+    let mut found = Vec::new();
+    for exchange in candidates(bytes) {
+        if let Decoded::Whole { len, value } = exchange.decode_response(bytes)
+            && len == bytes.len()
+        {
+            found.push((exchange, value.response, value.from));
+        }
+    }
+    found
+}
+
+fn candidates(bytes: &[u8]) -> Vec<Exchange<'static>> {
+    let mut all = Vec::new();
+    match bytes {
+        [0x22, address, code, ..] => {
+            all.extend(r55_request(*code).map(|request| Exchange::r55(Address(*address), request)));
+        }
+        [0x6C, 0x63, address, ..] => all.extend(
+            [
+                lc02::Request::ReadConfig,
+                lc02::Request::ReadData,
+                lc02::Request::ReadPulse,
+                lc02::Request::WriteOutputs(lc02::Outputs::All(0)),
+            ]
+            .map(|request| Exchange::lc02(Address(*address), request)),
+        ),
+        [b'!' | b'>' | b'?', ..] => all.extend(ascii_requests(bytes)),
+        _ => {}
+    }
+    all.extend(rtu_request(bytes));
+    all
+}
+
+fn r55_request(code: u8) -> Option<r55::Request> {
+    let one = Channel::new(0)?;
+    let zero = r55::U24::new(0)?;
+    use r55::Request as R;
+    let all = [
+        R::ReadState,
+        R::Open(one),
+        R::Close(one),
+        R::SetAll(0),
+        R::GroupOff(0),
+        R::GroupOn(0),
+        R::GroupToggle(0),
+        R::Toggle(one),
+        R::JogClose(one, zero),
+        R::JogOpen(one, zero),
+        R::ReadAddress,
+        R::WriteAddress(Address(0)),
+        R::ReadVariable(0),
+        R::WriteVariable(0, zero),
+    ];
+    let is_it = |request: &R| r55::Exchange::new(Address(0), *request).code() == code;
+    all.into_iter().find(is_it)
+}
+
+/// The likelier ones first: a data reply also reads as a name.
+fn ascii_requests(bytes: &[u8]) -> Vec<Exchange<'static>> {
+    let digits = bytes
+        .get(1..3)
+        .and_then(|digits| std::str::from_utf8(digits).ok());
+    let address = digits.and_then(|digits| u8::from_str_radix(digits, 16).ok());
+    let address = Address(address.unwrap_or_default());
+    use ascii::Request as R;
+    let requests = [
+        R::ReadData,
+        R::ReadConfig,
+        R::ReadPulse,
+        R::WriteOutputs { order: 0, data: 0 },
+        R::ReadAll,
+        R::ReadName,
+    ];
+    let each = |checksum| {
+        let exchange = move |request| Exchange::ascii(address, checksum, request);
+        requests.into_iter().map(exchange)
+    };
+    each(false).chain(each(true)).collect()
+}
+
+/// What a Modbus reply must have been asked by: its own length says how much.
+fn rtu_request(bytes: &[u8]) -> Option<Exchange<'static>> {
+    let &[address, code, third, ..] = bytes else {
+        return None;
+    };
+    let function = rtu::Function::from_code(code & 0x7F)?;
+    let bits = || rtu::BitSpan::new(0, (u16::from(third) * 8).max(1));
+    let words = || rtu::WordSpan::new(0, (u16::from(third) / 2).max(1));
+    let is_exception = code & 0x80 != 0;
+    let one = |span: Option<rtu::BitSpan>| {
+        if is_exception {
+            rtu::BitSpan::new(0, 1)
+        } else {
+            span
+        }
+    };
+    let few = |span: Option<rtu::WordSpan>| {
+        if is_exception {
+            rtu::WordSpan::new(0, 1)
+        } else {
+            span
+        }
+    };
+    use rtu::Function as F;
+    let request = match function {
+        F::ReadCoils => rtu::Request::ReadCoils(one(bits())?),
+        F::ReadDiscreteInputs => rtu::Request::ReadDiscreteInputs(one(bits())?),
+        F::ReadHoldingRegisters => rtu::Request::ReadHoldingRegisters(few(words())?),
+        F::ReadInputRegisters => rtu::Request::ReadInputRegisters(few(words())?),
+        F::WriteCoil | F::WriteRegister | F::WriteCoils | F::WriteRegisters => {
+            return write_request(bytes, function, Address(address));
+        }
+    };
+    Some(Exchange::rtu(Address(address), request))
+}
+
+/// A write that these bytes acknowledge.
+fn write_request(bytes: &[u8], function: rtu::Function, at: Address) -> Option<Exchange<'static>> {
+    let word = |from: usize| {
+        let pair = bytes.get(from..from + 2)?;
+        Some(u16::from_be_bytes([*pair.first()?, *pair.get(1)?]))
+    };
+    let is_exception = bytes.get(1)? & 0x80 != 0;
+    let (first, second) = if is_exception {
+        (0, 1)
+    } else {
+        (word(2)?, word(4)?)
+    };
+    let request = match function {
+        rtu::Function::WriteCoil => rtu::Request::WriteCoil {
+            at: first,
+            value: rtu::CoilValue(second),
+        },
+        rtu::Function::WriteRegister => rtu::Request::WriteRegister {
+            at: first,
+            value: second,
+        },
+        // How many were written is told, not what.
+        rtu::Function::WriteCoils if second <= 32 => {
+            let none = railbus_wire::Bits::from_mask(0, second)?;
+            rtu::Request::WriteCoils(rtu::BitBlock::new(first, none)?)
+        }
+        rtu::Function::WriteRegisters if second <= 2 => {
+            let none = match second {
+                1 => railbus_wire::Words::one(0),
+                _ => railbus_wire::Words::two(0, 0),
+            };
+            rtu::Request::WriteRegisters(rtu::WordBlock::new(first, none)?)
+        }
+        _ => return None,
+    };
+    Some(Exchange::rtu(at, request))
+}

@@ -1,0 +1,132 @@
+//! `railbus get`: the values of points.
+
+use super::{Context, stop};
+use crate::api::types::{PointInfo, Quality};
+use crate::cli;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::records::Records;
+use crate::render::table::Table;
+use crate::render::{out, time, values};
+use crate::texts::Text;
+use clap::{Arg, ArgAction, ArgMatches, Command};
+use serde_json::Value;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "get";
+
+/// An age below this is not worth telling.
+const YOUNG_MS: u64 = 1_000;
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    let usage = "railbus get TARGET… [--fresh] [--raw]";
+    cli::verb(lang, NAME, Text::GetAbout, usage)
+        .alias("read")
+        .before_help(cli::examples(lang, Text::GetExamples))
+        .arg(targets(lang).required(true))
+        .arg(cli::flag(lang, "fresh", Text::GetFresh).action(ArgAction::SetTrue))
+        .arg(cli::flag(lang, "raw", Text::GetRaw).action(ArgAction::SetTrue))
+}
+
+/// Modules, points and patterns.
+pub(super) fn targets(lang: Lang) -> Arg {
+    Arg::new("TARGET")
+        .help(lang.get(Text::Targets))
+        .num_args(1..)
+}
+
+/// Prints the values.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let targets: Vec<String> = selected(matches);
+    let fresh = matches.get_flag("fresh");
+    let points = context.block(async {
+        let mut stop = stop::Stop::new(&context)?;
+        let backend = context.open().await?;
+        let points = stop.or(backend.points(&targets, fresh)).await;
+        backend.finish(true).await;
+        points
+            .ok_or_else(|| stop::interrupted(&context))?
+            .map_err(|problem| context.failure(&problem))
+    })?;
+    let shown = records(lang, &points, matches.get_flag("raw"));
+    out::result(lang, &shown.render(context.format))?;
+    verdict(lang, &points)
+}
+
+pub(super) fn selected(matches: &ArgMatches) -> Vec<String> {
+    let given = matches.get_many::<String>("TARGET");
+    given.into_iter().flatten().cloned().collect()
+}
+
+/// Points in any form.
+pub(super) fn records(lang: Lang, points: &[PointInfo], raw: bool) -> Records {
+    let mut table = Table::bare();
+    for point in points {
+        let mut notes = notes(lang, point);
+        if let (true, Some(register)) = (raw, point.raw) {
+            notes.insert(0, format!("(raw {register})"));
+        }
+        let name = point.name.get(lang.name()).cloned().unwrap_or_default();
+        table.add([
+            point.path.clone(),
+            values::point(lang, point),
+            name,
+            notes.join(lang.get(Text::Comma)),
+        ]);
+    }
+    let rows = points.iter().map(|point| {
+        let mut row = serde_json::to_value(point).unwrap_or_default();
+        if raw && let (Some(row), Some(register)) = (row.as_object_mut(), point.raw) {
+            row.insert("value".to_owned(), register.into());
+        }
+        row
+    });
+    Records {
+        key: "points",
+        rows: rows.collect(),
+        columns: &["time", "module", "label", "value", "unit", "quality"],
+        value: "value",
+        table,
+    }
+}
+
+/// What is to be said of a value, in words.
+fn notes(lang: Lang, point: &PointInfo) -> Vec<String> {
+    let mut notes = Vec::new();
+    if point.quality != Quality::Good {
+        notes.push(values::quality(lang, point.quality).to_owned());
+    }
+    if let Some(age) = point.age_ms.filter(|age| *age > YOUNG_MS) {
+        let age = time::duration(lang, age);
+        notes.push(lang.fill(Text::Old, &[("age", &age)]));
+    }
+    if let Some(width) = point.pulse_ms {
+        let width = time::duration(lang, width);
+        notes.push(lang.fill(Text::PulseMode, &[("width", &width)]));
+    }
+    if point.locked {
+        notes.push(lang.get(Text::LockedWord).to_owned());
+    }
+    notes
+}
+
+/// The failure that values which could not be read amount to.
+fn verdict(lang: Lang, points: &[PointInfo]) -> Result<(), Failure> {
+    // A value that is too old is none, either.
+    let bad = |point: &&PointInfo| point.quality != Quality::Good;
+    let mut silent: Vec<&str> = points
+        .iter()
+        .filter(bad)
+        .map(|point| point.module.as_str())
+        .collect();
+    silent.dedup();
+    if silent.is_empty() {
+        return Ok(());
+    }
+    let modules = silent.join(" ");
+    let message = lang.fill(Text::SilentModules, &[("modules", &modules)]);
+    let failure = Failure::new(Code::NoReply, message).diagnosed();
+    Err(failure.with_fact("modules", Value::from(silent)))
+}

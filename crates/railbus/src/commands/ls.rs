@@ -1,0 +1,171 @@
+//! `railbus ls`: modules, points, lines, models, ports.
+
+mod models;
+mod ports;
+
+use super::{Context, stop};
+use crate::api::problem::Problem;
+use crate::api::types::{LineInfo, ModuleInfo, PortState};
+use crate::backend::Backend;
+use crate::cli;
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use crate::render::records::Records;
+use crate::render::table::Table;
+use crate::render::{out, values};
+use crate::texts::Text;
+use clap::{Arg, ArgMatches, Command};
+use railbus_wire::Address;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "ls";
+
+const WHAT: [&str; 5] = ["modules", "points", "lines", "models", "ports"];
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    let usage = "railbus ls [modules|points|lines|models|ports]";
+    cli::verb(lang, NAME, Text::LsAbout, usage)
+        .alias("list")
+        .before_help(cli::examples(lang, Text::LsExamples))
+        .arg(
+            Arg::new("WHAT")
+                .help(lang.get(Text::LsWhat))
+                .value_parser(WHAT)
+                .hide_possible_values(true),
+        )
+}
+
+/// Prints the list.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let what = matches.get_one::<String>("WHAT").map(String::as_str);
+    let records = match what {
+        Some("models") => models::records(lang),
+        Some("ports") => ports::records(lang),
+        Some("points") => {
+            let points = ask(&context, async |backend| backend.points(&[], false).await)?;
+            super::get::records(lang, &points, false)
+        }
+        Some("lines") => lines(lang, &ask(&context, async |backend| backend.lines().await)?),
+        _ => {
+            let mut all = ask(&context, async |backend| backend.modules().await)?;
+            all.retain(|module| {
+                context
+                    .line
+                    .as_ref()
+                    .is_none_or(|line| *line == module.line)
+            });
+            modules(lang, &all)
+        }
+    };
+    out::result(lang, &records.render(context.format))
+}
+
+/// Asks whoever knows.
+fn ask<T>(
+    context: &Context,
+    question: impl AsyncFnOnce(&Backend) -> Result<T, Problem>,
+) -> Result<T, Failure> {
+    context.block(async {
+        let mut stop = stop::Stop::new(context)?;
+        let backend = context.open().await?;
+        let answer = stop.or(question(&backend)).await;
+        backend.finish(true).await;
+        answer
+            .ok_or_else(|| stop::interrupted(context))?
+            .map_err(|problem| context.failure(&problem))
+    })
+}
+
+fn modules(lang: Lang, modules: &[ModuleInfo]) -> Records {
+    let head = lang.get(Text::LsModulesHead).split('|');
+    let mut table = Table::new(head);
+    for module in modules {
+        let rtt = module.rtt_ms.map(|rtt| format!("{rtt:.0} ms"));
+        let late = lang.fill(Text::Late, &[("late", &module.late_1h)]);
+        let errors = match module.late_1h {
+            0 => module.errors_1h.to_string(),
+            _ => format!("{} {late}", module.errors_1h),
+        };
+        table.add([
+            module.module.clone(),
+            module.line.clone(),
+            Address(module.address).to_string(),
+            module.protocol.clone(),
+            module.title.clone(),
+            values::presence(lang, module.state).to_owned(),
+            rtt.unwrap_or_else(dash),
+            errors,
+            bits(&module.outputs),
+            bits(&module.inputs),
+        ]);
+    }
+    Records {
+        key: "modules",
+        rows: json_of(modules),
+        columns: &[
+            "module",
+            "line",
+            "address",
+            "protocol",
+            "model",
+            "state",
+            "rtt_ms",
+            "errors_1h",
+            "outputs",
+            "inputs",
+        ],
+        value: "module",
+        table,
+    }
+}
+
+fn lines(lang: Lang, lines: &[LineInfo]) -> Records {
+    let mut table = Table::new(lang.get(Text::LsLinesHead).split('|'));
+    for line in lines {
+        let state = lang.get(match line.state {
+            PortState::Opening => Text::PortOpening,
+            PortState::Up => Text::PortUp,
+            PortState::Absent => Text::PortAbsent,
+            PortState::Busy => Text::PortBusy,
+            PortState::Closed => Text::PortClosed,
+        });
+        let why = line.holder.as_ref().or(line.reason.as_ref());
+        let state = match why {
+            Some(why) => format!("{state} ({why})"),
+            None => state.to_owned(),
+        };
+        table.add([
+            line.line.clone(),
+            line.port.clone(),
+            format!("{} {}", line.baud, line.format),
+            state,
+            line.modules.join(" "),
+        ]);
+    }
+    Records {
+        key: "lines",
+        rows: json_of(lines),
+        columns: &["line", "port", "baud", "format", "state", "reason"],
+        value: "line",
+        table,
+    }
+}
+
+fn json_of<T: serde::Serialize>(rows: &[T]) -> Vec<serde_json::Value> {
+    let json = |row| serde_json::to_value(row).unwrap_or_default();
+    rows.iter().map(json).collect()
+}
+
+fn dash() -> String {
+    "–".to_owned()
+}
+
+fn bits(bits: &str) -> String {
+    if bits.is_empty() {
+        dash()
+    } else {
+        bits.to_owned()
+    }
+}

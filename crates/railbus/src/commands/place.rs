@@ -1,0 +1,140 @@
+//! The line itself, for commands that need no module on it.
+
+use super::Context;
+use crate::api::types::LineInfo;
+use crate::backend::Backend;
+use crate::failure::{Code, Failure};
+use railbus_host::{LineName, PortError};
+use railbus_wire::{Baud, Character, Settings};
+
+/// A line to open oneself.
+#[derive(Clone, Debug)]
+pub(super) struct Place {
+    pub(super) line: String,
+    pub(super) port: LineName,
+    pub(super) settings: Settings,
+}
+
+/// Who has the line.
+pub(super) enum Access {
+    /// Nobody: it may be opened.
+    Here(Place),
+    /// The daemon.
+    Daemon(Backend),
+}
+
+/// The line that the flags mean, or the only one there is.
+pub(super) async fn find(context: &Context) -> Result<Access, Failure> {
+    if let Some(ad_hoc) = &context.wanted.ad_hoc {
+        let port = name(context, &ad_hoc.port)?;
+        let baud = ad_hoc.baud.and_then(Baud::from_rate);
+        return Ok(Access::Here(Place {
+            line: ad_hoc.port.clone(),
+            port,
+            settings: Settings {
+                baud: baud.unwrap_or(Baud::B9600),
+                character: ad_hoc.format.unwrap_or_default(),
+            },
+        }));
+    }
+    let backend = context.open().await?;
+    if backend.is_daemon() {
+        return Ok(Access::Daemon(backend));
+    }
+    let place = of(context, &backend).await;
+    // The port is opened anew by whoever asks.
+    backend.finish(true).await;
+    Ok(Access::Here(place?))
+}
+
+/// The line of `-l`, or the only one, of those that somebody has.
+pub(super) async fn of(context: &Context, backend: &Backend) -> Result<Place, Failure> {
+    let lines = backend.lines().await;
+    let line = choose(context, lines.map_err(|problem| context.failure(&problem))?)?;
+    Ok(Place {
+        port: name(context, &line.port)?,
+        settings: Settings {
+            baud: Baud::from_rate(line.baud).unwrap_or(Baud::B9600),
+            character: character(&line.format),
+        },
+        line: line.line,
+    })
+}
+
+/// The line of `-l`, or the only one.
+fn choose(context: &Context, lines: Vec<LineInfo>) -> Result<LineInfo, Failure> {
+    let known: Vec<String> = lines
+        .iter()
+        .map(|line| format!("-l {}", line.line))
+        .collect();
+    let only = lines.len() == 1 && context.line.is_none();
+    let wanted = context.line.as_deref();
+    let mut fits = lines
+        .into_iter()
+        .filter(|line| only || wanted == Some(&line.line));
+    fits.next().ok_or_else(|| {
+        let failure = Failure::of(context.lang, Code::NoLine).because(wanted.unwrap_or("-l"));
+        known.into_iter().fold(failure, Failure::with_try)
+    })
+}
+
+fn name(context: &Context, port: &str) -> Result<LineName, Failure> {
+    port.parse().map_err(|error| {
+        let failure = Failure::of(context.lang, Code::NoLine);
+        failure
+            .because(format!("{port}: {error}"))
+            .with_fact("port", port)
+    })
+}
+
+fn character(format: &str) -> Character {
+    let all = [Character::N1, Character::E1, Character::O1, Character::N2];
+    let mut known = all.into_iter();
+    known
+        .find(|known| known.to_string() == format)
+        .unwrap_or_default()
+}
+
+/// Why a port can't be opened, in words.
+pub(super) fn port_failure(context: &Context, place: &Place, error: &PortError) -> Failure {
+    let lang = context.lang;
+    let code = match error {
+        PortError::Missing => Code::PortMissing,
+        PortError::Busy { .. } => Code::PortBusy,
+        PortError::Permission(_) => Code::PortDenied,
+        PortError::NotATty => Code::NotATty,
+        PortError::Refused | PortError::Unreachable => Code::PortUnreachable,
+        PortError::Gone | PortError::Stuck | PortError::Garbled | PortError::Io(_) => {
+            Code::LineClosed
+        }
+    };
+    let port = place.port.to_string();
+    let title = code.page().title(lang);
+    let message = lang.fill(
+        crate::texts::Text::Named,
+        &[("title", &title), ("name", &port)],
+    );
+    let failure = Failure::new(code, message)
+        .diagnosed()
+        .with_fact("line", place.line.as_str())
+        .with_fact("port", port)
+        .with_fact("reason", error.name());
+    match error {
+        PortError::Busy {
+            holder: Some(holder),
+        } => {
+            let holder = format!("{} ({})", holder.name, holder.pid);
+            let told = lang.fill(crate::texts::Text::HeldBy, &[("holder", &holder)]);
+            failure.because(told).with_fact("holder", holder)
+        }
+        PortError::Permission(access) => match &access.group_name {
+            Some(group) => {
+                let told = lang.fill(crate::texts::Text::OfGroup, &[("group", group)]);
+                failure.because(told).with_fact("group", group.as_str())
+            }
+            None => failure,
+        },
+        PortError::Io(number) => failure.because(std::io::Error::from_raw_os_error(*number)),
+        _ => failure,
+    }
+}

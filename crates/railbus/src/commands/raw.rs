@@ -1,0 +1,294 @@
+//! `railbus raw`: a frame of one's own.
+
+mod talk;
+
+use super::decode::meaning;
+use super::place::{self, Access};
+use super::{Context, decode, stop};
+use crate::api::types::RawRequest;
+use crate::cli;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::table::Table;
+use crate::render::{Format, hex, out, records, time};
+use crate::texts::Text;
+use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_wire::{
+    Address, Decoded, Exchange, Micros, Protocol, ascii, crc16, lc02, r55, rtu, sum8,
+};
+use serde_json::json;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "raw";
+
+/// How long the reply may take to begin, unless the flags say otherwise.
+const TIMEOUT: Micros = Micros::from_millis(300);
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    let usage = "railbus raw [--crc|--proto P] HEX… | railbus raw --ascii TEXT";
+    cli::verb(lang, NAME, Text::RawAbout, usage)
+        .before_help(cli::examples(lang, Text::RawExamples))
+        .arg(Arg::new("HEX").help(lang.get(Text::RawHex)).num_args(0..))
+        .arg(
+            cli::flag(lang, "ascii", Text::RawAscii)
+                .value_name("TEXT")
+                .conflicts_with("HEX"),
+        )
+        .arg(cli::flag(lang, "crc", Text::RawCrc).action(ArgAction::SetTrue))
+        .arg(
+            cli::flag(lang, "proto", Text::RawProto)
+                .value_name("P")
+                .value_parser(Protocol::ALL.map(Protocol::name))
+                .hide_possible_values(true)
+                .conflicts_with("crc"),
+        )
+        .arg(cli::flag(lang, "yes", Text::RawYes).action(ArgAction::SetTrue))
+}
+
+/// What came back.
+struct Answer {
+    bytes: Vec<u8>,
+    after_ms: u64,
+}
+
+/// Sends it and prints what comes back.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let frame = frame(lang, matches)?;
+    let asked = asked(&frame);
+    let risky = asked.as_ref().is_none_or(is_risky);
+    if risky && !matches.get_flag("yes") {
+        let failure = Failure::of(lang, Code::NeedsYes).because(hex::spaced(&frame));
+        let told = asked.as_ref().map(|asked| meaning::request(lang, asked));
+        return Err(told.into_iter().fold(failure, Failure::because));
+    }
+    let answer = context.block(ask(&context, &frame, asked.as_ref()))?;
+    show(&context, &frame, asked.as_ref(), &answer)?;
+    verdict(&context, asked.as_ref(), &answer)
+}
+
+/// The bytes to send, with their checksum.
+fn frame(lang: Lang, matches: &ArgMatches) -> Result<Vec<u8>, Failure> {
+    if let Some(text) = matches.get_one::<String>("ascii") {
+        return Ok(hex::ascii(text));
+    }
+    let words: Vec<String> = matches
+        .get_many("HEX")
+        .into_iter()
+        .flatten()
+        .cloned()
+        .collect();
+    let text = words.join(" ");
+    let mut bytes = hex::parse(&text).ok_or_else(|| decode::no_bytes(lang, &text))?;
+    let protocol = matches.get_one::<String>("proto").map(String::as_str);
+    match protocol {
+        _ if matches.get_flag("crc") => bytes.extend(crc16(&bytes).to_le_bytes()),
+        Some("rtu") => bytes.extend(crc16(&bytes).to_le_bytes()),
+        Some("r55") => bytes.push(sum8(&bytes)),
+        Some("lc02") => {
+            bytes.push(sum8(bytes.get(2..).unwrap_or_default()));
+            bytes.push(lc02::envelope::END);
+        }
+        _ => {}
+    }
+    Ok(bytes)
+}
+
+/// The request that the bytes are.
+fn asked(bytes: &[u8]) -> Option<Exchange<'_>> {
+    let whole = |len: usize| len == bytes.len();
+    if let Decoded::Whole { len, value } = r55::Exchange::decode_request(bytes)
+        && whole(len)
+    {
+        return Some(Exchange::R55(value));
+    }
+    if let Decoded::Whole { len, value } = lc02::Exchange::decode_request(bytes)
+        && whole(len)
+    {
+        return Some(Exchange::Lc02(value));
+    }
+    for checksum in [false, true] {
+        let rules = ascii::Rules {
+            checksum,
+            lower_case: true,
+        };
+        if let Decoded::Whole { len, value } = ascii::Exchange::decode_request(bytes, rules)
+            && whole(len)
+        {
+            return Some(Exchange::Ascii(value));
+        }
+    }
+    rtu::Exchange::decode_frame(bytes).ok().map(Exchange::Rtu)
+}
+
+/// Whether it is for all modules at once, or changes what a module keeps.
+fn is_risky(asked: &Exchange<'_>) -> bool {
+    match asked {
+        Exchange::Rtu(e) => {
+            e.address == rtu::BROADCAST
+                || matches!(
+                    e.request,
+                    rtu::Request::WriteRegister { .. } | rtu::Request::WriteRegisters(_)
+                )
+        }
+        Exchange::R55(e) => {
+            let is_read = matches!(e.request(), r55::Request::ReadAddress);
+            e.address() == r55::BROADCAST && !is_read
+                || matches!(e.request(), r55::Request::WriteAddress(_))
+        }
+        Exchange::Lc02(e) => matches!(
+            e.request,
+            lc02::Request::WriteConfig { .. } | lc02::Request::WritePulse { .. }
+        ),
+        Exchange::Ascii(e) => {
+            e.request.is_broadcast()
+                || matches!(
+                    e.request,
+                    ascii::Request::WriteConfig { .. }
+                        | ascii::Request::WritePulse { .. }
+                        | ascii::Request::WriteWatchdog { .. }
+                        | ascii::Request::WriteSafe { .. }
+                        | ascii::Request::Rename(_)
+                )
+        }
+    }
+}
+
+async fn ask(
+    context: &Context,
+    frame: &[u8],
+    asked: Option<&Exchange<'_>>,
+) -> Result<Answer, Failure> {
+    let mut stop = stop::Stop::new(context)?;
+    let timeout = context.timeout.unwrap_or(TIMEOUT);
+    match place::find(context).await? {
+        Access::Here(place) => {
+            let silent = asked.is_some_and(|asked| !asked.expects_reply());
+            let talk = talk::talk(context, &place, frame, timeout, silent);
+            stop.or(talk)
+                .await
+                .ok_or_else(|| stop::interrupted(context))?
+        }
+        Access::Daemon(backend) => {
+            let protocol = asked.map_or(Protocol::Rtu, Exchange::protocol);
+            let wanted = RawRequest {
+                line: context.line.clone(),
+                protocol: protocol.name().to_owned(),
+                bytes: hex::spaced(frame),
+                timeout_ms: Some(timeout.0 / 1_000),
+            };
+            let answer = backend.raw(wanted).await;
+            let answer = answer.map_err(|problem| context.failure(&problem))?;
+            Ok(Answer {
+                bytes: hex::parse(&answer.bytes).unwrap_or_default(),
+                after_ms: answer.after_ms.round() as u64,
+            })
+        }
+    }
+}
+
+/// What the reply says, where it is one, and who says it.
+fn read(
+    lang: Lang,
+    asked: Option<&Exchange<'_>>,
+    bytes: &[u8],
+) -> Option<(String, Option<Address>, bool)> {
+    let asked = asked?;
+    let (_, found) = asked.find_response(bytes);
+    let reply = found.whole()?;
+    let refused = matches!(
+        reply.response,
+        railbus_wire::Response::Rtu(rtu::Response::Exception(_))
+            | railbus_wire::Response::Ascii(ascii::Response::Invalid | ascii::Response::Ignored)
+    );
+    let text = meaning::response(lang, asked, &reply.response);
+    Some((text, reply.from, refused))
+}
+
+fn show(
+    context: &Context,
+    frame: &[u8],
+    asked: Option<&Exchange<'_>>,
+    answer: &Answer,
+) -> Result<(), Failure> {
+    let lang = context.lang;
+    let said = read(lang, asked, &answer.bytes);
+    let text = match context.format {
+        Format::Table | Format::Csv => {
+            let mut table = Table::bare();
+            let asked = asked.map(|asked| meaning::request(lang, asked));
+            table.add([
+                "→".to_owned(),
+                hex::spaced(frame),
+                asked.unwrap_or_default(),
+            ]);
+            if !answer.bytes.is_empty() {
+                let after = time::duration(lang, answer.after_ms);
+                let said = said.map(|(said, ..)| said);
+                let said = said.unwrap_or_else(|| lang.get(Text::NotUnderstood).to_owned());
+                table.add(["←".to_owned(), hex::spaced(&answer.bytes), said, after]);
+            }
+            table.render()
+        }
+        Format::Value => format!("{}\n", hex::spaced(&answer.bytes)),
+        Format::Json | Format::Ndjson => records::line(json!({
+            "sent": hex::spaced(frame),
+            "bytes": hex::spaced(&answer.bytes),
+            "asked": asked.map(|asked| meaning::request(lang, asked)),
+            "meaning": said.as_ref().map(|(said, ..)| said),
+            "address": said.and_then(|(_, from, _)| from).map(|from| from.0),
+            "after_ms": answer.after_ms,
+        })),
+    };
+    out::result(lang, &text)
+}
+
+fn verdict(
+    context: &Context,
+    asked: Option<&Exchange<'_>>,
+    answer: &Answer,
+) -> Result<(), Failure> {
+    let lang = context.lang;
+    let expected = asked.is_none_or(Exchange::expects_reply);
+    match read(lang, asked, &answer.bytes) {
+        Some((said, _, true)) => Err(Failure::of(lang, Code::Refused).because(said)),
+        Some(_) => Ok(()),
+        None if answer.bytes.is_empty() && !expected => Ok(()),
+        None if answer.bytes.is_empty() => Err(Failure::of(lang, Code::NoReply)),
+        // Nobody knows what the reply to such a frame should be.
+        None if asked.is_none() => Ok(()),
+        None => {
+            let failure = Failure::of(lang, Code::Garbled);
+            Err(failure.because(hex::spaced(&answer.bytes)))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_kept_or_for_all_is_asked_about() {
+        for (text, risky) in [
+            ("03 01 00 3C 00 08 FC 22", false),
+            ("03 05 00 3C FF 00 4D D4", false),
+            ("55 04 10 00 00 00 00 69", false),
+            ("55 F5 13 00 00 00 FF 5C", true),
+            ("55 F5 40 00 00 00 00 8A", false),
+            ("55 01 41 00 00 00 04 9B", true),
+            ("$016", false),
+            ("#010003", false),
+            ("#**", true),
+            ("%0102400600", true),
+            ("4C 57 01 03 04 0D", false),
+            ("4C 57 01 02 02 06 00 0B 0D", true),
+        ] {
+            let bytes = hex::parse(text).unwrap();
+            let asked = asked(&bytes).unwrap();
+            assert_eq!(is_risky(&asked), risky, "{text}");
+        }
+        assert_eq!(asked(&[1, 2, 3]), None);
+    }
+}

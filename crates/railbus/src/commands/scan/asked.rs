@@ -1,0 +1,82 @@
+//! Who puts a scan's questions on the line: the scan itself, or the daemon that has it. There
+//! they go between its own polls.
+
+use crate::api::types::{Outcome, RawRequest};
+use crate::backend::Backend;
+use crate::commands::Context;
+use crate::commands::place::{Place, port_failure};
+use crate::failure::{Code, Failure};
+use crate::render::hex;
+use railbus_host::{Line, LineConfig, Probe, ProbeResult, Probed};
+use railbus_wire::{Frame, Micros};
+
+/// Whoever has the line.
+pub(super) enum Asked {
+    /// Opened here.
+    Line(Line),
+    /// The daemon has it.
+    Daemon(Backend),
+}
+
+impl Asked {
+    /// Opens the line here.
+    pub(super) async fn open(context: &Context, place: &Place) -> Result<Asked, Failure> {
+        let mut config = LineConfig::new(place.port.clone());
+        config.serial.settings = place.settings;
+        let failed = |error| port_failure(context, place, &error);
+        let line = Line::open(config).map_err(failed)?;
+        line.opened().await.map_err(failed)?;
+        Ok(Asked::Line(line))
+    }
+
+    /// One question, and what it met.
+    pub(super) async fn probe(
+        &self,
+        context: &Context,
+        place: &Place,
+        probe: Probe,
+    ) -> Result<ProbeResult, Failure> {
+        match self {
+            Asked::Line(line) => {
+                let met = line.probe(probe).await;
+                met.map_err(|_| Failure::of(context.lang, Code::LineClosed))
+            }
+            Asked::Daemon(backend) => ask_daemon(backend, context, place, &probe).await,
+        }
+    }
+
+    pub(super) async fn close(self) {
+        match self {
+            Asked::Line(line) => line.close().await,
+            Asked::Daemon(backend) => backend.finish(false).await,
+        }
+    }
+}
+
+async fn ask_daemon(
+    backend: &Backend,
+    context: &Context,
+    place: &Place,
+    probe: &Probe,
+) -> Result<ProbeResult, Failure> {
+    let mut frame = Frame::new();
+    probe.exchange.encode(&mut frame);
+    let request = RawRequest {
+        line: Some(place.line.clone()),
+        protocol: probe.exchange.protocol().name().to_owned(),
+        bytes: hex::spaced(frame.bytes()),
+        timeout_ms: Some(probe.timeout.0.div_ceil(1000)),
+    };
+    let met = backend.raw(request).await;
+    let met = met.map_err(|problem| context.failure(&problem))?;
+    Ok(ProbeResult {
+        outcome: match met.outcome {
+            Outcome::Answered => Probed::Answered,
+            Outcome::Garbled => Probed::Garbled,
+            Outcome::Silent => Probed::Silent,
+            Outcome::Unsafe => Probed::Unsafe,
+        },
+        bytes: hex::parse(&met.bytes).unwrap_or_default(),
+        after: Micros((met.after_ms * 1000.0) as u64),
+    })
+}

@@ -1,0 +1,94 @@
+//! The frames that `set` would send, for `--dry-run`.
+
+use super::orders::{Order, State};
+use crate::api::types::ModuleInfo;
+use crate::backend::Backend;
+use crate::commands::Context;
+use crate::failure::{Code, Failure};
+use crate::render::hex;
+use crate::render::table::Table;
+use crate::texts::Text;
+use railbus_device::{Bank, Family, Layout, Module, Op, PointKind, Setup};
+use railbus_wire::{Address, Channel, Frame, Protocol};
+
+/// Every frame, one to a line.
+pub(super) async fn show(
+    context: &Context,
+    backend: &Backend,
+    orders: &[Order],
+) -> Result<String, Failure> {
+    let modules = backend.modules().await;
+    let modules = modules.map_err(|problem| context.failure(&problem))?;
+    let mut table = Table::bare();
+    for group in orders.chunk_by(|a, b| a.module == b.module) {
+        let first = group.first().map_or("", |order| order.module.as_str());
+        let info = modules.iter().find(|info| info.module == first);
+        let module = info
+            .and_then(module_of)
+            .ok_or_else(|| Failure::of(context.lang, Code::NoModule).because(first))?;
+        for op in ops(context, &module, group)? {
+            let exchange = module.exchange(&op);
+            let exchange = exchange.map_err(|_| Failure::of(context.lang, Code::Unsupported))?;
+            let mut frame = Frame::new();
+            exchange.encode(&mut frame);
+            let told = context.lang.get(Text::WouldSend).to_owned();
+            table.add([told, first.to_owned(), hex::spaced(frame.bytes())]);
+        }
+    }
+    Ok(table.render())
+}
+
+/// The ops of one module's orders: each as many outputs as one frame takes.
+fn ops(context: &Context, module: &Module, group: &[Order]) -> Result<Vec<Op>, Failure> {
+    let mut ops = Vec::new();
+    let mut left = Bank::default();
+    for order in group {
+        let point = module.setup().point(&order.point);
+        let output = point.filter(|point| point.kind == PointKind::Output);
+        let channel = output.and_then(|point| Channel::new(point.index));
+        let channel = channel
+            .ok_or_else(|| Failure::of(context.lang, Code::NoPoint).because(order.path()))?;
+        if order.state == State::Toggle {
+            ops.push(Op::Toggle(channel.mask()));
+        } else {
+            let on = if order.state == State::On {
+                channel.mask()
+            } else {
+                0
+            };
+            left = Bank::new(left.mask | channel.mask(), left.on & !channel.mask() | on);
+        }
+    }
+    let mut writes = Vec::new();
+    while left.mask != 0 {
+        let part = module.group(left);
+        writes.push(Op::Write(part));
+        left = Bank::new(left.mask & !part.mask, left.on);
+    }
+    writes.extend(ops);
+    Ok(writes)
+}
+
+/// The module as its description tells it.
+fn module_of(info: &ModuleInfo) -> Option<Module> {
+    let family = Family::from_name(&info.model)?;
+    let protocols = Protocol::ALL.into_iter();
+    let protocol = protocols
+        .into_iter()
+        .find(|known| known.name() == info.protocol)?;
+    let count = |bits: &str| u8::try_from(bits.chars().count()).ok();
+    let (outputs, inputs) = (count(&info.outputs)?, count(&info.inputs)?);
+    let layout = match (outputs, inputs) {
+        (_, 0) => Layout::Outputs,
+        (0, _) => Layout::Inputs,
+        _ => Layout::Mixed,
+    };
+    let setup = Setup {
+        protocol,
+        outputs,
+        inputs,
+        layout,
+        ..Setup::new(family, Address(info.address))
+    };
+    Module::new(setup).ok()
+}

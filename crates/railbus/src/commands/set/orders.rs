@@ -1,0 +1,160 @@
+//! What `set` is asked for: `pump.do0 on`, `yard 1,3=on`, `oven k1=on k2=off k5=toggle`,
+//! `oven all=off`.
+
+use crate::api::types::PointInfo;
+
+/// What an output is to become.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum State {
+    On,
+    Off,
+    Toggle,
+}
+
+impl State {
+    /// The state of a word, in both languages.
+    fn from_word(word: &str) -> Option<State> {
+        Some(match word {
+            "on" | "1" | "true" | "吸合" | "合" => State::On,
+            "off" | "0" | "false" | "断开" | "分" => State::Off,
+            "toggle" | "翻转" => State::Toggle,
+            _ => return None,
+        })
+    }
+}
+
+/// One output, or several, of a module.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Order {
+    /// The module; may hold patterns.
+    pub(super) module: String,
+    /// The point's label, its number as printed, a pattern, or `all`.
+    pub(super) point: String,
+    pub(super) state: State,
+}
+
+/// Reads the words, or gives back the one that makes no sense.
+pub(super) fn parse(words: &[String]) -> Result<Vec<Order>, String> {
+    let mut orders = Vec::new();
+    let mut module: Option<&str> = None;
+    let mut rest = words.iter().map(String::as_str).peekable();
+    while let Some(word) = rest.next() {
+        let (target, state) = match word.split_once('=') {
+            Some((target, state)) => {
+                let state = State::from_word(state).ok_or_else(|| word.to_owned())?;
+                (target, state)
+            }
+            None => match rest.peek().copied().and_then(State::from_word) {
+                Some(state) => {
+                    rest.next();
+                    (word, state)
+                }
+                None if rest.peek().is_some() => {
+                    module = Some(word);
+                    continue;
+                }
+                None => return Err(word.to_owned()),
+            },
+        };
+        let (module, points) = match (target.split_once('.'), module) {
+            (Some((module, points)), _) => (module, points),
+            // A state for a whole module, as in `set oven off`, is not taken: it is `all=off`.
+            (None, Some(module)) => (module, target),
+            (None, None) => return Err(word.to_owned()),
+        };
+        for point in points.split(',') {
+            if module.is_empty() || point.is_empty() {
+                return Err(word.to_owned());
+            }
+            orders.push(Order {
+                module: module.to_owned(),
+                point: point.to_owned(),
+                state,
+            });
+        }
+    }
+    if orders.is_empty() {
+        return Err(words.join(" "));
+    }
+    Ok(orders)
+}
+
+impl Order {
+    /// `pump.do0`.
+    pub(super) fn path(&self) -> String {
+        format!("{}.{}", self.module, self.point)
+    }
+
+    /// The selector to ask for, where the path is not that of one output already.
+    pub(super) fn needs(&self) -> Option<String> {
+        let number = self.point.bytes().all(|byte| byte.is_ascii_digit());
+        if number || self.point == "all" {
+            Some(format!("{}.*", self.module))
+        } else {
+            let path = self.path();
+            path.contains(['*', '?', '[']).then_some(path)
+        }
+    }
+
+    /// The order for one output that there is, if it is meant.
+    pub(super) fn of(&self, output: &PointInfo) -> Option<Order> {
+        let label = output
+            .label
+            .trim_start_matches(|c: char| c.is_ascii_alphabetic());
+        let is_number = self.point.bytes().all(|byte| byte.is_ascii_digit());
+        let meant = !is_number || label == self.point;
+        meant.then(|| Order {
+            module: output.module.clone(),
+            point: output.label.clone(),
+            state: self.state,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn told(line: &str) -> Result<String, String> {
+        let words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+        let orders = parse(&words)?;
+        let each = orders
+            .iter()
+            .map(|order| format!("{} {:?}", order.path(), order.state));
+        Ok(each.collect::<Vec<_>>().join(", "))
+    }
+
+    #[test]
+    fn all_forms_are_understood() {
+        for (line, meaning) in [
+            ("pump.do0 on", "pump.do0 On"),
+            ("pump.do0=off", "pump.do0 Off"),
+            ("pump.do0 吸合", "pump.do0 On"),
+            ("yard 1,3=on", "yard.1 On, yard.3 On"),
+            ("yard.k1,k3 off", "yard.k1 Off, yard.k3 Off"),
+            (
+                "oven k1=on k2=off k5=toggle",
+                "oven.k1 On, oven.k2 Off, oven.k5 Toggle",
+            ),
+            ("oven all=off", "oven.all Off"),
+            ("oven k1=on yard k2=off", "oven.k1 On, yard.k2 Off"),
+            ("*.do* off", "*.do* Off"),
+        ] {
+            assert_eq!(told(line).as_deref(), Ok(meaning), "{line}");
+        }
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_named() {
+        for (line, word) in [
+            ("pump.do0", "pump.do0"),
+            ("pump.do0=maybe", "pump.do0=maybe"),
+            ("oven off", "oven"),
+            ("k1=on", "k1=on"),
+            ("oven k1,=on", "k1,=on"),
+            ("pump do0", "do0"),
+        ] {
+            assert_eq!(told(line), Err(word.to_owned()), "{line}");
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! `railbus watch`: what changes, one line at a time.
+
+use super::{Context, get, stop};
+use crate::api::types::{LineInfo, ModuleInfo, PointInfo, PortState, Quality, WatchEvent};
+use crate::backend::Watch;
+use crate::cli;
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use crate::render::{Format, out, records, time, values};
+use crate::texts::Text;
+use clap::{ArgAction, ArgMatches, Command};
+use std::ops::ControlFlow;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "watch";
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    let usage = "railbus watch [TARGET…] [--plain]";
+    cli::verb(lang, NAME, Text::WatchAbout, usage)
+        .before_help(cli::examples(lang, Text::WatchExamples))
+        .arg(get::targets(lang))
+        .arg(cli::flag(lang, "plain", Text::WatchPlain).action(ArgAction::SetTrue))
+}
+
+/// Prints changes until it is stopped or nobody reads them any more.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let mut context = Context::of(lang, matches)?;
+    context.wanted.polls = true;
+    let targets = get::selected(matches);
+    context.block(async {
+        let mut stop = stop::Stop::new(&context)?;
+        let backend = context.open().await?;
+        let watch = backend.watch(&targets).await;
+        let end = match watch {
+            Ok(mut watch) => follow(&context, &mut watch, &mut stop).await,
+            Err(problem) => Err(context.failure(&problem)),
+        };
+        backend.finish(true).await;
+        end
+    })
+}
+
+async fn follow(
+    context: &Context,
+    watch: &mut Watch,
+    stop: &mut stop::Stop,
+) -> Result<(), Failure> {
+    while let Some(event) = stop
+        .or(watch.next())
+        .await
+        .ok_or_else(|| stop::interrupted(context))?
+    {
+        let event = event.map_err(|problem| context.failure(&problem))?;
+        if let ControlFlow::Break(()) = out::put(context.lang, &show(context, &event))? {
+            break;
+        }
+    }
+    Ok(())
+}
+
+fn show(context: &Context, event: &WatchEvent) -> String {
+    let lang = context.lang;
+    match context.format {
+        Format::Table => {
+            let (moment, text) = told(lang, event);
+            format!("{}  {text}\n", time::clock_of(moment))
+        }
+        Format::Json | Format::Ndjson => {
+            records::line(serde_json::to_value(event).unwrap_or_default())
+        }
+        Format::Csv | Format::Value => match event {
+            WatchEvent::Point { point, .. } if context.format == Format::Csv => {
+                let moment = time::rfc3339(jiff::Timestamp::now());
+                let moment = point.time.as_ref().unwrap_or(&moment);
+                let quality = point.quality.name();
+                format!(
+                    "{moment},{},{},{quality}\n",
+                    point.path,
+                    values::point(lang, point)
+                )
+            }
+            WatchEvent::Point { point, .. } => format!("{}\n", values::point(lang, point)),
+            _ => String::new(),
+        },
+    }
+}
+
+/// When, and what.
+fn told(lang: Lang, event: &WatchEvent) -> (Option<&str>, String) {
+    match event {
+        WatchEvent::Point { point, before } => {
+            let before = before.map(|before| values::bare(lang, point, before));
+            let moment = before.as_ref().and(point.time.as_deref());
+            (moment, changed(lang, point, before))
+        }
+        WatchEvent::Module { module } => (None, heard(lang, module)),
+        WatchEvent::Line { line } => (None, plugged(lang, line)),
+        WatchEvent::Gap { dropped } => (None, lang.fill(Text::WatchGap, &[("count", dropped)])),
+    }
+}
+
+fn changed(lang: Lang, point: &PointInfo, before: Option<String>) -> String {
+    let value = values::point(lang, point);
+    let value = match before.filter(|before| Some(before.as_str()) != value.split(' ').next()) {
+        Some(before) => format!("{before} → {value}"),
+        None => value,
+    };
+    match point.quality {
+        Quality::Good => format!("{}  {value}", point.path),
+        quality => format!(
+            "{}  {value}  {}",
+            point.path,
+            values::quality(lang, quality)
+        ),
+    }
+}
+
+fn heard(lang: Lang, module: &ModuleInfo) -> String {
+    format!(
+        "{}  {}",
+        module.module,
+        values::presence(lang, module.state)
+    )
+}
+
+fn plugged(lang: Lang, line: &LineInfo) -> String {
+    let state = lang.get(match line.state {
+        PortState::Opening => Text::PortOpening,
+        PortState::Up => Text::PortUp,
+        PortState::Absent => Text::PortAbsent,
+        PortState::Busy => Text::PortBusy,
+        PortState::Closed => Text::PortClosed,
+    });
+    format!("{}  {state}", line.line)
+}

@@ -1,0 +1,178 @@
+//! What went wrong: what happened, where, why, what to try, under a code that never changes.
+
+mod codes;
+mod exits;
+mod problem;
+
+pub(crate) use codes::Code;
+pub(crate) use exits::EXITS;
+
+use crate::i18n::Lang;
+use crate::render::{Format, width};
+use crate::texts::Text;
+use serde_json::{Map, Value, json};
+use std::fmt::Write;
+use std::process::ExitCode;
+
+/// The width of the labels of an error.
+const LABEL: usize = 7;
+
+/// Why a command ended without doing what it was asked to.
+#[derive(Debug)]
+pub(crate) struct Failure {
+    code: Code,
+    message: String,
+    why: Vec<String>,
+    likely: bool,
+    tries: Vec<String>,
+    facts: Map<String, Value>,
+}
+
+impl Failure {
+    pub(crate) fn new(code: Code, message: String) -> Failure {
+        Failure {
+            code,
+            message,
+            why: Vec::new(),
+            likely: false,
+            tries: Vec::new(),
+            facts: Map::new(),
+        }
+    }
+
+    /// With what the table says happened, what it usually comes from, and what to do next.
+    pub(crate) fn of(lang: Lang, code: Code) -> Failure {
+        let title = code.page().title(lang).to_owned();
+        Failure::new(code, title).diagnosed()
+    }
+
+    /// Adds what the table says it usually comes from.
+    pub(crate) const fn diagnosed(mut self) -> Failure {
+        self.likely = true;
+        self
+    }
+
+    /// Adds the reason, as the system or the parser gives it, or what was seen of it.
+    pub(crate) fn because(mut self, why: impl ToString) -> Failure {
+        self.why.push(why.to_string());
+        self
+    }
+
+    /// Adds a command that may help.
+    pub(crate) fn with_try(mut self, command: impl Into<String>) -> Failure {
+        self.tries.push(command.into());
+        self
+    }
+
+    /// Adds a fact for programs.
+    pub(crate) fn with_fact(mut self, key: &str, value: impl Into<Value>) -> Failure {
+        self.facts.insert(key.to_owned(), value.into());
+        self
+    }
+
+    pub(crate) const fn code(&self) -> Code {
+        self.code
+    }
+
+    pub(crate) fn message(&self) -> &str {
+        &self.message
+    }
+
+    pub(crate) fn exit_code(&self) -> ExitCode {
+        ExitCode::from(self.code.exit())
+    }
+
+    /// As the reader wants it.
+    pub(crate) fn tell(&self, lang: Lang, format: Format) -> String {
+        if format.is_json() {
+            json!({ "error": self.to_json(lang) }).to_string()
+        } else {
+            self.render(lang)
+        }
+    }
+
+    /// As programs read it.
+    pub(crate) fn to_json(&self, lang: Lang) -> Value {
+        let mut error = Map::new();
+        error.insert("code".to_owned(), self.code.name().into());
+        error.insert("exit".to_owned(), self.code.exit().into());
+        error.insert("message".to_owned(), self.message.as_str().into());
+        error.insert("hint".to_owned(), self.hints(lang).into());
+        if !self.why.is_empty() {
+            error.insert("why".to_owned(), self.why.clone().into());
+        }
+        error.extend(self.facts.clone());
+        error.into()
+    }
+
+    fn hints(&self, lang: Lang) -> Vec<String> {
+        if self.tries.is_empty() && self.likely {
+            return vec![self.code.page().next(lang).to_owned()];
+        }
+        self.tries.clone()
+    }
+
+    /// As people read it.
+    pub(crate) fn render(&self, lang: Lang) -> String {
+        let code = self.code.name();
+        let mut text = lang.fill(Text::Error, &[("code", &code), ("message", &self.message)]);
+        let labelled = |label, lines: Vec<String>| lines.into_iter().map(move |line| (label, line));
+        let page = self.code.page();
+        let likely = self.likely.then(|| page.likely(lang).to_owned());
+        let more = self.likely.then(|| format!("railbus explain {code}"));
+        let lines = labelled(Text::Why, self.why.clone())
+            .chain(labelled(Text::Likely, likely.into_iter().collect()))
+            .chain(labelled(Text::Try, self.hints(lang)))
+            .chain(labelled(Text::More, more.into_iter().collect()));
+        for (label, line) in lines {
+            let label = width::pad(lang.get(label), LABEL);
+            // Writing into a String does not fail.
+            let _ = write!(text, "\n  {label} {line}");
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_says_what_why_and_what_to_try() {
+        let failure = Failure::new(
+            Code::Listen,
+            "can't listen on TCP 127.0.0.1:4001".to_owned(),
+        )
+        .because("Address already in use (os error 98)")
+        .with_try("railbus sim --demo --tcp 127.0.0.1:0");
+        assert_eq!(
+            failure.render(Lang::En),
+            "error[E0701]: can't listen on TCP 127.0.0.1:4001\n  \
+             why:    Address already in use (os error 98)\n  \
+             try:    railbus sim --demo --tcp 127.0.0.1:0"
+        );
+    }
+
+    #[test]
+    fn a_failure_of_the_table_tells_all_of_it() {
+        let text = Failure::of(Lang::Zh, Code::PortMissing).render(Lang::Zh);
+        assert_eq!(
+            text,
+            "错误[E0705]：端口不存在\n  \
+             可能：  转换器未插好 · 重新插入后编号改变\n  \
+             可试：  railbus ls ports\n  \
+             详见：  railbus explain E0705"
+        );
+    }
+
+    #[test]
+    fn programs_get_it_as_json() {
+        let failure = Failure::of(Lang::En, Code::NoReply).with_fact("module", "pump");
+        let told: Value = serde_json::from_str(&failure.tell(Lang::En, Format::Json)).unwrap();
+        let error = &told["error"];
+        assert_eq!(error["code"], "E0301");
+        assert_eq!(error["exit"], 3);
+        assert_eq!(error["module"], "pump");
+        assert_eq!(error["hint"][0], "railbus scan");
+    }
+}

@@ -1,0 +1,87 @@
+//! The exit codes: one table, which never changes what it says.
+
+use crate::i18n::Lang;
+
+/// An exit code.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Exit {
+    pub(crate) code: u8,
+    pub(crate) name: &'static str,
+    meaning: [&'static str; 2],
+}
+
+impl Exit {
+    pub(crate) const fn meaning(&self, lang: Lang) -> &'static str {
+        lang.of(self.meaning)
+    }
+}
+
+const fn exit(code: u8, name: &'static str, en: &'static str, zh: &'static str) -> Exit {
+    Exit {
+        code,
+        name,
+        meaning: [en, zh],
+    }
+}
+
+/// All of them.
+pub(crate) const EXITS: &[Exit] = &[
+    exit(
+        0,
+        "ok",
+        "done, and read back where asked",
+        "完成；需要时已回读证实",
+    ),
+    exit(1, "error", "anything not below", "以下未列出的错误"),
+    exit(2, "usage", "wrong arguments", "参数有误"),
+    exit(
+        3,
+        "no_reply",
+        "nobody answered in time",
+        "限定时间内无人应答",
+    ),
+    exit(4, "refused", "the module answered no", "模块拒绝"),
+    exit(
+        5,
+        "garbled",
+        "a reply came with a wrong checksum, form or address",
+        "应答的校验和、格式或地址有误",
+    ),
+    exit(
+        6,
+        "not_verified",
+        "acknowledged, but read back otherwise",
+        "已应答，但回读不一致",
+    ),
+    exit(
+        7,
+        "port",
+        "the line can't be opened: missing, no right, busy",
+        "无法打开总线：不存在、无权限或被占用",
+    ),
+    exit(
+        8,
+        "config",
+        "the configuration or a value is invalid",
+        "配置或值无效",
+    ),
+    exit(
+        9,
+        "auth",
+        "the daemon refused the caller",
+        "守护进程拒绝访问",
+    ),
+    exit(
+        10,
+        "differs",
+        "differences found, where that was asked",
+        "按要求比较并发现差异",
+    ),
+    exit(
+        11,
+        "partial",
+        "some of several targets failed",
+        "多个目标中部分失败",
+    ),
+    exit(130, "interrupted", "Ctrl-C", "被 Ctrl-C 中断"),
+];

@@ -1,0 +1,190 @@
+//! A problem of the API as a failure of the command, in words.
+
+use super::{Code, Failure};
+use crate::api::problem::Problem;
+use crate::i18n::Lang;
+use crate::texts::Text;
+use railbus_wire::Address;
+
+impl Failure {
+    /// The failure that a problem is.
+    pub(crate) fn of_problem(lang: Lang, problem: &Problem) -> Failure {
+        let code = code_of(problem);
+        let mut failure = Failure::new(code, message(lang, code, problem)).diagnosed();
+        for why in reasons(lang, code, problem) {
+            failure = failure.because(why);
+        }
+        failure = problem
+            .hint
+            .iter()
+            .cloned()
+            .fold(failure, Failure::with_try);
+        for (key, value) in &problem.with {
+            failure = failure.with_fact(key, value.clone());
+        }
+        if problem.may_have_acted {
+            failure = failure.with_fact("may_have_acted", true);
+        }
+        failure
+    }
+}
+
+/// The code: of a line that is not open, the one that says why; of a configuration, that of its
+/// first problem.
+fn code_of(problem: &Problem) -> Code {
+    let code = Code::from_name(&problem.code).unwrap_or(Code::System);
+    match code {
+        Code::LineClosed => match problem.text("reason").as_str() {
+            "missing" => Code::PortMissing,
+            "busy" => Code::PortBusy,
+            "permission" => Code::PortDenied,
+            "not_a_tty" => Code::NotATty,
+            "refused" | "unreachable" => Code::PortUnreachable,
+            _ => Code::LineClosed,
+        },
+        Code::BadConfig => {
+            let first = problem.with.get("problems").and_then(|all| all.get(0));
+            let named = first.and_then(|first| first.get("code")?.as_str());
+            named.and_then(Code::from_name).unwrap_or(code)
+        }
+        _ => code,
+    }
+}
+
+/// What happened, and to whom.
+fn message(lang: Lang, code: Code, problem: &Problem) -> String {
+    let text = |key: &str| problem.text(key);
+    let title = code.page().title(lang);
+    let module = text("module");
+    let with_module = |label: Text| {
+        let at = place(lang, problem);
+        lang.fill(label, &[("module", &module), ("at", &at)])
+    };
+    match code {
+        Code::NoReply if !module.is_empty() => with_module(Text::FromNobody),
+        Code::Refused if !module.is_empty() => with_module(Text::RefusedBy),
+        Code::Garbled if !module.is_empty() => with_module(Text::GarbledBy),
+        Code::NotVerified if !module.is_empty() => {
+            let point = text("point");
+            lang.fill(
+                Text::NotVerifiedAt,
+                &[("module", &module), ("point", &point)],
+            )
+        }
+        Code::NoModule | Code::NoLine => with_name(lang, title, &text("name")),
+        Code::NoPoint if !module.is_empty() => {
+            with_name(lang, title, &format!("{module}.{}", text("name")))
+        }
+        Code::ConfigFile => with_name(lang, title, &text("file")),
+        _ if text("point").is_empty() => {
+            let name = [text("port"), module]
+                .into_iter()
+                .find(|name| !name.is_empty());
+            with_name(lang, title, &name.unwrap_or_default())
+        }
+        _ => with_name(lang, title, &format!("{module}.{}", text("point"))),
+    }
+}
+
+fn with_name(lang: Lang, title: &str, name: &str) -> String {
+    if name.is_empty() {
+        return title.to_owned();
+    }
+    lang.fill(Text::Named, &[("title", &title), ("name", &name)])
+}
+
+/// Address, protocol, speed and line of a module, as far as they are told.
+fn place(lang: Lang, problem: &Problem) -> String {
+    let text = |key: &str| problem.text(key);
+    let address = problem
+        .with
+        .get("address")
+        .and_then(serde_json::Value::as_u64);
+    let address = address.and_then(|address| u8::try_from(address).ok());
+    let settings = format!("{} {}", text("baud"), text("format"));
+    let line = text("line");
+    let parts = [
+        address.map(|address| {
+            let address = Address(address);
+            lang.fill(Text::AtAddress, &[("address", &address)])
+        }),
+        Some(text("protocol")),
+        Some(settings.trim().to_owned()),
+        (!line.is_empty()).then(|| lang.fill(Text::OnLine, &[("line", &line)])),
+    ];
+    let parts: Vec<String> = parts
+        .into_iter()
+        .flatten()
+        .filter(|part| !part.is_empty())
+        .collect();
+    parts.join(lang.get(Text::Comma))
+}
+
+/// What was seen of it.
+fn reasons(lang: Lang, code: Code, problem: &Problem) -> Vec<String> {
+    let number = |key: &str| problem.with.get(key).and_then(serde_json::Value::as_u64);
+    let mut told = Vec::new();
+    if let (Some(attempts), Some(bytes)) = (number("attempts"), number("rx_bytes")) {
+        let heard = match (code, bytes) {
+            (_, 0) => Text::HeardNothing,
+            (Code::NoReply, _) => Text::HeardHalf,
+            _ => Text::HeardBytes,
+        };
+        let values: &[(&str, &dyn std::fmt::Display)] =
+            &[("attempts", &attempts), ("bytes", &bytes)];
+        told.push(lang.fill(heard, values));
+    }
+    for key in ["why", "refusal", "reason"] {
+        let text = problem.text(key);
+        let is_code = code != Code::LineClosed && key == "reason" && problem.code == "E0710";
+        if !text.is_empty() && !is_code {
+            told.push(text);
+        }
+    }
+    let holder = problem.text("holder");
+    if !holder.is_empty() {
+        told.push(lang.fill(Text::HeldBy, &[("holder", &holder)]));
+    }
+    let group = problem.text("group");
+    if !group.is_empty() {
+        told.push(lang.fill(Text::OfGroup, &[("group", &group)]));
+    }
+    told.extend(places_in_config(problem));
+    let known = problem.text("known");
+    if !known.is_empty() {
+        told.push(lang.fill(Text::Known, &[("names", &plain(&known))]));
+    }
+    if problem.may_have_acted {
+        told.push(lang.get(Text::MayHaveActed).to_owned());
+    }
+    told
+}
+
+/// `["a","b"]` as `a b`.
+fn plain(list: &str) -> String {
+    let names: Vec<String> = serde_json::from_str(list).unwrap_or_default();
+    if names.is_empty() {
+        list.to_owned()
+    } else {
+        names.join(" ")
+    }
+}
+
+/// Where in the configuration each problem is.
+fn places_in_config(problem: &Problem) -> Vec<String> {
+    let file = problem.text("file");
+    let all = problem.with.get("problems").and_then(|all| all.as_array());
+    let of = |entry: &serde_json::Value, key: &str| match entry.get(key) {
+        Some(serde_json::Value::String(text)) => text.clone(),
+        Some(other) => other.to_string(),
+        None => String::new(),
+    };
+    all.into_iter()
+        .flatten()
+        .map(|entry| {
+            let [line, column, path, reason] =
+                ["line", "column", "path", "reason"].map(|key| of(entry, key));
+            format!("{file}:{line}:{column}: {path}: {reason}")
+        })
+        .collect()
+}

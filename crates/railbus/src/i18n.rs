@@ -1,0 +1,117 @@
+//! The two languages, and which one to speak.
+
+use crate::texts::Phrase;
+use std::ffi::OsString;
+use std::fmt::Display;
+
+/// A text in both languages at the place that needs it, with `{values}` in scope: for the many
+/// short meanings of frames, which no other place uses.
+macro_rules! say {
+    ($lang:expr, $en:literal, $zh:literal) => {
+        match $lang {
+            crate::i18n::Lang::En => format!($en),
+            crate::i18n::Lang::Zh => format!($zh),
+        }
+    };
+}
+pub(crate) use say;
+
+/// A language that every text exists in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Lang {
+    #[default]
+    En,
+    Zh,
+}
+
+impl Lang {
+    /// The language that the process was asked to speak: by `--lang`, or else by the first of
+    /// `RAILBUS_LANG`, `LC_ALL`, `LC_MESSAGES` and `LANG` that says anything.
+    pub(crate) fn of_process(arguments: &[OsString]) -> Lang {
+        Lang::choose(arguments, |name| std::env::var(name).ok())
+    }
+
+    fn choose(arguments: &[OsString], variable: impl Fn(&str) -> Option<String>) -> Lang {
+        let variables = ["RAILBUS_LANG", "LC_ALL", "LC_MESSAGES", "LANG"];
+        let asked = flag(arguments);
+        let mut named = variables.into_iter().filter_map(variable);
+        let name = asked.or_else(|| named.find(|value| !value.is_empty()));
+        match name {
+            Some(name) if name.starts_with("zh") => Lang::Zh,
+            _ => Lang::En,
+        }
+    }
+
+    /// A text without placeholders.
+    pub(crate) fn get(self, text: impl Phrase) -> &'static str {
+        self.of(text.in_both())
+    }
+
+    /// Its own one of two texts, English and Chinese.
+    pub(crate) const fn of(self, [en, zh]: [&'static str; 2]) -> &'static str {
+        match self {
+            Lang::En => en,
+            Lang::Zh => zh,
+        }
+    }
+
+    /// The name as it stands in flags and in the names of points.
+    pub(crate) const fn name(self) -> &'static str {
+        self.of(["en", "zh"])
+    }
+
+    /// A text with its `{placeholders}` filled.
+    pub(crate) fn fill(self, text: impl Phrase, values: &[(&str, &dyn Display)]) -> String {
+        let mut filled = self.get(text).to_owned();
+        for (name, value) in values {
+            filled = filled.replace(&format!("{{{name}}}"), &value.to_string());
+        }
+        filled
+    }
+}
+
+/// The value of `--lang`. It is looked up before anything else is parsed, since what the parser
+/// says is already said in that language.
+fn flag(arguments: &[OsString]) -> Option<String> {
+    let mut rest = arguments.iter().filter_map(|argument| argument.to_str());
+    while let Some(argument) = rest.next() {
+        match argument.strip_prefix("--lang") {
+            Some("") => return rest.next().map(str::to_owned),
+            Some(value) if value.starts_with('=') => return Some(value[1..].to_owned()),
+            _ if argument == "--" => return None,
+            _ => {}
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::texts::Text;
+
+    fn chosen(arguments: &[&str], variables: &[(&str, &str)]) -> Lang {
+        let arguments: Vec<OsString> = arguments.iter().map(OsString::from).collect();
+        Lang::choose(&arguments, |name| {
+            let found = variables.iter().find(|(known, _)| *known == name);
+            found.map(|(_, value)| (*value).to_owned())
+        })
+    }
+
+    #[test]
+    fn the_flag_goes_before_the_environment() {
+        assert_eq!(chosen(&["railbus"], &[]), Lang::En);
+        assert_eq!(chosen(&["railbus"], &[("LANG", "zh_CN.UTF-8")]), Lang::Zh);
+        let both = [("LANG", "zh_CN.UTF-8"), ("LC_ALL", "C")];
+        assert_eq!(chosen(&["railbus"], &both), Lang::En);
+        assert_eq!(chosen(&["railbus", "--lang", "zh"], &both), Lang::Zh);
+        assert_eq!(chosen(&["railbus", "sim", "--lang=zh"], &[]), Lang::Zh);
+        assert_eq!(chosen(&["railbus", "--", "--lang=zh"], &[]), Lang::En);
+    }
+
+    #[test]
+    fn placeholders_are_filled() {
+        let filled = Lang::Zh.fill(Text::NoSuchCommand, &[("name", &"smi")]);
+        assert_eq!(filled, "没有命令 \"smi\"");
+    }
+}

@@ -1,0 +1,34 @@
+//! `railbus`, the one program: every command on every line goes through here.
+
+#![forbid(unsafe_code)]
+
+mod api;
+mod backend;
+mod cli;
+mod commands;
+mod config_file;
+mod failure;
+mod i18n;
+mod render;
+mod serve;
+mod sim;
+mod texts;
+mod usage;
+
+use i18n::Lang;
+use std::io::Write;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let arguments: Vec<_> = std::env::args_os().collect();
+    let lang = Lang::of_process(&arguments);
+    let format = render::Format::of_process(&arguments);
+    match cli::run(lang, arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            // Where even stderr is gone there is nobody left to tell.
+            let _ = writeln!(std::io::stderr(), "{}", failure.tell(lang, format));
+            failure.exit_code()
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! Results as people and programs read them.
+
+pub(crate) mod hex;
+pub(crate) mod out;
+pub(crate) mod records;
+pub(crate) mod table;
+pub(crate) mod time;
+pub(crate) mod values;
+pub(crate) mod width;
+
+use std::ffi::OsString;
+
+/// The form of a result.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Format {
+    /// For people.
+    #[default]
+    Table,
+    /// One JSON document.
+    Json,
+    /// One JSON document to a line.
+    Ndjson,
+    /// Comma separated values with a header.
+    Csv,
+    /// The bare value.
+    Value,
+}
+
+impl Format {
+    /// The names in flags.
+    pub(crate) const NAMES: [&str; 5] = ["table", "json", "ndjson", "csv", "value"];
+
+    /// The form of that name.
+    pub(crate) fn from_name(name: &str) -> Option<Format> {
+        Some(match name {
+            "table" => Format::Table,
+            "json" => Format::Json,
+            "ndjson" => Format::Ndjson,
+            "csv" => Format::Csv,
+            "value" => Format::Value,
+            _ => return None,
+        })
+    }
+
+    /// Whether a failure is told as JSON, too.
+    pub(crate) const fn is_json(self) -> bool {
+        matches!(self, Format::Json | Format::Ndjson)
+    }
+
+    /// The form that the arguments ask for. It is looked up before anything else is parsed,
+    /// since what the parser says is already said in that form.
+    pub(crate) fn of_process(arguments: &[OsString]) -> Format {
+        let mut rest = arguments.iter().filter_map(|argument| argument.to_str());
+        while let Some(argument) = rest.next() {
+            let value = match argument {
+                "--" => break,
+                "-o" | "--output" => rest.next(),
+                _ => argument
+                    .strip_prefix("--output=")
+                    .or_else(|| argument.strip_prefix("-o")),
+            };
+            let value = value.map(|value| value.trim_start_matches('='));
+            if let Some(format) = value.and_then(Format::from_name) {
+                return format;
+            }
+        }
+        Format::Table
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_form_is_known_before_the_arguments_are_parsed() {
+        let of = |line: &str| {
+            let arguments: Vec<OsString> = line.split(' ').map(OsString::from).collect();
+            Format::of_process(&arguments)
+        };
+        for line in [
+            "x ls -o json",
+            "x -ojson ls",
+            "x --output=json",
+            "x -o=json",
+        ] {
+            assert_eq!(of(line), Format::Json, "{line}");
+        }
+        assert_eq!(of("x ls -- -o json"), Format::Table);
+        assert_eq!(of("x ls -o"), Format::Table);
+        for name in Format::NAMES {
+            assert!(Format::from_name(name).is_some(), "{name}");
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! A list of like things in any of the forms.
+
+use super::Format;
+use super::table::Table;
+use serde_json::{Map, Value, json};
+
+/// A result that is a list.
+#[derive(Debug)]
+pub(crate) struct Records {
+    /// The key of the list in JSON.
+    pub(crate) key: &'static str,
+    /// Each of them for programs.
+    pub(crate) rows: Vec<Value>,
+    /// The keys that CSV shows, in this order.
+    pub(crate) columns: &'static [&'static str],
+    /// The key whose bare value is shown by `-o value`.
+    pub(crate) value: &'static str,
+    /// For people.
+    pub(crate) table: Table,
+}
+
+impl Records {
+    /// The whole result in a form.
+    pub(crate) fn render(&self, format: Format) -> String {
+        match format {
+            Format::Table => self.table.render(),
+            Format::Json => {
+                let mut all = Map::new();
+                all.insert("schema".to_owned(), json!(1));
+                all.insert(self.key.to_owned(), self.rows.clone().into());
+                format!("{}\n", Value::from(all))
+            }
+            Format::Ndjson => self.rows.iter().map(|row| line(row.clone())).collect(),
+            Format::Csv => {
+                let cells = |row: &Value| -> Vec<String> {
+                    let of = |key: &&str| cell(row.get(*key).unwrap_or(&Value::Null));
+                    self.columns.iter().map(of).collect()
+                };
+                let head = std::iter::once(self.columns.join(","));
+                let lines = head.chain(self.rows.iter().map(|row| cells(row).join(",")));
+                lines.map(|line| line + "\n").collect()
+            }
+            Format::Value => {
+                let bare = |row: &Value| plain(row.get(self.value).unwrap_or(&Value::Null));
+                self.rows.iter().map(|row| bare(row) + "\n").collect()
+            }
+        }
+    }
+}
+
+/// One document of a stream.
+pub(crate) fn line(mut row: Value) -> String {
+    if let Some(row) = row.as_object_mut() {
+        row.insert("schema".to_owned(), json!(1));
+    }
+    format!("{row}\n")
+}
+
+/// A value without quotes; states as `on` and `off`.
+fn plain(value: &Value) -> String {
+    match value {
+        Value::Null => String::new(),
+        Value::Bool(on) => if *on { "on" } else { "off" }.to_owned(),
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+/// A cell of CSV, quoted where it must be.
+fn cell(value: &Value) -> String {
+    let text = plain(value);
+    if text.contains([',', '"', '\n']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn records() -> Records {
+        let mut table = Table::new(["POINT"]);
+        table.add(["a".to_owned()]);
+        Records {
+            key: "points",
+            rows: vec![
+                json!({"path": "a", "value": true}),
+                json!({"path": "b, \"c\"", "value": 8.5}),
+            ],
+            columns: &["path", "value", "unit"],
+            value: "value",
+            table,
+        }
+    }
+
+    #[test]
+    fn every_form_tells_the_same() {
+        let of = |format| records().render(format);
+        assert_eq!(of(Format::Table), "POINT\na\n");
+        assert_eq!(of(Format::Value), "on\n8.5\n");
+        assert_eq!(
+            of(Format::Csv),
+            "path,value,unit\na,on,\n\"b, \"\"c\"\"\",8.5,\n"
+        );
+        let json: Value = serde_json::from_str(&of(Format::Json)).unwrap();
+        assert_eq!(json["schema"], 1);
+        assert_eq!(json["points"][1]["value"], 8.5);
+        for line in of(Format::Ndjson).lines() {
+            let json: Value = serde_json::from_str(line).unwrap();
+            assert_eq!(json["schema"], 1);
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! Moments and durations.
+
+use crate::i18n::Lang;
+use jiff::{Timestamp, Zoned};
+
+/// For programs: RFC 3339 in UTC with milliseconds.
+pub(crate) fn rfc3339(moment: Timestamp) -> String {
+    moment.strftime("%Y-%m-%dT%H:%M:%S.%3fZ").to_string()
+}
+
+/// For people: the local time of day with milliseconds.
+pub(crate) fn clock(moment: &Zoned) -> String {
+    moment.strftime("%H:%M:%S.%3f").to_string()
+}
+
+/// The moment that a program wrote, or else now.
+pub(crate) fn clock_of(text: Option<&str>) -> String {
+    let read = text.and_then(|text| text.parse::<Timestamp>().ok());
+    let moment = read.unwrap_or_else(Timestamp::now);
+    clock(&moment.to_zoned(jiff::tz::TimeZone::system()))
+}
+
+/// `34 ms`, `1.5 s`.
+pub(crate) fn duration(lang: Lang, millis: u64) -> String {
+    if millis < 1_000 {
+        format!("{millis} {}", lang.of(["ms", "毫秒"]))
+    } else {
+        let tenths = (millis + 50) / 100;
+        let (whole, tenth) = (tenths / 10, tenths % 10);
+        format!("{whole}.{tenth} {}", lang.of(["s", "秒"]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_have_milliseconds() {
+        let moment: Timestamp = "2026-11-21T14:03:07.4125Z".parse().unwrap();
+        assert_eq!(rfc3339(moment), "2026-11-21T14:03:07.412Z");
+        let there = moment.to_zoned(jiff::tz::TimeZone::fixed(jiff::tz::offset(8)));
+        assert_eq!(clock(&there), "22:03:07.412");
+        assert_eq!(clock_of(None).len(), 12);
+    }
+
+    #[test]
+    fn durations_carry_their_unit() {
+        assert_eq!(duration(Lang::En, 34), "34 ms");
+        assert_eq!(duration(Lang::Zh, 1_000), "1.0 秒");
+        assert_eq!(duration(Lang::En, 14_649), "14.6 s");
+    }
+}

@@ -1,0 +1,65 @@
+//! Values of points in words.
+
+use crate::api::types::{Confirmed, Kind, ModuleState, PointInfo, Quality, Value};
+use crate::i18n::Lang;
+use crate::texts::Text;
+
+/// `on`, `off`; of inputs `1`, `0`; `8.71 V`; `–` where nothing is known.
+pub(crate) fn point(lang: Lang, point: &PointInfo) -> String {
+    match point.value {
+        None => "–".to_owned(),
+        Some(value) => {
+            let text = bare(lang, point, value);
+            match &point.unit {
+                Some(unit) => format!("{text} {unit}"),
+                None => text,
+            }
+        }
+    }
+}
+
+/// A value of a point without its unit, in words.
+pub(crate) fn bare(lang: Lang, point: &PointInfo, value: Value) -> String {
+    match (point.kind, value) {
+        (Kind::Input, Value::Bool(high)) => if high { "1" } else { "0" }.to_owned(),
+        (_, Value::Bool(on)) => state(lang, on).to_owned(),
+        (_, Value::Number(number)) => number.to_string(),
+        (_, Value::Analog(value)) => {
+            let decimals = usize::from(point.decimals.unwrap_or(2));
+            format!("{value:.decimals$}")
+        }
+    }
+}
+
+/// An output's state in a word.
+pub(crate) fn state(lang: Lang, on: bool) -> &'static str {
+    lang.get(if on { Text::On } else { Text::Off })
+}
+
+/// How good a value is, in a word.
+pub(crate) fn quality(lang: Lang, quality: Quality) -> &'static str {
+    lang.get(match quality {
+        Quality::Good => Text::Good,
+        Quality::Stale => Text::Stale,
+        Quality::Offline => Text::OfflineValue,
+        Quality::Unknown => Text::NeverRead,
+    })
+}
+
+/// How certain a write is, in words.
+pub(crate) fn confirmed(lang: Lang, confirmed: Confirmed) -> &'static str {
+    lang.get(match confirmed {
+        Confirmed::Readback => Text::ReadBack,
+        Confirmed::Reply => Text::Acknowledged,
+        Confirmed::Sent => Text::SentOnly,
+    })
+}
+
+/// Whether a module is heard, in a word.
+pub(crate) fn presence(lang: Lang, state: ModuleState) -> &'static str {
+    lang.get(match state {
+        ModuleState::Online => Text::Online,
+        ModuleState::Offline => Text::Offline,
+        ModuleState::Unheard => Text::Unheard,
+    })
+}

@@ -1,0 +1,307 @@
+//! `railbus serve`: the daemon. It has the lines, and everyone else asks it: over HTTP on this
+//! machine, and over a Unix socket.
+
+mod answer;
+mod guard;
+mod keys;
+mod listen;
+mod page;
+mod routes;
+pub(crate) mod socket;
+mod stream;
+
+use crate::api::failures::bad_config;
+use crate::api::problem::Problem;
+use crate::cli;
+use crate::config_file;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::sim::background::Background;
+use crate::texts::Text;
+use clap::{ArgAction, ArgMatches, Command, value_parser};
+use keys::Keys;
+use listen::Room;
+use railbus_site::{Config, Service};
+use routes::Site;
+use socket::Socket;
+use std::io::Write;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tokio::net::TcpListener;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::watch;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "serve";
+
+/// Where it listens unless it is told otherwise.
+const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7485);
+
+/// What the arguments say.
+struct Wanted {
+    config: Option<PathBuf>,
+    demo: bool,
+    listen: SocketAddr,
+    socket: Option<PathBuf>,
+    check: bool,
+}
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    let usage = "railbus serve [--demo | --config FILE] [--listen ADDR] [--socket PATH] [--check]";
+    let switch = |name, help| cli::flag(lang, name, help).action(ArgAction::SetTrue);
+    cli::verb(lang, NAME, Text::ServeAbout, usage)
+        .before_help(cli::examples(lang, Text::ServeExamples))
+        .arg(switch("demo", Text::ServeDemo))
+        .arg(
+            cli::flag(lang, "listen", Text::ServeListen)
+                .value_name("ADDR")
+                .value_parser(value_parser!(SocketAddr)),
+        )
+        .arg(switch("check", Text::ServeCheck))
+}
+
+/// Serves until it is stopped.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let wanted = Wanted {
+        config: matches.get_one("config").cloned(),
+        demo: matches.get_flag("demo"),
+        listen: matches.get_one("listen").copied().unwrap_or(LISTEN),
+        socket: matches.get_one("socket").cloned(),
+        check: matches.get_flag("check"),
+    };
+    if !wanted.listen.ip().is_loopback() {
+        let port = wanted.listen.port();
+        return Err(Failure::of(lang, Code::NotLoopback)
+            .with_try(format!("railbus serve --listen 127.0.0.1:{port}"))
+            .with_try(format!("ssh -L {port}:127.0.0.1:{port} HOST")));
+    }
+    if wanted.check {
+        return check(lang, &wanted);
+    }
+    tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| system(lang, error))?
+        .block_on(open_and_serve(lang, &wanted))
+}
+
+/// The system refuses what it always grants.
+fn system(lang: Lang, error: impl ToString) -> Failure {
+    Failure::new(Code::System, lang.get(Text::CantServeSite).to_owned()).because(error)
+}
+
+/// Reads the configuration and says what is in it.
+fn check(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+    let found = config_file::read(lang, wanted.config.as_deref());
+    let found = found.map_err(|problem| Failure::of_problem(lang, &problem))?;
+    let (lines, modules) = (found.config.lines.len(), found.config.modules.len());
+    let path = found.path.display();
+    let values: &[(&str, &dyn std::fmt::Display)] =
+        &[("file", &path), ("lines", &lines), ("modules", &modules)];
+    say(&lang.fill(Text::ServeChecked, values));
+    Ok(())
+}
+
+/// The site, and where it comes from.
+struct Source {
+    config: Config,
+    /// None for the demo.
+    file: Option<PathBuf>,
+    /// Ends with the daemon, after the lines.
+    _demo: Option<Background>,
+}
+
+impl Source {
+    fn open(lang: Lang, wanted: &Wanted) -> Result<Source, Failure> {
+        let refused = |problem: Problem| Failure::of_problem(lang, &problem);
+        if wanted.demo {
+            let link = format!("railbus-demo-{}", std::process::id());
+            let demo = Background::start(lang, std::env::temp_dir().join(link))?;
+            let port = demo.path().display().to_string();
+            let text = include_str!("serve/demo.toml").replace("PORT", &port);
+            let config = Config::parse(&text)
+                .map_err(|problems| refused(bad_config(lang, "demo.toml", &problems)))?;
+            return Ok(Source {
+                config,
+                file: None,
+                _demo: Some(demo),
+            });
+        }
+        let found = config_file::read(lang, wanted.config.as_deref()).map_err(refused)?;
+        Ok(Source {
+            config: found.config,
+            file: Some(found.path),
+            _demo: None,
+        })
+    }
+}
+
+async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+    let mut signals = Signals::new().map_err(|error| system(lang, error))?;
+    // The places to listen first: a second daemon fails here, before it touches a line.
+    let tcp = TcpListener::bind(wanted.listen).await.map_err(|error| {
+        let message = lang.fill(Text::NoTcp, &[("address", &wanted.listen)]);
+        Failure::new(Code::Listen, message)
+            .because(error)
+            .with_try("railbus serve --listen 127.0.0.1:0")
+    })?;
+    let address = tcp.local_addr().map_err(|error| system(lang, error))?;
+    let socket = listen_on_socket(lang, wanted)?;
+    let source = Source::open(lang, wanted)?;
+    let service = Service::start(source.config.clone()).map_err(|error| system(lang, error))?;
+
+    announce(lang, &source, address, &socket);
+    let (stop, stopped) = watch::channel(false);
+    let site = Site {
+        service: service.clone(),
+        lang,
+        demo: source.file.is_none(),
+        stop: stopped.clone(),
+        keys: Arc::new(Keys::default()),
+    };
+    let room = Room::new();
+    let over_tcp = routes::router(site.clone(), Some(address.port()));
+    let mut listening = vec![tokio::spawn(listen::tcp(
+        tcp,
+        over_tcp,
+        room.clone(),
+        stopped.clone(),
+    ))];
+    if let Ok(socket) = socket {
+        let over_socket = routes::router(site, None);
+        let unix = listen::unix(socket, over_socket, room.clone(), stopped);
+        listening.push(tokio::spawn(unix));
+    }
+
+    while signals.next().await == Asked::Reload {
+        reload(lang, &service, source.file.as_deref()).await;
+    }
+    // Fails where nobody listens any more.
+    let _ = stop.send(true);
+    for task in listening {
+        // Fails where it panicked, which was told.
+        let _ = task.await;
+    }
+    room.emptied().await;
+    service.close().await;
+    Ok(())
+}
+
+/// The socket that was named must be there; of the usual ones, the first that can be had.
+fn listen_on_socket(
+    lang: Lang,
+    wanted: &Wanted,
+) -> Result<Result<Socket, (PathBuf, std::io::Error)>, Failure> {
+    let named = |path: &Path| Socket::listen(lang, path).map_err(|error| (path.to_owned(), error));
+    if let Some(path) = &wanted.socket {
+        return named(path).map(Ok).map_err(|(path, error)| {
+            let path = path.display();
+            let message = lang.fill(Text::NoSocket, &[("path", &path)]);
+            Failure::new(Code::Listen, message).because(error)
+        });
+    }
+    let mut tried = Err((PathBuf::new(), std::io::ErrorKind::NotFound.into()));
+    for path in socket::places() {
+        tried = named(&path);
+        if tried.is_ok() {
+            break;
+        }
+    }
+    Ok(tried)
+}
+
+/// Takes the configuration again. Where it has problems they are told, and all stays as it was.
+async fn reload(lang: Lang, service: &Service, file: Option<&Path>) {
+    let Some(path) = file else {
+        return complain(lang.get(Text::NoReload));
+    };
+    let name = path.display().to_string();
+    let read = match config_file::text_of(path) {
+        Ok(text) => service.reload(&text).await,
+        Err(problem) => return complain(&Failure::of_problem(lang, &problem).render(lang)),
+    };
+    match read {
+        Ok(done) => {
+            let lists = [&done.kept, &done.opened, &done.closed];
+            let [kept, opened, closed] = lists.map(|lines| match lines.as_slice() {
+                [] => "–".to_owned(),
+                lines => lines.join(" "),
+            });
+            let values: &[(&str, &dyn std::fmt::Display)] =
+                &[("kept", &kept), ("opened", &opened), ("closed", &closed)];
+            say(&lang.fill(Text::Reloaded, values));
+        }
+        Err(problems) => {
+            let problem = bad_config(lang, &name, &problems);
+            complain(&Failure::of_problem(lang, &problem).render(lang));
+            complain(lang.get(Text::NotReloaded));
+        }
+    }
+}
+
+/// Says what is served, and how to connect.
+fn announce(
+    lang: Lang,
+    source: &Source,
+    address: SocketAddr,
+    socket: &Result<Socket, (PathBuf, std::io::Error)>,
+) {
+    let version = env!("CARGO_PKG_VERSION");
+    let what = match &source.file {
+        None => lang.get(Text::ServesDemo).to_owned(),
+        Some(file) => file.display().to_string(),
+    };
+    let socket = match socket {
+        Ok(socket) => socket.path().display().to_string(),
+        Err((path, error)) => format!("– ({}: {error})", path.display()),
+    };
+    say(&format!(
+        "railbus {version}  {what}\n  web     http://{address}/\n  api     \
+         http://{address}/api/v1\n  socket  {socket}\n  {}",
+        lang.get(Text::ServeStop)
+    ));
+}
+
+/// Who reads it may have gone; the site is served all the same.
+fn say(text: &str) {
+    let mut stdout = std::io::stdout();
+    let _ = writeln!(stdout, "{text}").and_then(|()| stdout.flush());
+}
+
+fn complain(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// What a signal asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Asked {
+    Stop,
+    Reload,
+}
+
+/// The signals. From their making on they no longer end the program at once.
+struct Signals {
+    interrupt: Signal,
+    terminate: Signal,
+    hangup: Signal,
+}
+
+impl Signals {
+    fn new() -> std::io::Result<Signals> {
+        Ok(Signals {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+            hangup: signal(SignalKind::hangup())?,
+        })
+    }
+
+    async fn next(&mut self) -> Asked {
+        tokio::select! {
+            _ = self.interrupt.recv() => Asked::Stop,
+            _ = self.terminate.recv() => Asked::Stop,
+            _ = self.hangup.recv() => Asked::Reload,
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! The demo line beside another command of the same process, on a thread of its own: its bytes
+//! keep their pace whatever the command does.
+
+use super::pty::Pty;
+use super::{serve, system};
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::thread::JoinHandle;
+use tokio::sync::oneshot;
+
+/// The demo line at work. It ends with this.
+#[derive(Debug)]
+pub(crate) struct Background {
+    path: PathBuf,
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Background {
+    /// Starts the demo line with its PTY at this path.
+    pub(crate) fn start(lang: Lang, path: PathBuf) -> Result<Background, Failure> {
+        let (stop, stopped) = oneshot::channel();
+        let (ready, begun) = mpsc::channel();
+        let link = path.clone();
+        let thread = std::thread::Builder::new()
+            .name("demo-line".to_owned())
+            .spawn(move || run(lang, &link, stopped, &ready))
+            .map_err(|error| system(lang, error))?;
+        match begun.recv() {
+            Ok(Ok(())) => Ok(Background {
+                path,
+                stop: Some(stop),
+                thread: Some(thread),
+            }),
+            Ok(Err(failure)) => Err(failure),
+            Err(_) => Err(system(lang, std::io::Error::other("the thread ended"))),
+        }
+    }
+
+    /// Where its PTY is.
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for Background {
+    /// Waits for the thread, which takes the link to the PTY away.
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            // Where it panicked, that was told.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn run(
+    lang: Lang,
+    path: &Path,
+    stopped: oneshot::Receiver<()>,
+    ready: &mpsc::Sender<Result<(), Failure>>,
+) {
+    let begin = async {
+        let pty = Pty::open(path).map_err(|error| error.into_failure(lang, path))?;
+        // Fails where nobody waits any more; then the line ends at once.
+        let _ = ready.send(Ok(()));
+        let stop = async {
+            let _ = stopped.await;
+        };
+        serve::serve(0, stop, pty, None, None)
+            .await
+            .map_err(|error| system(lang, error))
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| system(lang, error));
+    if let Err(failure) = runtime.and_then(|runtime| runtime.block_on(begin)) {
+        let _ = ready.send(Err(failure));
+    }
+}

@@ -1,0 +1,207 @@
+//! A PTY that looks like a serial port: any master opens it by the name of a link.
+
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::texts::Text;
+use railbus_wire::{Baud, Character, Settings};
+use rustix::fs::inotify;
+use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
+use std::io;
+use std::mem::MaybeUninit;
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use tokio::io::Interest;
+use tokio::io::unix::AsyncFd;
+
+/// Where slaves of PTYs lie.
+const SLAVES: &str = "/dev/pts";
+
+/// Why there is no PTY.
+#[derive(Debug)]
+pub(super) enum OpenError {
+    /// The system does not give one.
+    Pty(io::Error),
+    /// Something else lies where the link should.
+    Foreign,
+    /// The link can't be made.
+    Link(io::Error),
+}
+
+impl OpenError {
+    pub(super) fn into_failure(self, lang: Lang, path: &Path) -> Failure {
+        let path = path.display();
+        let elsewhere = "railbus sim --demo --pty /tmp/railbus-2";
+        match self {
+            OpenError::Pty(error) => {
+                Failure::new(Code::Pty, lang.get(Text::NoPty).to_owned()).because(error)
+            }
+            OpenError::Foreign => {
+                let message = lang.fill(Text::ForeignPath, &[("path", &path)]);
+                Failure::new(Code::ForeignPath, message).with_try(elsewhere)
+            }
+            OpenError::Link(error) => {
+                let message = lang.fill(Text::NoLink, &[("path", &path)]);
+                Failure::new(Code::Link, message)
+                    .because(error)
+                    .with_try(elsewhere)
+            }
+        }
+    }
+}
+
+/// The PTY and the link to it.
+pub(super) struct Pty {
+    master: AsyncFd<OwnedFd>,
+    /// Held open so that the master lives on when a client closes its own.
+    slave: OwnedFd,
+    /// Tells when clients open and close the slave.
+    watch: AsyncFd<OwnedFd>,
+    clients: usize,
+    _link: Link,
+}
+
+impl Pty {
+    /// Makes a PTY and the link to it.
+    pub(super) fn open(path: &Path) -> Result<Pty, OpenError> {
+        let (master, slave, name) = pair().map_err(no_pty)?;
+        let watch = watch(&name).map_err(no_pty)?;
+        Ok(Pty {
+            master: readable(master).map_err(no_pty)?,
+            slave,
+            watch: readable(watch).map_err(no_pty)?,
+            clients: 0,
+            _link: Link::make(path, name)?,
+        })
+    }
+
+    /// Waits for a client: how many bytes it sent, and how its port is set.
+    pub(super) async fn event(&mut self, buffer: &mut [u8]) -> io::Result<(usize, Settings)> {
+        loop {
+            tokio::select! {
+                biased;
+                ready = self.watch.readable() => {
+                    ready?.clear_ready();
+                    self.count_clients();
+                }
+                ready = self.master.readable() => {
+                    let read = ready?.try_io(|master| Ok(rustix::io::read(master, &mut *buffer)?));
+                    if let Ok(count) = read {
+                        return Ok((count?, self.settings()?));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Sends to the client, if there is one. What does not fit is lost, as in any serial port
+    /// that nobody reads.
+    pub(super) fn send(&mut self, bytes: &[u8]) {
+        // The client may have come just now.
+        self.count_clients();
+        if self.clients > 0 {
+            let _ = rustix::io::write(self.master.get_ref(), bytes);
+        }
+    }
+
+    /// Takes note of clients that came and went. The first one finds nothing old in its port.
+    fn count_clients(&mut self) {
+        let mut buffer = [MaybeUninit::uninit(); 1_024];
+        let mut events = inotify::Reader::new(self.watch.get_ref(), &mut buffer);
+        while let Ok(event) = events.next() {
+            if event.events().contains(inotify::ReadFlags::OPEN) {
+                if self.clients == 0 {
+                    let _ = tcflush(&self.slave, QueueSelector::IFlush);
+                }
+                self.clients += 1;
+            } else {
+                self.clients = self.clients.saturating_sub(1);
+            }
+        }
+    }
+
+    /// The speed that the client has set. A PTY keeps no parity, so that is the line's own.
+    fn settings(&self) -> io::Result<Settings> {
+        let rate = tcgetattr(&self.slave)?.input_speed();
+        Ok(Settings {
+            // A speed that no module has is as wrong as the highest one that hardly any has.
+            baud: Baud::from_rate(rate).unwrap_or(Baud::B115200),
+            character: Character::N1,
+        })
+    }
+}
+
+#[expect(
+    deprecated,
+    reason = "the successor is unsafe, and asks for what an OwnedFd promises: its file stays open"
+)]
+fn readable(fd: OwnedFd) -> io::Result<AsyncFd<OwnedFd>> {
+    AsyncFd::with_interest(fd, Interest::READABLE)
+}
+
+fn no_pty(error: impl Into<io::Error>) -> OpenError {
+    OpenError::Pty(error.into())
+}
+
+/// A master that does not block, its slave, raw and at 9600, and the slave's name.
+fn pair() -> rustix::io::Result<(OwnedFd, OwnedFd, PathBuf)> {
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+    grantpt(&master)?;
+    unlockpt(&master)?;
+    rustix::io::ioctl_fionbio(&master, true)?;
+    let name = ptsname(&master, Vec::new())?;
+    let name = PathBuf::from(name.to_string_lossy().into_owned());
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
+    let slave = rustix::fs::open(&name, flags, Mode::empty())?;
+    let mut settings = tcgetattr(&slave)?;
+    settings.make_raw();
+    settings.set_speed(9_600)?;
+    tcsetattr(&slave, OptionalActions::Now, &settings)?;
+    Ok((master, slave, name))
+}
+
+fn watch(slave: &Path) -> Result<OwnedFd, Errno> {
+    use inotify::{CreateFlags, WatchFlags};
+    let watch = inotify::init(CreateFlags::NONBLOCK | CreateFlags::CLOEXEC)?;
+    let both = WatchFlags::OPEN | WatchFlags::CLOSE;
+    inotify::add_watch(&watch, slave, both)?;
+    Ok(watch)
+}
+
+/// A link to the slave, which goes away with the program.
+struct Link {
+    path: PathBuf,
+    slave: PathBuf,
+}
+
+impl Link {
+    fn make(path: &Path, slave: PathBuf) -> Result<Link, OpenError> {
+        match std::fs::symlink_metadata(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(OpenError::Link(error)),
+            Ok(_) if is_ours(path) => std::fs::remove_file(path).map_err(OpenError::Link)?,
+            Ok(_) => return Err(OpenError::Foreign),
+        }
+        std::os::unix::fs::symlink(&slave, path).map_err(OpenError::Link)?;
+        Ok(Link {
+            path: path.to_owned(),
+            slave,
+        })
+    }
+}
+
+/// Whether this is a link that a simulator left behind.
+fn is_ours(path: &Path) -> bool {
+    std::fs::read_link(path).is_ok_and(|target| target.starts_with(SLAVES))
+}
+
+impl Drop for Link {
+    /// Another simulator may have put its own link here meanwhile.
+    fn drop(&mut self) {
+        if std::fs::read_link(&self.path).is_ok_and(|target| target == self.slave) {
+            let _ = std::fs::remove_file(&self.path);
+        }
+    }
+}

@@ -1,0 +1,516 @@
+//! The catalogue: every text that people read, in both languages side by side.
+//!
+//! A key without one of the languages does not compile, nor does one that nothing uses pass the
+//! lints; that the placeholders agree is a test.
+
+/// What can be said in both languages.
+pub(crate) trait Phrase {
+    /// In English and in Chinese.
+    fn in_both(self) -> [&'static str; 2];
+}
+
+macro_rules! texts {
+    ($($name:ident { en: $en:literal, zh: $zh:literal $(,)? })*) => {
+        /// A text by its key.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(crate) enum Text { $($name),* }
+
+        impl Text {
+            #[cfg(test)]
+            const ALL: &[Text] = &[$(Text::$name),*];
+
+            /// In English and in Chinese.
+            pub(crate) const fn in_both(self) -> [&'static str; 2] {
+                match self { $(Text::$name => [$en, $zh]),* }
+            }
+        }
+
+        impl Phrase for Text {
+            fn in_both(self) -> [&'static str; 2] {
+                Text::in_both(self)
+            }
+        }
+    };
+}
+
+texts! {
+    // Headings and flags of every command.
+    About {
+        en: "Commands RS-485 I/O modules, and is such modules.",
+        zh: "控制 RS-485 输入输出模块，也可充当这些模块。",
+    }
+    Examples { en: "Examples:", zh: "示例：" }
+    Usage { en: "Usage: ", zh: "用法：" }
+    Options { en: "Options", zh: "选项" }
+    Commands { en: "Commands", zh: "命令" }
+    Help { en: "Says how to use this", zh: "显示用法" }
+    Version { en: "Says which version this is", zh: "显示版本" }
+    LangFlag {
+        en: "Speaks English (en) or Chinese (zh); RAILBUS_LANG and LANG are heeded too",
+        zh: "使用英文 (en) 或中文 (zh)；也可用 RAILBUS_LANG 或 LANG 设定",
+    }
+    Verbose { en: "Shows each frame as it passes", zh: "逐帧显示线路上的通信" }
+
+    // Labels of an error.
+    Error { en: "error[{code}]: {message}", zh: "错误[{code}]：{message}" }
+    Why { en: "why:", zh: "原因：" }
+    Try { en: "try:", zh: "可试：" }
+    Likely { en: "likely:", zh: "可能：" }
+    More { en: "more:", zh: "详见：" }
+    ExitLabel { en: "exit:", zh: "退出码：" }
+    Named { en: "{title}: {name}", zh: "{title}：{name}" }
+    Comma { en: ", ", zh: "，" }
+
+    // Flags of every command.
+    LineFlag {
+        en: "The line: its name, or a port: /dev/…, tcp:HOST:PORT, mbtcp:HOST, pty:/PATH",
+        zh: "总线：名称或端口 /dev/…、tcp:HOST:PORT、mbtcp:HOST、pty:/PATH",
+    }
+    OutputFlag {
+        en: "How to print: table, json, ndjson, csv or value",
+        zh: "输出格式：table、json、ndjson、csv 或 value",
+    }
+    QuietFlag { en: "Says nothing but errors and results", zh: "只输出错误和结果" }
+    ConfigFlag { en: "The configuration instead of railbus.toml", zh: "指定配置文件，代替 railbus.toml" }
+    DirectFlag { en: "Opens the line itself, not through the daemon", zh: "直接打开总线，不经守护进程" }
+    SocketFlag { en: "The daemon's socket", zh: "守护进程的套接字" }
+    TimeoutFlag {
+        en: "How long a reply to raw and scan may take: 60ms, 1.5s",
+        zh: "raw 和 scan 等待应答的时间：60ms、1.5s",
+    }
+    ModelFlag {
+        en: "Without a configuration: the model, see railbus ls models",
+        zh: "无配置时：型号，见 railbus ls models",
+    }
+    AddressFlag { en: "Without a configuration: the address, 10 or 0Ah", zh: "无配置时：地址，10 或 0Ah" }
+    ProtocolFlag {
+        en: "Without a configuration: rtu, ascii, lc02 or r55",
+        zh: "无配置时：rtu、ascii、lc02 或 r55",
+    }
+    BaudFlag { en: "Without a configuration: the baud, 9600 if not said", zh: "无配置时：波特率，默认 9600" }
+    FormatFlag {
+        en: "Without a configuration: 8N1 (if not said), 8E1, 8O1 or 8N2",
+        zh: "无配置时：8N1（默认）、8E1、8O1 或 8N2",
+    }
+    ChecksumFlag {
+        en: "Without a configuration: the module's ASCII frames carry a checksum",
+        zh: "无配置时：模块的 ASCII 帧带校验和",
+    }
+
+    // What was met.
+    FromNobody {
+        en: "no reply from module \"{module}\" ({at})",
+        zh: "模块 \"{module}\" 无应答（{at}）",
+    }
+    RefusedBy { en: "module \"{module}\" refused ({at})", zh: "模块 \"{module}\" 拒绝执行（{at}）" }
+    GarbledBy {
+        en: "garbled reply from module \"{module}\" ({at})",
+        zh: "模块 \"{module}\" 的应答损坏（{at}）",
+    }
+    NotVerifiedAt {
+        en: "not verified: {module}.{point} was acknowledged but reads back otherwise",
+        zh: "未证实：{module}.{point} 已应答，但回读不一致",
+    }
+    AtAddress { en: "address {address}", zh: "地址 {address}" }
+    OnLine { en: "line {line}", zh: "总线 {line}" }
+    HeardNothing {
+        en: "tries: {attempts}; {bytes} bytes came back: the line was silent, not noisy",
+        zh: "尝试次数：{attempts}；收到 {bytes} 字节：总线静默，无干扰",
+    }
+    HeardHalf {
+        en: "tries: {attempts}; {bytes} bytes came back: a reply began and did not end",
+        zh: "尝试次数：{attempts}；收到 {bytes} 字节：应答不完整",
+    }
+    HeardBytes {
+        en: "tries: {attempts}; {bytes} bytes came back that are no good reply",
+        zh: "尝试次数：{attempts}；收到 {bytes} 字节，不是有效应答",
+    }
+    HeldBy { en: "held by {holder}", zh: "占用者：{holder}" }
+    OfGroup { en: "the port belongs to the group {group}", zh: "端口属于用户组 {group}" }
+    Known { en: "known: {names}", zh: "已知：{names}" }
+    MayHaveActed { en: "the module may have acted all the same", zh: "模块仍可能已执行" }
+    SilentModules { en: "no reply from: {modules}", zh: "无应答：{modules}" }
+    SomeFailed { en: "{failed} of {count} targets failed", zh: "{count} 个目标中 {failed} 个失败" }
+    NoBytes { en: "\"{text}\" is no bytes in hexadecimal", zh: "\"{text}\" 不是十六进制字节" }
+    NoSuchCode { en: "there is no code \"{name}\"", zh: "没有代码 \"{name}\"" }
+    BadOrder { en: "\"{word}\" says nothing to do", zh: "无法理解 \"{word}\"" }
+
+    // States.
+    On { en: "on", zh: "吸合" }
+    Off { en: "off", zh: "断开" }
+    Good { en: "good", zh: "有效" }
+    Stale { en: "stale", zh: "过期" }
+    OfflineValue { en: "offline", zh: "离线" }
+    NeverRead { en: "never read", zh: "从未读到" }
+    Online { en: "online", zh: "在线" }
+    Offline { en: "offline", zh: "离线" }
+    Unheard { en: "not heard yet", zh: "尚未应答" }
+    ReadBack { en: "read back", zh: "已回读" }
+    Acknowledged { en: "acknowledged", zh: "已应答" }
+    SentOnly { en: "sent, nobody answers it", zh: "已发送，无应答" }
+    ReadThenSet { en: "read, then set", zh: "先读后写" }
+    Old { en: "{age} old", zh: "{age}前" }
+    PulseMode { en: "pulse mode {width}", zh: "点动 {width}" }
+    LockedWord { en: "locked", zh: "已锁定" }
+    PortOpening { en: "opening", zh: "正在打开" }
+    PortUp { en: "open", zh: "已打开" }
+    PortAbsent { en: "not there", zh: "不可用" }
+    PortBusy { en: "busy", zh: "被占用" }
+    PortClosed { en: "closed", zh: "已关闭" }
+    Targets {
+        en: "Modules and points: pump, pump.do0, '*.di*'; all if none",
+        zh: "模块和点：pump、pump.do0、'*.di*'；省略则为全部",
+    }
+
+    // ls
+    LsAbout {
+        en: "Lists what there is. Bits are in the order of the terminals, first one first.",
+        zh: "列出现有内容。各位按端子顺序排列，首个在前。",
+    }
+    LsExamples {
+        en: "  railbus ls                 the modules and their states
+  railbus ls points -o json  every point with its value
+  railbus ls ports           the serial ports of this machine",
+        zh: "  railbus ls                 模块及其状态
+  railbus ls points -o json  所有点及其值
+  railbus ls ports           本机串口",
+    }
+    LsWhat {
+        en: "modules (if not said), points, lines, models or ports",
+        zh: "modules（默认）、points、lines、models 或 ports",
+    }
+    LsModulesHead {
+        en: "MODULE|LINE|ADDR|PROTOCOL|MODEL|STATE|RTT|ERRORS 1h|OUTPUTS|INPUTS",
+        zh: "模块|总线|地址|协议|型号|状态|往返|1 小时错误|输出|输入",
+    }
+    LsLinesHead { en: "LINE|PORT|SETTINGS|STATE|MODULES", zh: "总线|端口|参数|状态|模块" }
+    LsModelsHead {
+        en: "MODEL|TITLE|OUTPUTS|INPUTS|ANALOGS|ADDRESSES|PROTOCOLS|BAUD",
+        zh: "型号|名称|输出|输入|模拟量|地址|协议|波特率",
+    }
+    LsPortsHead { en: "PORT|DRIVER|LATENCY|STABLE NAME", zh: "端口|驱动|延迟|固定名称" }
+    Late { en: "({late} late)", zh: "（{late} 次迟到）" }
+
+    // get
+    GetAbout { en: "Reads points.", zh: "读取点的值。" }
+    GetExamples {
+        en: "  railbus get pump                   all points of a module
+  railbus get tank.ai1 -o value      the bare value
+  railbus get '*.di*' -o csv         all inputs",
+        zh: "  railbus get pump                   一个模块的所有点
+  railbus get tank.ai1 -o value      只输出值
+  railbus get '*.di*' -o csv         所有输入",
+    }
+    GetFresh { en: "Asks the line, whatever the daemon knows", zh: "重新读取总线，不用守护进程的缓存" }
+    GetRaw { en: "Shows the registers of analog values", zh: "显示模拟量的寄存器值" }
+
+    // set
+    SetAbout { en: "Switches outputs, and reads them back.", zh: "操作输出并回读。" }
+    SetExamples {
+        en: "  railbus set pump.do0 on
+  railbus set yard 1,3=on                    by the numbers at the terminals
+  railbus set oven k1=on k2=off k5=toggle
+  railbus set oven all=off -n                only shows the frames",
+        zh: "  railbus set pump.do0 on
+  railbus set yard 1,3=on                    按端子编号
+  railbus set oven k1=on k2=off k5=toggle
+  railbus set oven all=off -n                只显示帧",
+    }
+    SetTargets {
+        en: "pump.do0 on; or a module and its outputs: oven k1=on k2=off",
+        zh: "pump.do0 on；或模块及其输出：oven k1=on k2=off",
+    }
+    DryRun { en: "Shows the frames and switches nothing", zh: "只显示帧，不操作" }
+    NoVerify { en: "Does not read back", zh: "不回读" }
+    WouldSend { en: "would send", zh: "将发送" }
+
+    // pulse
+    PulseAbout { en: "Switches an output on for a while.", zh: "点动：输出吸合一段时间。" }
+    PulseExamples {
+        en: "  railbus pulse yard.k3 500ms
+  railbus pulse oven.k1 2s           timed by the host: ERC-8 has no timer
+  railbus pulse pump.do3             with the module's own width",
+        zh: "  railbus pulse yard.k3 500ms
+  railbus pulse oven.k1 2s           由主机计时：ERC-8 没有定时器
+  railbus pulse pump.do3             用模块自身的宽度",
+    }
+    PulsePoint { en: "The output", zh: "输出点" }
+    PulseDuration {
+        en: "How long: 500ms, 2s; the module's own width if not said",
+        zh: "时间：500ms、2s；省略则为模块自身的宽度",
+    }
+    PulseBy {
+        en: "Who keeps the time: auto (if not said), device or host",
+        zh: "计时者：auto（默认）、device 或 host",
+    }
+    PulseOff { en: "Releases first and pulls in after the time", zh: "点动断开：先断开，到时再吸合" }
+    PulseHere {
+        en: "timed here: while this runs; if it is killed, the output stays on",
+        zh: "由本程序计时：若被强行终止，输出将保持吸合",
+    }
+    PulseReleased { en: "{path} was released", zh: "{path} 已断开" }
+    TimedByHost { en: "timed by the host", zh: "主机计时" }
+    TimedByDevice { en: "timed by the module", zh: "模块计时" }
+
+    // watch
+    WatchAbout { en: "Shows what changes, one line at a time.", zh: "逐行显示变化。" }
+    WatchExamples {
+        en: "  railbus watch
+  railbus watch pump '*.ai*' -o ndjson",
+        zh: "  railbus watch
+  railbus watch pump '*.ai*' -o ndjson",
+    }
+    WatchPlain { en: "One line for each change, also on a terminal", zh: "终端上也逐行显示变化" }
+    WatchGap { en: "{count} changes were lost: too slow", zh: "读取太慢，丢失 {count} 个变化" }
+
+    // raw
+    RawAbout { en: "Sends a frame and shows the reply.", zh: "发送一帧并显示应答。" }
+    RawExamples {
+        en: "  railbus raw --crc 03 01 00 3C 00 08
+  railbus raw --ascii '$01M'
+  railbus raw --proto r55 55 04 10 00 00 00 00",
+        zh: "  railbus raw --crc 03 01 00 3C 00 08
+  railbus raw --ascii '$01M'
+  railbus raw --proto r55 55 04 10 00 00 00 00",
+    }
+    RawHex { en: "The bytes in hexadecimal", zh: "十六进制字节" }
+    RawAscii { en: "A frame of the ASCII protocol without its end", zh: "ASCII 协议的帧，不含结束符" }
+    RawCrc { en: "Adds the CRC of Modbus RTU", zh: "添加 Modbus RTU 的 CRC" }
+    RawProto { en: "Adds the checksum of rtu, lc02 or r55", zh: "添加 rtu、lc02 或 r55 的校验和" }
+    RawYes {
+        en: "Sends also what is for all modules, changes settings, or is unknown",
+        zh: "广播、更改设置或未知的帧也发送",
+    }
+    NotUnderstood { en: "no reply to this", zh: "不是对此的应答" }
+
+    // decode
+    DecodeAbout { en: "Says what bytes mean.", zh: "解释字节的含义。" }
+    DecodeExamples {
+        en: "  railbus decode 6C 63 01 03 22 34 0D
+  railbus decode '55 01 00 03 00 04 C0 1D' --all
+  railbus decode -                   one frame to a line, from stdin",
+        zh: "  railbus decode 6C 63 01 03 22 34 0D
+  railbus decode '55 01 00 03 00 04 C0 1D' --all
+  railbus decode -                   从标准输入读取，每行一帧",
+    }
+    DecodeHex {
+        en: "The bytes in hexadecimal, or an ASCII frame such as '$016'",
+        zh: "十六进制字节，或 ASCII 帧如 '$016'",
+    }
+    DecodeAll { en: "Shows every protocol that accepts the bytes", zh: "显示所有能接受的协议" }
+    NoReading { en: "{count} bytes that no protocol accepts", zh: "{count} 字节，没有协议能接受" }
+    RequestWord { en: "request", zh: "请求" }
+    ReplyWord { en: "reply", zh: "应答" }
+    CheckLabel { en: "checksum", zh: "校验和" }
+    CheckRight { en: "{is}  right", zh: "{is}  正确" }
+    CheckWrong { en: "{is}  WRONG, should be {should}", zh: "{is}  错误，应为 {should}" }
+    KnownLabel { en: "known", zh: "已知" }
+    AlsoLabel { en: "also", zh: "另有" }
+    AlsoCount { en: "{count} other readings fit, see --all", zh: "{count} 种解释，见 --all" }
+
+    // scan
+    ScanAbout { en: "Finds the modules on a line. It only reads.", zh: "扫描总线上的模块，只读取。" }
+    ScanExamples {
+        en: "  railbus scan
+  railbus scan -l /dev/ttyUSB0 --addr 1-247 --proto rtu
+  railbus scan -o ndjson             each module as soon as it is found",
+        zh: "  railbus scan
+  railbus scan -l /dev/ttyUSB0 --addr 1-247 --proto rtu
+  railbus scan -o ndjson             发现一个输出一个",
+    }
+    ScanAddr {
+        en: "The addresses: 1-32 if not said, such as 1-32,0x40",
+        zh: "地址：默认 1-32，如 1-32,0x40",
+    }
+    ScanProto {
+        en: "The protocols: ascii,lc02,rtu,r55 if not said",
+        zh: "协议：默认 ascii,lc02,rtu,r55",
+    }
+    ScanChecksum {
+        en: "ASCII with checksum: auto (both, if not said), on or off",
+        zh: "ASCII 校验和：auto（默认，两种都试）、on 或 off",
+    }
+    ScanHead { en: "ADDR|PROTOCOL|MODEL|DETAIL|RTT|VERDICT", zh: "地址|协议|型号|说明|往返|结果" }
+    ScanSummary {
+        en: "{count} found, {silent} probes in vain; {port}, {settings}",
+        zh: "发现 {count} 个，{silent} 次无应答；{port}，{settings}",
+    }
+    ScanProgress {
+        en: "{done}/{total} asked, {found} found",
+        zh: "已询问 {done}/{total}，发现 {found} 个",
+    }
+    ChecksumOn { en: "checksum on", zh: "有校验和" }
+    ChecksumOff { en: "checksum off", zh: "无校验和" }
+    ByBehaviour { en: "by behaviour", zh: "按行为判断" }
+    VerdictOk { en: "ok", zh: "正常" }
+    VerdictRefused { en: "refused: it is there but answers no", zh: "拒绝：在线但不执行" }
+    VerdictOdd { en: "odd: it answers, not by the book", zh: "异常：应答与手册不符" }
+    VerdictGarbled {
+        en: "garbled: two modules on one address, or a bad link?",
+        zh: "损坏：地址重复或线路不良？",
+    }
+
+    // explain
+    ExplainAbout { en: "Says what an error code means.", zh: "解释错误代码。" }
+    ExplainExamples {
+        en: "  railbus explain E0301
+  railbus explain exit-codes",
+        zh: "  railbus explain E0301
+  railbus explain exit-codes",
+    }
+    ExplainCode { en: "The code; all of them if not said", zh: "代码；省略则列出全部" }
+
+    // Wrong arguments.
+    NoSuchCommand { en: "there is no command \"{name}\"", zh: "没有命令 \"{name}\"" }
+    NoSuchArgument { en: "there is no argument \"{name}\"", zh: "没有参数 \"{name}\"" }
+    BadValue {
+        en: "\"{value}\" is no value for {name}",
+        zh: "\"{value}\" 不能作为 {name} 的值",
+    }
+    NoValue { en: "{name} wants a value", zh: "{name} 需要一个值" }
+    MissingCommand { en: "a command is missing", zh: "缺少命令" }
+    MissingArgument { en: "{name} is missing", zh: "缺少 {name}" }
+    Conflict { en: "{name} can't be used here", zh: "此处不能使用 {name}" }
+    BadArguments { en: "the arguments are wrong", zh: "参数有误" }
+
+    // sim
+    SimAbout {
+        en: "Serves a simulated line to any master, byte by byte at the line's own pace.",
+        zh: "按线路本身的速度逐字节模拟一条总线，供任何上位机访问。",
+    }
+    SimExamples {
+        en: "  railbus sim --demo                    five modules on a PTY and on TCP
+  railbus sim --demo -v                 the same, and shows each frame
+  railbus sim --demo --pty /tmp/plant   the PTY under another name",
+        zh: "  railbus sim --demo                    五个模块，经 PTY 和 TCP 访问
+  railbus sim --demo -v                 同上，并逐帧显示
+  railbus sim --demo --pty /tmp/plant   换一个 PTY 名称",
+    }
+    SimDemo { en: "The demo line: one module of each of five kinds", zh: "演示总线：五种模块各一个" }
+    SimPty {
+        en: "Where the link to the PTY lies; /tmp/railbus-main if not said",
+        zh: "PTY 链接的位置；默认 /tmp/railbus-main",
+    }
+    SimTcp {
+        en: "The address for raw bytes over TCP; 127.0.0.1:4001 if not said",
+        zh: "TCP 原始字节的监听地址；默认 127.0.0.1:4001",
+    }
+    SimSeed {
+        en: "The number that all chance comes from; 0 if not said",
+        zh: "随机数种子；默认 0",
+    }
+    SimServed {
+        en: "The demo line, 9600 8N1, until you press Ctrl-C. Connect any master to:",
+        zh: "演示总线，9600 8N1，按 Ctrl-C 结束。任何上位机均可连接：",
+    }
+    SimRawBytes { en: "raw bytes, several clients share the line", zh: "原始字节，多个客户端共用总线" }
+    SimModules { en: "On it:", zh: "总线上的模块：" }
+    SimColumns {
+        en: "MODULE  MODEL        ADDRESS   PROTOCOL",
+        zh: "模块    型号         地址      协议",
+    }
+    SimFrameColumns {
+        en: "  TIME s     +ms  WHO       EVENT        BYTES",
+        zh: "  时间 s     +ms  谁        事件         字节",
+    }
+
+    // Faults of sim.
+    NoTcp { en: "can't listen on TCP {address}", zh: "无法监听 TCP {address}" }
+    NoPty { en: "can't make a PTY", zh: "无法创建 PTY" }
+    ForeignPath {
+        en: "{path} exists and is no link to a PTY, so it is left alone",
+        zh: "{path} 已存在且不是 PTY 链接，未作改动",
+    }
+    NoLink { en: "can't make the link {path} to the PTY", zh: "无法创建指向 PTY 的链接 {path}" }
+    CantServe { en: "can't serve the line", zh: "无法提供总线服务" }
+
+    // serve
+    ServeAbout {
+        en: "Keeps the lines, and lets commands, programs and browsers of this machine use them.",
+        zh: "管理各条总线，供本机的命令、程序和浏览器使用。",
+    }
+    ServeExamples {
+        en: "  railbus serve --demo                  five simulated modules, nothing is real
+  railbus serve --config railbus.toml   the site of a configuration
+  railbus serve --check                 reads the configuration and says what is wrong
+  curl http://127.0.0.1:7485/api/v1/points/pump/do0",
+        zh: "  railbus serve --demo                  五个模拟模块，均非真实设备
+  railbus serve --config railbus.toml   按配置文件运行
+  railbus serve --check                 检查配置文件
+  curl http://127.0.0.1:7485/api/v1/points/pump/do0",
+    }
+    ServeDemo {
+        en: "A simulated line with five modules, instead of a configuration",
+        zh: "使用含五个模块的模拟总线，不读配置",
+    }
+    ServeListen {
+        en: "Where to listen, on this machine only; 127.0.0.1:7485 if not said",
+        zh: "监听地址，仅限本机；默认 127.0.0.1:7485",
+    }
+    ServeCheck { en: "Only reads the configuration", zh: "仅检查配置" }
+    ServeChecked {
+        en: "{file}: good, {lines} lines, {modules} modules",
+        zh: "{file}：正确，{lines} 条总线，{modules} 个模块",
+    }
+    ServesDemo {
+        en: "demo line with 5 simulated modules, nothing is real",
+        zh: "演示总线，5 个模拟模块，均非真实设备",
+    }
+    ServeStop {
+        en: "stop with Ctrl-C; outputs stay as they are",
+        zh: "按 Ctrl-C 停止；输出保持原状",
+    }
+    CantServeSite { en: "can't serve the site", zh: "无法提供服务" }
+    NoSocket { en: "can't listen on the socket {path}", zh: "无法监听套接字 {path}" }
+    NoReload { en: "the demo has no configuration to read again", zh: "演示总线没有可重新读取的配置" }
+    Reloaded {
+        en: "configuration read again; lines kept: {kept}; opened: {opened}; closed: {closed}",
+        zh: "已重新读取配置；保留的总线：{kept}；打开：{opened}；关闭：{closed}",
+    }
+    NotReloaded { en: "nothing was changed", zh: "未作任何更改" }
+
+    // The status page.
+    PageDemo { en: "A demo: nothing is real.", zh: "演示：均非真实设备。" }
+    PageRefresh { en: "Loads again every 5 s", zh: "每 5 秒刷新" }
+    PageLine { en: "Line", zh: "总线" }
+    PageBabble { en: "something never stops sending", zh: "有设备持续发送" }
+    PageAddress { en: "address", zh: "地址" }
+    PageErrors { en: "errors in an hour", zh: "一小时内错误" }
+    PagePoint { en: "Point", zh: "点" }
+    PageValue { en: "Value", zh: "值" }
+    PageQuality { en: "Quality", zh: "质量" }
+    PageAge { en: "Age", zh: "时效" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn placeholders(text: &str) -> Vec<&str> {
+        let mut found: Vec<&str> = text
+            .split('{')
+            .skip(1)
+            .map(|rest| rest.split('}').next().unwrap_or_default())
+            .collect();
+        found.sort_unstable();
+        found
+    }
+
+    #[test]
+    fn both_languages_say_something_and_have_the_same_placeholders() {
+        for text in Text::ALL {
+            let [en, zh] = text.in_both();
+            assert!(!en.is_empty() && !zh.is_empty(), "{text:?}");
+            assert_eq!(placeholders(en), placeholders(zh), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn the_chinese_text_is_chinese() {
+        for text in Text::ALL {
+            let [_, zh] = text.in_both();
+            let commands = zh.starts_with("  railbus ");
+            assert!(commands || !zh.is_ascii(), "{text:?}: {zh}");
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! What the parser finds wrong, in the user's language.
+
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::texts::Text;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+
+/// The parser's error in words of the catalogue.
+pub(crate) fn failure(lang: Lang, error: &clap::Error) -> Failure {
+    let of = |kind| error.get(kind).map(text).unwrap_or_default();
+    let name = of(ContextKind::InvalidArg);
+    let value = of(ContextKind::InvalidValue);
+    let message = match error.kind() {
+        ErrorKind::InvalidSubcommand => {
+            let name = of(ContextKind::InvalidSubcommand);
+            lang.fill(Text::NoSuchCommand, &[("name", &name)])
+        }
+        ErrorKind::UnknownArgument => lang.fill(Text::NoSuchArgument, &[("name", &name)]),
+        ErrorKind::InvalidValue | ErrorKind::ValueValidation if value.is_empty() => {
+            lang.fill(Text::NoValue, &[("name", &name)])
+        }
+        ErrorKind::InvalidValue | ErrorKind::ValueValidation => {
+            lang.fill(Text::BadValue, &[("name", &name), ("value", &value)])
+        }
+        ErrorKind::MissingSubcommand => lang.get(Text::MissingCommand).to_owned(),
+        ErrorKind::MissingRequiredArgument => lang.fill(Text::MissingArgument, &[("name", &name)]),
+        ErrorKind::ArgumentConflict | ErrorKind::TooManyValues => {
+            lang.fill(Text::Conflict, &[("name", &name)])
+        }
+        _ => lang.get(Text::BadArguments).to_owned(),
+    };
+    let suggestions = [
+        ContextKind::SuggestedSubcommand,
+        ContextKind::SuggestedArg,
+        ContextKind::SuggestedValue,
+        ContextKind::ValidValue,
+    ];
+    let suggested = suggestions.into_iter().map(of).filter(|s| !s.is_empty());
+    let failure = Failure::new(Code::Usage, message);
+    suggested
+        .fold(failure, Failure::with_try)
+        .with_try("railbus --help")
+}
+
+fn text(value: &ContextValue) -> String {
+    match value {
+        ContextValue::String(text) => text.clone(),
+        ContextValue::Strings(texts) => texts.join(" "),
+        ContextValue::StyledStr(text) => text.to_string(),
+        _ => String::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::cli;
+    use crate::i18n::Lang;
+    use std::ffi::OsString;
+
+    fn told(lang: Lang, line: &str) -> String {
+        let arguments = line.split(' ').map(OsString::from).collect();
+        let failure = cli::run(lang, arguments).err();
+        failure
+            .map(|failure| failure.render(lang))
+            .unwrap_or_default()
+    }
+
+    #[test]
+    fn wrong_arguments_are_named() {
+        let told = |line| told(Lang::En, line);
+        assert!(told("railbus simm").contains("no command \"simm\"\n  try:    sim"));
+        assert!(told("railbus sim --demmo").contains("no argument \"--demmo\"\n  try:    --demo"));
+        assert!(told("railbus sim --demo --seed x").contains("\"x\" is no value for --seed"));
+        assert!(told("railbus sim --demo --seed").contains("--seed"));
+        assert!(told("railbus sim").contains("--demo is missing"));
+        assert!(told("railbus").contains("a command is missing"));
+        assert!(told("railbus sim --demo --lang fr").contains("try:    en zh"));
+    }
+
+    #[test]
+    fn and_in_chinese() {
+        let text = told(Lang::Zh, "railbus sim --demo --seed x");
+        assert!(
+            text.starts_with("错误[E0201]：\"x\" 不能作为 --seed"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,32 @@
+//! A module that does not tell the truth, on a pseudo-terminal of its own.
+
+use rustix::fs::{Mode, OFlags, open};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+use std::io::{Read, Write};
+
+/// Answers each request of eight bytes as `answer` says, for as long as the test runs; gives
+/// back where to reach it.
+pub(crate) fn liar(answer: impl Fn(&[u8; 8]) -> Vec<u8> + Send + 'static) -> String {
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudo-terminal");
+    grantpt(&master).expect("it is ours");
+    unlockpt(&master).expect("it is ours");
+    let path = ptsname(&master, Vec::new()).expect("it has a name");
+    let path = path.into_string().expect("text");
+    // Without a slave that stays open, reading would end when the program closes its own.
+    let slave = open(&path, OFlags::RDWR | OFlags::NOCTTY, Mode::empty()).expect("it opens");
+    let mut mode = tcgetattr(&slave).expect("it is a terminal");
+    mode.make_raw();
+    tcsetattr(&slave, OptionalActions::Now, &mode).expect("it is a terminal");
+    std::thread::spawn(move || {
+        let _open = slave;
+        let mut line = std::fs::File::from(master);
+        let mut request = [0; 8];
+        while line.read_exact(&mut request).is_ok() {
+            if line.write_all(&answer(&request)).is_err() {
+                return;
+            }
+        }
+    });
+    path
+}

@@ -1,0 +1,225 @@
+//! Commands on the demo line, opened here and through the daemon.
+
+use crate::site::{Ran, Site, signal};
+use rustix::process::Signal;
+use std::io::{BufRead, BufReader, Read};
+use std::process::Stdio;
+
+/// A number followed by its unit varies from run to run.
+fn masked(text: &str) -> String {
+    text.split_inclusive('\n').map(masked_line).collect()
+}
+
+fn masked_line(line: &str) -> String {
+    let words: Vec<&str> = line.split(' ').collect();
+    let is_unit = |word: &&str| matches!(word.trim_end(), "ms" | "s" | "毫秒" | "秒");
+    let each = words.iter().enumerate().map(|(at, word)| {
+        let measured = word.parse::<f64>().is_ok() && words.get(at + 1).is_some_and(is_unit);
+        if measured { "#" } else { *word }
+    });
+    each.collect::<Vec<_>>().join(" ")
+}
+
+#[track_caller]
+fn prints(ran: &Ran, text: &str) {
+    assert_eq!((ran.code, masked(&ran.out).as_str()), (0, text), "{ran:?}");
+}
+
+fn daily(run: &dyn Fn(&str) -> Ran) {
+    let ls = run("ls");
+    assert_eq!(ls.code, 0, "{ls:?}");
+    let pump = ls
+        .out
+        .lines()
+        .find(|line| line.starts_with("pump"))
+        .expect("pump");
+    let cells: Vec<&str> = pump.split_whitespace().collect();
+    assert_eq!(
+        cells[1..7],
+        ["main", "1", "(01h)", "ascii", "EDA9060A", "online"]
+    );
+    prints(
+        &run("set pump.do0 on"),
+        "pump.do0  off → on  read back  # ms\n",
+    );
+    prints(&run("get pump.do0 -o value"), "on\n");
+    let zh = run("get pump.do0 --lang zh --fresh").out;
+    assert!(zh.starts_with("pump.do0  吸合"), "{zh}");
+    prints(
+        &run("set pump.do0 off --lang zh"),
+        "pump.do0  吸合 → 断开  已回读  # 毫秒\n",
+    );
+    prints(
+        &run("set yard 1,3=on"),
+        "yard.k1  off → on  read back  # ms\nyard.k3  off → on  read back  # ms\n",
+    );
+    let set = run("set oven k1=on k2=off k5=toggle -o json").json();
+    assert_eq!(set["schema"], 1);
+    assert_eq!(set["set"][2]["path"], "oven.k5");
+    assert_eq!(set["set"][2]["value"], true);
+    assert_eq!(set["set"][0]["confirmed"], "readback");
+    assert_eq!(run("set oven all=off -q").out, "");
+    let pulse = run("pulse yard.k2 300ms -o json").json();
+    assert_eq!(pulse["by"], "device", "{pulse}");
+    let raw = run("raw --ascii $01M -o json").json();
+    assert_eq!(raw["bytes"], "21 30 31 39 30 36 30 0D");
+    for quiet in ["", " -q", " -v"] {
+        let points = run(&format!("get *.di* tank -o json{quiet}")).json();
+        assert_eq!(
+            points["points"].as_array().expect("points").len(),
+            15,
+            "{points}"
+        );
+    }
+}
+
+#[test]
+fn daily_work_on_a_line_of_ones_own() {
+    let site = Site::demo("daily");
+    daily(&|line| site.run(line));
+    let dry = site.run("set oven all=off -n");
+    prints(&dry, "would send  oven  03 0F 00 3C 00 08 01 00 2F 49\n");
+    prints(
+        &site.run("pulse oven.k1 300ms"),
+        "oven.k1  → on  # ms  timed by the host  read back  # ms\n",
+    );
+    prints(&site.run("get oven.k1"), "oven.k1  off\n");
+    let port = format!("-l pty:{}", site.folder.join("line").display());
+    prints(
+        &site.run(&format!("{port} -m erc8 -a 3 get erc8.k2")),
+        "erc8.k2  off\n",
+    );
+    prints(
+        &site.run(&format!("{port} raw --crc 03 01 00 3C 00 08 -o value")),
+        "03 01 01 00 50 30\n",
+    );
+}
+
+#[test]
+fn daily_work_through_the_daemon() {
+    let site = Site::served("daemon");
+    let socket = site.socket();
+    // It reads one module after the other.
+    let is_heard = |_: &i32| {
+        !site
+            .run(&format!("--socket {socket} ls"))
+            .out
+            .contains("not heard")
+    };
+    assert!((0..200).find(is_heard).is_some(), "all are heard");
+    daily(&|line| site.run(&format!("--socket {socket} {line}")));
+    // Beside its own polls it asks for others, too.
+    let ran = site.run(&format!(
+        "--socket {socket} -o json scan --addr 1-6 --timeout 200ms"
+    ));
+    let found = ran.json()["found"].as_array().map(Vec::len);
+    assert_eq!((ran.code, found), (0, Some(5)), "{ran:?}");
+}
+
+#[test]
+fn a_scan_finds_all_five_and_changes_nothing() {
+    let site = Site::demo("scan");
+    site.run("set yard 1=on");
+    let before = site.run("get * -o value").out;
+    let ran = site.run("scan --addr 1-6 --timeout 200ms -o json");
+    assert_eq!(ran.code, 0, "{ran:?}");
+    let found = ran.json()["found"].clone();
+    let told: Vec<String> = found
+        .as_array()
+        .expect("a list")
+        .iter()
+        .map(|m| {
+            format!(
+                "{} {} {} {}",
+                m["addr"], m["proto"], m["model"], m["verdict"]
+            )
+        })
+        .map(|line| line.replace('"', ""))
+        .collect();
+    let all = [
+        "1 ascii EDA9060A ok",
+        "2 lc02 EDA9050 ok",
+        "3 rtu ERC-8 ok",
+        "4 r55 0x55 board ok",
+        "5 rtu EMD-2A2Q ok",
+    ];
+    assert_eq!(told, all);
+    assert_eq!(found[0]["evidence"][0], "$01M → !019060");
+    let outputs = |text: &str| text.lines().filter(|line| line.starts_with('o')).count();
+    assert_eq!(outputs(&site.run("get * -o value").out), outputs(&before));
+    let zh = site.run("scan --addr 1 --proto ascii --lang zh");
+    assert!(
+        zh.out
+            .starts_with("地址     协议   型号      说明      往返"),
+        "{zh:?}"
+    );
+    let none = site.run("scan --addr 9 --proto rtu");
+    assert_eq!(none.code, 3, "{none:?}");
+}
+
+#[test]
+fn watch_tells_changes_until_nobody_reads_or_it_is_stopped() {
+    let site = Site::demo("watch");
+    let start = |more: &[&str]| {
+        let mut command = site.command();
+        command
+            .arg("watch")
+            .args(more)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        command.spawn().expect("railbus starts")
+    };
+    let mut child = start(&["tank.ai1", "-o", "ndjson"]);
+    let mut lines = BufReader::new(child.stdout.take().expect("it is piped")).lines();
+    let first: serde_json::Value =
+        serde_json::from_str(&lines.next().expect("a line").expect("text")).expect("JSON");
+    assert_eq!(first["schema"], 1);
+    lines.next().expect("a change").expect("text");
+    drop(lines);
+    assert!(
+        child.wait().expect("it ends").success(),
+        "a broken pipe is no fault"
+    );
+    let mut complaint = String::new();
+    child
+        .stderr
+        .take()
+        .expect("piped")
+        .read_to_string(&mut complaint)
+        .expect("text");
+    assert_eq!(complaint, "");
+
+    let mut child = start(&["--plain"]);
+    let mut lines = BufReader::new(child.stdout.take().expect("it is piped")).lines();
+    let line = lines.next().expect("a line").expect("text");
+    assert_eq!(line.as_bytes()[2], b':', "{line}");
+    signal(&child, Signal::INT);
+    assert_eq!(child.wait().expect("it ends").code(), Some(130));
+}
+
+/// As the README has it: a demo in one shell, commands in another, and no flag says where it is.
+#[test]
+fn a_second_shell_finds_the_daemon() {
+    let site = Site::empty("shell");
+    let folder = site.folder.join("run");
+    let shell = |words: &[&str]| {
+        let mut command = site.command();
+        command.env("XDG_RUNTIME_DIR", &folder).args(words);
+        command
+    };
+    let mut demo = shell(&["serve", "--demo", "--listen", "127.0.0.1:0"])
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("railbus starts");
+    let found = (0..100).any(|_| {
+        let ran = shell(&["ls", "lines"]).output().expect("railbus runs");
+        let found = ran.status.success() && folder.join("railbus.sock").exists();
+        if !found {
+            std::thread::sleep(std::time::Duration::from_millis(50));
+        }
+        found
+    });
+    demo.kill().expect("it runs");
+    demo.wait().expect("it ends");
+    assert!(found, "the daemon is found without a flag");
+}

@@ -1,0 +1,7 @@
+//! The commands as their users meet them: streams, forms, languages and exit codes.
+
+mod failures;
+mod liar;
+mod line;
+mod site;
+mod words;

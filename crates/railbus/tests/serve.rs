@@ -1,0 +1,430 @@
+//! `railbus serve` as its clients meet it: HTTP over TCP and over the socket, signals, and what
+//! it refuses. Nothing here uses a crate of railbus.
+
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A daemon that is stopped at the end of the test, however that comes.
+struct Daemon {
+    child: Child,
+    address: String,
+    folder: PathBuf,
+    stdout: BufReader<std::process::ChildStdout>,
+}
+
+/// What came back.
+struct Answer {
+    status: u16,
+    head: String,
+    body: String,
+}
+
+impl Answer {
+    fn json(&self) -> Value {
+        serde_json::from_str(&self.body).expect("JSON")
+    }
+}
+
+impl Daemon {
+    fn demo(name: &str) -> Daemon {
+        let daemon = Daemon::start(name, &["--demo"]);
+        daemon.until("all five are good", |daemon| {
+            let points = daemon.get("/api/v1/points").json();
+            let points = points["points"].as_array().expect("a list").clone();
+            points.len() == 43 && points.iter().all(|point| point["quality"] == "good")
+        });
+        daemon
+    }
+
+    fn start(name: &str, arguments: &[&str]) -> Daemon {
+        let folder = folder(name);
+        let mut child = railbus()
+            .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
+            .arg(folder.join("socket"))
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stderr(std::fs::File::create(folder.join("stderr")).expect("a file"))
+            .spawn()
+            .expect("railbus starts");
+        let mut stdout = BufReader::new(child.stdout.take().expect("it is piped"));
+        let mut address = String::new();
+        loop {
+            let mut line = String::new();
+            assert_ne!(stdout.read_line(&mut line).expect("text"), 0, "it ended");
+            if let Some(web) = line.trim().strip_prefix("web     http://") {
+                address = web.trim_end_matches('/').to_owned();
+            }
+            if line.contains("Ctrl-C") {
+                break;
+            }
+        }
+        Daemon {
+            child,
+            address,
+            folder,
+            stdout,
+        }
+    }
+
+    fn ask(&self, method: &str, path: &str, headers: &str, body: &str) -> Answer {
+        let stream = TcpStream::connect(&self.address).expect("it listens");
+        exchange(
+            stream,
+            method,
+            path,
+            &format!("{headers}Content-Length: {}\r\n", body.len()),
+            body,
+        )
+    }
+
+    fn send(&self, method: &str, path: &str, body: &str) -> Answer {
+        let host = format!("Host: {}\r\n", self.address);
+        self.ask(method, path, &host, body)
+    }
+
+    fn get(&self, path: &str) -> Answer {
+        self.send("GET", path, "")
+    }
+
+    fn put(&self, path: &str, body: &str) -> Answer {
+        self.send("PUT", path, body)
+    }
+
+    fn until(&self, what: &str, done: impl Fn(&Daemon) -> bool) {
+        let start = Instant::now();
+        while !done(self) {
+            assert!(
+                start.elapsed() < Duration::from_secs(60),
+                "{what}: it never came"
+            );
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).expect("it runs");
+    }
+
+    fn stderr(&self) -> String {
+        std::fs::read_to_string(self.folder.join("stderr")).expect("a file")
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+fn exchange(
+    mut stream: impl Read + Write,
+    method: &str,
+    path: &str,
+    headers: &str,
+    body: &str,
+) -> Answer {
+    write!(
+        stream,
+        "{method} {path} HTTP/1.1\r\nConnection: close\r\n{headers}\r\n{body}"
+    )
+    .expect("it takes bytes");
+    let mut text = String::new();
+    stream.read_to_string(&mut text).expect("text");
+    let (head, body) = text.split_once("\r\n\r\n").expect("a head");
+    let status = head
+        .split(' ')
+        .nth(1)
+        .and_then(|status| status.parse().ok());
+    Answer {
+        status: status.expect("a status"),
+        head: head.to_ascii_lowercase(),
+        body: body.to_owned(),
+    }
+}
+
+fn railbus() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_railbus"));
+    command
+        .env("RAILBUS_LANG", "en")
+        .env_remove("RAILBUS_CONFIG");
+    command
+}
+
+/// A folder of this test alone.
+fn folder(name: &str) -> PathBuf {
+    let unique = format!("railbus-serve-{}-{name}", std::process::id());
+    let folder = std::env::temp_dir().join(unique);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    folder
+}
+
+#[test]
+fn outputs_are_switched_and_read_back() {
+    let daemon = Daemon::demo("write");
+    let answer = daemon.put("/api/v1/points/pump/do0", r#"{"value":true}"#);
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    let done = answer.json();
+    assert_eq!(done["value"], true);
+    assert_eq!(done["before"], false);
+    assert_eq!(done["confirmed"], "readback");
+    assert!(done["took_ms"].is_u64());
+    assert_eq!(done["audit"].as_str().map(str::len), Some(26));
+    let point = daemon.get("/api/v1/points/pump/do0").json();
+    assert_eq!(
+        (&point["value"], &point["quality"]),
+        (&json!(true), &json!("good"))
+    );
+
+    let both = daemon.put(
+        "/api/v1/modules/oven/outputs",
+        r#"{"set":{"k1":true,"k2":false}}"#,
+    );
+    assert_eq!(
+        both.json()["set"]["k1"],
+        json!({"value": true, "before": false})
+    );
+
+    let pulse = daemon
+        .send("POST", "/api/v1/points/oven/k5/pulse", r#"{"ms":200}"#)
+        .json();
+    assert_eq!((&pulse["by"], &pulse["ms"]), (&json!("host"), &json!(200)));
+    daemon.until("the pulse is over", |daemon| {
+        daemon.get("/api/v1/points/oven/k5?fresh=1").json()["value"] == false
+    });
+    let toggle = daemon
+        .send("POST", "/api/v1/points/gate/do1/toggle", "")
+        .json();
+    assert_eq!(
+        (&toggle["value"], &toggle["read_then_set"]),
+        (&json!(true), &json!(true))
+    );
+    let fresh = daemon.get("/api/v1/points/tank/ai1?fresh=1").json();
+    assert_eq!(fresh["unit"], "V");
+    let raw = r#"{"protocol":"rtu","bytes":"03 01 00 3C 00 08 FC 22"}"#;
+    let raw = daemon.send("POST", "/api/v1/raw", raw).json();
+    assert_eq!(raw["outcome"], "answered");
+}
+
+#[test]
+fn a_command_under_a_key_is_done_once() {
+    let daemon = Daemon::demo("key");
+    let toggle = |body: &str| {
+        let headers = format!("Host: {}\r\nIdempotency-Key: one\r\n", daemon.address);
+        daemon.ask("POST", "/api/v1/points/yard/k1/toggle", &headers, body)
+    };
+    let (first, again) = (toggle(""), toggle(""));
+    assert_eq!(first.body, again.body);
+    assert_eq!(
+        daemon.get("/api/v1/points/yard/k1?fresh=1").json()["value"],
+        true
+    );
+    assert_eq!(toggle(r#"{"raw":true}"#).status, 422, "another command");
+}
+
+#[test]
+fn what_can_not_be_done_says_why() {
+    let daemon = Daemon::demo("errors");
+    let of = |answer: Answer| {
+        let problem = answer.head.contains("application/problem+json");
+        assert!(problem || answer.status == 413, "{}", answer.head);
+        let code = answer.json()["code"]
+            .as_str()
+            .unwrap_or_default()
+            .to_owned();
+        (answer.status, code)
+    };
+    let is = |answer, status, code: &str| assert_eq!(of(answer), (status, code.to_owned()));
+    let on = r#"{"value":true}"#;
+    is(daemon.get("/api/v1/points/shed/k1"), 404, "E0801");
+    is(daemon.get("/api/v1/points/pump/do9"), 404, "E0802");
+    is(daemon.get("/api/v1/points?select=shed"), 404, "E0801");
+    is(daemon.put("/api/v1/points/pump/di0", on), 422, "E0807");
+    is(
+        daemon.put("/api/v1/points/pump/do0", r#"{"value":3}"#),
+        422,
+        "E0806",
+    );
+    is(daemon.put("/api/v1/points/pump/do0", "{"), 422, "E0806");
+    is(
+        daemon.put("/api/v1/points/pump/do0", r#"{"value":true,"if":true}"#),
+        409,
+        "E0108",
+    );
+    is(
+        daemon.put("/api/v1/modules/pump/outputs", r#"{"set":{}}"#),
+        422,
+        "E0806",
+    );
+    let no_reply = r#"{"value":true,"no_reply":true}"#;
+    is(daemon.put("/api/v1/points/oven/k1", no_reply), 422, "E0805");
+    let width = daemon.send("POST", "/api/v1/points/pump/do3/pulse", r#"{"ms":750}"#);
+    let tries = width.json()["hint"].as_array().map(Vec::len);
+    is(width, 422, "E0804");
+    assert_eq!(tries, Some(2));
+    let write = r#"{"protocol":"rtu","bytes":"03 05 00 3C FF 00 4D D4"}"#;
+    is(daemon.send("POST", "/api/v1/raw", write), 422, "E0808");
+    is(daemon.get("/nothing"), 404, "E0110");
+    is(daemon.send("DELETE", "/api/v1/lines", ""), 405, "E0110");
+    let long = format!("{{\"value\":true{}}}", " ".repeat(70_000));
+    assert_eq!(daemon.put("/api/v1/points/pump/do0", &long).status, 413);
+}
+
+#[test]
+fn a_page_of_another_site_gets_nothing() {
+    let daemon = Daemon::demo("guard");
+    let on = r#"{"value":true}"#;
+    let path = "/api/v1/points/pump/do0";
+    let port = daemon.address.rsplit(':').next().expect("a port");
+    for host in ["evil.example", "localhost", "127.0.0.1:1"] {
+        let headers = format!("Host: {host}\r\n");
+        assert_eq!(daemon.ask("GET", "/", &headers, "").status, 403, "{host}");
+    }
+    let here = format!("Host: localhost:{port}\r\n");
+    assert_eq!(daemon.ask("GET", "/", &here, "").status, 200);
+    let cross = format!("{here}Origin: http://evil.example\r\n");
+    let refused = daemon.ask("PUT", path, &cross, on);
+    assert_eq!(
+        (refused.status, &refused.json()["code"]),
+        (403, &json!("E0901"))
+    );
+    let own = format!("{here}Origin: http://localhost:{port}\r\n");
+    assert_eq!(daemon.ask("PUT", path, &own, on).status, 200);
+}
+
+#[test]
+fn the_socket_and_the_page_and_the_stream() {
+    let daemon = Daemon::demo("socket");
+    let path = daemon.folder.join("socket");
+    let mode = std::fs::metadata(&path)
+        .expect("it is there")
+        .permissions()
+        .mode();
+    assert_eq!(mode & 0o777, 0o600);
+    let socket = || UnixStream::connect(&path).expect("it listens");
+    let lines = exchange(socket(), "GET", "/api/v1/lines", "Host: any\r\n", "").json();
+    assert_eq!(lines["lines"][0]["state"], "up");
+
+    let page = daemon.get("/?lang=zh");
+    assert!(
+        page.head.contains("default-src 'none'; style-src 'self'"),
+        "{}",
+        page.head
+    );
+    assert!(page.body.contains("<html lang=\"zh-CN\">") && page.body.contains("一号水泵"));
+    assert!(!page.body.contains("<script"));
+    assert!(daemon.get("/").body.contains("Pump 1"));
+    assert_eq!(daemon.get("/style.css").status, 200);
+    assert_eq!(daemon.get("/healthz").body, "ok\n");
+
+    let mut stream = BufReader::new(socket());
+    let request = b"GET /api/v1/watch?select=pump.do1 HTTP/1.1\r\nHost: any\r\n\r\n";
+    stream.get_mut().write_all(request).expect("it takes bytes");
+    let mut seen = String::new();
+    for value in ["false", "true"] {
+        let wanted = format!("\"value\":{value}");
+        while !(seen.contains("\"path\":\"pump.do1\"") && seen.contains(&wanted)) {
+            seen.clear();
+            assert_ne!(stream.read_line(&mut seen).expect("text"), 0, "it ended");
+        }
+        if value == "false" {
+            daemon.put("/api/v1/points/pump/do1", r#"{"value":true}"#);
+        }
+    }
+
+    let second = railbus()
+        .args(["serve", "--demo", "--listen", "127.0.0.1:0", "--socket"])
+        .arg(&path)
+        .output()
+        .expect("it runs");
+    assert_eq!(second.status.code(), Some(7), "one daemon at a socket");
+}
+
+#[test]
+fn it_listens_on_this_machine_only() {
+    let output = railbus()
+        .args(["serve", "--demo", "--listen", "0.0.0.0:7485"])
+        .output()
+        .expect("it runs");
+    assert_eq!(output.status.code(), Some(9));
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        told.contains("E0903") && told.contains("--listen 127.0.0.1:7485"),
+        "{told}"
+    );
+}
+
+#[test]
+fn it_stops_cleanly() {
+    for signal in [Signal::TERM, Signal::INT] {
+        let mut daemon = Daemon::demo("stop");
+        let idle = TcpStream::connect(&daemon.address).expect("it listens");
+        let pulse = daemon.send("POST", "/api/v1/points/oven/k1/pulse", r#"{"ms":600000}"#);
+        assert_eq!(pulse.status, 200);
+        let start = Instant::now();
+        daemon.signal(signal);
+        let status = daemon.child.wait().expect("it ends");
+        assert!(status.success(), "{status}");
+        assert!(
+            start.elapsed() < Duration::from_secs(5),
+            "{:?}",
+            start.elapsed()
+        );
+        assert!(!daemon.folder.join("socket").exists());
+        assert!(TcpStream::connect(&daemon.address).is_err());
+        drop(idle);
+    }
+}
+
+#[test]
+fn a_bad_configuration_is_refused_and_changes_nothing() {
+    let folder = folder("config");
+    let file = folder.join("railbus.toml");
+    let good = "[line.main]\nport = \"/dev/railbus-test-nothing\"\n\
+                [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+    std::fs::write(&file, good).expect("a file");
+    let path = file.to_str().expect("text");
+    let mut daemon = Daemon::start("reload", &["--config", path]);
+    let oven = |daemon: &Daemon| daemon.get("/api/v1/modules").json()["modules"][0].clone();
+    assert_eq!(oven(&daemon)["module"], "oven");
+    // Until it was tried for the first time, it is only being opened.
+    daemon.until("the port is missed", |daemon| {
+        let closed = daemon.put("/api/v1/points/oven/k1", r#"{"value":true}"#);
+        closed.status == 503 && closed.json()["reason"] == json!("missing")
+    });
+
+    std::fs::write(&file, good.replace("erc8", "erc9")).expect("a file");
+    daemon.signal(Signal::HUP);
+    daemon.until("it is told", |daemon| {
+        daemon.stderr().contains("nothing was changed")
+    });
+    let place = format!("{path}:5:9");
+    assert!(daemon.stderr().contains(&place), "{}", daemon.stderr());
+    assert_eq!(oven(&daemon)["model"], "erc8");
+    let check = railbus()
+        .args(["serve", "--check", "--config", path])
+        .output()
+        .expect("it runs");
+    assert_eq!(check.status.code(), Some(8));
+
+    std::fs::write(&file, good.replace("oven", "kiln")).expect("a file");
+    daemon.signal(Signal::HUP);
+    let mut told = String::new();
+    daemon.stdout.read_line(&mut told).expect("text");
+    assert!(told.contains("opened: main"), "{told}");
+    assert_eq!(oven(&daemon)["module"], "kiln");
+    let check = railbus()
+        .args(["serve", "--check", "--config", path])
+        .output()
+        .expect("it runs");
+    assert!(check.status.success());
+    let _ = std::fs::remove_dir_all(&folder);
+}
