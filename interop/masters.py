@@ -1,0 +1,65 @@
+"""Drives a module through the steps of `modbus_cases.py` with a master that others wrote."""
+
+from modbus_cases import LINES, SILENT, Ask, Do, Pulses, Speed, Unit
+from rig import Rig, Tally
+
+# How long to wait for a reply, in seconds: where one must come, and where none may.
+PATIENCE = 2.0
+SILENCE = 0.4
+
+
+def drive(name, open_master, open_helper=None):
+    """The suites of one master, one for each line: a name, and a function that gives back a tally.
+
+    What the master cannot say is not counted; where it would change the module, a helper says
+    it, so that the steps after it find what they expect.
+    """
+    return [
+        (f"{name}, {table}", lambda table=table: _suite(table, open_master, open_helper))
+        for table in LINES
+    ]
+
+
+def _suite(table, open_master, open_helper):
+    tally = Tally(table)
+    module, steps = LINES[table]
+    with Rig(module) as rig, open_master(rig.port) as master:
+        helper = open_helper(rig.port) if open_helper else None
+        unit = 1
+        for step in steps:
+            match step:
+                case Unit(address):
+                    unit = address
+                case Speed(rate):
+                    master.speed(rate)
+                    if helper:
+                        helper.speed(rate)
+                case Do(command):
+                    rig.do(command)
+                case Pulses(entries, module_name, want):
+                    pulses = rig.pulses(module_name)
+                    shape = len(pulses) == len(want) and all(
+                        channel == wanted and low <= length <= high
+                        for (channel, length), (wanted, low, high) in zip(pulses, want)
+                    )
+                    tally.check(entries, shape, True, f"pulses {pulses}, wanted {want},")
+                case _ if not master.can(unit, step):
+                    tally.cannot(step.entries)
+                    if helper and (step.want == "done" or unit == 0):
+                        helper.request(unit, step, _timeout(step))
+                case _:
+                    got = master.request(unit, step, _timeout(step))
+                    tally.check(step.entries, got, step.want, f"unit {unit}, {_describe(step)}")
+        if helper:
+            helper.close()
+    return tally
+
+
+def _timeout(step):
+    return SILENCE if step.want == SILENT else PATIENCE
+
+
+def _describe(step):
+    if isinstance(step, Ask):
+        return f"fc{step.fc:02x} at {step.at}, {step.arg}"
+    return getattr(step, "pdu", None) or step.frame

@@ -1,0 +1,700 @@
+"""The fault matrix: what two modules can do wrong, in every protocol, against the real program.
+
+A scripted pair of modules (`injector.py`) sits behind a pseudo terminal; `railbus serve` has the
+terminal; a client asks through `railbus get` and `railbus set`. Each question ends
+
+- `right`: the true value, or a success that is true,
+- `safe`: an error with its code and an exit code that is not 0,
+- `WRONG`: anything else, such as a false value, the success of a write that never happened, or
+  nothing within 15 s.
+
+What must come is in `ROWS`; what came last is in `../matrix.md`. By hand, from the root of the
+repository: `interop/matrix/run.py [--write] [--trace] [WORD...]`, where words choose the cases
+that have one of them in their names, `--write` makes the table anew (never with a `WRONG`), and
+`--trace` keeps what was said in all cases, not only in those that failed.
+"""
+
+import collections
+import concurrent.futures
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+from injector import Ascii, Lc02, Line, R55, Rtu, Unit
+
+ROOT = HERE.parent.parent
+TABLE = HERE.parent / "matrix.md"
+# What was said in the cases that failed.
+LOG = ROOT / "target/fault-matrix.log"
+
+# Cases side by side: they mostly wait.
+WORKERS = 8
+# How often a case is tried that a slow machine may have spoilt.
+TRIES = 3
+# Nothing may take longer.
+PATIENCE = 15.0
+# So soon must an error come whose reason was known before, and the line work again.
+AT_ONCE = 1.5
+BACK = 2.0
+# So soon must a babble be named.
+NAMED = 5.0
+
+# What the two units have switched on, no output the same.
+OUTPUTS = {1: 0x25, 2: 0xDA}
+
+Column = collections.namedtuple("Column", "model protocol codec labels extra")
+
+
+def labels(prefix, first):
+    """The four outputs that are read."""
+    return [f"{prefix}{first + nth}" for nth in range(4)]
+
+
+COLUMNS = {
+    "rtu, ERC-8": Column("erc8", "rtu", lambda _: Rtu(60, 8), labels("k", 1), ""),
+    "rtu, EDA9060A": Column("eda9060a", "rtu", lambda _: Rtu(0, 4), labels("do", 0), ""),
+    "ascii, EDA9060A": Column("eda9060a", "ascii", Ascii, labels("do", 0), ""),
+    "lc02, EDA9050": Column("eda9050", "lc02", lambda _: Lc02(), labels("do", 0), ""),
+    "r55": Column("r55", "r55", lambda _: R55(), labels("k", 1), "outputs = 8\ninputs = 0"),
+}
+
+
+def program():
+    """The program under test."""
+    named = os.environ.get("RAILBUS")
+    folder = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
+    return pathlib.Path(named) if named else folder / "debug/railbus"
+
+
+class Client:
+    """A question that is being asked, and how it ends."""
+
+    def __init__(self, case, arguments, judge):
+        self.case, self.judge = case, judge
+        # How it ended, for each unit asked.
+        self.ends, self.took = [], PATIENCE
+        self.arguments = [*arguments, "-o", "json"]
+        self.thread = threading.Thread(target=self._run, daemon=True)
+        self.thread.start()
+
+    def _run(self):
+        began = time.monotonic()
+        try:
+            done = subprocess.run([program(), *self.arguments, *self.case.way()],
+                                  capture_output=True, text=True, timeout=PATIENCE, check=False)
+        except subprocess.TimeoutExpired:
+            self.ends = ["WRONG: hangs"]
+            return
+        self.took = time.monotonic() - began
+        self.ends = self.judge(done)
+        said = f"exit {done.returncode} in {self.took:.2f} s\n{done.stdout}{done.stderr}"
+        self.case.log.append(f"{' '.join(self.arguments)}: {self.ends}: {said}")
+
+    def wait_all(self):
+        """How it ended for each unit."""
+        self.thread.join()
+        return self.ends
+
+    def wait(self):
+        """How it ended for its only unit."""
+        return self.wait_all()[0]
+
+
+def error_of(done):
+    """`safe` and the code of the error, if it is an honest one."""
+    for text in (*done.stderr.splitlines(), *done.stdout.splitlines()):
+        try:
+            told = json.loads(text)
+            error = told.get("error") or told["errors"][0]
+            return f"safe {error['code']}"
+        except (ValueError, LookupError, AttributeError, TypeError):
+            continue
+    return f"WRONG: exit code {done.returncode} without an error's code"
+
+
+class Case:
+    """One row in one protocol: a line, a daemon, and what is asked."""
+
+    def __init__(self, column, checksum=False, direct=False, polls=False):
+        self.column, self.direct = column, direct
+        self.log = []
+        self.folder = tempfile.TemporaryDirectory(prefix="railbus-matrix-")
+        path = pathlib.Path(self.folder.name)
+        self.socket, self.config = path / "socket", path / "railbus.toml"
+        self.line = Line(column.codec(checksum), str(path / "line"))
+        for address, outputs in OUTPUTS.items():
+            full = 0x0F if column.model == "eda9060a" else 0xFF
+            self.line.units[address] = Unit(outputs & full, 0x0F)
+        modules = "".join(
+            f'[module.{name}]\nline = "main"\nmodel = "{column.model}"\naddress = {address}\n'
+            f'protocol = "{column.protocol}"\nchecksum = {str(checksum).lower()}\n'
+            f'poll = "{"200ms" if polls else "never"}"\n{column.extra}\n'
+            for address, name in ((1, "a"), (2, "b"))
+        )
+        self.config.write_text(f'[line.main]\nport = "pty:{self.line.path}"\n{modules}')
+        self.daemon = None
+
+    def __enter__(self):
+        if not self.direct:
+            self.start()
+        return self
+
+    def start(self):
+        """Starts the daemon and waits until it listens."""
+        command = [program(), "serve", "--config", self.config, "--socket", self.socket,
+                   "--listen", "127.0.0.1:0", "-v"]
+        self.errors = open(pathlib.Path(self.folder.name) / "log", "w+", encoding="utf-8")
+        self.daemon = subprocess.Popen(command, stdout=self.errors, stderr=self.errors,
+                                       cwd=self.folder.name)
+        deadline = time.monotonic() + PATIENCE
+        while not self.socket.exists():
+            if self.daemon.poll() is not None or time.monotonic() > deadline:
+                raise RuntimeError(f"the daemon does not start: {self.journal()}")
+            time.sleep(0.02)
+
+    def journal(self):
+        """What the daemon wrote."""
+        self.errors.flush()
+        return pathlib.Path(self.errors.name).read_text(encoding="utf-8")
+
+    def __exit__(self, *_):
+        if self.daemon:
+            self.daemon.terminate()
+            try:
+                self.daemon.wait(PATIENCE)
+            except subprocess.TimeoutExpired:
+                self.daemon.kill()
+                self.daemon.wait()
+                self.log.append("the daemon did not stop")
+            self.log.append(self.journal())
+            self.errors.close()
+        self.line.close()
+        self.folder.cleanup()
+
+    def way(self):
+        """The flags that say whom to ask."""
+        if self.direct:
+            return ["--direct", "--config", self.config]
+        return ["--socket", self.socket]
+
+    def truth(self, address):
+        """The outputs that are read of a unit, as they are."""
+        outputs = self.line.units[address].outputs
+        name = "ab"[address - 1]
+        return {f"{name}.{label}": bool(outputs >> nth & 1)
+                for nth, label in enumerate(self.column.labels)}
+
+    def getting(self, *addresses):
+        """Begins to read the outputs of these units."""
+        want = [self.truth(address) for address in addresses]
+
+        def judge(done):
+            return [self._judge_read(done, truth) for truth in want]
+
+        paths = [path for truth in want for path in truth]
+        return Client(self, ["get", *paths, "--fresh"], judge)
+
+    def _judge_read(self, done, want):
+        try:
+            points = json.loads(done.stdout)["points"] if done.stdout.strip() else []
+        except (ValueError, LookupError):
+            return "WRONG: no JSON"
+        told = {point["path"]: point.get("value") for point in points
+                if point["quality"] == "good" and point.get("value") is not None
+                and point["path"] in want}
+        for path, value in told.items():
+            if value != want[path]:
+                return f"WRONG: {path} told {value}"
+        if told == want:
+            return "right"
+        return error_of(done) if done.returncode else "WRONG: no value, and no error"
+
+    def putting(self, address):
+        """Begins to switch on the first output that is off."""
+        unit = self.line.units[address]
+        nth = min(nth for nth in range(4) if not unit.outputs >> nth & 1)
+        path = f"{'ab'[address - 1]}.{self.column.labels[nth]}"
+
+        def judge(done):
+            if done.returncode:
+                return [error_of(done)]
+            is_on = bool(unit.outputs >> nth & 1)
+            return ["right" if is_on else "WRONG: success, but nothing was switched"]
+
+        return Client(self, ["set", path, "on"], judge)
+
+    def get(self, address):
+        """How reading a unit ends."""
+        return self.getting(address).wait()
+
+    def put(self, address):
+        """How switching on an output of a unit ends."""
+        return self.putting(address).wait()
+
+    def flip(self, address):
+        """Someone switches all outputs at the unit."""
+        self.line.units[address].outputs ^= 0x0F
+
+    def warm_up(self):
+        """Both modules answer once, slowly, so that the program waits its longest from now on.
+        Then their outputs change, so that what it knows of them is not true any more."""
+        for address in OUTPUTS:
+            self.line.play(address, "slow")
+            ends = (self.get(address) for _ in range(3))
+            if "right" not in ends:
+                raise RuntimeError(f"unit {address} can't be read to begin with")
+            self.flip(address)
+        self.line.heal()
+
+
+# The rows ----------------------------------------------------------------------------------
+
+RIGHT, SAFE, EITHER = {"right"}, {"safe"}, {"right", "safe"}
+
+
+def s0(case):
+    """Clean."""
+    yield case.get(1)
+    yield case.get(2)
+    yield case.put(1)
+
+
+def s1(case):
+    """A's replies come after the timeout, while the line is idle; then B is asked."""
+    case.warm_up()
+    case.line.play(1, "late")
+    yield case.get(1)
+    case.line.wait_idle(2)
+    yield case.get(2)
+
+
+def s2(case):
+    """The late reply comes when the same unit is asked the same again, its outputs others now."""
+    case.warm_up()
+    case.line.play(1, "late")
+    yield case.get(1)
+    case.line.heal()
+    case.flip(1)
+    yield case.get(1)
+
+
+def s3(case):
+    """The late replies of unit 1 come when unit 2 is asked, and before its own reply."""
+    case.warm_up()
+    yield from _late_and_other(case)
+
+
+def _late_and_other(case):
+    case.line.play(1, "late")
+    before = case.line.asked(1)
+    first = case.getting(1)
+    case.line.wait_asked(1, before, 5)
+    second = case.getting(2)
+    yield first.wait()
+    yield second.wait()
+
+
+def s4(case):
+    """The same, and unit 2 is dead."""
+    case.warm_up()
+    case.line.play(2, "dead")
+    yield from _late_and_other(case)
+
+
+def s5(case):
+    """The adapter echoes, the module is dead, an output is written."""
+    case.line.echo = True
+    case.line.play(1, "dead", ("read", "write", "other"))
+    yield case.put(1)
+    yield case.get(2)
+
+
+def s6(case):
+    """The adapter echoes, the modules are alive."""
+    case.line.echo = True
+    yield from s0(case)
+
+
+def _always(fault):
+    def row(case):
+        for address in OUTPUTS:
+            case.line.play(address, fault, ("read", "write"))
+        yield from s0(case)
+
+    return row
+
+
+def s10(case):
+    """The checksum of the first reply is wrong, of a read and of a write."""
+    case.line.play(1, "bad_checksum", ("read",), 1)
+    yield case.get(1)
+    yield case.get(2)
+    case.line.play(1, "bad_checksum", ("write",), 1)
+    yield case.put(1)
+
+
+def s17(case):
+    """Noise before each reply, on a line that was clean."""
+    case.warm_up()
+    yield from _always("noise")(case)
+
+
+def _read_fault(fault):
+    def row(case):
+        case.line.play(1, fault)
+        yield case.get(1)
+        yield case.get(2)
+
+    return row
+
+
+def _write_fault(fault):
+    def row(case):
+        case.line.play(1, fault, ("write",))
+        yield case.put(1)
+        yield case.get(2)
+
+    return row
+
+
+def s15(case):
+    """The module refuses, or is silent where its protocol knows no refusal."""
+    fault = "refuse" if hasattr(case.line.codec, "refusal") else "dead"
+    case.line.play(1, fault, ("read", "write"))
+    yield case.get(1)
+    yield case.put(1)
+    yield case.get(2)
+
+
+def s18(case):
+    """Something on the line never stops sending."""
+    case.warm_up()
+    case.line.babble = True
+    yield case.get(1)
+    yield case.put(2)
+    deadline = time.monotonic() + NAMED
+    while time.monotonic() < deadline:
+        lines = subprocess.run([program(), "ls", "lines", "-o", "json", *case.way()],
+                               capture_output=True, text=True, timeout=PATIENCE, check=False)
+        case.log.append(lines.stdout + lines.stderr)
+        if '"babble":true' in lines.stdout.replace(" ", ""):
+            yield "named"
+            return
+    yield "WRONG: too late"
+
+
+def s19(case):
+    """The reply comes twice, the second one when unit 2 is asked; then unit 1 is asked again,
+    its outputs others now."""
+    case.warm_up()
+    case.line.play(1, "twice")
+    before = case.line.asked(1)
+    first = case.getting(1)
+    case.line.wait_asked(1, before, 5)
+    second = case.getting(2)
+    yield first.wait()
+    yield second.wait()
+    case.flip(1)
+    yield case.get(1)
+
+
+def s20(case):
+    """The late `>` of unit 1 comes when dead unit 2 is written; its late data when unit 2 is
+    read."""
+    case.warm_up()
+    case.line.play(1, "late", ("write",))
+    case.line.play(2, "dead", ("write",))
+    before = case.line.asked(1)
+    first = case.putting(1)
+    case.line.wait_asked(1, before, 5)
+    second = case.putting(2)
+    yield first.wait()
+    yield second.wait()
+    case.line.heal()
+    case.line.wait_idle(2)
+    yield from _late_and_other(case)
+
+
+def s21(case):
+    """The port is gone for 3 s and comes back under another name."""
+    case.warm_up()
+    case.line.unplug()
+    gone = time.monotonic()
+    client = case.getting(1)
+    end = client.wait()
+    yield "WRONG: too late" if client.took > AT_ONCE else end
+    time.sleep(max(gone + 3 - time.monotonic(), 0))
+    case.line.plug()
+    back = time.monotonic()
+    while True:
+        end = case.get(1)
+        took = time.monotonic() - back
+        if not end.startswith("safe") or took > BACK:
+            break
+        time.sleep(0.1)
+    yield "WRONG: too late" if end.startswith("safe") else end
+
+
+def _both(fault, other=None):
+    """One command without a daemon asks both units."""
+    def row(case):
+        case.line.play(1, fault)
+        case.line.play(2, other)
+        yield from case.getting(1, 2).wait_all()
+
+    return row
+
+
+def s2_direct(case):
+    """As S2, and each question opens the port anew."""
+    case.line.play(1, "late")
+    yield case.get(1)
+    case.line.heal()
+    case.flip(1)
+    yield case.get(1)
+
+
+class Row:
+    """A row: what happens, what is asked, and which ends each question may have."""
+
+    def __init__(self, run, what, asks, *ends, **besides):
+        self.run, self.what, self.asks, self.ends = run, what, asks, ends
+        self.absent = besides.get("absent", {})
+        self.checksum = besides.get("checksum", False)
+        self.direct = besides.get("direct", False)
+        self.polls = besides.get("polls", False)
+
+
+READS = "A reads 1, B reads 2"
+ALL = "A reads 1, B reads 2, C writes 1"
+NO_VALUE = "the reply to a write names no value"
+NO_ADDRESS = "the reply to a write names no address"
+
+ROWS = {
+    "S0": Row(s0, "clean", ALL, RIGHT, RIGHT, RIGHT),
+    "S1": Row(s1, "the replies come after the timeout, while the line is idle", READS,
+              EITHER, RIGHT),
+    "S2": Row(s2, "the late reply lands in the next request of the same unit and shape",
+              "A and B read 1", EITHER, RIGHT),
+    "S3": Row(s3, "the late reply of unit 1 lands in a request to unit 2", READS, EITHER, RIGHT),
+    "S4": Row(s4, "the same, and unit 2 is dead", READS, EITHER, SAFE),
+    "S5": Row(s5, "echoing adapter, unit 1 is dead", "A writes 1, B reads 2", SAFE, RIGHT),
+    "S6": Row(s6, "echoing adapter, the units are alive", ALL, RIGHT, RIGHT, RIGHT),
+    "S7": Row(_always("glitch_before"), "a 00 before each reply", ALL, RIGHT, RIGHT, RIGHT),
+    "S8": Row(_always("glitch_after"), "an FF after each reply", ALL, RIGHT, RIGHT, RIGHT),
+    "S9": Row(_always("pieces"), "each reply in three pieces 20 ms apart", ALL,
+              RIGHT, RIGHT, RIGHT),
+    "S10": Row(s10, "a bad checksum once (ascii: checksums on)", ALL, EITHER, RIGHT, EITHER,
+               checksum=True),
+    "S11": Row(_read_fault("fewer"), "fewer values than asked", READS, SAFE, RIGHT),
+    "S12": Row(_read_fault("more"), "more values than asked", READS, SAFE, RIGHT),
+    "S13": Row(_write_fault("other_value"), "reply to a write with another value, nothing done",
+               "A writes 1, B reads 2", SAFE, RIGHT,
+               absent={"ascii": NO_VALUE, "lc02": NO_VALUE}),
+    "S14": Row(_write_fault("other_address"),
+               "reply to a write with another address, nothing done",
+               "A writes 1, B reads 2", SAFE, RIGHT, absent={"ascii": NO_ADDRESS}),
+    "S15": Row(s15, "exception, `?AA`, or silence where the protocol has no refusal",
+               "A reads 1, B writes 1, C reads 2", SAFE, SAFE, RIGHT),
+    "S16": Row(_read_fault("other_command"), "reply with another function or command", READS,
+               SAFE, RIGHT),
+    "S17": Row(s17, "40 bytes of noise before each reply", ALL, RIGHT, RIGHT, RIGHT),
+    "S17 cold": Row(_always("noise"), "the same from the opening of the port on", ALL,
+                    RIGHT, RIGHT, EITHER),
+    "S18": Row(s18, "a babbling line", "A reads 1, B writes 2; is it named?",
+               SAFE, SAFE, {"named"}),
+    "S19": Row(s19, "each reply of unit 1 comes twice", "A reads 1, B reads 2, C reads 1",
+               RIGHT, RIGHT, RIGHT),
+    "S20": Row(s20, "late `>` or data of unit 1 in the turn of unit 2, which is dead to writes",
+               "A writes 1, B writes 2, C reads 1, D reads 2", EITHER, SAFE, EITHER, RIGHT,
+               absent={name: "its replies say whose they are" for name in ("rtu", "lc02", "r55")}),
+    "S21": Row(s21, "the port is gone for 3 s and comes back under another name",
+               "A reads 1 meanwhile, B reads 1 within 2 s after", SAFE, RIGHT),
+    "S0 direct": Row(_both(None), "clean; no daemon, one command asks both", READS, RIGHT, RIGHT,
+                     direct=True),
+    "S1 direct": Row(_both("late"), "as S1 and S3; no daemon, one command asks both", READS,
+                     EITHER, RIGHT, direct=True),
+    "S2 direct": Row(s2_direct, "as S2; no daemon, each question opens the port anew",
+                     "A and B read 1", EITHER, RIGHT, direct=True),
+    "S4 direct": Row(_both("late", "dead"), "as S4; no daemon, one command asks both", READS,
+                     EITHER, SAFE, direct=True),
+    "S5 direct": Row(s5, "as S5; no daemon", "A writes 1, B reads 2", SAFE, RIGHT, direct=True),
+    "S2 polled": Row(s2, "as S2; the units are polled as well", "A and B read 1", EITHER, RIGHT,
+                     polls=True),
+    "S3 polled": Row(s3, "as S3; the units are polled as well", READS, EITHER, RIGHT,
+                     polls=True),
+    "S4 polled": Row(s4, "as S4; the units are polled as well", READS, EITHER, SAFE, polls=True),
+    "S19 polled": Row(s19, "as S19; the units are polled as well",
+                      "A reads 1, B reads 2, C reads 1", RIGHT, RIGHT, RIGHT, polls=True),
+}
+
+
+def run_case(row_name, column_name):
+    """The ends of one row in one column, and what was said on the line and by the programs."""
+    row = ROWS[row_name]
+    case = Case(COLUMNS[column_name], row.checksum and column_name.startswith("ascii"),
+                row.direct, row.polls)
+    ends = []
+    try:
+        with case:
+            ends += row.run(case)
+    except Exception as error:  # Whatever breaks a case off fails it, and only it.
+        ends.append(f"WRONG: broke off, {type(error).__name__}: {error}")
+    return ends, case.line.is_overdue, [*case.line.trace, *case.log]
+
+
+# The table ---------------------------------------------------------------------------------
+
+LETTERS = "ABCD"
+
+
+def absence(row_name, column_name):
+    """Why a row makes no sense in a protocol, if it makes none."""
+    return ROWS[row_name].absent.get(COLUMNS[column_name].protocol)
+
+
+def is_allowed(row, ends):
+    """Whether each question ended in one of its ways."""
+    words = [end.split()[0] for end in ends]
+    return len(words) == len(row.ends) and all(
+        word in allowed for word, allowed in zip(words, row.ends)
+    )
+
+
+def cell(row, ends):
+    """The ends as the table shows them. Where two ways are as good, time decides between them,
+    and the table shows both."""
+    words = []
+    for letter, end, allowed in zip(LETTERS, ends, row.ends):
+        word = end if end.startswith("WRONG") else end.split()[0]
+        words.append(f"{letter} {'right or safe' if {word} < allowed else word}")
+    return ", ".join(words)
+
+
+def must(row):
+    """The cell of a row whose questions end as they must."""
+    ends = enumerate(row.ends)
+    return ", ".join(f"{LETTERS[nth]} {' or '.join(sorted(allowed))}" for nth, allowed in ends)
+
+
+def as_table(cells):
+    """The page that is committed."""
+    lines = [
+        "# The fault matrix",
+        "",
+        "Made by `interop/matrix/run.py --write`, which also says what the words mean; the run",
+        "without `--write` compares. Units 1 and 2 hold different values. Where `right` and `safe`",
+        "are as good, time decides between them. `-`: see below.",
+        "",
+        "| row | what happens | asked | " + " | ".join(COLUMNS) + " |",
+        "|---" * (3 + len(COLUMNS)) + "|",
+    ]
+    for name, row in ROWS.items():
+        shown = [cells.get((name, column), "-") for column in COLUMNS]
+        lines.append(f"| {name} | {row.what} | {row.asks} | {' | '.join(shown)} |")
+    lines += ["", "Not in every protocol:", ""]
+    for name, row in ROWS.items():
+        for protocol, why in row.absent.items():
+            lines.append(f"- {name}, {protocol}: {why}.")
+    return "\n".join(lines) + "\n"
+
+
+def committed():
+    """The cells of the committed table."""
+    found = {}
+    if TABLE.exists():
+        for line in TABLE.read_text(encoding="utf-8").splitlines():
+            parts = [part.strip() for part in line.split("|")[1:-1]]
+            if parts and parts[0] in ROWS:
+                found |= {(parts[0], column): told for column, told in zip(COLUMNS, parts[3:])}
+    return found
+
+
+def cases(words):
+    """Rows and columns that are wanted and make sense."""
+    names = [(row, column) for row in ROWS for column in COLUMNS if not absence(row, column)]
+    wanted = [name for name in names
+              if not words or any(word in name[0].split() or word in name[1] for word in words)]
+    # The long ones first.
+    return sorted(wanted, key=lambda name: name[0] not in ("S18", "S20", "S21", "S4", "S15"))
+
+
+def judged(name, known):
+    """Runs a case; gives back whether it ended as it must, its cell and its trace. One that
+    ends otherwise is tried again, since the machine may have been too slow for it. What is wrong
+    stays wrong, unless it was only late, or the modules were later than they say."""
+    row = ROWS[name[0]]
+    for _ in range(TRIES):
+        ends, is_overdue, trace = run_case(*name)
+        told = cell(row, ends)
+        wrong = any(end.startswith("WRONG") and end != "WRONG: too late" for end in ends)
+        good = is_allowed(row, ends) and known in (None, told)
+        if good or wrong and not is_overdue:
+            break
+    return good, told, trace
+
+
+def run(words, write=False, trace=False):
+    """Runs the cases; gives back how many passed, and the failures in words."""
+    known, wanted, failures, said = committed(), cases(words), [], []
+    expected = [None if write else known.get(name, "nothing") for name in wanted]
+    with concurrent.futures.ProcessPoolExecutor(WORKERS) as pool:
+        results = dict(zip(wanted, pool.map(judged, wanted, expected)))
+    for name, (good, told, lines) in results.items():
+        label = ", ".join(name)
+        if not good:
+            differs = "" if "WRONG" in told else f", not as committed: {known.get(name)}"
+            failures.append(f"{label}: {told}{differs}")
+        if trace or not good:
+            said.append("\n".join([f"--- {label}: {told}", *lines]))
+    if said:
+        LOG.parent.mkdir(exist_ok=True)
+        LOG.write_text("\n".join(said) + "\n", encoding="utf-8")
+    if write:
+        cells = {name: told if good else must(ROWS[name[0]])
+                 for name, (good, told, _) in results.items()}
+        TABLE.write_text(as_table(known | cells if words else cells), encoding="utf-8")
+    return len(wanted) - len(failures), failures
+
+
+class Tally:
+    """What all of it came to, as the runner of the other suites counts."""
+
+    table, open, covered, inexpressible = "", frozenset(), frozenset(), frozenset()
+
+    def __init__(self):
+        self.passed, self.failures = run([])
+
+
+SUITES = [("fault matrix", Tally)]
+
+
+def main(words):
+    """Runs what was asked for; gives back the exit code."""
+    began = time.monotonic()
+    flags = [word for word in words if word.startswith("--")]
+    words = [word for word in words if not word.startswith("--")]
+    if not program().exists():
+        print(f"missing: {program()}; build it by: cargo build -p railbus")
+        print("0 passed, 1 failed")
+        return 1
+    passed, failures = run(words, "--write" in flags, "--trace" in flags)
+    for failure in failures:
+        print(f"FAILED {failure}")
+    if failures or "--trace" in flags:
+        print(f"what was said: {LOG}")
+    print(f"{passed + len(failures)} cases in {time.monotonic() - began:.0f} s")
+    print(f"{passed} passed, {len(failures)} failed")
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,111 @@
+"""Simulated modules on a pseudo terminal, and the tally of what a suite has checked."""
+
+import os
+import pathlib
+import subprocess
+import tempfile
+
+import tables
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+
+
+def target():
+    """Cargo's target folder."""
+    return ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
+
+
+class Rig:
+    """One line with modules on it: `Rig("name=oven,model=erc8,addr=3")`."""
+
+    def __init__(self, *modules):
+        self.folder = tempfile.TemporaryDirectory(prefix="railbus-interop-")
+        self.port = os.path.join(self.folder.name, "line")
+        binary = target() / "interop-rig/debug/railbus-interop-rig"
+        flags = [word for module in modules for word in ("--module", module)]
+        self.process = subprocess.Popen(
+            [binary, self.port, *flags], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        if self.process.stdout.readline() != "ok\n":
+            raise RuntimeError(f"the rig does not start with {modules}")
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.stdin.close()
+        self.process.wait(5)
+        self.process.stdout.close()
+        self.folder.cleanup()
+
+    def do(self, command):
+        """Does something at a module, such as `power oven cycle`; gives back the answer."""
+        self.process.stdin.write(command + "\n")
+        self.process.stdin.flush()
+        answer = self.process.stdout.readline().split(None, 1)
+        if not answer or answer[0] != "ok":
+            raise RuntimeError(f"rig, `{command}`: {' '.join(answer).strip()}")
+        return answer[1].strip() if len(answer) > 1 else ""
+
+    def outputs(self, name):
+        """The outputs of a module as they are, whatever it says of them."""
+        return int(self.do(f"outputs {name}"), 16)
+
+    def pulses(self, name):
+        """The pulses that have ended since this was last asked: (channel, milliseconds) each,
+        in virtual time and exact."""
+        began, ended = {}, []
+        for change in self.do(f"changes {name}").split():
+            at, channel, on = (int(word) for word in change.split(":"))
+            if channel in began:
+                ended.append((channel, (at - began.pop(channel)) / 1000))
+            else:
+                began[channel] = at
+        return ended
+
+
+# So many failures of a suite are enough: each may cost a reply's timeout.
+ENOUGH = 20
+
+
+class GivenUp(Exception):
+    """A suite has failed too often to go on; its tally says where."""
+
+    def __init__(self, tally):
+        super().__init__(f"gave up after {ENOUGH} failures")
+        self.tally = tally
+
+
+class Tally:
+    """What one suite has checked against one table."""
+
+    def __init__(self, table):
+        self.table = table
+        self.open = set(tables.entries(table))
+        self.covered = set()
+        self.inexpressible = set()
+        self.passed = 0
+        self.failures = []
+
+    def check(self, entries, got, want, what=""):
+        """One check that exercises these entries, given as a line of the table or several."""
+        entries = self._known(entries)
+        self.covered |= entries
+        if got == want:
+            self.passed += 1
+        else:
+            names = " / ".join(sorted(entries)) or "on the way"
+            self.failures.append(f"{names}: {what} gave {got!r}, not {want!r}")
+            if len(self.failures) == ENOUGH:
+                raise GivenUp(self)
+
+    def cannot(self, entries):
+        """The master has no way to say this."""
+        self.inexpressible |= self._known(entries)
+
+    def _known(self, lines):
+        lines = [lines] if isinstance(lines, str) else lines
+        entries = {entry for line in lines for entry in tables.expand(line) if entry}
+        if not entries <= self.open:
+            raise KeyError(f"no entries of {self.table}: {sorted(entries - self.open)}")
+        return entries

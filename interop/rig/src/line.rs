@@ -1,0 +1,121 @@
+//! The simulated line on a real clock.
+
+use crate::describe::Description;
+use railbus_device::{Eeprom, Effect, SetupError};
+use railbus_sim::{Act, Chunks, Input, Line, LineConfig, ModuleId, Output};
+use railbus_wire::{Character, Instant, Micros, Settings};
+use std::time::Duration;
+
+/// A change of an output: when in microseconds, which one, and whether it is on now.
+type Change = (u64, u8, bool);
+
+/// A line whose clock is the real one plus what was skipped.
+pub struct Served {
+    line: Line,
+    started: std::time::Instant,
+    skipped: Micros,
+    changes: Vec<(ModuleId, Change)>,
+    /// What the host has heard and the driver has not fetched.
+    heard: Vec<u8>,
+    /// How the host sends and hears, apart from its speed.
+    pub character: Character,
+}
+
+impl Served {
+    /// A line with these modules, powered up now.
+    ///
+    /// # Errors
+    /// Where a module can't be as described.
+    pub fn new(modules: Vec<Description>) -> Result<Served, SetupError> {
+        let mut line = Line::new(LineConfig {
+            chunks: Chunks::Single,
+            ..LineConfig::default()
+        });
+        for module in modules {
+            let Description {
+                name,
+                setup,
+                eeprom,
+                options,
+            } = module;
+            line.add(Instant(0), &name, &setup, eeprom, options)?;
+        }
+        Ok(Served {
+            line,
+            started: std::time::Instant::now(),
+            skipped: Micros::ZERO,
+            changes: Vec::new(),
+            heard: Vec::new(),
+            character: Character::N1,
+        })
+    }
+
+    fn now(&self) -> Instant {
+        let passed = u64::try_from(self.started.elapsed().as_micros()).unwrap_or(u64::MAX);
+        Instant(passed) + self.skipped
+    }
+
+    /// Does all that is due, and says how long nothing will be.
+    pub fn run(&mut self) -> Option<Duration> {
+        let now = self.now();
+        self.line.handle(now, Input::Timeout);
+        loop {
+            match self.line.poll() {
+                Output::Heard { bytes, .. } => self.heard.extend_from_slice(bytes),
+                Output::Effect {
+                    at,
+                    module,
+                    effect: Effect::Output { channel, on },
+                } => self.changes.push((module, (at.0, channel, on))),
+                Output::Effect { .. } => {}
+                Output::Wait(at) => return at.map(|at| Duration::from_micros(at.since(now).0)),
+            }
+        }
+    }
+
+    /// What the host has heard since it was last asked.
+    pub fn take_heard(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.heard)
+    }
+
+    /// The host sends.
+    pub fn send(&mut self, bytes: &[u8], settings: Settings) {
+        self.line
+            .handle(self.now(), Input::Send { bytes, settings });
+    }
+
+    /// Somebody does something at a module, and it is done.
+    pub fn act(&mut self, module: ModuleId, act: Act) {
+        self.line.handle(self.now(), Input::Act(module, act));
+        self.run();
+    }
+
+    /// Lets time pass at once, with all that happens in it.
+    pub fn skip(&mut self, time: Micros) {
+        self.run();
+        self.skipped = Micros(self.skipped.0 + time.0);
+        self.run();
+    }
+
+    /// The module of that name.
+    pub fn find(&self, name: &str) -> Option<ModuleId> {
+        let mut modules = self.line.modules();
+        modules.find(|module| self.line.name(*module) == name)
+    }
+
+    /// The outputs of a module as they are: bit n = output n is on.
+    pub fn outputs(&self, module: ModuleId) -> u32 {
+        self.line.engine(module).outputs()
+    }
+
+    /// What a module keeps.
+    pub fn eeprom(&self, module: ModuleId) -> Eeprom {
+        *self.line.engine(module).eeprom()
+    }
+
+    /// The changes of a module's outputs since this was last asked.
+    pub fn take_changes(&mut self, module: ModuleId) -> Vec<Change> {
+        let of_module = self.changes.extract_if(.., |(whose, _)| *whose == module);
+        of_module.map(|(_, change)| change).collect()
+    }
+}

@@ -1,0 +1,154 @@
+"""Foreign masters against simulated modules on pseudo terminals.
+
+`cargo xtask test` runs this from the root of the repository. By hand it is
+`target/interop-venv/bin/python interop/run.py [WORD...]`, where words choose the suites that have
+one of them in their names.
+"""
+
+import concurrent.futures
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import time
+
+import rig
+import tables
+
+# What must be there: how to see it, and the line that installs it.
+PYTHON = ("pymodbus", "serial")
+PROGRAMS = ("gcc", "pkg-config", "mbpoll", "socat")
+
+# Suites side by side: they mostly wait for a line that is as slow as a real one.
+WORKERS = 12
+# Failures of a suite that are shown.
+SHOWN = 10
+
+
+def missing():
+    """The lines that install what is not there."""
+    lines = []
+    if not all(importlib.util.find_spec(name) for name in PYTHON):
+        lines.append(f"{sys.executable} -m pip install 'pymodbus==3.*' pyserial")
+    packages = [name for name in PROGRAMS if not shutil.which(name)]
+    has_libmodbus = "pkg-config" not in packages and not subprocess.run(
+        ["pkg-config", "--exists", "libmodbus"], check=False
+    ).returncode
+    packages += [] if has_libmodbus else ["libmodbus-dev"]
+    if packages:
+        names = " ".join(packages)
+        lines.append(f"sudo apt-get install --no-install-recommends {names}")
+    return lines
+
+
+def build():
+    """Builds the program that serves the modules, and the one that the fault matrix judges."""
+    command = [os.environ.get("CARGO", "cargo"), "build", "--quiet"]
+    of_rig = ["--manifest-path", str(rig.ROOT / "interop/rig/Cargo.toml")]
+    of_rig += ["--target-dir", str(rig.target() / "interop-rig")]
+    subprocess.run(command + of_rig, check=True)
+    of_program = ["--package", "railbus", "--target-dir", str(rig.target())]
+    subprocess.run(command + of_program, check=True, cwd=rig.ROOT)
+
+
+def suites(words):
+    """All suites whose name has one of the words, the longest first."""
+    import demo_suite
+    import libmodbus_suite
+    import mbpoll_suite
+    import plain
+    import pymodbus_suite
+    import slaves_suite
+
+    libmodbus_suite.build()
+    lists = (pymodbus_suite, plain, libmodbus_suite, mbpoll_suite, demo_suite)
+    lists += (slaves_suite,)
+    return chosen(lists, words)
+
+
+def alone(words):
+    """The same of what judges by time, and wants the machine for itself."""
+    from matrix import run as matrix
+
+    return chosen((matrix,), words)
+
+
+def chosen(modules, words):
+    """The suites of these modules whose name has one of the words."""
+    found = [suite for module in modules for suite in module.SUITES]
+    return [suite for suite in found if any(word in suite[0] for word in words or [""])]
+
+
+def timed(run):
+    """Runs a suite; gives back its tally and the seconds it took."""
+    began = time.monotonic()
+    try:
+        tally = run()
+    except rig.GivenUp as given_up:
+        tally = given_up.tally
+    return tally, time.monotonic() - began
+
+
+def run_all(wanted):
+    """Runs the suites side by side and prints a line for each; gives back name and tally of
+    each, and how many broke off."""
+    tallies, lost = [], 0
+    with concurrent.futures.ThreadPoolExecutor(WORKERS) as pool:
+        running = {pool.submit(timed, run): name for name, run in wanted}
+        for future in concurrent.futures.as_completed(running):
+            name = running[future]
+            if error := future.exception():
+                lost += 1
+                print(f"FAILED {name}: broke off, {type(error).__name__}: {error}", flush=True)
+                continue
+            tally, took = future.result()
+            tallies.append((name, tally))
+            words = [f"{tally.passed:5} passed", f"{len(tally.failures):3} failed"]
+            words += [f"{len(tally.covered):3} of {len(tally.open)} entries"]
+            words += [f"{took:5.1f} s"]
+            unsayable = len(tally.inexpressible - tally.covered)
+            words += [f"{unsayable} entries it cannot say"] if unsayable else []
+            print(f"{name:37}" + "  ".join(words), flush=True)
+    return tallies, lost
+
+
+def uncovered(tallies):
+    """The entries of the tables that no check exercises, and how many there are in all."""
+    entries = [(table, entry) for table in tables.TABLES for entry in tables.entries(table)]
+    covered = {(tally.table, entry) for _, tally in tallies for entry in tally.covered}
+    return [entry for entry in entries if entry not in covered], len(entries)
+
+
+def main(words):
+    """Runs what was asked for; gives back the exit code."""
+    began = time.monotonic()
+    absent = missing()
+    for line in absent:
+        print(f"missing; install it by: {line}")
+    if absent:
+        print(f"0 passed, {len(absent)} failed")
+        return 1
+    build()
+    tallies, failed = run_all(suites(words))
+    more, lost = run_all(alone(words))
+    tallies, failed = tallies + more, failed + lost
+    for name, tally in tallies:
+        failed += len(tally.failures)
+        for failure in tally.failures[:SHOWN]:
+            print(f"FAILED {name}: {failure}")
+        if len(tally.failures) > SHOWN:
+            print(f"FAILED {name}: and {len(tally.failures) - SHOWN} more")
+    without, total = uncovered(tallies)
+    if not words:
+        failed += len(without)
+        for table, entry in without:
+            print(f"FAILED {table}: nothing exercises `{entry}`")
+    seconds = time.monotonic() - began
+    print(f"{total - len(without)} of {total} entries of the tables exercised in {seconds:.0f} s")
+    print(f"{sum(tally.passed for _, tally in tallies)} passed, {failed} failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,488 @@
+"""What the datasheets promise, as data: every function, register, limit and refusal of every
+module, one entry a line. `{60..67}` stands for one entry for each number and `{a,b}` for one for
+each word. A check names the entries that it exercises; the runner counts both, and an entry that
+no check exercises is a failure."""
+
+import itertools
+import re
+
+# Modules in Modbus RTU ---------------------------------------------------------------------
+
+ERC8 = """
+power-up: relays off
+power-up: settings kept
+fc01 coil {60..67}
+fc01 every run of 60-67
+fc01 past the end from {60..67}: exception 2
+fc01 coil {0,59,68,96,65535}: exception 2
+fc01 past 65535: exception 2
+fc01 count {0,2001}: exception 3
+fc03 register {0..2}
+fc03 every run of 0-2
+fc03 past the end from {0..2}: exception 2
+fc03 register {3,65535}: exception 2
+fc03 count {0,126}: exception 3
+fc05 coil {60..67} {on,off}
+fc05 coil {0,59,68,96,65535}: exception 2
+fc05 value {0001,0100,5500,FFFF}: exception 3
+fc06 address {1..32}
+fc06 address {0,33,247,256,65535}: exception 3
+fc06 address: reply from the old one
+fc06 speed {0..3}
+fc06 speed: silent at the old one
+fc06 speed {4,255,256,65535}: exception 3
+fc06 parity {0..2}
+fc06 parity: silent in the old one
+fc06 parity {3,256,65535}: exception 3
+fc06 register {3,60,65535}: exception 2
+fc0f every run of 60-67
+fc0f past the end from {60..67}: exception 2
+fc0f coil {0,59,68,96}: exception 2
+fc0f count {0,1969}: exception 3
+fc0f byte count too {small,large}: exception 3
+fc{02,04,10}: exception 1
+fc{07,08,0B,0C,11,14,15,16,17,18,2B,41}: exception 1
+broadcast fc06 address: obeyed, silent
+broadcast fc06 bad address: nothing
+broadcast fc06 {speed,parity}: nothing
+broadcast {fc05,fc0f}: nothing
+broadcast {fc01,fc03,fc10}: nothing
+another address: silent
+wrong CRC: silent
+frame of {1..3} bytes: silent
+a frame of {ascii,lc02,r55}: silent
+"""
+
+ERC8_SWITCHES = """
+answer-bad: wrong CRC: exception 8
+answer-bad: wrong CRC to {another address,address 0}: silent
+applies=restart: {address,speed,parity} old until power-up
+applies=restart: stored settings are read
+"""
+
+EMD2A2Q = """
+power-up: relays off
+power-up: settings and calibration kept
+fc01 coil {8,9}
+fc01 every run of 8-9
+fc01 past the end from {8,9}: exception 2
+fc01 coil {0,7,10,65535}: exception 2
+fc01 count {0,2001}: exception 3
+fc03 register {0..7}
+fc03 every run of 0-7
+fc03 past the end from {0..7}: exception 2
+fc03 register {8,65535}: exception 2
+fc03 count {0,126}: exception 3
+fc05 coil {8,9} {on,off}
+fc05 coil {0,7,10}: exception 2
+fc05 value {0001,0100,FFFF}: exception 3
+fc06 register {0,6,7}, read only: exception 2
+fc06 register {8,65535}: exception 2
+fc06 address {1..32}
+fc06 address {0,33,256,65535}: exception 3
+fc06 address: reply from the old one
+fc06 speed {0..4}
+fc06 speed: silent at the old one
+fc06 speed {5,256,65535}: exception 3
+fc06 parity {0..2}
+fc06 parity: silent in the old one
+fc06 parity {3,256}: exception 3
+fc06 voltage {1,500,2000}
+fc06 voltage {0,2001,65535}: exception 3
+fc06 command {zero,span}: bit stands until it is done
+fc06 command zero: both inputs read 0
+fc06 command span: both inputs read the voltage
+fc06 command restore: address, speed, voltage, calibration
+fc06 command restore: relays stay
+fc06 command: {restore before zero,zero before span}
+fc06 command bits 3-15: nothing
+fc0f every run of 8-9
+fc0f past the end from {8,9}: exception 2
+fc0f coil {0,7,10}: exception 2
+fc0f count {0,1969}: exception 3
+fc0f byte count too {small,large}: exception 3
+fc10 register {1..5}
+fc10 several registers
+fc10 several with a bad value: exception 3, nothing
+fc10 several with a read-only one: exception 2, nothing
+fc10 register {0,6,7}, read only: exception 2
+fc10 past the end from {7,8}: exception 2
+fc10 count {0,124}: exception 3
+fc10 byte count too {small,large}: exception 3
+fc{02,04}: exception 1
+fc{07,08,0B,0C,11,14,15,16,17,18,2B,41}: exception 1
+analog {1,2} {0,871,2000}
+analog {1,2} below 0 reads 0
+broadcast {fc05,fc0f,fc06,fc10}: obeyed, silent
+broadcast fc06 address: obeyed, silent
+broadcast {fc01,fc03}: nothing
+broadcast bad value: nothing
+another address: silent
+wrong CRC: silent
+frame of {1..3} bytes: silent
+a frame of {ascii,lc02,r55}: silent
+"""
+
+EMD2A2Q_SWITCHES = """
+answer-bad: wrong CRC: exception 8
+applies=restart: {address,speed,parity} old until power-up
+applies=restart: stored settings are read
+"""
+
+EDA9060A_RTU = """
+power-up: relays off
+power-up: settings kept
+fc01 coil {0..15}
+fc01 every run of 0-3
+fc01 coils 4-15 read 0
+fc01 past the end from {0,4,15}: silent
+fc01 coil {16,65535}: silent
+fc01 count {0,2001}: silent
+fc02 input {0..15}
+fc02 every run of 0-3
+fc02 inputs 4-15 read 0
+fc02 open inputs read 1
+fc02 past the end from {0,4,15}: silent
+fc02 input {16,65535}: silent
+fc02 count 0: silent
+fc03 register {0..3}
+fc03 every run of 0-3
+fc03 past the end from {0..3}: silent
+fc03 register {4,65535}: silent
+fc03 count 0: silent
+fc05 coil {0..3} {on,off}
+fc05 coil {4,15,16}: silent
+fc05 value {0001,0100,FFFF}: silent
+fc0f every run of 0-3
+fc0f 16 coils as printed
+fc0f bits 4-15 ignored
+fc0f past the end from {0,15}: silent
+fc0f coil 16: silent
+fc0f count 0: silent
+fc0f byte count too {small,large}: silent
+fc10 address {1,2,85,247,248,255}
+fc10 address: reply from the old one
+fc10 address 0: silent
+fc10 speed {3..7}
+fc10 speed: silent at the old one
+fc10 speed {0,2,8,255}: silent
+fc10 pulse mask {0..15}
+fc10 pulse mask {16,128}: silent
+fc10 pulse width {1,10,100,200}
+fc10 pulse width {0,201,255}: silent
+fc10 both registers
+fc10 both with a bad value: silent, nothing
+fc10 register {2,3,65535}: silent
+fc10 past the end from {0,1}: silent
+fc10 count 0: silent
+fc10 byte count too {small,large}: silent
+maps: written at 0, read at 1
+maps: written at 1, read at 2
+maps: echo of read {1,2} at its own number
+fc{04,06}: silent
+fc{07,08,0B,0C,11,14,15,16,17,18,2B,41}: silent
+pulse of {1,10,200} tenths
+pulse: 0 does nothing
+pulse: a second 1 starts the width anew
+pulse: a change of mode or width leaves it alone
+pulse: read back as 1, then 0
+pulse: level channels of the same write stay
+broadcast {fc05,fc0f,fc10}: obeyed, silent
+broadcast {fc01,fc02,fc03}: nothing
+another address: silent
+wrong CRC: silent
+frame of {1..3} bytes: silent
+a frame of {ascii,lc02,r55}: silent
+"""
+
+EDA9060A_SWITCHES = """
+aloud: {fc04,fc06,fc07}: exception 1
+aloud: {fc01,fc02,fc03,fc05,fc0f,fc10} past the end: exception 2
+aloud: fc05 value 0001: exception 3
+aloud: fc10 {address 0,speed 8,width 0,mask 16}: exception 3
+aloud: wrong CRC: silent
+aloud: another address: silent
+aloud: broadcast: silent
+applies=restart: {address,speed} old until power-up
+applies=restart: stored settings are read
+"""
+
+EDA9050_RTU = """
+power-up: outputs off
+power-up: settings kept
+fc01 coil {0..7}
+fc01 every run of 0-7
+fc01 past the end from {0,4,7}: silent
+fc01 coil {8,65535}: silent
+fc01 count {0,9,2001}: silent
+fc02 input {0..6}
+fc02 every run of 0-6
+fc02 open inputs read 1
+fc02 past the end from {0,3,6}: silent
+fc02 input {7,8}: silent
+fc02 count {0,8}: silent
+fc05 coil {0..7} {on,off}
+fc05 coil {8,16}: silent
+fc05 value {0001,0100,FFFF}: silent
+fc0f every run of 0-7
+fc0f past the end from {0,4,7}: silent
+fc0f coil 8: silent
+fc0f count {0,9}: silent
+fc0f byte count too {small,large}: silent
+fc10 address {1,2,85,247,248,255}
+fc10 address: reply from the old one
+fc10 address 0: silent
+fc10 speed {3..7}
+fc10 speed: silent at the old one
+fc10 speed {0,2,8,255}: silent
+fc10 register {1,2}: silent
+fc10 count {0,2}: silent
+fc10 byte count too {small,large}: silent
+fc{03,04,06}: silent
+fc{07,08,0B,0C,11,14,15,16,17,18,2B,41}: silent
+broadcast {fc05,fc0f,fc10}: obeyed, silent
+broadcast {fc01,fc02}: nothing
+another address: silent
+wrong CRC: silent
+frame of {1..3} bytes: silent
+a frame of {ascii,lc02,r55}: silent
+INIT* pin: nothing
+"""
+
+# Modules in ASCII and LC-02 ----------------------------------------------------------------
+
+_ASCII = """
+$AAM name
+$AAM at every address 00-FF
+$AA2 configuration
+$AA2 speed {03..07}
+$AA6 each {output,input}
+$AA6 open inputs read 1
+$AA6 unused bits are 0
+#AA00dd every value
+#AA1cdd each channel {on,off}
+%AA address {00,01,0A,0D,7F,FF}
+%AA speed {03..07}
+%AA speed: silent at the old one
+%AA checksum {on,off}
+%AA: reply in the old speed and checksum state
+%AA: survives power-off
+%AA type {00,41}: silent
+%AA speed {00,02,08,FF}: silent
+%AA format {01,20,41,80,C0}: silent
+power-up: outputs off
+checksum on: every command
+checksum on: every reply carries one
+checksum on: {missing,wrong,lower-case,of another frame}: silent, nothing
+checksum off: one too many: silent
+syntax: {no delimiter,unknown letter,no address,half an address,bad digit,blank}: silent
+syntax: {body too short,body too long,lower-case hex,reply delimiter}: silent
+syntax: LF ignored
+syntax: a delimiter starts anew
+syntax: more than 32 characters are discarded
+syntax: a request in two pieces
+another address: silent, nothing
+ADAM command {$AAF,$AA4,$AA5,$AAI,$AAP,#**,~**,~AA0,@AA}: silent
+a frame of {lc02,rtu,r55}: silent
+"""
+
+ASCII_9060A = _ASCII + """
+%AA reply: the old address
+#AA00dd above 0F: silent
+#AA1c channel {4,5,6,7,8,F}: silent
+#AA1c value {02,10,FF}: silent
+#AAoo order {01,0F,20,FF}: silent
+#AA4mmww mask {0..15}
+#AA4mmww width {01,0A,C8}
+#AA4mmww mask {10,F0,FF}: silent
+#AA4mmww width {00,C9,FF}: silent
+#AA4mmww survives power-off
+$AA3 mask and width
+pulse of {1,10,200} tenths
+pulse: 0 does nothing
+pulse: a second 1 starts the width anew
+pulse: a change of mode or width leaves it alone
+pulse: each bit by its own mode
+pulse: ended by power-off
+address 00 in Modbus: broadcast only
+"""
+
+ASCII_9050 = _ASCII + """
+%AA reply: the new address
+#AA1c channel {8,9,F}: silent
+#AA1c value {02,10,FF}: silent
+#AAoo order {01,0F,20,FF}: silent
+no pulses: $AA3: silent
+no pulses: #AA4mmww: silent
+INIT* pin: {to LC-02 and back,settings and outputs stay}
+INIT* pin: ASCII silent while grounded
+printed 082 without delimiter: silent
+"""
+
+ASCII_SWITCHES = """
+aloud: {bad value,unknown command,syntax} gets ?AA
+aloud: another address: silent
+lower-case: taken
+applies=restart: {address,speed,checksum} old until power-up
+applies=address: address at once, {speed,checksum} at power-up
+"""
+
+_LC02 = """
+01 configuration: model in BCD, type 00
+01 speed {03..07}
+02 address {00,01,0A,0D,7F,FF}
+02 speed {03..07}
+02 speed: silent at the old one
+02 reply: the old address, 5 bytes
+02 survives power-off
+02 speed {00,02,08,FF}: silent
+02 third byte {01,40}: silent
+03 each {output,input}
+03 open inputs read 1
+03 as printed
+04 all: every value
+04 each channel {on,off}
+04 value {02,FF} for one channel: silent
+0D as {address,checksum,data}
+every command at every address that makes 0D
+wrong {checksum,end byte,start byte}: silent, nothing
+unknown command {00,07,30,FF}: silent
+another address: silent, nothing
+too {short,long}: silent
+garbage before a request is skipped
+a frame of {ascii,rtu,r55}: silent
+power-up: outputs off
+"""
+
+LC02_9060A = _LC02 + """
+04 all above 0F: silent
+04 channel {04,07,FE}: silent
+05 mask {0..15}
+05 width {1,10,200}
+05 mask {16,255}: silent
+05 width {0,201,255}: silent
+05 reply: 5 bytes
+06 mask and width
+pulse of {1,200} tenths
+pulse: 0 does nothing
+"""
+
+LC02_9050 = _LC02 + """
+04 channel {08,10,FE}: silent
+05: silent
+06: silent
+"""
+
+# 0x55 boards -------------------------------------------------------------------------------
+
+R55 = """
+printed table: {on,off} {1..32}
+printed table: all {on,off}
+10 state
+{11,12,31,32} each channel
+{11,12,20,21,22} channel 0: silent
+{11,12,20,21,22} channel above the count: silent
+{11,12,20,21,22} channel {33,255}: silent
+{31,32,30,37,38} channel above the count: nothing
+{13,33} every bit
+{14,15,16,34,35,36} walking mask
+{14,15,16,34,35,36} keep the others
+{13,14,15,16} bits above the count: nothing
+{20,30} each channel, twice
+{21,22,37,38} each channel
+{21,22,37,38} time {0,1,1000,65536,16777215} ms
+{21,37} after {12,13,15,16,20,22}: cancelled
+{22,38} after {11,13,14,16,20,21}: cancelled
+jog: another channel's command leaves it
+jog: ended by power-off
+{10..16} reply: own code, state after
+{20,21,22} reply: the state
+{30..38} never answered
+40 to {245,own address}
+41 within the window: answered from the old address
+41 every address but 0 and 245
+41 address {0,245}: silent, nothing
+41 survives power-off
+41 after 8 s: obeyed
+41 after the window: silent, nothing
+41 with a DIP switch: silent, nothing
+41 to 245: obeyed, silent
+DIP switch is the address
+DIP switch 0: stored address
+10 to 245: silent
+{11..16} to 245: obeyed, silent
+{20..22} to 245: obeyed, silent
+{30..38} to 245: obeyed, silent
+{70,71} on a board without variables: silent
+{70,71} index {0,31}
+{70,71} index {32,255}: silent
+71 value {0,1,16777215}
+71 to 245: obeyed, silent
+70 to 245: silent
+variables are 0 after power-up
+unknown function {00,0F,17,19,23,2F,39,3F,42,72,FF}: silent
+wrong {sum,start byte}: silent, nothing
+another address: silent, nothing
+resynchronisation: garbage before a request
+resynchronisation: 55 before a request
+resynchronisation: half a request before a request
+chain of 32 without a gap
+chain: only the last is answered
+two boards obey one broadcast
+mixed board: inputs in D1-D2, outputs in D3-D4
+mixed board: outputs above 16: silent
+input board: the inputs
+input board: commands: no effect
+power-up: relays off
+a frame of {ascii,lc02,rtu}: silent
+"""
+
+# The line of `railbus sim --demo`, with all families on one wire ----------------------------
+
+DEMO = """
+{pump,gate,oven,yard,tank} answers
+{pump,gate,oven,yard,tank} obeys
+{oven,tank} by {pymodbus,libmodbus,mbpoll}
+another speed: silent
+a module that is not there: silent in {ascii,lc02,rtu,r55}
+no reply before the wire has carried it
+a link that goes with the program
+"""
+
+TABLES = {
+    "ERC-8": ERC8,
+    "ERC-8 switches": ERC8_SWITCHES,
+    "EMD-2A2Q": EMD2A2Q,
+    "EMD-2A2Q switches": EMD2A2Q_SWITCHES,
+    "EDA9060A Modbus": EDA9060A_RTU,
+    "EDA9060A Modbus switches": EDA9060A_SWITCHES,
+    "EDA9050 Modbus": EDA9050_RTU,
+    "EDA9060A ASCII": ASCII_9060A,
+    "EDA9050 ASCII": ASCII_9050,
+    "ASCII switches": ASCII_SWITCHES,
+    "EDA9060A LC-02": LC02_9060A,
+    "EDA9050 LC-02": LC02_9050,
+    "0x55 boards": R55,
+    "demo line": DEMO,
+}
+
+
+def _words(text):
+    """The words of a brace: `60..67` or `a,b`; numbers keep the leading zeros of the first."""
+    if ".." not in text:
+        return text.split(",")
+    first, last = text.split("..")
+    return [str(n).zfill(len(first)) for n in range(int(first), int(last) + 1)]
+
+
+def expand(line):
+    """`{a,b} c` is `a c` and `b c`."""
+    parts = re.split(r"\{([^}]*)\}", line)
+    choices = [_words(part) if n % 2 else [part] for n, part in enumerate(parts)]
+    return ["".join(choice) for choice in itertools.product(*choices)]
+
+
+def entries(table):
+    """The entries of one table, in order."""
+    lines = [line for line in TABLES[table].splitlines() if line]
+    return [entry for line in lines for entry in expand(line)]
