@@ -1,0 +1,72 @@
+//! What the codec and the line master cost.
+//!
+//! ```text
+//! railbus-bench [all] [--write FILE]   measure everything; without a file `docs/performance.md`
+//! railbus-bench codec                  instructions of the codec
+//! railbus-bench codec --update         the same, and write them into `codec-limits.toml`
+//! railbus-bench line                   the line master on a line that takes no time
+//! railbus-bench paced                  the line master on a line whose characters take theirs
+//! railbus-bench --check                what must never get worse; for CI
+//! ```
+//!
+//! Instructions are counted by `valgrind --tool=callgrind` over a program that does the same
+//! thing a few or many times: in the difference start and end of the program cancel out, and
+//! the number is the same in every run on every load. Times are medians of interleaved rounds.
+//! Beside everything stands its *floor*: the least program with the same bytes in and out.
+
+mod codec;
+mod count;
+mod floor;
+mod jobs;
+mod limits;
+mod line;
+mod master;
+mod paced;
+mod page;
+mod responder;
+mod scene;
+mod table;
+
+use codec::After;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let args: Vec<&str> = args.iter().map(String::as_str).collect();
+    match run(&args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(why) => {
+            eprintln!("railbus-bench: {why}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+const USAGE: &str = "usage: railbus-bench \
+    [all [--write FILE] | codec [--check | --update] | line | paced | --check]";
+
+fn run(args: &[&str]) -> Result<(), String> {
+    match *args {
+        [] | ["all"] => page::write(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../docs/performance.md"
+        )),
+        ["all", "--write", file] => page::write(file),
+        ["codec"] => codec::table(After::Nothing).map(|table| print!("{table}")),
+        ["codec", "--check"] => codec::table(After::Check).map(|table| print!("{table}")),
+        ["--update"] | ["codec", "--update"] => {
+            codec::table(After::Update).map(|table| print!("{table}"))
+        }
+        ["line"] => line::table().map(|table| print!("{table}")),
+        ["paced"] => paced::tables().map(|[wire, strict]| print!("{wire}\n{strict}")),
+        ["--check"] | ["all", "--check"] => page::check(),
+        // The programs that are measured.
+        ["--one", name, "--iterations", times] => codec::one(name, times),
+        ["--master", name, scene, baud, path, count] => {
+            let number = |text: &str| text.parse().map_err(|_| format!("`{text}` is no number"));
+            let (baud, count): (u32, u32) = (number(baud)?, number(count)?);
+            master::be(name, (scene, baud), path, count as usize)
+        }
+        _ => Err(USAGE.to_owned()),
+    }
+}

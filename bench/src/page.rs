@@ -1,0 +1,118 @@
+//! The page of all measurements, and the check of those that must never get worse.
+
+use crate::codec::{self, After};
+use crate::count::What;
+use crate::line::{self, ADDED_MAX, INSTRUCTIONS_MAX};
+use crate::master::Master;
+use crate::paced::{self, STRICT};
+use crate::scene::NAMES;
+use std::process::Command;
+
+/// By how many percent another compiler may miss [`INSTRUCTIONS_MAX`].
+const TOLERANCE: u64 = 3;
+
+/// Measures everything and writes the page.
+pub fn write(file: &str) -> Result<(), String> {
+    println!("codec");
+    let codec = codec::table(After::Nothing)?;
+    println!("line that takes no time");
+    let line = line::table()?;
+    println!("line whose characters take their time");
+    let [wires, strict] = paced::tables()?;
+    let date = date();
+    let page = format!(
+        "# Performance
+
+Written by `cargo xtask bench`, {date}, on 2 shared cores. Compare numbers of one table with each
+other only: times depend on the machine and on what else it does. Instruction counts (callgrind,
+user space) are repeatable. Beside everything stands its *floor*: the least program with the same
+bytes in and out.
+
+## A line that takes no time
+
+The whole line master (`railbus_host::Line`: queue, ghosts, timing, events to an observer) polls
+one Modbus RTU module over a pseudo-terminal, with no silence to keep, and the module answers at
+once. Both ends share one core, and the masters take turns, so that what is added to the floor is
+work; times are the median exchange of the quietest of 15 rounds. An exchange is a request and
+its reply; `railbus commands` hands in one write after the other and waits for its end, each of
+which is two exchanges, the write and its read-back, and each is a hand-over between two tasks.
+
+{line}
+Limits: {INSTRUCTIONS_MAX} instructions, no allocation, {ADDED_MAX} µs added while polling. On
+a tokio runtime with timers enabled, which the line itself does not need, an exchange costs about
+350 instructions more. Nothing sleeps for a fixed time. The floor sleeps in `read`, the
+asynchronous masters in `epoll_wait`, which the kernel may wake sooner: so an addition can even be
+negative, and differences of a few µs say less than the instructions do.
+
+## A line whose characters take their time
+
+The same over a virtual wire: the responder gives each character its time at 10 bits, answers
+after 3.5 characters (rtu) or 5 ms (the others), and looks at the silence before each request.
+The silence kept is 3.5 characters (rtu), or what the model needs (`demo`: 20, 10 and 5 ms). The
+limit is `1 / ((request + reply) * character + turnaround + silence)`. Percentages are parts of
+the limit, medians of interleaved runs; what the responder itself was late by is not counted. A
+master above 100 % does not keep the silence. The others are measured with the coils of `rtu`.
+The first {warm_up} requests are not counted: after an opening, the line master gives the first
+20 replies 100 ms each in which they may come twice.
+
+{wires}
+Limits: nothing too early; within 1 % of the floor. Both wait by the same kernel timer, so what
+they lack to 100 % is how late the kernel wakes a task, and how late depends on the load: a row
+where railbus and floor differ by more than that was disturbed, in either direction.
+
+## A module that insists on 3.5 silent characters
+
+At 9600, {STRICT} requests. A master that asks too early loses that request, waits in vain, and
+by that is late enough for the next one.
+
+{strict}
+## Codec
+
+Instructions for one exchange. A server reads a request and writes its reply, a client the
+reverse; all checks are done.
+
+{codec}
+`before` and `limit` are those of `bench/codec-limits.toml`.
+",
+        warm_up = paced::WARM_UP,
+    );
+    std::fs::write(file, page).map_err(|why| format!("{file} cannot be written: {why}"))?;
+    println!("written: {file}");
+    Ok(())
+}
+
+fn date() -> String {
+    let date = Command::new("date").args(["-u", "+%Y-%m-%d"]).output();
+    date.map_or_else(
+        |_| "undated".to_owned(),
+        |output| String::from_utf8_lossy(&output.stdout).trim().to_owned(),
+    )
+}
+
+/// Checks what does not depend on the machine.
+pub fn check() -> Result<(), String> {
+    print!("{}", codec::table(After::Check)?);
+    let instructions = line::per_exchange(Master::Ours, What::Instructions)?.round() as u64;
+    println!("line master: {instructions} instructions of {INSTRUCTIONS_MAX}");
+    if instructions > INSTRUCTIONS_MAX + INSTRUCTIONS_MAX * TOLERANCE / 100 {
+        return Err("the line master costs too many instructions".to_owned());
+    }
+    let allocations = line::per_exchange(Master::Ours, What::Allocations)?;
+    println!("line master: {allocations:.2} allocations");
+    if allocations > 0.01 {
+        return Err("the line master allocates".to_owned());
+    }
+    for scene in NAMES {
+        let (too_early, requests) = paced::too_early(scene, 38_400)?;
+        println!("{scene}: {too_early} of {requests} requests too early");
+        if too_early > 0 {
+            return Err("the line master does not keep the silence".to_owned());
+        }
+    }
+    let answers = paced::answers(Master::Ours)?.unwrap_or(0);
+    println!("module that insists on the silence: {answers} of {STRICT} answers");
+    if answers < STRICT {
+        return Err("the line master loses requests".to_owned());
+    }
+    Ok(())
+}
