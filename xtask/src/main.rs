@@ -1,0 +1,118 @@
+//! The project's own commands, so that nobody has to remember a shell line:
+//! `cargo xtask demo`, `cargo xtask test`, `cargo xtask tidy` and the rest.
+//!
+//! Where to look: [`COMMANDS`] is the list of commands, `test.rs` the list of steps of a whole
+//! test run, `tidy/mod.rs` the list of checks, `programs.rs` the list of programs that other
+//! folders bring, `peers.rs` the list of foreign programs that the tests talk to.
+
+// A command line tool talks on standard output and standard error.
+#![allow(clippy::print_stdout, clippy::print_stderr)]
+
+mod firmware;
+mod peers;
+mod programs;
+mod run;
+mod steps;
+mod test;
+mod tidy;
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use run::{Error, Result};
+
+/// One command of `cargo xtask`.
+struct Command {
+    name: &'static str,
+    /// One line for `--help`.
+    help: &'static str,
+    /// Gets the root of the repository and the arguments after the command's name.
+    run: fn(&Path, &[String]) -> Result<()>,
+}
+
+const COMMANDS: &[Command] = &[
+    Command {
+        name: "demo",
+        help: "build the product and show it at work",
+        run: programs::demo,
+    },
+    Command {
+        name: "test",
+        help: "every test there is, from formatting to foreign peers [--without-peers]",
+        run: test::run,
+    },
+    Command {
+        name: "ci",
+        help: "what .ci/run does: the same as test",
+        run: test::run,
+    },
+    Command {
+        name: "tidy",
+        help: "check the project's invariants",
+        run: tidy::run,
+    },
+    Command {
+        name: "soak",
+        help: "simulated lines with faults; arguments go to the soak",
+        run: |root, args| programs::SOAK.run(root, args),
+    },
+    Command {
+        name: "fuzz",
+        help: "random input to the decoders [--inputs N --seed S]",
+        run: |root, args| programs::FUZZ.run(root, args),
+    },
+    Command {
+        name: "bench",
+        help: "measure; with --check compare instruction counts with the committed ones",
+        run: |root, args| programs::BENCH.run(root, args),
+    },
+    Command {
+        name: "firmware-check",
+        help: "build the no_std crates for a microcontroller",
+        run: firmware::check,
+    },
+];
+
+fn main() -> ExitCode {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let Some((name, rest)) = args.split_first() else {
+        eprint!("{}", usage());
+        return ExitCode::from(2);
+    };
+    if matches!(name.as_str(), "help" | "--help" | "-h") {
+        print!("{}", usage());
+        return ExitCode::SUCCESS;
+    }
+    let Some(command) = COMMANDS.iter().find(|command| command.name == name) else {
+        eprint!("xtask: there is no command `{name}`\n\n{}", usage());
+        return ExitCode::from(2);
+    };
+    match (command.run)(&run::repository(), rest) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            if !matches!(error, Error::OnScreen) {
+                eprintln!("xtask {name}: {error}");
+            }
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn usage() -> String {
+    let mut text = String::from("usage: cargo xtask <command>\n\n");
+    for command in COMMANDS {
+        text.push_str(&format!("  {:<15} {}\n", command.name, command.help));
+    }
+    text
+}
+
+/// Refuses arguments where a command takes none: a mistyped flag must not be ignored.
+fn no_arguments(args: &[String]) -> Result<()> {
+    match args.first() {
+        None => Ok(()),
+        Some(arg) => Err(Error::new(
+            format!("`{arg}` is not understood, this command takes no arguments"),
+            "run it without",
+        )),
+    }
+}

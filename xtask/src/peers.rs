@@ -1,0 +1,181 @@
+//! Foreign programs that the tests talk to: a master and a slave that others wrote are better
+//! judges of our frames than our own two ends, which could share one misreading.
+//!
+//! Installing is done only where it asks nobody anything: as root, or with a sudo that wants no
+//! password. Otherwise the one line to run is printed.
+
+use std::path::{Path, PathBuf};
+
+use crate::firmware;
+use crate::run::{self, Error, Result};
+
+/// Debian packages that belong together.
+struct Packages {
+    names: &'static [&'static str],
+    /// Whether this machine needs them.
+    needed: fn(&Path) -> bool,
+}
+
+const DEBIAN: &[Packages] = &[
+    Packages {
+        names: &[
+            "gcc",           // compiles the small libmodbus peers
+            "libmodbus-dev", // foreign Modbus master and slave in C
+            "mbpoll",        // foreign Modbus master, command line
+            "pkg-config",    // finds libmodbus
+            "python3-venv",  // holds the Python peers below
+            "socat",         // pairs of pseudo terminals
+            "valgrind",      // counts instructions
+        ],
+        needed: |_| true,
+    },
+    Packages {
+        names: &["cargo-web", "rust-web-src", "rustc-web"],
+        needed: |root| !firmware::target_installed(root),
+    },
+];
+
+/// Python packages: what pip is asked for, and the name and version start that must be there.
+const PYTHON: &[(&str, &str, &str)] = &[
+    ("pymodbus==3.*", "pymodbus", "3."),
+    ("pyserial", "pyserial", ""),
+];
+
+/// The Python of the peers. The folder is fixed, because `interop/` names it too.
+pub(crate) fn python(root: &Path) -> PathBuf {
+    root.join("target/interop-venv/bin/python")
+}
+
+/// Makes sure that every peer is there; installs what is missing where that asks nobody.
+pub(crate) fn install(root: &Path) -> Result<()> {
+    debian(root)?;
+    python_packages(root)
+}
+
+fn debian(root: &Path) -> Result<()> {
+    let wanted: Vec<&str> = DEBIAN
+        .iter()
+        .filter(|group| (group.needed)(root))
+        .flat_map(|group| group.names.iter().copied())
+        .collect();
+    let missing = missing_packages(root, &wanted)?;
+    if missing.is_empty() {
+        println!("Debian packages: all {} there", wanted.len());
+        return Ok(());
+    }
+    let by_hand = format!(
+        "sudo apt-get install --no-install-recommends {}",
+        missing.join(" ")
+    );
+    let Some(prefix) = privileges(root) else {
+        return Err(Error::new(
+            format!("these Debian packages are missing: {}", missing.join(" ")),
+            format!("run `{by_hand}`, or test without them: `cargo xtask test --without-peers`"),
+        ));
+    };
+    // Stale lists still install what they know: only the installation itself may fail the step.
+    if let Err(error) = apt(root, &prefix, &["update"]) {
+        println!("note: {error}; going on with the package lists that are here");
+    }
+    let mut install = vec!["install", "--yes", "--no-install-recommends"];
+    install.extend(missing);
+    apt(root, &prefix, &install)
+}
+
+fn apt(root: &Path, prefix: &[&str], args: &[&str]) -> Result<()> {
+    let mut words = prefix.to_vec();
+    words.extend(["env", "DEBIAN_FRONTEND=noninteractive", "apt-get"]);
+    words.extend(["--quiet", "-o", "DPkg::Lock::Timeout=120"]);
+    words.extend(args);
+    run::run(run::program(root, words[0]).args(&words[1..]))
+}
+
+/// What to put before a command that must be root, or nothing where we cannot be.
+fn privileges(root: &Path) -> Option<Vec<&'static str>> {
+    if run::read(run::program(root, "id").arg("-u")).is_ok_and(|uid| uid.trim() == "0") {
+        return Some(Vec::new());
+    }
+    run::works(run::program(root, "sudo").args(["-n", "true"])).then(|| vec!["sudo", "-n"])
+}
+
+fn missing_packages<'a>(root: &Path, wanted: &[&'a str]) -> Result<Vec<&'a str>> {
+    let mut query = run::program(root, "dpkg-query");
+    query
+        .args(["--show", "--showformat=${Package} ${db:Status-Abbrev}\n"])
+        .args(wanted);
+    // It fails where it does not know a name, and prints what it does know all the same.
+    let output = run::finish(&mut query).map_err(|_| {
+        Error::new(
+            format!("this is no Debian machine; the peers are packages there: {wanted:?}"),
+            "install their like by hand and use `cargo xtask test --without-peers`",
+        )
+    })?;
+    let listed = String::from_utf8_lossy(&output.stdout).into_owned();
+    Ok(wanted
+        .iter()
+        .copied()
+        .filter(|name| !is_installed(&listed, name))
+        .collect())
+}
+
+/// `listed` has one `name status` a line; `ii` means wanted and installed.
+fn is_installed(listed: &str, name: &str) -> bool {
+    listed
+        .lines()
+        .any(|line| line.split_whitespace().eq([name, "ii"]))
+}
+
+fn python_packages(root: &Path) -> Result<()> {
+    if let Some(versions) = python_versions(root).filter(|versions| complete(versions)) {
+        println!(
+            "Python packages: {}",
+            versions.split_whitespace().collect::<Vec<_>>().join(" ")
+        );
+        return Ok(());
+    }
+    let venv = ["-m", "venv", "--clear", "target/interop-venv"];
+    run::run(run::program(root, "python3").args(venv))?;
+    let mut pip = run::program(root, &python(root).to_string_lossy());
+    pip.args(["-m", "pip", "install", "--quiet"])
+        .args(PYTHON.iter().map(|package| package.0));
+    run::run(&mut pip)
+}
+
+/// The installed packages as `name==version` lines; nothing where there is no working Python.
+fn python_versions(root: &Path) -> Option<String> {
+    let mut list = run::program(root, &python(root).to_string_lossy());
+    run::read(list.args(["-m", "pip", "list", "--format=freeze"])).ok()
+}
+
+fn complete(versions: &str) -> bool {
+    PYTHON.iter().all(|(_, name, start)| {
+        let start = format!("{name}=={start}");
+        versions.lines().any(|line| line.starts_with(&start))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_removed_package_is_not_installed() {
+        let listed = "gcc ii \nsocat rc \nmbpoll-doc ii \n";
+        assert!(is_installed(listed, "gcc"));
+        assert!(
+            !is_installed(listed, "socat"),
+            "removed, its settings left behind"
+        );
+        assert!(
+            !is_installed(listed, "mbpoll"),
+            "another package of a longer name"
+        );
+    }
+
+    #[test]
+    fn an_old_python_peer_is_not_enough() {
+        assert!(complete("pip==23.0\npymodbus==3.16.1\npyserial==3.5\n"));
+        assert!(!complete("pymodbus==2.5.3\npyserial==3.5\n"));
+        assert!(!complete("pymodbus==3.16.1\n"));
+    }
+}

@@ -1,0 +1,131 @@
+//! Programs that other folders of the repository bring and that a command only starts.
+
+use std::path::Path;
+
+use crate::run::{self, Error, Result};
+
+/// A program built by cargo from this repository.
+pub(crate) struct Program {
+    /// Files of which one, if present, says that the program exists in this checkout.
+    sources: &'static [&'static str],
+    /// Arguments of cargo up to and including the separator `--`.
+    cargo: &'static [&'static str],
+    /// Arguments of the program where the caller gives none.
+    defaults: &'static [&'static str],
+}
+
+/// The line in virtual time with seeded faults; without arguments what CI checks: the floors,
+/// the mutation and the table.
+pub(crate) const SOAK: Program = Program {
+    sources: &["crates/sim/examples/soak/main.rs"],
+    cargo: &[
+        "run",
+        "--profile",
+        "soak",
+        "-p",
+        "railbus-sim",
+        "--example",
+        "soak",
+        "--",
+    ],
+    defaults: &["--check", "docs/soak.md"],
+};
+
+/// Random bytes to decoders and engines. Two million inputs is the floor that is promised.
+pub(crate) const FUZZ: Program = Program {
+    sources: &["fuzz/Cargo.toml"],
+    cargo: &[
+        "run",
+        "--release",
+        "--manifest-path",
+        "fuzz/Cargo.toml",
+        "--",
+    ],
+    defaults: &["--inputs", "2000000"],
+};
+
+/// Measurements; with `--check` the instruction counts are compared with the committed ones.
+pub(crate) const BENCH: Program = Program {
+    sources: &["bench/Cargo.toml"],
+    cargo: &[
+        "run",
+        "--release",
+        "--manifest-path",
+        "bench/Cargo.toml",
+        "--",
+    ],
+    defaults: &[],
+};
+
+/// What there is to show: a simulated site, served as a real one would be.
+const DEMO: Program = Program {
+    sources: &["crates/railbus/Cargo.toml"],
+    cargo: &["run", "--release", "-p", "railbus", "--"],
+    defaults: &["serve", "--demo"],
+};
+
+impl Program {
+    /// Why the program cannot run, or nothing.
+    pub(crate) fn missing(&self, root: &Path) -> Option<String> {
+        let there = |source: &&str| root.join(source).is_file();
+        (!self.sources.iter().any(there)).then(|| format!("there is no {} yet", self.sources[0]))
+    }
+
+    /// Builds and runs it. `args` replace the default arguments.
+    pub(crate) fn run(&self, root: &Path, args: &[String]) -> Result<()> {
+        run::run(&mut self.command(root, args)?)
+    }
+
+    fn command(&self, root: &Path, args: &[String]) -> Result<std::process::Command> {
+        if let Some(why) = self.missing(root) {
+            return Err(Error::new(
+                why,
+                "this command works once that file is there",
+            ));
+        }
+        let mut command = run::cargo(root, self.cargo);
+        if args.is_empty() {
+            command.args(self.defaults);
+        }
+        command.args(args);
+        Ok(command)
+    }
+}
+
+/// Shows what there is to see, until it is stopped.
+pub(crate) fn demo(root: &Path, args: &[String]) -> Result<()> {
+    run::run_attended(&mut DEMO.command(root, args)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(args: &[&str]) -> Vec<String> {
+        let args: Vec<String> = args.iter().map(|&arg| arg.to_owned()).collect();
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/programs");
+        let command = FUZZ.command(&root, &args).unwrap();
+        command
+            .get_args()
+            .map(|word| word.to_string_lossy().into_owned())
+            .collect()
+    }
+
+    #[test]
+    fn arguments_replace_the_defaults() {
+        assert_eq!(words(&[])[4..], ["--", "--inputs", "2000000"]);
+        assert_eq!(words(&["--inputs", "5"])[4..], ["--", "--inputs", "5"]);
+    }
+
+    #[test]
+    fn a_program_that_does_not_exist_yet_is_named() {
+        let error = BENCH
+            .run(Path::new("no-such-folder"), &[])
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.starts_with("there is no bench/Cargo.toml yet"),
+            "{error}"
+        );
+    }
+}

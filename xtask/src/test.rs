@@ -1,0 +1,274 @@
+//! `cargo xtask test`: everything that can say whether this checkout is good, in one command.
+
+use std::path::Path;
+
+use crate::programs::{BENCH, FUZZ, Program, SOAK};
+use crate::run::{self, Error, Result, cargo};
+use crate::steps::Summary;
+use crate::{firmware, peers, tidy};
+
+/// One step of the run.
+struct Step {
+    name: &'static str,
+    /// Cannot say anything useful on a machine where the foreign peers are missing.
+    needs_peers: bool,
+    /// Why the step does not apply to this checkout or machine, or nothing.
+    skip: fn(&Path) -> Option<String>,
+    run: fn(&Path) -> Result<()>,
+}
+
+/// Cheap and telling first, long last.
+const STEPS: &[Step] = &[
+    Step {
+        name: "fmt",
+        needs_peers: false,
+        skip: always,
+        run: fmt,
+    },
+    Step {
+        name: "tidy",
+        needs_peers: false,
+        skip: always,
+        run: |root| tidy::run(root, &[]),
+    },
+    Step {
+        name: "clippy",
+        needs_peers: false,
+        skip: always,
+        run: clippy,
+    },
+    Step {
+        name: "deny",
+        needs_peers: false,
+        skip: no_deny,
+        run: deny,
+    },
+    Step {
+        name: "tests",
+        needs_peers: false,
+        skip: always,
+        run: tests,
+    },
+    Step {
+        name: "doc tests",
+        needs_peers: false,
+        skip: always,
+        run: |root| run::run(&mut cargo(root, &["test", "--doc", "--workspace"])),
+    },
+    Step {
+        name: "interop",
+        needs_peers: true,
+        skip: no_interop,
+        run: interop,
+    },
+    Step {
+        name: "soak",
+        needs_peers: false,
+        skip: |root| SOAK.missing(root),
+        run: |root| start(&SOAK, root, &[]),
+    },
+    Step {
+        name: "fuzz",
+        needs_peers: false,
+        skip: |root| FUZZ.missing(root),
+        run: |root| start(&FUZZ, root, &[]),
+    },
+    Step {
+        name: "firmware-check",
+        needs_peers: true,
+        skip: always,
+        run: |root| firmware::check(root, &[]),
+    },
+    Step {
+        name: "bench",
+        needs_peers: true,
+        skip: |root| BENCH.missing(root),
+        run: |root| start(&BENCH, root, &["--check"]),
+    },
+];
+
+/// Where the foreign peers stand on this machine.
+#[derive(Clone, Copy, PartialEq)]
+enum Peers {
+    There,
+    Missing,
+    /// The caller said `--without-peers`.
+    Unwanted,
+}
+
+/// Runs every step, prints a table, and fails if any step failed.
+pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
+    let mut summary = Summary::default();
+    let peers = install_peers(root, wants_peers(args)?, &mut summary);
+    for step in STEPS {
+        match (step.skip)(root) {
+            Some(why) => summary.skip(step.name, why),
+            None if !step.needs_peers => summary.run(step.name, || (step.run)(root)),
+            None => run_with_peers(step, root, peers, &mut summary),
+        }
+    }
+    print!("\n{}", summary.table());
+    if summary.passed() {
+        Ok(())
+    } else {
+        Err(Error::OnScreen)
+    }
+}
+
+fn wants_peers(args: &[String]) -> Result<bool> {
+    match args {
+        [] => Ok(true),
+        [flag] if flag == "--without-peers" => Ok(false),
+        _ => Err(Error::new(
+            format!("`{}` is not understood", args.join(" ")),
+            "the only argument is `--without-peers`",
+        )),
+    }
+}
+
+fn install_peers(root: &Path, wanted: bool, summary: &mut Summary) -> Peers {
+    if !wanted {
+        summary.skip("peers", String::from("--without-peers"));
+        return Peers::Unwanted;
+    }
+    let mut state = Peers::Missing;
+    summary.run("peers", || {
+        peers::install(root).inspect(|()| state = Peers::There)
+    });
+    state
+}
+
+fn run_with_peers(step: &Step, root: &Path, peers: Peers, summary: &mut Summary) {
+    match peers {
+        Peers::There => summary.run(step.name, || (step.run)(root)),
+        Peers::Unwanted => summary.skip(step.name, String::from("--without-peers")),
+        Peers::Missing => summary.run(step.name, || {
+            Err(Error::new(
+                "missing peers",
+                "the step `peers` above says how to get them",
+            ))
+        }),
+    }
+}
+
+fn always(_: &Path) -> Option<String> {
+    None
+}
+
+fn start(program: &Program, root: &Path, args: &[&str]) -> Result<()> {
+    let args: Vec<String> = args.iter().map(|&arg| arg.to_owned()).collect();
+    program.run(root, &args)
+}
+
+/// Packages that are workspaces of their own, which `--all` and `--workspace` do not reach.
+/// `firmware` is not among them: its boards need a toolchain that has no clippy for them.
+const APART: &[&str] = &[
+    "bench/Cargo.toml",
+    "fuzz/Cargo.toml",
+    "interop/rig/Cargo.toml",
+];
+
+fn fmt(root: &Path) -> Result<()> {
+    let main = run::run(&mut cargo(root, &["fmt", "--all", "--check"]));
+    apart(root).fold(main, |before, path| {
+        let args = ["fmt", "--manifest-path", path, "--", "--check"];
+        before.and(run::run(&mut cargo(root, &args)))
+    })
+}
+
+fn clippy(root: &Path) -> Result<()> {
+    let denied = ["--", "-D", "warnings"];
+    let mut main = cargo(root, &["clippy", "--workspace", "--all-targets"]);
+    apart(root).fold(run::run(main.args(denied)), |before, path| {
+        let mut other = cargo(root, &["clippy", "--manifest-path", path, "--all-targets"]);
+        before.and(run::run(other.args(denied)))
+    })
+}
+
+fn apart(root: &Path) -> impl Iterator<Item = &'static str> {
+    APART
+        .iter()
+        .copied()
+        .filter(|path| root.join(path).is_file())
+}
+
+/// Nextest runs tests in processes of their own and faster; plain cargo does where it is missing.
+fn tests(root: &Path) -> Result<()> {
+    if run::works(&mut cargo(root, &["nextest", "--version"])) {
+        return run::run(&mut cargo(
+            root,
+            &["nextest", "run", "--workspace", "--no-fail-fast"],
+        ));
+    }
+    let args = [
+        "test",
+        "--workspace",
+        "--lib",
+        "--bins",
+        "--tests",
+        "--examples",
+    ];
+    run::run(cargo(root, &args).arg("--no-fail-fast"))
+}
+
+fn no_deny(root: &Path) -> Option<String> {
+    let installed = run::works(&mut cargo(root, &["deny", "--version"]));
+    (!installed).then(|| String::from("cargo-deny is not installed"))
+}
+
+/// Everything but the advisories: those need a database from outside the registry.
+fn deny(root: &Path) -> Result<()> {
+    run::run(&mut cargo(
+        root,
+        &["deny", "check", "bans", "licenses", "sources"],
+    ))
+}
+
+/// Scripts that start the foreign peers; the first that exists is the entry.
+const INTEROP_PYTHON: &str = "interop/run.py";
+const INTEROP_SHELL: &str = "interop/run.sh";
+
+fn no_interop(root: &Path) -> Option<String> {
+    let there = [INTEROP_PYTHON, INTEROP_SHELL]
+        .iter()
+        .any(|entry| root.join(entry).is_file());
+    (!there).then(|| format!("there is no {INTEROP_PYTHON} yet"))
+}
+
+fn interop(root: &Path) -> Result<()> {
+    if root.join(INTEROP_PYTHON).is_file() {
+        let python = peers::python(root);
+        return run::run(run::program(root, &python.to_string_lossy()).arg(INTEROP_PYTHON));
+    }
+    run::run(run::program(root, "bash").arg(INTEROP_SHELL))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PROBE: Step = Step {
+        name: "probe",
+        needs_peers: true,
+        skip: always,
+        run: |_| panic!("must not run"),
+    };
+
+    #[test]
+    fn a_step_without_its_peers_fails_and_does_not_run() {
+        let mut summary = Summary::default();
+        run_with_peers(&PROBE, Path::new("."), Peers::Missing, &mut summary);
+        assert!(!summary.passed());
+    }
+
+    #[test]
+    fn a_step_is_left_out_only_on_demand() {
+        let mut summary = Summary::default();
+        run_with_peers(&PROBE, Path::new("."), Peers::Unwanted, &mut summary);
+        assert!(summary.passed());
+        assert!(
+            wants_peers(&[String::from("--without-peer")]).is_err(),
+            "mistyped"
+        );
+    }
+}

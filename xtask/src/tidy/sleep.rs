@@ -1,0 +1,56 @@
+//! `sleep`: a fixed wait is a guess about somebody else's speed. Wait for the event, or until a
+//! deadline that someone asked for.
+
+use super::report::Report;
+use super::rust::Source;
+use super::tree::{Tree, matches};
+
+/// Files that may, and why.
+const ALLOWED: &[(&str, &str)] = &[];
+
+pub(super) fn check(tree: &Tree, report: &mut Report) {
+    for (path, source) in tree.rust(&["crates/*/src/"]) {
+        if ALLOWED.iter().any(|(pattern, _)| matches(pattern, path)) {
+            continue;
+        }
+        for line in sleeps(&source) {
+            report.add(
+                path,
+                line,
+                "sleeps for a fixed time",
+                "wait for the event, or name the file and the reason in ALLOWED of \
+                 xtask/src/tidy/sleep.rs",
+            );
+        }
+    }
+}
+
+/// Lines of every blocking sleep, and of every sleep whose argument is a duration made on the spot.
+fn sleeps(source: &Source<'_>) -> Vec<usize> {
+    let code = source.code();
+    let calls = code
+        .match_indices("sleep(")
+        .filter(|&(at, _)| source.is_shipped(at));
+    let fixed = calls.filter(|&(at, call)| {
+        let argument = code[at + call.len()..]
+            .split(';')
+            .next()
+            .unwrap_or_default();
+        code[..at].ends_with("thread::") || argument.contains("Duration::from_")
+    });
+    fixed.map(|(at, _)| source.line_at(at)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::check;
+
+    #[test]
+    fn fixture() {
+        let found = crate::tidy::found("sleep", check);
+        assert_eq!(
+            found,
+            ["4", "5"].map(|line| format!("crates/host/src/lib.rs:{line}"))
+        );
+    }
+}
