@@ -164,7 +164,11 @@ fn a_port_that_another_program_holds() {
     site.serve();
     // A daemon may be asked before it has opened its ports: this waits for a module's answer.
     let socket = site.socket();
-    let served = || site.run(&format!("--socket {socket} get oven --fresh")).code == 0;
+    let served = || {
+        site.run(&format!("--socket {socket} get oven --fresh"))
+            .code
+            == 0
+    };
     assert!((0..100).any(|_| served()), "the daemon never got the port");
     fails(&site, "--direct get oven", "E0706", 7);
     let told = site.run("--direct get oven").err;
