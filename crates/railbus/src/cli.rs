@@ -3,7 +3,7 @@
 use crate::commands::{decode, explain, get, global_flags, ls, pulse, raw, scan, set, watch};
 use crate::failure::Failure;
 use crate::i18n::Lang;
-use crate::texts::Text;
+use crate::texts::{Phrase, Text};
 use crate::{serve, sim, usage};
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Command};
@@ -134,7 +134,12 @@ fn define(lang: Lang) -> Command {
 }
 
 /// A command with what all have in common: its help in the language, and `-h`.
-pub(crate) fn verb(lang: Lang, name: &'static str, about: Text, usage: &'static str) -> Command {
+pub(crate) fn verb(
+    lang: Lang,
+    name: &'static str,
+    about: impl Phrase,
+    usage: &'static str,
+) -> Command {
     let template = format!(
         "{{about-with-newline}}\n{{before-help}}{}{{usage}}\n\n{{all-args}}\n",
         lang.get(Text::Usage)
@@ -156,12 +161,12 @@ pub(crate) fn verb(lang: Lang, name: &'static str, about: Text, usage: &'static 
 }
 
 /// Examples, to stand at the head of a command's help.
-pub(crate) fn examples(lang: Lang, examples: Text) -> String {
+pub(crate) fn examples(lang: Lang, examples: impl Phrase) -> String {
     format!("{}\n{}", lang.get(Text::Examples), lang.get(examples))
 }
 
 /// A flag whose long form is its name.
-pub(crate) fn flag(lang: Lang, name: &'static str, help: Text) -> Arg {
+pub(crate) fn flag(lang: Lang, name: &'static str, help: impl Phrase) -> Arg {
     Arg::new(name).long(name).help(lang.get(help))
 }
 

@@ -9,31 +9,34 @@ pub(crate) trait Phrase {
     fn in_both(self) -> [&'static str; 2];
 }
 
+/// A catalogue: an enum of the name given, one text each. That of all commands is here; what only
+/// one command says stands in a catalogue of its own beside it.
 macro_rules! texts {
-    ($($name:ident { en: $en:literal, zh: $zh:literal $(,)? })*) => {
+    ($keys:ident; $($name:ident { en: $en:literal, zh: $zh:literal $(,)? })*) => {
         /// A text by its key.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub(crate) enum Text { $($name),* }
+        pub(crate) enum $keys { $($name),* }
 
-        impl Text {
-            #[cfg(test)]
-            const ALL: &[Text] = &[$(Text::$name),*];
-
-            /// In English and in Chinese.
-            pub(crate) const fn in_both(self) -> [&'static str; 2] {
-                match self { $(Text::$name => [$en, $zh]),* }
+        impl crate::texts::Phrase for $keys {
+            fn in_both(self) -> [&'static str; 2] {
+                match self { $($keys::$name => [$en, $zh]),* }
             }
         }
 
-        impl Phrase for Text {
-            fn in_both(self) -> [&'static str; 2] {
-                Text::in_both(self)
+        #[cfg(test)]
+        mod catalogue {
+            #[test]
+            fn both_languages_say_the_same() {
+                crate::texts::tests::check(&[$(super::$keys::$name),*]);
             }
         }
     };
 }
+pub(crate) use texts;
 
 texts! {
+    Text;
+
     // Headings and flags of every command.
     About {
         en: "Commands RS-485 I/O modules, and is such modules.",
@@ -483,8 +486,9 @@ texts! {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
+pub(crate) mod tests {
+    use super::Phrase;
+    use std::fmt::Debug;
 
     fn placeholders(text: &str) -> Vec<&str> {
         let mut found: Vec<&str> = text
@@ -496,19 +500,12 @@ mod tests {
         found
     }
 
-    #[test]
-    fn both_languages_say_something_and_have_the_same_placeholders() {
-        for text in Text::ALL {
+    /// Both languages say something, with the same placeholders, and the Chinese is Chinese.
+    pub(crate) fn check(texts: &[impl Phrase + Copy + Debug]) {
+        for text in texts {
             let [en, zh] = text.in_both();
             assert!(!en.is_empty() && !zh.is_empty(), "{text:?}");
             assert_eq!(placeholders(en), placeholders(zh), "{text:?}");
-        }
-    }
-
-    #[test]
-    fn the_chinese_text_is_chinese() {
-        for text in Text::ALL {
-            let [_, zh] = text.in_both();
             let commands = zh.starts_with("  railbus ");
             assert!(commands || !zh.is_ascii(), "{text:?}: {zh}");
         }
