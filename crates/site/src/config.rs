@@ -3,10 +3,14 @@
 //! A configuration is read whole or refused whole: every problem is found in one go, each with
 //! its line and column, and nothing is half taken.
 
+mod faults;
+mod plant;
 mod problem;
 mod read;
 mod units;
 
+pub use faults::{FAULTS, Fault, FaultError, FaultOrder, Millionths, Noise, parse_faults};
+pub use plant::{Plant, Signal, SimLine, SimModule};
 pub use problem::{Kind, Problem};
 pub use units::{Range, parse_duration};
 
@@ -22,6 +26,8 @@ pub struct Config {
     pub lines: BTreeMap<String, LineConfig>,
     /// Its modules, by name.
     pub modules: BTreeMap<String, ModuleConfig>,
+    /// What is said of their simulation.
+    pub plant: Plant,
 }
 
 /// A line.

@@ -1,7 +1,8 @@
 //! What is wrong with a configuration is told all at once, each with its place.
 
 use railbus_site::Config;
-use railbus_site::config::Kind;
+use railbus_site::config::{Kind, Signal};
+use railbus_wire::Micros;
 
 const GOOD: &str = r#"
 [line.main]
@@ -184,4 +185,152 @@ fn no_text_makes_it_panic() {
     ] {
         assert!(Config::parse(wrong).is_err(), "{wrong}");
     }
+}
+
+/// What a plant's file says of its simulation.
+const PLANT: &str = r#"
+[sim]
+seed = 7
+speed = 2
+
+[line.main]
+port = "pty:/tmp/x"
+
+[line.main.sim]
+tcp = "127.0.0.1:4001"
+faults = "noise 1e-4, echo 10s"
+
+[module.gate]
+line = "main"
+model = "eda9050"
+address = 2
+
+[module.gate.sim]
+factory = true
+power = "off"
+init = true
+turnaround = "8ms"
+applies = "after-restart"
+faults = "drop 5%"
+inputs = { di0 = 0, di1 = true, di2 = { every = "10s" } }
+
+[module.tank]
+line = "main"
+model = "emd2a2q"
+address = 5
+sim.inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = "4m" } }
+"#;
+
+#[test]
+fn what_is_said_of_the_simulation_is_read() {
+    let config = Config::parse(PLANT).expect("it is good");
+    let plant = &config.plant;
+    assert_eq!((plant.seed, plant.speed), (Some(7), Some(2.0)));
+    let line = &plant.lines["main"];
+    assert!(line.tcp.is_some_and(|address| address.port() == 4001));
+    assert_eq!(line.faults.len(), 2);
+    let gate = &plant.modules["gate"];
+    assert!(gate.factory && !gate.powered);
+    assert_eq!((gate.init, gate.dip, gate.faults.len()), (Some(true), 0, 1));
+    assert_eq!(gate.options.turnaround, Micros::from_millis(8));
+    let gate_inputs: Vec<Signal> = gate.inputs.values().copied().collect();
+    let ten = Micros::from_secs(10);
+    let expected = [
+        Signal::Level(false),
+        Signal::Level(true),
+        Signal::Toggle(ten),
+    ];
+    assert_eq!(gate_inputs, expected);
+    let tank_inputs: Vec<Signal> = plant.modules["tank"].inputs.values().copied().collect();
+    let swing = Signal::Swing(120, 880, Micros::from_secs(240));
+    assert_eq!(tank_inputs, [Signal::Value(871), swing]);
+}
+
+#[test]
+fn what_is_wrong_with_the_simulation_has_its_place() {
+    let wrong = |from: &str, to: &str, code, line, column, path: &str| {
+        assert!(PLANT.contains(from));
+        let text = PLANT.replacen(from, to, 1);
+        let expected = (code, line, column, path.to_owned());
+        assert_eq!(problem(&text), expected, "{to}");
+    };
+    wrong("seed = 7", "sede = 7", "E0812", 3, 1, "sim.sede");
+    wrong("seed = 7", "seed = -1", "E0816", 3, 8, "sim.seed");
+    wrong("speed = 2", "speed = 0", "E0814", 4, 9, "sim.speed");
+    wrong("tcp =", "tpc =", "E0812", 10, 1, "line.main.sim.tpc");
+    wrong(
+        "\"127.0.0.1:4001\"",
+        "4001",
+        "E0814",
+        10,
+        7,
+        "line.main.sim.tcp",
+    );
+    wrong(
+        "noise 1e-4",
+        "noise",
+        "E0890",
+        11,
+        10,
+        "line.main.sim.faults",
+    );
+    wrong("drop 5%", "echo", "E0890", 24, 10, "module.gate.sim.faults");
+    wrong(
+        "factory = true",
+        "factory = 1",
+        "E0814",
+        19,
+        11,
+        "module.gate.sim.factory",
+    );
+    wrong(
+        "power = \"off\"",
+        "power = false",
+        "E0815",
+        20,
+        9,
+        "module.gate.sim.power",
+    );
+    wrong(
+        "init = true",
+        "dip = 256",
+        "E0816",
+        21,
+        7,
+        "module.gate.sim.dip",
+    );
+    wrong(
+        "di0 = 0",
+        "di9 = 0",
+        "E0821",
+        25,
+        12,
+        "module.gate.sim.inputs.di9",
+    );
+    wrong(
+        "di0 = 0",
+        "di0 = 2",
+        "E0816",
+        25,
+        18,
+        "module.gate.sim.inputs.di0",
+    );
+    wrong(
+        "\"10s\"",
+        "\"10\"",
+        "E0818",
+        25,
+        49,
+        "module.gate.sim.inputs.di2.every",
+    );
+    wrong(
+        "to = 8.8, ",
+        "",
+        "E0813",
+        31,
+        34,
+        "module.tank.sim.inputs.ai2",
+    );
+    // The tables are for these places alone.
+    wrong("[sim]", "[simu]", "E0812", 2, 2, "simu");
 }

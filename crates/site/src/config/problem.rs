@@ -1,5 +1,6 @@
 //! What can be wrong with a configuration, as data: whoever shows it finds the words.
 
+use super::FaultError;
 use railbus_device::SetupError;
 use railbus_host::NameError;
 
@@ -48,6 +49,8 @@ pub enum Kind {
     NoSuchPoint,
     /// What the family says to the module.
     Setup(SetupError),
+    /// Not a list of faults to simulate.
+    BadFault(FaultError),
     /// Another module on the same line has the same address in the same protocol.
     AddressTaken(String),
 }
@@ -72,6 +75,7 @@ impl Kind {
             Kind::AddressTaken(_) => "E0823",
             Kind::BadPort(_) => "E0825",
             Kind::PortTaken(_) => "E0826",
+            Kind::BadFault(_) => "E0890",
         }
     }
 }

@@ -1,6 +1,8 @@
 //! From TOML to a configuration, with the place of everything that is wrong.
 
-use super::{Config, Kind, LineConfig, ModuleConfig, PointConfig, Problem, Range, parse_duration};
+use super::{
+    Config, Kind, LineConfig, ModuleConfig, PointConfig, Problem, Range, SimModule, parse_duration,
+};
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Family, Layout, Setup, SetupError};
 use railbus_host::LineName;
@@ -10,8 +12,8 @@ use std::ops::Range as Span;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-const LINE_KEYS: [&str; 4] = ["port", "baud", "format", "echo"];
-const MODULE_KEYS: [&str; 17] = [
+const LINE_KEYS: [&str; 5] = ["port", "baud", "format", "echo", "sim"];
+const MODULE_KEYS: [&str; 18] = [
     "line",
     "model",
     "address",
@@ -29,6 +31,7 @@ const MODULE_KEYS: [&str; 17] = [
     "max_age",
     "range",
     "point",
+    "sim",
 ];
 const POINT_KEYS: [&str; 2] = ["name", "locked"];
 const NAME_KEYS: [&str; 2] = ["en", "zh"];
@@ -54,7 +57,7 @@ const LAYOUTS: [(&str, Layout); 3] = [
     ("mixed", Layout::Mixed),
 ];
 
-type Value<'t> = Spanned<DeValue<'t>>;
+pub(super) type Value<'t> = Spanned<DeValue<'t>>;
 
 pub(super) fn read(text: &str) -> Result<Config, Vec<Problem>> {
     let mut reader = Reader {
@@ -79,28 +82,33 @@ pub(super) fn read(text: &str) -> Result<Config, Vec<Problem>> {
     }
 }
 
-struct Reader<'t> {
+pub(super) struct Reader<'t> {
     text: &'t str,
     problems: Vec<Problem>,
 }
 
 /// One table, its keys all known.
-struct Section<'r, 't> {
-    path: String,
+pub(super) struct Section<'r, 't> {
+    pub(super) path: String,
     span: Span<usize>,
-    table: &'r DeTable<'t>,
+    pub(super) table: &'r DeTable<'t>,
 }
 
-impl Section<'_, '_> {
+impl<'r, 't> Section<'r, 't> {
+    pub(super) fn of(path: String, value: &Value<'t>, table: &'r DeTable<'t>) -> Self {
+        let span = value.span();
+        Section { path, span, table }
+    }
+
     /// Where a key's value stands, or the table where there is none.
-    fn place_of(&self, key: &str) -> Span<usize> {
+    pub(super) fn place_of(&self, key: &str) -> Span<usize> {
         let value = self.table.get(key);
         value.map_or_else(|| self.span.clone(), Spanned::span)
     }
 }
 
 impl<'t> Reader<'t> {
-    fn problem(&mut self, span: Span<usize>, path: &str, kind: Kind) {
+    pub(super) fn problem(&mut self, span: Span<usize>, path: &str, kind: Kind) {
         let before = self.text.get(..span.start).unwrap_or(self.text);
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
         self.problems.push(Problem {
@@ -121,6 +129,9 @@ impl<'t> Reader<'t> {
                     let mut taken = BTreeMap::new();
                     self.named(value, "line", |reader, name, section| {
                         let (path, port_at) = (section.path.clone(), section.place_of("port"));
+                        if let Some(sim) = reader.sim_line(&section) {
+                            config.plant.lines.insert(name.clone(), sim);
+                        }
                         let line = reader.line(section);
                         let serial = line.as_ref().map_or(Settings::FACTORY, |line| line.serial);
                         lines.insert(name.clone(), serial);
@@ -134,8 +145,12 @@ impl<'t> Reader<'t> {
                     });
                 }
                 "module" => {}
+                "sim" => {
+                    // What is wrong with it was told.
+                    let _ = self.sim(value, &mut config.plant);
+                }
                 other => {
-                    let meant = closest(other, &["line", "module"]);
+                    let meant = closest(other, &["line", "module", "sim"]);
                     self.problem(key.span(), other, Kind::UnknownKey(meant));
                 }
             }
@@ -145,7 +160,7 @@ impl<'t> Reader<'t> {
             self.named(modules, "module", |reader, name, section| {
                 let address_at = section.place_of("address");
                 let path = section.path.clone();
-                if let Some(module) = reader.module(section, &lines) {
+                if let Some((module, sim)) = reader.module(section, &lines) {
                     let Setup {
                         protocol, address, ..
                     } = module.setup;
@@ -154,6 +169,7 @@ impl<'t> Reader<'t> {
                         let path = format!("{path}.address");
                         reader.problem(address_at, &path, Kind::AddressTaken(other));
                     }
+                    config.plant.modules.insert(name.clone(), sim);
                     config.modules.insert(name, module);
                 }
             });
@@ -188,7 +204,11 @@ impl<'t> Reader<'t> {
         }
     }
 
-    fn table<'r>(&mut self, value: &'r Value<'t>, path: &str) -> Option<&'r DeTable<'t>> {
+    pub(super) fn table<'r>(
+        &mut self,
+        value: &'r Value<'t>,
+        path: &str,
+    ) -> Option<&'r DeTable<'t>> {
         let table = value.get_ref().as_table();
         if table.is_none() {
             self.problem(value.span(), path, Kind::WrongType("table"));
@@ -196,7 +216,7 @@ impl<'t> Reader<'t> {
         table
     }
 
-    fn check_keys(&mut self, section: &Section<'_, 't>, known: &[&'static str]) {
+    pub(super) fn check_keys(&mut self, section: &Section<'_, 't>, known: &[&'static str]) {
         for key in section.table.keys() {
             let name = key.get_ref().as_ref();
             if !known.contains(&name) {
@@ -252,7 +272,7 @@ impl<'t> Reader<'t> {
         &mut self,
         section: Section<'_, 't>,
         lines: &BTreeMap<String, Settings>,
-    ) -> Option<ModuleConfig> {
+    ) -> Option<(ModuleConfig, SimModule)> {
         self.check_keys(&section, &MODULE_KEYS);
         let families = Family::ALL.map(|family| (family.name(), family));
         let line = self.required(&section, "line", Self::string);
@@ -288,15 +308,17 @@ impl<'t> Reader<'t> {
             return None;
         }
         let points = self.points(&section, &setup);
+        let sim = self.sim_module(&section, &setup);
         let plan = self.plan(&section)?;
         let range = self.range(&section)?;
-        Some(ModuleConfig {
+        let module = ModuleConfig {
             line: line?,
             setup,
             plan,
             range,
             points,
-        })
+        };
+        Some((module, sim?))
     }
 
     /// What differs from the factory's settings.
@@ -447,7 +469,7 @@ impl<'t> Reader<'t> {
         None
     }
 
-    fn required<T>(
+    pub(super) fn required<T>(
         &mut self,
         section: &Section<'_, 't>,
         key: &'static str,
@@ -463,7 +485,7 @@ impl<'t> Reader<'t> {
     }
 
     /// Nothing for what is wrong, nothing inside for what is not there.
-    fn optional<T>(
+    pub(super) fn optional<T>(
         &mut self,
         section: &Section<'_, 't>,
         key: &str,
@@ -475,7 +497,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    fn one_of<T: Copy>(
+    pub(super) fn one_of<T: Copy>(
         &mut self,
         section: &Section<'_, 't>,
         key: &str,
@@ -492,15 +514,17 @@ impl<'t> Reader<'t> {
         })
     }
 
-    fn boolean(&mut self, section: &Section<'_, 't>, key: &str) -> Option<bool> {
-        let found = self.optional(section, key, |reader, value, path| {
-            let found = value.get_ref().as_bool();
-            if found.is_none() {
-                reader.problem(value.span(), path, Kind::WrongType("true / false"));
-            }
-            found
-        })?;
+    pub(super) fn boolean(&mut self, section: &Section<'_, 't>, key: &str) -> Option<bool> {
+        let found = self.optional(section, key, Self::truth)?;
         Some(found.unwrap_or(false))
+    }
+
+    pub(super) fn truth(&mut self, value: &Value<'t>, path: &str) -> Option<bool> {
+        let found = value.get_ref().as_bool();
+        if found.is_none() {
+            self.problem(value.span(), path, Kind::WrongType("true / false"));
+        }
+        found
     }
 
     fn count(&mut self, section: &Section<'_, 't>, key: &str, standard: u8) -> Option<u8> {
@@ -510,7 +534,7 @@ impl<'t> Reader<'t> {
         Some(found.map_or(standard, |count| count as u8))
     }
 
-    fn duration(
+    pub(super) fn duration(
         &mut self,
         section: &Section<'_, 't>,
         key: &str,
@@ -524,10 +548,18 @@ impl<'t> Reader<'t> {
         })
     }
 
-    fn string(&mut self, value: &Value<'t>, path: &str) -> Option<String> {
+    pub(super) fn string(&mut self, value: &Value<'t>, path: &str) -> Option<String> {
         let found = value.get_ref().as_str().map(str::to_owned);
         if found.is_none() {
             self.problem(value.span(), path, Kind::WrongType("text in quotes"));
+        }
+        found
+    }
+
+    pub(super) fn number(&mut self, value: &Value<'t>, path: &str) -> Option<f64> {
+        let found = as_number(value.get_ref());
+        if found.is_none() {
+            self.problem(value.span(), path, Kind::WrongType("number"));
         }
         found
     }
@@ -541,7 +573,13 @@ impl<'t> Reader<'t> {
         found
     }
 
-    fn integer_in(&mut self, value: &Value<'t>, path: &str, low: i64, high: i64) -> Option<i64> {
+    pub(super) fn integer_in(
+        &mut self,
+        value: &Value<'t>,
+        path: &str,
+        low: i64,
+        high: i64,
+    ) -> Option<i64> {
         let number = self.integer(value, path)?;
         if (low..=high).contains(&number) {
             return Some(number);

@@ -1,0 +1,283 @@
+//! What is to go wrong in a simulation, as people write it: `drop 5%, delay 200ms±50`.
+//!
+//! The same words stand in a plant's file, behind `--fault` and at the prompt.
+
+use super::parse_duration;
+use railbus_wire::Micros;
+
+/// More faults than this in one list are refused.
+const FAULTS_MAX: usize = 32;
+
+/// How likely something is, in millionths: 1 to 1 000 000.
+pub type Millionths = u32;
+
+/// Every time.
+const ALWAYS: Millionths = 1_000_000;
+
+/// Something that goes wrong with a module, or with a line and all that hangs on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// It hears and obeys, and never answers.
+    Mute,
+    /// It hears nothing.
+    Deaf,
+    /// It has no power.
+    Dead,
+    /// The adapter hears what it sends. Lines only.
+    Echo,
+    /// Of each request, it is not heard; of each reply, it is not sent.
+    Drop(Millionths),
+    /// Of each character: a bit turns over.
+    Flip(Millionths),
+    /// Of each character: nobody hears it.
+    Skip(Millionths),
+    /// One to three characters out of nowhere where the line is idle. Lines only.
+    Noise(Noise),
+    /// Of each reply: a 00 comes before it, or an FF after it.
+    Glitch(Millionths),
+    /// Each reply comes later by a time between these two.
+    Delay(Micros, Micros),
+    /// Of each reply: it comes a second time.
+    Duplicate(Millionths),
+    /// Of each reply: it comes in pieces, with pauses of this length.
+    Split(Millionths, Micros),
+    /// Garbage: all the time, or with this likelihood in the place of a reply.
+    Babble(Option<Millionths>),
+    /// The power goes, so often on average, and stays away for this time.
+    Cuts(Micros, Micros),
+    /// It has this address, as if somebody had set it so. Modules only.
+    DupAddress(u8),
+}
+
+/// How often there is noise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Noise {
+    /// Of each character's time.
+    Chance(Millionths),
+    /// So often on average.
+    Every(Micros),
+}
+
+/// A fault, for how long, and the words that said so.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FaultOrder {
+    /// What goes wrong.
+    pub fault: Fault,
+    /// For how long; until it is taken back where this is none.
+    pub lasts: Option<Micros>,
+    /// The words.
+    pub words: String,
+}
+
+/// Why words name no fault.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FaultError {
+    /// There is no such fault.
+    Unknown(String),
+    /// What should come after its name, such as `drop 5%`.
+    Form(&'static str),
+    /// Only a line can have it.
+    LinesOnly(&'static str),
+    /// Only a module can have it.
+    ModulesOnly(&'static str),
+    /// More of them than a list may have.
+    TooMany(usize),
+}
+
+/// Every fault by name, and how it is written.
+pub const FAULTS: [(&str, &str); 15] = [
+    ("mute", "mute"),
+    ("deaf", "deaf"),
+    ("dead", "dead"),
+    ("echo", "echo"),
+    ("drop", "drop 5%"),
+    ("flip", "flip 1e-4"),
+    ("skip", "skip 1e-4"),
+    ("noise", "noise 1e-4, or noise 2s"),
+    ("glitch", "glitch 10%"),
+    ("delay", "delay 200ms, or delay 200ms±50"),
+    ("duplicate", "duplicate 10%"),
+    ("split", "split 20% 30ms"),
+    ("babble", "babble, or babble 5%"),
+    ("cuts", "cuts 10m 2s"),
+    ("dup-address", "dup-address 6"),
+];
+
+/// Reads a list of faults, parted by commas.
+///
+/// # Errors
+/// The first one that is none.
+pub fn parse_faults(text: &str, of_line: bool) -> Result<Vec<FaultOrder>, FaultError> {
+    let orders: Vec<FaultOrder> = text
+        .split([',', '，'])
+        .map(|one| parse_fault(one, of_line))
+        .collect::<Result<_, _>>()?;
+    if orders.len() > FAULTS_MAX {
+        return Err(FaultError::TooMany(FAULTS_MAX));
+    }
+    Ok(orders)
+}
+
+fn parse_fault(text: &str, of_line: bool) -> Result<FaultOrder, FaultError> {
+    let mut words = text.split_whitespace().peekable();
+    let name = words.next().unwrap_or_default();
+    let known = FAULTS.iter().find(|(known, _)| *known == name);
+    let (name, form) = *known.ok_or_else(|| FaultError::Unknown(name.to_owned()))?;
+    let fault = read(name, &mut words).ok_or(FaultError::Form(form))?;
+    match fault {
+        Fault::Echo | Fault::Noise(_) if !of_line => return Err(FaultError::LinesOnly(name)),
+        Fault::DupAddress(_) if of_line => return Err(FaultError::ModulesOnly(name)),
+        _ => {}
+    }
+    words.next_if_eq(&"for");
+    let lasts = match words.next() {
+        None => None,
+        Some(word) => Some(parse_duration(word).ok_or(FaultError::Form(form))?),
+    };
+    if words.next().is_some() {
+        return Err(FaultError::Form(form));
+    }
+    Ok(FaultOrder {
+        fault,
+        lasts,
+        words: text.split_whitespace().collect::<Vec<_>>().join(" "),
+    })
+}
+
+/// The fault of a name, with what comes after it; nothing where that is missing or wrong.
+fn read<'t>(
+    name: &str,
+    words: &mut std::iter::Peekable<impl Iterator<Item = &'t str>>,
+) -> Option<Fault> {
+    let fault = match name {
+        "mute" => Fault::Mute,
+        "deaf" => Fault::Deaf,
+        "dead" => Fault::Dead,
+        "echo" => Fault::Echo,
+        "drop" => Fault::Drop(chance(words.next()?)?),
+        "flip" => Fault::Flip(chance(words.next()?)?),
+        "skip" => Fault::Skip(chance(words.next()?)?),
+        "glitch" => Fault::Glitch(chance(words.next()?)?),
+        "duplicate" => Fault::Duplicate(chance(words.next()?)?),
+        "noise" => {
+            let word = words.next()?;
+            let every = positive(word).map(Noise::Every);
+            Fault::Noise(every.or_else(|| chance(word).map(Noise::Chance))?)
+        }
+        "delay" => {
+            let (from, to) = spread(words.next()?)?;
+            Fault::Delay(from, to)
+        }
+        "split" => Fault::Split(chance(words.next()?)?, positive(words.next()?)?),
+        "cuts" => Fault::Cuts(positive(words.next()?)?, positive(words.next()?)?),
+        "babble" => {
+            let of_replies = words.peek().and_then(|word| chance(word));
+            if of_replies.is_some() {
+                words.next();
+            }
+            Fault::Babble(of_replies)
+        }
+        _ => Fault::DupAddress(words.next()?.parse().ok()?),
+    };
+    Some(fault)
+}
+
+/// `5%`, `0.05` and `5e-2` alike.
+fn chance(word: &str) -> Option<Millionths> {
+    let (number, whole) = match word.strip_suffix('%') {
+        Some(number) => (number, 100.0),
+        None => (word, 1.0),
+    };
+    let part: f64 = number.parse().ok()?;
+    let millionths = (part / whole * f64::from(ALWAYS)).round();
+    (1.0..=f64::from(ALWAYS))
+        .contains(&millionths)
+        .then_some(millionths as Millionths)
+}
+
+fn positive(word: &str) -> Option<Micros> {
+    parse_duration(word).filter(|time| *time > Micros::ZERO)
+}
+
+/// `200ms`, or `200ms±50` (also `+-`), whose spread has the same unit where it names none.
+fn spread(word: &str) -> Option<(Micros, Micros)> {
+    let parts = word.split_once('±').or_else(|| word.split_once("+-"));
+    let Some((middle, spread)) = parts else {
+        return positive(word).map(|time| (time, time));
+    };
+    let unit = middle.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.');
+    let middle = positive(middle)?;
+    let spread = parse_duration(spread).or_else(|| parse_duration(&format!("{spread}{unit}")))?;
+    Some((middle - spread, middle + spread))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn one(text: &str) -> Result<(Fault, Option<Micros>), FaultError> {
+        let of_line = !text.starts_with("dup-address");
+        let mut all = parse_faults(text, of_line)?;
+        let order = all.pop().ok_or(FaultError::TooMany(0))?;
+        Ok((order.fault, order.lasts))
+    }
+
+    #[test]
+    fn every_fault_is_read_as_it_is_documented() {
+        for (name, forms) in FAULTS {
+            for form in forms.split(", or ") {
+                assert!(one(form).is_ok(), "{form}");
+                assert!(form.starts_with(name));
+                let Ok((_, lasts)) = one(&format!("{form} 10s")) else {
+                    panic!("{form} 10s");
+                };
+                assert_eq!(lasts, Some(Micros::from_secs(10)), "{form}");
+                assert_eq!(one(&format!("{form} for 10s")), one(&format!("{form} 10s")));
+            }
+        }
+    }
+
+    #[test]
+    fn chances_and_times_are_read() {
+        let millis = Micros::from_millis;
+        for text in ["drop 5%", "drop 0.05", "drop 5e-2"] {
+            assert_eq!(one(text), Ok((Fault::Drop(50_000), None)), "{text}");
+        }
+        for text in ["delay 200ms±50", "delay 200ms+-50ms"] {
+            let expected = Fault::Delay(millis(150), millis(250));
+            assert_eq!(one(text), Ok((expected, None)), "{text}");
+        }
+        let noise = |noise| Ok((Fault::Noise(noise), None));
+        assert_eq!(one("noise 1e-4"), noise(Noise::Chance(100)));
+        assert_eq!(one("noise 2s"), noise(Noise::Every(millis(2_000))));
+    }
+
+    #[test]
+    fn what_is_no_fault_is_told() {
+        for wrong in [
+            "drop",
+            "drop 0",
+            "drop 101%",
+            "drop nan",
+            "delay 200",
+            "mute 5%",
+            "cuts 1m",
+        ] {
+            assert!(matches!(one(wrong), Err(FaultError::Form(_))), "{wrong}");
+        }
+        for wrong in ["", "drpo 5%", "mute,", "drop 5%,, mute"] {
+            assert!(matches!(one(wrong), Err(FaultError::Unknown(_))), "{wrong}");
+        }
+        assert_eq!(
+            parse_faults("echo", false),
+            Err(FaultError::LinesOnly("echo"))
+        );
+        let twice = parse_faults("dup-address 6", true);
+        assert_eq!(twice, Err(FaultError::ModulesOnly("dup-address")));
+        let many = ["mute"; FAULTS_MAX + 1].join(",");
+        assert_eq!(
+            parse_faults(&many, true),
+            Err(FaultError::TooMany(FAULTS_MAX))
+        );
+    }
+}
