@@ -260,6 +260,18 @@ impl Engine {
         &self.body.active
     }
 
+    /// The address in force: that of the DIP switch, where one gives it.
+    #[must_use]
+    pub const fn address(&self) -> Address {
+        self.body.address()
+    }
+
+    /// The protocol in force: that of the INIT* pin, where it chooses.
+    #[must_use]
+    pub const fn protocol(&self) -> Protocol {
+        self.body.protocol()
+    }
+
     /// The settings kept.
     #[must_use]
     pub const fn eeprom(&self) -> &Eeprom {

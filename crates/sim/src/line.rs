@@ -7,7 +7,7 @@ mod talking;
 use crate::random::Random;
 use crate::slot::Slot;
 use crate::talk::{NEVER, State, Talk, Talker};
-use crate::{Act, Direction, Faults, Injected, ModuleId, Trace};
+use crate::{Act, Counts, Direction, Faults, Injected, ModuleId, Trace};
 use railbus_device::{Eeprom, Effect, Engine, Options, Setup, SetupError};
 use railbus_wire::{Instant, Micros, Settings};
 use std::collections::VecDeque;
@@ -246,6 +246,16 @@ impl Line {
         self.talk_garbage(Talker::Noise, self.host_settings, self.now, time);
     }
 
+    /// Ends the garbage that a module sends, or, where none is named, the line itself.
+    pub fn hush(&mut self, module: Option<ModuleId>) {
+        let who = module.map_or(Talker::Noise, Talker::Module);
+        for talk in &mut self.talks {
+            if talk.who == who && talk.babble_until.is_some() {
+                talk.end_early(self.now);
+            }
+        }
+    }
+
     /// All modules, in the order they were added.
     pub fn modules(&self) -> impl Iterator<Item = ModuleId> + use<> {
         (0..self.slots.len()).map(ModuleId)
@@ -268,6 +278,26 @@ impl Line {
     #[must_use]
     pub fn is_powered(&self, module: ModuleId) -> bool {
         self.slots[module.0].powered
+    }
+
+    /// Whether the module's LED shines.
+    #[must_use]
+    pub fn is_lit(&self, module: ModuleId) -> bool {
+        self.slots[module.0].powered && self.slots[module.0].lit
+    }
+
+    /// What the module did so far.
+    #[must_use]
+    pub fn counts(&self, module: ModuleId) -> Counts {
+        self.slots[module.0].counts
+    }
+
+    /// The modules with power that take these characters for the beginning of a request to them
+    /// or to all.
+    pub fn addressed<'a>(&'a self, bytes: &'a [u8]) -> impl Iterator<Item = ModuleId> + 'a {
+        let is_meant = |slot: &Slot| slot.powered && slot.is_addressed(bytes);
+        let slots = self.slots.iter().enumerate();
+        slots.filter_map(move |(index, slot)| is_meant(slot).then_some(ModuleId(index)))
     }
 
     /// When the host will have sent all that it was told to.

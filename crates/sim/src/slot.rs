@@ -49,6 +49,17 @@ pub enum Power {
     Cycle,
 }
 
+/// What a module did since it was added.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Replies, also those that a fault kept from the line.
+    pub replies: u64,
+    /// Writes to its EEPROM over the line.
+    pub saves: u64,
+    /// Times that it started with its power, but for the first.
+    pub restarts: u64,
+}
+
 /// A module's place on the line.
 #[derive(Clone, Debug)]
 pub(crate) struct Slot {
@@ -65,6 +76,9 @@ pub(crate) struct Slot {
     pub(crate) own_faults: Faults,
     /// That together with the line's.
     pub(crate) faults: Faults,
+    pub(crate) counts: Counts,
+    /// Its LED shines.
+    pub(crate) lit: bool,
     setup: Setup,
     options: Options,
     panel: Panel,
@@ -96,6 +110,8 @@ impl Slot {
             power_at: NEVER,
             own_faults: Faults::NONE,
             faults: Faults::NONE,
+            counts: Counts::default(),
+            lit: false,
             setup: *setup,
             options,
             panel: Panel {

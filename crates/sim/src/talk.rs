@@ -147,6 +147,14 @@ impl Talk {
         }
     }
 
+    /// Cuts it off now, and hands out what is left of it.
+    pub(crate) fn end_early(&mut self, now: Instant) {
+        self.cut(now);
+        if self.state == State::Running {
+            self.plan(1);
+        }
+    }
+
     pub(crate) const fn finish(&mut self) {
         self.state = State::Over;
         self.due = NEVER;

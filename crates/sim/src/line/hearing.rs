@@ -237,6 +237,7 @@ impl Line {
                 Output::Transmit(bytes) => {
                     self.scratch.clear();
                     self.scratch.extend_from_slice(bytes);
+                    self.slots[module.0].counts.replies += 1;
                     self.reply(module, at);
                 }
                 Output::Wait(deadline) => {
@@ -252,6 +253,12 @@ impl Line {
     pub(super) fn effect(&mut self, module: ModuleId, at: Instant, effect: Effect) {
         if self.trace.is_some() {
             self.note_effect(module, at, effect);
+        }
+        let slot = &mut self.slots[module.0];
+        match effect {
+            Effect::Led(lit) => slot.lit = lit,
+            Effect::Save(_) => slot.counts.saves += 1,
+            Effect::Output { .. } | Effect::Serial(_) => {}
         }
         self.outbox
             .push_back(Outgoing::Effect { at, module, effect });

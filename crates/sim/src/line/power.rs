@@ -76,10 +76,7 @@ impl Line {
         self.wakes[module.0] = NEVER;
         for talk in &mut self.talks {
             if talk.who == Talker::Module(module) && talk.state != State::Over {
-                talk.cut(at);
-                if talk.state == State::Running {
-                    talk.plan(1);
-                }
+                talk.end_early(at);
             }
         }
         for channel in (0..32).filter(|channel| outputs >> channel & 1 == 1) {
@@ -100,6 +97,7 @@ impl Line {
         );
         let slot = &mut self.slots[module.0];
         slot.powered = true;
+        slot.counts.restarts += 1;
         let eeprom = *slot.engine.eeprom();
         slot.restart(at, eeprom);
         self.plan_power_cut(module, at);
