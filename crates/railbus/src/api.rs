@@ -2,7 +2,7 @@
 //! client, and the machine-readable output of every command.
 
 pub(crate) mod ask;
-mod config_words;
+pub(crate) mod config_words;
 pub(crate) mod convert;
 pub(crate) mod failures;
 pub(crate) mod paths;

@@ -141,7 +141,7 @@ pub(crate) fn verb(
     usage: &'static str,
 ) -> Command {
     let template = format!(
-        "{{about-with-newline}}\n{{before-help}}{}{{usage}}\n\n{{all-args}}\n",
+        "{{about-with-newline}}\n{{before-help}}{}{{usage}}\n\n{{all-args}}\n{{after-help}}",
         lang.get(Text::Usage)
     );
     Command::new(name)

@@ -14,4 +14,4 @@ mod context;
 mod place;
 mod stop;
 
-pub(crate) use context::{Context, global_flags};
+pub(crate) use context::{Context, address, global_flags};

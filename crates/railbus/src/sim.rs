@@ -1,22 +1,36 @@
-//! `railbus sim`: a simulated line in real time, for any master.
+//! `railbus sim`: simulated lines in real time, for any master: the demo line, or the plant of a
+//! configuration.
 
+mod answers;
 pub(crate) mod background;
+mod ctl;
 mod frames;
+mod keep;
+mod orders;
+mod plant;
+mod prompt;
 mod pty;
 mod serve;
+mod stage;
+mod standing;
 mod tcp;
+mod texts;
 
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
+use crate::render::Format;
 use crate::texts::Text;
-use clap::{ArgAction, ArgMatches, Command, value_parser};
+use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use pty::Pty;
 use railbus_sim::demo;
+use railbus_wire::Settings;
+use serve::{Clock, Scene, Served, line_config};
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use tcp::Tcp;
+use texts::SimText;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "sim";
@@ -25,7 +39,7 @@ pub(crate) const NAME: &str = "sim";
 const DEMO_PTY: &str = "/tmp/railbus-main";
 const DEMO_TCP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 4001);
 
-/// What the arguments say.
+/// What the arguments say of the demo.
 struct Wanted {
     pty: PathBuf,
     tcp: SocketAddr,
@@ -35,64 +49,153 @@ struct Wanted {
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus sim --demo [--pty PATH] [--tcp ADDR] [--seed N]";
-    cli::verb(lang, NAME, Text::SimAbout, usage)
-        .before_help(cli::examples(lang, Text::SimExamples))
+    let usage = "railbus sim PLANT.toml | --demo | ctl SOCKET ORDER";
+    let many = |name, help| cli::flag(lang, name, help).action(ArgAction::Append);
+    let of_plant = |arg: Arg| arg.conflicts_with("demo");
+    cli::verb(lang, NAME, SimText::About, usage)
+        .before_help(cli::examples(lang, SimText::Examples))
+        .after_help(lang.get(SimText::Guide))
+        .subcommand(ctl::define(lang))
+        .subcommand_help_heading(lang.get(Text::Commands))
+        .subcommand_negates_reqs(true)
+        .args_conflicts_with_subcommands(true)
         .arg(
-            cli::flag(lang, "demo", Text::SimDemo)
-                .action(ArgAction::SetTrue)
-                .required(true),
-        )
-        .arg(
-            cli::flag(lang, "pty", Text::SimPty)
-                .value_name("PATH")
+            Arg::new("FILE")
+                .help(lang.get(SimText::File))
                 .value_parser(value_parser!(PathBuf)),
         )
+        .arg(cli::flag(lang, "demo", SimText::Demo).action(ArgAction::SetTrue))
+        .group(ArgGroup::new("what").args(["FILE", "demo"]).required(true))
+        .arg(many("pty", SimText::Pty).value_name("[LINE=]PATH"))
+        .arg(many("tcp", SimText::Tcp).value_name("[LINE=]ADDR"))
         .arg(
-            cli::flag(lang, "tcp", Text::SimTcp)
-                .value_name("ADDR")
-                .value_parser(value_parser!(SocketAddr)),
-        )
-        .arg(
-            cli::flag(lang, "seed", Text::SimSeed)
+            cli::flag(lang, "seed", SimText::Seed)
                 .value_name("N")
                 .value_parser(value_parser!(u64)),
         )
+        .arg(of_plant(
+            cli::flag(lang, "speed", SimText::Speed)
+                .value_name("F")
+                .value_parser(speed),
+        ))
+        .arg(of_plant(
+            many("fault", SimText::FaultFlag).value_name("WHO: WHAT"),
+        ))
+        .arg(of_plant(
+            cli::flag(lang, "control", SimText::Control)
+                .value_name("PATH")
+                .value_parser(value_parser!(PathBuf)),
+        ))
+        .arg(of_plant(
+            cli::flag(lang, "state", SimText::State)
+                .value_name("FILE")
+                .value_parser(value_parser!(PathBuf)),
+        ))
 }
 
-/// Serves the line until it is stopped.
+/// How many times faster than real.
+fn speed(text: &str) -> Result<f64, String> {
+    let speed = text.parse().ok();
+    speed
+        .filter(|speed| (0.01..=1_000.0).contains(speed))
+        .ok_or_else(String::new)
+}
+
+/// Serves the lines until it is stopped.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
-    let wanted = Wanted {
-        pty: matches
-            .get_one("pty")
-            .cloned()
-            .unwrap_or_else(|| PathBuf::from(DEMO_PTY)),
-        tcp: matches.get_one("tcp").copied().unwrap_or(DEMO_TCP),
-        seed: matches.get_one("seed").copied().unwrap_or_default(),
-        verbose: matches.get_flag("verbose"),
-    };
-    tokio::runtime::Builder::new_current_thread()
+    if let Some((ctl::NAME, matches)) = matches.subcommand() {
+        return ctl::run(lang, matches);
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
-        .map_err(|error| system(lang, error))?
-        .block_on(open_and_serve(lang, &wanted))
+        .map_err(|error| system(lang, error))?;
+    match matches.get_one::<PathBuf>("FILE") {
+        Some(file) => runtime.block_on(plant::run(lang, &plant_wanted(file, matches))),
+        None => runtime.block_on(serve_demo(lang, &demo_wanted(lang, matches)?)),
+    }
 }
 
-async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+fn texts_of(matches: &ArgMatches, name: &str) -> Vec<String> {
+    let all = matches.get_many::<String>(name);
+    all.into_iter().flatten().cloned().collect()
+}
+
+fn plant_wanted(file: &std::path::Path, matches: &ArgMatches) -> plant::Wanted {
+    let format = matches.get_one::<String>("output");
+    let format = format.and_then(|name| Format::from_name(name));
+    plant::Wanted {
+        file: file.to_owned(),
+        ptys: texts_of(matches, "pty"),
+        tcps: texts_of(matches, "tcp"),
+        seed: matches.get_one("seed").copied(),
+        speed: matches.get_one("speed").copied(),
+        faults: texts_of(matches, "fault"),
+        control: matches.get_one("control").cloned(),
+        state: matches.get_one("state").cloned(),
+        verbose: matches.get_flag("verbose"),
+        json: format.is_some_and(Format::is_json),
+    }
+}
+
+fn demo_wanted(lang: Lang, matches: &ArgMatches) -> Result<Wanted, Failure> {
+    let tcp = match texts_of(matches, "tcp").pop() {
+        None => DEMO_TCP,
+        Some(text) => text.parse().map_err(|_| {
+            let message = lang.fill(SimText::BadAddress, &[("value", &text)]);
+            Failure::new(Code::Usage, message).with_try("railbus sim --demo --tcp 127.0.0.1:0")
+        })?,
+    };
+    let pty = texts_of(matches, "pty").pop();
+    Ok(Wanted {
+        pty: pty.unwrap_or_else(|| DEMO_PTY.to_owned()).into(),
+        tcp,
+        seed: matches.get_one("seed").copied().unwrap_or_default(),
+        verbose: matches.get_flag("verbose"),
+    })
+}
+
+async fn serve_demo(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let mut stop = serve::Stop::new().map_err(|error| system(lang, error))?;
     // TCP first: a second simulator fails here, before it takes the first one's link away.
-    let tcp = Tcp::listen(wanted.tcp).await.map_err(|error| {
-        let message = lang.fill(Text::NoTcp, &[("address", &wanted.tcp)]);
-        Failure::new(Code::Listen, message)
-            .because(error)
-            .with_try("railbus sim --demo --tcp 127.0.0.1:0")
-    })?;
-    let pty = Pty::open(&wanted.pty).map_err(|error| error.into_failure(lang, &wanted.pty))?;
+    let tcp = listen(lang, wanted.tcp, "railbus sim --demo --tcp 127.0.0.1:0").await?;
+    let elsewhere = "railbus sim --demo --pty /tmp/railbus-2";
+    let pty =
+        Pty::open(&wanted.pty).map_err(|error| error.into_failure(lang, &wanted.pty, elsewhere))?;
     announce(lang, wanted, tcp.address());
     let frames = wanted.verbose.then(|| frames::Frames::begin(lang));
-    serve::serve(wanted.seed, stop.requested(), pty, Some(tcp), frames)
+    let served = demo_line(wanted.seed, pty, Some(tcp), frames);
+    let served = served.map_err(|error| system(lang, error))?;
+    serve::serve(Clock::new(1.0), served, stop.requested())
         .await
         .map_err(|error| system(lang, error))
+}
+
+/// The demo line, ready to be served.
+fn demo_line(
+    seed: u64,
+    pty: Pty,
+    tcp: Option<Tcp>,
+    frames: Option<frames::Frames>,
+) -> std::io::Result<Served> {
+    Ok(Served {
+        scene: Scene::demo(line_config(seed, frames.is_some()))?,
+        serial: Settings::FACTORY,
+        pty: Some(pty),
+        tcp,
+        frames,
+        jobs: None,
+        keeper: None,
+    })
+}
+
+async fn listen(lang: Lang, address: SocketAddr, elsewhere: &str) -> Result<Tcp, Failure> {
+    Tcp::listen(address).await.map_err(|error| {
+        let message = lang.fill(Text::NoTcp, &[("address", &address)]);
+        Failure::new(Code::Listen, message)
+            .because(error)
+            .with_try(elsewhere)
+    })
 }
 
 /// The system refuses what it always grants.
@@ -105,11 +208,11 @@ fn system(lang: Lang, error: std::io::Error) -> Failure {
 fn announce(lang: Lang, wanted: &Wanted, tcp: SocketAddr) {
     let mut text = format!(
         "{}\n  PTY  {}\n  TCP  {tcp}   {}\n\n{}\n  {}\n",
-        lang.get(Text::SimServed),
+        lang.get(SimText::Served),
         wanted.pty.display(),
-        lang.get(Text::SimRawBytes),
-        lang.get(Text::SimModules),
-        lang.get(Text::SimColumns),
+        lang.get(SimText::RawBytes),
+        lang.get(SimText::Modules),
+        lang.get(SimText::Columns),
     );
     for (name, setup) in demo::modules() {
         let model = setup.family.to_string();

@@ -376,47 +376,6 @@ texts! {
     Conflict { en: "{name} can't be used here", zh: "此处不能使用 {name}" }
     BadArguments { en: "the arguments are wrong", zh: "参数有误" }
 
-    // sim
-    SimAbout {
-        en: "Serves a simulated line to any master, byte by byte at the line's own pace.",
-        zh: "按线路本身的速度逐字节模拟一条总线，供任何上位机访问。",
-    }
-    SimExamples {
-        en: "  railbus sim --demo                    five modules on a PTY and on TCP
-  railbus sim --demo -v                 the same, and shows each frame
-  railbus sim --demo --pty /tmp/plant   the PTY under another name",
-        zh: "  railbus sim --demo                    五个模块，经 PTY 和 TCP 访问
-  railbus sim --demo -v                 同上，并逐帧显示
-  railbus sim --demo --pty /tmp/plant   换一个 PTY 名称",
-    }
-    SimDemo { en: "The demo line: one module of each of five kinds", zh: "演示总线：五种模块各一个" }
-    SimPty {
-        en: "Where the link to the PTY lies; /tmp/railbus-main if not said",
-        zh: "PTY 链接的位置；默认 /tmp/railbus-main",
-    }
-    SimTcp {
-        en: "The address for raw bytes over TCP; 127.0.0.1:4001 if not said",
-        zh: "TCP 原始字节的监听地址；默认 127.0.0.1:4001",
-    }
-    SimSeed {
-        en: "The number that all chance comes from; 0 if not said",
-        zh: "随机数种子；默认 0",
-    }
-    SimServed {
-        en: "The demo line, 9600 8N1, until you press Ctrl-C. Connect any master to:",
-        zh: "演示总线，9600 8N1，按 Ctrl-C 结束。任何上位机均可连接：",
-    }
-    SimRawBytes { en: "raw bytes, several clients share the line", zh: "原始字节，多个客户端共用总线" }
-    SimModules { en: "On it:", zh: "总线上的模块：" }
-    SimColumns {
-        en: "MODULE  MODEL        ADDRESS   PROTOCOL",
-        zh: "模块    型号         地址      协议",
-    }
-    SimFrameColumns {
-        en: "  TIME s     +ms  WHO       EVENT        BYTES",
-        zh: "  时间 s     +ms  谁        事件         字节",
-    }
-
     // Faults of sim.
     NoTcp { en: "can't listen on TCP {address}", zh: "无法监听 TCP {address}" }
     NoPty { en: "can't make a PTY", zh: "无法创建 PTY" }

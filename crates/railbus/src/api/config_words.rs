@@ -3,7 +3,7 @@
 use crate::i18n::Lang;
 use railbus_device::SetupError;
 use railbus_host::NameError;
-use railbus_site::config::Kind;
+use railbus_site::config::{FAULTS, FaultError, Kind};
 
 /// One problem in a few words.
 pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
@@ -55,11 +55,42 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
         Kind::NoSuchLine => fixed(["there is no such line", "没有此总线"]),
         Kind::NoSuchPoint => fixed(["the module has no such point", "该模块没有此点"]),
         Kind::Setup(why) => setup(lang, *why),
+        Kind::BadFault(why) => fault(lang, why),
         Kind::AddressTaken(other) => both(
             format!("module \"{other}\" has this address already"),
             format!("模块 \"{other}\" 已使用此地址"),
         ),
         _ => kind.code().to_owned(),
+    }
+}
+
+/// Why words name no fault to simulate.
+pub(crate) fn fault(lang: Lang, why: &FaultError) -> String {
+    let [en, zh] = match why {
+        FaultError::Unknown(word) => {
+            let names = FAULTS.map(|(name, _)| name).join(", ");
+            [
+                format!("there is no fault \"{word}\", but {names}"),
+                format!("没有故障 \"{word}\"，可用：{names}"),
+            ]
+        }
+        FaultError::Form(form) => [format!("write {form}"), format!("应写为 {form}")],
+        FaultError::LinesOnly(name) => [
+            format!("\"{name}\" is a fault of lines, not of modules"),
+            format!("\"{name}\" 是总线的故障，不能用于模块"),
+        ],
+        FaultError::ModulesOnly(name) => [
+            format!("\"{name}\" is a fault of modules, not of lines"),
+            format!("\"{name}\" 是模块的故障，不能用于总线"),
+        ],
+        FaultError::TooMany(most) => [
+            format!("more than {most} faults"),
+            format!("故障多于 {most} 个"),
+        ],
+    };
+    match lang {
+        Lang::En => en,
+        Lang::Zh => zh,
     }
 }
 

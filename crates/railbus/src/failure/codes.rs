@@ -122,6 +122,11 @@ codes! {
             "广播会动作所有模块；设置会写入 EEPROM"],
         next: ["repeat it with --yes if that is what you want", "确认无误后加 --yes 重试"],
     }
+    SimOrder = "E0290" {
+        title: ["the simulator does not understand this", "模拟器无法理解此命令"],
+        likely: ["a typing mistake · a module or point of another plant", "输入错误 · 属于其他工厂文件的模块或点"],
+        next: ["type help at its prompt", "在提示符下输入 help"],
+    }
     NoReply = "E0301" {
         title: ["no reply: nobody answered in time", "无应答：限定时间内无人应答"],
         likely: ["module off · A/B swapped · other baud or protocol · address changed",
@@ -214,6 +219,12 @@ codes! {
         title: ["the line is not open", "总线未打开"],
         likely: ["the adapter was pulled out · its driver fails", "转换器被拔出 · 驱动故障"],
         next: ["railbus ls lines", "railbus ls lines"],
+    }
+    SimControl = "E0790" {
+        title: ["the simulator's control socket can't be used", "无法使用模拟器的控制套接字"],
+        likely: ["no simulator serves it · another one does · the folder is missing or not yours",
+            "没有模拟器在此服务 · 已被另一模拟器占用 · 目录不存在或无权限"],
+        next: ["railbus sim plant.toml --control PATH", "railbus sim plant.toml --control 路径"],
     }
     NoModule = "E0801" {
         title: ["there is no such module or point", "没有该模块或点"],
@@ -359,6 +370,23 @@ codes! {
         title: ["two lines on one port", "两条总线使用同一端口"],
         likely: ["copied without a change", "复制后未修改"],
         next: ["put the modules of both on one line", "将两者的模块放在一条总线下"],
+    }
+    ConfigFault = "E0890" {
+        title: ["this is no fault to simulate", "不是可模拟的故障"],
+        likely: ["a typing mistake · a value is missing", "输入错误 · 缺少数值"],
+        next: ["railbus sim --help lists them", "railbus sim --help 列出所有故障"],
+    }
+    SimState = "E0891" {
+        title: ["the settings kept of the simulated modules can't be used", "无法使用所保存的模拟模块设置"],
+        likely: ["a file of something else, or of another plant · no right to it",
+            "文件属于其他用途或其他工厂文件 · 无权限"],
+        next: ["choose another file with --state", "用 --state 换一个文件"],
+    }
+    SimPlant = "E0892" {
+        title: ["the plant can't be simulated so", "无法如此模拟该工厂文件"],
+        likely: ["a flag names a line that is not there · there is nothing to simulate",
+            "参数中的总线不存在 · 没有可模拟的总线"],
+        next: ["railbus sim --help", "railbus sim --help"],
     }
     Forbidden = "E0901" {
         title: ["the daemon does not take this from there", "守护进程不接受来自该处的请求"],

@@ -24,6 +24,14 @@ pub(crate) fn places() -> Vec<PathBuf> {
     folders.into_iter().flatten().map(socket).collect()
 }
 
+/// The user's own folder for what lives as long as a program runs, made where it is missing.
+pub(crate) fn own_folder() -> Option<PathBuf> {
+    let of_user = std::env::var_os("XDG_RUNTIME_DIR").filter(|folder| !folder.is_empty());
+    let folder = of_user.map(PathBuf::from).or_else(own_temporary_folder)?;
+    make_folder(&folder.join("any"));
+    Some(folder)
+}
+
 /// The user's own folder among the temporary files; none where somebody else made one of that
 /// name, who could put a socket of his own there.
 fn own_temporary_folder() -> Option<PathBuf> {
@@ -50,8 +58,8 @@ fn make_folder(path: &Path) {
 
 /// A listening socket, which goes away with this.
 #[derive(Debug)]
-pub(super) struct Socket {
-    pub(super) listener: UnixListener,
+pub(crate) struct Socket {
+    pub(crate) listener: UnixListener,
     path: PathBuf,
     inode: u64,
 }
@@ -59,10 +67,10 @@ pub(super) struct Socket {
 impl Socket {
     /// Listens. What a daemon that was killed left behind is replaced; where one answers, this
     /// fails.
-    pub(super) fn listen(lang: Lang, path: &Path) -> io::Result<Socket> {
+    pub(crate) fn listen(lang: Lang, path: &Path) -> io::Result<Socket> {
         make_folder(path);
         if UnixStream::connect(path).is_ok() {
-            let taken = ["another daemon answers there", "已有守护进程在此应答"];
+            let taken = ["something answers there already", "已有程序在此应答"];
             return Err(io::Error::new(io::ErrorKind::AddrInUse, lang.of(taken)));
         }
         if let Ok(found) = std::fs::symlink_metadata(path)
@@ -95,7 +103,7 @@ impl Socket {
     }
 
     /// Where it is.
-    pub(super) fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 }

@@ -2,7 +2,8 @@
 //! keep their pace whatever the command does.
 
 use super::pty::Pty;
-use super::{serve, system};
+use super::serve::{self, Clock};
+use super::{demo_line, system};
 use crate::failure::Failure;
 use crate::i18n::Lang;
 use std::path::{Path, PathBuf};
@@ -63,13 +64,15 @@ fn run(
     ready: &mpsc::Sender<Result<(), Failure>>,
 ) {
     let begin = async {
-        let pty = Pty::open(path).map_err(|error| error.into_failure(lang, path))?;
+        let pty = Pty::open(path)
+            .map_err(|error| error.into_failure(lang, path, "railbus serve --demo"))?;
+        let line = demo_line(0, pty, None, None).map_err(|error| system(lang, error))?;
         // Fails where nobody waits any more; then the line ends at once.
         let _ = ready.send(Ok(()));
         let stop = async {
             let _ = stopped.await;
         };
-        serve::serve(0, stop, pty, None, None)
+        serve::serve(Clock::new(1.0), line, stop)
             .await
             .map_err(|error| system(lang, error))
     };

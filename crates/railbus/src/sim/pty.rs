@@ -31,9 +31,8 @@ pub(super) enum OpenError {
 }
 
 impl OpenError {
-    pub(super) fn into_failure(self, lang: Lang, path: &Path) -> Failure {
+    pub(super) fn into_failure(self, lang: Lang, path: &Path, elsewhere: &str) -> Failure {
         let path = path.display();
-        let elsewhere = "railbus sim --demo --pty /tmp/railbus-2";
         match self {
             OpenError::Pty(error) => {
                 Failure::new(Code::Pty, lang.get(Text::NoPty).to_owned()).because(error)

@@ -1,0 +1,167 @@
+//! What orders bring about on a line, and what is told of it: one line of text for each module.
+
+use super::orders::{LineOrder, path};
+use super::stage::{Deed, Part, Stage, Whose};
+use super::standing::Standing;
+use super::texts::SimText;
+use crate::i18n::Lang;
+use crate::render::time;
+use railbus_device::PointKind;
+use railbus_sim::Power;
+use railbus_site::config::Signal;
+use railbus_wire::Instant;
+
+/// Does what an order says, and tells.
+pub(super) fn perform(
+    lang: Lang,
+    stage: &mut Stage,
+    now: Instant,
+    order: LineOrder,
+) -> Vec<String> {
+    match order {
+        LineOrder::Do(index, deed) => {
+            stage.act(now, index, deed);
+            vec![done(lang, &stage.parts()[index], deed)]
+        }
+        LineOrder::Faults(whose, orders) => {
+            for order in &orders {
+                stage.add_fault(now, whose, order);
+            }
+            vec![standing(lang, stage, whose, now)]
+        }
+        LineOrder::Clear(whose) => {
+            stage.clear_faults(now, whose);
+            vec![standing(lang, stage, whose, now)]
+        }
+        LineOrder::ClearAll => {
+            stage.clear_all(now);
+            Vec::new()
+        }
+        LineOrder::Show(index) => vec![show(lang, stage, index, now)],
+        LineOrder::ShowAll => {
+            let parts = 0..stage.parts().len();
+            parts.map(|index| show(lang, stage, index, now)).collect()
+        }
+    }
+}
+
+fn done(lang: Lang, part: &Part, deed: Deed) -> String {
+    let name = &part.name;
+    let with = |text: SimText, value: &dyn std::fmt::Display| {
+        lang.fill(text, &[("name", name), ("value", value)])
+    };
+    let state = |on| lang.get(if on { SimText::On } else { SimText::Off });
+    match deed {
+        Deed::Input(point, signal) => {
+            let path = path(name, &part.setup, point);
+            match signal {
+                Signal::Value(hundredths) => format!("{path} = {}", decimal(hundredths)),
+                Signal::Level(high) => {
+                    let level = if high { SimText::High } else { SimText::Low };
+                    format!("{path} = {}", lang.get(level))
+                }
+                Signal::Toggle(_) | Signal::Swing(..) => path,
+            }
+        }
+        Deed::Power(Power::On) => with(SimText::PowerIs, &state(true)),
+        Deed::Power(Power::Off) => with(SimText::PowerIs, &state(false)),
+        Deed::Power(Power::Cycle) => lang.fill(SimText::Cycled, &[("name", name)]),
+        Deed::Dip(dip) => with(SimText::DipIs, &dip),
+        Deed::Init(grounded) => {
+            let pin = if grounded {
+                SimText::Grounded
+            } else {
+                SimText::Open
+            };
+            with(SimText::InitIs, &lang.get(pin))
+        }
+        Deed::Reset => lang.fill(SimText::WasReset, &[("name", name)]),
+    }
+}
+
+fn standing(lang: Lang, stage: &Stage, whose: Whose, now: Instant) -> String {
+    let (name, standing) = match whose {
+        Whose::Line => (lang.get(SimText::LineWord), stage.faults()),
+        Whose::Module(index) => {
+            let part = &stage.parts()[index];
+            (part.name.as_str(), &part.faults)
+        }
+    };
+    let faults = faults(lang, standing, now);
+    lang.fill(SimText::FaultsOf, &[("name", &name), ("faults", &faults)])
+}
+
+fn faults(lang: Lang, standing: &Standing, now: Instant) -> String {
+    let words: Vec<String> = standing
+        .words(now)
+        .map(|(words, left)| match left {
+            None => words.to_owned(),
+            Some(left) => {
+                let left = time::duration(lang, left.0.div_ceil(1_000));
+                lang.fill(SimText::Left, &[("words", &words), ("left", &left)])
+            }
+        })
+        .collect();
+    if words.is_empty() {
+        return lang.get(SimText::None).to_owned();
+    }
+    words.join(", ")
+}
+
+/// All of a module: settings, power, points, LED, counters, faults.
+fn show(lang: Lang, stage: &Stage, index: usize, now: Instant) -> String {
+    let part = &stage.parts()[index];
+    let line = stage.line();
+    let (engine, counts) = (line.engine(part.id()), line.counts(part.id()));
+    let setup = &part.setup;
+    let (active, kept) = (engine.active(), engine.eeprom());
+    let state = |on| lang.get(if on { SimText::On } else { SimText::Off });
+    let mut parts = vec![format!(
+        "{}: {} {} {} {}",
+        part.name,
+        setup.family,
+        engine.address(),
+        engine.protocol(),
+        active.serial
+    )];
+    if active.checksum {
+        parts.push(lang.get(SimText::Checksummed).to_owned());
+    }
+    if (kept.address, kept.serial) != (active.address, active.serial) {
+        let value = format!("{} {}", kept.address, kept.serial);
+        parts.push(lang.fill(SimText::Kept, &[("value", &value)]));
+    }
+    let power = state(line.is_powered(part.id()));
+    let mut say = |text: SimText, value: &dyn std::fmt::Display| {
+        parts.push(lang.fill(text, &[("value", value)]));
+    };
+    say(SimText::ShowPower, &power);
+    if setup.outputs > 0 {
+        say(SimText::ShowOutputs, &bits(engine.outputs(), setup.outputs));
+    }
+    if setup.inputs > 0 {
+        say(SimText::ShowInputs, &bits(part.levels(), setup.inputs));
+    }
+    let analogs = usize::from(setup.count(PointKind::Analog));
+    if analogs > 0 {
+        let shown = part.analogs();
+        let values: Vec<String> = shown.iter().take(analogs).map(|v| decimal(*v)).collect();
+        say(SimText::ShowAnalogs, &values.join(" "));
+    }
+    say(SimText::ShowLed, &state(line.is_lit(part.id())));
+    say(SimText::ShowReplies, &counts.replies);
+    say(SimText::ShowSaves, &counts.saves);
+    say(SimText::ShowRestarts, &counts.restarts);
+    say(SimText::ShowFaults, &faults(lang, &part.faults, now));
+    parts.join("; ")
+}
+
+/// In the order of the terminals, the first one first.
+fn bits(value: u32, count: u8) -> String {
+    let bit = |index| if value >> index & 1 == 1 { '1' } else { '0' };
+    (0..count).map(bit).collect()
+}
+
+fn decimal(hundredths: i16) -> String {
+    format!("{:.2}", f64::from(hundredths) / 100.0)
+}

@@ -1,0 +1,134 @@
+//! `railbus sim ctl`: orders for a simulator that runs elsewhere.
+
+use super::texts::SimText;
+use crate::cli;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::out;
+use clap::{Arg, ArgMatches, Command, value_parser};
+use std::io::{self, BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// The name of the command.
+pub(super) const NAME: &str = "ctl";
+
+/// An order is carried out at once; who takes longer hangs.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Its parser and help.
+pub(super) fn define(lang: Lang) -> Command {
+    cli::verb(
+        lang,
+        NAME,
+        SimText::CtlAbout,
+        "railbus sim ctl SOCKET [ORDER]",
+    )
+    .before_help(cli::examples(lang, SimText::CtlExamples))
+    .arg(
+        Arg::new("SOCKET")
+            .help(lang.get(SimText::CtlSocket))
+            .required(true)
+            .value_parser(value_parser!(PathBuf)),
+    )
+    .arg(
+        Arg::new("ORDER")
+            .help(lang.get(SimText::CtlOrder))
+            .num_args(0..)
+            .allow_hyphen_values(true)
+            .trailing_var_arg(true),
+    )
+}
+
+/// Sends the order, or those on stdin, and shows the answers.
+pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let path: PathBuf = matches.get_one("SOCKET").cloned().unwrap_or_default();
+    let words: Vec<&str> = matches
+        .get_many::<String>("ORDER")
+        .into_iter()
+        .flatten()
+        .map(String::as_str)
+        .collect();
+    let failed = |error: io::Error| unreachable(lang, &path, &error);
+    let mut link = Link::open(&path).map_err(failed)?;
+    if !words.is_empty() {
+        return link.ask(lang, &path, &words.join(" "));
+    }
+    for line in io::stdin().lock().lines() {
+        let line = line.map_err(failed)?;
+        if !line.trim().is_empty() {
+            link.ask(lang, &path, &line)?;
+        }
+    }
+    Ok(())
+}
+
+/// Why the control socket can't be used.
+pub(super) fn unreachable(lang: Lang, path: &Path, error: &io::Error) -> Failure {
+    let message = lang.fill(SimText::NoControl, &[("path", &path.display())]);
+    Failure::new(Code::SimControl, message)
+        .diagnosed()
+        .because(error)
+        .with_try("railbus sim plant.toml --control ./ctl")
+}
+
+struct Link {
+    writer: UnixStream,
+    reader: BufReader<UnixStream>,
+}
+
+impl Link {
+    fn open(path: &Path) -> io::Result<Link> {
+        let writer = UnixStream::connect(path)?;
+        writer.set_read_timeout(Some(PATIENCE))?;
+        writer.set_write_timeout(Some(PATIENCE))?;
+        let reader = BufReader::new(writer.try_clone()?);
+        Ok(Link { writer, reader })
+    }
+
+    fn ask(&mut self, lang: Lang, path: &Path, order: &str) -> Result<(), Failure> {
+        let answer = self
+            .exchange(order)
+            .map_err(|error| unreachable(lang, path, &error))?;
+        match refusal(&answer) {
+            Some((code, message)) => Err(Failure::new(code, message.to_owned()).diagnosed()),
+            None => out::result(lang, &format!("{answer}\n")),
+        }
+    }
+
+    fn exchange(&mut self, order: &str) -> io::Result<String> {
+        let order = order.replace('\n', " ");
+        self.writer.write_all(format!("{order}\n").as_bytes())?;
+        let mut answer = String::new();
+        if self.reader.read_line(&mut answer)? == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        Ok(answer.trim_end().to_owned())
+    }
+}
+
+/// The code and the words of an answer that is an error, in whichever language.
+fn refusal(answer: &str) -> Option<(Code, &str)> {
+    let head = ["error[", "错误["];
+    let rest = head.iter().find_map(|head| answer.strip_prefix(head))?;
+    let (code, message) = rest.split_once(']')?;
+    let message = message.trim_start_matches([':', '：', ' ']);
+    Some((Code::from_name(code)?, message))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_known_in_both_languages() {
+        for lang in [Lang::En, Lang::Zh] {
+            let failure = Failure::new(Code::SimOrder, "so: 1".to_owned());
+            let told = failure.render(lang);
+            let line = told.lines().next().unwrap_or_default();
+            assert_eq!(refusal(line), Some((Code::SimOrder, "so: 1")));
+        }
+        assert_eq!(refusal("pump: power on"), None);
+    }
+}

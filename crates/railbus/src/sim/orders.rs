@@ -1,0 +1,255 @@
+//! What is typed at the simulator's prompt, and sent to its control socket.
+
+use super::stage::{Deed, Whose};
+use super::texts::SimText;
+use crate::api::config_words;
+use crate::commands::address;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use railbus_device::{Point, PointKind, Setup};
+use railbus_sim::Power;
+use railbus_site::Config;
+use railbus_site::config::{FaultOrder, Signal, parse_faults};
+use std::collections::BTreeMap;
+
+/// Something to do or to tell.
+#[derive(Clone, Debug)]
+pub(super) enum Order {
+    /// On one line, by its number.
+    Line(usize, LineOrder),
+    /// On all lines.
+    All(LineOrder),
+    Help,
+    Quit,
+}
+
+/// Something to do or to tell on one line.
+#[derive(Clone, Debug)]
+pub(super) enum LineOrder {
+    Do(usize, Deed),
+    Faults(Whose, Vec<FaultOrder>),
+    Clear(Whose),
+    ClearAll,
+    Show(usize),
+    ShowAll,
+}
+
+/// Who is who: the names that orders use.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Directory {
+    /// In the order of their numbers.
+    pub(super) lines: Vec<String>,
+    modules: BTreeMap<String, Known>,
+}
+
+/// A module by its numbers.
+#[derive(Clone, Debug)]
+struct Known {
+    line: usize,
+    part: usize,
+    setup: Setup,
+    unit: String,
+}
+
+impl Directory {
+    /// The names of a configuration: lines are numbered by their names, and so are the modules
+    /// of each.
+    pub(super) fn of(config: &Config) -> Directory {
+        let lines: Vec<String> = config.lines.keys().cloned().collect();
+        let mut modules = BTreeMap::new();
+        for (line, name) in lines.iter().enumerate() {
+            for (part, (name, module)) in config.modules_of(name).enumerate() {
+                let known = Known {
+                    line,
+                    part,
+                    setup: module.setup,
+                    unit: module.range.unit.clone(),
+                };
+                modules.insert(name.clone(), known);
+            }
+        }
+        Directory { lines, modules }
+    }
+
+    /// Reads one order.
+    pub(super) fn read(&self, lang: Lang, text: &str) -> Result<Order, Failure> {
+        let reader = Reader {
+            lang,
+            directory: self,
+        };
+        reader.order(text.trim())
+    }
+
+    /// Reads `--fault 'pump: drop 5%'`.
+    pub(super) fn read_fault(&self, lang: Lang, text: &str) -> Result<Order, Failure> {
+        let reader = Reader {
+            lang,
+            directory: self,
+        };
+        let (whose, faults) = text
+            .split_once([':', '：'])
+            .ok_or_else(|| reader.form("pump: drop 5%"))?;
+        reader.fault(&format!("{} {faults}", whose.trim()))
+    }
+}
+
+struct Reader<'d> {
+    lang: Lang,
+    directory: &'d Directory,
+}
+
+/// The first word and the rest.
+fn split(text: &str) -> (&str, &str) {
+    let text = text.trim_start();
+    let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+    (word, rest.trim())
+}
+
+impl Reader<'_> {
+    fn order(&self, text: &str) -> Result<Order, Failure> {
+        if let Some((point, value)) = text.split_once('=') {
+            return self.input(point.trim(), value.trim());
+        }
+        let (verb, rest) = split(text);
+        let (name, value) = split(rest);
+        match verb {
+            "fault" if rest == "clear" => Ok(Order::All(LineOrder::ClearAll)),
+            "fault" => self.fault(rest),
+            "power" => {
+                let powers = [
+                    ("on", Power::On),
+                    ("off", Power::Off),
+                    ("cycle", Power::Cycle),
+                ];
+                let power = powers.into_iter().find(|(word, _)| *word == value);
+                let (_, power) = power.ok_or_else(|| self.form("power pump on|off|cycle"))?;
+                self.deed(name, Deed::Power(power))
+            }
+            "dip" => {
+                let dip = address(value).map_err(|_| self.form("dip yard 3"))?;
+                self.deed(name, Deed::Dip(dip))
+            }
+            "init" => {
+                let grounded = switch(value).ok_or_else(|| self.form("init gate on|off"))?;
+                self.deed(name, Deed::Init(grounded))
+            }
+            "reset" if value.is_empty() => self.deed(name, Deed::Reset),
+            "show" if rest.is_empty() => Ok(Order::All(LineOrder::ShowAll)),
+            "show" => self.show(rest),
+            "help" | "?" if rest.is_empty() => Ok(Order::Help),
+            "quit" | "exit" if rest.is_empty() => Ok(Order::Quit),
+            _ => Err(self.wrong(SimText::NoOrder, &[("text", &text)])),
+        }
+    }
+
+    fn deed(&self, name: &str, deed: Deed) -> Result<Order, Failure> {
+        let known = self.module(name)?;
+        Ok(Order::Line(known.line, LineOrder::Do(known.part, deed)))
+    }
+
+    fn show(&self, rest: &str) -> Result<Order, Failure> {
+        let (whose, line, after) = self.target(rest)?;
+        match whose {
+            _ if !after.is_empty() => Err(self.form("show pump")),
+            Whose::Line => Ok(Order::Line(line, LineOrder::ShowAll)),
+            Whose::Module(part) => Ok(Order::Line(line, LineOrder::Show(part))),
+        }
+    }
+
+    fn fault(&self, text: &str) -> Result<Order, Failure> {
+        let (whose, line, faults) = self.target(text)?;
+        if faults == "clear" {
+            return Ok(Order::Line(line, LineOrder::Clear(whose)));
+        }
+        let orders = parse_faults(faults, whose == Whose::Line).map_err(|why| {
+            Failure::new(Code::SimOrder, config_words::fault(self.lang, &why))
+                .with_try("railbus sim --help")
+        })?;
+        Ok(Order::Line(line, LineOrder::Faults(whose, orders)))
+    }
+
+    /// Whom it is about, the number of the line, and what comes after. Where there is only one
+    /// line, `line` alone means it.
+    fn target<'t>(&self, text: &'t str) -> Result<(Whose, usize, &'t str), Failure> {
+        let (word, rest) = split(text);
+        if word != "line" || self.directory.modules.contains_key("line") {
+            let known = self.module(word)?;
+            return Ok((Whose::Module(known.part), known.line, rest));
+        }
+        let (name, after) = split(rest);
+        let lines = &self.directory.lines;
+        if let Some(line) = lines.iter().position(|known| known == name) {
+            return Ok((Whose::Line, line, after));
+        }
+        if lines.len() == 1 {
+            return Ok((Whose::Line, 0, rest));
+        }
+        let names = lines.join(", ");
+        Err(self.wrong(SimText::WhichLine, &[("names", &names)]))
+    }
+
+    /// `pump.di1 = 1`, `tank.ai1 = 8.71 V`.
+    fn input(&self, path: &str, value: &str) -> Result<Order, Failure> {
+        let (name, label) = path
+            .split_once('.')
+            .ok_or_else(|| self.form("pump.di1 = 1"))?;
+        let known = self.module(name)?;
+        let point = known.setup.point(label);
+        let point = point.filter(|p| matches!(p.kind, PointKind::Input | PointKind::Analog));
+        let point = point.ok_or_else(|| self.wrong(SimText::NoInput, &[("path", &path)]))?;
+        let signal = match point.kind {
+            PointKind::Analog => analog(value, &known.unit).map(Signal::Value),
+            _ => switch(value).map(Signal::Level),
+        };
+        let unit = &known.unit;
+        let signal = signal.ok_or_else(|| match point.kind {
+            PointKind::Analog => self.form(&format!("{path} = 8.71 {unit}")),
+            _ => self.form(&format!("{path} = 1")),
+        })?;
+        self.deed(name, Deed::Input(point, signal))
+    }
+
+    fn module(&self, name: &str) -> Result<&Known, Failure> {
+        let modules = &self.directory.modules;
+        modules.get(name).ok_or_else(|| {
+            let names: Vec<&str> = modules.keys().take(12).map(String::as_str).collect();
+            let mut names = names.join(", ");
+            if modules.len() > 12 {
+                names += " …";
+            }
+            self.wrong(SimText::NoModule, &[("name", &name), ("names", &names)])
+        })
+    }
+
+    fn form(&self, form: &str) -> Failure {
+        self.wrong(SimText::WriteSo, &[("form", &form)])
+    }
+
+    fn wrong(&self, text: SimText, values: &[(&str, &dyn std::fmt::Display)]) -> Failure {
+        Failure::new(Code::SimOrder, self.lang.fill(text, values)).with_try("railbus sim --help")
+    }
+}
+
+/// `1`, `on`, `high` and their contraries.
+fn switch(word: &str) -> Option<bool> {
+    match word {
+        "1" | "on" | "high" | "true" => Some(true),
+        "0" | "off" | "low" | "false" => Some(false),
+        _ => None,
+    }
+}
+
+/// So many hundredths: `8.71`, with the module's unit or without.
+fn analog(text: &str, unit: &str) -> Option<i16> {
+    let number = text.strip_suffix(unit).unwrap_or(text).trim();
+    let hundredths = (number.parse::<f64>().ok()? * 100.0).round();
+    (-32_768.0..=32_767.0)
+        .contains(&hundredths)
+        .then_some(hundredths as i16)
+}
+
+/// A point's name.
+pub(super) fn path(name: &str, setup: &Setup, point: Point) -> String {
+    let (letters, number) = setup.label(point);
+    format!("{name}.{letters}{number}")
+}

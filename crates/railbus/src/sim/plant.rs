@@ -1,0 +1,350 @@
+//! A plant: the lines of a configuration, simulated and served.
+
+use super::keep::{Keeper, Store};
+use super::orders::{Directory, Order};
+use super::prompt::{self, Prompt, Typed};
+use super::pty::Pty;
+use super::serve::{self, Clock, Job, Jobs, Scene, Served, Stop, line_config};
+use super::stage::{Stage, Whose};
+use super::tcp::Tcp;
+use super::texts::SimText;
+use super::{answers, ctl, frames, listen, system};
+use crate::config_file;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::table::Table;
+use crate::serve::socket::{self, Socket};
+use railbus_site::Config;
+use railbus_site::config::LineConfig;
+use railbus_wire::Instant;
+use serde_json::json;
+use std::io::Write;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tokio::sync::{Notify, mpsc};
+use tokio::task::JoinSet;
+
+/// Orders that wait for a line.
+const JOBS_MAX: usize = 16;
+
+/// What the arguments say.
+#[derive(Clone, Debug)]
+pub(super) struct Wanted {
+    pub(super) file: PathBuf,
+    /// `[LINE=]PATH`.
+    pub(super) ptys: Vec<String>,
+    /// `[LINE=]ADDR`.
+    pub(super) tcps: Vec<String>,
+    pub(super) seed: Option<u64>,
+    pub(super) speed: Option<f64>,
+    pub(super) faults: Vec<String>,
+    pub(super) control: Option<PathBuf>,
+    pub(super) state: Option<PathBuf>,
+    pub(super) verbose: bool,
+    pub(super) json: bool,
+}
+
+/// Where a line is served.
+#[derive(Clone, Debug, Default)]
+struct Place {
+    pty: Option<PathBuf>,
+    tcp: Option<SocketAddr>,
+}
+
+/// Serves all lines until it is stopped.
+pub(super) async fn run(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+    let mut stop = Stop::new().map_err(|error| system(lang, error))?;
+    let found = config_file::read(lang, Some(&wanted.file))
+        .map_err(|problem| Failure::of_problem(lang, &problem))?;
+    let config = found.config;
+    let directory = Directory::of(&config);
+    if directory.lines.is_empty() {
+        let file = wanted.file.display();
+        let message = lang.fill(SimText::NoLines, &[("file", &file)]);
+        return Err(Failure::new(Code::SimPlant, message).diagnosed());
+    }
+    let store = wanted.state.as_deref();
+    let store = store.map(|path| Store::open(lang, path)).transpose()?;
+    let stages = stages(lang, &config, &directory, store.as_ref(), wanted)?;
+    let places = places(lang, &config, &directory, wanted)?;
+    let control = control(lang, wanted)?;
+    let served = open(lang, &directory, stages, places, store, wanted).await?;
+    announce(lang, wanted, &config, &served, control.as_ref());
+
+    let clock = Clock::new(wanted.speed.or(config.plant.speed).unwrap_or(1.0));
+    let mut tasks = JoinSet::new();
+    let mut lines = Vec::new();
+    for (mut served, _) in served {
+        let (sender, receiver) = mpsc::channel::<Job>(JOBS_MAX);
+        served.jobs = Some(Jobs { lang, receiver });
+        lines.push(sender);
+        tasks.spawn(serve::serve(clock, served, std::future::pending()));
+    }
+    let prompt = Arc::new(Prompt {
+        lang,
+        directory,
+        lines,
+        quit: Notify::new(),
+    });
+    let ended = attend(&mut stop, &prompt, control.as_ref(), &mut tasks).await;
+    tasks.shutdown().await;
+    ended.map_err(|error| system(lang, error))
+}
+
+/// Takes orders until one, a signal or a failure ends it.
+async fn attend(
+    stop: &mut Stop,
+    prompt: &Arc<Prompt>,
+    control: Option<&Socket>,
+    tasks: &mut JoinSet<std::io::Result<()>>,
+) -> std::io::Result<()> {
+    let mut typed = Typed::listen();
+    let control = async {
+        match control {
+            Some(socket) => prompt::accept(&socket.listener, prompt).await,
+            None => std::future::pending().await,
+        }
+    };
+    let mut control = std::pin::pin!(control);
+    loop {
+        tokio::select! {
+            () = stop.requested() => return Ok(()),
+            () = prompt.quit.notified() => return Ok(()),
+            () = &mut control => {}
+            Some(ended) = tasks.join_next() => return ended.map_err(std::io::Error::other)?,
+            line = typed.next() => match line {
+                Some(line) => typed.show(&prompt.answer(&line).await),
+                None => return Ok(()),
+            },
+        }
+    }
+}
+
+/// The lines in virtual time, in the order of the directory.
+fn stages(
+    lang: Lang,
+    config: &Config,
+    directory: &Directory,
+    store: Option<&Store>,
+    wanted: &Wanted,
+) -> Result<Vec<Stage>, Failure> {
+    let seed = wanted.seed.or(config.plant.seed).unwrap_or_default();
+    let mut stages = Vec::new();
+    for (index, (name, line)) in (0..).zip(&config.lines) {
+        let own = line_config(seed.wrapping_add(index), wanted.verbose);
+        let mut stage = Stage::new(own, line.serial);
+        for (name, module) in config.modules_of(name) {
+            let setup = &module.setup;
+            let kept = match store {
+                Some(store) => store.kept(lang, name, setup.family)?,
+                None => None,
+            };
+            let sim = config.plant.modules.get(name).cloned();
+            stage
+                .add(name, setup, &sim.unwrap_or_default(), kept)
+                .map_err(|error| system(lang, std::io::Error::other(error)))?;
+        }
+        for order in config.plant.lines.get(name).iter().flat_map(|s| &s.faults) {
+            stage.add_fault(Instant(0), Whose::Line, order);
+        }
+        stages.push(stage);
+    }
+    for text in &wanted.faults {
+        if let Order::Line(line, order) = directory.read_fault(lang, text)? {
+            answers::perform(lang, &mut stages[line], Instant(0), order);
+        }
+    }
+    Ok(stages)
+}
+
+/// Where each line is served: as the flags say, or its table `sim`, or its port, or else a PTY
+/// in the user's own folder.
+fn places(
+    lang: Lang,
+    config: &Config,
+    directory: &Directory,
+    wanted: &Wanted,
+) -> Result<Vec<Place>, Failure> {
+    let mut places = vec![Place::default(); directory.lines.len()];
+    for text in &wanted.ptys {
+        let (line, path) = of_line(lang, directory, text, "--pty")?;
+        places[line].pty = Some(path.into());
+    }
+    for text in &wanted.tcps {
+        let (line, address) = of_line(lang, directory, text, "--tcp")?;
+        let parsed = address.parse().map_err(|_| {
+            let message = lang.fill(SimText::BadAddress, &[("value", &address)]);
+            Failure::new(Code::SimPlant, message).with_try("--tcp main=127.0.0.1:4001")
+        });
+        places[line].tcp = Some(parsed?);
+    }
+    for (place, (name, line)) in places.iter_mut().zip(&config.lines) {
+        if place.pty.is_none() && place.tcp.is_none() {
+            *place = place_of(config, name, line);
+        }
+    }
+    Ok(places)
+}
+
+fn place_of(config: &Config, name: &str, line: &LineConfig) -> Place {
+    let sim = config.plant.lines.get(name);
+    let said = sim.map(|sim| Place {
+        pty: sim.pty.as_ref().map(PathBuf::from),
+        tcp: sim.tcp,
+    });
+    if let Some(said) = said.filter(|place| place.pty.is_some() || place.tcp.is_some()) {
+        return said;
+    }
+    // A port on another machine is the real plant's, not ours.
+    let here = line.port.strip_prefix("tcp:");
+    let here = here.and_then(|address| address.replace("localhost", "127.0.0.1").parse().ok());
+    if let Some(address) = here.filter(|address: &SocketAddr| address.ip().is_loopback()) {
+        return Place {
+            tcp: Some(address),
+            ..Place::default()
+        };
+    }
+    let folder = || socket::own_folder().unwrap_or_else(std::env::temp_dir);
+    let pty = match line.port.strip_prefix("pty:") {
+        Some(path) => path.into(),
+        None => folder().join(format!("railbus-sim-{name}")),
+    };
+    Place {
+        pty: Some(pty),
+        ..Place::default()
+    }
+}
+
+/// Which line a flag's value is for, and the rest of the value.
+fn of_line<'t>(
+    lang: Lang,
+    directory: &Directory,
+    text: &'t str,
+    flag: &str,
+) -> Result<(usize, &'t str), Failure> {
+    let lines = &directory.lines;
+    let is_name = |name: &str| name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if let Some((name, rest)) = text.split_once('=').filter(|(name, _)| is_name(name)) {
+        let known = lines.iter().position(|known| known == name);
+        return known.map(|line| (line, rest)).ok_or_else(|| {
+            let names = lines.join(", ");
+            let message = lang.fill(SimText::NoSuchLine, &[("name", &name), ("names", &names)]);
+            Failure::new(Code::SimPlant, message).with_try("railbus sim --help")
+        });
+    }
+    if lines.len() > 1 {
+        let form = format!("{flag} {}={text}", lines[0]);
+        let message = lang.fill(SimText::NameLine, &[("form", &form)]);
+        return Err(Failure::new(Code::SimPlant, message).with_try(form));
+    }
+    Ok((0, text))
+}
+
+fn control(lang: Lang, wanted: &Wanted) -> Result<Option<Socket>, Failure> {
+    let listen = |path: &PathBuf| {
+        Socket::listen(lang, path).map_err(|error| ctl::unreachable(lang, path, &error))
+    };
+    wanted.control.as_ref().map(listen).transpose()
+}
+
+/// Opens all places. TCP first: a second simulator fails there, before it takes the links of
+/// the first one away.
+async fn open(
+    lang: Lang,
+    directory: &Directory,
+    stages: Vec<Stage>,
+    places: Vec<Place>,
+    store: Option<Store>,
+    wanted: &Wanted,
+) -> Result<Vec<(Served, Place)>, Failure> {
+    let mut tcps = Vec::new();
+    for place in &places {
+        tcps.push(match place.tcp {
+            Some(address) => Some(listen(lang, address, "railbus sim --tcp 127.0.0.1:0").await?),
+            None => None,
+        });
+    }
+    let several = directory.lines.len() > 1;
+    let mut all = Vec::new();
+    let lines = stages.into_iter().zip(places).zip(tcps);
+    for (((stage, mut place), tcp), name) in lines.zip(&directory.lines) {
+        place.tcp = tcp.as_ref().map(Tcp::address);
+        let pty = place.pty.as_deref().map(|path| open_pty(lang, name, path));
+        let served = Served {
+            serial: stage.serial(),
+            scene: Scene::Stage(Box::new(stage)),
+            pty: pty.transpose()?,
+            tcp,
+            frames: wanted
+                .verbose
+                .then(|| frames::Frames::of(several.then(|| name.clone()))),
+            jobs: None,
+            keeper: store.clone().map(Keeper::new),
+        };
+        all.push((served, place));
+    }
+    Ok(all)
+}
+
+fn open_pty(lang: Lang, name: &str, path: &Path) -> Result<Pty, Failure> {
+    let elsewhere = format!("railbus sim plant.toml --pty {name}=/tmp/railbus-2");
+    Pty::open(path).map_err(|error| error.into_failure(lang, path, &elsewhere))
+}
+
+/// Says what is served and how to connect. Who reads it may have gone; the lines are served all
+/// the same.
+fn announce(
+    lang: Lang,
+    wanted: &Wanted,
+    config: &Config,
+    served: &[(Served, Place)],
+    control: Option<&Socket>,
+) {
+    let control = control.map(|socket| socket.path().display().to_string());
+    let lines = config.lines.iter().zip(served);
+    let text = if wanted.json {
+        let lines: Vec<_> = lines
+            .map(|((name, line), (_, place))| {
+                json!({
+                    "line": name,
+                    "baud": line.serial.baud.rate(),
+                    "format": line.serial.character.to_string(),
+                    "modules": config.modules_of(name).count(),
+                    "pty": place.pty.as_ref().map(|path| path.display().to_string()),
+                    "tcp": place.tcp.map(|address| address.to_string()),
+                })
+            })
+            .collect();
+        let all = json!({ "schema": 1, "lines": lines, "control": control });
+        format!("{all}\n")
+    } else {
+        let mut table = Table::new(lang.get(SimText::LinesHead).split('|'));
+        for ((name, line), (_, place)) in lines {
+            let pty = place.pty.as_ref().map(|path| path.display().to_string());
+            let tcp = place.tcp.map(|address| address.to_string());
+            table.add([
+                name.clone(),
+                line.serial.to_string(),
+                config.modules_of(name).count().to_string(),
+                pty.unwrap_or_else(|| "-".to_owned()),
+                tcp.unwrap_or_else(|| "-".to_owned()),
+            ]);
+        }
+        let counts: [(&str, &dyn std::fmt::Display); 3] = [
+            ("file", &wanted.file.display()),
+            ("lines", &config.lines.len()),
+            ("modules", &config.modules.len()),
+        ];
+        let head = lang.fill(SimText::PlantServed, &counts);
+        let tail = control.map(|path| lang.fill(SimText::ControlledBy, &[("path", &path)]) + "\n");
+        format!("{head}\n{}{}", table.render(), tail.unwrap_or_default())
+    };
+    let mut stdout = std::io::stdout();
+    let _ = stdout
+        .write_all(text.as_bytes())
+        .and_then(|()| stdout.flush());
+    if wanted.verbose {
+        let _ = frames::Frames::begin(lang);
+    }
+}

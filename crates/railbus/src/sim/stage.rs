@@ -1,0 +1,394 @@
+//! One line of a plant in virtual time: its modules, what moves at their inputs, and the faults
+//! that come and go. Same shape as [`Line`]; there is no clock here.
+
+use super::standing::Standing;
+use railbus_device::{Eeprom, Point, PointKind, Setup, SetupError};
+use railbus_sim::{Act, Input, Line, LineConfig, ModuleId, Output, Power};
+use railbus_site::config::{Fault, FaultOrder, Signal, SimModule};
+use railbus_wire::{Address, Instant, Micros, Settings};
+use std::collections::BTreeMap;
+
+/// How often the inputs that move are moved on.
+const STEP: Micros = Micros::from_millis(100);
+/// How long garbage is planned for that ends when it is told to.
+const FOREVER: Micros = Micros(u64::MAX);
+
+/// A line and what happens around it.
+#[derive(Clone, Debug)]
+pub(super) struct Stage {
+    line: Line,
+    serial: Settings,
+    faults: Standing,
+    parts: Vec<Part>,
+    step_at: Instant,
+}
+
+/// A module and what is done to it from outside.
+#[derive(Clone, Debug)]
+pub(super) struct Part {
+    pub(super) name: String,
+    pub(super) setup: Setup,
+    pub(super) faults: Standing,
+    id: ModuleId,
+    inputs: BTreeMap<Point, Signal>,
+    levels: u32,
+    analogs: [i16; 2],
+    /// It is to have power, unless a fault takes it away.
+    wanted_power: bool,
+    has_power: bool,
+    /// The address that it had before a fault gave it another.
+    own_address: Option<Address>,
+}
+
+/// Whose faults they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Whose {
+    Line,
+    Module(usize),
+}
+
+/// What a person does at a module.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Deed {
+    /// Lays something at an input.
+    Input(Point, Signal),
+    Power(Power),
+    Dip(u8),
+    /// Grounds INIT*, or opens it.
+    Init(bool),
+    /// Brings the settings of the factory back.
+    Reset,
+}
+
+impl Stage {
+    /// A line with nothing on it.
+    pub(super) fn new(config: LineConfig, serial: Settings) -> Stage {
+        Stage {
+            line: Line::new(config),
+            serial,
+            faults: Standing::default(),
+            parts: Vec::new(),
+            step_at: Instant(0),
+        }
+    }
+
+    /// Adds a module at the start. What it kept from an earlier run goes before all else.
+    pub(super) fn add(
+        &mut self,
+        name: &str,
+        setup: &Setup,
+        sim: &SimModule,
+        kept: Option<Eeprom>,
+    ) -> Result<(), SetupError> {
+        let now = Instant(0);
+        let as_wanted = match sim.factory {
+            true => Eeprom::of(&Setup::new(setup.family, Address(1))),
+            false => Eeprom::of(setup),
+        };
+        let eeprom = kept.unwrap_or(as_wanted);
+        let id = self.line.add(now, name, setup, eeprom, sim.options)?;
+        let mut part = Part {
+            name: name.to_owned(),
+            setup: *setup,
+            faults: Standing::default(),
+            id,
+            inputs: sim.inputs.clone(),
+            levels: setup.input_mask(),
+            analogs: [0; 2],
+            wanted_power: sim.powered,
+            has_power: true,
+            own_address: None,
+        };
+        // Out of the box nothing is wired to INIT*.
+        let init = sim.init.or(sim.factory.then_some(false));
+        let acts = [
+            init.map(Act::Init),
+            (sim.dip != 0).then_some(Act::Dip(sim.dip)),
+        ];
+        for act in acts.into_iter().flatten() {
+            self.line.handle(now, Input::Act(id, act));
+        }
+        part.move_inputs(now, &mut self.line);
+        self.parts.push(part);
+        let index = self.parts.len() - 1;
+        self.power(now, index);
+        for order in &sim.faults {
+            self.add_fault(now, Whose::Module(index), order);
+        }
+        Ok(())
+    }
+
+    /// Tells the line what happened, and when.
+    pub(super) fn handle(&mut self, now: Instant, input: Input<'_>) {
+        self.catch_up(now);
+        self.line.handle(now, input);
+    }
+
+    /// The next thing that comes of it.
+    pub(super) fn poll(&mut self) -> Output<'_> {
+        let own = self.next_change();
+        match self.line.poll() {
+            Output::Wait(at) => Output::Wait(at.into_iter().chain(own).min()),
+            other => other,
+        }
+    }
+
+    pub(super) const fn line(&self) -> &Line {
+        &self.line
+    }
+
+    pub(super) const fn line_mut(&mut self) -> &mut Line {
+        &mut self.line
+    }
+
+    pub(super) fn parts(&self) -> &[Part] {
+        &self.parts
+    }
+
+    pub(super) const fn faults(&self) -> &Standing {
+        &self.faults
+    }
+
+    pub(super) const fn serial(&self) -> Settings {
+        self.serial
+    }
+
+    /// Does something at a module.
+    pub(super) fn act(&mut self, now: Instant, index: usize, deed: Deed) {
+        self.catch_up(now);
+        let Some(part) = self.parts.get_mut(index) else {
+            return;
+        };
+        let id = part.id;
+        match deed {
+            Deed::Input(point, signal) => {
+                part.inputs.insert(point, signal);
+                part.move_inputs(now, &mut self.line);
+            }
+            Deed::Dip(dip) => self.line.handle(now, Input::Act(id, Act::Dip(dip))),
+            Deed::Init(grounded) => self.line.handle(now, Input::Act(id, Act::Init(grounded))),
+            Deed::Power(power) => {
+                part.wanted_power = power != Power::Off;
+                if power == Power::Cycle && part.has_power {
+                    part.has_power = false;
+                    self.line
+                        .handle(now, Input::Act(id, Act::Power(Power::Off)));
+                }
+                self.power(now, index);
+            }
+            Deed::Reset => {
+                part.own_address = None;
+                self.rewrite(now, index, Act::FactoryReset);
+            }
+        }
+    }
+
+    /// From now on this goes wrong too.
+    pub(super) fn add_fault(&mut self, now: Instant, whose: Whose, order: &FaultOrder) {
+        self.change_faults(now, whose, |standing| standing.add(now, order));
+    }
+
+    /// Nothing of this goes wrong any more.
+    pub(super) fn clear_faults(&mut self, now: Instant, whose: Whose) {
+        self.change_faults(now, whose, Standing::clear);
+    }
+
+    /// Nothing goes wrong any more.
+    pub(super) fn clear_all(&mut self, now: Instant) {
+        self.clear_faults(now, Whose::Line);
+        for index in 0..self.parts.len() {
+            self.clear_faults(now, Whose::Module(index));
+        }
+    }
+
+    /// Moves the inputs and ends the faults that are due by now, one after another.
+    fn catch_up(&mut self, now: Instant) {
+        while let Some(at) = self.next_change().filter(|at| *at <= now) {
+            self.line.handle(at, Input::Timeout);
+            if self.step_at <= at {
+                self.step_at = at + STEP;
+                for part in &mut self.parts {
+                    part.move_inputs(at, &mut self.line);
+                }
+            }
+            self.expire(at);
+        }
+        self.line.handle(now, Input::Timeout);
+    }
+
+    fn expire(&mut self, at: Instant) {
+        let is_over = |standing: &Standing| standing.next_end().is_some_and(|end| end <= at);
+        if is_over(&self.faults) {
+            self.change_faults(at, Whose::Line, |standing| standing.expire(at));
+        }
+        for index in 0..self.parts.len() {
+            if is_over(&self.parts[index].faults) {
+                self.change_faults(at, Whose::Module(index), |standing| standing.expire(at));
+            }
+        }
+    }
+
+    fn next_change(&self) -> Option<Instant> {
+        let moves = self.parts.iter().any(Part::moves).then_some(self.step_at);
+        let ends = self.parts.iter().filter_map(|part| part.faults.next_end());
+        ends.chain(self.faults.next_end()).chain(moves).min()
+    }
+
+    fn change_faults(&mut self, now: Instant, whose: Whose, change: impl FnOnce(&mut Standing)) {
+        match whose {
+            Whose::Line => self.change_line_faults(now, change),
+            Whose::Module(index) => self.change_module_faults(now, index, change),
+        }
+    }
+
+    fn change_line_faults(&mut self, now: Instant, change: impl FnOnce(&mut Standing)) {
+        let babbled = self.faults.has(Fault::Babble(None));
+        change(&mut self.faults);
+        self.line.set_faults(self.faults.faults(self.serial));
+        self.line.set_echo(self.faults.has(Fault::Echo));
+        match (babbled, self.faults.has(Fault::Babble(None))) {
+            (false, true) => self.line.babble(FOREVER),
+            (true, false) => self.line.hush(None),
+            _ => {}
+        }
+        for index in 0..self.parts.len() {
+            self.power(now, index);
+        }
+    }
+
+    fn change_module_faults(
+        &mut self,
+        now: Instant,
+        index: usize,
+        change: impl FnOnce(&mut Standing),
+    ) {
+        let part = &mut self.parts[index];
+        let id = part.id;
+        let babbled = part.faults.has(Fault::Babble(None));
+        change(&mut part.faults);
+        let babbles = part.faults.has(Fault::Babble(None));
+        let faults = part.faults.faults(self.serial);
+        self.line.set_module_faults(id, faults);
+        match (babbled, babbles) {
+            (false, true) => self.line.handle(now, Input::Act(id, Act::Babble(FOREVER))),
+            (true, false) => self.line.hush(Some(id)),
+            _ => {}
+        }
+        self.readdress(now, index);
+        self.power(now, index);
+    }
+
+    /// Gives the module the address that a fault wants it to have, or its own back.
+    fn readdress(&mut self, now: Instant, index: usize) {
+        let part = &mut self.parts[index];
+        let eeprom = *self.line.engine(part.id).eeprom();
+        let address = match part.faults.address() {
+            Some(address) => {
+                part.own_address.get_or_insert(eeprom.address);
+                Address(address)
+            }
+            None => match part.own_address.take() {
+                Some(own) => own,
+                None => return,
+            },
+        };
+        if address != eeprom.address {
+            self.rewrite(now, index, Act::Rewrite(Eeprom { address, ..eeprom }));
+        }
+    }
+
+    /// Writes the EEPROM, which restarts the module; one without power stays so.
+    fn rewrite(&mut self, now: Instant, index: usize, act: Act) {
+        let part = &mut self.parts[index];
+        self.line.handle(now, Input::Act(part.id, act));
+        part.has_power = true;
+        self.power(now, index);
+    }
+
+    /// Gives the module its power, or takes it, as is wanted and as the faults have it.
+    fn power(&mut self, now: Instant, index: usize) {
+        let dead = self.faults.has(Fault::Dead);
+        let part = &mut self.parts[index];
+        let power = part.wanted_power && !dead && !part.faults.has(Fault::Dead);
+        if part.has_power == power {
+            return;
+        }
+        part.has_power = power;
+        let act = Act::Power(if power { Power::On } else { Power::Off });
+        self.line.handle(now, Input::Act(part.id, act));
+        if power && part.faults.has(Fault::Babble(None)) {
+            self.line
+                .handle(now, Input::Act(part.id, Act::Babble(FOREVER)));
+        }
+    }
+}
+
+impl Part {
+    pub(super) const fn id(&self) -> ModuleId {
+        self.id
+    }
+
+    /// What the module keeps, but for the address that a fault gave it.
+    pub(super) fn kept(&self, line: &Line) -> Eeprom {
+        let eeprom = *line.engine(self.id).eeprom();
+        let address = self.own_address.unwrap_or(eeprom.address);
+        Eeprom { address, ..eeprom }
+    }
+
+    pub(super) const fn levels(&self) -> u32 {
+        self.levels
+    }
+
+    pub(super) const fn analogs(&self) -> [i16; 2] {
+        self.analogs
+    }
+
+    /// Whether an input moves by itself.
+    fn moves(&self) -> bool {
+        let mut signals = self.inputs.values();
+        signals.any(|signal| matches!(signal, Signal::Toggle(_) | Signal::Swing(..)))
+    }
+
+    /// Brings what lies at the inputs up to date.
+    fn move_inputs(&mut self, at: Instant, line: &mut Line) {
+        let mut levels = self.levels;
+        for (point, signal) in &self.inputs {
+            match (point.kind, signal_at(*signal, at)) {
+                (PointKind::Analog, value) => {
+                    let shown = self.analogs.get_mut(usize::from(point.index));
+                    if let Some(shown) = shown.filter(|shown| **shown != value) {
+                        *shown = value;
+                        let act = Act::Analog(point.index, value);
+                        line.handle(at, Input::Act(self.id, act));
+                    }
+                }
+                (_, 0) => levels &= !(1 << point.index),
+                (_, _) => levels |= 1 << point.index,
+            }
+        }
+        if levels != self.levels {
+            self.levels = levels;
+            line.handle(at, Input::Act(self.id, Act::Levels(levels)));
+        }
+    }
+}
+
+/// What a signal is at a moment: hundredths, or 0 for low and 1 for high.
+fn signal_at(signal: Signal, at: Instant) -> i16 {
+    match signal {
+        Signal::Level(high) => high.into(),
+        Signal::Value(hundredths) => hundredths,
+        Signal::Toggle(every) => (at.0 / every.0.max(1) % 2) as i16,
+        Signal::Swing(from, to, every) => {
+            let half = (every.0 / 2).max(1);
+            let passed = at.0 % (2 * half);
+            let up = if passed < half {
+                passed
+            } else {
+                2 * half - passed
+            };
+            let way = i128::from(to) - i128::from(from);
+            (i128::from(from) + way * i128::from(up) / i128::from(half)) as i16
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! What `railbus sim` says.
+
+use crate::texts::texts;
+
+texts! {
+    SimText;
+
+    // The command and its flags.
+    About {
+        en: "Serves simulated lines to any master, byte by byte at the lines' own pace.",
+        zh: "按线路本身的速度逐字节模拟总线，供任何上位机访问。",
+    }
+    Examples {
+        en: "  railbus sim --demo                    five modules on a PTY and on TCP
+  railbus sim plant.toml                the lines and modules of a configuration
+  railbus sim plant.toml --pty /tmp/v0 --seed 7 --fault 'pump: drop 5%'
+  railbus sim plant.toml --control ./ctl
+  railbus sim ctl ./ctl power yard cycle",
+        zh: "  railbus sim --demo                    五个模块，经 PTY 和 TCP 访问
+  railbus sim plant.toml                模拟配置文件中的总线和模块
+  railbus sim plant.toml --pty /tmp/v0 --seed 7 --fault 'pump: drop 5%'
+  railbus sim plant.toml --control ./ctl
+  railbus sim ctl ./ctl power yard cycle",
+    }
+    Guide {
+        en: "A plant is a configuration such as railbus.toml. It may say more for the simulation:
+  [sim]               seed, speed
+  [line.NAME.sim]     pty, tcp, faults
+  [module.NAME.sim]   factory, power, dip, init, faults, inputs, turnaround, applies,
+                      refuse_aloud, lower_case, answer_bad_frames, insist_on_gap
+  inputs = { di0 = 1, di1 = { every = \"10s\" } }
+  inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
+
+Faults, several parted by commas, each with a time after which it ends if wanted (mute 10s):
+  mute            obeys, never answers      drop 5%              requests, replies are lost
+  deaf            hears nothing             flip 1e-4            bits of characters turn over
+  dead            has no power              skip 1e-4            characters are lost
+  echo            of a line: its adapter    noise 1e-4|2s        of a line: while it is idle
+  delay 200ms±50  late replies              glitch 10%           00 before, FF after a reply
+  duplicate 10%   replies come twice        split 20% 30ms       replies come in pieces
+  babble|5%       garbage, or as a reply    cuts 10m 2s          of power: how often, how long
+  dup-address 6   as if set so by mistake
+
+At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim ctl:
+  pump.di1 = 1            power yard on|off|cycle     fault tank mute 10s
+  tank.ai1 = 8.71 V       dip yard 3                  fault line main noise 1e-3
+  show                    init gate on|off            fault tank clear
+  show pump               reset tank                  fault clear
+  help                    quit",
+        zh: "工厂文件即 railbus.toml 格式的配置，可另含模拟设置：
+  [sim]               seed、speed
+  [line.名称.sim]     pty、tcp、faults
+  [module.名称.sim]   factory、power、dip、init、faults、inputs、turnaround、applies、
+                      refuse_aloud、lower_case、answer_bad_frames、insist_on_gap
+  inputs = { di0 = 1, di1 = { every = \"10s\" } }
+  inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
+
+故障，多个以逗号分隔，均可附加持续时间（mute 10s）：
+  mute            执行但从不应答      drop 5%              请求或应答丢失
+  deaf            听不到请求          flip 1e-4            字符位翻转
+  dead            断电                skip 1e-4            字符丢失
+  echo            总线：适配器回显    noise 1e-4|2s        总线：空闲时的干扰
+  delay 200ms±50  应答延迟            glitch 10%           应答前多 00、后多 FF
+  duplicate 10%   应答重复            split 20% 30ms       应答分段
+  babble|5%       持续乱码或以其应答  cuts 10m 2s          断电：平均间隔、时长
+  dup-address 6   如同误设了地址
+
+提示符下每行一条命令，也可经管道输入或用 railbus sim ctl 发送：
+  pump.di1 = 1            power yard on|off|cycle     fault tank mute 10s
+  tank.ai1 = 8.71 V       dip yard 3                  fault line main noise 1e-3
+  show                    init gate on|off            fault tank clear
+  show pump               reset tank                  fault clear
+  help                    quit",
+    }
+    File { en: "The plant to simulate", zh: "要模拟的工厂文件" }
+    Demo { en: "The demo line: one module of each of five kinds", zh: "演示总线：五种模块各一个" }
+    Pty {
+        en: "Where the link to a line's PTY lies; the line may go unnamed if it is the only one",
+        zh: "总线 PTY 链接的位置；只有一条总线时可省略名称",
+    }
+    Tcp {
+        en: "Where a line is served as raw bytes over TCP",
+        zh: "总线 TCP 原始字节的监听地址",
+    }
+    Seed {
+        en: "The number that all chance comes from; 0 if not said",
+        zh: "随机数种子；默认 0",
+    }
+    Speed { en: "How many times faster than real; 1 if not said", zh: "相对实际时间的倍速；默认 1" }
+    FaultFlag { en: "What goes wrong: 'pump: drop 5%', 'line: echo'", zh: "故障：'pump: drop 5%'、'line: echo'" }
+    Control { en: "A socket for orders, see railbus sim ctl", zh: "接收命令的套接字，见 railbus sim ctl" }
+    State {
+        en: "Keeps the modules' settings in this file over restarts",
+        zh: "将模块设置保存在此文件中，重启后保留",
+    }
+    CtlAbout {
+        en: "Sends orders to a running simulator. Without one, those on stdin, one to a line.",
+        zh: "向运行中的模拟器发送命令。未给出时从标准输入读取，每行一条。",
+    }
+    CtlExamples {
+        en: "  railbus sim ctl ./ctl power yard cycle
+  railbus sim ctl ./ctl 'tank.ai1 = 8.71 V'",
+        zh: "  railbus sim ctl ./ctl power yard cycle
+  railbus sim ctl ./ctl 'tank.ai1 = 8.71 V'",
+    }
+    CtlSocket { en: "What --control named", zh: "--control 所指定的路径" }
+    CtlOrder { en: "The order; see railbus sim --help", zh: "命令；见 railbus sim --help" }
+
+    // The demo.
+    Served {
+        en: "The demo line, 9600 8N1, until you press Ctrl-C. Connect any master to:",
+        zh: "演示总线，9600 8N1，按 Ctrl-C 结束。任何上位机均可连接：",
+    }
+    RawBytes { en: "raw bytes, several clients share the line", zh: "原始字节，多个客户端共用总线" }
+    Modules { en: "On it:", zh: "总线上的模块：" }
+    Columns {
+        en: "MODULE  MODEL        ADDRESS   PROTOCOL",
+        zh: "模块    型号         地址      协议",
+    }
+    FrameColumns {
+        en: "  TIME s     +ms  WHO       EVENT        BYTES",
+        zh: "  时间 s     +ms  谁        事件         字节",
+    }
+
+    // A plant.
+    PlantServed {
+        en: "{file}: {lines} lines, {modules} modules, all simulated, until you press Ctrl-C:",
+        zh: "{file}：{lines} 条总线，{modules} 个模块，均为模拟，按 Ctrl-C 结束：",
+    }
+    LinesHead { en: "LINE|SETTINGS|MODULES|PTY|TCP", zh: "总线|参数|模块|PTY|TCP" }
+    ControlledBy { en: "orders: railbus sim ctl {path} …", zh: "命令：railbus sim ctl {path} …" }
+    NoLines { en: "{file} has no line to simulate", zh: "{file} 中没有可模拟的总线" }
+    NoSuchLine {
+        en: "there is no line \"{name}\" in the plant; there are: {names}",
+        zh: "工厂文件中没有总线 \"{name}\"，现有：{names}",
+    }
+    NameLine {
+        en: "the plant has several lines: name one, as {form}",
+        zh: "工厂文件中有多条总线，请指明，如 {form}",
+    }
+    BadAddress { en: "\"{value}\" is no TCP address", zh: "\"{value}\" 不是 TCP 地址" }
+    BadState { en: "{path} can't be used", zh: "无法使用 {path}" }
+    OtherFamily {
+        en: "it has module \"{name}\" as another model",
+        zh: "其中模块 \"{name}\" 的型号不同",
+    }
+    NoControl { en: "can't use the control socket {path}", zh: "无法使用控制套接字 {path}" }
+
+    // Orders and answers.
+    NoOrder { en: "\"{text}\" is no order; try help", zh: "\"{text}\" 不是命令；可输入 help" }
+    WriteSo { en: "write it so: {form}", zh: "应写为：{form}" }
+    WhichLine { en: "which line? there are: {names}", zh: "哪条总线？现有：{names}" }
+    NoModule {
+        en: "there is no module \"{name}\"; there are: {names}",
+        zh: "没有模块 \"{name}\"，现有：{names}",
+    }
+    NoInput {
+        en: "{path} is no input; only inputs are moved from outside",
+        zh: "{path} 不是输入点；只能从外部改变输入",
+    }
+    Gone { en: "the line is not served any more", zh: "总线已停止" }
+    TooLong { en: "the order is too long", zh: "命令过长" }
+    HelpAnswer {
+        en: "pump.di1 = 1 | tank.ai1 = 8.71 V | power yard on|off|cycle | dip yard 3 | \
+            init gate on|off | reset tank | fault tank mute 10s | fault line main noise 1e-3 | \
+            fault tank clear | fault clear | show | show pump | quit",
+        zh: "改变输入：pump.di1 = 1 | tank.ai1 = 8.71 V；模块：power yard on|off|cycle | dip yard 3 | \
+            init gate on|off | reset tank；故障：fault tank mute 10s | fault line main noise 1e-3 | \
+            fault tank clear | fault clear；查看：show | show pump；退出：quit",
+    }
+    Bye { en: "the simulator ends", zh: "模拟器结束" }
+    AllClear { en: "nothing goes wrong any more", zh: "已清除全部故障" }
+    On { en: "on", zh: "开" }
+    Off { en: "off", zh: "关" }
+    High { en: "high", zh: "高电平" }
+    Low { en: "low", zh: "低电平" }
+    Grounded { en: "grounded", zh: "接地" }
+    Open { en: "open", zh: "悬空" }
+    None { en: "none", zh: "无" }
+    LineWord { en: "line", zh: "总线" }
+    Left { en: "{words} ({left} left)", zh: "{words}（剩余 {left}）" }
+    PowerIs { en: "{name}: power {value}", zh: "{name}：电源{value}" }
+    Cycled { en: "{name}: power went and came back", zh: "{name}：已断电重启" }
+    DipIs { en: "{name}: DIP switch at {value}", zh: "{name}：DIP 开关为 {value}" }
+    InitIs { en: "{name}: INIT* {value}", zh: "{name}：INIT* {value}" }
+    WasReset { en: "{name}: restarted with the factory's settings", zh: "{name}：已恢复出厂设置并重启" }
+    FaultsOf { en: "{name}: faults: {faults}", zh: "{name}：故障：{faults}" }
+    Checksummed { en: "checksum on", zh: "有校验和" }
+    Kept { en: "after a restart {value}", zh: "重启后 {value}" }
+    ShowPower { en: "power {value}", zh: "电源{value}" }
+    ShowOutputs { en: "outputs {value}", zh: "输出 {value}" }
+    ShowInputs { en: "inputs {value}", zh: "输入 {value}" }
+    ShowAnalogs { en: "analog {value}", zh: "模拟量 {value}" }
+    ShowLed { en: "LED {value}", zh: "指示灯{value}" }
+    ShowReplies { en: "replies {value}", zh: "应答 {value}" }
+    ShowSaves { en: "saved {value}", zh: "存储 {value}" }
+    ShowRestarts { en: "restarts {value}", zh: "重启 {value}" }
+    ShowFaults { en: "faults: {value}", zh: "故障：{value}" }
+}
