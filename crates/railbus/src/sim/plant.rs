@@ -29,7 +29,7 @@ use tokio::task::JoinSet;
 const JOBS_MAX: usize = 16;
 
 /// What the arguments say.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Wanted {
     pub(super) file: PathBuf,
     /// `[LINE=]PATH`.
@@ -122,7 +122,7 @@ async fn attend(
 }
 
 /// The lines in virtual time, in the order of the directory.
-fn stages(
+pub(super) fn stages(
     lang: Lang,
     config: &Config,
     directory: &Directory,

@@ -8,6 +8,7 @@ use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use std::io::{BufRead, IsTerminal, Read, Write};
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::{Notify, Semaphore, mpsc, oneshot};
@@ -16,6 +17,8 @@ use tokio::sync::{Notify, Semaphore, mpsc, oneshot};
 const LEN_MAX: u64 = 1_024;
 /// More clients than this wait until others have gone.
 const CLIENTS_MAX: usize = 16;
+/// After a client could not be let in, so long until the next.
+const PAUSE: Duration = Duration::from_millis(100);
 const PROMPT: &str = "sim> ";
 
 /// All lines of a plant, ready for orders.
@@ -154,7 +157,7 @@ pub(super) async fn accept(listener: &UnixListener, prompt: &Arc<Prompt>) {
             return;
         };
         let Ok((stream, _)) = listener.accept().await else {
-            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+            tokio::time::sleep(PAUSE).await;
             continue;
         };
         let prompt = prompt.clone();

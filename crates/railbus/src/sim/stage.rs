@@ -1,6 +1,9 @@
 //! One line of a plant in virtual time: its modules, what moves at their inputs, and the faults
 //! that come and go. Same shape as [`Line`]; there is no clock here.
 
+#[cfg(test)]
+mod tests;
+
 use super::standing::Standing;
 use railbus_device::{Eeprom, Point, PointKind, Setup, SetupError};
 use railbus_sim::{Act, Input, Line, LineConfig, ModuleId, Output, Power};
@@ -81,12 +84,12 @@ impl Stage {
         kept: Option<Eeprom>,
     ) -> Result<(), SetupError> {
         let now = Instant(0);
-        let as_wanted = match sim.factory {
-            true => Eeprom::of(&Setup::new(setup.family, Address(1))),
-            false => Eeprom::of(setup),
+        let start = match sim.factory {
+            true => as_new(setup),
+            false => *setup,
         };
-        let eeprom = kept.unwrap_or(as_wanted);
-        let id = self.line.add(now, name, setup, eeprom, sim.options)?;
+        let eeprom = kept.unwrap_or(Eeprom::of(&start));
+        let id = self.line.add(now, name, &start, eeprom, sim.options)?;
         let mut part = Part {
             name: name.to_owned(),
             setup: *setup,
@@ -99,10 +102,8 @@ impl Stage {
             has_power: true,
             own_address: None,
         };
-        // Out of the box nothing is wired to INIT*.
-        let init = sim.init.or(sim.factory.then_some(false));
         let acts = [
-            init.map(Act::Init),
+            sim.init.map(Act::Init),
             (sim.dip != 0).then_some(Act::Dip(sim.dip)),
         ];
         for act in acts.into_iter().flatten() {
@@ -370,6 +371,18 @@ impl Part {
             self.levels = levels;
             line.handle(at, Input::Act(self.id, Act::Levels(levels)));
         }
+    }
+}
+
+/// The same module as it leaves the factory: nothing is set, nor wired to INIT*.
+fn as_new(setup: &Setup) -> Setup {
+    Setup {
+        outputs: setup.outputs,
+        inputs: setup.inputs,
+        variables: setup.variables,
+        layout: setup.layout,
+        invert_on_off: setup.invert_on_off,
+        ..Setup::new(setup.family, Address(1))
     }
 }
 

@@ -87,7 +87,10 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
         zh: "随机数种子；默认 0",
     }
     Speed { en: "How many times faster than real; 1 if not said", zh: "相对实际时间的倍速；默认 1" }
-    FaultFlag { en: "What goes wrong: 'pump: drop 5%', 'line: echo'", zh: "故障：'pump: drop 5%'、'line: echo'" }
+    FaultFlag {
+        en: "What goes wrong: 'pump: drop 5%', 'line: echo'",
+        zh: "故障：'pump: drop 5%'、'line: echo'",
+    }
     Control { en: "A socket for orders, see railbus sim ctl", zh: "接收命令的套接字，见 railbus sim ctl" }
     State {
         en: "Keeps the modules' settings in this file over restarts",
