@@ -106,21 +106,8 @@ pub(crate) fn answer(body: &mut Body, exchange: &rtu::Exchange<'_>, reply: &mut 
 
 fn carry_out(body: &mut Body, request: Request<'_>) -> Result<Answer, Exception> {
     match request {
-        Request::ReadCoils(span) => {
-            let first = run_in(FIRST_COIL, RELAYS, span.start(), span.count())?;
-            Ok(Answer::Bits(body.outputs >> first, span.count()))
-        }
-        Request::WriteCoil { at, value } => {
-            let on = value.state().ok_or(Exception::VALUE)?;
-            let mask = 1 << run_in(FIRST_COIL, RELAYS, at, 1)?;
-            body.switch(mask, if on { mask } else { 0 });
-            Ok(Answer::Done)
-        }
-        Request::WriteCoils(block) => {
-            let first = run_in(FIRST_COIL, RELAYS, block.start(), block.values().len())?;
-            let mask = crate::family::mask(block.values().len() as u8) << first;
-            body.switch(mask, block.values().to_mask() << first);
-            Ok(Answer::Done)
+        Request::ReadCoils(_) | Request::WriteCoil { .. } | Request::WriteCoils(_) => {
+            modbus::coils(body, FIRST_COIL, request)
         }
         Request::ReadHoldingRegisters(span) => {
             run_in(ADDRESS, REGISTERS, span.start(), span.count())?;
