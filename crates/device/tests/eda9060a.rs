@@ -140,6 +140,15 @@ fn the_led() {
             .collect();
         let blinks = (0..7).map(|half| (500 * half, Effect::Led(half % 2 == 0)));
         assert_eq!(led, blinks.collect::<Vec<_>>());
+        // What happens meanwhile does not put it out of step.
+        module.input(Input::Levels(0));
+        module.wait(500);
+        let told: Vec<_> = module.effects.drain(..).collect();
+        assert_eq!(
+            told,
+            [(start + Micros::from_millis(3_500), Effect::Led(false))]
+        );
+        module.wait(500);
         // In the dark half it is lit from the first bit of a reply to the last.
         module.wait(300);
         module.effects.clear();

@@ -84,6 +84,8 @@ fn variables_are_counted_by_the_description() {
     assert_eq!(programmable(2).point("v1"), Some(variable(1)));
     assert_eq!(programmable(2).point("v2"), None);
     assert_eq!(programmable(0).point("v0"), None);
+    let checked = [32, 33].map(|variables| programmable(variables).check());
+    assert_eq!(checked, [Ok(()), Err(SetupError::Channels)]);
 
     let module = Module::new(programmable(2)).expect("such a board");
     assert!(module.exchange(&Op::ReadVariable(1)).is_ok());
@@ -268,12 +270,19 @@ fn protocols_and_checksums() {
 
 #[test]
 fn families_are_found_by_their_names() {
-    let names = ["eda9060a", "eda9050", "erc8", "r55", "emd2a2q"];
-    for (family, name) in Family::ALL.into_iter().zip(names) {
+    let names = [
+        ("eda9060a", "EDA9060A"),
+        ("eda9050", "EDA9050"),
+        ("erc8", "ERC-8"),
+        ("r55", "0x55 board"),
+        ("emd2a2q", "EMD-2A2Q"),
+    ];
+    for (family, (name, model)) in Family::ALL.into_iter().zip(names) {
         assert_eq!(
             (family.name(), Family::from_name(name)),
             (name, Some(family))
         );
+        assert_eq!(family.to_string(), model);
     }
     assert_eq!(Family::from_name("ERC-8"), None);
     let error = SetupError::Address(1, 32).to_string();

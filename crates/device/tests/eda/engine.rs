@@ -219,6 +219,26 @@ fn half_duplex() {
     }
 }
 
+/// New settings wait for the last stop bit, whatever is heard while the module talks.
+#[test]
+fn noise_does_not_hurry_new_settings() {
+    for module in all() {
+        let (mut engine, protocol) = (module.engine.clone(), module.setup.protocol);
+        let change = write_config(protocol, 1, 2, 7, false);
+        let at = |millis: u64| module.now + Micros::from_millis(millis);
+        engine.handle(at(20), Input::Bytes(&change));
+        engine.handle(at(30), Input::Timeout);
+        assert!(drain(&mut engine).1.is_some());
+        for (millis, input) in [(31, Input::BadByte), (40, Input::Timeout)] {
+            engine.handle(at(millis), input);
+            assert_eq!(drain(&mut engine), (vec![], None), "{protocol}");
+            assert_eq!(engine.active().address, Address(1), "{protocol}");
+        }
+        engine.handle(at(50), Input::Sent);
+        assert_eq!(engine.active().address, Address(2));
+    }
+}
+
 /// A request that is heard when a late reply goes out is lost, not answered in between.
 #[test]
 fn a_reply_that_meets_a_request() {

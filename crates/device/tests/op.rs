@@ -1,0 +1,29 @@
+//! Ops by themselves: banks of channels, and what no model has.
+
+use railbus_device::{Bank, Family, Module, Op, Setup};
+use railbus_wire::{Address, Channel};
+
+/// States are known for the channels of the mask alone.
+#[test]
+fn a_bank_says_nothing_of_other_channels() {
+    let channel = |index| Channel::new(index).expect("0 to 31");
+    let bank = Bank::new(0b0110, 0b1100);
+    assert_eq!(bank.on, 0b0100);
+    let states = [0, 1, 2, 3].map(|index| bank.get(channel(index)));
+    assert_eq!(states, [None, Some(false), Some(true), None]);
+    for on in [true, false] {
+        let one = Bank::one(channel(31), on);
+        assert_eq!((one.mask, one.get(channel(31))), (1 << 31, Some(on)));
+        assert_eq!(one.get(channel(30)), None);
+    }
+}
+
+#[test]
+fn what_a_model_can_not_do_is_said_in_words() {
+    let setup = Setup::new(Family::Erc8, Address(1));
+    let module = Module::new(setup).expect("a possible module");
+    let text = module
+        .exchange(&Op::ReadInputs)
+        .map_err(|why| why.to_string());
+    assert_eq!(text, Err("this model has no command for that".to_owned()));
+}
