@@ -3,10 +3,13 @@
 mod support;
 
 use railbus_bus::{
-    Bus, Config, EchoMode, Event, Evidence, Fault, Input, ModuleId, Plan, Presence, Terms,
+    Bus, Config, Confirmed, EchoMode, Event, Evidence, Fault, Input, ModuleId, Plan, Presence,
+    Terms,
 };
 use railbus_device::{Bank, Change, Family, Module, Op, Refusal, Setup};
-use railbus_wire::{Address, Channel, Instant, Micros, r55::U24};
+use railbus_wire::{
+    Address, Channel, Instant, Malformed, Micros, Protocol, PulseWidth, Settings, r55::U24,
+};
 use support::{Drive, Happening, millis};
 
 /// A line whose modules are asked only by command, and what went over it.
@@ -70,6 +73,15 @@ impl Line {
         }
     }
 
+    /// How commands ended, and what they took.
+    fn ends(&self) -> Vec<(Result<Confirmed, Fault>, Micros)> {
+        let done = |(_, event): &(Instant, Event)| match event {
+            Event::Done { end, took, .. } => Some((*end, *took)),
+            _ => None,
+        };
+        self.told.iter().filter_map(done).collect()
+    }
+
     fn told_at(&self, wanted: Event) -> Vec<Instant> {
         let same = self.told.iter().filter(|(_, event)| *event == wanted);
         same.map(|(at, _)| *at).collect()
@@ -80,6 +92,13 @@ fn board() -> Setup {
     Setup {
         outputs: 8,
         ..Setup::new(Family::R55, Address(4))
+    }
+}
+
+fn eda() -> Setup {
+    Setup {
+        protocol: Protocol::Rtu,
+        ..Setup::new(Family::Eda9060a, Address(1))
     }
 }
 
@@ -211,6 +230,90 @@ fn a_babble_is_named_and_ends() {
     let mut with_silences = Line::new(EchoMode::Off, &[board()]);
     chatter(&mut with_silences, 100, 1100, 51);
     assert!(with_silences.told_at(Event::Babble).is_empty());
+}
+
+/// What is overheard is kept, up to 300 bytes without a silence; one more byte begins anew.
+#[test]
+fn three_hundred_bytes_are_kept_of_what_is_overheard() {
+    let mut line = Line::new(EchoMode::Off, &[board()]);
+    let start = line.drive.now;
+    for (at, count, kept) in [(10, 150, 150), (20, 150, 300), (30, 1, 1)] {
+        line.drive.hear_at(start + millis(at), &vec![0xA5; count]);
+        line.run(millis(10), |_| None);
+        assert_eq!(line.drive.bus.heard().len(), kept, "after {at} ms");
+    }
+}
+
+/// Where an echo is known to come and does not, silence is no reply, and anything else is none
+/// that could be told from the echo.
+#[test]
+fn a_missing_echo_makes_a_reply_garbled_and_silence_no_reply() {
+    let end_after = |answer: &dyn Fn(&[u8]) -> Option<Vec<u8>>| {
+        let mut line = Line::new(EchoMode::On, &[board()]);
+        line.submit(Op::ReadOutputs);
+        line.run(Micros::from_secs(3), answer);
+        let ends = line.ends();
+        ends.first().expect("it ended").0
+    };
+    let lost = |bytes, why| Evidence {
+        attempts: 3,
+        bytes,
+        why,
+    };
+    assert_eq!(end_after(&|_| None), Err(Fault::NoReply(lost(0, None))));
+    let garbled = Fault::Garbled(lost(8, Some(Malformed::Start)));
+    assert_eq!(end_after(&as_a_board), Err(garbled));
+}
+
+/// The reply timeout forgets a slow turnaround with the second thousand of quick ones after it.
+#[test]
+fn a_slow_reply_is_forgotten_with_the_second_thousand_of_quick_ones() {
+    let mut line = Line::new(EchoMode::Off, &[eda()]);
+    let frame_time = |bytes| Settings::FACTORY.frame_time(bytes);
+    let off = [1, 1, 1, 0, 0x51, 0x88];
+    // 11 characters out, 8 back, to a command that is not sent twice.
+    let set_pulse = Op::Configure(Change::Pulse {
+        mask: 0,
+        width: PulseWidth::DEFAULT,
+    });
+    let waits = |line: &mut Line| {
+        line.submit(set_pulse);
+        line.run(Micros::from_secs(2), |_| None);
+        let (end, took) = line.ends().pop().expect("it ended");
+        assert!(matches!(end, Err(Fault::NoReply(_))), "{end:?}");
+        took - frame_time(11) - frame_time(8)
+    };
+    let quick = |line: &mut Line, times: usize| {
+        for _ in 0..times {
+            line.submit(Op::ReadOutputs);
+            line.run(millis(50), |_| Some(off.to_vec()));
+        }
+    };
+    line.submit(Op::ReadOutputs);
+    let left = line.drive.now + frame_time(8);
+    line.drive.hear_at(left + millis(100) + frame_time(6), &off);
+    line.run(millis(400), |_| None);
+    assert_eq!(waits(&mut line), millis(200), "twice the slowest");
+    quick(&mut line, 1998);
+    assert_eq!(
+        waits(&mut line),
+        millis(200),
+        "it is in the thousand before"
+    );
+    quick(&mut line, 1);
+    assert_eq!(waits(&mut line), millis(20), "it is forgotten");
+}
+
+/// A driver that comes late still ends what has expired, and nothing of it is sent.
+#[test]
+fn a_command_expires_though_the_driver_comes_late() {
+    let mut line = Line::new(EchoMode::Off, &[board()]);
+    line.submit(Op::Toggle(1));
+    line.drive.now = line.drive.now + Micros::from_secs(6);
+    line.drive.input(Input::Timeout);
+    line.run(Micros::from_secs(1), |_| None);
+    assert_eq!(line.ends(), [(Err(Fault::Expired), Micros::from_secs(6))]);
+    assert!(line.frames.is_empty(), "{:?}", line.frames);
 }
 
 #[test]
