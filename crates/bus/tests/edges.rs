@@ -8,7 +8,8 @@ use railbus_bus::{
 };
 use railbus_device::{Bank, Change, Family, Module, Op, Refusal, Setup};
 use railbus_wire::{
-    Address, Channel, Instant, Malformed, Micros, Protocol, PulseWidth, Settings, r55::U24,
+    Address, Baud, Channel, Instant, Malformed, Micros, Protocol, PulseWidth, Settings, crc16,
+    r55::U24,
 };
 use support::{Drive, Happening, millis};
 
@@ -27,6 +28,10 @@ impl Line {
             probation: 0,
             ..Config::default()
         };
+        Line::of(config, setups)
+    }
+
+    fn of(config: Config, setups: &[Setup]) -> Line {
         let mut bus = Bus::new(config);
         for setup in setups {
             bus.add(Module::new(*setup).expect("a possible module"), Plan::NEVER);
@@ -42,11 +47,15 @@ impl Line {
     }
 
     fn submit(&mut self, op: Op) {
+        self.submit_to(0, op);
+    }
+
+    fn submit_to(&mut self, module: usize, op: Op) {
         let now = self.drive.now;
         let taken = self
             .drive
             .bus
-            .submit(now, ModuleId(0), op, Terms::default());
+            .submit(now, ModuleId(module), op, Terms::default());
         taken.expect("taken");
         self.drive.touched();
     }
@@ -95,6 +104,14 @@ fn board() -> Setup {
     }
 }
 
+fn jog() -> Op {
+    Op::Jog {
+        channel: Channel::new(0).expect("it exists"),
+        close: true,
+        millis: U24::new(500).expect("it fits"),
+    }
+}
+
 fn eda() -> Setup {
     Setup {
         protocol: Protocol::Rtu,
@@ -111,6 +128,13 @@ fn as_a_board(frame: &[u8]) -> Option<Vec<u8>> {
             .fold(0, |sum: u8, byte| sum.wrapping_add(*byte)),
     );
     Some(reply)
+}
+
+/// What an EDA module says whose outputs are all off.
+fn all_off(address: u8) -> Vec<u8> {
+    let mut reply = vec![address, 1, 1, 0];
+    reply.extend(crc16(&reply).to_le_bytes());
+    reply
 }
 
 #[test]
@@ -153,14 +177,7 @@ fn silence_proves_that_nothing_echoes() {
 /// Toggles and jogs of one output wait until the one before has been read back.
 #[test]
 fn commands_for_one_output_wait_for_each_other() {
-    let channel = Channel::new(0).expect("it exists");
-    let millis_of_jog = U24::new(500).expect("it fits");
-    let jog = Op::Jog {
-        channel,
-        close: true,
-        millis: millis_of_jog,
-    };
-    for (op, code) in [(Op::Toggle(1), 0x20), (jog, 0x21)] {
+    for (op, code) in [(Op::Toggle(1), 0x20), (jog(), 0x21)] {
         let mut line = Line::new(EchoMode::Off, &[board()]);
         line.submit(op);
         line.submit(op);
@@ -168,6 +185,74 @@ fn commands_for_one_output_wait_for_each_other() {
         let codes: Vec<u8> = line.frames.iter().map(|frame| frame[2]).collect();
         assert_eq!(codes, [code, 0x10, code, 0x10], "{op:?}");
     }
+}
+
+/// The same where the first one's read-back is lost and has to wait for its ghost.
+#[test]
+fn commands_for_one_output_wait_for_a_read_back_that_is_lost() {
+    for (op, code) in [(Op::Toggle(1), 0x20), (jog(), 0x21)] {
+        let mut line = Line::new(EchoMode::Off, &[board()]);
+        line.submit(op);
+        line.submit(op);
+        line.run(millis(200), |frame| {
+            (frame[2] == code).then(|| as_a_board(frame)).flatten()
+        });
+        line.run(millis(1000), as_a_board);
+        let codes: Vec<u8> = line.frames.iter().map(|frame| frame[2]).collect();
+        assert_eq!(codes, [code, 0x10, 0x10, code, 0x10], "{op:?}");
+    }
+}
+
+/// What was given up haunts the line until no reply to it can come; what was answered does not,
+/// though its reply may come again.
+#[test]
+fn a_request_that_was_given_up_haunts_the_line() {
+    let mut line = Line::new(EchoMode::Off, &[board()]);
+    assert_eq!(line.drive.bus.haunted_until(), None);
+    let left = line.drive.now + Settings::FACTORY.frame_time(8);
+    line.submit(Op::Toggle(1));
+    line.run(millis(330), |_| None);
+    // Three times the 300 ms that a module is waited for that never answered.
+    assert_eq!(line.drive.bus.haunted_until(), Some(left + millis(900)));
+    line.drive
+        .hear_at(line.drive.now, b"\x22\x04\x20\0\0\0\0\x46");
+    line.run(millis(10), |_| None);
+    assert_eq!(line.drive.bus.haunted_until(), None, "its reply came");
+
+    let mut cautious = Line::of(Config::default(), &[board()]);
+    cautious.submit(Op::ReadOutputs);
+    cautious.run(millis(60), as_a_board);
+    assert_eq!(cautious.ends().len(), 1);
+    assert_eq!(cautious.drive.bus.haunted_until(), None);
+}
+
+/// A line holds sixteen ghosts and then waits for the first to go; also when one went before.
+#[test]
+fn sixteen_ghosts_fill_a_line() {
+    let mut fast = eda();
+    fast.serial.baud = Baud::B19200;
+    let setups: Vec<Setup> = (1..=18)
+        .map(|address| Setup {
+            address: Address(address),
+            ..fast
+        })
+        .collect();
+    let mut line = Line::new(EchoMode::Off, &setups);
+    for module in 0..18 {
+        line.submit_to(module, Op::ReadOutputs);
+    }
+    line.run(Micros::from_secs(1), |frame| Some(all_off(frame[0])));
+    line.submit_to(0, Op::ReadPulse);
+    line.run(Micros::from_secs(3), |_| None);
+    line.frames.clear();
+    for module in 1..18 {
+        line.submit_to(module, Op::ReadOutputs);
+    }
+    line.run(millis(490), |_| None);
+    let asked: Vec<u8> = line.frames.iter().map(|frame| frame[0]).collect();
+    assert_eq!(asked, (2..=17).collect::<Vec<u8>>());
+    line.run(millis(40), |_| None);
+    assert!(line.frames.len() > 16, "the first ghost is gone");
 }
 
 /// A module is not given another address while an earlier command for it waits for a ghost to
@@ -179,8 +264,7 @@ fn a_change_of_settings_waits_for_earlier_commands() {
     line.submit(Op::Write(Bank::one(first, true)));
     line.submit(Op::Configure(Change::Address(Address(2))));
     // The write's reply is lost, the relay reads off, and so it is sent again after its ghost.
-    let off = [1, 1, 1, 0, 0x51, 0x88];
-    line.run(millis(2000), |frame| (frame[1] == 1).then(|| off.to_vec()));
+    line.run(millis(2000), |frame| (frame[1] == 1).then(|| all_off(1)));
     let codes: Vec<u8> = line.frames.iter().map(|frame| frame[1]).collect();
     let readdressed = codes
         .iter()
@@ -270,7 +354,6 @@ fn a_missing_echo_makes_a_reply_garbled_and_silence_no_reply() {
 fn a_slow_reply_is_forgotten_with_the_second_thousand_of_quick_ones() {
     let mut line = Line::new(EchoMode::Off, &[eda()]);
     let frame_time = |bytes| Settings::FACTORY.frame_time(bytes);
-    let off = [1, 1, 1, 0, 0x51, 0x88];
     // 11 characters out, 8 back, to a command that is not sent twice.
     let set_pulse = Op::Configure(Change::Pulse {
         mask: 0,
@@ -286,12 +369,13 @@ fn a_slow_reply_is_forgotten_with_the_second_thousand_of_quick_ones() {
     let quick = |line: &mut Line, times: usize| {
         for _ in 0..times {
             line.submit(Op::ReadOutputs);
-            line.run(millis(50), |_| Some(off.to_vec()));
+            line.run(millis(50), |_| Some(all_off(1)));
         }
     };
     line.submit(Op::ReadOutputs);
     let left = line.drive.now + frame_time(8);
-    line.drive.hear_at(left + millis(100) + frame_time(6), &off);
+    line.drive
+        .hear_at(left + millis(100) + frame_time(6), &all_off(1));
     line.run(millis(400), |_| None);
     assert_eq!(waits(&mut line), millis(200), "twice the slowest");
     quick(&mut line, 1998);
