@@ -427,6 +427,7 @@ mod ascii_frames {
             (false, "\r", M::Start),
             (false, "$0\r", M::Length),
             (false, "$G16\r", M::Syntax),
+            (false, "$GG6\r", M::Syntax),
             (false, "$016 \r", M::Function),
             (false, "$017\r", M::Function),
             (false, "$01m\r", M::Function),
@@ -434,6 +435,7 @@ mod ascii_frames {
             (false, "#**1\r", M::Function),
             // [EDA §2.8]: lower case.
             (false, "$1a6\r", M::Syntax),
+            (false, "$ab6\r", M::Syntax),
             (false, "%0102400a00\r", M::Syntax),
             (false, "~1aOname\r", M::Syntax),
             (false, "%01024006\r", M::Function),

@@ -1,4 +1,4 @@
-//! Numbers at the ends of their ranges, packed runs, and frames that are full.
+//! Numbers at the ends of their ranges, packed runs, frames that are full, and how values are shown.
 
 use railbus_wire::*;
 
@@ -50,4 +50,54 @@ fn frames_hold_what_fits() {
     frame.clear();
     assert!(frame.bytes().is_empty() && frame.extend(&[]));
     assert!(frame != full && frame == Frame::default());
+}
+
+#[test]
+fn masks_of_channels() {
+    let masks = [(0, 1), (1, 2), (31, 1 << 31)];
+    for (index, mask) in masks {
+        let channel = Channel::new(index).unwrap();
+        assert_eq!((channel.index(), channel.mask()), (index, mask));
+    }
+}
+
+/// What users, logs and failed tests show of values.
+#[test]
+fn values_are_shown() {
+    assert_eq!(Address(10).to_string(), "10 (0Ah)");
+    let names = Protocol::ALL.map(|protocol| (protocol.name(), protocol.to_string()));
+    let wanted = ["rtu", "ascii", "lc02", "r55"];
+    assert_eq!(names, wanted.map(|name| (name, name.to_owned())));
+    assert_eq!(Malformed::Checksum.to_string(), "wrong checksum");
+    assert_eq!(Settings::FACTORY.to_string(), "9600 8N1");
+    let characters = [Character::N1, Character::E1, Character::O1, Character::N2];
+    let shown = characters.map(|character| character.to_string());
+    assert_eq!(shown, ["8N1", "8E1", "8O1", "8N2"]);
+
+    let mut frame = Frame::new();
+    frame.extend(&[1, 0xAB]);
+    assert_eq!(format!("{frame:?}"), "[01, AB]");
+    let bits = Bits::from_mask(0b101, 4).unwrap();
+    assert_eq!(format!("{bits:?}"), "1010");
+    assert_eq!(format!("{:?}", Words::two(1, 2)), "[1, 2]");
+    let text = ascii::Text::new(b"9050").unwrap();
+    assert_eq!(format!("{text:?}"), "\"9050\"");
+}
+
+/// What is for all modules at once is answered by none.
+#[test]
+fn broadcasts_expect_no_reply() {
+    let ascii = |request| Exchange::ascii(Address(1), false, request);
+    assert!(ascii(ascii::Request::ReadData).expects_reply());
+    assert!(!ascii(ascii::Request::SampleAll).expects_reply());
+    assert_eq!(ascii(ascii::Request::SampleAll).response_len_max(), 0);
+    let rtu = |address| {
+        let value = rtu::CoilValue(0xFF00);
+        Exchange::rtu(Address(address), rtu::Request::WriteCoil { at: 0, value })
+    };
+    assert!(rtu(1).expects_reply() && !rtu(0).expects_reply());
+    assert_eq!(
+        (rtu(1).response_len_max(), rtu(0).response_len_max()),
+        (8, 0)
+    );
 }
