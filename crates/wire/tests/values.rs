@@ -101,3 +101,84 @@ fn broadcasts_expect_no_reply() {
         (8, 0)
     );
 }
+
+/// A 0x55 board's four bytes, as one word and as the two halves of a mixed board [R55 §3.3].
+#[test]
+fn data_of_a_relay_board() {
+    let response = r55::Response {
+        data: [0x80, 0x01, 0x40, 0x02],
+    };
+    assert_eq!(response.to_word(), 0x8001_4002);
+    assert_eq!(response, r55::Response::word(0x8001_4002));
+    assert_eq!((response.inputs(), response.outputs()), (0x8001, 0x4002));
+    let value = r55::U24::new(0x12_3456).unwrap();
+    assert_eq!(value.get(), 0x12_3456);
+    let variable = r55::Response::variable(7, value);
+    assert_eq!(variable.data, [0x12, 0x34, 0x56, 7]);
+}
+
+#[test]
+fn parts_of_modbus_requests() {
+    use rtu::{BitBlock, BitSpan, CoilValue, WordBlock};
+    let states = [CoilValue::ON, CoilValue::OFF, CoilValue(0x0100)].map(CoilValue::state);
+    assert_eq!(states, [Some(true), Some(false), None]);
+    assert_eq!(
+        [true, false].map(CoilValue::from),
+        [CoilValue::ON, CoilValue::OFF]
+    );
+    let span = BitSpan::new(60, 8).unwrap();
+    assert_eq!((span.start(), span.count()), (60, 8));
+    let bits = Bits::from_mask(0b101, 3).unwrap();
+    let block = BitBlock::new(60, bits).unwrap();
+    assert_eq!((block.start(), *block.values()), (60, bits));
+    let words = Words::two(7, 9);
+    let block = WordBlock::new(2, words).unwrap();
+    assert_eq!((block.start(), *block.values()), (2, words));
+    assert_eq!((bits.len(), words.len()), (3, 2));
+    assert!(rtu::Request::ReadCoils(span).is_read());
+    assert!(!rtu::Request::WriteRegister { at: 0, value: 0 }.is_read());
+}
+
+#[test]
+fn exceptions_are_named() {
+    let names = [
+        (1, "01 illegal function"),
+        (2, "02 illegal data address"),
+        (3, "03 illegal data value"),
+        (4, "04 device failure"),
+        (5, "05 acknowledged, still working"),
+        (6, "06 device busy"),
+        (8, "08 checksum or memory parity error"),
+        (0x0A, "0A gateway path unavailable"),
+        (0x0B, "0B gateway target did not respond"),
+        (0x7F, "7F undefined exception"),
+    ];
+    for (code, name) in names {
+        assert_eq!(rtu::Exception(code).to_string(), name);
+    }
+}
+
+/// Times end at the ends of their range instead of going round.
+#[test]
+fn times_are_added_and_taken_away() {
+    let (two, five) = (Micros(2), Micros(5));
+    assert_eq!(
+        (five + two, five - two, two - five, five * 3),
+        (Micros(7), Micros(3), Micros(0), Micros(15))
+    );
+    assert_eq!(Micros(u64::MAX) + two, Micros(u64::MAX));
+    assert_eq!(Micros(u64::MAX) * 2, Micros(u64::MAX));
+    let mut sum = two;
+    sum += five;
+    assert_eq!(sum, Micros(7));
+    assert_eq!(
+        (Micros::from_millis(3), Micros::from_secs(3)),
+        (Micros(3000), Micros(3_000_000))
+    );
+    let moment = Instant(10);
+    assert_eq!(moment + two, Instant(12));
+    assert_eq!(
+        (moment.since(Instant(4)), Instant(4).since(moment)),
+        (Micros(6), Micros(0))
+    );
+}
