@@ -12,6 +12,7 @@ use crate::api::types::{
 };
 use crate::i18n::Lang;
 use local::Local;
+pub(crate) use local::described;
 use railbus_device::{Family, Layout};
 use railbus_wire::{Character, Protocol};
 use remote::Remote;

@@ -1,6 +1,8 @@
 //! The command line: one definition per command, which gives its parser and its help.
 
-use crate::commands::{decode, explain, get, global_flags, ls, pulse, raw, scan, set, watch};
+use crate::commands::{
+    config, decode, explain, get, global_flags, ls, pulse, raw, scan, set, watch,
+};
 use crate::failure::Failure;
 use crate::i18n::Lang;
 use crate::texts::{Phrase, Text};
@@ -58,6 +60,11 @@ const VERBS: &[Verb] = &[
         name: decode::NAME,
         define: decode::define,
         run: decode::run,
+    },
+    Verb {
+        name: config::NAME,
+        define: config::define,
+        run: config::run,
     },
     Verb {
         name: sim::NAME,

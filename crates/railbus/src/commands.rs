@@ -1,5 +1,6 @@
 //! The commands of daily work, one file each.
 
+pub(crate) mod config;
 pub(crate) mod decode;
 pub(crate) mod explain;
 pub(crate) mod get;

@@ -5,6 +5,7 @@
 
 mod faults;
 mod plant;
+pub mod edit;
 mod problem;
 mod read;
 mod units;

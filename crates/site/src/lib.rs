@@ -10,11 +10,13 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 mod audit;
+pub mod commission;
 pub mod config;
 mod failure;
 mod frame;
 mod health;
 mod service;
+pub mod settings;
 mod truth;
 
 pub use audit::{AUDIT_MAX, Entry};

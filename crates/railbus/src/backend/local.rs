@@ -152,7 +152,7 @@ impl Local {
 }
 
 /// The configuration that flags amount to.
-fn described(ad_hoc: &AdHoc) -> Result<Config, Problem> {
+pub(crate) fn described(ad_hoc: &AdHoc) -> Result<Config, Problem> {
     let wrong = |reason: String| Problem::new(codes::BAD_REQUEST).with("reason", reason);
     let baud = match ad_hoc.baud {
         None => Baud::B9600,

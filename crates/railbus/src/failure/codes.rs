@@ -110,6 +110,28 @@ codes! {
         likely: ["the daemon is of another version than this command", "守护进程与此命令版本不同"],
         next: ["restart the daemon", "重新启动守护进程"],
     }
+    Journal = "E0140" {
+        title: ["the journal of changes can't be written; nothing was sent after it failed",
+            "无法写入更改日志；失败后未再发送任何内容"],
+        likely: ["no right to the folder · the disk is full", "文件夹无写权限 · 磁盘已满"],
+        next: ["choose another folder with --state DIR", "用 --state DIR 指定其他文件夹"],
+    }
+    JournalBusy = "E0141" {
+        title: ["another railbus changes settings just now", "另一个 railbus 正在更改设置"],
+        likely: ["a second shell, or an apply that still runs", "另一个终端，或仍在执行的 apply"],
+        next: ["wait until it has ended", "等待其结束"],
+    }
+    ConfigNotWritten = "E0142" {
+        title: ["the module was changed, but the configuration file was not",
+            "模块已更改，但配置文件未能更新"],
+        likely: ["no right to the file · the disk is full", "文件无写权限 · 磁盘已满"],
+        next: ["railbus config recover", "railbus config recover"],
+    }
+    NotConfirmed = "E0143" {
+        title: ["not confirmed: nothing was written", "未确认：未写入任何内容"],
+        likely: ["the question was answered with no", "对提问回答了否"],
+        next: ["repeat the command and answer y, or add --yes", "重新执行并回答 y，或加 --yes"],
+    }
     Usage = "E0201" {
         title: ["wrong arguments", "参数有误"],
         likely: ["a typing mistake", "输入错误"],
@@ -121,6 +143,11 @@ codes! {
         likely: ["a broadcast switches every module; a setting is kept in EEPROM",
             "广播会动作所有模块；设置会写入 EEPROM"],
         next: ["repeat it with --yes if that is what you want", "确认无误后加 --yes 重试"],
+    }
+    NeedsAnswer = "E0240" {
+        title: ["nobody can be asked: this is no terminal", "无法提问：当前不是终端"],
+        likely: ["run from a script or with its input redirected", "在脚本中运行，或输入已重定向"],
+        next: ["look at it with -n, then add --yes", "先用 -n 查看，再加 --yes"],
     }
     SimOrder = "E0290" {
         title: ["the simulator does not understand this", "模拟器无法理解此命令"],
@@ -139,11 +166,39 @@ codes! {
         likely: ["the adapter was pulled out · its driver fails", "转换器被拔出 · 驱动故障"],
         next: ["plug it in, then: railbus get --fresh", "重新插入后执行：railbus get --fresh"],
     }
+    Lost = "E0340" {
+        title: ["the module is not found any more after the write", "写入后找不到该模块"],
+        likely: ["it lost its power meanwhile · its line was disturbed · it has taken other settings than written",
+            "期间断电 · 总线受干扰 · 实际采用的设置与写入的不同"],
+        next: ["railbus config recover", "railbus config recover"],
+    }
+    NotFound = "E0341" {
+        title: ["the module is found nowhere", "到处找不到该模块"],
+        likely: ["it is off · it hangs on another line · A/B swapped",
+            "未上电 · 在另一条总线上 · A/B 接反"],
+        next: ["railbus scan", "railbus scan"],
+    }
     Refused = "E0401" {
         title: ["refused: the module answered no", "被拒绝：模块答复不执行"],
         likely: ["wrong model in the configuration · a channel or value it does not have · its \
             host watchdog has tripped",
             "配置的型号不对 · 通道或值不存在 · 模块的主机看门狗已动作"],
+        next: ["railbus scan", "railbus scan"],
+    }
+    AddressTaken = "E0440" {
+        title: ["nothing written: somebody is at the new address", "未写入：新地址已被占用"],
+        likely: ["a module that is not in the configuration", "有模块未列入配置"],
+        next: ["railbus scan", "railbus scan"],
+    }
+    SettingRefused = "E0441" {
+        title: ["the module refused the setting; it is as it was", "模块拒绝了该设置；设置未变"],
+        likely: ["a value that this version of the module does not have", "该版本模块没有此值"],
+        next: ["railbus config show MODULE", "railbus config show MODULE"],
+    }
+    WrongModel = "E0442" {
+        title: ["nothing written: another model answers there", "未写入：应答的是另一型号"],
+        likely: ["wrong model in the configuration · another module on that address",
+            "配置的型号不对 · 该地址上是另一模块"],
         next: ["railbus scan", "railbus scan"],
     }
     Garbled = "E0501" {
@@ -158,12 +213,57 @@ codes! {
             "丢失或改变了字节 · 缺少校验和 · 混有两帧"],
         next: ["railbus decode --all", "railbus decode --all"],
     }
+    TwoModules = "E0540" {
+        title: ["nothing written: what answers there is not understood", "未写入：该处的应答无法理解"],
+        likely: ["two modules on one address · noise · another speed",
+            "两个模块地址相同 · 干扰 · 波特率不同"],
+        next: ["railbus config recover --addr N     says how to part two modules",
+            "railbus config recover --addr N     说明如何分开两个模块"],
+    }
     NotVerified = "E0601" {
         title: ["not verified: acknowledged, but read back otherwise", "未证实：已应答，但回读不一致"],
         likely: ["the output gives pulses and has released already · someone else switched it · \
             the module's own logic",
             "输出为点动方式且已断开 · 另有上位机操作 · 模块自身逻辑"],
         next: ["railbus get --fresh", "railbus get --fresh"],
+    }
+    SettingIgnored = "E0640" {
+        title: ["the module did not take the setting; it is as it was", "模块未接受该设置；设置未变"],
+        likely: ["the write was lost twice · the module wants a jumper or its maker's software for this",
+            "写入两次均丢失 · 该设置需要跳线或厂家软件"],
+        next: ["railbus config show MODULE", "railbus config show MODULE"],
+    }
+    RolledBack = "E0641" {
+        title: ["a part was refused: what was done was taken back", "部分被拒绝：已完成的部分已恢复原值"],
+        likely: ["a value that this version of the module does not have", "该版本模块没有此值"],
+        next: ["railbus config log", "railbus config log"],
+    }
+    Halfway = "E0642" {
+        title: ["a part was done and could not be taken back", "部分已完成且无法恢复"],
+        likely: ["the module takes some settings only at its next power-up",
+            "模块的部分设置在下次上电时才生效"],
+        next: ["railbus config recover", "railbus config recover"],
+    }
+    AtPowerUp = "E0643" {
+        title: ["acknowledged, but not in force: it acts at the module's next power-up",
+            "已应答但尚未生效：模块下次上电时生效"],
+        likely: ["this version of the module reads its settings only when it starts",
+            "该版本模块仅在启动时读取设置"],
+        next: ["switch the module off and on, then: railbus config recover",
+            "断电再上电，然后执行：railbus config recover"],
+    }
+    NoPowerCycle = "E0644" {
+        title: ["the board did not take its address", "该板未接受新地址"],
+        likely: ["it was not switched off and on in time · its DIP switch is not at 0",
+            "未及时断电再上电 · 拨码开关不为 0"],
+        next: ["set the DIP switch to 0, repeat, and switch it off and on when asked",
+            "将拨码开关拨到 0，重新执行，并在提示时断电再上电"],
+    }
+    NotCalibrated = "E0645" {
+        title: ["the calibration was not finished", "校准未完成"],
+        likely: ["the module was switched off, or its inputs are out of range",
+            "模块断电，或输入超出量程"],
+        next: ["railbus config calibrate MODULE", "railbus config calibrate MODULE"],
     }
     Listen = "E0701" {
         title: ["a TCP address can't be listened on", "无法监听 TCP 地址"],
@@ -370,6 +470,79 @@ codes! {
         title: ["two lines on one port", "两条总线使用同一端口"],
         likely: ["copied without a change", "复制后未修改"],
         next: ["put the modules of both on one line", "将两者的模块放在一条总线下"],
+    }
+    NoSetting = "E0840" {
+        title: ["the module has no such setting", "模块没有该设置"],
+        likely: ["a typing mistake · another model", "输入错误 · 型号不同"],
+        next: ["railbus config show MODULE", "railbus config show MODULE"],
+    }
+    SettingRange = "E0841" {
+        title: ["the setting can't have this value", "该设置不能为此值"],
+        likely: ["the family has other addresses, bauds or widths", "该系列的地址、波特率或宽度不同"],
+        next: ["railbus config show MODULE     lists what each may be",
+            "railbus config show MODULE     列出各项可选值"],
+    }
+    SettingFixed = "E0842" {
+        title: ["no command changes this setting", "没有命令可更改该设置"],
+        likely: ["the maker's software, a pin or a switch does", "由厂家软件、引脚或拨码开关决定"],
+        next: ["railbus config show MODULE", "railbus config show MODULE"],
+    }
+    PortSpeed = "E0843" {
+        title: ["nothing written: this port can't follow another speed or parity",
+            "未写入：该端口无法改变波特率或校验位"],
+        likely: ["a serial server keeps its own speed: the module would be lost",
+            "串口服务器使用自身波特率：模块将无法访问"],
+        next: ["change the server's speed by hand, or connect the module to a serial port",
+            "手动更改服务器的波特率，或将模块接到串口"],
+    }
+    NotReadable = "E0844" {
+        title: ["nothing written: the settings kept beside it can't be read",
+            "未写入：无法读取同时保存的其他设置"],
+        likely: ["an older EDA9060 has no pulses", "旧型 EDA9060 没有脉冲功能"],
+        next: ["railbus config show MODULE", "railbus config show MODULE"],
+    }
+    UnsafeFrame = "E0845" {
+        title: ["nothing written: a module of another protocol could take the frame for a command",
+            "未写入：其他协议的模块可能误认此帧为命令"],
+        likely: ["the address is 85, 76 or 36, which begin frames of other protocols",
+            "地址 85、76 或 36 是其他协议的帧头"],
+        next: ["choose another address", "选择其他地址"],
+    }
+    NoChange = "E0846" {
+        title: ["there is no such change in the journal", "日志中没有该更改"],
+        likely: ["another folder, or too long ago", "文件夹不同，或时间过久"],
+        next: ["railbus config log", "railbus config log"],
+    }
+    CantUndo = "E0847" {
+        title: ["this change can't be taken back", "该更改无法撤销"],
+        likely: ["the old values are not known, as after a calibration", "原值未知，例如校准之后"],
+        next: ["railbus config log", "railbus config log"],
+    }
+    BackupFile = "E0848" {
+        title: ["this is no backup", "这不是备份文件"],
+        likely: ["another file than meant · cut short", "文件有误 · 不完整"],
+        next: ["railbus config backup -O site.json", "railbus config backup -O site.json"],
+    }
+    BackupSchema = "E0849" {
+        title: ["the backup was written by another version", "备份由其他版本写成"],
+        likely: ["made by an older or newer railbus", "由更旧或更新的 railbus 生成"],
+        next: ["make a new backup with this version", "用此版本重新备份"],
+    }
+    BackupSite = "E0850" {
+        title: ["the backup is of another site", "备份属于另一个站点"],
+        likely: ["another configuration than the one it was made with", "与备份时的配置不同"],
+        next: ["add --other-site if that is what you want", "确认无误后加 --other-site"],
+    }
+    NotAlone = "E0851" {
+        title: ["not sent: more than one module answers on the line", "未发送：总线上不止一个模块应答"],
+        likely: ["a broadcast would change all of them", "广播会更改所有模块"],
+        next: ["take the module off the line and connect it alone", "将该模块单独接到总线上"],
+    }
+    NothingToDo = "E0852" {
+        title: ["there is no module that this could be done with", "没有可执行此操作的模块"],
+        likely: ["another line than meant · no module of that family in the configuration",
+            "总线有误 · 配置中没有该系列的模块"],
+        next: ["railbus ls", "railbus ls"],
     }
     ConfigFault = "E0890" {
         title: ["this is no fault to simulate", "不是可模拟的故障"],

@@ -1,0 +1,79 @@
+//! `railbus config`: what modules keep. A group of commands, one file each.
+
+mod drive;
+mod file;
+mod ground;
+mod log;
+mod outcome;
+mod set;
+mod show;
+mod texts;
+
+use crate::cli;
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use clap::{ArgMatches, Command};
+use texts::ConfigText;
+
+/// The name of the group.
+pub(crate) const NAME: &str = "config";
+
+/// One command of the group: its name, its definition, and what it does.
+struct Sub {
+    name: &'static str,
+    define: fn(Lang) -> Command,
+    run: fn(Lang, &ArgMatches) -> Result<(), Failure>,
+}
+
+/// All of them, in the order of the help.
+const SUBS: &[Sub] = &[
+    Sub {
+        name: show::NAME,
+        define: show::define,
+        run: show::run,
+    },
+    Sub {
+        name: show::GET,
+        define: show::define_get,
+        run: show::get,
+    },
+    Sub {
+        name: set::NAME,
+        define: set::define,
+        run: set::run,
+    },
+    Sub {
+        name: log::NAME,
+        define: log::define,
+        run: log::run,
+    },
+    Sub {
+        name: log::UNDO,
+        define: log::define_undo,
+        run: log::undo,
+    },
+    Sub {
+        name: log::RECOVER,
+        define: log::define_recover,
+        run: log::recover,
+    },
+];
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    cli::verb(lang, NAME, ConfigText::About, "railbus config COMMAND")
+        .before_help(cli::examples(lang, ConfigText::Examples))
+        .subcommand_required(true)
+        .subcommand_help_heading(lang.get(crate::texts::Text::Commands))
+        .subcommands(SUBS.iter().map(|sub| (sub.define)(lang)))
+}
+
+/// Does what the command of the group says.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    // The parser lets nothing through without a command that it knows.
+    let Some((name, matches)) = matches.subcommand() else {
+        return Ok(());
+    };
+    let sub = SUBS.iter().find(|sub| sub.name == name);
+    sub.map_or(Ok(()), |sub| (sub.run)(lang, matches))
+}

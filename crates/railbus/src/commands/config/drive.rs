@@ -1,0 +1,340 @@
+//! Drives a procedure on a real line: sends what it asks, keeps the journal, tells the user.
+
+use super::ground::Target;
+use super::texts::ConfigText;
+use crate::commands::Context;
+use crate::commands::place::{Place as At, port_failure};
+use crate::commands::stop::Stop;
+use crate::failure::{Code, Failure};
+use crate::render::time;
+use jiff::Timestamp;
+use railbus_host::{AnyPort, LineName, Port, PortError, SerialOptions};
+use railbus_site::commission::{
+    Act, Ask, Event, Heard, Place, Procedure, Progress, Question, Record, Step, Store,
+};
+use railbus_wire::{Frame, Instant, Micros, Settings};
+use std::io::{BufRead, IsTerminal, Write};
+use std::time::Duration;
+use tokio::time::{Instant as Moment, timeout_at};
+
+/// Something that never stops talking is not listened to for ever.
+const BYTES_MAX: usize = 600;
+
+/// A line that is ours while the command runs.
+pub(super) struct Driver<'c> {
+    context: &'c Context,
+    port: AnyPort,
+    stop: Stop,
+    started: Moment,
+    /// What is sent comes back; nothing while that is not known.
+    echoes: Option<bool>,
+    store: Option<Store>,
+    told: Option<Progress>,
+}
+
+impl<'c> Driver<'c> {
+    /// Opens the line of a module.
+    pub(super) async fn open(
+        context: &'c Context,
+        target: &Target,
+        store: Option<Store>,
+    ) -> Result<Driver<'c>, Failure> {
+        let settings = target.setup.serial;
+        Driver::open_line(context, &target.line, &target.port, settings, store).await
+    }
+
+    /// Opens a line.
+    pub(super) async fn open_line(
+        context: &'c Context,
+        line: &str,
+        port: &LineName,
+        settings: Settings,
+        store: Option<Store>,
+    ) -> Result<Driver<'c>, Failure> {
+        let options = SerialOptions {
+            settings,
+            ..SerialOptions::default()
+        };
+        let at = At {
+            line: line.to_owned(),
+            port: port.clone(),
+            settings,
+        };
+        let mut port = AnyPort::new(port, options);
+        let stop = Stop::new(context)?;
+        port.open().await.map_err(|error| {
+            let failure = port_failure(context, &at, &error);
+            match error {
+                PortError::Busy { .. } => failure.because(context.lang.get(ConfigText::Daemon)),
+                _ => failure,
+            }
+        })?;
+        Ok(Driver {
+            context,
+            port,
+            stop,
+            started: Moment::now(),
+            echoes: None,
+            store,
+            told: None,
+        })
+    }
+
+    /// The number of the next change.
+    pub(super) fn next_change(&self) -> u64 {
+        self.store
+            .as_ref()
+            .map_or(1, |store| store.log().next_change())
+    }
+
+    /// The journal.
+    pub(super) const fn store(&mut self) -> Option<&mut Store> {
+        self.store.as_mut()
+    }
+
+    /// Runs a procedure to its end. After Ctrl-C it ends where that is safe.
+    pub(super) async fn run<T>(&mut self, mut procedure: Procedure<T>) -> T {
+        let mut event = Event::Begin;
+        loop {
+            let now = self.now();
+            match procedure.next(now, event) {
+                Step::Done(end) => {
+                    self.told = None;
+                    return end;
+                }
+                Step::Do(act) => event = self.act(act, &procedure).await,
+            }
+        }
+    }
+
+    fn now(&self) -> Instant {
+        let micros = self.started.elapsed().as_micros();
+        Instant(u64::try_from(micros).unwrap_or(u64::MAX))
+    }
+
+    async fn act<T>(&mut self, act: Act, procedure: &Procedure<T>) -> Event {
+        match act {
+            Act::Journal(record) => Event::Kept(self.keep(record).is_ok()),
+            Act::Ask(ask) => Event::Heard(self.ask(&ask, procedure).await),
+            Act::Wait(time) => {
+                let end = Moment::now() + Duration::from_micros(time.0);
+                while Moment::now() < end {
+                    tokio::select! {
+                        () = tokio::time::sleep_until(end) => {}
+                        () = self.stop.requested() => procedure.stop(),
+                    }
+                }
+                Event::Over
+            }
+            Act::Tell(progress) => {
+                self.tell(progress);
+                Event::Over
+            }
+            Act::Confirm(question) => {
+                let text = asked(self.context, question);
+                Event::Answer(self.confirm(&text, procedure).await)
+            }
+        }
+    }
+
+    /// Writes a record down.
+    pub(super) fn keep(&mut self, mut record: Record) -> std::io::Result<()> {
+        record.at = time::rfc3339(Timestamp::now());
+        match &mut self.store {
+            Some(store) => store.append(record),
+            None => Err(std::io::ErrorKind::NotFound.into()),
+        }
+    }
+
+    async fn ask<T>(&mut self, ask: &Ask, procedure: &Procedure<T>) -> Heard {
+        let lost = Heard {
+            lost: true,
+            ..Heard::default()
+        };
+        let mut frame = Frame::new();
+        ask.exchange.encode(&mut frame);
+        let sent = frame.bytes();
+        let quiet = Moment::now() + micros(ask.quiet);
+        let Ok(stray) = self.hear(quiet, procedure, |_| false).await else {
+            return lost;
+        };
+        if self.port.send(sent, ask.settings).is_err() {
+            return lost;
+        }
+        let end = Moment::now() + micros(ask.settings.frame_time(sent.len())) + micros(ask.timeout);
+        let echoes = self.echoes;
+        let is_whole = |heard: &[u8]| {
+            let rest = without_echo(heard, sent, echoes);
+            ask.exchange.find_response(rest).1.whole().is_some()
+        };
+        let Ok(heard) = self.hear(end, procedure, is_whole).await else {
+            return lost;
+        };
+        let repeats = ask.exchange.decode_response(sent).whole().is_some();
+        if !heard.is_empty() && !repeats {
+            self.echoes = Some(heard.starts_with(sent));
+        }
+        Heard {
+            bytes: without_echo(&heard, sent, self.echoes).to_vec(),
+            stray,
+            lost: false,
+        }
+    }
+
+    /// Hears until the moment comes, or until what was heard is enough.
+    async fn hear<T>(
+        &mut self,
+        end: Moment,
+        procedure: &Procedure<T>,
+        enough: impl Fn(&[u8]) -> bool,
+    ) -> std::io::Result<Vec<u8>> {
+        let mut heard = Vec::new();
+        let mut buffer = [0; 256];
+        while heard.len() < BYTES_MAX && !enough(&heard) {
+            tokio::select! {
+                read = timeout_at(end, self.port.read(&mut buffer)) => match read {
+                    Err(_) => break,
+                    Ok(count) => heard.extend_from_slice(buffer.get(..count?).unwrap_or_default()),
+                },
+                () = self.stop.requested() => procedure.stop(),
+            }
+        }
+        Ok(heard)
+    }
+
+    fn tell(&mut self, progress: Progress) {
+        if self.told == Some(progress) {
+            return;
+        }
+        let first = self.told.is_none_or(|told| kind(told) != kind(progress));
+        self.told = Some(progress);
+        let every = match progress {
+            Progress::PowerCycle(left) => left % 10 == 0,
+            _ => false,
+        };
+        if first || every {
+            self.context.note(&worded(self.context, progress));
+        }
+    }
+
+    async fn confirm<T>(&mut self, question: &str, procedure: &Procedure<T>) -> bool {
+        tokio::select! {
+            answer = ask_user(question) => answer,
+            () = self.stop.requested() => {
+                procedure.stop();
+                false
+            }
+        }
+    }
+
+    /// Asks the user; no where the question is not answered with yes.
+    pub(super) async fn agreed(&mut self, question: &str) -> bool {
+        tokio::select! {
+            answer = ask_user(question) => answer,
+            () = self.stop.requested() => false,
+        }
+    }
+}
+
+/// Whether there is somebody to ask.
+pub(super) fn can_ask() -> bool {
+    std::io::stdin().is_terminal()
+}
+
+/// Refuses where nobody can be asked.
+pub(super) fn must_ask(context: &Context) -> Result<(), Failure> {
+    if can_ask() {
+        return Ok(());
+    }
+    Err(Failure::of(context.lang, Code::NeedsAnswer))
+}
+
+/// One line of the user's, in the background: reading blocks.
+async fn ask_user(question: &str) -> bool {
+    let _ = write!(std::io::stderr(), "{question} ");
+    let (sender, answer) = tokio::sync::oneshot::channel();
+    // Not a task of the runtime, which would wait for it at its end.
+    std::thread::spawn(move || {
+        let mut line = String::new();
+        let read = std::io::stdin().lock().read_line(&mut line);
+        let _ = sender.send(read.map(|_| line));
+    });
+    let line = answer.await.ok().and_then(Result::ok).unwrap_or_default();
+    matches!(
+        line.trim().to_lowercase().as_str(),
+        "y" | "yes" | "是" | "好"
+    )
+}
+
+/// Some replies repeat the request: only where an echo is known, or more follows, is the first an
+/// echo.
+fn without_echo<'h>(heard: &'h [u8], sent: &[u8], echoes: Option<bool>) -> &'h [u8] {
+    match heard.strip_prefix(sent) {
+        Some(rest) if echoes == Some(true) || !rest.is_empty() && echoes.is_none() => rest,
+        _ => heard,
+    }
+}
+
+const fn micros(micros: Micros) -> Duration {
+    Duration::from_micros(micros.0)
+}
+
+const fn kind(progress: Progress) -> u8 {
+    match progress {
+        Progress::Reading(_) => 0,
+        Progress::Vacancy(_) => 1,
+        Progress::Writing(step, _) => 10 + step,
+        Progress::Looking(_) => 2,
+        Progress::PowerCycle(_) => 3,
+        Progress::Calibrating => 4,
+    }
+}
+
+/// `9 (09h), 19200 8N1`.
+pub(super) fn placed(context: &Context, place: Place) -> String {
+    let comma = context.lang.get(crate::texts::Text::Comma);
+    let checksum = context.lang.get(ConfigText::WithChecksum);
+    let checksum = if place.checksum {
+        format!("{comma}{checksum}")
+    } else {
+        String::new()
+    };
+    format!("{}{comma}{}{checksum}", place.address, place.serial)
+}
+
+fn worded(context: &Context, progress: Progress) -> String {
+    let lang = context.lang;
+    match progress {
+        Progress::Reading(place) => {
+            lang.fill(ConfigText::Reading, &[("place", &placed(context, place))])
+        }
+        Progress::Vacancy(place) => lang.fill(ConfigText::Vacancy, &[("address", &place.address)]),
+        Progress::Writing(step, steps) => {
+            lang.fill(ConfigText::Writing, &[("step", &step), ("steps", &steps)])
+        }
+        Progress::Looking(place) => {
+            lang.fill(ConfigText::Looking, &[("place", &placed(context, place))])
+        }
+        Progress::PowerCycle(left) => lang.fill(ConfigText::PowerCycle, &[("left", &left)]),
+        Progress::Calibrating => lang.get(ConfigText::Calibrating).to_owned(),
+    }
+}
+
+fn asked(context: &Context, question: Question) -> String {
+    let volts = |hundredths: u16| format!("{}.{:02}", hundredths / 100, hundredths % 100);
+    let lang = context.lang;
+    match question {
+        Question::ZeroReady([first, second]) => lang.fill(
+            ConfigText::ZeroReady,
+            &[("first", &volts(first)), ("second", &volts(second))],
+        ),
+        Question::SpanReady(voltage, [first, second]) => lang.fill(
+            ConfigText::SpanReady,
+            &[
+                ("voltage", &volts(voltage)),
+                ("first", &volts(first)),
+                ("second", &volts(second)),
+            ],
+        ),
+    }
+}

@@ -1,0 +1,174 @@
+//! What a command of the group stands on: the configuration, its modules, and the folder of the
+//! journal.
+
+use crate::backend;
+use crate::cli;
+use crate::commands::Context;
+use crate::config_file;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use clap::{Arg, ArgMatches, value_parser};
+use railbus_device::Setup;
+use railbus_host::LineName;
+use railbus_site::Config;
+use railbus_site::commission::{Log, Neighbour, Place, Store};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use super::texts::ConfigText;
+
+/// The folder of the journal, beside the configuration.
+const FOLDER: &str = ".railbus";
+
+/// What a command of the group stands on.
+#[derive(Debug)]
+pub(super) struct Ground {
+    pub(super) config: Config,
+    /// The configuration's file; none where flags name port and module.
+    pub(super) file: Option<PathBuf>,
+    state: PathBuf,
+}
+
+/// A module to work on.
+#[derive(Clone, Debug)]
+pub(super) struct Target {
+    pub(super) name: String,
+    pub(super) line: String,
+    pub(super) port: LineName,
+    pub(super) setup: Setup,
+    pub(super) neighbours: Vec<Neighbour>,
+}
+
+/// `--state`, the folder of the journal.
+pub(super) fn state_flag(lang: Lang) -> Arg {
+    cli::flag(lang, "state", ConfigText::StateFlag)
+        .value_name("DIR")
+        .value_parser(value_parser!(PathBuf))
+}
+
+impl Ground {
+    /// What flags and configuration say.
+    pub(super) fn of(context: &Context, matches: &ArgMatches) -> Result<Ground, Failure> {
+        let failed = |problem| context.failure(&problem);
+        let (config, file) = match &context.wanted.ad_hoc {
+            Some(ad_hoc) => (backend::described(ad_hoc).map_err(failed)?, None),
+            None => {
+                let named = context.wanted.config.as_deref();
+                let found = config_file::read(context.lang, named).map_err(failed)?;
+                (found.config, Some(found.path))
+            }
+        };
+        let named = matches
+            .try_get_one::<PathBuf>("state")
+            .ok()
+            .flatten()
+            .cloned();
+        let state = named.unwrap_or_else(|| state_folder(file.as_deref()));
+        Ok(Ground {
+            config,
+            file,
+            state,
+        })
+    }
+
+    /// The module of that name.
+    pub(super) fn target(&self, context: &Context, name: &str) -> Result<Target, Failure> {
+        let lang = context.lang;
+        let Some(module) = self.config.modules.get(name) else {
+            let known: Vec<&str> = self.config.modules.keys().map(String::as_str).collect();
+            return Err(Failure::of(lang, Code::NoModule)
+                .because(name)
+                .because(known.join(" ")));
+        };
+        let line = self.config.lines.get(&module.line);
+        let port = line.and_then(|line| line.port.parse().ok());
+        let port = port.ok_or_else(|| Failure::of(lang, Code::NoLine).because(&module.line))?;
+        let others = self
+            .config
+            .modules_of(&module.line)
+            .filter(|(other, _)| *other != name);
+        Ok(Target {
+            name: name.to_owned(),
+            line: module.line.clone(),
+            port,
+            setup: module.setup,
+            neighbours: others
+                .map(|(name, other)| Neighbour {
+                    name: name.clone(),
+                    protocol: other.setup.protocol,
+                    place: Place::of(&other.setup),
+                })
+                .collect(),
+        })
+    }
+
+    /// The modules of the selector: one name, or all of a line or of the site.
+    pub(super) fn targets(
+        &self,
+        context: &Context,
+        names: &[String],
+    ) -> Result<Vec<Target>, Failure> {
+        if !names.is_empty() {
+            return names
+                .iter()
+                .map(|name| self.target(context, name))
+                .collect();
+        }
+        let of_line = |line: &String| context.line.as_ref().is_none_or(|wanted| wanted == line);
+        let all = self
+            .config
+            .modules
+            .iter()
+            .filter(|(_, module)| of_line(&module.line));
+        let all: Result<Vec<Target>, Failure> =
+            all.map(|(name, _)| self.target(context, name)).collect();
+        let all = all?;
+        if all.is_empty() {
+            return Err(Failure::of(context.lang, Code::NothingToDo));
+        }
+        Ok(all)
+    }
+
+    /// The journal, held for this command alone.
+    pub(super) fn store(&self, context: &Context) -> Result<Store, Failure> {
+        Store::open(&self.state).map_err(|error| {
+            let code = match error.kind() {
+                ErrorKind::WouldBlock => Code::JournalBusy,
+                _ => Code::Journal,
+            };
+            let failure = Failure::of(context.lang, code);
+            let failure = failure.with_fact("folder", self.state.display().to_string());
+            match code {
+                Code::JournalBusy => failure,
+                _ => failure.because(format!("{}: {error}", self.state.display())),
+            }
+        })
+    }
+
+    /// The journal as it is, for reading.
+    pub(super) fn log(&self, context: &Context) -> Result<Log, Failure> {
+        Store::peek(&self.state).map_err(|error| {
+            let told = format!("{}: {error}", self.state.display());
+            Failure::of(context.lang, Code::Journal).because(told)
+        })
+    }
+}
+
+/// Beside the configuration; without one, where the user's programs keep such things.
+fn state_folder(config: Option<&Path>) -> PathBuf {
+    if let Some(named) = std::env::var_os("RAILBUS_STATE").filter(|path| !path.is_empty()) {
+        return named.into();
+    }
+    match config {
+        Some(file) => file.parent().unwrap_or(Path::new("")).join(FOLDER),
+        None => {
+            let named = std::env::var_os("XDG_STATE_HOME").filter(|path| !path.is_empty());
+            let home = || {
+                std::env::home_dir()
+                    .unwrap_or_default()
+                    .join(".local/state")
+            };
+            named.map_or_else(home, PathBuf::from).join("railbus")
+        }
+    }
+}

@@ -1,0 +1,437 @@
+//! `railbus config log`, `undo` and `recover`: what was changed, taking it back, and finding a
+//! module whose change was cut short.
+
+use super::drive::{Driver, placed};
+use super::file;
+use super::ground::{Ground, Target, state_flag};
+use super::outcome;
+use super::set::{self, Terms, tell, write_flags};
+use super::texts::ConfigText;
+use crate::cli;
+use crate::commands::Context;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::out;
+use crate::render::records::Records;
+use crate::render::table::Table;
+use clap::{Arg, ArgMatches, Command, value_parser};
+use railbus_device::{Family, Setup};
+use railbus_site::commission::{
+    By, Found, Log, Place, Record, Recovered, Search, State, look_up, recover as recovery,
+};
+use railbus_site::settings::Wanted;
+use railbus_wire::{Address, Protocol};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+
+/// The names of the commands.
+pub(super) const NAME: &str = "log";
+pub(super) const UNDO: &str = "undo";
+pub(super) const RECOVER: &str = "recover";
+
+pub(super) fn define(lang: Lang) -> Command {
+    cli::verb(lang, NAME, ConfigText::LogAbout, "railbus config log")
+        .before_help(cli::examples(lang, ConfigText::LogExamples))
+        .arg(state_flag(lang))
+}
+
+pub(super) fn define_undo(lang: Lang) -> Command {
+    cli::verb(
+        lang,
+        UNDO,
+        ConfigText::UndoAbout,
+        "railbus config undo [NUMBER]",
+    )
+    .before_help(cli::examples(lang, ConfigText::UndoExamples))
+    .arg(
+        Arg::new("NUMBER")
+            .help(lang.get(ConfigText::Number))
+            .value_parser(value_parser!(u64)),
+    )
+    .args(write_flags(lang))
+}
+
+pub(super) fn define_recover(lang: Lang) -> Command {
+    cli::verb(
+        lang,
+        RECOVER,
+        ConfigText::RecoverAbout,
+        "railbus config recover [--addr N]",
+    )
+    .before_help(cli::examples(lang, ConfigText::RecoverExamples))
+    .arg(
+        Arg::new("MODULE")
+            .help(lang.get(ConfigText::Modules))
+            .num_args(0..),
+    )
+    .arg(
+        cli::flag(lang, "addr", ConfigText::RecoverAddr)
+            .value_name("N")
+            .value_parser(crate::commands::context::address),
+    )
+    .arg(state_flag(lang))
+}
+
+/// Prints the journal.
+pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let ground = Ground::of(&context, matches)?;
+    let log = ground.log(&context)?;
+    let head = [
+        ConfigText::HeadChange,
+        ConfigText::HeadTime,
+        ConfigText::HeadModule,
+        ConfigText::HeadWhat,
+        ConfigText::HeadState,
+    ];
+    let mut table = Table::new(head.map(|text| lang.get(text)));
+    let mut rows = Vec::new();
+    for (number, last) in log.last_words() {
+        let set = net(&log, number);
+        let what: Vec<String> = set
+            .iter()
+            .map(|(key, [old, new])| format!("{key} {old} → {new}"))
+            .collect();
+        table.add([
+            format!("#{number}"),
+            last.at.clone(),
+            last.module.clone(),
+            what.join(", "),
+            lang.get(state(&log, last)).to_owned(),
+        ]);
+        rows.push(row(&log, last, &set));
+    }
+    if log.unread > 0 {
+        context.note(&lang.fill(ConfigText::Unread, &[("count", &log.unread)]));
+    }
+    let columns = &["change", "at", "line", "module", "state"];
+    let records = Records {
+        key: "changes",
+        rows,
+        columns,
+        value: "change",
+        table,
+    };
+    out::result(lang, &records.render(context.format))
+}
+
+fn row(log: &Log, last: &Record, set: &BTreeMap<String, [String; 2]>) -> Value {
+    let steps: Vec<Value> = log
+        .change(last.change)
+        .map(|record| serde_json::to_value(record).unwrap_or_default())
+        .collect();
+    json!({
+        "change": last.change,
+        "at": last.at,
+        "line": last.line,
+        "module": last.module,
+        "model": last.model,
+        "state": serde_json::to_value(last.state).unwrap_or_default(),
+        "by": serde_json::to_value(last.by).unwrap_or_default(),
+        "undoes": last.undoes,
+        "set": set,
+        "records": steps,
+    })
+}
+
+/// What a change amounts to: the first old and the last new value of each setting, rolled back
+/// writes included.
+fn net(log: &Log, number: u64) -> BTreeMap<String, [String; 2]> {
+    let mut set: BTreeMap<String, [String; 2]> = BTreeMap::new();
+    for record in log
+        .change(number)
+        .filter(|record| record.state == State::Intent)
+    {
+        for (key, [old, new]) in &record.set {
+            set.entry(key.clone())
+                .and_modify(|both| both[1].clone_from(new))
+                .or_insert_with(|| [old.clone(), new.clone()]);
+        }
+    }
+    set
+}
+
+/// What is known of a change, in words.
+fn state(log: &Log, last: &Record) -> ConfigText {
+    let rolled_back = log
+        .change(last.change)
+        .any(|record| record.by == By::Rollback);
+    match last.state {
+        State::Done | State::Filed if rolled_back => ConfigText::StateRolledBack,
+        State::Done | State::Filed => ConfigText::StateDone,
+        State::Intent => ConfigText::StateIntent,
+        State::Pending => ConfigText::StatePending,
+        State::Unchanged => ConfigText::StateUnchanged,
+        State::Elsewhere => ConfigText::StateElsewhere,
+        State::Lost => ConfigText::StateLost,
+        State::Untold => ConfigText::StateUntold,
+    }
+}
+
+/// Writes the old values of a change back, by a change of its own.
+pub(super) fn undo(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let ground = Ground::of(&context, matches)?;
+    let log = ground.log(&context)?;
+    let asked: Option<u64> = matches.get_one("NUMBER").copied();
+    let number = asked.or_else(|| log.records.last().map(|record| record.change));
+    let no_change = || Failure::of(lang, Code::NoChange).because(asked.unwrap_or_default());
+    let number = number.ok_or_else(no_change)?;
+    let last = log.change(number).last().ok_or_else(no_change)?;
+    let set = net(&log, number);
+    let changed = matches!(last.state, State::Done | State::Filed);
+    let can_not = |why: String| Failure::of(lang, Code::CantUndo).because(why);
+    if !changed {
+        let told = lang.get(state(&log, last)).to_owned();
+        return Err(can_not(told).with_try("railbus config recover"));
+    }
+    let target = target_of(&context, &ground, last)?;
+    let mut wanted = Wanted::default();
+    for (key, [old, new]) in &set {
+        if old == "?" {
+            return Err(can_not(format!("{key}: ? → {new}")));
+        }
+        if old != new {
+            wanted
+                .set(&target.setup, key, old)
+                .map_err(|wrong| outcome::wrong(&context, &target, &wrong))?;
+        }
+    }
+    let terms = Terms {
+        undoes: Some(number),
+        ..Terms::of(matches, By::Undo)
+    };
+    let end = context.block(set::carry_out(&context, &ground, &target, wanted, &terms))?;
+    tell(&context, end.into_iter().collect())
+}
+
+/// The module that a record is about, as the configuration has it; where flags name it, where the
+/// record says that it is.
+fn target_of(context: &Context, ground: &Ground, record: &Record) -> Result<Target, Failure> {
+    let mut target = ground.target(context, &record.module)?;
+    if ground.file.is_none()
+        && let Some(place) = record.found.as_ref().unwrap_or(&record.to).place()
+    {
+        target.setup = place.setup(&target.setup);
+    }
+    Ok(target)
+}
+
+/// Finds modules: those whose change is open, those named, or whoever is at an address.
+pub(super) fn recover(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let ground = Ground::of(&context, matches)?;
+    let names = super::show::words(matches, "MODULE");
+    let address: Option<u8> = matches.get_one("addr").copied();
+    let results = context.block(async {
+        let mut results = Vec::new();
+        let store = ground.store(&context)?;
+        let open: Vec<Record> = store.log().open().into_iter().cloned().collect();
+        drop(store);
+        let mut wanted: Vec<String> = names.clone();
+        if let Some(address) = address {
+            let at = |(_, module): &(&String, &railbus_site::config::ModuleConfig)| {
+                module.setup.address == Address(address)
+            };
+            wanted.extend(
+                ground
+                    .config
+                    .modules
+                    .iter()
+                    .filter(at)
+                    .map(|(name, _)| name.clone()),
+            );
+        }
+        for record in &open {
+            if wanted.is_empty() || wanted.contains(&record.module) {
+                results.push(one_open(&context, &ground, record).await?);
+            }
+        }
+        for name in &wanted {
+            if open.iter().all(|record| record.module != *name) {
+                results.push(one_named(&context, &ground, name).await?);
+            }
+        }
+        Ok(results)
+    })?;
+    if results.is_empty() {
+        context.note(lang.get(ConfigText::NothingOpen));
+        if context.format.is_json() {
+            let table = Table::bare();
+            let records = Records {
+                key: "recovered",
+                rows: Vec::new(),
+                columns: &[],
+                value: "module",
+                table,
+            };
+            return out::result(lang, &records.render(context.format));
+        }
+        return Ok(());
+    }
+    show_recovered(&context, results)
+}
+
+/// What became of one module.
+struct Traced {
+    target: Target,
+    change: Option<u64>,
+    found: Option<Found>,
+    garbled: bool,
+    told: ConfigText,
+}
+
+async fn one_open(context: &Context, ground: &Ground, record: &Record) -> Result<Traced, Failure> {
+    let target = target_of(context, ground, record)?;
+    let mut driver = Driver::open(context, &target, Some(ground.store(context)?)).await?;
+    let others = target
+        .neighbours
+        .iter()
+        .filter(|other| other.protocol == target.setup.protocol);
+    let others: Vec<Place> = others.map(|other| other.place).collect();
+    let work = recovery(record.clone(), target.setup, true, others);
+    let end = driver.run(work).await;
+    let end = end.map_err(|trouble| outcome::trouble(context, &target, &trouble))?;
+    let (told, found, garbled) = match end {
+        Recovered::New(found) => (ConfigText::RecoveredNew, Some(found), false),
+        Recovered::Old(found) => (ConfigText::RecoveredOld, Some(found), false),
+        Recovered::Pending(found) => (ConfigText::StatePending, Some(found), false),
+        Recovered::Else(found) => (ConfigText::StateElsewhere, Some(found), false),
+        Recovered::Untold(found) => (ConfigText::StateUntold, Some(found), false),
+        Recovered::Nowhere(garbled) => (ConfigText::StateLost, None, garbled),
+    };
+    if let Some(found) = &found {
+        let last = driver
+            .store()
+            .and_then(|store| store.log().change(record.change).last().cloned());
+        let last = last.filter(|last| last.state == State::Done);
+        file::follow(
+            context,
+            ground,
+            &mut driver,
+            last,
+            &target.name,
+            found.place,
+        )?;
+    }
+    Ok(Traced {
+        target,
+        change: Some(record.change),
+        found,
+        garbled,
+        told,
+    })
+}
+
+async fn one_named(context: &Context, ground: &Ground, name: &str) -> Result<Traced, Failure> {
+    let target = ground.target(context, name)?;
+    let mut driver = Driver::open(context, &target, Some(ground.store(context)?)).await?;
+    let others = target
+        .neighbours
+        .iter()
+        .filter(|other| other.protocol == target.setup.protocol);
+    let search = Search {
+        setup: target.setup,
+        first: vec![Place::of(&target.setup)],
+        outwards: true,
+        others: others.map(|other| other.place).collect(),
+    };
+    let end = driver.run(look_up(search)).await;
+    let (found, garbled) = end.map_err(|trouble| outcome::trouble(context, &target, &trouble))?;
+    if let Some(found) = &found {
+        file::follow(
+            context,
+            ground,
+            &mut driver,
+            None,
+            &target.name,
+            found.place,
+        )?;
+    }
+    let told = match found {
+        Some(found) if found.place == Place::of(&target.setup) => ConfigText::InPlace,
+        Some(_) => ConfigText::FoundElsewhere,
+        None => ConfigText::StateLost,
+    };
+    Ok(Traced {
+        target,
+        change: None,
+        found,
+        garbled,
+        told,
+    })
+}
+
+fn show_recovered(context: &Context, results: Vec<Traced>) -> Result<(), Failure> {
+    let lang = context.lang;
+    let mut table = Table::bare();
+    let mut rows = Vec::new();
+    for result in &results {
+        let place = result.found.map(|found| placed(context, found.place));
+        table.add([
+            result.target.name.clone(),
+            place.unwrap_or_else(|| "–".to_owned()),
+            lang.get(result.told).to_owned(),
+            result
+                .change
+                .map(|number| format!("#{number}"))
+                .unwrap_or_default(),
+        ]);
+        rows.push(json!({
+            "module": result.target.name,
+            "change": result.change,
+            "found": result.found.is_some(),
+            "address": result.found.map(|found| found.place.address.0),
+            "baud": result.found.map(|found| found.place.serial.baud.rate()),
+            "format": result.found.map(|found| found.place.serial.character.to_string()),
+            "checksum": result.found.map(|found| found.place.checksum),
+            "garbled": result.garbled,
+        }));
+    }
+    let columns = &[
+        "module", "change", "found", "address", "baud", "format", "checksum",
+    ];
+    let records = Records {
+        key: "recovered",
+        rows,
+        columns,
+        value: "address",
+        table,
+    };
+    out::result(lang, &records.render(context.format))?;
+    match results.iter().find(|result| result.found.is_none()) {
+        None => Ok(()),
+        Some(missing) => Err(not_found(context, missing)),
+    }
+}
+
+/// Not found at all, or two at once: then how to part them, which differs from family to family.
+fn not_found(context: &Context, missing: &Traced) -> Failure {
+    let lang = context.lang;
+    let setup = &missing.target.setup;
+    let code = if missing.garbled {
+        Code::TwoModules
+    } else {
+        Code::NotFound
+    };
+    let failure = Failure::of(lang, code)
+        .because(&missing.target.name)
+        .with_fact("module", missing.target.name.as_str());
+    if !missing.garbled {
+        return failure.with_try(format!("railbus scan -l {}", missing.target.line));
+    }
+    let steps = parting(setup);
+    let address = setup.address.0;
+    let values: &[(&str, &dyn std::fmt::Display)] =
+        &[("module", &missing.target.name), ("address", &address)];
+    failure.because(lang.fill(steps, values))
+}
+
+/// How two modules on one address are parted.
+const fn parting(setup: &Setup) -> ConfigText {
+    match (setup.family, setup.protocol) {
+        (Family::R55, _) => ConfigText::PartBoards,
+        (Family::Eda9050, Protocol::Ascii | Protocol::Lc02) => ConfigText::PartByPin,
+        _ => ConfigText::PartByPlug,
+    }
+}

@@ -1,0 +1,397 @@
+//! `railbus config set`: changes settings of a module, and asks before.
+
+use super::drive::{Driver, must_ask, placed};
+use super::file;
+use super::ground::{Ground, Target, state_flag};
+use super::outcome;
+use super::show::words;
+use super::texts::ConfigText;
+use crate::cli;
+use crate::commands::Context;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::records::Records;
+use crate::render::table::Table;
+use crate::render::{hex, out};
+use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_device::{Family, Module, Op};
+use railbus_host::LineName;
+use railbus_site::commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read, stages};
+use railbus_site::settings::{Wanted, differences};
+use railbus_wire::{Frame, Protocol};
+use serde_json::{Value, json};
+
+/// The name of the command.
+pub(super) const NAME: &str = "set";
+
+pub(super) fn define(lang: Lang) -> Command {
+    cli::verb(
+        lang,
+        NAME,
+        ConfigText::SetAbout,
+        "railbus config set MODULE SETTING=VALUE…",
+    )
+    .before_help(cli::examples(lang, ConfigText::SetExamples))
+    .arg(
+        Arg::new("MODULE")
+            .help(lang.get(ConfigText::Module))
+            .required(true),
+    )
+    .arg(
+        Arg::new("SETTING")
+            .help(lang.get(ConfigText::Pairs))
+            .num_args(1..)
+            .required(true),
+    )
+    .args(write_flags(lang))
+}
+
+/// The flags of every command that writes settings.
+pub(super) fn write_flags(lang: Lang) -> Vec<Arg> {
+    vec![
+        cli::flag(lang, "dry-run", ConfigText::DryRun)
+            .short('n')
+            .action(ArgAction::SetTrue),
+        cli::flag(lang, "yes", ConfigText::Yes)
+            .short('y')
+            .action(ArgAction::SetTrue),
+        state_flag(lang),
+    ]
+}
+
+/// Shows what would be written, asks, and writes it.
+pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let ground = Ground::of(&context, matches)?;
+    let names = words(matches, "MODULE");
+    let target = ground.target(&context, names.first().map_or("", String::as_str))?;
+    let pairs = words(matches, "SETTING");
+    let wanted = Wanted::parse(&target.setup, pairs.iter().map(String::as_str))
+        .map_err(|wrong| outcome::wrong(&context, &target, &wrong))?;
+    let terms = Terms::of(matches, By::Set);
+    let end = context.block(carry_out(&context, &ground, &target, wanted, &terms))?;
+    tell(&context, end.into_iter().collect())
+}
+
+/// On what terms a change is made.
+pub(super) struct Terms {
+    pub(super) yes: bool,
+    pub(super) dry: bool,
+    pub(super) by: By,
+    pub(super) undoes: Option<u64>,
+}
+
+impl Terms {
+    pub(super) fn of(matches: &ArgMatches, by: By) -> Terms {
+        Terms {
+            yes: matches.get_flag("yes"),
+            dry: matches.get_flag("dry-run"),
+            by,
+            undoes: None,
+        }
+    }
+}
+
+/// What was changed.
+pub(super) struct Changed {
+    pub(super) target: Target,
+    pub(super) number: u64,
+    pub(super) found: Found,
+    pub(super) before: Kept,
+    pub(super) same: bool,
+}
+
+/// One module, from the first look to the configuration's file. Nothing where it was only shown.
+pub(super) async fn carry_out(
+    context: &Context,
+    ground: &Ground,
+    target: &Target,
+    wanted: Wanted,
+    terms: &Terms,
+) -> Result<Option<Changed>, Failure> {
+    let store = if terms.dry {
+        None
+    } else {
+        Some(ground.store(context)?)
+    };
+    let mut driver = Driver::open(context, target, store).await?;
+    change_one(context, ground, &mut driver, target, wanted, terms).await
+}
+
+/// The same on a line that is open already.
+pub(super) async fn change_one(
+    context: &Context,
+    ground: &Ground,
+    driver: &mut Driver<'_>,
+    target: &Target,
+    wanted: Wanted,
+    terms: &Terms,
+) -> Result<Option<Changed>, Failure> {
+    let failed = |trouble: &Trouble| outcome::trouble(context, target, trouble);
+    let found = driver
+        .run(read(target.setup))
+        .await
+        .map_err(|trouble| failed(&trouble))?;
+    let planned = plan(&found, target, &wanted).map_err(|trouble| failed(&trouble))?;
+    follows_port(context, target, &planned)?;
+    let before = found.kept();
+    let number = driver.next_change();
+    if planned.is_empty() {
+        return Ok(Some(Changed {
+            target: target.clone(),
+            number: 0,
+            found,
+            before,
+            same: true,
+        }));
+    }
+    show(context, target, &found, &planned, terms.dry)?;
+    if terms.dry {
+        return Ok(None);
+    }
+    if !terms.yes {
+        must_ask(context)?;
+        if !driver.agreed(context.lang.get(ConfigText::GoOn)).await {
+            return Err(Failure::of(context.lang, Code::NotConfirmed));
+        }
+    }
+    let job = Job {
+        change: number,
+        line: target.line.clone(),
+        module: target.name.clone(),
+        setup: target.setup,
+        wanted,
+        neighbours: target.neighbours.clone(),
+        by: terms.by,
+        undoes: terms.undoes,
+    };
+    let end = driver
+        .run(change(job))
+        .await
+        .map_err(|trouble| failed(&trouble))?;
+    finish(context, ground, driver, target, number, &end)?;
+    match end {
+        Ended::Same(found) | Ended::Done(found) => Ok(Some(Changed {
+            target: target.clone(),
+            number,
+            found,
+            before,
+            same: false,
+        })),
+        // Everything else was told as a failure.
+        _ => Ok(None),
+    }
+}
+
+/// The configuration's file follows the module wherever it was found, then its end is told.
+pub(super) fn finish(
+    context: &Context,
+    ground: &Ground,
+    driver: &mut Driver<'_>,
+    target: &Target,
+    number: u64,
+    end: &Ended,
+) -> Result<(), Failure> {
+    let found = match end {
+        Ended::Done(found) | Ended::Halfway(found, _) => Some(found),
+        _ => None,
+    };
+    if let Some(found) = found {
+        let log = driver
+            .store()
+            .map(|store| store.log().change(number).last().cloned());
+        let last = log.flatten();
+        file::follow(context, ground, driver, last, &target.name, found.place)?;
+    }
+    outcome::ended(context, target, number, end)
+}
+
+/// The writes that would be made.
+pub(super) fn plan(found: &Found, target: &Target, wanted: &Wanted) -> Result<Vec<Stage>, Trouble> {
+    use railbus_site::commission::Refused;
+    let known = found.kept();
+    let kept = wanted.over(&known).ok_or(Refused::NotReadable)?;
+    Ok(stages(&target.setup, found.place, &known, &kept)?)
+}
+
+/// A serial server keeps its own speed: who changes the module's would lose it.
+fn follows_port(context: &Context, target: &Target, stages: &[Stage]) -> Result<(), Failure> {
+    let fixed = matches!(
+        target.port,
+        LineName::Tcp { .. } | LineName::ModbusTcp { .. }
+    );
+    if fixed
+        && stages
+            .iter()
+            .any(|stage| stage.from.serial != stage.to.serial)
+    {
+        let failure = Failure::of(context.lang, Code::PortSpeed);
+        return Err(failure.because(&target.port));
+    }
+    Ok(())
+}
+
+/// What would change, and the frames of it.
+fn show(
+    context: &Context,
+    target: &Target,
+    found: &Found,
+    stages: &[Stage],
+    dry: bool,
+) -> Result<(), Failure> {
+    let lang = context.lang;
+    let line = lang.fill(crate::texts::Text::OnLine, &[("line", &target.line)]);
+    let mut text = format!("{}  {}  {line}\n", target.name, target.setup.family);
+    let mut table = Table::bare();
+    let last = stages.last().map_or(found.kept(), |stage| stage.after);
+    for (key, old, new) in differences(&target.setup, &found.kept(), &last) {
+        table.add([format!("  {key}"), old, "→".to_owned(), new]);
+    }
+    text += &table.render();
+    let mut rows = Vec::new();
+    for stage in stages {
+        let frame = frame(target, stage);
+        text += &format!("  {}\n", lang.fill(ConfigText::Frame, &[("frame", &frame)]));
+        rows.push(json!({ "module": target.name, "frame": frame }));
+    }
+    text += &format!(
+        "  {}\n",
+        lang.fill(ConfigText::Writes, &[("count", &stages.len())])
+    );
+    for warning in warnings(context, target, stages) {
+        text += &format!("  {warning}\n");
+    }
+    if !dry {
+        context.note(text.trim_end());
+        return Ok(());
+    }
+    let mut table = Table::bare();
+    table.add([text.trim_end().to_owned()]);
+    table.add([lang.get(ConfigText::NothingWritten).to_owned()]);
+    let records = Records {
+        key: "frames",
+        rows,
+        columns: &["module", "frame"],
+        value: "frame",
+        table,
+    };
+    out::result(lang, &records.render(context.format))
+}
+
+/// The frame of a write, as the manual prints it.
+fn frame(target: &Target, stage: &Stage) -> String {
+    let mut frame = Frame::new();
+    let module = Module::new(stage.from.setup(&target.setup)).ok();
+    if let Some(exchange) =
+        module.and_then(|module| module.exchange(&Op::Configure(stage.change)).ok())
+    {
+        exchange.encode(&mut frame);
+    }
+    match target.setup.protocol {
+        Protocol::Ascii => String::from_utf8_lossy(frame.bytes()).replace('\r', "<CR>"),
+        _ => hex::spaced(frame.bytes()),
+    }
+}
+
+/// What the change does to the line.
+fn warnings(context: &Context, target: &Target, stages: &[Stage]) -> Vec<String> {
+    let lang = context.lang;
+    let (Some(first), Some(last)) = (stages.first(), stages.last()) else {
+        return Vec::new();
+    };
+    let mut warnings = Vec::new();
+    let others = |apart: &dyn Fn(&railbus_site::commission::Neighbour) -> bool| {
+        target
+            .neighbours
+            .iter()
+            .filter(|other| apart(other))
+            .count()
+    };
+    let staying = others(&|other| other.place.serial != last.to.serial);
+    if first.from.serial != last.to.serial && staying > 0 {
+        let values: &[(&str, &dyn std::fmt::Display)] = &[
+            ("count", &staying),
+            ("module", &target.name),
+            ("line", &target.line),
+        ];
+        warnings.push(lang.fill(ConfigText::TwoSpeeds, values));
+    }
+    let other_checksums = others(&|other| {
+        other.protocol == Protocol::Ascii && other.place.checksum != last.to.checksum
+    });
+    if first.from.checksum != last.to.checksum && other_checksums > 0 {
+        warnings.push(lang.fill(ConfigText::TwoChecksums, &[("count", &other_checksums)]));
+    }
+    if target.setup.protocol == Protocol::Rtu && last.to.address.0 > 247 {
+        warnings.push(lang.get(ConfigText::Reserved).to_owned());
+    }
+    let boards = others(&|other| other.protocol == Protocol::R55);
+    if last.to.address.0 == 85 && boards > 0 {
+        warnings.push(lang.get(ConfigText::Address85).to_owned());
+    }
+    if target.setup.family == Family::R55 {
+        warnings.push(lang.get(ConfigText::BoardNeedsPower).to_owned());
+    }
+    warnings
+}
+
+/// What was changed, for people and programs.
+pub(super) fn tell(context: &Context, all: Vec<Changed>) -> Result<(), Failure> {
+    let lang = context.lang;
+    let mut table = Table::bare();
+    let mut rows = Vec::new();
+    for changed in &all {
+        table.add([told(context, changed)]);
+        rows.push(row(changed));
+    }
+    if all.is_empty() || context.quiet && context.format == crate::render::Format::Table {
+        return Ok(());
+    }
+    let columns = &["module", "change", "address", "baud", "format", "checksum"];
+    let records = Records {
+        key: "changed",
+        rows,
+        columns,
+        value: "change",
+        table,
+    };
+    out::result(lang, &records.render(context.format))
+}
+
+fn told(context: &Context, changed: &Changed) -> String {
+    let lang = context.lang;
+    let place = placed(context, changed.found.place);
+    let values: &[(&str, &dyn std::fmt::Display)] = &[
+        ("module", &changed.target.name),
+        ("place", &place),
+        ("number", &changed.number),
+    ];
+    lang.fill(
+        if changed.same {
+            ConfigText::Same
+        } else {
+            ConfigText::Written
+        },
+        values,
+    )
+}
+
+fn row(changed: &Changed) -> Value {
+    let setup = &changed.target.setup;
+    let place = changed.found.place;
+    let differences = differences(setup, &changed.before, &changed.found.kept());
+    let set: serde_json::Map<String, Value> = differences
+        .into_iter()
+        .map(|(key, old, new)| (key.to_string(), json!({ "before": old, "value": new })))
+        .collect();
+    json!({
+        "module": changed.target.name,
+        "change": (!changed.same).then_some(changed.number),
+        "written": !changed.same,
+        "set": set,
+        "address": place.address.0,
+        "baud": place.serial.baud.rate(),
+        "format": place.serial.character.to_string(),
+        "checksum": place.checksum,
+    })
+}

@@ -1,0 +1,218 @@
+//! `railbus config show` and `get`: the settings of modules, as they keep them now.
+
+use super::drive::Driver;
+use super::ground::{Ground, Target, state_flag};
+use super::outcome;
+use super::texts::ConfigText;
+use crate::cli;
+use crate::commands::Context;
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use crate::render::out;
+use crate::render::records::Records;
+use crate::render::table::Table;
+use clap::{Arg, ArgMatches, Command};
+use railbus_site::commission::{Found, Kept, read};
+use railbus_site::settings::{Access, Key, range, settings, shown};
+use railbus_wire::Address;
+use serde_json::{Value, json};
+
+/// The names of the commands.
+pub(super) const NAME: &str = "show";
+pub(super) const GET: &str = "get";
+
+pub(super) fn define(lang: Lang) -> Command {
+    cli::verb(
+        lang,
+        NAME,
+        ConfigText::ShowAbout,
+        "railbus config show [MODULE…]",
+    )
+    .before_help(cli::examples(lang, ConfigText::ShowExamples))
+    .arg(
+        Arg::new("MODULE")
+            .help(lang.get(ConfigText::Modules))
+            .num_args(0..),
+    )
+    .arg(state_flag(lang))
+}
+
+pub(super) fn define_get(lang: Lang) -> Command {
+    cli::verb(
+        lang,
+        GET,
+        ConfigText::GetAbout,
+        "railbus config get MODULE SETTING…",
+    )
+    .before_help(cli::examples(lang, ConfigText::GetExamples))
+    .arg(
+        Arg::new("MODULE")
+            .help(lang.get(ConfigText::Module))
+            .required(true),
+    )
+    .arg(
+        Arg::new("SETTING")
+            .help(lang.get(ConfigText::Settings))
+            .num_args(1..)
+            .required(true),
+    )
+    .arg(state_flag(lang))
+}
+
+/// Reads each module and prints its settings.
+pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let names = words(matches, "MODULE");
+    print(lang, matches, &names, &|_| true)
+}
+
+/// The same of single settings.
+pub(super) fn get(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let ground = Ground::of(&context, matches)?;
+    let names = words(matches, "MODULE");
+    let wanted = words(matches, "SETTING");
+    for target in ground.targets(&context, &names)? {
+        let known: Vec<String> = settings(&target.setup)
+            .iter()
+            .map(|(key, _)| key.to_string())
+            .collect();
+        if let Some(name) = wanted.iter().find(|name| !known.contains(name)) {
+            let wrong = railbus_site::settings::Wrong::NoSetting(name.clone(), known);
+            return Err(outcome::wrong(&context, &target, &wrong));
+        }
+    }
+    print(lang, matches, &names, &|key| {
+        wanted.contains(&key.to_string())
+    })
+}
+
+/// The words of an argument.
+pub(super) fn words(matches: &ArgMatches, name: &str) -> Vec<String> {
+    matches
+        .get_many::<String>(name)
+        .into_iter()
+        .flatten()
+        .cloned()
+        .collect()
+}
+
+fn print(
+    lang: Lang,
+    matches: &ArgMatches,
+    names: &[String],
+    wanted: &dyn Fn(Key) -> bool,
+) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let ground = Ground::of(&context, matches)?;
+    let targets = ground.targets(&context, names)?;
+    let several = targets.len() > 1;
+    let mut head = vec![
+        ConfigText::HeadSetting,
+        ConfigText::HeadValue,
+        ConfigText::HeadRange,
+    ];
+    head.push(ConfigText::HeadNote);
+    let mut head: Vec<&str> = head.into_iter().map(|text| lang.get(text)).collect();
+    if several {
+        head.insert(0, lang.get(ConfigText::HeadModule));
+    }
+    let mut table = Table::new(head);
+    let mut rows = Vec::new();
+    let founds = context.block(read_all(&context, &targets))?;
+    for (target, found) in targets.iter().zip(founds) {
+        for (key, access) in settings(&target.setup)
+            .into_iter()
+            .filter(|(key, _)| wanted(*key))
+        {
+            let mut cells = cells(lang, target, &found, key, access);
+            if several {
+                cells.insert(0, target.name.clone());
+            }
+            table.add(cells);
+            rows.push(row(target, &found, key, access));
+        }
+    }
+    let records = Records {
+        key: "settings",
+        rows,
+        columns: &["module", "setting", "value", "range", "access", "source"],
+        value: "value",
+        table,
+    };
+    out::result(lang, &records.render(context.format))
+}
+
+/// Reads modules, those of one line one after the other.
+pub(super) async fn read_all(context: &Context, targets: &[Target]) -> Result<Vec<Found>, Failure> {
+    let mut founds = Vec::new();
+    for same_line in targets.chunk_by(|a, b| a.line == b.line) {
+        let Some(first) = same_line.first() else {
+            continue;
+        };
+        let mut driver = Driver::open(context, first, None).await?;
+        for target in same_line {
+            let found = driver.run(read(target.setup)).await;
+            founds.push(found.map_err(|trouble| outcome::trouble(context, target, &trouble))?);
+        }
+    }
+    Ok(founds)
+}
+
+/// Whether the module said it, or it is plain from where it answers.
+fn source(target: &Target, found: &Found, key: Key) -> &'static str {
+    if key == Key::Protocol {
+        "place"
+    } else if shown(&target.setup, &found.told, key).is_some() {
+        "module"
+    } else if shown(&target.setup, &found.kept(), key).is_some() {
+        "place"
+    } else {
+        "unknown"
+    }
+}
+
+fn row(target: &Target, found: &Found, key: Key, access: Access) -> Value {
+    json!({
+        "module": target.name,
+        "setting": key.to_string(),
+        "value": shown(&target.setup, &known(target, found), key),
+        "range": range(&target.setup, key),
+        "writable": access.is_writable(),
+        "access": access.name(),
+        "source": source(target, found, key),
+    })
+}
+
+/// A setting that no frame of the module's protocol shows is not known, whatever its place is.
+fn known(target: &Target, found: &Found) -> Kept {
+    let mut kept = found.kept();
+    if target.setup.protocol != railbus_wire::Protocol::Ascii && found.told.checksum.is_none() {
+        kept.checksum = None;
+    }
+    kept
+}
+
+fn cells(lang: Lang, target: &Target, found: &Found, key: Key, access: Access) -> Vec<String> {
+    let value = match (key, known(target, found).address) {
+        (Key::Address, Some(address)) => Address(address.0).to_string(),
+        _ => shown(&target.setup, &known(target, found), key).unwrap_or_else(|| "–".to_owned()),
+    };
+    vec![
+        key.to_string(),
+        value,
+        range(&target.setup, key),
+        note(lang, access).to_owned(),
+    ]
+}
+
+/// When a setting acts, or why no command changes it.
+pub(super) fn note(lang: Lang, access: Access) -> &'static str {
+    lang.get(match access {
+        Access::Written => ConfigText::NoteWritten,
+        Access::AtPowerUp => ConfigText::NoteAtPowerUp,
+        Access::MakersSoftware => ConfigText::NoteMaker,
+        Access::InitPin => ConfigText::NoteInit,
+        Access::InAscii => ConfigText::NoteInAscii,
+        Access::Fixed => ConfigText::NoteFixed,
+    })
+}

@@ -1,0 +1,28 @@
+//! Changing what modules keep: address, speed, parity, checksum, pulses, calibration.
+//!
+//! Each procedure is sequential: it reads like the steps of a manual. It does no I/O and names no
+//! clock: it hands out one [`Act`] after the other and is told what came of it
+//! ([`Procedure::next`]), so that the same code runs on a real line and, cut off at every step, on
+//! a simulated one. Nothing is written to a module that was not written to the journal before.
+
+mod calibrate;
+mod change;
+mod desk;
+mod journal;
+mod place;
+mod recover;
+mod sight;
+mod stages;
+mod store;
+mod vacant;
+
+pub use calibrate::{Calibrated, Hindrance, calibrate, restore_factory};
+pub use change::{Ended, Job, Neighbour, Why, change};
+pub use desk::{Act, Ask, Event, Heard, Procedure, Progress, Question, Step, Trouble};
+pub use journal::{By, Log, RECORDS_MAX, Record, Spot, State};
+pub use place::{Found, Kept, Place, Pulse};
+pub use recover::{Recovered, Search, look_up, recover};
+pub use sight::{Sight, read};
+pub use stages::{Refused, Stage, stages};
+pub use store::Store;
+pub use vacant::{Taken, vacant};

@@ -1,0 +1,235 @@
+//! Calibration and factory reset of an EMD-2A2Q, led step by step.
+
+use super::change::{carry_all, untold};
+use super::desk::{Desk, Reply};
+use super::place::{Found, Kept, Place};
+use super::sight::{Look, first, look};
+use super::stages::{Stage, applied, stages};
+use super::{
+    Ended, Job, Procedure, Progress, Question, Record, Refused, Sight, Spot, State, Trouble, vacant,
+};
+use railbus_device::{Change, Family, Module, Op, Refusal, Seen, Setup};
+use railbus_wire::{Address, Frame, Micros};
+
+/// How long a calibration may take [EMD-2A2Q §5.5].
+const PATIENCE: Micros = Micros::from_secs(10);
+/// From one look at the command register to the next.
+const LOOK_AGAIN: Micros = Micros::from_millis(500);
+
+/// How far a calibration came.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Calibrated {
+    /// The readings before, in hundredths.
+    pub before: Option<[u16; 2]>,
+    /// The readings after the zero step, where it was done.
+    pub zero: Option<[u16; 2]>,
+    /// The readings after the span step, where it was done.
+    pub span: Option<[u16; 2]>,
+    /// Why it came no further, where it did not.
+    pub hindered: Option<Hindrance>,
+}
+
+/// Why a calibration came no further.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hindrance {
+    /// The user stopped there.
+    Stopped,
+    /// The module answered no.
+    Refused(Refusal),
+    /// The command bit did not return to 0 within 10 s, or the module no longer answered.
+    NotFinished,
+    /// The calibration voltage could not be set.
+    Voltage,
+}
+
+/// A procedure that leads through a calibration: zero with all inputs disconnected, then span
+/// with a voltage, in hundredths, at all of them. It may be stopped before either.
+#[must_use]
+pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Trouble>> {
+    Procedure::new(move |desk| async move {
+        let place = Place::of(&job.setup);
+        let found = first_emd(&desk, &job, place).await?;
+        let mut done = Calibrated {
+            before: found.analogs,
+            zero: None,
+            span: None,
+            hindered: None,
+        };
+        let ready = Question::ZeroReady(found.analogs.unwrap_or_default());
+        if !desk.confirm(ready).await {
+            done.hindered = Some(Hindrance::Stopped);
+            return Ok(done);
+        }
+        let mut step = Steps {
+            desk: &desk,
+            job: &job,
+            found,
+            step: 0,
+        };
+        match step.carry(Change::CalibrateZero).await? {
+            Ok(now) => done.zero = now.analogs,
+            Err(why) => {
+                return Ok(Calibrated {
+                    hindered: Some(why),
+                    ..done
+                });
+            }
+        }
+        let readings = step
+            .read()
+            .await?
+            .and_then(|now| now.analogs)
+            .unwrap_or_default();
+        if !desk.confirm(Question::SpanReady(voltage, readings)).await {
+            done.hindered = Some(Hindrance::Stopped);
+            return Ok(done);
+        }
+        let kept = step.found.kept();
+        let wanted = Kept {
+            voltage: Some(voltage),
+            ..Kept::default()
+        };
+        let first = stages(&job.setup, place, &kept, &wanted)?;
+        if !first.is_empty() {
+            match carry_all(&desk, &job, step.found, &first).await? {
+                Ended::Done(now) => step.found = now,
+                _ => {
+                    return Ok(Calibrated {
+                        hindered: Some(Hindrance::Voltage),
+                        ..done
+                    });
+                }
+            }
+        }
+        match step.carry(Change::CalibrateSpan).await? {
+            Ok(now) => done.span = now.analogs,
+            Err(why) => done.hindered = Some(why),
+        }
+        Ok(done)
+    })
+}
+
+/// A procedure that brings an EMD-2A2Q back to the settings of the factory, and looks for it at
+/// address 1, 9600 8N1 [EMD-2A2Q §5.8].
+#[must_use]
+pub fn restore_factory(job: Job) -> Procedure<Result<Ended, Trouble>> {
+    Procedure::new(move |desk| async move {
+        let place = Place::of(&job.setup);
+        let found = first_emd(&desk, &job, place).await?;
+        let before = found.kept();
+        let after = applied(Change::Restore, before);
+        let to = Place::of(&Setup::new(Family::Emd2a2q, Address(1)));
+        if to != place {
+            let serials = [to.serial];
+            vacant::check(&desk, &job.setup, to.address, &serials, &job.neighbours).await?;
+        }
+        let stage = Stage {
+            change: Change::Restore,
+            before,
+            from: place,
+            after,
+            to,
+        };
+        carry_all(&desk, &job, found, &[stage]).await
+    })
+}
+
+/// Only this family can be calibrated.
+async fn first_emd(desk: &Desk, job: &Job, place: Place) -> Result<Found, Trouble> {
+    if job.setup.family != Family::Emd2a2q {
+        return Err(Refused::NoCommand.into());
+    }
+    desk.tell(Progress::Reading(place)).await;
+    first(desk, &job.setup, place).await
+}
+
+/// The steps of a calibration, each journaled.
+struct Steps<'d> {
+    desk: &'d Desk,
+    job: &'d Job,
+    found: Found,
+    step: u8,
+}
+
+impl Steps<'_> {
+    /// Writes one command bit, and waits until it is 0 again [EMD-2A2Q §5.1, §5.7].
+    async fn carry(&mut self, change: Change) -> Result<Result<Found, Hindrance>, Trouble> {
+        self.step += 1;
+        let here = self.found.place.setup(&self.job.setup);
+        let module = Module::new(here).map_err(Refused::Setup)?;
+        let op = Op::Configure(change);
+        let intent = self.record(&module, change);
+        self.desk.journal(intent.clone()).await?;
+        self.desk.tell(Progress::Calibrating).await;
+        let reply = self.desk.op(&module, &op).await?;
+        if let Reply::Said(Seen::Refused(refusal)) = reply {
+            self.desk
+                .journal(intent.ended(State::Unchanged, Some(&self.found)))
+                .await?;
+            return Ok(Err(Hindrance::Refused(refusal)));
+        }
+        let acknowledged = matches!(reply, Reply::Said(Seen::Done));
+        let end = self.desk.now() + PATIENCE;
+        let mut seen = false;
+        while self.desk.now() < end {
+            self.desk.wait(LOOK_AGAIN).await;
+            let Some(found) = self.read().await? else {
+                continue;
+            };
+            seen |= found.busy;
+            if !found.busy {
+                self.found = found;
+                // Neither acknowledged nor seen at work: nobody knows whether it heard.
+                let known = acknowledged || seen;
+                let state = if known { State::Done } else { State::Untold };
+                self.desk.journal(intent.ended(state, Some(&found))).await?;
+                return Ok(if known {
+                    Ok(found)
+                } else {
+                    Err(Hindrance::NotFinished)
+                });
+            }
+        }
+        self.desk
+            .journal(intent.ended(State::Untold, Some(&self.found)))
+            .await?;
+        Ok(Err(Hindrance::NotFinished))
+    }
+
+    async fn read(&self) -> Result<Option<Found>, Trouble> {
+        let place = self.found.place;
+        Ok(
+            match look(self.desk, &self.job.setup, place, Look::Again).await? {
+                Sight::Clear(found) => Some(found),
+                _ => None,
+            },
+        )
+    }
+
+    fn record(&self, module: &Module, change: Change) -> Record {
+        let mut frame = Frame::new();
+        if let Ok(exchange) = module.exchange(&Op::Configure(change)) {
+            exchange.encode(&mut frame);
+        }
+        let here = Spot::of(self.found.place);
+        Record {
+            step: self.step,
+            steps: 2,
+            from: here.clone(),
+            to: here,
+            set: untold(change).into_iter().collect(),
+            frame: frame
+                .bytes()
+                .iter()
+                .map(|byte| format!("{byte:02X}"))
+                .collect(),
+            by: self.job.by,
+            ..Record::of(
+                self.job.change,
+                &self.job.line,
+                &self.job.module,
+                &self.job.setup,
+            )
+        }
+    }
+}

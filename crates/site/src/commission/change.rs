@@ -1,0 +1,389 @@
+//! Changing settings of one module: read, check, write, look for it, read back, or go back.
+
+use super::desk::{Desk, Reply};
+use super::place::{Found, Kept, Place};
+use super::sight::{find, first};
+use super::stages::{Stage, stages};
+use super::{By, Procedure, Progress, Record, Refused, Spot, State, Trouble, vacant};
+use crate::settings::{Wanted, differences};
+use railbus_device::{Change, Family, Module, Op, Refusal, Seen, Setup};
+use railbus_wire::{Frame, Micros, Protocol, Settings};
+
+/// After a write the module is left alone for a while [EDA §1.7].
+const SETTLE: Micros = Micros::from_millis(300);
+/// How long a board is waited for to be switched off and on.
+const POWER_CYCLE: Micros = Micros::from_secs(60);
+/// From one attempt to write a board's address to the next.
+const ATTEMPT: Micros = Micros::from_millis(500);
+/// How long a board may take to answer meanwhile.
+const BOARD_TIMEOUT: Micros = Micros::from_millis(100);
+/// A write that nobody acknowledged, and that is known not to have been carried out, is sent
+/// once more.
+const WRITES: u8 = 2;
+
+/// Another module of the line, as the configuration has it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Neighbour {
+    /// Its name.
+    pub name: String,
+    /// Its protocol.
+    pub protocol: Protocol,
+    /// Where it is heard.
+    pub place: Place,
+}
+
+/// A change to one module.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// The number of the change in the journal.
+    pub change: u64,
+    /// The line it hangs on.
+    pub line: String,
+    /// Its name.
+    pub module: String,
+    /// What it is, and where it is heard.
+    pub setup: Setup,
+    /// What it is to keep.
+    pub wanted: Wanted,
+    /// The other modules of the line.
+    pub neighbours: Vec<Neighbour>,
+    /// Who wants it.
+    pub by: By,
+    /// The change that this one takes back.
+    pub undoes: Option<u64>,
+}
+
+/// How a change ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// It kept all that already: nothing was written.
+    Same(Found),
+    /// Written, found at its new place and read back equal.
+    Done(Found),
+    /// Acknowledged, but not in force: the module takes it at its next power-up.
+    Pending(Found),
+    /// The module is as it was.
+    Unchanged(Found, Why),
+    /// A part was done and taken back: the module is as it was.
+    RolledBack(Found, Why),
+    /// A part was done and could not be taken back: this is where it is and what it keeps.
+    Halfway(Found, Why),
+    /// It is not found anywhere that it could be; whether two answer at once.
+    Lost(bool),
+}
+
+/// Why a write was not carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Why {
+    /// The module answered no.
+    Refused(Refusal),
+    /// It did not answer, and did nothing.
+    Ignored,
+    /// It acknowledged, and reads back otherwise.
+    NotVerified,
+    /// It was not switched off and on in time, or its DIP switch is not at 0.
+    NoPowerCycle,
+    /// The user stopped it.
+    Stopped,
+}
+
+/// A procedure that changes settings of a module.
+#[must_use]
+pub fn change(job: Job) -> Procedure<Result<Ended, Trouble>> {
+    Procedure::new(move |desk| async move {
+        let place = Place::of(&job.setup);
+        desk.tell(Progress::Reading(place)).await;
+        let found = first(&desk, &job.setup, place).await?;
+        let known = found.kept();
+        let wanted = job.wanted.over(&known).ok_or(Refused::NotReadable)?;
+        let stages = stages(&job.setup, place, &known, &wanted)?;
+        let Some(last) = stages.last() else {
+            return Ok(Ended::Same(found));
+        };
+        check_vacancy(&desk, &job, place, last.to).await?;
+        carry_all(&desk, &job, found, &stages).await
+    })
+}
+
+/// Wherever the module will be heard on the way, nobody may be.
+async fn check_vacancy(desk: &Desk, job: &Job, from: Place, to: Place) -> Result<(), Trouble> {
+    let moves = from.address != to.address;
+    let mut serials: Vec<Settings> = vec![from.serial, to.serial];
+    serials.dedup();
+    // At its own address and speed it is the module itself that answers.
+    serials.retain(|serial| moves || *serial != from.serial);
+    vacant::check(desk, &job.setup, to.address, &serials, &job.neighbours).await
+}
+
+/// Carries out one stage after the other; where one fails, those done are taken back.
+pub(crate) async fn carry_all(
+    desk: &Desk,
+    job: &Job,
+    before: Found,
+    stages: &[Stage],
+) -> Result<Ended, Trouble> {
+    let mut writer = Writer {
+        desk,
+        job,
+        steps: stages.len() as u8,
+        step: 0,
+    };
+    let mut found = before;
+    for stage in stages {
+        if desk.stopped() && writer.step == 0 {
+            return Err(Trouble::Stopped);
+        }
+        match writer.carry(stage, job.by).await? {
+            StageEnd::Done(now) => found = now,
+            StageEnd::Pending(now) => return Ok(Ended::Pending(now)),
+            StageEnd::Unchanged(now, why) if writer.step == 1 => {
+                return Ok(Ended::Unchanged(now, why));
+            }
+            StageEnd::Unchanged(now, why) | StageEnd::Elsewhere(now, why) => {
+                return writer.go_back(now, before, why).await;
+            }
+            StageEnd::Lost(garbled) => return Ok(Ended::Lost(garbled)),
+        }
+    }
+    Ok(Ended::Done(found))
+}
+
+/// How one stage ended.
+enum StageEnd {
+    Done(Found),
+    Pending(Found),
+    Unchanged(Found, Why),
+    /// Neither as before nor as wanted.
+    Elsewhere(Found, Why),
+    Lost(bool),
+}
+
+/// Carries out stages, and journals each.
+struct Writer<'d> {
+    desk: &'d Desk,
+    job: &'d Job,
+    step: u8,
+    steps: u8,
+}
+
+impl Writer<'_> {
+    /// Writes, and looks what came of it. The intent is in the journal before the first byte
+    /// leaves.
+    async fn carry(&mut self, stage: &Stage, by: By) -> Result<StageEnd, Trouble> {
+        self.step += 1;
+        self.steps = self.steps.max(self.step);
+        let intent = self.record(stage, by, State::Intent);
+        self.desk.journal(intent.clone()).await?;
+        self.desk
+            .tell(Progress::Writing(self.step, self.steps))
+            .await;
+        let end = match self.job.setup.family {
+            Family::R55 => self.write_board(stage).await?,
+            _ => self.write(stage).await?,
+        };
+        let (state, found) = match &end {
+            StageEnd::Done(found) => (State::Done, Some(found)),
+            StageEnd::Pending(found) => (State::Pending, Some(found)),
+            StageEnd::Unchanged(found, _) => (State::Unchanged, Some(found)),
+            StageEnd::Elsewhere(found, _) => (State::Elsewhere, Some(found)),
+            StageEnd::Lost(_) => (State::Lost, None),
+        };
+        self.desk.journal(intent.ended(state, found)).await?;
+        Ok(end)
+    }
+
+    fn record(&self, stage: &Stage, by: By, state: State) -> Record {
+        let job = self.job;
+        let set = differences(&job.setup, &stage.before, &stage.after);
+        let module = Module::new(stage.from.setup(&job.setup));
+        let mut frame = Frame::new();
+        if let Ok(exchange) = module.map_err(|_| ()).and_then(|module| {
+            module
+                .exchange(&Op::Configure(stage.change))
+                .map_err(|_| ())
+        }) {
+            exchange.encode(&mut frame);
+        }
+        Record {
+            step: self.step,
+            steps: self.steps,
+            state,
+            from: Spot::of(stage.from),
+            to: Spot::of(stage.to),
+            set: set
+                .into_iter()
+                .map(|(key, old, new)| (key.to_string(), [old, new]))
+                .chain(untold(stage.change))
+                .collect(),
+            frame: frame
+                .bytes()
+                .iter()
+                .map(|byte| format!("{byte:02X}"))
+                .collect(),
+            by,
+            undoes: job.undoes,
+            ..Record::of(job.change, &job.line, &job.module, &job.setup)
+        }
+    }
+
+    async fn write(&self, stage: &Stage) -> Result<StageEnd, Trouble> {
+        let module = Module::new(stage.from.setup(&self.job.setup)).map_err(Refused::Setup)?;
+        let op = Op::Configure(stage.change);
+        let mut end = StageEnd::Lost(false);
+        for _ in 0..WRITES {
+            let reply = self.desk.op(&module, &op).await?;
+            self.desk.wait(SETTLE).await;
+            let places = candidates(stage);
+            let (found, garbled) = find(self.desk, &self.job.setup, &places, 3).await?;
+            end = match found {
+                Some(found) => judge(stage, &reply, found),
+                None => StageEnd::Lost(garbled),
+            };
+            // It was read since, and is as before: to write again is not to write blindly.
+            if !matches!(end, StageEnd::Unchanged(_, Why::Ignored)) {
+                break;
+            }
+        }
+        Ok(end)
+    }
+
+    /// A board takes its address within 10 s of power-up only: the user switches it off and on
+    /// meanwhile [R55 §4.6, §4.8].
+    async fn write_board(&self, stage: &Stage) -> Result<StageEnd, Trouble> {
+        let board = Module::new(stage.from.setup(&self.job.setup)).map_err(Refused::Setup)?;
+        let there = Module::new(stage.to.setup(&self.job.setup)).map_err(Refused::Setup)?;
+        let desk = self.desk;
+        let end = desk.now() + POWER_CYCLE;
+        let mut why = Why::NoPowerCycle;
+        while desk.now() < end {
+            if desk.stopped() {
+                why = Why::Stopped;
+                break;
+            }
+            let attempt = desk.now();
+            desk.tell(Progress::PowerCycle(
+                end.since(attempt).0.div_ceil(1_000_000),
+            ))
+            .await;
+            // The same frame again and again: which of them is answered does not matter.
+            desk.forget_ghosts();
+            desk.op_within(&board, &Op::Configure(stage.change), BOARD_TIMEOUT)
+                .await?;
+            let state = desk
+                .op_within(&there, &Op::ReadOutputs, BOARD_TIMEOUT)
+                .await?;
+            if matches!(state, Reply::Said(Seen::Channels { .. })) {
+                break;
+            }
+            let spent = desk.now().since(attempt);
+            desk.wait(Micros(ATTEMPT.0.saturating_sub(spent.0))).await;
+        }
+        let (found, garbled) = find(desk, &self.job.setup, &[stage.to, stage.from], 3).await?;
+        Ok(match found {
+            Some(found) if found.place == stage.to => StageEnd::Done(found),
+            Some(found) => StageEnd::Unchanged(found, why),
+            None => StageEnd::Lost(garbled),
+        })
+    }
+
+    /// Writes back what was before, as far as the module takes it.
+    async fn go_back(mut self, now: Found, before: Found, why: Why) -> Result<Ended, Trouble> {
+        let old = before.kept();
+        let back = stages(&self.job.setup, now.place, &now.kept(), &old)?;
+        let mut found = now;
+        for stage in &back {
+            match self.carry(stage, By::Rollback).await? {
+                StageEnd::Done(now) => found = now,
+                StageEnd::Lost(garbled) => return Ok(Ended::Lost(garbled)),
+                StageEnd::Pending(now)
+                | StageEnd::Unchanged(now, _)
+                | StageEnd::Elsewhere(now, _) => return Ok(Ended::Halfway(now, why)),
+            }
+        }
+        Ok(Ended::RolledBack(found, why))
+    }
+}
+
+/// What a write changes that no read shows.
+pub(crate) fn untold(change: Change) -> Option<(String, [String; 2])> {
+    let (name, new) = match change {
+        Change::CalibrateZero => ("zero", "calibrated"),
+        Change::CalibrateSpan => ("span", "calibrated"),
+        Change::Restore => ("calibration", "factory"),
+        _ => return None,
+    };
+    Some((name.to_owned(), ["?".to_owned(), new.to_owned()]))
+}
+
+/// Where the module may be after a write, the likeliest first: at the new place, at the old one,
+/// and wherever only a part of the change is in force (choice 01).
+pub(crate) fn candidates(stage: &Stage) -> Vec<Place> {
+    let (from, to) = (stage.from, stage.to);
+    let mut places = vec![to, from];
+    for address in [to.address, from.address] {
+        for serial in [from.serial, to.serial] {
+            for checksum in [from.checksum, to.checksum] {
+                let place = Place {
+                    address,
+                    serial,
+                    checksum,
+                };
+                if !places.contains(&place) {
+                    places.push(place);
+                }
+            }
+        }
+    }
+    places
+}
+
+/// What a module that was found says about a write.
+fn judge(stage: &Stage, reply: &Reply, found: Found) -> StageEnd {
+    if is_done(stage, &found) {
+        return StageEnd::Done(found);
+    }
+    let why = match reply {
+        Reply::Said(Seen::Refused(refusal)) => Why::Refused(*refusal),
+        Reply::Said(_) => Why::NotVerified,
+        Reply::Silent | Reply::Garbled => Why::Ignored,
+    };
+    let (new, old) = evidence(stage, &found.told);
+    let acknowledged = matches!(reply, Reply::Said(Seen::Done));
+    let moves = stage.from != stage.to && found.place != stage.to;
+    match (new, old) {
+        (true, false) if moves => StageEnd::Pending(found),
+        (false, false) if moves && acknowledged && found.place == stage.from => {
+            StageEnd::Pending(found)
+        }
+        _ if found.place == stage.from && !new => StageEnd::Unchanged(found, why),
+        _ => StageEnd::Elsewhere(found, why),
+    }
+}
+
+/// Whether the module is as the stage wants it: at the place, and with all that it tells.
+pub(crate) fn is_done(stage: &Stage, found: &Found) -> bool {
+    let told_what_matters = (stage.after.pulse == stage.before.pulse || found.told.pulse.is_some())
+        && (stage.after.voltage == stage.before.voltage || found.told.voltage.is_some());
+    found.place == stage.to && found.told.agrees(&stage.after) && told_what_matters
+}
+
+/// Whether anything that the module tells is as after, or as before, among what differs.
+pub(crate) fn evidence(stage: &Stage, told: &Kept) -> (bool, bool) {
+    fn of<T: PartialEq>(told: Option<T>, before: Option<T>, after: Option<T>) -> (bool, bool) {
+        let differs = before != after && told.is_some();
+        (differs && told == after, differs && told == before)
+    }
+    let (before, after) = (stage.before, stage.after);
+    let all = [
+        of(told.address, before.address, after.address),
+        of(told.baud, before.baud, after.baud),
+        of(told.character, before.character, after.character),
+        of(told.checksum, before.checksum, after.checksum),
+        of(told.pulse, before.pulse, after.pulse),
+        of(told.voltage, before.voltage, after.voltage),
+    ];
+    (
+        all.iter().any(|(new, _)| *new),
+        all.iter().any(|(_, old)| *old),
+    )
+}

@@ -1,0 +1,416 @@
+//! How a procedure talks to whoever drives it: one act handed out, one answer taken in.
+//!
+//! A procedure is an `async fn` whose only awaits are its acts. [`Procedure`] drives it by hand,
+//! with a waker that does nothing: there is no runtime in it, and it never waits for anything but
+//! the next [`Procedure::next`].
+
+use super::{Place, Record, Refused, Taken};
+use railbus_device::{Module, Op, Seen, Setup};
+use railbus_wire::{Exchange, Frame, Instant, Micros, Protocol, Settings, carries_command};
+use std::fmt;
+use std::future::{Future, poll_fn};
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll, Waker};
+
+/// How long a reply may take that was not learned yet [EDA §1.12].
+const REPLY_TIMEOUT: Micros = Micros::from_millis(300);
+/// How long a late reply is reckoned with, as on the line itself.
+const LATE: Micros = Micros::from_millis(500);
+/// Silence before every request: adapters hand bytes over late.
+const QUIET: Micros = Micros::from_millis(20);
+
+/// What is to be done next.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "one at a time")]
+pub enum Act {
+    /// Write this to the journal and make it safe against a loss of power.
+    Journal(Record),
+    /// Send a request and listen.
+    Ask(Ask),
+    /// Let so much time pass.
+    Wait(Micros),
+    /// Tell the user how it goes.
+    Tell(Progress),
+    /// Ask the user.
+    Confirm(Question),
+}
+
+/// A request to send.
+#[derive(Clone, Copy, Debug)]
+pub struct Ask {
+    /// What is asked; it knows its reply.
+    pub exchange: Exchange<'static>,
+    /// Speed and character format.
+    pub settings: Settings,
+    /// The silence before it.
+    pub quiet: Micros,
+    /// How long the reply may take, its own time on the wire included.
+    pub timeout: Micros,
+}
+
+/// What came of the act.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// The procedure begins.
+    Begin,
+    /// The record is safe, or could not be made so.
+    Kept(bool),
+    /// What was heard.
+    Heard(Heard),
+    /// The time has passed, or the user was told.
+    Over,
+    /// The user's answer to a question.
+    Answer(bool),
+}
+
+/// What was heard after a request.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Heard {
+    /// The bytes after it, the echo taken out; up to the end of a good reply, or all.
+    pub bytes: Vec<u8>,
+    /// Bytes that came after the end of the reply before.
+    pub stray: Vec<u8>,
+    /// The port was lost: whether anything left is not known.
+    pub lost: bool,
+}
+
+/// What the user may want to know meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// The module is being read.
+    Reading(Place),
+    /// It is being made sure that nobody is at the new address.
+    Vacancy(Place),
+    /// A write was sent: the number of the step, of how many.
+    Writing(u8, u8),
+    /// It is being looked for here.
+    Looking(Place),
+    /// The module must be switched off and on; so many seconds are left.
+    PowerCycle(u64),
+    /// A calibration is under way.
+    Calibrating,
+}
+
+/// What the user is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Question {
+    /// All analog inputs are disconnected: these are the readings, in hundredths.
+    ZeroReady([u16; 2]),
+    /// This voltage, in hundredths, lies at all inputs: these are the readings, in hundredths.
+    SpanReady(u16, [u16; 2]),
+}
+
+/// Why a procedure ended without doing what it was to do. Nothing was written to the module,
+/// unless the journal says so.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Trouble {
+    /// Nobody answers at that place.
+    NoReply(Place),
+    /// What answers at that place is not understood: noise, or two modules.
+    Garbled(Place),
+    /// Another model answers at that place; what it says of itself, where it does.
+    WrongModel(Place, Option<String>),
+    /// The settings asked for can't be.
+    Refused(Refused),
+    /// Somebody is at the new place.
+    Taken(Taken),
+    /// A module of another protocol could take the frame for a command of its own.
+    Unsafe(Protocol),
+    /// The journal can't be written.
+    Journal,
+    /// The port was lost.
+    Port,
+    /// The user stopped it.
+    Stopped,
+}
+
+/// What a procedure does next, or what it ended with.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "one at a time")]
+pub enum Step<T> {
+    /// Do this, and say what came of it.
+    Do(Act),
+    /// It has ended.
+    Done(T),
+}
+
+/// A procedure under way.
+pub struct Procedure<T> {
+    future: Pin<Box<dyn Future<Output = T> + Send>>,
+    desk: Desk,
+}
+
+impl<T> fmt::Debug for Procedure<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Procedure").finish_non_exhaustive()
+    }
+}
+
+impl<T> Procedure<T> {
+    /// A procedure that has not begun.
+    pub(crate) fn new<F>(body: impl FnOnce(Desk) -> F) -> Procedure<T>
+    where
+        F: Future<Output = T> + Send + 'static,
+    {
+        let desk = Desk::default();
+        Procedure {
+            future: Box::pin(body(desk.clone())),
+            desk,
+        }
+    }
+
+    /// Says what came of the last act, and when; the next one. The first event is
+    /// [`Event::Begin`].
+    pub fn next(&mut self, now: Instant, event: Event) -> Step<T> {
+        {
+            let mut paper = self.desk.lock();
+            paper.now = now;
+            paper.event = (!matches!(event, Event::Begin)).then_some(event);
+        }
+        let mut context = Context::from_waker(Waker::noop());
+        match self.future.as_mut().poll(&mut context) {
+            Poll::Ready(end) => Step::Done(end),
+            // A procedure that waits without an act would wait for ever: let time pass.
+            Poll::Pending => Step::Do(self.desk.lock().act.take().unwrap_or(Act::Wait(QUIET))),
+        }
+    }
+
+    /// Stops it at the next point where that is safe.
+    pub fn stop(&self) {
+        self.desk.lock().stopped = true;
+    }
+}
+
+/// What lies between a procedure and its driver.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Desk(Arc<Mutex<Paper>>);
+
+#[derive(Debug, Default)]
+struct Paper {
+    now: Instant,
+    act: Option<Act>,
+    event: Option<Event>,
+    stopped: bool,
+    /// Requests whose replies may still come, and until when.
+    ghosts: Vec<(Exchange<'static>, Instant)>,
+    /// The settings of the last request.
+    settings: Option<Settings>,
+    /// The last request, which a second module may answer, too.
+    last: Option<Exchange<'static>>,
+    /// One did.
+    twice: bool,
+}
+
+/// What became of a request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Reply {
+    /// What the module says.
+    Said(Seen),
+    /// Nothing came.
+    Silent,
+    /// Bytes came that are no reply.
+    Garbled,
+}
+
+impl Desk {
+    fn lock(&self) -> MutexGuard<'_, Paper> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    async fn act(&self, act: Act) -> Event {
+        self.lock().act = Some(act);
+        poll_fn(|_| match self.lock().event.take() {
+            Some(event) => Poll::Ready(event),
+            None => Poll::Pending,
+        })
+        .await
+    }
+
+    pub(crate) fn now(&self) -> Instant {
+        self.lock().now
+    }
+
+    /// Whether the user wants it to end.
+    pub(crate) fn stopped(&self) -> bool {
+        self.lock().stopped
+    }
+
+    /// Whether a request was answered twice: two modules are on one address.
+    pub(crate) fn heard_twice(&self) -> bool {
+        self.lock().twice
+    }
+
+    pub(crate) async fn journal(&self, record: Record) -> Result<(), Trouble> {
+        match self.act(Act::Journal(record)).await {
+            Event::Kept(true) => Ok(()),
+            _ => Err(Trouble::Journal),
+        }
+    }
+
+    pub(crate) async fn wait(&self, time: Micros) {
+        self.act(Act::Wait(time)).await;
+    }
+
+    pub(crate) async fn tell(&self, progress: Progress) {
+        self.act(Act::Tell(progress)).await;
+    }
+
+    pub(crate) async fn confirm(&self, question: Question) -> bool {
+        matches!(self.act(Act::Confirm(question)).await, Event::Answer(true))
+    }
+
+    /// Sends one request and hears its reply. A request that a late reply to an earlier one
+    /// could be taken for waits until none can come any more.
+    pub(crate) async fn exchange(
+        &self,
+        setup: &Setup,
+        exchange: Exchange<'static>,
+        timeout: Micros,
+    ) -> Result<Vec<u8>, Trouble> {
+        if let Some(protocol) = carried(&exchange) {
+            return Err(Trouble::Unsafe(protocol));
+        }
+        self.outwait_ghosts(&exchange).await;
+        let serial = setup.serial;
+        let switching = {
+            let before = self.lock().settings.replace(serial);
+            let slower = before.map_or(Micros::ZERO, |before| before.t3_5().max(serial.t3_5()));
+            if before == Some(serial) {
+                Micros::ZERO
+            } else {
+                Micros(2 * slower.0)
+            }
+        };
+        let ask = Ask {
+            exchange,
+            settings: serial,
+            quiet: QUIET.max(setup.request_gap()).max(switching),
+            timeout: timeout + serial.frame_time(exchange.response_len_max()),
+        };
+        let Event::Heard(heard) = self.act(Act::Ask(ask)).await else {
+            return Err(Trouble::Port);
+        };
+        if heard.lost {
+            return Err(Trouble::Port);
+        }
+        let mut paper = self.lock();
+        if let Some(last) = paper.last.replace(exchange) {
+            paper.twice |= last.find_response(&heard.stray).1.whole().is_some();
+        }
+        if exchange.find_response(&heard.bytes).1.whole().is_none() {
+            let until = paper.now + LATE;
+            paper.ghosts.push((exchange, until));
+        }
+        Ok(heard.bytes)
+    }
+
+    /// Reckons with no late reply any more: to what follows it does not matter.
+    pub(crate) fn forget_ghosts(&self) {
+        self.lock().ghosts.clear();
+    }
+
+    async fn outwait_ghosts(&self, exchange: &Exchange<'static>) {
+        let until = {
+            let mut paper = self.lock();
+            let now = paper.now;
+            paper.ghosts.retain(|(_, until)| *until > now);
+            let confusable = paper
+                .ghosts
+                .iter()
+                .filter(|(ghost, _)| ghost.confusable(exchange));
+            confusable.map(|(_, until)| until.since(now)).max()
+        };
+        if let Some(time) = until {
+            self.wait(time).await;
+        }
+    }
+
+    /// Does an op once.
+    pub(crate) async fn op(&self, module: &Module, op: &Op) -> Result<Reply, Trouble> {
+        self.op_within(module, op, REPLY_TIMEOUT).await
+    }
+
+    pub(crate) async fn op_within(
+        &self,
+        module: &Module,
+        op: &Op,
+        timeout: Micros,
+    ) -> Result<Reply, Trouble> {
+        let Ok(exchange) = module.exchange(op) else {
+            return Err(Trouble::Refused(Refused::NoCommand));
+        };
+        let heard = self.exchange(module.setup(), exchange, timeout).await?;
+        Ok(match exchange.find_response(&heard).1.whole() {
+            Some(reply) => Reply::Said(module.interpret(op, &reply.response)),
+            None if heard.is_empty() => Reply::Silent,
+            None => Reply::Garbled,
+        })
+    }
+
+    /// Does an op that only reads, again where nothing good came back.
+    pub(crate) async fn read(&self, module: &Module, op: &Op) -> Result<Reply, Trouble> {
+        let mut last = Reply::Silent;
+        for _ in 0..3 {
+            last = match self.op(module, op).await? {
+                Reply::Said(seen) => return Ok(Reply::Said(seen)),
+                // Garbled once says more than silence after it.
+                Reply::Garbled => Reply::Garbled,
+                Reply::Silent => last,
+            };
+        }
+        Ok(last)
+    }
+}
+
+/// The protocol of another module that could take the request for a command.
+fn carried(exchange: &Exchange<'_>) -> Option<Protocol> {
+    let mut frame = Frame::new();
+    exchange.encode(&mut frame);
+    let mut others = Protocol::ALL.into_iter();
+    others.find(|protocol| {
+        *protocol != exchange.protocol() && carries_command(frame.bytes(), *protocol)
+    })
+}
+
+impl From<Refused> for Trouble {
+    fn from(why: Refused) -> Trouble {
+        Trouble::Refused(why)
+    }
+}
+
+impl Trouble {
+    /// The place that it is about, where there is one.
+    #[must_use]
+    pub const fn place(&self) -> Option<Place> {
+        match self {
+            Trouble::NoReply(place) | Trouble::Garbled(place) | Trouble::WrongModel(place, _) => {
+                Some(*place)
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_procedure_hands_out_its_acts_one_by_one() {
+        let mut procedure = Procedure::new(|desk| async move {
+            desk.wait(Micros(5)).await;
+            desk.confirm(Question::ZeroReady([0; 2])).await
+        });
+        let now = Instant(0);
+        let Step::Do(Act::Wait(Micros(5))) = procedure.next(now, Event::Begin) else {
+            panic!("it waits first");
+        };
+        let Step::Do(Act::Confirm(_)) = procedure.next(now, Event::Over) else {
+            panic!("then it asks");
+        };
+        let Step::Done(true) = procedure.next(now, Event::Answer(true)) else {
+            panic!("and ends");
+        };
+    }
+}

@@ -1,0 +1,327 @@
+//! The journal of changes, as text: one record to a line, each a JSON object.
+//!
+//! Nothing here touches a file. A last line that was torn by a loss of power is passed over: an
+//! intent that is not whole was followed by no write, and an end that is not whole leaves the
+//! intent open.
+
+use super::{Found, Place};
+use railbus_device::Setup;
+use railbus_wire::{Address, Baud, Character, Settings};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// How many records a journal keeps. When there are more, the older half goes, but for changes
+/// that are still open.
+pub const RECORDS_MAX: usize = 4096;
+
+/// The version of a record's form.
+const SCHEMA: u8 = 1;
+
+/// What is known of a step of a change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// It is about to be written: the module keeps the old values or the new ones.
+    Intent,
+    /// It keeps the new values: it was read back.
+    Done,
+    /// It acknowledged the new values and takes them at its next power-up.
+    Pending,
+    /// It keeps the old values.
+    Unchanged,
+    /// It keeps neither the old values nor all of the new ones.
+    Elsewhere,
+    /// It was not found.
+    Lost,
+    /// It is there, and nothing that it tells shows whether this was done.
+    Untold,
+    /// The configuration file says now where the module is.
+    Filed,
+}
+
+/// Who wanted it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum By {
+    /// `config set`.
+    Set,
+    /// `config undo`.
+    Undo,
+    /// `config restore`.
+    Restore,
+    /// `apply`.
+    Apply,
+    /// A change that could not be finished, taken back.
+    Rollback,
+    /// `config calibrate`.
+    Calibrate,
+    /// `config factory`.
+    Factory,
+    /// `config recover`: it only looked.
+    Recover,
+}
+
+/// A place, as it is written down.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Spot {
+    /// The address.
+    pub address: u8,
+    /// The speed.
+    pub baud: u32,
+    /// The character format: `8N1`.
+    pub format: String,
+    /// ASCII frames carry a checksum.
+    pub checksum: bool,
+}
+
+impl Spot {
+    /// A place, as it is written down.
+    #[must_use]
+    pub fn of(place: Place) -> Spot {
+        Spot {
+            address: place.address.0,
+            baud: place.serial.baud.rate(),
+            format: place.serial.character.to_string(),
+            checksum: place.checksum,
+        }
+    }
+
+    /// The place that was written down; nothing where it is none.
+    #[must_use]
+    pub fn place(&self) -> Option<Place> {
+        let mut formats = [Character::N1, Character::E1, Character::O1, Character::N2].into_iter();
+        Some(Place {
+            address: Address(self.address),
+            serial: Settings {
+                baud: Baud::from_rate(self.baud)?,
+                character: formats.find(|format| format.to_string() == self.format)?,
+            },
+            checksum: self.checksum,
+        })
+    }
+}
+
+/// One record.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Record {
+    /// The version of this form.
+    pub schema: u8,
+    /// The number of the change that it belongs to, from 1.
+    pub change: u64,
+    /// When it was written down, RFC 3339 in UTC; whoever writes it down sets it.
+    pub at: String,
+    /// Which write of the change, from 1.
+    pub step: u8,
+    /// Of how many.
+    pub steps: u8,
+    /// What is known of it.
+    pub state: State,
+    /// The line.
+    pub line: String,
+    /// The module.
+    pub module: String,
+    /// Its model, as in the configuration.
+    pub model: String,
+    /// The protocol it speaks.
+    pub protocol: String,
+    /// Where it is heard before.
+    pub from: Spot,
+    /// Where it is heard after.
+    pub to: Spot,
+    /// Where it was found, where it was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub found: Option<Spot>,
+    /// What changes: the old and the new value of each setting.
+    pub set: BTreeMap<String, [String; 2]>,
+    /// The frame, in hexadecimal digits.
+    pub frame: String,
+    /// Who wanted it.
+    pub by: By,
+    /// The change that this one takes back.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub undoes: Option<u64>,
+}
+
+impl Record {
+    /// A record that says nothing yet but whose it is.
+    #[must_use]
+    pub fn of(change: u64, line: &str, module: &str, setup: &Setup) -> Record {
+        let here = Spot::of(Place::of(setup));
+        Record {
+            schema: SCHEMA,
+            change,
+            at: String::new(),
+            step: 1,
+            steps: 1,
+            state: State::Intent,
+            line: line.to_owned(),
+            module: module.to_owned(),
+            model: setup.family.name().to_owned(),
+            protocol: setup.protocol.name().to_owned(),
+            from: here.clone(),
+            to: here,
+            found: None,
+            set: BTreeMap::new(),
+            frame: String::new(),
+            by: By::Set,
+            undoes: None,
+        }
+    }
+
+    /// The same step, now that more is known.
+    #[must_use]
+    pub fn ended(&self, state: State, found: Option<&Found>) -> Record {
+        let found = found.map(|found| Spot::of(found.place));
+        Record {
+            state,
+            found,
+            ..self.clone()
+        }
+    }
+
+    /// The line of the journal, its end included.
+    #[must_use]
+    pub fn line_of_text(&self) -> String {
+        // Nothing in a record can fail to be JSON.
+        serde_json::to_string(self).unwrap_or_default() + "\n"
+    }
+}
+
+/// A journal that was read.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Log {
+    /// Its records, the oldest first.
+    pub records: Vec<Record>,
+    /// How many lines are no records: torn, or of another version.
+    pub unread: usize,
+}
+
+impl Log {
+    /// Reads a journal.
+    #[must_use]
+    pub fn read(text: &str) -> Log {
+        let mut log = Log::default();
+        for line in text.lines().filter(|line| !line.is_empty()) {
+            match serde_json::from_str::<Record>(line) {
+                Ok(record) if record.schema == SCHEMA => log.records.push(record),
+                _ => log.unread += 1,
+            }
+        }
+        log
+    }
+
+    /// The number of the next change.
+    #[must_use]
+    pub fn next_change(&self) -> u64 {
+        self.records
+            .iter()
+            .map(|record| record.change)
+            .max()
+            .unwrap_or(0)
+            + 1
+    }
+
+    /// The records of a change, the oldest first.
+    pub fn change(&self, number: u64) -> impl Iterator<Item = &Record> {
+        self.records
+            .iter()
+            .filter(move |record| record.change == number)
+    }
+
+    /// The last word on each change, by its number.
+    #[must_use]
+    pub fn last_words(&self) -> BTreeMap<u64, &Record> {
+        self.records
+            .iter()
+            .map(|record| (record.change, record))
+            .collect()
+    }
+
+    /// The changes after which it is not certain where the module is and what it keeps.
+    #[must_use]
+    pub fn open(&self) -> Vec<&Record> {
+        let is_open = |record: &&Record| {
+            matches!(
+                record.state,
+                State::Intent | State::Pending | State::Elsewhere | State::Lost
+            )
+        };
+        self.last_words().into_values().filter(is_open).collect()
+    }
+
+    /// What a journal keeps that has become too long: its newer half, and all of the changes that
+    /// are open. Nothing where it is not too long.
+    #[must_use]
+    pub fn shortened(&self) -> Option<String> {
+        if self.records.len() <= RECORDS_MAX {
+            return None;
+        }
+        let open: Vec<u64> = self.open().iter().map(|record| record.change).collect();
+        let newest = self.records.len() - RECORDS_MAX / 2;
+        let kept = self
+            .records
+            .iter()
+            .enumerate()
+            .filter(|(at, record)| *at >= newest || open.contains(&record.change));
+        Some(kept.map(|(_, record)| record.line_of_text()).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_device::Family;
+
+    fn record(change: u64, state: State) -> Record {
+        let setup = Setup::new(Family::Erc8, Address(3));
+        Record {
+            state,
+            ..Record::of(change, "main", "oven", &setup)
+        }
+    }
+
+    fn text(records: &[Record]) -> String {
+        records.iter().map(Record::line_of_text).collect()
+    }
+
+    #[test]
+    fn what_was_written_is_read_and_a_torn_end_is_passed_over() {
+        let both = [record(1, State::Intent), record(1, State::Done)];
+        let whole = text(&both);
+        assert_eq!(Log::read(&whole).records, both);
+        let first = both[0].line_of_text().len();
+        for cut in first..whole.len() - 1 {
+            let log = Log::read(&whole[..cut]);
+            assert_eq!(log.records, both[..1], "cut at {cut}");
+            assert_eq!(log.open().len(), 1);
+        }
+        // What follows a torn line begins a line of its own.
+        let healed = format!("{}\n{}", &whole[..first + 7], both[1].line_of_text());
+        let log = Log::read(&healed);
+        assert_eq!((log.records.len(), log.unread), (2, 1));
+    }
+
+    #[test]
+    fn a_change_is_open_until_its_end_is_known() {
+        let open = |records: &[Record]| Log::read(&text(records)).open().len();
+        assert_eq!(open(&[record(1, State::Intent)]), 1);
+        assert_eq!(open(&[record(1, State::Intent), record(1, State::Lost)]), 1);
+        assert_eq!(
+            open(&[record(1, State::Intent), record(1, State::Unchanged)]),
+            0
+        );
+        assert_eq!(open(&[record(1, State::Lost), record(2, State::Done)]), 1);
+    }
+
+    #[test]
+    fn a_long_journal_is_shortened_and_forgets_nothing_that_is_open() {
+        let mut records = vec![record(1, State::Intent)];
+        records.extend((2..=RECORDS_MAX as u64 + 1).map(|number| record(number, State::Done)));
+        let log = Log { records, unread: 0 };
+        let short = Log::read(&log.shortened().unwrap());
+        assert_eq!(short.records.len(), RECORDS_MAX / 2 + 1);
+        assert_eq!(short.open().len(), 1);
+        assert_eq!(short.next_change(), log.next_change());
+        assert_eq!(short.shortened(), None);
+    }
+}

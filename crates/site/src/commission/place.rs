@@ -1,0 +1,155 @@
+//! Where a module is heard, and what it keeps.
+
+use railbus_device::Setup;
+use railbus_wire::{Address, Baud, Character, PulseWidth, Settings};
+
+/// Where a module is heard: what a host must know to talk to it, its protocol apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Place {
+    /// Its address.
+    pub address: Address,
+    /// Speed and character format.
+    pub serial: Settings,
+    /// Its ASCII frames carry a checksum.
+    pub checksum: bool,
+}
+
+impl Place {
+    /// Where a module of this description is heard.
+    #[must_use]
+    pub const fn of(setup: &Setup) -> Place {
+        Place {
+            address: setup.address,
+            serial: setup.serial,
+            checksum: setup.checksum,
+        }
+    }
+
+    /// The description of the same module here.
+    #[must_use]
+    pub const fn setup(&self, of: &Setup) -> Setup {
+        Setup {
+            address: self.address,
+            serial: self.serial,
+            checksum: self.checksum,
+            ..*of
+        }
+    }
+}
+
+/// Which outputs of an EDA9060A give pulses, and how long [EDA9060A §3.4].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pulse {
+    /// Bit n = output n gives pulses.
+    pub mask: u8,
+    /// The width of all pulses.
+    pub width: PulseWidth,
+}
+
+/// What a module keeps without power, as far as it is known; what one wants it to keep, as far as
+/// one wants anything.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Kept {
+    /// Its address.
+    pub address: Option<Address>,
+    /// Its speed.
+    pub baud: Option<Baud>,
+    /// Its character format.
+    pub character: Option<Character>,
+    /// Its ASCII frames carry a checksum.
+    pub checksum: Option<bool>,
+    /// Which outputs give pulses, and how long.
+    pub pulse: Option<Pulse>,
+    /// The calibration voltage in hundredths of a volt.
+    pub voltage: Option<u16>,
+}
+
+impl Kept {
+    /// What the place says of it.
+    #[must_use]
+    pub const fn at(place: Place) -> Kept {
+        Kept {
+            address: Some(place.address),
+            baud: Some(place.serial.baud),
+            character: Some(place.serial.character),
+            checksum: Some(place.checksum),
+            pulse: None,
+            voltage: None,
+        }
+    }
+
+    /// This, and the other where this is silent.
+    #[must_use]
+    pub fn or(self, other: Kept) -> Kept {
+        Kept {
+            address: self.address.or(other.address),
+            baud: self.baud.or(other.baud),
+            character: self.character.or(other.character),
+            checksum: self.checksum.or(other.checksum),
+            pulse: self.pulse.or(other.pulse),
+            voltage: self.voltage.or(other.voltage),
+        }
+    }
+
+    /// Whether nothing that both know differs.
+    #[must_use]
+    pub fn agrees(&self, other: &Kept) -> bool {
+        fn same<T: PartialEq>(a: Option<T>, b: Option<T>) -> bool {
+            a.is_none() || b.is_none() || a == b
+        }
+        same(self.address, other.address)
+            && same(self.baud, other.baud)
+            && same(self.character, other.character)
+            && same(self.checksum, other.checksum)
+            && same(self.pulse, other.pulse)
+            && same(self.voltage, other.voltage)
+    }
+
+    /// Where a module is heard once these settings are in force.
+    #[must_use]
+    pub fn place(&self, before: Place) -> Place {
+        Place {
+            address: self.address.unwrap_or(before.address),
+            serial: Settings {
+                baud: self.baud.unwrap_or(before.serial.baud),
+                character: self.character.unwrap_or(before.serial.character),
+            },
+            checksum: self.checksum.unwrap_or(before.checksum),
+        }
+    }
+}
+
+/// A module that answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Found {
+    /// Where.
+    pub place: Place,
+    /// What it says that it keeps. What it does not say is empty here.
+    pub told: Kept,
+    /// The product version, where it tells one (EMD-2A2Q).
+    pub version: Option<u16>,
+    /// What its analog inputs read, in hundredths (EMD-2A2Q).
+    pub analogs: Option<[u16; 2]>,
+    /// A calibration is under way (EMD-2A2Q).
+    pub busy: bool,
+}
+
+impl Found {
+    /// A module that answered here and said nothing of its settings.
+    #[must_use]
+    pub fn at(place: Place) -> Found {
+        Found {
+            place,
+            told: Kept::default(),
+            version: None,
+            analogs: None,
+            busy: false,
+        }
+    }
+
+    /// What it keeps: what it says, and for the rest what its place shows.
+    #[must_use]
+    pub fn kept(&self) -> Kept {
+        self.told.or(Kept::at(self.place))
+    }
+}

@@ -1,0 +1,241 @@
+//! Finding a module whose change was cut short, or that is not where it should be. It only reads.
+
+use super::change::candidates;
+use super::desk::Desk;
+use super::place::{Found, Kept, Place};
+use super::sight::{Look, find, look};
+use super::stages::Stage;
+use super::{By, Procedure, Progress, Record, Sight, State, Trouble};
+use crate::settings::Wanted;
+use railbus_device::{Change, Setup};
+use railbus_wire::{Address, Settings};
+
+/// Where a module is looked for.
+#[derive(Clone, Debug)]
+pub struct Search {
+    /// What it is.
+    pub setup: Setup,
+    /// The likeliest places, the first one first.
+    pub first: Vec<Place>,
+    /// Then every speed, parity and checksum state of the family at those addresses, then the
+    /// place of the factory, then all its addresses at those speeds.
+    pub outwards: bool,
+    /// Places of other modules, which are not taken for it.
+    pub others: Vec<Place>,
+}
+
+/// What a recovery found out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Recovered {
+    /// It keeps the new values.
+    New(Found),
+    /// It keeps the old values.
+    Old(Found),
+    /// It acknowledged the new values and takes them at its next power-up.
+    Pending(Found),
+    /// It keeps something else.
+    Else(Found),
+    /// It is there, and does not tell whether this was done: a calibration can't be read.
+    Untold(Found),
+    /// It is nowhere; whether two seemed to answer at once.
+    Nowhere(bool),
+}
+
+/// A procedure that finds out what became of a change that is open, and journals that.
+#[must_use]
+pub fn recover(
+    intent: Record,
+    setup: Setup,
+    outwards: bool,
+    others: Vec<Place>,
+) -> Procedure<Result<Recovered, Trouble>> {
+    Procedure::new(move |desk| async move {
+        let (Some(from), Some(to)) = (intent.from.place(), intent.to.place()) else {
+            return Err(Trouble::Journal);
+        };
+        let stage = stage_of(&intent, &setup, from, to);
+        let search = Search {
+            setup,
+            first: candidates(&stage),
+            outwards,
+            others,
+        };
+        let (found, garbled) = seek(&desk, &search).await?;
+        let untold = matches!(intent.by, By::Calibrate | By::Factory) && from == to;
+        let recovered = match found {
+            None => Recovered::Nowhere(garbled),
+            Some(found) if untold => Recovered::Untold(found),
+            Some(found) => judge(&stage, found),
+        };
+        let (state, found) = match &recovered {
+            Recovered::New(found) => (State::Done, Some(found)),
+            Recovered::Old(found) => (State::Unchanged, Some(found)),
+            Recovered::Pending(found) => (State::Pending, Some(found)),
+            Recovered::Else(found) => (State::Elsewhere, Some(found)),
+            Recovered::Untold(found) => (State::Untold, Some(found)),
+            Recovered::Nowhere(_) => (State::Lost, None),
+        };
+        let ended = Record {
+            by: By::Recover,
+            ..intent.ended(state, found)
+        };
+        desk.journal(ended).await?;
+        Ok(recovered)
+    })
+}
+
+/// A procedure that looks for a module.
+#[must_use]
+pub fn look_up(search: Search) -> Procedure<Result<(Option<Found>, bool), Trouble>> {
+    Procedure::new(move |desk| async move { seek(&desk, &search).await })
+}
+
+/// The step as the journal has it: which values are the old ones, and which the new.
+fn stage_of(intent: &Record, setup: &Setup, from: Place, to: Place) -> Stage {
+    let mut stage = Stage {
+        // Which write it was does not matter for finding the module.
+        change: Change::Address(to.address),
+        before: Kept::at(from),
+        from,
+        after: Kept::at(to),
+        to,
+    };
+    let side = |at: usize| {
+        let mut wanted = Wanted::default();
+        for (name, values) in &intent.set {
+            let value = values.get(at).map(String::as_str).unwrap_or_default();
+            // A value that was not known, `?`, is left out.
+            let _ = wanted.set(setup, name, value);
+        }
+        wanted
+    };
+    let filled = |wanted: Wanted, place: Place| {
+        let unknown = super::Pulse {
+            mask: 0,
+            width: railbus_wire::PulseWidth::DEFAULT,
+        };
+        let known = Kept {
+            pulse: Some(unknown),
+            ..Kept::default()
+        };
+        wanted.over(&known).unwrap_or_default().or(Kept::at(place))
+    };
+    stage.before = filled(side(0), from);
+    stage.after = filled(side(1), to);
+    stage
+}
+
+/// What a module that was found shows of the change. Of the pulses only what changed is compared:
+/// the journal holds no more.
+fn judge(stage: &Stage, found: Found) -> Recovered {
+    let at = |place: Place, kept: &Kept| found.place == place && settles(stage, kept, &found);
+    if at(stage.to, &stage.after) {
+        Recovered::New(found)
+    } else if at(stage.from, &stage.before) {
+        Recovered::Old(found)
+    } else if stage.from != stage.to && super::change::evidence(stage, &found.told) == (true, false)
+    {
+        Recovered::Pending(found)
+    } else {
+        Recovered::Else(found)
+    }
+}
+
+/// Whether what the module tells is this, as far as the change is about it.
+fn settles(stage: &Stage, kept: &Kept, found: &Found) -> bool {
+    let pulse = match (stage.before.pulse, stage.after.pulse) {
+        (Some(before), Some(after)) => {
+            let changed = before.mask ^ after.mask;
+            found.told.pulse.is_some_and(|told| {
+                let wanted = kept.pulse.unwrap_or(told);
+                let width = before.width == after.width || told.width == wanted.width;
+                (told.mask ^ wanted.mask) & changed == 0 && width
+            })
+        }
+        _ => true,
+    };
+    let voltage = stage.before.voltage == stage.after.voltage || found.told.voltage == kept.voltage;
+    let rest = Kept {
+        pulse: None,
+        voltage: None,
+        ..*kept
+    };
+    pulse && voltage && found.told.agrees(&rest)
+}
+
+/// The likeliest places, then outwards.
+async fn seek(desk: &Desk, search: &Search) -> Result<(Option<Found>, bool), Trouble> {
+    let near: Vec<Place> = of_this(search, search.first.clone());
+    let (found, mut garbled) = find(desk, &search.setup, &near, 3).await?;
+    if found.is_some() || !search.outwards {
+        return Ok((found, garbled));
+    }
+    for place in of_this(search, outwards(search)) {
+        if near.contains(&place) {
+            continue;
+        }
+        if desk.stopped() {
+            return Err(Trouble::Stopped);
+        }
+        desk.tell(Progress::Looking(place)).await;
+        match look(desk, &search.setup, place, Look::Again).await? {
+            Sight::Clear(found) => return Ok((Some(found), garbled)),
+            Sight::Garbled => garbled = true,
+            Sight::Wrong(_) | Sight::Silent => {}
+        }
+    }
+    Ok((None, garbled))
+}
+
+/// Without the places where others are.
+fn of_this(search: &Search, mut places: Vec<Place>) -> Vec<Place> {
+    places.retain(|place| !search.others.contains(place));
+    places
+}
+
+/// Every place that is worth a look, the nearer ones first.
+fn outwards(search: &Search) -> Vec<Place> {
+    let profile = search.setup.family.profile();
+    let mut places = Vec::new();
+    let mut add = |place: Place| {
+        let possible = place.setup(&search.setup).check().is_ok();
+        if possible && !places.contains(&place) {
+            places.push(place);
+        }
+    };
+    let factory = Setup::new(search.setup.family, Address(1));
+    add(Place::of(&factory));
+    for near in &search.first {
+        for (_, baud) in profile.bauds {
+            for (_, character) in profile.characters {
+                for checksum in [near.checksum, !near.checksum] {
+                    let serial = Settings {
+                        baud: *baud,
+                        character: *character,
+                    };
+                    add(Place {
+                        address: near.address,
+                        serial,
+                        checksum,
+                    });
+                }
+            }
+        }
+    }
+    let (low, high) = profile.addresses;
+    let nearest: Vec<Place> = search
+        .first
+        .iter()
+        .copied()
+        .chain([Place::of(&factory)])
+        .collect();
+    for near in nearest {
+        for address in low..=high {
+            add(Place {
+                address: Address(address),
+                ..near
+            });
+        }
+    }
+    places
+}

@@ -1,0 +1,250 @@
+//! Looking for a module at a place: is it there, is it the model that it should be, what does it
+//! keep.
+
+use super::desk::{Desk, Reply};
+use super::{Found, Kept, Place, Procedure, Progress, Pulse, Trouble};
+use railbus_device::{Family, Module, Op, Seen, Setup};
+use railbus_wire::rtu::{self, Request, WordSpan};
+use railbus_wire::{Address, Decoded, Exchange, Micros, Protocol, Response, Words};
+
+/// What was met at a place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Sight {
+    /// The module.
+    Clear(Found),
+    /// Another model: what it says of itself, where it does.
+    Wrong(Option<String>),
+    /// Bytes that are no reply: noise, another speed, or two modules at once.
+    Garbled,
+    /// Nobody.
+    Silent,
+}
+
+/// How a look is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Look {
+    /// Before anything is written: is it the model that it should be?
+    First,
+    /// After a write: where is it, and what does it keep?
+    Again,
+}
+
+/// Registers 0 to 7 of an EMD-2A2Q [EMD-2A2Q §4].
+const EMD_REGISTERS: u16 = 8;
+
+/// A procedure that reads a module: everything that it tells, or why it can't be read.
+#[must_use]
+pub fn read(setup: Setup) -> Procedure<Result<Found, Trouble>> {
+    Procedure::new(move |desk| async move {
+        let place = Place::of(&setup);
+        desk.tell(Progress::Reading(place)).await;
+        first(&desk, &setup, place).await
+    })
+}
+
+/// The first look: the module is at its place, and is what it should be.
+pub(crate) async fn first(desk: &Desk, setup: &Setup, place: Place) -> Result<Found, Trouble> {
+    match look(desk, setup, place, Look::First).await? {
+        Sight::Clear(_) if desk.heard_twice() => Err(Trouble::Garbled(place)),
+        Sight::Clear(found) => Ok(found),
+        Sight::Wrong(told) => Err(Trouble::WrongModel(place, told)),
+        Sight::Garbled => Err(Trouble::Garbled(place)),
+        Sight::Silent => Err(Trouble::NoReply(place)),
+    }
+}
+
+/// Looks at a place.
+pub(crate) async fn look(
+    desk: &Desk,
+    setup: &Setup,
+    place: Place,
+    look: Look,
+) -> Result<Sight, Trouble> {
+    let here = place.setup(setup);
+    let Ok(module) = Module::new(here) else {
+        return Ok(Sight::Silent);
+    };
+    match (here.family, here.protocol) {
+        (Family::Emd2a2q, _) => emd(desk, &here, place, look).await,
+        (Family::Eda9050, Protocol::Rtu) => eda9050_rtu(desk, &module, place, look).await,
+        (Family::Eda9060a | Family::Eda9050, _) => eda(desk, &module, place, look).await,
+        (Family::Erc8, _) => erc8(desk, &module, place).await,
+        (Family::R55, _) => {
+            let seen = desk.read(&module, &Op::ReadOutputs).await?;
+            Ok(sighted(seen, |_| Some(Found::at(place))))
+        }
+    }
+}
+
+/// What a reply to a first read shows.
+fn sighted(reply: Reply, found: impl FnOnce(Seen) -> Option<Found>) -> Sight {
+    match reply {
+        Reply::Silent => Sight::Silent,
+        Reply::Garbled => Sight::Garbled,
+        Reply::Said(seen) => found(seen).map_or(Sight::Wrong(name(&seen)), Sight::Clear),
+    }
+}
+
+/// The name or number that a module gives itself.
+fn name(seen: &Seen) -> Option<String> {
+    match seen {
+        Seen::Name(text) => Some(text.as_str().to_owned()),
+        Seen::Model(model) => Some(format!("{model:04X}")),
+        _ => None,
+    }
+}
+
+/// In ASCII and LC-02 it says what it is; over Modbus registers 0 and 1 do [EDA9060A §6.18].
+async fn eda(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<Sight, Trouble> {
+    if look == Look::First {
+        match desk.read(module, &Op::Identify).await? {
+            Reply::Said(seen) if module.recognises(&seen) && seen != Seen::Unexpected => {}
+            other => return Ok(sighted(other, |_| None)),
+        }
+    }
+    let mut found = Found::at(place);
+    match desk.read(module, &Op::ReadConfig).await? {
+        Reply::Said(Seen::Config {
+            address,
+            baud,
+            character,
+            checksum,
+        }) => {
+            found.told = Kept {
+                address,
+                baud,
+                character,
+                checksum,
+                ..Kept::default()
+            };
+        }
+        other => return Ok(sighted(other, |_| None)),
+    }
+    if module.setup().family == Family::Eda9060a
+        && let Reply::Said(Seen::Pulse { mask, width }) = desk.read(module, &Op::ReadPulse).await?
+    {
+        // An older EDA9060 has no pulses and is silent.
+        found.told.pulse = Some(Pulse { mask, width });
+    }
+    Ok(Sight::Clear(found))
+}
+
+/// No request reads its settings or its name: it answers coils, and no registers
+/// [EDA9050 §5.7].
+async fn eda9050_rtu(
+    desk: &Desk,
+    module: &Module,
+    place: Place,
+    look: Look,
+) -> Result<Sight, Trouble> {
+    match desk.read(module, &Op::ReadOutputs).await? {
+        Reply::Said(Seen::Channels { .. }) => {}
+        other => return Ok(sighted(other, |_| None)),
+    }
+    if look == Look::First
+        && let Some(span) = WordSpan::new(0, 4)
+    {
+        let registers = Exchange::rtu(place.address, Request::ReadHoldingRegisters(span));
+        let heard = desk
+            .exchange(module.setup(), registers, Micros::from_millis(300))
+            .await?;
+        if registers.find_response(&heard).1.whole().is_some() {
+            return Ok(Sight::Wrong(None));
+        }
+    }
+    Ok(Sight::Clear(Found::at(place)))
+}
+
+/// It answers coils 60 to 67. That it lets its settings be read is not certain
+/// [ERC-8 §2.5].
+async fn erc8(desk: &Desk, module: &Module, place: Place) -> Result<Sight, Trouble> {
+    match desk.read(module, &Op::ReadOutputs).await? {
+        Reply::Said(Seen::Channels { .. }) => {}
+        other => return Ok(sighted(other, |_| None)),
+    }
+    let mut found = Found::at(place);
+    if let Reply::Said(Seen::Config {
+        address,
+        baud,
+        character,
+        ..
+    }) = desk.read(module, &Op::ReadConfig).await?
+    {
+        found.told = Kept {
+            address,
+            baud,
+            character,
+            ..Kept::default()
+        };
+    }
+    Ok(Sight::Clear(found))
+}
+
+/// All eight registers at once; register 1 is the address asked.
+async fn emd(desk: &Desk, setup: &Setup, place: Place, look: Look) -> Result<Sight, Trouble> {
+    let Some(span) = WordSpan::new(0, EMD_REGISTERS) else {
+        return Ok(Sight::Silent);
+    };
+    let exchange = Exchange::rtu(place.address, Request::ReadHoldingRegisters(span));
+    let mut last = Sight::Silent;
+    for _ in 0..3 {
+        let heard = desk
+            .exchange(setup, exchange, Micros::from_millis(300))
+            .await?;
+        last = match exchange.find_response(&heard).1 {
+            Decoded::Whole { value, .. } => {
+                return Ok(match value.response {
+                    Response::Rtu(rtu::Response::Words(words)) => emd_found(setup, place, &words)
+                        .filter(|found| {
+                            look == Look::Again || found.told.address == Some(place.address)
+                        })
+                        .map_or(Sight::Wrong(None), Sight::Clear),
+                    _ => Sight::Wrong(None),
+                });
+            }
+            _ if heard.is_empty() => last,
+            _ => Sight::Garbled,
+        };
+    }
+    Ok(last)
+}
+
+fn emd_found(setup: &Setup, place: Place, words: &Words<'_>) -> Option<Found> {
+    let profile = setup.family.profile();
+    let code = |at| u8::try_from(words.get(at)?).ok();
+    Some(Found {
+        told: Kept {
+            address: code(1).map(Address),
+            baud: code(2).and_then(|code| profile.baud_of(code)),
+            character: code(3).and_then(|code| profile.character_of(code)),
+            voltage: words.get(4),
+            ..Kept::default()
+        },
+        version: words.get(0),
+        busy: words.get(5)? & 0b111 != 0,
+        analogs: Some([words.get(6)?, words.get(7)?]),
+        ..Found::at(place)
+    })
+}
+
+/// Looks at several places, one after the other, until the module is found: three rounds, since a
+/// reply may be lost.
+pub(crate) async fn find(
+    desk: &Desk,
+    setup: &Setup,
+    places: &[Place],
+    rounds: usize,
+) -> Result<(Option<Found>, bool), Trouble> {
+    let mut garbled = false;
+    for _ in 0..rounds {
+        for place in places {
+            desk.tell(Progress::Looking(*place)).await;
+            match look(desk, setup, *place, Look::Again).await? {
+                Sight::Clear(found) => return Ok((Some(found), garbled)),
+                Sight::Garbled => garbled = true,
+                Sight::Wrong(_) | Sight::Silent => {}
+            }
+        }
+    }
+    Ok((None, garbled))
+}

@@ -1,0 +1,213 @@
+//! A change as writes, in the order in which nothing is lost: first what leaves the module where
+//! it is, then its address, then its speed, then its parity.
+
+use super::{Kept, Place};
+use railbus_device::{Change, Family, Module, Op, Setup, SetupError};
+
+/// One write, and where the module is heard before and after it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stage {
+    /// What is written.
+    pub change: Change,
+    /// What the module keeps before, and where that is heard.
+    pub before: Kept,
+    /// Where it is before.
+    pub from: Place,
+    /// What it keeps after.
+    pub after: Kept,
+    /// Where it is after.
+    pub to: Place,
+}
+
+/// Why settings can't be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refused {
+    /// The model has no command for it in this protocol.
+    NoCommand,
+    /// No module of the model can be so.
+    Setup(SetupError),
+    /// The settings to be kept beside it are not known, and can't be read.
+    NotReadable,
+}
+
+/// The writes that lead from what a module keeps to what it is to keep; none where that is the
+/// same.
+///
+/// # Errors
+/// Where one of them can't be.
+pub fn stages(
+    setup: &Setup,
+    place: Place,
+    known: &Kept,
+    wanted: &Kept,
+) -> Result<Vec<Stage>, Refused> {
+    let target = wanted.place(place);
+    let there = target.setup(setup);
+    there.check().map_err(Refused::Setup)?;
+    let mut changes = Vec::new();
+    if let (Some(pulse), true) = (wanted.pulse, wanted.pulse != known.pulse) {
+        changes.push(Change::Pulse {
+            mask: pulse.mask,
+            width: pulse.width,
+        });
+    }
+    if let (Some(voltage), true) = (wanted.voltage, wanted.voltage != known.voltage) {
+        changes.push(Change::CalibrationVoltage(voltage));
+    }
+    changes.extend(serial(setup, place, target));
+    let mut stages: Vec<Stage> = Vec::new();
+    for change in changes {
+        let (before, from) = stages
+            .last()
+            .map_or((known.or(Kept::at(place)), place), |last| {
+                (last.after, last.to)
+            });
+        let after = applied(change, before);
+        let to = after.place(from);
+        let module = Module::new(from.setup(setup)).map_err(Refused::Setup)?;
+        module
+            .exchange(&Op::Configure(change))
+            .map_err(|_| Refused::NoCommand)?;
+        stages.push(Stage {
+            change,
+            before,
+            from,
+            after,
+            to,
+        });
+    }
+    Ok(stages)
+}
+
+/// The writes that bring a module from one place to another.
+fn serial(setup: &Setup, place: Place, target: Place) -> Vec<Change> {
+    if place == target {
+        return Vec::new();
+    }
+    match setup.family {
+        // One frame has all three [EDA §2.15, §3.9, §4.6].
+        Family::Eda9060a | Family::Eda9050 => vec![Change::Serial {
+            address: target.address,
+            baud: target.serial.baud,
+            checksum: target.checksum,
+        }],
+        Family::Erc8 | Family::Emd2a2q | Family::R55 => {
+            let address = Change::Address(target.address);
+            let baud = Change::Baud(target.serial.baud);
+            let character = Change::Character(target.serial.character);
+            let wanted = [
+                (target.address != place.address).then_some(address),
+                (target.serial.baud != place.serial.baud).then_some(baud),
+                (target.serial.character != place.serial.character).then_some(character),
+            ];
+            wanted.into_iter().flatten().collect()
+        }
+    }
+}
+
+/// What a module keeps once a change was carried out.
+pub(crate) fn applied(change: Change, before: Kept) -> Kept {
+    let mut after = before;
+    match change {
+        Change::Serial {
+            address,
+            baud,
+            checksum,
+        } => {
+            after.address = Some(address);
+            after.baud = Some(baud);
+            after.checksum = Some(checksum);
+        }
+        Change::Address(address) => after.address = Some(address),
+        Change::Baud(baud) => after.baud = Some(baud),
+        Change::Character(character) => after.character = Some(character),
+        Change::Pulse { mask, width } => after.pulse = Some(super::Pulse { mask, width }),
+        Change::CalibrationVoltage(voltage) => after.voltage = Some(voltage),
+        Change::CalibrateZero | Change::CalibrateSpan => {}
+        Change::Restore => {
+            let factory = Setup::new(Family::Emd2a2q, railbus_wire::Address(1));
+            after = Kept {
+                voltage: Some(500),
+                ..Kept::at(Place::of(&factory))
+            };
+        }
+    }
+    after
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_wire::{Address, Baud, Character, Protocol};
+
+    fn wanted() -> Kept {
+        Kept {
+            address: Some(Address(9)),
+            baud: Some(Baud::B19200),
+            ..Kept::default()
+        }
+    }
+
+    #[test]
+    fn eda_modules_take_address_and_speed_in_one_frame() {
+        for protocol in [Protocol::Ascii, Protocol::Lc02, Protocol::Rtu] {
+            let setup = Setup {
+                protocol,
+                ..Setup::new(Family::Eda9050, Address(1))
+            };
+            let place = Place::of(&setup);
+            let stages = stages(&setup, place, &Kept::at(place), &wanted()).unwrap();
+            assert_eq!(stages.len(), 1);
+            assert_eq!(stages[0].to.address, Address(9));
+            assert_eq!(stages[0].to.serial.baud, Baud::B19200);
+        }
+    }
+
+    #[test]
+    fn the_others_take_the_address_first() {
+        let setup = Setup::new(Family::Erc8, Address(1));
+        let place = Place::of(&setup);
+        let wanted = Kept {
+            character: Some(Character::E1),
+            ..wanted()
+        };
+        let stages = stages(&setup, place, &Kept::at(place), &wanted).unwrap();
+        let changes: Vec<Change> = stages.iter().map(|stage| stage.change).collect();
+        let all = [
+            Change::Address(Address(9)),
+            Change::Baud(Baud::B19200),
+            Change::Character(Character::E1),
+        ];
+        assert_eq!(changes, all);
+        assert_eq!(stages[1].from.address, Address(9));
+    }
+
+    #[test]
+    fn nothing_is_written_for_what_is_so_already() {
+        let setup = Setup::new(Family::Emd2a2q, Address(1));
+        let place = Place::of(&setup);
+        let same = Kept {
+            address: Some(Address(1)),
+            ..Kept::default()
+        };
+        assert_eq!(
+            stages(&setup, place, &Kept::at(place), &same),
+            Ok(Vec::new())
+        );
+    }
+
+    #[test]
+    fn what_no_frame_carries_is_refused() {
+        let setup = Setup {
+            protocol: Protocol::Lc02,
+            ..Setup::new(Family::Eda9060a, Address(1))
+        };
+        let place = Place::of(&setup);
+        let wanted = Kept {
+            checksum: Some(true),
+            ..Kept::default()
+        };
+        let refused = stages(&setup, place, &Kept::at(place), &wanted);
+        assert_eq!(refused, Err(Refused::Setup(SetupError::Checksum)));
+    }
+}

@@ -1,0 +1,109 @@
+//! Making sure that nobody is at an address before a module is sent there.
+
+use super::desk::Desk;
+use super::{Neighbour, Place, Progress, Trouble};
+use railbus_device::Setup;
+use railbus_wire::rtu::{BitSpan, Request};
+use railbus_wire::{
+    Address, Exchange, Frame, Micros, Protocol, Settings, ascii, carries_command, lc02, r55,
+};
+
+/// How long somebody may take to answer.
+const PATIENCE: Micros = Micros::from_millis(300);
+
+/// Somebody is at the address.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Taken {
+    /// Where.
+    pub place: Place,
+    /// In which protocol it answered.
+    pub protocol: Protocol,
+    /// Its reply was no good one: there may be two already.
+    pub garbled: bool,
+    /// The module of the configuration that is there, where one is.
+    pub module: Option<String>,
+}
+
+/// Refuses an address at which somebody answers, in any protocol, at any of these settings. A
+/// known neighbour that speaks another protocol is no hindrance: it is where it should be.
+pub(crate) async fn check(
+    desk: &Desk,
+    setup: &Setup,
+    address: Address,
+    serials: &[Settings],
+    neighbours: &[Neighbour],
+) -> Result<(), Trouble> {
+    for serial in serials {
+        let place = Place {
+            address,
+            serial: *serial,
+            checksum: false,
+        };
+        desk.tell(Progress::Vacancy(place)).await;
+        for exchange in probes(address) {
+            let known = neighbours.iter().find(|neighbour| {
+                neighbour.place.address == address && neighbour.protocol == exchange.protocol()
+            });
+            let expected = known.is_some() && exchange.protocol() != setup.protocol;
+            if expected || !is_safe(&exchange) {
+                continue;
+            }
+            let there = Setup {
+                serial: *serial,
+                ..*setup
+            };
+            // Once more where it was silent, in case the first was lost.
+            for _ in 0..2 {
+                let heard = desk.exchange(&there, exchange, PATIENCE).await?;
+                if !heard.is_empty() {
+                    return Err(Trouble::Taken(Taken {
+                        place,
+                        protocol: exchange.protocol(),
+                        garbled: exchange.find_response(&heard).1.whole().is_none(),
+                        module: known.map(|neighbour| neighbour.name.clone()),
+                    }));
+                }
+                if exchange.protocol() != setup.protocol {
+                    break;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// One read for each protocol, which every known family answers: over Modbus, with eight coils or
+/// with an exception.
+fn probes(address: Address) -> Vec<Exchange<'static>> {
+    let coils = BitSpan::new(0, 8).map(Request::ReadCoils);
+    let modbus = coils
+        .filter(|_| address.0 != 0)
+        .map(|coils| Exchange::rtu(address, coils));
+    let board = (address != r55::BROADCAST && address.0 != 0)
+        .then(|| Exchange::r55(address, r55::Request::ReadState));
+    let eda = [
+        Exchange::ascii(address, false, ascii::Request::ReadName),
+        Exchange::ascii(address, true, ascii::Request::ReadName),
+        Exchange::lc02(address, lc02::Request::ReadConfig),
+    ];
+    eda.into_iter().chain(modbus).chain(board).collect()
+}
+
+fn is_safe(exchange: &Exchange<'_>) -> bool {
+    let mut frame = Frame::new();
+    exchange.encode(&mut frame);
+    let mut others = Protocol::ALL.into_iter();
+    !others.any(|other| other != exchange.protocol() && carries_command(frame.bytes(), other))
+}
+
+/// A procedure that looks whether an address is free in every protocol.
+#[must_use]
+pub fn vacant(
+    setup: Setup,
+    address: Address,
+    neighbours: Vec<Neighbour>,
+) -> super::Procedure<Result<(), Trouble>> {
+    super::Procedure::new(move |desk| async move {
+        check(&desk, &setup, address, &[setup.serial], &neighbours).await
+    })
+}

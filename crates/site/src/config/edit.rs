@@ -1,0 +1,162 @@
+//! Changing a configuration as a text: what is not changed stays as it was written, comments and
+//! blanks included.
+
+use super::Config;
+use crate::commission::Place;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use toml_edit::{DocumentMut, Item, Value, value};
+
+/// How many generations of a file are kept beside it: `railbus.toml.1` is the newest.
+pub const GENERATIONS: usize = 5;
+
+/// The text with a module put where it is heard now. Nothing where the text has no such module,
+/// or would no longer be a configuration.
+#[must_use]
+pub fn moved(text: &str, module: &str, place: Place) -> Option<String> {
+    let before = Config::parse(text).ok()?;
+    let of_line = before.lines.get(&before.modules.get(module)?.line)?.serial;
+    let mut document: DocumentMut = text.parse().ok()?;
+    let table = document
+        .get_mut("module")?
+        .get_mut(module)?
+        .as_table_like_mut()?;
+    set(table, "address", i64::from(place.address.0).into(), true);
+    let baud = i64::from(place.serial.baud.rate());
+    set(
+        table,
+        "baud",
+        baud.into(),
+        place.serial.baud != of_line.baud,
+    );
+    let format = place.serial.character.to_string();
+    set(
+        table,
+        "format",
+        format.into(),
+        place.serial.character != of_line.character,
+    );
+    set(table, "checksum", place.checksum.into(), place.checksum);
+    let after = document.to_string();
+    let read = Config::parse(&after).ok()?;
+    (Place::of(&read.modules.get(module)?.setup) == place).then_some(after)
+}
+
+/// Sets a key, its comment kept. One that says what holds anyway is not added.
+fn set(table: &mut dyn toml_edit::TableLike, key: &str, new: Value, needed: bool) {
+    match table.get_mut(key) {
+        Some(Item::Value(old)) => {
+            let decor = old.decor().clone();
+            *old = new;
+            *old.decor_mut() = decor;
+        }
+        Some(other) => *other = value(new),
+        None if needed => {
+            table.insert(key, value(new));
+        }
+        None => {}
+    }
+}
+
+/// Puts a new text in the place of a file: at every moment, and after every loss of power, there
+/// is a whole one. The older ones are kept, as many as [`GENERATIONS`].
+///
+/// # Errors
+/// Where the system refuses.
+pub fn replace(file: &Path, text: &str) -> io::Result<()> {
+    // Through a link, the file itself is replaced.
+    let file = &std::fs::canonicalize(file)?;
+    let folder = file.parent().unwrap_or(Path::new("/"));
+    let before = std::fs::metadata(file)?;
+    let new = beside(file, "new");
+    let mut written = OpenOptions::new()
+        .write(true)
+        .create(true)
+        .truncate(true)
+        .mode(before.mode() & 0o777)
+        .open(&new)?;
+    written.set_permissions(std::fs::Permissions::from_mode(before.mode() & 0o777))?;
+    written.write_all(text.as_bytes())?;
+    written.sync_all()?;
+    for generation in (1..GENERATIONS).rev() {
+        let older = beside(file, &(generation + 1).to_string());
+        match std::fs::rename(beside(file, &generation.to_string()), older) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+    }
+    let kept = beside(file, "1");
+    std::fs::copy(file, &kept)?;
+    File::open(&kept)?.sync_all()?;
+    std::fs::rename(&new, file)?;
+    File::open(folder)?.sync_all()
+}
+
+fn beside(file: &Path, ending: &str) -> PathBuf {
+    let mut name = file.as_os_str().to_owned();
+    name.push(".");
+    name.push(ending);
+    name.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_wire::{Address, Baud, Character, Settings};
+
+    const TEXT: &str = "# our site\n[line.main] # the only one\nport = \"/dev/ttyUSB0\"\n\n\
+        [module.pump] # in the cellar\nline = \"main\"\nmodel = \"eda9060a\"\n\
+        address = 1    # DIP has none\n\n[module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 0x03\n";
+
+    fn place(address: u8, baud: Baud) -> Place {
+        let serial = Settings {
+            baud,
+            character: Character::N1,
+        };
+        Place {
+            address: Address(address),
+            serial,
+            checksum: false,
+        }
+    }
+
+    #[test]
+    fn only_what_changes_is_changed() {
+        let text = moved(TEXT, "pump", place(9, Baud::B9600)).unwrap();
+        assert_eq!(text, TEXT.replace("address = 1    #", "address = 9    #"));
+        let text = moved(TEXT, "pump", place(1, Baud::B19200)).unwrap();
+        assert_eq!(
+            text,
+            TEXT.replace("# DIP has none\n", "# DIP has none\nbaud = 19200\n")
+        );
+        let back = moved(&text, "pump", place(1, Baud::B9600)).unwrap();
+        assert!(back.contains("baud = 9600"), "{back}");
+    }
+
+    #[test]
+    fn a_text_that_would_be_no_configuration_is_not_made() {
+        assert_eq!(moved(TEXT, "tank", place(9, Baud::B9600)), None);
+        assert_eq!(moved(TEXT, "oven", place(99, Baud::B9600)), None);
+        assert_eq!(moved("[line", "oven", place(9, Baud::B9600)), None);
+    }
+
+    #[test]
+    fn the_last_generations_are_kept() {
+        let folder = std::env::temp_dir().join(format!("railbus-{}-edit", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("railbus.toml");
+        std::fs::write(&file, "0").unwrap();
+        for text in 1..=7 {
+            replace(&file, &text.to_string()).unwrap();
+        }
+        let read = |file: &Path| std::fs::read_to_string(file).unwrap();
+        assert_eq!(read(&file), "7");
+        for (generation, text) in (1..=GENERATIONS).zip(["6", "5", "4", "3", "2"]) {
+            assert_eq!(read(&beside(&file, &generation.to_string())), text);
+        }
+        assert!(!beside(&file, "6").exists() && !beside(&file, "new").exists());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,492 @@
+//! The settings that modules keep, family by family: which there are, what they may be, which of
+//! them a command can change, and when the change acts. What the datasheets say, as data.
+
+use crate::commission::{Kept, Pulse};
+use crate::config::parse_duration;
+use railbus_device::{Family, Setup};
+use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// One setting of a module.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Key {
+    /// The address.
+    Address,
+    /// The speed.
+    Baud,
+    /// Parity.
+    Parity,
+    /// ASCII frames carry a checksum.
+    Checksum,
+    /// The protocol it speaks.
+    Protocol,
+    /// Whether an output follows or gives pulses.
+    Mode(u8),
+    /// The width of all pulses.
+    PulseWidth,
+    /// The voltage applied for the span step.
+    CalibrationVoltage,
+}
+
+impl fmt::Display for Key {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Key::Address => f.write_str("address"),
+            Key::Baud => f.write_str("baud"),
+            Key::Parity => f.write_str("parity"),
+            Key::Checksum => f.write_str("checksum"),
+            Key::Protocol => f.write_str("protocol"),
+            // Only EDA modules have modes, and their labels count from 0.
+            Key::Mode(channel) => write!(f, "do{channel}.mode"),
+            Key::PulseWidth => f.write_str("pulse_width"),
+            Key::CalibrationVoltage => f.write_str("calibration_voltage"),
+        }
+    }
+}
+
+/// Whether a command changes a setting, and what hinders it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// A command does; it acts after the reply [EDA §1.7, ERC-8 §4.4, EMD-2A2Q §4.10].
+    Written,
+    /// A command does, within 10 s of power-up and with the DIP switch at 0 [R55 §4.6, §4.8].
+    AtPowerUp,
+    /// The maker's software does, by means that no sheet prints [EDA9060A §2.2].
+    MakersSoftware,
+    /// The level at the INIT* pin does [EDA9050 §2.1, §2.2].
+    InitPin,
+    /// Only while the module speaks ASCII: no frame of its protocol carries it [EDA §3.9].
+    InAscii,
+    /// The family has one value only.
+    Fixed,
+}
+
+impl Access {
+    /// Whether a command changes it here and now.
+    #[must_use]
+    pub const fn is_writable(self) -> bool {
+        matches!(self, Access::Written | Access::AtPowerUp)
+    }
+
+    /// The name in JSON.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Access::Written => "written",
+            Access::AtPowerUp => "at_power_up",
+            Access::MakersSoftware => "makers_software",
+            Access::InitPin => "init_pin",
+            Access::InAscii => "in_ascii",
+            Access::Fixed => "fixed",
+        }
+    }
+}
+
+/// All settings of a module, in the order in which they are shown.
+#[must_use]
+pub fn settings(setup: &Setup) -> Vec<(Key, Access)> {
+    let eda = |modes: u8, protocol: Access| {
+        let checksum = match setup.protocol {
+            Protocol::Ascii => Access::Written,
+            _ => Access::InAscii,
+        };
+        let mut all = vec![
+            (Key::Address, Access::Written),
+            (Key::Baud, Access::Written),
+            (Key::Checksum, checksum),
+            (Key::Protocol, protocol),
+        ];
+        all.extend((0..modes).map(|channel| (Key::Mode(channel), Access::Written)));
+        all.extend((modes > 0).then_some((Key::PulseWidth, Access::Written)));
+        all
+    };
+    match (setup.family, setup.protocol) {
+        (Family::Eda9060a, _) => eda(setup.outputs, Access::MakersSoftware),
+        (Family::Eda9050, Protocol::Rtu) => eda(0, Access::MakersSoftware),
+        (Family::Eda9050, _) => eda(0, Access::InitPin),
+        (Family::Erc8, _) => vec![
+            (Key::Address, Access::Written),
+            (Key::Baud, Access::Written),
+            (Key::Parity, Access::Written),
+        ],
+        (Family::Emd2a2q, _) => vec![
+            (Key::Address, Access::Written),
+            (Key::Baud, Access::Written),
+            (Key::Parity, Access::Written),
+            (Key::CalibrationVoltage, Access::Written),
+        ],
+        (Family::R55, _) => vec![
+            (Key::Address, Access::AtPowerUp),
+            (Key::Baud, Access::Fixed),
+        ],
+    }
+}
+
+/// The setting of that name.
+#[must_use]
+pub fn key(setup: &Setup, name: &str) -> Option<(Key, Access)> {
+    settings(setup)
+        .into_iter()
+        .find(|(key, _)| key.to_string() == name)
+}
+
+/// What the setting may be, for people: `1-32`, `4800 9600 …`. The same in every language.
+#[must_use]
+pub fn range(setup: &Setup, key: Key) -> String {
+    let profile = setup.family.profile();
+    match key {
+        Key::Address => {
+            let (low, high) = addresses(setup);
+            match setup.family {
+                Family::R55 => format!("{low}-244 246-{high}"),
+                _ => format!("{low}-{high}"),
+            }
+        }
+        Key::Baud => {
+            let rates: Vec<String> = profile
+                .bauds
+                .iter()
+                .map(|(_, baud)| baud.to_string())
+                .collect();
+            rates.join(" ")
+        }
+        Key::Parity => "none | odd | even".to_owned(),
+        Key::Checksum => "on | off".to_owned(),
+        Key::Protocol => {
+            let names: Vec<&str> = profile.protocols.iter().map(|one| one.name()).collect();
+            names.join(" | ")
+        }
+        Key::Mode(_) => "level | pulse".to_owned(),
+        Key::PulseWidth => "0.1-20.0 s".to_owned(),
+        Key::CalibrationVoltage => "0.01-20.00 V".to_owned(),
+    }
+}
+
+/// The lowest and the highest address that the module may be given in its protocol: Modbus has
+/// none for 0, which is for all [EDA §4.8].
+#[must_use]
+pub fn addresses(setup: &Setup) -> (u8, u8) {
+    let (low, high) = setup.family.profile().addresses;
+    if setup.protocol == Protocol::Rtu {
+        (low.max(1), high)
+    } else {
+        (low, high)
+    }
+}
+
+/// The value of a setting in words that are the same in every language; nothing where it is not
+/// known.
+#[must_use]
+pub fn shown(setup: &Setup, kept: &Kept, key: Key) -> Option<String> {
+    Some(match key {
+        Key::Address => kept.address?.0.to_string(),
+        Key::Baud => kept.baud?.to_string(),
+        Key::Parity => parity(kept.character?).to_owned(),
+        Key::Checksum => if kept.checksum? { "on" } else { "off" }.to_owned(),
+        Key::Protocol => setup.protocol.name().to_owned(),
+        Key::Mode(channel) => {
+            let pulse = kept.pulse?.mask >> channel & 1 == 1;
+            if pulse { "pulse" } else { "level" }.to_owned()
+        }
+        Key::PulseWidth => {
+            let tenths = kept.pulse?.width.tenths();
+            format!("{}.{} s", tenths / 10, tenths % 10)
+        }
+        Key::CalibrationVoltage => {
+            let hundredths = kept.voltage?;
+            format!("{}.{:02} V", hundredths / 100, hundredths % 100)
+        }
+    })
+}
+
+/// The word of a character format; two stop bits are none of the five families'.
+#[must_use]
+pub const fn parity(character: Character) -> &'static str {
+    match character {
+        Character::N1 | Character::N2 => "none",
+        Character::O1 => "odd",
+        Character::E1 => "even",
+    }
+}
+
+/// What one wants a module to keep.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// What needs no look at the module.
+    pub kept: Kept,
+    /// Which outputs are to give pulses, or no longer.
+    pub modes: BTreeMap<u8, bool>,
+    /// The width of all pulses.
+    pub width: Option<PulseWidth>,
+}
+
+/// Why a word is no setting.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Wrong {
+    /// Not `name=value`.
+    NoPair(String),
+    /// The module has no such setting; those it has.
+    NoSetting(String, Vec<String>),
+    /// No command changes it.
+    ReadOnly(Key, Access),
+    /// It can't be this; what it can be.
+    Value(Key, String, String),
+}
+
+impl Wanted {
+    /// Reads `address=9`, `do3.mode=pulse` for this module.
+    ///
+    /// # Errors
+    /// Why the first word that is none is none.
+    pub fn parse<'w>(
+        setup: &Setup,
+        words: impl IntoIterator<Item = &'w str>,
+    ) -> Result<Wanted, Wrong> {
+        let mut wanted = Wanted::default();
+        for word in words {
+            let (name, value) = word
+                .split_once('=')
+                .ok_or_else(|| Wrong::NoPair(word.to_owned()))?;
+            wanted.set(setup, name, value)?;
+        }
+        Ok(wanted)
+    }
+
+    /// Wants one setting more.
+    ///
+    /// # Errors
+    /// Why it can't be.
+    pub fn set(&mut self, setup: &Setup, name: &str, value: &str) -> Result<(), Wrong> {
+        let Some((key, access)) = key(setup, name) else {
+            let known = settings(setup)
+                .iter()
+                .map(|(key, _)| key.to_string())
+                .collect();
+            return Err(Wrong::NoSetting(name.to_owned(), known));
+        };
+        if !access.is_writable() {
+            return Err(Wrong::ReadOnly(key, access));
+        }
+        self.put(setup, key, value)
+            .ok_or_else(|| Wrong::Value(key, value.to_owned(), range(setup, key)))
+    }
+
+    /// Nothing for a value that the setting can't have.
+    fn put(&mut self, setup: &Setup, key: Key, value: &str) -> Option<()> {
+        let value = value.trim();
+        let profile = setup.family.profile();
+        match key {
+            Key::Address => {
+                let address = address(value)?;
+                let (low, high) = addresses(setup);
+                let is_broadcast =
+                    setup.family == Family::R55 && Address(address) == railbus_wire::r55::BROADCAST;
+                if !(low..=high).contains(&address) || is_broadcast {
+                    return None;
+                }
+                self.kept.address = Some(Address(address));
+            }
+            Key::Baud => {
+                let baud = Baud::from_rate(value.parse().ok()?)?;
+                profile.baud_code(baud)?;
+                self.kept.baud = Some(baud);
+            }
+            Key::Parity => {
+                let character = match value {
+                    "none" | "n" | "无" => Character::N1,
+                    "odd" | "o" | "奇" => Character::O1,
+                    "even" | "e" | "偶" => Character::E1,
+                    _ => return None,
+                };
+                profile.character_code(character)?;
+                self.kept.character = Some(character);
+            }
+            Key::Checksum => self.kept.checksum = Some(switch(value)?),
+            Key::Mode(channel) => {
+                let pulse = match value {
+                    "pulse" | "脉冲" | "点动" => true,
+                    "level" | "电平" => false,
+                    _ => return None,
+                };
+                self.modes.insert(channel, pulse);
+            }
+            Key::PulseWidth => self.width = Some(width(value)?),
+            Key::CalibrationVoltage => self.kept.voltage = Some(voltage(value)?),
+            Key::Protocol => return None,
+        }
+        Some(())
+    }
+
+    /// Whether nothing is wanted.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        *self == Wanted::default()
+    }
+
+    /// What the module is to keep, now that it is known what it keeps: modes and width are one
+    /// setting to it. Nothing where that would have to be known and is not.
+    #[must_use]
+    pub fn over(&self, known: &Kept) -> Option<Kept> {
+        let mut kept = self.kept;
+        if !self.modes.is_empty() || self.width.is_some() {
+            let before = known.pulse?;
+            let with = |mask: u8, (channel, pulse): (&u8, &bool)| {
+                let bit = 1 << channel;
+                if *pulse { mask | bit } else { mask & !bit }
+            };
+            kept.pulse = Some(Pulse {
+                mask: self.modes.iter().fold(before.mask, with),
+                width: self.width.unwrap_or(before.width),
+            });
+        }
+        Some(kept)
+    }
+}
+
+fn switch(value: &str) -> Option<bool> {
+    match value {
+        "on" | "true" | "1" | "开" => Some(true),
+        "off" | "false" | "0" | "关" => Some(false),
+        _ => None,
+    }
+}
+
+/// An address as manuals write it: `10`, `0x0A`, `0Ah`.
+#[must_use]
+pub fn address(text: &str) -> Option<u8> {
+    let hexadecimal = text
+        .strip_prefix("0x")
+        .or_else(|| text.strip_suffix(['h', 'H']));
+    match hexadecimal {
+        Some(digits) => u8::from_str_radix(digits, 16).ok(),
+        None => text.parse().ok(),
+    }
+}
+
+/// `0.7s`, `700ms`: only whole tenths of a second are in the module [EDA9060A §3.4].
+fn width(text: &str) -> Option<PulseWidth> {
+    let Micros(micros) = parse_duration(&text.replace(' ', ""))?;
+    let tenths = u8::try_from(micros / 100_000).ok()?;
+    (micros % 100_000 == 0)
+        .then(|| PulseWidth::from_tenths(tenths))
+        .flatten()
+}
+
+/// `5.00V`, `5V`, `5.00`: 0.01 to 20.00 V [EMD-2A2Q §4.5].
+fn voltage(text: &str) -> Option<u16> {
+    let text = text.trim_end_matches(['V', 'v']).trim_end();
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
+    if fraction.len() > 2 || !fraction.bytes().all(|digit| digit.is_ascii_digit()) {
+        return None;
+    }
+    let fraction: u16 = format!("{fraction:0<2}").parse().ok()?;
+    let hundredths = whole
+        .parse::<u16>()
+        .ok()?
+        .checked_mul(100)?
+        .checked_add(fraction)?;
+    (1..=2000).contains(&hundredths).then_some(hundredths)
+}
+
+/// The settings of which two differ, with both in words: what changes, from, to.
+#[must_use]
+pub fn differences(setup: &Setup, before: &Kept, after: &Kept) -> Vec<(Key, String, String)> {
+    let mut found = Vec::new();
+    for (key, _) in settings(setup) {
+        if let Some(new) = shown(setup, after, key) {
+            let old = shown(setup, before, key).unwrap_or_else(|| "?".to_owned());
+            if old != new {
+                found.push((key, old, new));
+            }
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(family: Family, words: &str) -> Result<Wanted, Wrong> {
+        Wanted::parse(&Setup::new(family, Address(1)), words.split(' '))
+    }
+
+    #[test]
+    fn words_are_settings_where_the_family_has_them() {
+        let wanted = parse(Family::Eda9060a, "address=0Ah baud=19200 checksum=on").unwrap();
+        assert_eq!(wanted.kept.address, Some(Address(10)));
+        assert_eq!(wanted.kept.baud, Some(Baud::B19200));
+        assert_eq!(wanted.kept.checksum, Some(true));
+        let wanted = parse(Family::Eda9060a, "do3.mode=pulse pulse_width=0.7s").unwrap();
+        let known = Pulse {
+            mask: 1,
+            width: PulseWidth::DEFAULT,
+        };
+        let known = Kept {
+            pulse: Some(known),
+            ..Kept::default()
+        };
+        let pulse = wanted.over(&known).unwrap().pulse.unwrap();
+        assert_eq!((pulse.mask, pulse.width.tenths()), (9, 7));
+        assert_eq!(
+            wanted.over(&Kept::default()),
+            None,
+            "what is not known is not overwritten"
+        );
+        assert_eq!(
+            parse(Family::Emd2a2q, "calibration_voltage=5.00V")
+                .unwrap()
+                .kept
+                .voltage,
+            Some(500)
+        );
+    }
+
+    #[test]
+    fn what_a_family_does_not_have_is_refused() {
+        let wrong = |family, words| parse(family, words).unwrap_err();
+        assert!(matches!(
+            wrong(Family::Erc8, "address=33"),
+            Wrong::Value(Key::Address, ..)
+        ));
+        assert!(matches!(wrong(Family::Erc8, "address=0"), Wrong::Value(..)));
+        assert!(matches!(
+            wrong(Family::Erc8, "baud=1200"),
+            Wrong::Value(Key::Baud, ..)
+        ));
+        assert!(matches!(
+            wrong(Family::R55, "address=245"),
+            Wrong::Value(..)
+        ));
+        assert!(matches!(
+            wrong(Family::R55, "baud=9600"),
+            Wrong::ReadOnly(_, Access::Fixed)
+        ));
+        assert!(matches!(
+            wrong(Family::Eda9060a, "protocol=rtu"),
+            Wrong::ReadOnly(Key::Protocol, Access::MakersSoftware)
+        ));
+        assert!(matches!(
+            wrong(Family::Eda9050, "protocol=lc02"),
+            Wrong::ReadOnly(Key::Protocol, Access::InitPin)
+        ));
+        assert!(matches!(
+            wrong(Family::Eda9050, "pulse_width=1s"),
+            Wrong::NoSetting(..)
+        ));
+        assert!(matches!(
+            wrong(Family::Eda9060a, "pulse_width=0.75s"),
+            Wrong::Value(..)
+        ));
+        assert!(matches!(
+            wrong(Family::Eda9060a, "pulse_width=20.1s"),
+            Wrong::Value(..)
+        ));
+        assert!(matches!(
+            wrong(Family::Emd2a2q, "calibration_voltage=20.01"),
+            Wrong::Value(..)
+        ));
+        assert!(matches!(wrong(Family::Erc8, "address"), Wrong::NoPair(_)));
+    }
+}
