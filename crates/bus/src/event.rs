@@ -4,7 +4,7 @@ use crate::ModuleId;
 use alloc::collections::VecDeque;
 use core::fmt;
 use railbus_device::{Op, Refusal, Seen};
-use railbus_wire::{Instant, Malformed, Micros};
+use railbus_wire::{Exchange, Instant, Malformed, Micros};
 
 /// A command's number, unique on its line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -172,6 +172,15 @@ pub enum Event {
         outcome: Probed,
         /// From the end of the request to the end of what came back.
         after: Micros,
+    },
+    /// A reply came to a probe that was over. It was not taken for another.
+    ProbedLate {
+        /// What was asked.
+        exchange: Exchange<'static>,
+        /// From the end of the request to the end of the reply.
+        after: Micros,
+        /// The probe had been answered: this is a second reply to it.
+        again: bool,
     },
 }
 

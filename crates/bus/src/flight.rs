@@ -2,7 +2,7 @@
 
 use crate::ModuleId;
 use railbus_device::Op;
-use railbus_wire::{Exchange, Instant, Micros, Settings};
+use railbus_wire::{Exchange, Frame, Instant, Micros, Settings, ascii};
 
 /// The longest pause inside a reply, as adapters hand it over in pieces.
 const PIECE_PAUSE: Micros = Micros::from_millis(50);
@@ -21,7 +21,10 @@ pub(crate) enum Job {
     /// The outputs are read for commands that wait for it.
     ReadBack { module: ModuleId },
     /// A probe of a scan.
-    Probe,
+    Probe {
+        /// A lone CR goes before it.
+        clear: bool,
+    },
 }
 
 impl Job {
@@ -32,7 +35,7 @@ impl Job {
             | Job::Greeting { module, .. }
             | Job::Command { module, .. }
             | Job::ReadBack { module } => Some(*module),
-            Job::Probe => None,
+            Job::Probe { .. } => None,
         }
     }
 
@@ -40,7 +43,7 @@ impl Job {
     pub(crate) const fn op(&self) -> Op {
         match self {
             Job::Poll { op, .. } | Job::Greeting { op, .. } | Job::Command { op, .. } => *op,
-            Job::ReadBack { .. } | Job::Probe => Op::ReadOutputs,
+            Job::ReadBack { .. } | Job::Probe { .. } => Op::ReadOutputs,
         }
     }
 }
@@ -93,4 +96,18 @@ pub struct Probe {
     pub gap: Micros,
     /// How long to wait for the reply to begin, from the end of the request.
     pub timeout: Micros,
+    /// A lone CR goes before it, in the same breath: an ASCII module that has taken bytes of other
+    /// protocols for the beginning of a command drops them.
+    pub clear: bool,
+}
+
+/// Writes the frame of an exchange as it goes out for a job.
+pub(crate) fn write_frame(job: &Job, exchange: &Exchange<'_>, out: &mut Frame) {
+    exchange.encode(out);
+    if let Job::Probe { clear: true } = job {
+        let bare = out.clone();
+        out.clear();
+        // A probe is far shorter than the longest frame.
+        let _ = out.extend(&[ascii::CR]) && out.extend(bare.bytes());
+    }
 }

@@ -40,7 +40,7 @@ use alloc::vec::Vec;
 use command::{Command, decide};
 use ear::Ear;
 pub use flight::Probe;
-use flight::{Flight, Job};
+use flight::{Flight, Job, write_frame};
 use ghost::{Ghost, Ghosts};
 use node::Node;
 use railbus_device::{Module, Refusal, Seen};
@@ -324,6 +324,13 @@ impl Bus {
 
     /// The reply of a ghost came.
     fn meet(&mut self, ghost: Ghost) {
+        if ghost.module.is_none() {
+            self.events.tell(Event::ProbedLate {
+                exchange: ghost.exchange,
+                after: self.now.since(ghost.sent),
+                again: ghost.answered,
+            });
+        }
         if ghost.answered {
             self.become_cautious();
             return;
@@ -426,7 +433,8 @@ impl Bus {
         self.ear
             .answered(flight.exchange, self.outgoing.bytes(), skip, len);
         self.lay_ghosts_in_ear();
-        if self.ear.is_cautious() {
+        // Two modules on one address both answer a probe.
+        if self.ear.is_cautious() || matches!(flight.job, Job::Probe { .. }) {
             let until = self.now + self.config.duplicate_window;
             let module = flight.job.module();
             let ghost = Ghost {
@@ -508,7 +516,7 @@ impl Bus {
         match flight.job {
             Job::Command { module, .. } => self.decide_sent(module, |_| Some(Ok(Confirmed::Sent))),
             Job::Poll { .. } | Job::ReadBack { .. } | Job::Greeting { .. } => {}
-            Job::Probe => self.events.tell(Event::Probed {
+            Job::Probe { .. } => self.events.tell(Event::Probed {
                 outcome: Probed::Silent,
                 after: Micros::ZERO,
             }),
@@ -517,7 +525,7 @@ impl Bus {
 
     /// Puts an exchange on the line; says when its reply will be given up.
     fn start(&mut self, job: Job, exchange: Exchange<'static>, timeout: Micros) -> Instant {
-        exchange.encode(&mut self.outgoing);
+        write_frame(&job, &exchange, &mut self.outgoing);
         self.outgoing_taken = false;
         // What is not answered has to be given its time, wherever it is buffered.
         let sent = match self.config.medium {

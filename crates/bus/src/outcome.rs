@@ -111,7 +111,7 @@ impl Bus {
                     fault: fault(evidence),
                 });
             }
-            Job::Probe => {
+            Job::Probe { .. } => {
                 let outcome = if bytes == 0 {
                     Probed::Silent
                 } else {

@@ -2,7 +2,7 @@
 //! twentieth of the time.
 
 use crate::command::{Command, Stage, bank_of, decide, touched};
-use crate::flight::{Job, Probe};
+use crate::flight::{Job, Probe, write_frame};
 use crate::node::Node;
 use crate::{Bus, Event, Fault, Last, ModuleId, Presence, Probed, State, Terms, Ticket};
 use railbus_device::{Bank, Module, Op};
@@ -130,7 +130,7 @@ impl Bus {
                 return Some(search.again.map_or(ready, |again| again.min(ready)));
             }
             self.mark(work);
-            if !self.is_unsafe(&work.exchange) {
+            if !self.is_unsafe_for(work.job, &work.exchange) {
                 self.settings = work.settings;
                 return Some(self.start(work.job, work.exchange, work.timeout));
             }
@@ -144,7 +144,7 @@ impl Bus {
         match job {
             Job::Command { module, .. } => self.decide_sent(module, |_| Some(Err(fault))),
             Job::ReadBack { module } => self.miss_read_back(module),
-            Job::Probe => {
+            Job::Probe { .. } => {
                 let (outcome, after) = (Probed::Unsafe, Micros::ZERO);
                 self.events.tell(Event::Probed { outcome, after });
             }
@@ -187,11 +187,11 @@ impl Bus {
                     }
                 }
             }
-            Job::Probe => self.probe = None,
+            Job::Probe { .. } => self.probe = None,
             Job::Greeting { .. } | Job::ReadBack { .. } => {}
         }
         self.last = Last {
-            probe: matches!(work.job, Job::Probe),
+            probe: matches!(work.job, Job::Probe { .. }),
             urgent: work.urgent,
             chain: in_chain(&work.exchange),
         };
@@ -425,7 +425,7 @@ impl Bus {
             return false;
         };
         let work = Work {
-            job: Job::Probe,
+            job: Job::Probe { clear: probe.clear },
             exchange: probe.exchange,
             settings: probe.settings,
             gap: probe.gap,
@@ -437,12 +437,17 @@ impl Bus {
 
     /// Whether modules of another protocol on this line could take the frame for a command.
     fn is_unsafe(&self, exchange: &Exchange<'_>) -> bool {
+        self.is_unsafe_for(Job::Probe { clear: false }, exchange)
+    }
+
+    /// The same of the frame as it goes out for a job.
+    fn is_unsafe_for(&self, job: Job, exchange: &Exchange<'_>) -> bool {
         if !self.mixed {
             return false;
         }
         let own = exchange.protocol();
         let mut frame = railbus_wire::Frame::new();
-        exchange.encode(&mut frame);
+        write_frame(&job, exchange, &mut frame);
         Protocol::ALL.into_iter().any(|other| {
             other != own
                 && self

@@ -398,6 +398,7 @@ impl Scenario {
                     settings: setup.serial,
                     gap: setup.request_gap(),
                     timeout,
+                    clear: false,
                 };
                 let taken = self.drive.bus.submit_probe(now, probe);
                 self.note("call", &format!("probe -> {taken}"));
@@ -462,6 +463,9 @@ impl Scenario {
             Event::Duplicates => "duplicates".to_owned(),
             Event::Babble => "babble".to_owned(),
             Event::Quiet => "quiet".to_owned(),
+            Event::ProbedLate { after, again, .. } => {
+                format!("probed late after {} again={again}", after.0)
+            }
             Event::Probed { outcome, after } => format!("probed {outcome:?} after {}", after.0),
         }
     }

@@ -1,6 +1,6 @@
 //! The callers who wait for the end of something.
 
-use crate::line::{Done, ProbeResult};
+use crate::line::{Done, LATE_MAX, LateReply, ProbeResult};
 use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probed, Ticket};
 use railbus_device::{Op, Seen};
 use railbus_wire::Micros;
@@ -14,6 +14,7 @@ const TAPE_MAX: usize = 300;
 pub(crate) struct Desk {
     runs: Vec<Run>,
     probe: Option<Probing>,
+    late: Vec<LateReply>,
 }
 
 /// A caller who waits for a command's end.
@@ -41,6 +42,7 @@ impl Desk {
         Desk {
             runs: Vec::with_capacity(COMMANDS_MAX),
             probe: None,
+            late: Vec::new(),
         }
     }
 
@@ -110,6 +112,13 @@ impl Desk {
         let _ = run.reply.send(done);
     }
 
+    /// A reply came to a probe that was over: whoever probes next is told.
+    pub(crate) fn late(&mut self, reply: LateReply) {
+        if self.late.len() < LATE_MAX {
+            self.late.push(reply);
+        }
+    }
+
     /// A probe ended.
     pub(crate) fn end_probe(&mut self, outcome: Probed, after: Micros, echoes: bool) {
         if let Some(probe) = self.probe.take() {
@@ -121,6 +130,7 @@ impl Desk {
                 outcome,
                 bytes,
                 after,
+                late: std::mem::take(&mut self.late),
             }));
         }
     }

@@ -9,7 +9,7 @@ use crate::{
 };
 use railbus_bus::{Config, Confirmed, Fault, ModuleId, Plan, Probe, Probed, Terms};
 use railbus_device::{Module, Op, Seen};
-use railbus_wire::{Instant, Micros};
+use railbus_wire::{Exchange, Instant, Micros};
 use std::fmt;
 use std::sync::Arc;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
@@ -85,7 +85,24 @@ pub struct ProbeResult {
     pub bytes: Vec<u8>,
     /// From the end of the request to the end of what came back.
     pub after: Micros,
+    /// Replies to probes before it that were no longer waited for, oldest first; at most
+    /// [`LATE_MAX`].
+    pub late: Vec<LateReply>,
 }
+
+/// A reply to a probe that was over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LateReply {
+    /// What was asked.
+    pub exchange: Exchange<'static>,
+    /// From the end of the request to the end of the reply.
+    pub after: Micros,
+    /// The probe had been answered: two modules have the address, or the line doubles.
+    pub again: bool,
+}
+
+/// The most late replies that are kept for the next probe.
+pub const LATE_MAX: usize = 16;
 
 /// What the line's task is asked for.
 #[derive(Debug)]

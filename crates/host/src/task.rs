@@ -4,7 +4,7 @@ use crate::backoff::Backoff;
 use crate::clock::Alarm;
 use crate::desk::{Desk, Run};
 use crate::event::Teller;
-use crate::line::Job;
+use crate::line::{Job, LateReply};
 use crate::{LineState, Port, PortError};
 use railbus_bus::{Bus, Config, Event, Fault, Input, Medium, Output, Plan};
 use railbus_device::Module;
@@ -281,6 +281,15 @@ impl<P: Port> Task<P> {
                 module, op, seen, ..
             } => self.desk.seen(module, &op, seen),
             Event::Done { ticket, end, took } => self.desk.end(ticket, end, took),
+            Event::ProbedLate {
+                exchange,
+                after,
+                again,
+            } => self.desk.late(LateReply {
+                exchange,
+                after,
+                again,
+            }),
             Event::Probed { outcome, after } => {
                 let echoes = self.bus.echoes() == Some(true);
                 self.desk.end_probe(outcome, after, echoes);

@@ -323,6 +323,7 @@ async fn a_probe_brings_its_bytes() {
         settings: Settings::FACTORY,
         gap: Micros::from_millis(20),
         timeout: Micros::from_millis(100),
+        clear: false,
     };
     let met = soon(line.probe(probe(3))).await.expect("probed");
     assert_eq!(met.outcome, Probed::Answered);

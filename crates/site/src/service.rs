@@ -7,7 +7,7 @@ mod state;
 mod status;
 mod update;
 
-pub use command::{WriteDone, WriteTerms};
+pub use command::{RawTerms, WriteDone, WriteTerms};
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
 pub use reload::Reloaded;
 pub use status::{LineStatus, ModuleStatus, PointStatus};

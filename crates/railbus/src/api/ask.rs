@@ -3,13 +3,15 @@
 
 use super::problem::{Problem, codes};
 use super::types::{
-    LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten, PointInfo, PulseRequest,
-    Pulsed, Quality, RawAnswer, RawRequest, SCHEMA, ToggleRequest, WriteRequest, Written,
+    LateAnswer, LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten, PointInfo,
+    PulseRequest, Pulsed, Quality, RawAnswer, RawRequest, SCHEMA, ToggleRequest, WriteRequest,
+    Written,
 };
 use super::{convert, failures, paths};
 use railbus_device::Point;
-use railbus_site::{Failure, Pulse, Service, WriteDone, WriteTerms, read_request};
-use railbus_wire::{Micros, Protocol};
+use railbus_host::LateReply;
+use railbus_site::{Failure, Pulse, RawTerms, Service, WriteDone, WriteTerms, read_request};
+use railbus_wire::{Baud, Character, Frame, Micros, Protocol, Settings};
 
 /// The most digits of a frame of one's own.
 const RAW_MAX: usize = 256;
@@ -212,10 +214,18 @@ pub(crate) async fn raw(service: &Service, wanted: RawRequest) -> Result<RawAnsw
         .ok_or_else(|| bad_frame("not pairs of hexadecimal digits, or too many of them"))?;
     let exchange =
         read_request(protocol, &bytes).ok_or_else(|| bad_frame("no read, or a wrong checksum"))?;
-    let timeout = wanted
-        .timeout_ms
-        .map(|ms| Micros::from_millis(ms.min(10_000)));
-    let met = service.raw(&line, exchange, timeout).await;
+    let own = service.line(&line).map(|status| status.serial);
+    let terms = RawTerms {
+        settings: own
+            .map(|own| settings(own, wanted.baud, wanted.format.as_deref()))
+            .transpose()?,
+        gap: wanted.gap_us.map(|us| Micros(us.min(1_000_000))),
+        timeout: wanted
+            .timeout_ms
+            .map(|ms| Micros::from_millis(ms.min(10_000))),
+        clear: wanted.clear,
+    };
+    let met = service.raw(&line, exchange, terms).await;
     let met = met.map_err(|failure| failures::of_line(service, &line, &failure))?;
     Ok(RawAnswer {
         schema: SCHEMA,
@@ -224,7 +234,37 @@ pub(crate) async fn raw(service: &Service, wanted: RawRequest) -> Result<RawAnsw
         bytes: to_hex(&met.bytes),
         outcome: convert::outcome(met.outcome),
         after_ms: convert::millis_tenths(met.after),
+        late: met.late.iter().map(late).collect(),
     })
+}
+
+/// The line's own speed and format, but for what is said otherwise.
+fn settings(own: Settings, baud: Option<u32>, format: Option<&str>) -> Result<Settings, Problem> {
+    let wrong = |what: &str| Problem::new(codes::BAD_REQUEST).with("reason", what);
+    let baud = match baud {
+        None => own.baud,
+        Some(rate) => Baud::from_rate(rate).ok_or_else(|| wrong("baud"))?,
+    };
+    let all = [Character::N1, Character::E1, Character::O1, Character::N2];
+    let character = match format {
+        None => Some(own.character),
+        Some(name) => all.into_iter().find(|known| known.to_string() == name),
+    };
+    Ok(Settings {
+        baud,
+        character: character.ok_or_else(|| wrong("format"))?,
+    })
+}
+
+fn late(reply: &LateReply) -> LateAnswer {
+    let mut sent = Frame::new();
+    reply.exchange.encode(&mut sent);
+    LateAnswer {
+        protocol: reply.exchange.protocol().name().to_owned(),
+        sent: to_hex(sent.bytes()),
+        after_ms: convert::millis_tenths(reply.after),
+        again: reply.again,
+    }
 }
 
 fn written(done: WriteDone) -> Written {

@@ -177,6 +177,10 @@ async fn ask(
                 protocol: protocol.name().to_owned(),
                 bytes: hex::spaced(frame),
                 timeout_ms: Some(timeout.0 / 1_000),
+                baud: None,
+                format: None,
+                gap_us: None,
+                clear: false,
             };
             let answer = backend.raw(wanted).await;
             let answer = answer.map_err(|problem| context.failure(&problem))?;

@@ -5,7 +5,7 @@ use crate::config::ModuleConfig;
 use crate::{Failure, Value};
 use railbus_device::{Bank, Module, Op, Point, PointKind, Seen};
 use railbus_host::{Confirmed, Done, Fault, Probe, ProbeResult, Terms};
-use railbus_wire::{Channel, Exchange, Micros};
+use railbus_wire::{Channel, Exchange, Micros, Settings};
 use std::fmt::Write;
 
 /// How long a frame of one's own waits for the reply to begin, where nobody says.
@@ -45,6 +45,19 @@ pub struct WriteDone {
     pub audit: String,
     /// It was made of a read and a write.
     pub read_then_set: bool,
+}
+
+/// On what terms a read of one's own is sent; what is not said is as the line has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RawTerms {
+    /// Speed and character format.
+    pub settings: Option<Settings>,
+    /// The silence before it.
+    pub gap: Option<Micros>,
+    /// How long the reply may take to begin.
+    pub timeout: Option<Micros>,
+    /// A lone CR goes before it: see [`railbus_host::Probe::clear`].
+    pub clear: bool,
 }
 
 impl Service {
@@ -134,7 +147,7 @@ impl Service {
         Ok(())
     }
 
-    /// Sends a read of one's own, in the line's own speed and format.
+    /// Sends a read of one's own between the line's own exchanges.
     ///
     /// # Errors
     /// [`Failure::NoSuchLine`], or what the line said.
@@ -142,16 +155,19 @@ impl Service {
         &self,
         line: &str,
         exchange: Exchange<'static>,
-        timeout: Option<Micros>,
+        terms: RawTerms,
     ) -> Result<ProbeResult, Failure> {
         let status = self.line(line).ok_or(Failure::NoSuchLine)?;
         let handle = self.inner.handle(line).ok_or(Failure::NoSuchLine)?;
+        let settings = terms.settings.unwrap_or(status.serial);
+        // What the slowest of the families wants.
+        let gap = Micros::from_millis(20).max(settings.t3_5());
         let probe = Probe {
             exchange,
-            settings: status.serial,
-            // What the slowest of the families wants.
-            gap: Micros::from_millis(20).max(status.serial.t3_5()),
-            timeout: timeout.unwrap_or(RAW_TIMEOUT),
+            settings,
+            gap: terms.gap.unwrap_or(gap),
+            timeout: terms.timeout.unwrap_or(RAW_TIMEOUT),
+            clear: terms.clear,
         };
         Ok(handle.probe(probe).await?)
     }

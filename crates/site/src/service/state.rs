@@ -121,9 +121,8 @@ impl State {
                 known.babble = *event == Event::Babble;
                 vec![this()]
             }
-            Event::Echo | Event::Duplicates | Event::Done { .. } | Event::Probed { .. } => {
-                Vec::new()
-            }
+            Event::Echo | Event::Duplicates | Event::Done { .. } => Vec::new(),
+            Event::Probed { .. } | Event::ProbedLate { .. } => Vec::new(),
         }
     }
 }

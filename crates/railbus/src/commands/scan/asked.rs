@@ -66,6 +66,10 @@ async fn ask_daemon(
         protocol: probe.exchange.protocol().name().to_owned(),
         bytes: hex::spaced(frame.bytes()),
         timeout_ms: Some(probe.timeout.0.div_ceil(1000)),
+        baud: Some(probe.settings.baud.rate()),
+        format: Some(probe.settings.character.to_string()),
+        gap_us: Some(probe.gap.0),
+        clear: probe.clear,
     };
     let met = backend.raw(request).await;
     let met = met.map_err(|problem| context.failure(&problem))?;
@@ -78,5 +82,6 @@ async fn ask_daemon(
         },
         bytes: hex::parse(&met.bytes).unwrap_or_default(),
         after: Micros((met.after_ms * 1000.0) as u64),
+        late: Vec::new(),
     })
 }

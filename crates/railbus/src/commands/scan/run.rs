@@ -207,6 +207,7 @@ impl Scanner<'_> {
             settings: self.place.settings,
             gap: gap(ask.protocol()),
             timeout: self.context.timeout.unwrap_or(TIMEOUT),
+            clear: false,
         };
         let met = self.asked.probe(self.context, self.place, probe).await?;
         if met.outcome == Probed::Silent {

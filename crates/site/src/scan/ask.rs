@@ -1,0 +1,393 @@
+//! What a scan asks. Everything here only reads, and no other protocol could take any of it for
+//! a command.
+
+use railbus_bus::Probe;
+use railbus_wire::{
+    Address, Exchange, Frame, Micros, Protocol, Settings, ascii, carries_command, lc02, r55, rtu,
+};
+
+/// So much longer a Modbus module is waited for in the second look at all of them. A refusal that
+/// comes while the next question goes out is shorter than that, and leaves no trace: the second
+/// time it must come elsewhere.
+const SECOND_LOOK: Micros = Micros::from_millis(15);
+/// How long a module is waited for that is there, or may be slow.
+pub(super) const PATIENCE: Micros = Micros::from_millis(300);
+/// The silence before a question where slow replies to the one before are looked for.
+pub(super) const QUIET: Micros = Micros::from_millis(120);
+
+/// The addresses that an ERC-8 or EMD-2A2Q can have [ERC-8 §1.2, EMD-2A2Q §1.2]: there the
+/// silence before a question is the long one that they want.
+const SLOW_ADDRESSES: std::ops::RangeInclusive<u8> = 1..=32;
+/// What an ERC-8 wants; an EMD-2A2Q is content with less [ERC-8 §1.6].
+const SLOW_GAP: Micros = Micros::from_millis(20);
+/// What all others are given.
+const GAP: Micros = Micros::from_millis(5);
+
+/// One kind of question.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Ask {
+    /// To all 0x55 boards: your address? Only where at most one of them is.
+    R55Address,
+    /// The state of a 0x55 board [R55 §2.2].
+    R55State,
+    /// Address, speed and model in LC-02.
+    Lc02Config,
+    /// `$AAM`, with or without checksum.
+    AsciiName(bool),
+    /// Eight coils from 0: answered, or refused, by every Modbus module of the five families.
+    Coils0,
+    /// Nine coils from 0: one more than an EDA9050 has.
+    NineCoils,
+    /// Four registers from 0: model and address of an EDA9060A.
+    Registers4,
+    /// Eight registers from 0: an EMD-2A2Q.
+    Registers8,
+    /// Eight coils from 60: an ERC-8.
+    Coils60,
+}
+
+impl Ask {
+    /// All of them.
+    pub const ALL: [Ask; 10] = [
+        Ask::R55Address,
+        Ask::R55State,
+        Ask::Lc02Config,
+        Ask::AsciiName(false),
+        Ask::AsciiName(true),
+        Ask::Coils0,
+        Ask::NineCoils,
+        Ask::Registers4,
+        Ask::Registers8,
+        Ask::Coils60,
+    ];
+
+    /// The protocol it is asked in.
+    #[must_use]
+    pub const fn protocol(self) -> Protocol {
+        match self {
+            Ask::R55Address | Ask::R55State => Protocol::R55,
+            Ask::Lc02Config => Protocol::Lc02,
+            Ask::AsciiName(_) => Protocol::Ascii,
+            Ask::Coils0 | Ask::NineCoils | Ask::Coils60 => Protocol::Rtu,
+            Ask::Registers4 | Ask::Registers8 => Protocol::Rtu,
+        }
+    }
+
+    /// Its name in files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Ask::R55Address => "r55_address",
+            Ask::R55State => "r55_state",
+            Ask::Lc02Config => "lc02_config",
+            Ask::AsciiName(false) => "ascii_name",
+            Ask::AsciiName(true) => "ascii_name_checksum",
+            Ask::Coils0 => "coils_0",
+            Ask::NineCoils => "coils_0_9",
+            Ask::Registers4 => "registers_4",
+            Ask::Registers8 => "registers_8",
+            Ask::Coils60 => "coils_60",
+        }
+    }
+
+    /// The question of that name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Ask> {
+        Ask::ALL.into_iter().find(|ask| ask.name() == name)
+    }
+
+    /// What may be asked instead where the frame must not be sent.
+    const fn instead(self) -> Option<Ask> {
+        match self {
+            Ask::Coils0 => Some(Ask::Registers4),
+            _ => None,
+        }
+    }
+
+    /// The question to one module; none where no module has that address, or where it would be
+    /// for all of them.
+    fn exchange(self, address: Address) -> Option<Exchange<'static>> {
+        let coils = |start, count| {
+            let span = rtu::BitSpan::new(start, count)?;
+            Some(rtu::Request::ReadCoils(span))
+        };
+        let registers = |count| {
+            let span = rtu::WordSpan::new(0, count)?;
+            Some(rtu::Request::ReadHoldingRegisters(span))
+        };
+        let request = match self {
+            Ask::R55Address if address == r55::BROADCAST => {
+                return Some(Exchange::r55(address, r55::Request::ReadAddress));
+            }
+            Ask::R55Address => return None,
+            Ask::R55State if address == r55::BROADCAST => return None,
+            Ask::R55State => return Some(Exchange::r55(address, r55::Request::ReadState)),
+            Ask::Lc02Config => return Some(Exchange::lc02(address, lc02::Request::ReadConfig)),
+            Ask::AsciiName(checksum) => {
+                return Some(Exchange::ascii(address, checksum, ascii::Request::ReadName));
+            }
+            _ if address == rtu::BROADCAST => return None,
+            Ask::Coils0 => coils(0, 8)?,
+            Ask::NineCoils => coils(0, 9)?,
+            Ask::Coils60 => coils(60, 8)?,
+            Ask::Registers4 => registers(4)?,
+            Ask::Registers8 => registers(8)?,
+        };
+        Some(Exchange::rtu(address, request))
+    }
+}
+
+/// A question to one address, in one speed and character format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Question {
+    /// Speed and character format.
+    pub settings: Settings,
+    /// What is asked.
+    pub ask: Ask,
+    /// Who is asked.
+    pub address: Address,
+}
+
+impl Question {
+    /// The exchange; none where nobody can be asked so.
+    #[must_use]
+    pub fn exchange(&self) -> Option<Exchange<'static>> {
+        self.ask.exchange(self.address)
+    }
+
+    /// The same to the same module.
+    #[must_use]
+    pub fn with(self, ask: Ask) -> Question {
+        Question { ask, ..self }
+    }
+
+    /// The bytes that go out, a lone CR before ASCII frames included; none where nobody can be
+    /// asked so.
+    #[must_use]
+    pub fn frame(&self) -> Option<Frame> {
+        let mut bare = Frame::new();
+        self.exchange()?.encode(&mut bare);
+        let mut frame = Frame::new();
+        if self.clears() {
+            let _ = frame.extend(&[ascii::CR]);
+        }
+        frame.extend(bare.bytes()).then_some(frame)
+    }
+
+    /// The question, or another one where a module of another protocol could take its frame for
+    /// a command; none where there is no other.
+    pub(super) fn safe(self) -> Option<Question> {
+        let frame = self.frame()?;
+        if is_foreign_command(self.ask.protocol(), frame.bytes()) {
+            return self.with(self.ask.instead()?).safe();
+        }
+        Some(self)
+    }
+
+    /// Whether a lone CR goes before it, for ASCII modules that have half read something else.
+    const fn clears(&self) -> bool {
+        matches!(self.ask.protocol(), Protocol::Ascii)
+    }
+
+    /// The silence before it.
+    fn gap(&self) -> Micros {
+        let slow = SLOW_ADDRESSES.contains(&self.address.0);
+        match self.ask.protocol() {
+            Protocol::Rtu if slow => SLOW_GAP.max(self.settings.t3_5()),
+            Protocol::Rtu => GAP.max(self.settings.t3_5()),
+            Protocol::Ascii | Protocol::Lc02 | Protocol::R55 => GAP,
+        }
+    }
+
+    /// How long silence takes to show, from the end of the request, where that is `usual`. A
+    /// Modbus module needs 3.5 characters to see that end, which is more at lower speeds.
+    pub(super) fn silence(&self, usual: Micros) -> Micros {
+        let slower = self.settings.t3_5() - Settings::FACTORY.t3_5();
+        match self.ask {
+            Ask::Registers4 => usual + SECOND_LOOK + slower,
+            _ if self.ask.protocol() == Protocol::Rtu => usual + slower,
+            _ => usual,
+        }
+    }
+
+    /// What the reply takes on the wire.
+    fn reply_time(&self) -> Micros {
+        let longest = self.exchange().map_or(0, |asked| asked.response_len_max());
+        self.settings.frame_time(longest)
+    }
+
+    /// What it costs on the wire when nobody answers within `patience`, in which the silence
+    /// before the next question passes, too.
+    pub(super) fn cost(&self, patience: Micros) -> Micros {
+        let request = self.frame().map_or(0, |frame| frame.bytes().len());
+        let wait = patience.max(self.reply_time());
+        self.settings.frame_time(request) + wait.max(self.gap())
+    }
+
+    /// The probe that asks it, and waits so long for the reply to begin.
+    pub(super) fn probe(&self, patience: Micros, gap: Micros) -> Option<Probe> {
+        Some(Probe {
+            exchange: self.exchange()?,
+            settings: self.settings,
+            gap: self.gap().max(gap),
+            timeout: patience,
+            clear: self.clears(),
+        })
+    }
+
+    /// So long a reply may take to begin that silence shows after `silence` in all. A line waits
+    /// for the whole of a reply: one that has begun by then is heard to its end.
+    pub(super) fn begins_within(&self, silence: Micros) -> Micros {
+        silence - self.reply_time()
+    }
+}
+
+/// Whether modules of other protocols could take these bytes for a command.
+fn is_foreign_command(own: Protocol, bytes: &[u8]) -> bool {
+    let others = Protocol::ALL.into_iter().filter(|other| *other != own);
+    let mut others = others;
+    others.any(|other| carries_command(bytes, other))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_wire::ascii::Rules;
+
+    /// Every question that a scan can come to ask; neither speed nor format change its bytes.
+    fn all() -> Vec<(Question, Frame)> {
+        let asks = Ask::ALL.into_iter();
+        let questions = asks.flat_map(|ask| (0..=255).map(move |address| (ask, address)));
+        let questions = questions.filter_map(|(ask, address)| {
+            let question = Question {
+                settings: Settings::FACTORY,
+                ask,
+                address: Address(address),
+            };
+            question.safe()
+        });
+        questions
+            .map(|question| (question, question.frame().unwrap()))
+            .collect()
+    }
+
+    #[test]
+    fn every_frame_only_reads_and_is_a_command_of_no_other_protocol() {
+        let all = all();
+        for (question, frame) in &all {
+            let exchange = question.exchange().unwrap();
+            assert!(exchange.expects_reply(), "{question:?}");
+            let reads = match exchange {
+                Exchange::Rtu(e) => e.request.is_read() && e.address != rtu::BROADCAST,
+                Exchange::R55(e) => match e.request() {
+                    r55::Request::ReadState => e.address() != r55::BROADCAST,
+                    r55::Request::ReadAddress => e.address() == r55::BROADCAST,
+                    _ => false,
+                },
+                Exchange::Lc02(e) => e.request == lc02::Request::ReadConfig,
+                Exchange::Ascii(e) => e.request == ascii::Request::ReadName,
+            };
+            assert!(reads, "{question:?}");
+            let own = question.ask.protocol();
+            assert!(!is_foreign_command(own, frame.bytes()), "{question:?}");
+        }
+        // Hardly any frame had to be left out.
+        assert!(all.len() > 2_200, "{}", all.len());
+    }
+
+    /// A lone CR is no command of anybody, nor is what it ends: neither after any frame of a
+    /// scan, nor between two of them.
+    #[test]
+    fn no_two_frames_after_each_other_make_a_command_between_them() {
+        let all = all();
+        let mut begun = 0;
+        for (question, frame) in &all {
+            for skip in 1..frame.bytes().len() {
+                let rest = frame.bytes().get(skip..).unwrap();
+                if !begins_command(rest) {
+                    continue;
+                }
+                begun += 1;
+                for (next, more) in &all {
+                    let mut bytes = rest.to_vec();
+                    bytes.extend(more.bytes());
+                    let whole = |len: usize| len > rest.len() && len < bytes.len();
+                    let lens = [
+                        r55::Exchange::decode_request(&bytes).whole_len(),
+                        lc02::Exchange::decode_request(&bytes).whole_len(),
+                        ascii::Exchange::decode_request(&bytes, rules(true)).whole_len(),
+                        ascii::Exchange::decode_request(&bytes, rules(false)).whole_len(),
+                    ];
+                    let made = lens.into_iter().flatten().any(whole);
+                    assert!(!made, "{question:?} {next:?} {bytes:02X?}");
+                }
+            }
+        }
+        assert!(begun > 0);
+    }
+
+    /// Whether a module that looks at every byte could wait for more of a command.
+    fn begins_command(bytes: &[u8]) -> bool {
+        use railbus_wire::Decoded::Partial;
+        matches!(r55::Exchange::decode_request(bytes), Partial { .. })
+            || matches!(lc02::Exchange::decode_request(bytes), Partial { .. })
+            || [true, false].into_iter().any(|checksum| {
+                let found = ascii::Exchange::decode_request(bytes, rules(checksum));
+                matches!(found, Partial { .. })
+            })
+    }
+
+    const fn rules(checksum: bool) -> Rules {
+        Rules {
+            checksum,
+            lower_case: true,
+        }
+    }
+
+    trait WholeLen {
+        fn whole_len(self) -> Option<usize>;
+    }
+
+    impl<T> WholeLen for railbus_wire::Decoded<T> {
+        fn whole_len(self) -> Option<usize> {
+            match self {
+                railbus_wire::Decoded::Whole { len, .. } => Some(len),
+                _ => None,
+            }
+        }
+    }
+
+    #[test]
+    fn a_question_that_is_a_command_elsewhere_is_asked_otherwise() {
+        let question = |ask, address| Question {
+            settings: Settings::FACTORY,
+            ask,
+            address: Address(address),
+        };
+        for ask in Ask::ALL {
+            for address in 0..=255 {
+                let asked = question(ask, address);
+                let Some(frame) = asked.frame() else { continue };
+                let foreign = is_foreign_command(ask.protocol(), frame.bytes());
+                assert_eq!(asked.safe() != Some(asked), foreign, "{asked:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_long_silence_is_kept_only_where_somebody_wants_it() {
+        let gap = |ask, address| {
+            let settings = Settings::FACTORY;
+            let address = Address(address);
+            let asked = Question {
+                settings,
+                ask,
+                address,
+            };
+            asked.gap()
+        };
+        assert_eq!(gap(Ask::Coils0, 32), SLOW_GAP);
+        assert_eq!(gap(Ask::Coils0, 33), GAP);
+        assert_eq!(gap(Ask::R55State, 32), GAP);
+    }
+}

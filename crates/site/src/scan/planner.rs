@@ -1,0 +1,560 @@
+//! What to ask next.
+
+use super::ask::{Ask, PATIENCE, QUIET, Question};
+use super::case::{Case, Turn};
+use super::identify;
+use super::{Found, Met, Scope, Step};
+use railbus_bus::Probed;
+use railbus_host::LateReply;
+use railbus_wire::{Address, Instant, Micros, Settings, r55};
+use std::collections::{HashSet, VecDeque};
+
+/// As long as a reply may still come to a question.
+const LATE_MAX: Micros = Micros::from_millis(600);
+/// After so many late replies the scan waits as long as the slowest of them took.
+const LATE_MANY: usize = 3;
+
+/// How far a scan is: a run of its scope, and an address of that run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    /// The run.
+    pub run: usize,
+    /// How many of its addresses were asked.
+    pub asked: usize,
+}
+
+/// What a scan has done so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Frames that went out.
+    pub probes: usize,
+    /// First questions that nobody answered.
+    pub silent: usize,
+    /// Questions left out, because another module on the line could take them for a command.
+    pub skipped: usize,
+}
+
+/// How far a scan is, for people.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// First questions asked.
+    pub done: usize,
+    /// First questions in all.
+    pub total: usize,
+    /// What the rest takes, about.
+    pub left: Micros,
+}
+
+/// A part of a run that was not asked.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LeftOut {
+    /// Speed and character format.
+    pub settings: Settings,
+    /// What was to be asked.
+    pub ask: Ask,
+    /// Who was not asked.
+    pub addresses: Vec<u8>,
+}
+
+/// Why a question is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Why {
+    /// It is its turn.
+    First,
+    /// Somebody is there, or was heard. The number is that of the case.
+    Case(usize),
+    /// Whoever is there may be slow.
+    Again,
+    /// Late replies to the questions before it are listened for.
+    Closing,
+    /// Where is the one 0x55 board?
+    Boards,
+}
+
+/// A scan.
+#[derive(Clone, Debug)]
+pub struct Scanner {
+    scope: Scope,
+    /// Known modules, and then those that come from the factory.
+    early: VecDeque<(Question, Micros)>,
+    asked_early: HashSet<Question>,
+    place: Place,
+    /// Speed and format of the line now.
+    at: Option<Settings>,
+    current: Option<(Question, Why)>,
+    cases: Vec<Case>,
+    /// Questions to which a late reply may still come, oldest first.
+    recent: VecDeque<(Instant, Question)>,
+    /// Questions for slow modules.
+    again: VecDeque<Question>,
+    /// Those that were asked again: once is enough.
+    asked_again: HashSet<Question>,
+    /// A question that nobody answered, for the end.
+    unanswered: Option<Question>,
+    /// Late replies are to be listened for before the end.
+    owes_closing: bool,
+    /// Questions that were answered twice, by modules that are under inspection yet.
+    twice: Vec<Question>,
+    looks_beyond: bool,
+    crowd: bool,
+    late_count: usize,
+    slowest: Micros,
+    news: VecDeque<usize>,
+    found: Vec<Found>,
+    counts: Counts,
+    done: usize,
+    total: usize,
+    cost_done: Micros,
+    cost_left: Micros,
+    started: Option<Instant>,
+}
+
+impl Scanner {
+    /// A scan from its beginning.
+    #[must_use]
+    pub fn new(scope: Scope) -> Scanner {
+        let known = scope.known.iter().map(|known| (known.question(), PATIENCE));
+        let factory = scope
+            .factory()
+            .map(|asked| (asked, asked.silence(scope.silence)));
+        let early = known.chain(factory).collect();
+        Scanner::start(scope, early, Place::default(), Vec::new())
+    }
+
+    /// A scan that goes on: from a place, with these questions first, and what was found before.
+    #[must_use]
+    pub fn resume(scope: Scope, place: Place, first: &[Question], found: Vec<Found>) -> Scanner {
+        let early = first.iter().map(|asked| (*asked, PATIENCE)).collect();
+        Scanner::start(scope, early, place, found)
+    }
+
+    fn start(
+        scope: Scope,
+        early: VecDeque<(Question, Micros)>,
+        place: Place,
+        found: Vec<Found>,
+    ) -> Scanner {
+        let mut scanner = Scanner {
+            looks_beyond: scope.beyond,
+            scope,
+            early,
+            asked_early: HashSet::new(),
+            place,
+            at: None,
+            current: None,
+            cases: Vec::new(),
+            recent: VecDeque::new(),
+            again: VecDeque::new(),
+            asked_again: HashSet::new(),
+            unanswered: None,
+            owes_closing: false,
+            twice: Vec::new(),
+            crowd: false,
+            late_count: 0,
+            slowest: Micros::ZERO,
+            news: VecDeque::new(),
+            found: Vec::new(),
+            counts: Counts::default(),
+            done: 0,
+            total: 0,
+            cost_done: Micros::ZERO,
+            cost_left: Micros::ZERO,
+            started: None,
+        };
+        for found in found {
+            scanner.add(found);
+        }
+        scanner.news.clear();
+        scanner.count_what_is_left();
+        scanner
+    }
+
+    /// The modules found so far, in the order in which they were.
+    #[must_use]
+    pub fn found(&self) -> &[Found] {
+        &self.found
+    }
+
+    /// What was done so far.
+    #[must_use]
+    pub const fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// Several 0x55 boards answered where only one was thought to be: some of them have
+    /// addresses that were not asked.
+    #[must_use]
+    pub const fn is_crowded(&self) -> bool {
+        self.crowd
+    }
+
+    /// The modules of the configuration that were asked and not found.
+    pub fn missing(&self) -> impl Iterator<Item = &str> {
+        let asked = |question: &Question| self.asked_early.contains(question);
+        let found = |question: &Question| self.found.iter().any(|f| f.answers_to(question));
+        let known = self.scope.known.iter();
+        let missing = known.filter(move |known| {
+            let question = known.question();
+            asked(&question) && !found(&question)
+        });
+        missing.map(|known| known.name.as_str())
+    }
+
+    /// How far it is. What is left is counted in bytes, and adjusted by what the others took.
+    #[must_use]
+    pub fn progress(&self, now: Instant) -> Progress {
+        let took = self.started.map_or(Micros::ZERO, |start| now.since(start));
+        let long_enough = self.cost_done >= Micros::from_millis(500);
+        let left = match long_enough {
+            true => Micros(self.cost_left.0.saturating_mul(took.0) / self.cost_done.0.max(1)),
+            false => self.cost_left,
+        };
+        Progress {
+            done: self.done,
+            total: self.total,
+            left,
+        }
+    }
+
+    /// Where to go on if it ends now, and what to ask first then.
+    #[must_use]
+    pub fn place(&self) -> (Place, Vec<Question>) {
+        let current = self.current.iter();
+        let current = current.filter(|(_, why)| matches!(why, Why::First | Why::Again));
+        let current = current.map(|(question, _)| *question);
+        let cases = self.cases.iter().map(|case| case.asked);
+        let early = self.early.iter().map(|(question, _)| *question);
+        let again = self.again.iter().copied();
+        let mut first: Vec<Question> = current.chain(cases).chain(early).chain(again).collect();
+        first.retain(|question| !self.knows(question));
+        (self.place, first)
+    }
+
+    /// What was not asked if it ends now.
+    #[must_use]
+    pub fn left_out(&self) -> Vec<LeftOut> {
+        let runs = self.scope.runs.iter().enumerate().skip(self.place.run);
+        let rest = runs.map(|(index, run)| {
+            let from = if index == self.place.run {
+                self.place.asked
+            } else {
+                0
+            };
+            LeftOut {
+                settings: run.settings,
+                ask: run.ask,
+                addresses: run.addresses.get(from..).unwrap_or_default().to_vec(),
+            }
+        });
+        rest.filter(|rest| !rest.addresses.is_empty()).collect()
+    }
+
+    /// What to do next.
+    pub fn next(&mut self, now: Instant) -> Step {
+        self.started.get_or_insert(now);
+        loop {
+            if let Some(news) = self.news.pop_front() {
+                return Step::Found(news);
+            }
+            let Some((question, patience, why)) = self.choose(now) else {
+                return Step::Done;
+            };
+            let gap = match why {
+                Why::Again => QUIET,
+                _ => Micros::ZERO,
+            };
+            let safe = question.safe();
+            let probe = safe.and_then(|question| {
+                let patience = match why {
+                    Why::First => question.begins_within(patience),
+                    _ => patience,
+                };
+                Some((question, question.probe(patience, gap)?))
+            });
+            let Some((question, probe)) = probe else {
+                self.counts.skipped += 1;
+                if let Why::Case(index) = why {
+                    let turn = self.cases.remove(index).unasked();
+                    self.turn(Some(turn));
+                }
+                continue;
+            };
+            self.at = Some(question.settings);
+            self.current = Some((question, why));
+            self.counts.probes += 1;
+            return Step::Ask(probe);
+        }
+    }
+
+    /// What came of the question.
+    pub fn met(&mut self, now: Instant, met: Met) {
+        let Some((question, why)) = self.current.take() else {
+            return;
+        };
+        while self
+            .recent
+            .front()
+            .is_some_and(|(at, _)| now.since(*at) > LATE_MAX)
+        {
+            self.recent.pop_front();
+        }
+        for late in &met.late {
+            self.hear_late(late);
+        }
+        if why == Why::First && met.outcome == Probed::Silent {
+            self.counts.silent += 1;
+            self.unanswered.get_or_insert(question);
+        }
+        self.owes_closing |= matches!(why, Why::First | Why::Again);
+        let turn = match (why, met.outcome) {
+            (Why::Case(index), _) => Some(self.cases.remove(index).met(now, met)),
+            (Why::Boards, outcome) => {
+                self.meet_boards(question, outcome, &met.bytes);
+                None
+            }
+            // It was looked for a second reply.
+            _ if self.knows(&question) => None,
+            (_, Probed::Answered | Probed::Garbled) => {
+                let suspects = self.recent.iter().map(|(_, question)| *question);
+                Some(Case::open(now, question, met, suspects))
+            }
+            (_, Probed::Unsafe) => {
+                self.counts.skipped += 1;
+                None
+            }
+            (_, Probed::Silent) => None,
+        };
+        self.recent.push_back((now, question));
+        self.turn(turn);
+    }
+
+    fn turn(&mut self, turn: Option<Turn>) {
+        match turn {
+            None => {}
+            Some(Turn::Open(case)) => self.cases.push(case),
+            Some(Turn::Found(found, suspects)) => {
+                self.ask_again(suspects);
+                self.add(found);
+            }
+            Some(Turn::Nobody(suspects)) => self.ask_again(suspects),
+        }
+    }
+
+    /// The next question, how long to wait for its reply, and why.
+    fn choose(&mut self, now: Instant) -> Option<(Question, Micros, Why)> {
+        let mut cases = self.cases.iter().enumerate();
+        if let Some((index, case)) = cases.find(|(_, case)| case.ready_at <= now) {
+            return Some((case.question(), case.patience(), Why::Case(index)));
+        }
+        let first = self.peek_first();
+        if let Some((question, patience)) = first
+            && self.at.is_none_or(|at| at == question.settings)
+        {
+            self.take_first(question);
+            return Some((question, self.waits(patience), Why::First));
+        }
+        // Before the speed changes, and before the end, all is brought to an end.
+        if let Some(question) = self.take_again() {
+            return Some((question, PATIENCE, Why::Again));
+        }
+        if let Some(question) = self.unanswered
+            && std::mem::take(&mut self.owes_closing)
+        {
+            return Some((question, PATIENCE, Why::Closing));
+        }
+        let earliest = self.cases.iter().enumerate();
+        if let Some((index, case)) = earliest.min_by_key(|(_, case)| case.ready_at) {
+            return Some((case.question(), case.patience(), Why::Case(index)));
+        }
+        if let Some(question) = self.take_boards() {
+            return Some((question, PATIENCE, Why::Boards));
+        }
+        let (question, patience) = first?;
+        self.unanswered = None;
+        self.owes_closing = false;
+        self.take_first(question);
+        Some((question, self.waits(patience), Why::First))
+    }
+
+    /// How long to wait on a line where many are slow.
+    fn waits(&self, patience: Micros) -> Micros {
+        match self.late_count >= LATE_MANY {
+            true => patience.max(self.slowest).min(PATIENCE),
+            false => patience,
+        }
+    }
+
+    /// The next first question, without taking it; those that need not be asked are passed over.
+    fn peek_first(&mut self) -> Option<(Question, Micros)> {
+        while let Some((question, patience)) = self.early.front().copied() {
+            if !self.needs_no_asking(&question) {
+                return Some((question, patience));
+            }
+            self.take_first(question);
+        }
+        loop {
+            let run = self.scope.runs.get(self.place.run)?;
+            match run.question(self.place.asked) {
+                Some(question) if self.needs_no_asking(&question) => self.take_first(question),
+                Some(question) => return Some((question, question.silence(self.scope.silence))),
+                None => {
+                    self.place = Place {
+                        run: self.place.run + 1,
+                        asked: 0,
+                    };
+                }
+            }
+        }
+    }
+
+    fn needs_no_asking(&self, question: &Question) -> bool {
+        let asked = self.asked_early.contains(question);
+        asked || self.knows(question) || self.cases.iter().any(|case| is_same(case, question))
+    }
+
+    fn knows(&self, question: &Question) -> bool {
+        self.found.iter().any(|found| found.answers_to(question))
+    }
+
+    /// Takes the question that [`Scanner::peek_first`] shows.
+    fn take_first(&mut self, question: Question) {
+        self.done += 1;
+        if self.early.pop_front().is_some() {
+            self.asked_early.insert(question);
+            return;
+        }
+        self.place.asked += 1;
+        let cost = question.cost(question.silence(self.scope.silence));
+        self.cost_done += cost;
+        self.cost_left = self.cost_left - cost;
+    }
+
+    /// The next one that may be slow. One that was found is asked again only to hear whether two
+    /// reply; one under inspection is asked anyway.
+    fn take_again(&mut self) -> Option<Question> {
+        while let Some(question) = self.again.pop_front() {
+            if !self.cases.iter().any(|case| is_same(case, &question)) {
+                return Some(question);
+            }
+        }
+        None
+    }
+
+    /// Where at most one 0x55 board was found, it is asked for its address, whatever that is.
+    fn take_boards(&mut self) -> Option<Question> {
+        if !self.looks_beyond || self.at != Some(Settings::FACTORY) {
+            return None;
+        }
+        self.looks_beyond = false;
+        let boards = self
+            .found
+            .iter()
+            .filter(|found| found.asked.ask == Ask::R55State);
+        (boards.count() <= 1).then_some(Question {
+            settings: Settings::FACTORY,
+            ask: Ask::R55Address,
+            address: r55::BROADCAST,
+        })
+    }
+
+    fn meet_boards(&mut self, question: Question, outcome: Probed, bytes: &[u8]) {
+        match outcome {
+            Probed::Answered => {
+                let board = identify::board(question, bytes);
+                let state = board.map(|address| at_address(question.with(Ask::R55State), address));
+                self.ask_again(state.into_iter().collect());
+            }
+            Probed::Garbled => self.crowd = true,
+            Probed::Silent | Probed::Unsafe => {}
+        }
+    }
+
+    fn hear_late(&mut self, late: &LateReply) {
+        let recent = self.recent.iter().map(|(_, question)| *question);
+        let mut recent = recent.filter(|question| question.exchange() == Some(late.exchange));
+        let Some(question) = recent.next_back() else {
+            return;
+        };
+        if late.again {
+            let twice = |(_, found): &(usize, &mut Found)| found.answers_to(&question);
+            let mut found = self.found.iter_mut().enumerate();
+            match found.find(twice) {
+                Some((index, found)) if !found.twice => {
+                    found.twice = true;
+                    self.news.push_back(index);
+                }
+                Some(_) => {}
+                None => self.twice.push(question),
+            }
+            return;
+        }
+        self.late_count += 1;
+        self.slowest = self.slowest.max(late.after);
+        self.ask_again(vec![question]);
+    }
+
+    /// These are asked once more, with patience; each only once.
+    fn ask_again(&mut self, questions: Vec<Question>) {
+        for question in questions {
+            if self.asked_again.insert(question) {
+                self.again.push_back(question);
+            }
+        }
+    }
+
+    fn add(&mut self, mut found: Found) {
+        if self
+            .found
+            .iter()
+            .any(|known| known.answers_to(&found.asked))
+        {
+            return;
+        }
+        let mut known = self.scope.known.iter();
+        if let Some(known) = known.find(|known| found.answers_to(&known.question())) {
+            found.known = Some(known.name.clone());
+            found.differs = found.identity.family.is_some_and(|is| is != known.family)
+                || found.checksum().is_some_and(|is| is != known.checksum);
+        }
+        found.twice |= self.twice.iter().any(|question| found.answers_to(question));
+        self.news.push_back(self.found.len());
+        self.found.push(found);
+    }
+
+    fn count_what_is_left(&mut self) {
+        self.total = self.early.len();
+        let mut settings = None;
+        if self.looks_beyond {
+            self.cost_left += PATIENCE;
+        }
+        for (index, run) in self.scope.runs.iter().enumerate().skip(self.place.run) {
+            let from = if index == self.place.run {
+                self.place.asked
+            } else {
+                0
+            };
+            for place in from..run.addresses.len() {
+                if let Some(question) = run.question(place) {
+                    if settings.replace(question.settings) != Some(question.settings) {
+                        self.cost_left += PATIENCE;
+                    }
+                    self.total += 1;
+                    self.cost_left += question.cost(question.silence(self.scope.silence));
+                }
+            }
+        }
+    }
+}
+
+fn is_same(case: &Case, question: &Question) -> bool {
+    case.asked.settings == question.settings
+        && case.asked.address == question.address
+        && case.asked.ask.protocol() == question.ask.protocol()
+}
+
+const fn at_address(question: Question, address: Address) -> Question {
+    Question {
+        address,
+        ..question
+    }
+}

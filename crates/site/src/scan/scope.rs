@@ -1,0 +1,302 @@
+//! What is to be scanned, and in which order.
+
+use super::ask::{Ask, Question};
+use railbus_device::Family;
+use railbus_wire::{Address, Baud, Character, Micros, Protocol, Settings};
+
+/// How far a scan goes where nothing else is said.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Depth {
+    /// 9600 8N1, addresses 1 to 32.
+    #[default]
+    Quick,
+    /// One speed, all addresses.
+    Full,
+    /// Five speeds, all addresses.
+    Deep,
+}
+
+impl Depth {
+    /// The name in flags and files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Depth::Quick => "quick",
+            Depth::Full => "full",
+            Depth::Deep => "deep",
+        }
+    }
+
+    /// After how long silence is believed: the longer, the slower modules are found that let
+    /// themselves be interrupted.
+    const fn silence(self) -> Micros {
+        Micros::from_millis(match self {
+            Depth::Quick => 30,
+            Depth::Full => 40,
+            Depth::Deep => 50,
+        })
+    }
+}
+
+/// The speeds of a deep scan, likely ones first.
+const DEEP: [Baud; 5] = [
+    Baud::B9600,
+    Baud::B19200,
+    Baud::B4800,
+    Baud::B38400,
+    Baud::B2400,
+];
+/// The fastest that EDA modules know [EDA §1.4].
+const EDA_FASTEST: Baud = Baud::B19200;
+
+/// A module that the configuration names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Known {
+    /// Its name.
+    pub name: String,
+    /// What it is said to be.
+    pub family: Family,
+    /// Speed and character format.
+    pub settings: Settings,
+    /// The protocol it speaks.
+    pub protocol: Protocol,
+    /// Its address.
+    pub address: Address,
+    /// Its ASCII frames carry a checksum.
+    pub checksum: bool,
+}
+
+impl Known {
+    /// The question that it should answer.
+    pub(super) const fn question(&self) -> Question {
+        let ask = match self.protocol {
+            Protocol::R55 => Ask::R55State,
+            Protocol::Lc02 => Ask::Lc02Config,
+            Protocol::Ascii => Ask::AsciiName(self.checksum),
+            Protocol::Rtu => Ask::Coils0,
+        };
+        Question {
+            settings: self.settings,
+            ask,
+            address: self.address,
+        }
+    }
+}
+
+/// What a user says of a scan; what is not said comes with the depth.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Wish {
+    /// How far to go.
+    pub depth: Depth,
+    /// These addresses.
+    pub addresses: Option<Vec<u8>>,
+    /// These protocols.
+    pub protocols: Option<Vec<Protocol>>,
+    /// These speeds.
+    pub bauds: Option<Vec<Baud>>,
+    /// These parities; none if not said.
+    pub characters: Option<Vec<Character>>,
+    /// ASCII only with checksum, or only without.
+    pub checksum: Option<bool>,
+    /// Silence is believed after so long, from the end of a request.
+    pub silence: Option<Micros>,
+}
+
+/// What is to be scanned: all first questions in their order.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Scope {
+    /// The modules that are asked before all others.
+    pub known: Vec<Known>,
+    /// The first questions, each run for all its addresses before the next: so that a late reply
+    /// to one is not in the way of the same module's next.
+    pub runs: Vec<Run>,
+    /// Silence is believed after so long.
+    pub(super) silence: Micros,
+    /// A lone 0x55 board may be looked for beyond the addresses.
+    pub(super) beyond: bool,
+}
+
+/// One question to a row of addresses.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Run {
+    /// Speed and character format.
+    pub settings: Settings,
+    /// What is asked.
+    pub ask: Ask,
+    /// Who is asked.
+    pub addresses: Vec<u8>,
+}
+
+impl Run {
+    /// The question to those addresses that a module can have.
+    fn of(settings: Settings, ask: Ask, addresses: &[u8]) -> Run {
+        let possible = |address: &u8| {
+            let address = Address(*address);
+            let question = Question {
+                settings,
+                ask,
+                address,
+            };
+            question.exchange().is_some()
+        };
+        Run {
+            settings,
+            ask,
+            addresses: addresses.iter().copied().filter(possible).collect(),
+        }
+    }
+
+    /// The question to the address of this place in the row.
+    pub(super) fn question(&self, place: usize) -> Option<Question> {
+        let address = self.addresses.get(place)?;
+        Some(Question {
+            settings: self.settings,
+            ask: self.ask,
+            address: Address(*address),
+        })
+    }
+}
+
+impl Scope {
+    /// What a wish amounts to; no runs where what it names excludes each other.
+    #[must_use]
+    pub fn of(wish: &Wish, known: Vec<Known>) -> Scope {
+        let quick = wish.depth == Depth::Quick;
+        let addresses = wish.addresses.clone().unwrap_or_else(|| match quick {
+            true => (1..=32).collect(),
+            false => (0..=255).collect(),
+        });
+        let bauds = wish.bauds.clone().unwrap_or_else(|| match wish.depth {
+            Depth::Quick | Depth::Full => vec![Baud::B9600],
+            Depth::Deep => DEEP.to_vec(),
+        });
+        let characters = wish.characters.clone();
+        let characters = characters.unwrap_or_else(|| vec![Character::N1]);
+        let protocols = wish.protocols.clone();
+        let protocols = protocols.unwrap_or_else(|| Protocol::ALL.to_vec());
+        let settings = characters.iter().flat_map(|character| {
+            let character = *character;
+            bauds.iter().map(move |baud| Settings {
+                baud: *baud,
+                character,
+            })
+        });
+        let wanted = |ask: &Ask, settings: Settings| {
+            let fits = match ask {
+                Ask::AsciiName(checksum) => wish.checksum.is_none_or(|only| only == *checksum),
+                _ => true,
+            };
+            fits && protocols.contains(&ask.protocol())
+                && is_possible(ask.protocol(), settings, wish.bauds.is_some())
+        };
+        let runs = settings.flat_map(|settings| {
+            let asks = FIRST.into_iter();
+            let asks = asks.filter(move |ask| wanted(ask, settings));
+            let addresses = &addresses;
+            asks.map(move |ask| Run::of(settings, ask, addresses))
+        });
+        let runs: Vec<Run> = runs.collect();
+        let asks_boards = runs.iter().any(|run| run.ask == Ask::R55State);
+        Scope {
+            known,
+            silence: wish.silence.unwrap_or(wish.depth.silence()),
+            beyond: quick && wish.addresses.is_none() && asks_boards,
+            runs,
+        }
+    }
+
+    /// A module as the factory sends it, asked in everything that is scanned.
+    pub(super) fn factory(&self) -> impl Iterator<Item = Question> {
+        let at_factory = |run: &&Run| {
+            // With checksum would have to wait for the reply without.
+            let ask = !matches!(run.ask, Ask::AsciiName(true) | Ask::Registers4);
+            ask && run.settings == Settings::FACTORY && run.addresses.contains(&1)
+        };
+        let runs = self.runs.iter().filter(at_factory);
+        runs.map(|run| Question {
+            settings: run.settings,
+            ask: run.ask,
+            address: Address(1),
+        })
+    }
+}
+
+/// The questions that somebody may answer of whom nothing is known.
+const FIRST: [Ask; 6] = [
+    Ask::R55State,
+    Ask::Lc02Config,
+    Ask::AsciiName(false),
+    Ask::AsciiName(true),
+    Ask::Coils0,
+    // What answers no coils may answer registers, and whoever was drowned out is heard now.
+    Ask::Registers4,
+];
+
+/// Whether modules of the five families speak so. What is named is asked all the same, unless no
+/// module ever does.
+fn is_possible(protocol: Protocol, settings: Settings, named: bool) -> bool {
+    match protocol {
+        Protocol::Rtu => true,
+        Protocol::R55 => settings == Settings::FACTORY,
+        Protocol::Ascii | Protocol::Lc02 => {
+            settings.character == Character::N1 && (named || settings.baud <= EDA_FASTEST)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn runs(wish: &Wish) -> Vec<(u32, String, Ask, usize)> {
+        let scope = Scope::of(wish, Vec::new());
+        let told = |run: &Run| {
+            let Settings { baud, character } = run.settings;
+            let (rate, format) = (baud.rate(), character.to_string());
+            (rate, format, run.ask, run.addresses.len())
+        };
+        scope.runs.iter().map(told).collect()
+    }
+
+    #[test]
+    fn a_quick_scan_asks_one_speed_and_thirty_two_addresses() {
+        let quick = runs(&Wish::default());
+        let asks: Vec<Ask> = quick.iter().map(|(.., ask, _)| *ask).collect();
+        assert_eq!(asks, FIRST);
+        assert!(quick.iter().all(|run| (run.0, run.3) == (9600, 32)));
+    }
+
+    #[test]
+    fn a_deep_scan_asks_each_protocol_at_the_speeds_that_it_has() {
+        let deep = runs(&Wish {
+            depth: Depth::Deep,
+            ..Wish::default()
+        });
+        let at = |protocol: Protocol| {
+            let of = deep.iter().filter(|run| run.2.protocol() == protocol);
+            let mut bauds: Vec<u32> = of.map(|run| run.0).collect();
+            bauds.dedup();
+            bauds
+        };
+        assert_eq!(at(Protocol::Rtu), [9600, 19200, 4800, 38400, 2400]);
+        assert_eq!(at(Protocol::Ascii), [9600, 19200, 4800, 2400]);
+        assert_eq!(at(Protocol::R55), [9600]);
+        assert!(deep.iter().all(|run| run.3 >= 255));
+    }
+
+    #[test]
+    fn parity_is_for_modbus_alone() {
+        let even = runs(&Wish {
+            characters: Some(vec![Character::N1, Character::E1]),
+            ..Wish::default()
+        });
+        let of_even: Vec<Ask> = even.iter().filter(|r| r.1 == "8E1").map(|r| r.2).collect();
+        assert_eq!(of_even, [Ask::Coils0, Ask::Registers4]);
+        let nothing = runs(&Wish {
+            characters: Some(vec![Character::E1]),
+            protocols: Some(vec![Protocol::R55]),
+            ..Wish::default()
+        });
+        assert_eq!(nothing, []);
+    }
+}
