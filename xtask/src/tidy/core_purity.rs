@@ -54,6 +54,11 @@ const RULES: &[Rule] = &[
         attributes: &["#![forbid(unsafe_code)]"],
         words: &[CLOCK, IO],
     },
+    Rule {
+        name: "sniff",
+        attributes: &["#![forbid(unsafe_code)]"],
+        words: &[CLOCK, IO],
+    },
 ];
 
 pub(super) fn check(tree: &Tree, report: &mut Report) {

@@ -37,6 +37,11 @@ const LAYERS: &[Layer] = &[
         foreign: true,
     },
     Layer {
+        name: "sniff",
+        below: &["wire"],
+        foreign: true,
+    },
+    Layer {
         name: "host",
         below: &["bus", "device", "wire"],
         foreign: true,
@@ -59,7 +64,7 @@ const LAYERS: &[Layer] = &[
     Layer {
         name: "railbus",
         below: &[
-            "opcua", "fleet", "site", "host", "bus", "sim", "device", "wire",
+            "opcua", "fleet", "site", "sniff", "host", "bus", "sim", "device", "wire",
         ],
         foreign: true,
     },

@@ -3,7 +3,6 @@
 mod known;
 pub(super) mod meaning;
 mod readings;
-mod replies;
 
 use super::Context;
 use crate::cli;

@@ -1,6 +1,6 @@
 //! What bytes mean in each protocol: as they are, or as they would be with the right checksum.
 
-use super::{meaning, replies};
+use super::meaning;
 use crate::i18n::{Lang, say};
 use railbus_wire::{
     Address, Decoded, Exchange, Protocol, ascii, crc16, lc02, lcus, r55, rtu, sum8,
@@ -153,7 +153,7 @@ fn in_protocol(lang: Lang, protocol: Protocol, frame: &[u8], check: &Check) -> V
         )),
         None => {}
     }
-    for (exchange, response, from) in replies::of(frame) {
+    for (exchange, response, from) in railbus_sniff::replies(frame) {
         let summed = matches!(exchange, Exchange::Ascii(e) if e.checksum);
         let fits = exchange.protocol() == protocol
             && (protocol != Protocol::Ascii || summed == matches!(check, Check::Right(_)));

@@ -1,9 +1,14 @@
 //! Replies without their requests: every request that bytes could be the reply to is tried.
 
-use railbus_wire::{Address, Channel, Decoded, Exchange, Response, ascii, lc02, r55, rtu};
+use railbus_wire::{
+    Address, Bits, Channel, Decoded, Exchange, Response, Words, ascii, lc02, r55, rtu,
+};
+
+/// Registers or coils of a write whose values are not told by its reply.
+static UNTOLD: [u8; 256] = [0; 256];
 
 /// The ways to read whole bytes as a reply: to what, and from whom.
-pub(super) fn of(bytes: &[u8]) -> Vec<(Exchange<'static>, Response<'_>, Option<Address>)> {
+pub fn replies(bytes: &[u8]) -> Vec<(Exchange<'static>, Response<'_>, Option<Address>)> {
     let mut found = Vec::new();
     for exchange in candidates(bytes) {
         if let Decoded::Whole { len, value } = exchange.decode_response(bytes)
@@ -15,26 +20,37 @@ pub(super) fn of(bytes: &[u8]) -> Vec<(Exchange<'static>, Response<'_>, Option<A
     found
 }
 
-fn candidates(bytes: &[u8]) -> Vec<Exchange<'static>> {
-    let mut all = Vec::new();
+/// The requests that bytes which begin so could answer; likelier ones first.
+fn candidates(bytes: &[u8]) -> impl Iterator<Item = Exchange<'static>> {
+    let marked = candidate_r55(bytes)
+        .into_iter()
+        .chain(candidates_lc02(bytes))
+        .chain(candidates_ascii(bytes));
+    marked.chain(candidate_rtu(bytes))
+}
+
+pub(crate) fn candidate_r55(bytes: &[u8]) -> Option<Exchange<'static>> {
     match bytes {
-        [0x22, address, code, ..] => {
-            all.extend(r55_request(*code).map(|request| Exchange::r55(Address(*address), request)));
+        [r55::RESPONSE_START, address, code, ..] => {
+            r55_request(*code).map(|request| Exchange::r55(Address(*address), request))
         }
-        [0x6C, 0x63, address, ..] => all.extend(
-            [
-                lc02::Request::ReadConfig,
-                lc02::Request::ReadData,
-                lc02::Request::ReadPulse,
-                lc02::Request::WriteOutputs(lc02::Outputs::All(0)),
-            ]
-            .map(|request| Exchange::lc02(Address(*address), request)),
-        ),
-        [b'!' | b'>' | b'?', ..] => all.extend(ascii_requests(bytes)),
-        _ => {}
+        _ => None,
     }
-    all.extend(rtu_request(bytes));
-    all
+}
+
+pub(crate) fn candidates_lc02(bytes: &[u8]) -> impl Iterator<Item = Exchange<'static>> + use<> {
+    let address = match bytes {
+        [0x6C, 0x63, address, ..] => Some(Address(*address)),
+        _ => None,
+    };
+    let requests = [
+        lc02::Request::ReadConfig,
+        lc02::Request::ReadData,
+        lc02::Request::ReadPulse,
+        lc02::Request::WriteOutputs(lc02::Outputs::All(0)),
+    ];
+    let each = move |address| requests.map(|request| Exchange::lc02(address, request));
+    address.into_iter().flat_map(each)
 }
 
 fn r55_request(code: u8) -> Option<r55::Request> {
@@ -62,7 +78,8 @@ fn r55_request(code: u8) -> Option<r55::Request> {
 }
 
 /// The likelier ones first: a data reply also reads as a name.
-fn ascii_requests(bytes: &[u8]) -> Vec<Exchange<'static>> {
+pub(crate) fn candidates_ascii(bytes: &[u8]) -> impl Iterator<Item = Exchange<'static>> + use<> {
+    let begins = matches!(bytes.first(), Some(b'!' | b'>' | b'?'));
     let digits = bytes
         .get(1..3)
         .and_then(|digits| std::str::from_utf8(digits).ok());
@@ -77,15 +94,16 @@ fn ascii_requests(bytes: &[u8]) -> Vec<Exchange<'static>> {
         R::ReadAll,
         R::ReadName,
     ];
-    let each = |checksum| {
+    let each = move |checksum| {
         let exchange = move |request| Exchange::ascii(address, checksum, request);
         requests.into_iter().map(exchange)
     };
-    each(false).chain(each(true)).collect()
+    let all = each(false).chain(each(true));
+    all.filter(move |_| begins)
 }
 
 /// What a Modbus reply must have been asked by: its own length says how much.
-fn rtu_request(bytes: &[u8]) -> Option<Exchange<'static>> {
+pub(crate) fn candidate_rtu(bytes: &[u8]) -> Option<Exchange<'static>> {
     let &[address, code, third, ..] = bytes else {
         return None;
     };
@@ -142,15 +160,13 @@ fn write_request(bytes: &[u8], function: rtu::Function, at: Address) -> Option<E
             value: second,
         },
         // How many were written is told, not what.
-        rtu::Function::WriteCoils if second <= 32 => {
-            let none = railbus_wire::Bits::from_mask(0, second)?;
-            rtu::Request::WriteCoils(rtu::BitBlock::new(first, none)?)
+        rtu::Function::WriteCoils => {
+            let none = UNTOLD.get(..usize::from(second.div_ceil(8)))?;
+            rtu::Request::WriteCoils(rtu::BitBlock::new(first, Bits::from_packed(none, second)?)?)
         }
-        rtu::Function::WriteRegisters if second <= 2 => {
-            let none = match second {
-                1 => railbus_wire::Words::one(0),
-                _ => railbus_wire::Words::two(0, 0),
-            };
+        rtu::Function::WriteRegisters => {
+            let none = UNTOLD.get(..2 * usize::from(second))?;
+            let none = Words::from_packed(none)?;
             rtu::Request::WriteRegisters(rtu::WordBlock::new(first, none)?)
         }
         _ => return None,

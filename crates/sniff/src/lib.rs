@@ -1,0 +1,43 @@
+//! What passes on an RS-485 line, seen by one who only listens: frames of the four protocols
+//! found among bytes, judged, and replies paired with their requests. And the capture files in
+//! which that is kept.
+//!
+//! There is no port here and nothing that could send: a listener can't disturb what it can't
+//! reach. Like the line master it has no clock; the same code runs on a live line, on a
+//! daemon's own frames and on a file.
+//!
+//! ```
+//! use railbus_sniff::{Heard, Input, Listener, Output};
+//! use railbus_wire::{Instant, Settings};
+//!
+//! let mut listener = Listener::new(Settings::FACTORY);
+//! listener.handle(Instant(20_000), Input::Bytes(b"$016\r!030200\r"));
+//! let mut told = Vec::new();
+//! while let Output::Heard(Heard::Frame(frame)) = listener.poll() {
+//!     told.push(frame.bytes);
+//! }
+//! assert_eq!(told, [b"$016\r".to_vec(), b"!030200\r".to_vec()]);
+//! ```
+
+#![forbid(unsafe_code)]
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+#![cfg_attr(
+    test,
+    allow(clippy::unwrap_used, clippy::panic, clippy::indexing_slicing)
+)]
+
+pub mod capture;
+mod frame;
+mod judge;
+mod listener;
+mod look;
+mod replies;
+
+pub use frame::{Asked, Flaw, Frame, Heard, Missing, Reading, Role, Verdict};
+pub use listener::{Input, Listener, Output, PATIENCE};
+pub use replies::replies;

@@ -1,0 +1,394 @@
+//! The listener: bytes and their times in, frames out.
+//!
+//! Adapters hand bytes over in pieces, so that a pause between them need not be one on the wire,
+//! and two frames may come as one piece. Frames are therefore found by what they are, at every
+//! place in turn; pauses only decide when to stop waiting for the rest of one.
+
+use crate::frame::{Asked, Frame, Heard, Missing, Reading, Role, Verdict};
+use crate::judge::judge;
+use crate::look::{Find, Look, Trust, look};
+use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, r55};
+use std::collections::VecDeque;
+
+/// How long a request waits for its reply, unless said otherwise.
+pub const PATIENCE: Micros = Micros::from_millis(300);
+/// A reply that comes later than this after its request is not taken for it any more.
+const LATE_MAX: Micros = Micros::from_secs(2);
+/// Adapters may be silent for so long inside a frame: FTDI's timer is 16 ms.
+const SILENCE_MIN: Micros = Micros::from_millis(20);
+/// The same where a frame is whole, and only another reading of it would be longer.
+const SETTLED_MIN: Micros = Micros::from_millis(5);
+/// Bytes are taken in such pieces, so that the buffer has a bound whatever comes at once.
+const PIECE: usize = 256;
+/// What is no frame is told when it is as long as this.
+const NOISE_MAX: usize = 256;
+
+/// Something for a listener.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input<'a> {
+    /// Bytes that have just come, the last of them ending now.
+    Bytes(&'a [u8]),
+    /// A whole frame that the master was seen to send, its last byte ending now.
+    Sent(&'a [u8]),
+    /// It is known that a frame, or what there is of it, has ended.
+    Silence,
+    /// Time has passed.
+    Timeout,
+}
+
+/// Something from a listener.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// This was heard.
+    Heard(Heard),
+    /// Nothing now; at this moment [`Input::Timeout`] is due, or never.
+    Wait(Option<Instant>),
+}
+
+/// Finds frames among bytes. After each input, drain [`Listener::poll`] until it waits: what is
+/// told waits inside and is bounded by the input.
+#[derive(Debug)]
+pub struct Listener {
+    settings: Settings,
+    patience: Micros,
+    bytes: Vec<u8>,
+    marks: VecDeque<Mark>,
+    /// No frame begins before this place.
+    tried: usize,
+    /// When the last byte ended.
+    last: Option<Instant>,
+    /// When the last frame ended.
+    told: Option<Instant>,
+    pending: Option<Pending>,
+    /// Something whole waits only for a longer reading to fail.
+    settling: bool,
+    out: VecDeque<Heard>,
+}
+
+/// Where a piece begins in the buffer, and when.
+#[derive(Clone, Copy, Debug)]
+struct Mark {
+    at: usize,
+    begins: Instant,
+    /// There was silence before it.
+    gap: bool,
+}
+
+/// What is known of the end of what was heard last.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Ended {
+    /// Nothing.
+    No,
+    /// What is whole needs no more bytes.
+    Settled,
+    /// No more bytes belong to it.
+    Yes,
+}
+
+/// A request that waits.
+#[derive(Debug)]
+struct Pending {
+    asked: Asked,
+    end: Instant,
+    /// It was told to be unanswered, or answered badly.
+    over: bool,
+}
+
+impl Listener {
+    /// A listener to a line of this speed and format.
+    #[must_use]
+    pub fn new(settings: Settings) -> Listener {
+        Listener {
+            settings,
+            patience: PATIENCE,
+            bytes: Vec::with_capacity(2 * PIECE),
+            marks: VecDeque::new(),
+            tried: 0,
+            last: None,
+            told: None,
+            pending: None,
+            settling: false,
+            out: VecDeque::new(),
+        }
+    }
+
+    /// The same, which takes a request for unanswered after so long.
+    #[must_use]
+    pub const fn with_patience(mut self, patience: Micros) -> Listener {
+        self.patience = patience;
+        self
+    }
+
+    /// Takes what happened.
+    pub fn handle(&mut self, now: Instant, input: Input<'_>) {
+        match input {
+            Input::Bytes(bytes) => {
+                self.expire(before(now, self.settings.frame_time(bytes.len())));
+                for (index, piece) in bytes.chunks(PIECE).enumerate() {
+                    let rest = bytes.len().saturating_sub((index + 1) * PIECE);
+                    self.push(before(now, self.settings.frame_time(rest)), piece);
+                    self.find(Ended::No);
+                }
+            }
+            Input::Sent(frame) => {
+                self.find(Ended::Yes);
+                self.give_up(before(now, self.settings.frame_time(frame.len())));
+                self.pending = None;
+                self.push(now, frame.get(..Frame::LEN_MAX).unwrap_or(frame));
+                self.find(Ended::Yes);
+            }
+            Input::Silence => self.find(Ended::Yes),
+            Input::Timeout => {
+                let silent = self.due().is_some_and(|due| due <= now);
+                match self.settling {
+                    _ if !silent || self.bytes.is_empty() => {}
+                    true => self.find(Ended::Settled),
+                    false => self.find(Ended::Yes),
+                }
+                self.expire(now);
+            }
+        }
+    }
+
+    /// What was heard, or when to come again.
+    pub fn poll(&mut self) -> Output {
+        match self.out.pop_front() {
+            Some(heard) => Output::Heard(heard),
+            None => Output::Wait(self.due()),
+        }
+    }
+
+    fn due(&self) -> Option<Instant> {
+        if !self.bytes.is_empty() {
+            let least = match self.settling {
+                true => SETTLED_MIN,
+                false => SILENCE_MIN,
+            };
+            return self.last.map(|last| last + self.settings.t3_5().max(least));
+        }
+        let pending = self.pending.as_ref().filter(|pending| !pending.over);
+        pending.map(|pending| pending.end + self.patience)
+    }
+
+    fn push(&mut self, now: Instant, bytes: &[u8]) {
+        if bytes.is_empty() {
+            return;
+        }
+        let begins = before(now, self.settings.frame_time(bytes.len()));
+        let begins = self.last.map_or(begins, |last| begins.max(last));
+        let gap = self
+            .last
+            .is_some_and(|last| begins.since(last) >= self.settings.t3_5());
+        self.marks.push_back(Mark {
+            at: self.bytes.len(),
+            begins,
+            gap,
+        });
+        self.bytes.extend_from_slice(bytes);
+        self.last = Some(now.max(begins));
+    }
+
+    /// Tells every frame that is whole; everything where it is known to have ended.
+    fn find(&mut self, ended: Ended) {
+        self.settling = false;
+        while self.tried < self.bytes.len() {
+            let late = self.pending.as_ref().is_some_and(|pending| pending.over);
+            let pending = self.pending.as_ref().and_then(|p| p.asked.exchange());
+            let rest = self.bytes.get(self.tried..).unwrap_or_default();
+            let look = look(rest, pending.as_ref());
+            let best = look.best(late).filter(|best| self.may_be(best));
+            match best {
+                Some(best) if ended != Ended::No || !self.is_rivalled(&look, &best) => {
+                    self.noise(self.tried);
+                    self.frame(&look, best);
+                }
+                Some(_) => {
+                    self.settling = true;
+                    return;
+                }
+                None if look.partial && ended != Ended::Yes && !self.is_refuted() => return,
+                None => self.tried += 1,
+            }
+            if self.tried >= NOISE_MAX {
+                self.noise(self.tried);
+            }
+        }
+        if ended == Ended::Yes || self.bytes.len() >= NOISE_MAX {
+            self.noise(self.bytes.len());
+        }
+    }
+
+    /// What only looks like an envelope is believed at the beginning, never amid other bytes.
+    fn may_be(&self, best: &Find) -> bool {
+        best.trust > Trust::Envelope || self.tried == 0 || self.gap_at(self.tried)
+    }
+
+    /// Whether a longer frame may still come of bytes that are also a whole one: a sum of eight
+    /// bits is right by chance once in 256 times. Silence behind it speaks against that.
+    fn is_rivalled(&self, look: &Look, best: &Find) -> bool {
+        let end = self.tried + best.len;
+        look.partial_rtu && best.trust <= Trust::Sum && !self.gap_at(end)
+    }
+
+    /// Whether something whole begins after a silence, so that what has only begun before that
+    /// is never to be whole.
+    fn is_refuted(&self) -> bool {
+        let after = |mark: &&Mark| mark.gap && mark.at > self.tried;
+        self.marks.iter().filter(after).any(|mark| {
+            let rest = self.bytes.get(mark.at..).unwrap_or_default();
+            let best = look(rest, None).best(false);
+            best.is_some_and(|best| best.trust > Trust::Envelope)
+        })
+    }
+
+    fn gap_at(&self, at: usize) -> bool {
+        self.marks.iter().any(|mark| mark.at == at && mark.gap)
+    }
+
+    /// When the byte at a place began.
+    fn time(&self, at: usize) -> Instant {
+        let mark = self.marks.iter().rev().find(|mark| mark.at <= at);
+        let (from, begins) = mark.map_or((0, Instant(0)), |mark| (mark.at, mark.begins));
+        begins + self.settings.frame_time(at.saturating_sub(from))
+    }
+
+    /// Tells the first bytes as what they are not, cut where there was silence.
+    fn noise(&mut self, len: usize) {
+        let mut left = len.min(self.bytes.len());
+        while left > 0 {
+            let cut = self.marks.iter().find(|mark| mark.gap && mark.at > 0);
+            let len = cut.map_or(left, |mark| mark.at.min(left));
+            let pending = self.pending.as_ref().and_then(|p| p.asked.exchange());
+            let noise = self.bytes.get(..len).unwrap_or_default();
+            let (readings, verdict) = judge(noise, pending.as_ref());
+            let answers = readings.first().is_some_and(|reading| {
+                reading.role == Some(Role::Reply)
+                    && pending.is_some_and(|asked| asked.protocol() == reading.protocol)
+            });
+            self.tell(len, readings, verdict, answers);
+            if let Some(pending) = &mut self.pending {
+                pending.over = true;
+            }
+            left -= len;
+        }
+    }
+
+    fn frame(&mut self, look: &Look, best: Find) {
+        let readings = look.readings(best);
+        let paired = best.trust == Trust::Paired;
+        let reading = best.reading;
+        let bytes = self.bytes.get(..best.len).unwrap_or_default();
+        let asked = match reading.role {
+            Some(Role::Request) => Asked::new(reading, bytes),
+            _ => None,
+        };
+        if reading.role == Some(Role::Request) {
+            self.give_up(self.time(0));
+            self.pending = None;
+        }
+        let end = self.tell(best.len, readings, best.verdict, paired);
+        if paired {
+            self.pending = None;
+        }
+        self.pending = match asked {
+            Some(asked) => Some(Pending {
+                over: !waits(&asked),
+                asked,
+                end,
+            }),
+            None => self.pending.take(),
+        };
+    }
+
+    /// Takes bytes from the buffer and tells them; says when they ended.
+    fn tell(
+        &mut self,
+        len: usize,
+        readings: Vec<Reading>,
+        verdict: Verdict,
+        answers: bool,
+    ) -> Instant {
+        let at = self.time(0);
+        let end = self.time(len.saturating_sub(1)) + self.settings.frame_time(1);
+        let bytes: Vec<u8> = self.bytes.drain(..len.min(self.bytes.len())).collect();
+        self.tried = self.tried.saturating_sub(len);
+        self.forget_marks(len, end);
+        let pending = self.pending.as_ref().filter(|_| answers);
+        let frame = Frame {
+            at,
+            end,
+            gap: self.told.map(|told| at.since(told)),
+            bytes,
+            readings,
+            after: pending.map(|pending| at.since(pending.end)),
+            late: pending.is_some_and(|pending| pending.over),
+            asked: pending.map(|pending| pending.asked.clone()),
+            verdict,
+        };
+        self.told = Some(end);
+        self.out.push_back(Heard::Frame(frame));
+        end
+    }
+
+    fn forget_marks(&mut self, len: usize, end: Instant) {
+        let mut begins = end;
+        while let Some(mark) = self.marks.front().filter(|mark| mark.at <= len) {
+            if mark.at == len {
+                begins = mark.begins;
+            }
+            self.marks.pop_front();
+        }
+        for mark in &mut self.marks {
+            mark.at -= len;
+        }
+        if !self.bytes.is_empty() {
+            self.marks.push_front(Mark {
+                at: 0,
+                begins,
+                gap: false,
+            });
+        }
+    }
+
+    fn expire(&mut self, now: Instant) {
+        let Some(pending) = &self.pending else { return };
+        if pending.end + self.patience <= now && self.bytes.is_empty() {
+            self.give_up(now);
+        }
+        if self
+            .pending
+            .as_ref()
+            .is_some_and(|pending| pending.end + LATE_MAX <= now)
+        {
+            self.pending = None;
+        }
+    }
+
+    /// The request that waits is not going to be answered.
+    fn give_up(&mut self, at: Instant) {
+        let Some(pending) = self.pending.as_mut().filter(|pending| !pending.over) else {
+            return;
+        };
+        pending.over = true;
+        self.out.push_back(Heard::Missing(Missing {
+            asked: pending.asked.clone(),
+            at,
+            after: at.since(pending.end),
+        }));
+    }
+}
+
+/// Whether somebody answers.
+fn waits(asked: &Asked) -> bool {
+    asked.exchange().is_some_and(|asked| match asked {
+        Exchange::R55(e) => {
+            let read = matches!(e.request(), r55::Request::ReadAddress);
+            e.expects_reply() && (e.address() != r55::BROADCAST || read)
+        }
+        asked => asked.expects_reply() || asked.protocol() == Protocol::Lc02,
+    })
+}
+
+const fn before(now: Instant, span: Micros) -> Instant {
+    Instant(now.0.saturating_sub(span.0))
+}
