@@ -23,6 +23,9 @@ pub struct SerialOptions {
     pub rs485: Option<Rs485>,
     /// Ask the driver to hand bytes over at once.
     pub low_latency: bool,
+    /// Only listen: the port is opened for reading alone, so that nothing can be sent through
+    /// it, and RTS is lowered at once, so that a transceiver switched by it listens, too.
+    pub listen_only: bool,
 }
 
 impl Default for SerialOptions {
@@ -31,6 +34,7 @@ impl Default for SerialOptions {
             settings: Settings::FACTORY,
             rs485: None,
             low_latency: true,
+            listen_only: false,
         }
     }
 }

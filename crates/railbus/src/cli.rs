@@ -1,7 +1,7 @@
 //! The command line: one definition per command, which gives its parser and its help.
 
 use crate::commands::{
-    config, decode, explain, get, global_flags, ls, pulse, raw, scan, set, watch,
+    config, decode, explain, get, global_flags, ls, pulse, raw, scan, set, sniff, watch,
 };
 use crate::failure::Failure;
 use crate::i18n::Lang;
@@ -55,6 +55,11 @@ const VERBS: &[Verb] = &[
         name: raw::NAME,
         define: raw::define,
         run: raw::run,
+    },
+    Verb {
+        name: sniff::NAME,
+        define: sniff::define,
+        run: sniff::run,
     },
     Verb {
         name: decode::NAME,
@@ -133,7 +138,7 @@ fn define(lang: Lang) -> Command {
     .arg(
         flag(lang, "verbose", Text::Verbose)
             .short('v')
-            .action(ArgAction::SetTrue)
+            .action(ArgAction::Count)
             .display_order(LAST)
             .global(true),
     )

@@ -9,6 +9,7 @@ pub(crate) mod pulse;
 pub(crate) mod raw;
 pub(crate) mod scan;
 pub(crate) mod set;
+pub(crate) mod sniff;
 pub(crate) mod watch;
 
 mod context;

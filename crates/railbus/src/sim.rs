@@ -133,7 +133,7 @@ fn plant_wanted(file: &std::path::Path, matches: &ArgMatches) -> plant::Wanted {
         faults: texts_of(matches, "fault"),
         control: matches.get_one("control").cloned(),
         state: matches.get_one("state").cloned(),
-        verbose: matches.get_flag("verbose"),
+        verbose: matches.get_count("verbose") > 0,
         json: format.is_some_and(Format::is_json),
     }
 }
@@ -151,7 +151,7 @@ fn demo_wanted(lang: Lang, matches: &ArgMatches) -> Result<Wanted, Failure> {
         pty: pty.unwrap_or_else(|| DEMO_PTY.to_owned()).into(),
         tcp,
         seed: matches.get_one("seed").copied().unwrap_or_default(),
-        verbose: matches.get_flag("verbose"),
+        verbose: matches.get_count("verbose") > 0,
     })
 }
 

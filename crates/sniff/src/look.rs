@@ -287,6 +287,10 @@ fn of_ascii(look: &mut Look, rx: &[u8], line: Line, pending: Option<&Exchange<'_
     let is_reply = matches!(rx.first(), Some(b'!' | b'>' | b'?'));
     if look.finds.is_empty() && !(judged && is_reply) {
         let role = if is_reply { Role::Reply } else { Role::Request };
+        let rules = ascii::Rules {
+            checksum: false,
+            lower_case: true,
+        };
         look.finds.push(Find {
             len,
             trust: Trust::Envelope,
@@ -294,7 +298,7 @@ fn of_ascii(look: &mut Look, rx: &[u8], line: Line, pending: Option<&Exchange<'_
                 protocol: Protocol::Ascii,
                 role: Some(role),
                 checksum: false,
-                address: None,
+                address: ascii::address_of(rx, rules).filter(|_| !is_reply),
             },
             verdict: Verdict::Unknown,
         });

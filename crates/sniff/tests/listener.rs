@@ -175,7 +175,7 @@ fn what_is_wrong_is_told_with_the_reason() {
         "lc02 → 2 bad checksum",
         " bad foreign",
         "ascii → – bad short",
-        "ascii → – unknown",
+        "ascii → 1 unknown",
         "rtu ? 1 unknown",
     ];
     assert_eq!(ear.words(), expected);

@@ -39,7 +39,11 @@ impl Tty {
     /// Opens, locks and sets up the terminal at a path. Nothing of it is changed before it is
     /// certain that nobody else uses it. May block; needs the runtime all the same.
     pub(crate) fn open(path: &Path, options: SerialOptions) -> Result<Tty, PortError> {
-        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let access = match options.listen_only {
+            true => OFlags::RDONLY,
+            false => OFlags::RDWR,
+        };
+        let flags = access | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let fd = rustix::fs::open(path, flags, Mode::empty()).map_err(|e| refused(path, e))?;
         if !isatty(&fd) {
             return Err(PortError::NotATty);
@@ -62,6 +66,10 @@ impl Tty {
             },
             fd,
         };
+        if options.listen_only {
+            // The opening raised it. A port without such a wire refuses; so be it.
+            let _ = ioctl::lower_rts(&tty.fd);
+        }
         tty.set(options.settings)?;
         tty.ask_driver(options);
         // What came before is no reply to anything of ours.

@@ -31,6 +31,8 @@ pub(crate) struct Context {
     pub(crate) lang: Lang,
     pub(crate) format: Format,
     pub(crate) quiet: bool,
+    /// How often `-v` was said.
+    pub(crate) verbose: u8,
     /// A line of the configuration; a port is in `wanted`.
     pub(crate) line: Option<String>,
     pub(crate) timeout: Option<Micros>,
@@ -105,6 +107,7 @@ impl Context {
             lang,
             format: format.unwrap_or_default(),
             quiet: matches.get_flag("quiet"),
+            verbose: matches.get_count("verbose"),
             line: line.filter(|_| ad_hoc.is_none()),
             timeout: matches.get_one("timeout").copied(),
             wanted: Wanted {

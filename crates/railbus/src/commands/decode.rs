@@ -12,6 +12,7 @@ use crate::render::records;
 use crate::render::{Format, hex, out, width};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_wire::Protocol;
 use readings::{Check, Reading};
 use serde_json::{Value, json};
 use std::io::Read;
@@ -64,6 +65,17 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             Err(failure.with_fact("bytes", hex::spaced(&bytes)))
         }
     }
+}
+
+/// The checksum of a frame of that protocol and what it should be, where it is wrong.
+pub(super) fn wrong_check(protocol: Protocol, bytes: &[u8]) -> Option<(String, String)> {
+    let checks = readings::checked(protocol, bytes).into_iter();
+    checks
+        .map(|(_, check)| check)
+        .find_map(|check| match check {
+            Check::Wrong { is, should } => Some((is, should)),
+            Check::None | Check::Right(_) => None,
+        })
 }
 
 /// The failure of text that is no bytes.

@@ -2,7 +2,7 @@
 
 use super::Context;
 use crate::api::types::LineInfo;
-use crate::backend::Backend;
+use crate::backend::{AdHoc, Backend};
 use crate::failure::{Code, Failure};
 use railbus_host::{LineName, PortError};
 use railbus_wire::{Baud, Character, Settings};
@@ -26,16 +26,7 @@ pub(super) enum Access {
 /// The line that the flags mean, or the only one there is.
 pub(super) async fn find(context: &Context) -> Result<Access, Failure> {
     if let Some(ad_hoc) = &context.wanted.ad_hoc {
-        let port = name(context, &ad_hoc.port)?;
-        let baud = ad_hoc.baud.and_then(Baud::from_rate);
-        return Ok(Access::Here(Place {
-            line: ad_hoc.port.clone(),
-            port,
-            settings: Settings {
-                baud: baud.unwrap_or(Baud::B9600),
-                character: ad_hoc.format.unwrap_or_default(),
-            },
-        }));
+        return described(context, ad_hoc).map(Access::Here);
     }
     let backend = context.open().await?;
     if backend.is_daemon() {
@@ -45,6 +36,43 @@ pub(super) async fn find(context: &Context) -> Result<Access, Failure> {
     // The port is opened anew by whoever asks.
     backend.finish(true).await;
     Ok(Access::Here(place?))
+}
+
+/// The line that flags alone describe.
+fn described(context: &Context, ad_hoc: &AdHoc) -> Result<Place, Failure> {
+    let baud = ad_hoc.baud.and_then(Baud::from_rate);
+    Ok(Place {
+        line: ad_hoc.port.clone(),
+        port: name(context, &ad_hoc.port)?,
+        settings: Settings {
+            baud: baud.unwrap_or(Baud::B9600),
+            character: ad_hoc.format.unwrap_or_default(),
+        },
+    })
+}
+
+/// The line that the flags or the configuration mean, which is not opened: who only listens must
+/// not raise a wire of the port, let alone send.
+pub(super) fn without_opening(context: &Context) -> Result<Place, Failure> {
+    if let Some(ad_hoc) = &context.wanted.ad_hoc {
+        return described(context, ad_hoc);
+    }
+    let found = crate::config_file::read(context.lang, context.wanted.config.as_deref());
+    let found = found.map_err(|problem| context.failure(&problem))?;
+    let lines = found.config.lines;
+    let wanted = context.line.as_deref();
+    let only = (lines.len() == 1 && wanted.is_none()).then(|| lines.iter().next());
+    let line = only.flatten().or_else(|| lines.get_key_value(wanted?));
+    let Some((line, config)) = line else {
+        let failure = Failure::of(context.lang, Code::NoLine).because(wanted.unwrap_or("-l"));
+        let known = lines.keys().map(|line| format!("-l {line}"));
+        return Err(known.fold(failure, Failure::with_try));
+    };
+    Ok(Place {
+        line: line.clone(),
+        port: name(context, &config.port)?,
+        settings: config.serial,
+    })
 }
 
 /// The line of `-l`, or the only one, of those that somebody has.

@@ -132,6 +132,18 @@ codes! {
         likely: ["the question was answered with no", "对提问回答了否"],
         next: ["repeat the command and answer y, or add --yes", "重新执行并回答 y，或加 --yes"],
     }
+    Capture = "E0180" {
+        title: ["the capture file can't be read", "无法读取抓包文件"],
+        likely: ["it is no pcapng file · it was cut off while it was written",
+            "不是 pcapng 文件 · 写入时被截断"],
+        next: ["editcap -F pcapng OLD NEW   (of Wireshark)", "editcap -F pcapng 旧文件 新文件（Wireshark 工具）"],
+    }
+    CaptureWrite = "E0181" {
+        title: ["the capture file can't be written", "无法写入抓包文件"],
+        likely: ["it is there already · the disk is full · no right to the folder",
+            "文件已存在 · 磁盘已满 · 无目录权限"],
+        next: ["name another file", "换一个文件名"],
+    }
     Usage = "E0201" {
         title: ["wrong arguments", "参数有误"],
         likely: ["a typing mistake", "输入错误"],
@@ -148,6 +160,12 @@ codes! {
         title: ["nobody can be asked: this is no terminal", "无法提问：当前不是终端"],
         likely: ["run from a script or with its input redirected", "在脚本中运行，或输入已重定向"],
         next: ["look at it with -n, then add --yes", "先用 -n 查看，再加 --yes"],
+    }
+    BadFilter = "E0280" {
+        title: ["the filter can't be read", "无法理解过滤条件"],
+        likely: ["a typing mistake", "输入错误"],
+        next: ["railbus sniff --filter 'addr=3 and (bad or slow>50ms)'",
+            "railbus sniff --filter 'addr=3 and (bad or slow>50ms)'"],
     }
     SimOrder = "E0290" {
         title: ["the simulator does not understand this", "模拟器无法理解此命令"],
@@ -177,6 +195,12 @@ codes! {
         likely: ["it is off · it hangs on another line · A/B swapped",
             "未上电 · 在另一条总线上 · A/B 接反"],
         next: ["railbus scan", "railbus scan"],
+    }
+    NothingHeard = "E0380" {
+        title: ["nothing was heard on the line", "总线上没有任何通信"],
+        likely: ["no master talks · A and B not connected · the adapter does not listen",
+            "没有主机通信 · A/B 未接 · 转换器未在接收"],
+        next: ["railbus doctor", "railbus doctor"],
     }
     Refused = "E0401" {
         title: ["refused: the module answered no", "被拒绝：模块答复不执行"],
@@ -219,6 +243,13 @@ codes! {
             "两个模块地址相同 · 干扰 · 波特率不同"],
         next: ["railbus config recover --addr N     says how to part two modules",
             "railbus config recover --addr N     说明如何分开两个模块"],
+    }
+    NoSpeed = "E0580" {
+        title: ["bytes were heard, but at no speed do they make frames",
+            "听到字节，但任何波特率下都不成帧"],
+        likely: ["another protocol · A and B swapped · a speed that is not tried here",
+            "其他协议 · A/B 接反 · 未尝试的波特率"],
+        next: ["railbus sniff --baud N -v", "railbus sniff --baud N -v"],
     }
     NotVerified = "E0601" {
         title: ["not verified: acknowledged, but read back otherwise", "未证实：已应答，但回读不一致"],

@@ -32,13 +32,9 @@ impl Records {
             }
             Format::Ndjson => self.rows.iter().map(|row| line(row.clone())).collect(),
             Format::Csv => {
-                let cells = |row: &Value| -> Vec<String> {
-                    let of = |key: &&str| cell(row.get(*key).unwrap_or(&Value::Null));
-                    self.columns.iter().map(of).collect()
-                };
-                let head = std::iter::once(self.columns.join(","));
-                let lines = head.chain(self.rows.iter().map(|row| cells(row).join(",")));
-                lines.map(|line| line + "\n").collect()
+                let head = std::iter::once(self.columns.join(",") + "\n");
+                let lines = self.rows.iter().map(|row| csv(row, self.columns));
+                head.chain(lines).collect()
             }
             Format::Value => {
                 let bare = |row: &Value| plain(row.get(self.value).unwrap_or(&Value::Null));
@@ -54,6 +50,13 @@ pub(crate) fn line(mut row: Value) -> String {
         row.insert("schema".to_owned(), json!(1));
     }
     format!("{row}\n")
+}
+
+/// One line of CSV.
+pub(crate) fn csv(row: &Value, columns: &[&str]) -> String {
+    let of = |key: &&str| cell(row.get(*key).unwrap_or(&Value::Null));
+    let cells: Vec<String> = columns.iter().map(of).collect();
+    cells.join(",") + "\n"
 }
 
 /// A value without quotes; states as `on` and `off`.

@@ -4,4 +4,5 @@ mod failures;
 mod liar;
 mod line;
 mod site;
+mod sniff;
 mod words;

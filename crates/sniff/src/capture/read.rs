@@ -2,7 +2,6 @@
 
 use super::{Direction, ENHANCED_PACKET, INTERFACE, MAGIC, SECTION, option};
 use railbus_wire::Instant;
-use std::fmt;
 
 /// The longest block. Wireshark's own limit for a packet is a quarter of that.
 const BLOCK_MAX: usize = 1 << 20;
@@ -80,18 +79,6 @@ pub enum Why {
     Interface,
     /// A packet that is longer than its block.
     Packet,
-}
-
-impl fmt::Display for Why {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Why::NoCapture => "this is no pcapng file",
-            Why::Length => "the length of a block is wrong",
-            Why::TooMuch => "a block is too long, or there are too many lines",
-            Why::Interface => "a packet of a line that the file does not name",
-            Why::Packet => "a packet that is longer than its block",
-        })
-    }
 }
 
 impl Reader {

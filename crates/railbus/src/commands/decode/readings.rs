@@ -79,7 +79,7 @@ fn unlikely(reading: &Reading) -> bool {
 }
 
 /// The bytes with a right checksum, and what was to be said of theirs.
-fn checked(protocol: Protocol, bytes: &[u8]) -> Vec<(Vec<u8>, Check)> {
+pub(super) fn checked(protocol: Protocol, bytes: &[u8]) -> Vec<(Vec<u8>, Check)> {
     let verdict = |at: std::ops::Range<usize>, should: Vec<u8>| {
         let is = bytes.get(at.clone())?;
         let check = if is == should {

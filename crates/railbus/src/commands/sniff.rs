@@ -1,0 +1,335 @@
+//! `railbus sniff`: what passes on a line, for one who only listens.
+
+mod auto;
+mod facts;
+mod filter;
+mod record;
+mod show;
+mod source;
+mod texts;
+mod words;
+
+use super::place::{self, Place};
+use super::{Context, stop};
+use crate::cli;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::{Format, out};
+use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
+use facts::{Facts, Named};
+use filter::Filter;
+use railbus_sniff::{Heard, Input, Listener, Output};
+use railbus_wire::{Instant, Micros, Settings};
+use record::Recorder;
+use show::Sums;
+use source::{Came, Capture, Clock, Listening};
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use texts::SniffText;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "sniff";
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    let usage = "railbus sniff [--auto-baud] [--filter WORDS] [--write FILE] [--read FILE]";
+    let file = |name, help| {
+        cli::flag(lang, name, help)
+            .value_name("FILE")
+            .value_parser(value_parser!(PathBuf))
+    };
+    cli::verb(lang, NAME, SniffText::SniffAbout, usage)
+        .visible_alias("monitor")
+        .before_help(cli::examples(lang, SniffText::SniffExamples))
+        .arg(cli::flag(lang, "auto-baud", SniffText::AutoBaud).action(ArgAction::SetTrue))
+        .arg(filter_flag(lang))
+        .arg(file("write", SniffText::Write).short('w'))
+        .arg(file("read", SniffText::Read).conflicts_with("auto-baud"))
+        .arg(
+            cli::flag(lang, "count", SniffText::Count)
+                .value_name("N")
+                .value_parser(value_parser!(u64).range(1..)),
+        )
+        .arg(
+            cli::flag(lang, "time", SniffText::Time)
+                .value_name("TIME")
+                .value_parser(super::context::duration),
+        )
+}
+
+/// The flag that takes a filter.
+pub(super) fn filter_flag(lang: Lang) -> Arg {
+    cli::flag(lang, "filter", SniffText::FilterFlag).value_name("WORDS")
+}
+
+/// The filter of the flag.
+pub(super) fn filter_of(lang: Lang, matches: &ArgMatches) -> Result<Option<Filter>, Failure> {
+    let text = matches.get_one::<String>("filter");
+    text.map(|text| Filter::parse(text))
+        .transpose()
+        .map_err(|wrong| Failure::new(Code::BadFilter, wrong.told(lang)).diagnosed())
+}
+
+/// Listens until it is stopped, or has heard what it should.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let filter = filter_of(lang, matches)?;
+    let recorder = matches.get_one::<PathBuf>("write");
+    let recorder = recorder
+        .map(|path| Recorder::create(&context, path))
+        .transpose()?;
+    let mut hearing = Hearing {
+        context: &context,
+        filter,
+        recorder,
+        modules: Vec::new(),
+        sums: Sums::default(),
+        left: matches.get_one::<u64>("count").copied(),
+        kept: BTreeMap::new(),
+    };
+    let end = match matches.get_one::<PathBuf>("read") {
+        Some(path) => hearing.read(path),
+        None => {
+            let auto = matches.get_flag("auto-baud");
+            let time = matches.get_one::<Micros>("time").copied();
+            context.block(hearing.listen(auto, time))
+        }
+    };
+    if context.format == Format::Table && !hearing.sums.is_empty() {
+        context.note(&hearing.sums.told(lang));
+    }
+    end
+}
+
+/// What is done with what is heard.
+struct Hearing<'a> {
+    context: &'a Context,
+    filter: Option<Filter>,
+    recorder: Option<Recorder>,
+    modules: Vec<Named>,
+    sums: Sums,
+    /// How many more are shown.
+    left: Option<u64>,
+    /// The numbers of lines in the file that is written.
+    kept: BTreeMap<String, u32>,
+}
+
+impl Hearing<'_> {
+    /// From a file, which may hold several lines.
+    fn read(&mut self, path: &std::path::Path) -> Result<(), Failure> {
+        let mut capture = Capture::open(self.context, path)?;
+        self.modules = modules(self.context, None);
+        self.head()?;
+        let mut ears: BTreeMap<usize, Ear> = BTreeMap::new();
+        while let Some((line, came)) = capture.next(self.context)? {
+            let ear = ears.entry(line).or_insert_with(|| {
+                let wire = capture.wire(line);
+                Ear::new(wire.name, wire.settings, self.context.timeout)
+            });
+            if self.take(ear, came)?.is_break() {
+                return Ok(());
+            }
+        }
+        for ear in ears.values_mut() {
+            loop {
+                match self.drain(ear)? {
+                    ControlFlow::Break(()) => return Ok(()),
+                    ControlFlow::Continue(None) => break,
+                    ControlFlow::Continue(Some(due)) => ear.listener.handle(due, Input::Timeout),
+                }
+            }
+        }
+        if capture.skipped > 0 {
+            let values: &[(&str, &dyn std::fmt::Display)] = &[("count", &capture.skipped)];
+            self.context
+                .note(&self.context.lang.fill(SniffText::Skipped, values));
+        }
+        Ok(())
+    }
+
+    /// From a line.
+    async fn listen(&mut self, auto: bool, time: Option<Micros>) -> Result<(), Failure> {
+        let context = self.context;
+        let mut stop = stop::Stop::new(context)?;
+        let mut place = place::without_opening(context)?;
+        if auto {
+            place.settings = auto::find(context, &place, &mut stop).await?;
+        }
+        self.modules = modules(context, Some(&place));
+        let mut port = Listening::open(context, &place).await?;
+        let values: &[(&str, &dyn std::fmt::Display)] =
+            &[("port", &place.port), ("settings", &place.settings)];
+        context.note(&context.lang.fill(SniffText::Listening, values));
+        self.head()?;
+        let clock = Clock::new();
+        let end = time.map(|time| clock.now() + time);
+        let mut ear = Ear::new(place.line.clone(), place.settings, context.timeout);
+        loop {
+            let due = match self.drain(&mut ear)? {
+                ControlFlow::Break(()) => return Ok(()),
+                ControlFlow::Continue(due) => due,
+            };
+            let due = due
+                .unwrap_or(Instant(u64::MAX))
+                .min(end.unwrap_or(Instant(u64::MAX)));
+            // What has come goes first: it decides what a deadline means.
+            let came = tokio::select! {
+                biased;
+                () = stop.requested() => {
+                    self.finish(&mut ear, clock.now())?;
+                    return Err(stop::interrupted(context));
+                }
+                came = port.next(context, clock) => Some(came?),
+                () = tokio::time::sleep(clock.until(due)) => None,
+            };
+            match came {
+                Some(came) => {
+                    if self.take(&mut ear, came)?.is_break() {
+                        return Ok(());
+                    }
+                }
+                None => ear.listener.handle(clock.now(), Input::Timeout),
+            }
+            if end.is_some_and(|end| clock.now() >= end) {
+                return self.finish(&mut ear, clock.now());
+            }
+        }
+    }
+
+    /// Tells what is left when nobody listens any more.
+    fn finish(&mut self, ear: &mut Ear, now: Instant) -> Result<(), Failure> {
+        ear.listener.handle(now, Input::Silence);
+        self.drain(ear).map(|_| ())
+    }
+
+    fn head(&self) -> Result<(), Failure> {
+        out::result(
+            self.context.lang,
+            &show::head(self.context.lang, self.context.format),
+        )
+    }
+
+    /// Hands what came to a line's ear, after every timeout that fell due before it.
+    fn take(&mut self, ear: &mut Ear, came: Came) -> Result<ControlFlow<()>, Failure> {
+        let (at, bytes) = match &came {
+            Came::Bytes(at, bytes) | Came::Sent(at, bytes) | Came::Whole(at, bytes) => (at, bytes),
+            Came::Lost(count) => {
+                let values: &[(&str, &dyn std::fmt::Display)] = &[("count", count)];
+                self.context
+                    .note(&self.context.lang.fill(SniffText::Dropped, values));
+                return Ok(ControlFlow::Continue(()));
+            }
+        };
+        let begins = Instant(at.0.saturating_sub(ear.settings.frame_time(bytes.len()).0));
+        loop {
+            match self.drain(ear)? {
+                ControlFlow::Break(()) => return Ok(ControlFlow::Break(())),
+                ControlFlow::Continue(Some(due)) if due <= begins => {
+                    ear.listener.handle(due, Input::Timeout);
+                }
+                ControlFlow::Continue(_) => break,
+            }
+        }
+        match &came {
+            Came::Sent(..) => ear.listener.handle(*at, Input::Sent(bytes)),
+            Came::Bytes(..) => ear.listener.handle(*at, Input::Bytes(bytes)),
+            Came::Whole(..) | Came::Lost(_) => {
+                ear.listener.handle(*at, Input::Bytes(bytes));
+                ear.listener.handle(*at, Input::Silence);
+            }
+        }
+        Ok(match self.drain(ear)? {
+            ControlFlow::Break(()) => ControlFlow::Break(()),
+            ControlFlow::Continue(_) => ControlFlow::Continue(()),
+        })
+    }
+
+    /// Shows what a line's ear has to tell. Goes on with when it is due again.
+    fn drain(&mut self, ear: &mut Ear) -> Result<ControlFlow<(), Option<Instant>>, Failure> {
+        loop {
+            match ear.listener.poll() {
+                Output::Wait(due) => return Ok(ControlFlow::Continue(due)),
+                Output::Heard(heard) => {
+                    if self.show(ear, &heard)?.is_break() {
+                        return Ok(ControlFlow::Break(()));
+                    }
+                }
+            }
+        }
+    }
+
+    fn show(&mut self, ear: &Ear, heard: &Heard) -> Result<ControlFlow<()>, Failure> {
+        let (lang, format) = (self.context.lang, self.context.format);
+        self.sums.add(heard, ear.settings);
+        if let Some(recorder) = &mut self.recorder {
+            let line = match self.kept.get(&ear.line) {
+                Some(line) => *line,
+                None => recorder.line(self.context, &ear.line, ear.settings)?,
+            };
+            self.kept.insert(ear.line.clone(), line);
+            recorder.keep(self.context, line, heard)?;
+        }
+        let facts = Facts::of(heard, &self.modules);
+        if self
+            .filter
+            .as_ref()
+            .is_some_and(|filter| !filter.wants(&facts))
+        {
+            return Ok(ControlFlow::Continue(()));
+        }
+        let text = show::line(lang, format, &ear.line, heard, &facts);
+        if let ControlFlow::Break(()) = out::put(lang, &text)? {
+            return Ok(ControlFlow::Break(()));
+        }
+        if let Some(left) = &mut self.left {
+            *left -= 1;
+            if *left == 0 {
+                return Ok(ControlFlow::Break(()));
+            }
+        }
+        Ok(ControlFlow::Continue(()))
+    }
+}
+
+/// A line that is listened to.
+struct Ear {
+    line: String,
+    settings: Settings,
+    listener: Listener,
+}
+
+impl Ear {
+    fn new(line: String, settings: Settings, patience: Option<Micros>) -> Ear {
+        let listener = Listener::new(settings);
+        Ear {
+            line,
+            settings,
+            listener: match patience {
+                Some(patience) => listener.with_patience(patience),
+                None => listener,
+            },
+        }
+    }
+}
+
+/// The modules of the configuration, if there is one: on this line, or on all.
+fn modules(context: &Context, place: Option<&Place>) -> Vec<Named> {
+    let named = context.wanted.config.as_deref();
+    let Ok(found) = crate::config_file::read(context.lang, named) else {
+        return Vec::new();
+    };
+    let of_line = |line: &str| {
+        let port = found.config.lines.get(line).map(|line| line.port.as_str());
+        place.is_none_or(|place| place.line == line || port == Some(&place.port.to_string()))
+    };
+    let modules = found.config.modules.iter();
+    let named = modules
+        .filter(|(_, module)| of_line(&module.line))
+        .map(|(name, module)| Named {
+            name: name.clone(),
+            protocol: module.setup.protocol,
+            address: module.setup.address.0,
+        });
+    named.collect()
+}

@@ -1,0 +1,109 @@
+//! What can be said of something heard without reading its bytes: what filters ask for.
+
+use railbus_sniff::{Asked, Heard, Role, Verdict};
+use railbus_wire::{Address, Exchange, Micros, Protocol, ascii, lc02, r55};
+
+/// A module by what tells it apart on a line.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::commands) struct Named {
+    pub(in crate::commands) name: String,
+    pub(in crate::commands) protocol: Protocol,
+    pub(in crate::commands) address: u8,
+}
+
+/// What can be said of something heard.
+#[derive(Debug)]
+pub(in crate::commands) struct Facts<'a> {
+    pub(in crate::commands) protocols: Vec<Protocol>,
+    pub(in crate::commands) address: Option<u8>,
+    pub(in crate::commands) module: Option<&'a str>,
+    pub(in crate::commands) role: Option<Role>,
+    /// None for a request that nobody answered.
+    pub(in crate::commands) verdict: Option<Verdict>,
+    /// It is a write, or belongs to one; nothing where that can't be told.
+    pub(in crate::commands) write: Option<bool>,
+    pub(in crate::commands) late: bool,
+    /// From the request to its reply, or to the end of the waiting.
+    pub(in crate::commands) after: Option<Micros>,
+    pub(in crate::commands) gap: Option<Micros>,
+}
+
+impl<'a> Facts<'a> {
+    pub(in crate::commands) fn of(heard: &Heard, modules: &'a [Named]) -> Facts<'a> {
+        let mut facts = match heard {
+            Heard::Missing(missing) => Facts {
+                protocols: vec![missing.asked.protocol()],
+                address: addressee(&missing.asked),
+                module: None,
+                role: None,
+                verdict: None,
+                write: missing.asked.exchange().map(|asked| is_write(&asked)),
+                late: false,
+                after: Some(missing.after),
+                gap: None,
+            },
+            Heard::Frame(frame) => {
+                let best = frame.readings.first();
+                let asked = match best {
+                    Some(reading) if reading.role == Some(Role::Request) => {
+                        reading.request(&frame.bytes)
+                    }
+                    _ => frame.asked.as_ref().and_then(Asked::exchange),
+                };
+                Facts {
+                    protocols: frame.readings.iter().map(|r| r.protocol).collect(),
+                    address: best.and_then(|r| r.address).map(|Address(number)| number),
+                    module: None,
+                    role: best.and_then(|reading| reading.role),
+                    verdict: Some(frame.verdict),
+                    write: asked.map(|asked| is_write(&asked)),
+                    late: frame.late,
+                    after: frame.after,
+                    gap: frame.gap,
+                }
+            }
+        };
+        facts.module = modules
+            .iter()
+            .find(|module| {
+                facts.protocols.first() == Some(&module.protocol)
+                    && facts.address == Some(module.address)
+            })
+            .map(|module| module.name.as_str());
+        facts
+    }
+}
+
+/// Whom a request is for.
+pub(in crate::commands) fn addressee(asked: &Asked) -> Option<u8> {
+    let exchange = asked.exchange()?;
+    let all = matches!(exchange, Exchange::Ascii(e) if e.request.is_broadcast());
+    (!all).then_some(exchange.address().0)
+}
+
+/// Whether a request changes something.
+pub(in crate::commands) fn is_write(asked: &Exchange<'_>) -> bool {
+    match asked {
+        Exchange::Rtu(e) => !e.request.is_read(),
+        Exchange::Lc02(e) => !matches!(
+            e.request,
+            lc02::Request::ReadConfig | lc02::Request::ReadData | lc02::Request::ReadPulse
+        ),
+        Exchange::R55(e) => !matches!(
+            e.request(),
+            r55::Request::ReadState | r55::Request::ReadAddress | r55::Request::ReadVariable(_)
+        ),
+        Exchange::Ascii(e) => matches!(
+            e.request,
+            ascii::Request::WriteConfig { .. }
+                | ascii::Request::WriteOutputs { .. }
+                | ascii::Request::WritePulse { .. }
+                | ascii::Request::SampleAll
+                | ascii::Request::HostOk
+                | ascii::Request::ClearWatchdog
+                | ascii::Request::WriteWatchdog { .. }
+                | ascii::Request::WriteSafe { .. }
+                | ascii::Request::Rename(_)
+        ),
+    }
+}

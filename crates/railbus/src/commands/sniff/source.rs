@@ -1,0 +1,235 @@
+//! Where what is heard comes from: a port, or a capture file.
+
+use super::texts::SniffText;
+use crate::commands::Context;
+use crate::commands::place::{Place, port_failure};
+use crate::failure::{Code, Failure};
+use railbus_host::{AnyPort, LineName, Port, PortError, SerialOptions};
+use railbus_sniff::capture::{Direction, LINK_TYPE, Reader, Step, Why};
+use railbus_wire::{Baud, Character, Instant, Settings};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::time;
+
+/// Something that came, and on which line.
+#[derive(Debug)]
+pub(in crate::commands) enum Came {
+    /// Bytes, the last of which ended then.
+    Bytes(Instant, Vec<u8>),
+    /// A whole frame of the master, which ended then.
+    Sent(Instant, Vec<u8>),
+    /// A whole frame of somebody, which ended then.
+    Whole(Instant, Vec<u8>),
+    /// Events were lost.
+    Lost(u64),
+}
+
+/// Microseconds since 1970 that never go back.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::commands) struct Clock {
+    epoch: u64,
+    start: time::Instant,
+}
+
+impl Clock {
+    pub(in crate::commands) fn new() -> Clock {
+        let epoch = jiff::Timestamp::now().as_microsecond();
+        Clock {
+            epoch: u64::try_from(epoch).unwrap_or_default(),
+            start: time::Instant::now(),
+        }
+    }
+
+    pub(in crate::commands) fn now(self) -> Instant {
+        let passed = self.start.elapsed().as_micros();
+        Instant(self.epoch + u64::try_from(passed).unwrap_or_default())
+    }
+
+    /// How long it is until then.
+    pub(in crate::commands) fn until(self, then: Instant) -> time::Duration {
+        time::Duration::from_micros(then.since(self.now()).0)
+    }
+}
+
+/// A port that can only be listened to.
+#[derive(Debug)]
+pub(in crate::commands) struct Listening {
+    port: AnyPort,
+    place: Place,
+    buffer: Vec<u8>,
+}
+
+impl Listening {
+    pub(in crate::commands) async fn open(
+        context: &Context,
+        place: &Place,
+    ) -> Result<Listening, Failure> {
+        if let LineName::ModbusTcp { .. } = place.port {
+            let message = context.lang.get(SniffText::NothingToHear).to_owned();
+            return Err(Failure::new(Code::Usage, message));
+        }
+        let options = SerialOptions {
+            settings: place.settings,
+            listen_only: true,
+            ..SerialOptions::default()
+        };
+        let mut port = AnyPort::new(&place.port, options);
+        let opened = port.open().await;
+        opened.map_err(|error| port_failure(context, place, &error))?;
+        Ok(Listening {
+            port,
+            place: place.clone(),
+            buffer: vec![0; 4_096],
+        })
+    }
+
+    pub(in crate::commands) async fn next(
+        &mut self,
+        context: &Context,
+        clock: Clock,
+    ) -> Result<Came, Failure> {
+        let read = self.port.read(&mut self.buffer).await;
+        let count =
+            read.map_err(|error| port_failure(context, &self.place, &PortError::of_loss(&error)))?;
+        let bytes = self.buffer.get(..count).unwrap_or_default();
+        Ok(Came::Bytes(clock.now(), bytes.to_vec()))
+    }
+
+    pub(in crate::commands) fn close(&mut self) {
+        self.port.close();
+    }
+}
+
+/// A line of a capture file.
+#[derive(Clone, Debug)]
+pub(in crate::commands) struct Wire {
+    pub(in crate::commands) name: String,
+    pub(in crate::commands) settings: Settings,
+}
+
+/// A capture file that is read piece by piece.
+#[derive(Debug)]
+pub(in crate::commands) struct Capture {
+    path: PathBuf,
+    file: File,
+    reader: Reader,
+    buffer: Vec<u8>,
+    /// What of the buffer is done.
+    done: usize,
+    ended: bool,
+    /// Packets of other link types.
+    pub(in crate::commands) skipped: u64,
+}
+
+/// How much of a file is read at once.
+const PIECE: usize = 64 << 10;
+
+impl Capture {
+    pub(in crate::commands) fn open(context: &Context, path: &Path) -> Result<Capture, Failure> {
+        let file = File::open(path).map_err(|error| unreadable(context, path, error))?;
+        Ok(Capture {
+            path: path.to_owned(),
+            file,
+            reader: Reader::new(),
+            buffer: Vec::new(),
+            done: 0,
+            ended: false,
+            skipped: 0,
+        })
+    }
+
+    /// The lines met so far.
+    pub(in crate::commands) fn wire(&self, number: usize) -> Wire {
+        let interface = self.reader.interfaces().get(number);
+        let name = interface.map(|interface| interface.name.clone());
+        let settings = interface.and_then(|interface| settings(&interface.description));
+        Wire {
+            name: name
+                .filter(|name| !name.is_empty())
+                .unwrap_or_else(|| number.to_string()),
+            settings: settings.unwrap_or(Settings::FACTORY),
+        }
+    }
+
+    /// The next frame and the number of its line; none at the end.
+    pub(in crate::commands) fn next(
+        &mut self,
+        context: &Context,
+    ) -> Result<Option<(usize, Came)>, Failure> {
+        loop {
+            let rest = self.buffer.get(self.done..).unwrap_or_default();
+            let broken = |why| unreadable(context, &self.path, why);
+            match self.reader.next(rest) {
+                Ok(Step::Other(len)) => self.done += len,
+                Ok(Step::Packet(len, packet)) => {
+                    self.done += len;
+                    let known = self.reader.interfaces().get(packet.line);
+                    if known.is_none_or(|line| line.link_type != LINK_TYPE) {
+                        self.skipped += 1;
+                        continue;
+                    }
+                    let bytes = packet.bytes.to_vec();
+                    let (at, line, direction) = (packet.at, packet.line, packet.direction);
+                    let settings = self.wire(line).settings;
+                    let end = at + settings.frame_time(bytes.len());
+                    let came = match direction {
+                        Some(Direction::Out) => Came::Sent(end, bytes),
+                        _ => Came::Whole(end, bytes),
+                    };
+                    return Ok(Some((line, came)));
+                }
+                Ok(Step::More(_)) if self.ended && rest.is_empty() => return Ok(None),
+                Ok(Step::More(_)) if self.ended => {
+                    return Err(broken(context.lang.get(SniffText::FileEnds).to_owned()));
+                }
+                Ok(Step::More(_)) => self.fill(context)?,
+                Err(why) => {
+                    let reason = context.lang.get(reason(why.why));
+                    let values: &[(&str, &dyn std::fmt::Display)] =
+                        &[("at", &why.at), ("why", &reason)];
+                    return Err(broken(context.lang.fill(SniffText::FileBroken, values)));
+                }
+            }
+        }
+    }
+
+    /// Reads on. What is kept is at most a block and a piece.
+    fn fill(&mut self, context: &Context) -> Result<(), Failure> {
+        self.buffer.drain(..self.done.min(self.buffer.len()));
+        self.done = 0;
+        let limit = PIECE as u64;
+        let read = (&self.file).take(limit).read_to_end(&mut self.buffer);
+        let count = read.map_err(|error| unreadable(context, &self.path, error))?;
+        self.ended = count == 0;
+        Ok(())
+    }
+}
+
+fn unreadable(context: &Context, path: &Path, why: impl ToString) -> Failure {
+    let path = path.display().to_string();
+    Failure::of(context.lang, Code::Capture)
+        .because(format!("{path}: {}", why.to_string()))
+        .with_fact("file", path)
+}
+
+const fn reason(why: Why) -> SniffText {
+    match why {
+        Why::NoCapture => SniffText::NoCapture,
+        Why::Length => SniffText::BlockLength,
+        Why::TooMuch => SniffText::BlockTooMuch,
+        Why::Interface => SniffText::BlockLine,
+        Why::Packet => SniffText::BlockPacket,
+    }
+}
+
+/// `9600 8N1`, as our own files say it.
+fn settings(text: &str) -> Option<Settings> {
+    let (baud, format) = text.split_once(' ')?;
+    let all = [Character::N1, Character::E1, Character::O1, Character::N2];
+    let mut all = all.into_iter();
+    Some(Settings {
+        baud: Baud::from_rate(baud.parse().ok()?)?,
+        character: all.find(|known| known.to_string() == format)?,
+    })
+}

@@ -1,0 +1,102 @@
+//! What was heard, in words.
+
+use super::texts::SniffText;
+use crate::commands::decode::{self, meaning};
+use crate::i18n::Lang;
+use railbus_sniff::{Asked, Flaw, Frame, Heard, Reading, Role, Verdict};
+use railbus_wire::{Micros, Protocol};
+
+/// The meaning of something heard; where it can be read in several ways, each of them.
+pub(in crate::commands) fn of(lang: Lang, heard: &Heard) -> String {
+    match heard {
+        Heard::Missing(missing) => {
+            let time = millis(missing.after);
+            lang.fill(SniffText::NoReplyIn, &[("time", &time)])
+        }
+        Heard::Frame(frame) => of_frame(lang, frame),
+    }
+}
+
+/// Milliseconds with one decimal.
+pub(in crate::commands) fn millis(time: Micros) -> String {
+    format!("{:.1}", time.0 as f64 / 1_000.0)
+}
+
+fn of_frame(lang: Lang, frame: &Frame) -> String {
+    let Some((best, others)) = frame.readings.split_first() else {
+        return lang.fill(SniffText::NoProtocol, &[("count", &frame.bytes.len())]);
+    };
+    let mut text = match frame.verdict {
+        Verdict::Bad(flaw) => flawed(lang, frame, best, flaw),
+        Verdict::Good | Verdict::Refused | Verdict::Unknown => said(lang, frame, best),
+    };
+    if frame.late {
+        text += lang.get(SniffText::Late);
+    }
+    for other in others {
+        let (protocol, meaning) = (other.protocol, said(lang, frame, other));
+        let values: &[(&str, &dyn std::fmt::Display)] =
+            &[("protocol", &protocol), ("meaning", &meaning)];
+        text += &lang.fill(SniffText::OrElse, values);
+    }
+    text
+}
+
+/// What a right frame says by one of its readings.
+fn said(lang: Lang, frame: &Frame, reading: &Reading) -> String {
+    let bytes = frame.bytes.as_slice();
+    if reading.role == Some(Role::Request) {
+        if let Some(asked) = reading.request(bytes) {
+            return meaning::request(lang, &asked);
+        }
+        return not_known(lang, reading, bytes);
+    }
+    let asked = frame.asked.as_ref();
+    let asked = asked.filter(|asked| asked.protocol() == reading.protocol);
+    if let Some(exchange) = asked.and_then(Asked::exchange) {
+        if let Some(reply) = exchange.decode_response(bytes).whole() {
+            return meaning::response(lang, &exchange, &reply.response);
+        }
+        if frame.verdict == Verdict::Refused {
+            return lang.fill(SniffText::BareException, &[("code", &hex(bytes.get(2..3)))]);
+        }
+    }
+    let supposed = railbus_sniff::replies(bytes);
+    let fits =
+        |(asked, ..): &&(railbus_wire::Exchange<'_>, _, _)| asked.protocol() == reading.protocol;
+    match supposed.iter().find(fits) {
+        Some((asked, response, _)) => meaning::response(lang, asked, response),
+        None => not_known(lang, reading, bytes),
+    }
+}
+
+fn not_known(lang: Lang, reading: &Reading, bytes: &[u8]) -> String {
+    let at = match reading.protocol {
+        Protocol::Rtu => 1,
+        Protocol::R55 => 2,
+        Protocol::Lc02 => 3,
+        Protocol::Ascii => return lang.get(SniffText::UnknownCommand).to_owned(),
+    };
+    let code = hex(bytes.get(at..at + 1));
+    lang.fill(SniffText::UnknownFunction, &[("code", &code)])
+}
+
+fn hex(bytes: Option<&[u8]>) -> String {
+    crate::render::hex::spaced(bytes.unwrap_or_default())
+}
+
+fn flawed(lang: Lang, frame: &Frame, reading: &Reading, flaw: Flaw) -> String {
+    let count = frame.bytes.len();
+    match flaw {
+        Flaw::Checksum => match decode::wrong_check(reading.protocol, &frame.bytes) {
+            Some((is, should)) => {
+                let values: &[(&str, &dyn std::fmt::Display)] = &[("is", &is), ("should", &should)];
+                lang.fill(SniffText::WrongChecksum, values)
+            }
+            None => lang.get(SniffText::NoChecksum).to_owned(),
+        },
+        Flaw::Short => lang.fill(SniffText::CutShort, &[("count", &count)]),
+        Flaw::Form => lang.get(SniffText::NotAsAsked).to_owned(),
+        Flaw::Foreign => lang.fill(SniffText::NoProtocol, &[("count", &count)]),
+    }
+}
