@@ -6,13 +6,16 @@
 mod faults;
 mod plant;
 pub mod edit;
+mod lint;
 mod problem;
 mod read;
 mod units;
 
 pub use faults::{FAULTS, Fault, FaultError, FaultOrder, Millionths, Noise, parse_faults};
 pub use plant::{Plant, Signal, SimLine, SimModule};
+pub use lint::{Unwise, Warning, lint, load_percent};
 pub use problem::{Kind, Problem};
+pub use read::place_of;
 pub use units::{Range, parse_duration};
 
 use railbus_bus::{EchoMode, Plan};

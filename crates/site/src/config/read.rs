@@ -82,6 +82,33 @@ pub(super) fn read(text: &str) -> Result<Config, Vec<Problem>> {
     }
 }
 
+/// Where something stands in the text of a configuration, as line and column from 1: a table or
+/// key by its path, such as `module.pump.address`, or the nearest table above it.
+#[must_use]
+pub fn place_of(text: &str, path: &str) -> Option<(usize, usize)> {
+    let root = DeTable::parse(text).ok()?;
+    let mut table = root.get_ref();
+    let mut found = None;
+    for word in path.split('.') {
+        let Some((key, value)) = table.iter().find(|(key, _)| key.get_ref() == word) else {
+            break;
+        };
+        found = Some(key.span());
+        match value.get_ref().as_table() {
+            Some(below) => table = below,
+            None => break,
+        }
+    }
+    Some(line_and_column(text, &found?))
+}
+
+fn line_and_column(text: &str, span: &Span<usize>) -> (usize, usize) {
+    let before = text.get(..span.start).unwrap_or(text);
+    let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+    let column = before.get(line_start..).unwrap_or_default().chars().count() + 1;
+    (before.matches('\n').count() + 1, column)
+}
+
 pub(super) struct Reader<'t> {
     text: &'t str,
     problems: Vec<Problem>,
@@ -109,11 +136,10 @@ impl<'r, 't> Section<'r, 't> {
 
 impl<'t> Reader<'t> {
     pub(super) fn problem(&mut self, span: Span<usize>, path: &str, kind: Kind) {
-        let before = self.text.get(..span.start).unwrap_or(self.text);
-        let line_start = before.rfind('\n').map_or(0, |at| at + 1);
+        let (line, column) = line_and_column(self.text, &span);
         self.problems.push(Problem {
-            line: before.matches('\n').count() + 1,
-            column: before.get(line_start..).unwrap_or_default().chars().count() + 1,
+            line,
+            column,
             path: path.to_owned(),
             kind,
         });
