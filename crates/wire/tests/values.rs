@@ -182,3 +182,21 @@ fn times_are_added_and_taken_away() {
         (Micros(6), Micros(0))
     );
 }
+
+/// An address that any board answers makes requests to it confusable with every module's, whichever
+/// of the two is asked first.
+#[test]
+fn a_request_to_all_is_confusable_with_one_to_any() {
+    let board = |address| Exchange::r55(Address(address), r55::Request::ReadState);
+    let module = |address| {
+        let span = rtu::BitSpan::new(0, 8).unwrap();
+        Exchange::rtu(Address(address), rtu::Request::ReadCoils(span))
+    };
+    for (one, other, all) in [
+        (board(1), board(2), board(r55::BROADCAST.0)),
+        (module(1), module(2), module(rtu::BROADCAST.0)),
+    ] {
+        assert!(one.confusable(&one) && !one.confusable(&other));
+        assert!(one.confusable(&all) && all.confusable(&one));
+    }
+}
