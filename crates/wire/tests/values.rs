@@ -70,6 +70,7 @@ fn values_are_shown() {
     assert_eq!(names, wanted.map(|name| (name, name.to_owned())));
     assert_eq!(Malformed::Checksum.to_string(), "wrong checksum");
     assert_eq!(Settings::FACTORY.to_string(), "9600 8N1");
+    assert_eq!(Settings::FACTORY.baud.to_string(), "9600");
     let characters = [Character::N1, Character::E1, Character::O1, Character::N2];
     let shown = characters.map(|character| character.to_string());
     assert_eq!(shown, ["8N1", "8E1", "8O1", "8N2"]);
@@ -175,12 +176,42 @@ fn times_are_added_and_taken_away() {
         (Micros::from_millis(3), Micros::from_secs(3)),
         (Micros(3000), Micros(3_000_000))
     );
+    let at_19200 = Settings {
+        baud: Baud::B19200,
+        ..Settings::FACTORY
+    };
+    // The last speed whose silences are counted in characters [MODBUS §1.4, §1.5].
+    assert_eq!(
+        (at_19200.t1_5(), at_19200.t3_5()),
+        (Micros(782), Micros(1823))
+    );
     let moment = Instant(10);
     assert_eq!(moment + two, Instant(12));
     assert_eq!(
         (moment.since(Instant(4)), Instant(4).since(moment)),
         (Micros(6), Micros(0))
     );
+}
+
+/// A frame that is no request still names its module, where it arrived whole.
+#[test]
+fn addresses_of_frames_that_are_no_requests() {
+    let rules = |checksum| ascii::Rules {
+        checksum,
+        lower_case: false,
+    };
+    for (frame, checksum, address) in [
+        ("$1AX\r", false, Some(Address(0x1A))),
+        ("$1A\r", false, Some(Address(0x1A))),
+        ("$1A", false, None),
+        ("$1\r", false, None),
+        ("$1aX\r", false, None),
+        ("$016BB\r", true, Some(Address(1))),
+        ("$016BC\r", true, None),
+    ] {
+        let found = ascii::address_of(frame.as_bytes(), rules(checksum));
+        assert_eq!(found, address, "{frame:?}");
+    }
 }
 
 /// An address that any board answers makes requests to it confusable with every module's, whichever
