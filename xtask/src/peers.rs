@@ -25,6 +25,7 @@ const DEBIAN: &[Packages] = &[
             "pkg-config",    // finds libmodbus
             "python3-venv",  // holds the Python peers below
             "socat",         // pairs of pseudo terminals
+            "tshark",        // dissects what we capture
             "valgrind",      // counts instructions
         ],
         needed: |_| true,

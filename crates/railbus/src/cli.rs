@@ -1,7 +1,7 @@
 //! The command line: one definition per command, which gives its parser and its help.
 
 use crate::commands::{
-    config, decode, explain, get, global_flags, ls, pulse, raw, scan, set, sniff, watch,
+    config, decode, explain, extcap, get, global_flags, ls, pulse, raw, scan, set, sniff, watch,
 };
 use crate::failure::Failure;
 use crate::i18n::Lang;
@@ -80,6 +80,11 @@ const VERBS: &[Verb] = &[
         name: serve::NAME,
         define: serve::define,
         run: serve::run,
+    },
+    Verb {
+        name: extcap::NAME,
+        define: extcap::define,
+        run: extcap::run,
     },
     Verb {
         name: explain::NAME,

@@ -3,6 +3,7 @@
 pub(crate) mod config;
 pub(crate) mod decode;
 pub(crate) mod explain;
+pub(crate) mod extcap;
 pub(crate) mod get;
 pub(crate) mod ls;
 pub(crate) mod pulse;
@@ -15,5 +16,6 @@ pub(crate) mod watch;
 mod context;
 mod place;
 mod stop;
+mod wireshark;
 
 pub(crate) use context::{Context, address, global_flags};

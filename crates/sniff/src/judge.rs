@@ -58,6 +58,10 @@ fn bare_exception(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
 /// What begins as the reply waited for.
 fn broken_reply(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
     let asked = pending?;
+    let marked = matches!(bytes.first(), Some(b'!' | b'>' | b'?'));
+    if asked.protocol() == Protocol::Ascii && !marked {
+        return None;
+    }
     let flaw = match asked.decode_response(bytes) {
         Decoded::Partial { .. } => Flaw::Short,
         Decoded::Malformed(Malformed::Checksum) => Flaw::Checksum,

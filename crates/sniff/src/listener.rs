@@ -90,8 +90,10 @@ enum Ended {
 struct Pending {
     asked: Asked,
     end: Instant,
-    /// It was told to be unanswered, or answered badly.
+    /// Its time is over.
     over: bool,
+    /// Something came that may have been its reply, so that it is not told to be unanswered.
+    spoiled: bool,
 }
 
 impl Listener {
@@ -267,7 +269,7 @@ impl Listener {
             });
             self.tell(len, readings, verdict, answers);
             if let Some(pending) = &mut self.pending {
-                pending.over = true;
+                pending.spoiled = true;
             }
             left -= len;
         }
@@ -293,6 +295,7 @@ impl Listener {
         self.pending = match asked {
             Some(asked) => Some(Pending {
                 over: !waits(&asked),
+                spoiled: false,
                 asked,
                 end,
             }),
@@ -370,11 +373,13 @@ impl Listener {
             return;
         };
         pending.over = true;
-        self.out.push_back(Heard::Missing(Missing {
-            asked: pending.asked.clone(),
-            at,
-            after: at.since(pending.end),
-        }));
+        if !pending.spoiled {
+            self.out.push_back(Heard::Missing(Missing {
+                asked: pending.asked.clone(),
+                at,
+                after: at.since(pending.end),
+            }));
+        }
     }
 }
 

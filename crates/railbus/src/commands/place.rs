@@ -75,6 +75,16 @@ pub(super) fn without_opening(context: &Context) -> Result<Place, Failure> {
     })
 }
 
+/// The lines of the configuration and their ports; none where there is no configuration.
+pub(super) fn configured(context: &Context) -> Vec<(String, String)> {
+    let found = crate::config_file::read(context.lang, context.wanted.config.as_deref());
+    let lines = found.map(|found| found.config.lines).unwrap_or_default();
+    lines
+        .into_iter()
+        .map(|(name, line)| (name, line.port))
+        .collect()
+}
+
 /// The line of `-l`, or the only one, of those that somebody has.
 pub(super) async fn of(context: &Context, backend: &Backend) -> Result<Place, Failure> {
     let lines = backend.lines().await;

@@ -10,7 +10,7 @@ mod texts;
 mod words;
 
 use super::place::{self, Place};
-use super::{Context, stop};
+use super::{Context, stop, wireshark};
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
@@ -25,8 +25,8 @@ use show::Sums;
 use source::{Came, Capture, Clock, Listening};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
-use texts::SniffText;
+use std::path::{Path, PathBuf};
+pub(super) use texts::SniffText;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "sniff";
@@ -56,6 +56,19 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .value_name("TIME")
                 .value_parser(super::context::duration),
         )
+        .arg(cli::flag(lang, "install-wireshark", SniffText::Install).action(ArgAction::SetTrue))
+        .arg(
+            cli::flag(lang, "dir", SniffText::Folder)
+                .value_name("DIR")
+                .value_parser(value_parser!(PathBuf))
+                .requires("install-wireshark"),
+        )
+        .arg(
+            cli::flag(lang, "dry-run", SniffText::DryRun)
+                .short('n')
+                .action(ArgAction::SetTrue)
+                .requires("install-wireshark"),
+        )
 }
 
 /// The flag that takes a filter.
@@ -74,19 +87,19 @@ pub(super) fn filter_of(lang: Lang, matches: &ArgMatches) -> Result<Option<Filte
 /// Listens until it is stopped, or has heard what it should.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
+    if matches.get_flag("install-wireshark") {
+        let folder = matches.get_one::<PathBuf>("dir").map(PathBuf::as_path);
+        return wireshark::install(&context, folder, matches.get_flag("dry-run"));
+    }
     let filter = filter_of(lang, matches)?;
     let recorder = matches.get_one::<PathBuf>("write");
     let recorder = recorder
         .map(|path| Recorder::create(&context, path))
         .transpose()?;
     let mut hearing = Hearing {
-        context: &context,
         filter,
-        recorder,
-        modules: Vec::new(),
-        sums: Sums::default(),
         left: matches.get_one::<u64>("count").copied(),
-        kept: BTreeMap::new(),
+        ..Hearing::new(&context, recorder)
     };
     let end = match matches.get_one::<PathBuf>("read") {
         Some(path) => hearing.read(path),
@@ -102,6 +115,19 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     end
 }
 
+/// Listens and writes into a pipe that somebody reads, until he has heard enough.
+pub(super) fn to_pipe(context: &Context, pipe: &Path) -> Result<(), Failure> {
+    let recorder = Recorder::pipe(context, pipe)?;
+    let mut hearing = Hearing {
+        shows: false,
+        ..Hearing::new(context, Some(recorder))
+    };
+    match context.block(hearing.listen(false, None)) {
+        Err(failure) if matches!(failure.code(), Code::Interrupted | Code::CaptureWrite) => Ok(()),
+        end => end,
+    }
+}
+
 /// What is done with what is heard.
 struct Hearing<'a> {
     context: &'a Context,
@@ -113,11 +139,26 @@ struct Hearing<'a> {
     left: Option<u64>,
     /// The numbers of lines in the file that is written.
     kept: BTreeMap<String, u32>,
+    /// It is shown, not only kept.
+    shows: bool,
 }
 
-impl Hearing<'_> {
+impl<'a> Hearing<'a> {
+    fn new(context: &'a Context, recorder: Option<Recorder>) -> Hearing<'a> {
+        Hearing {
+            context,
+            filter: None,
+            recorder,
+            modules: Vec::new(),
+            sums: Sums::default(),
+            left: None,
+            kept: BTreeMap::new(),
+            shows: true,
+        }
+    }
+
     /// From a file, which may hold several lines.
-    fn read(&mut self, path: &std::path::Path) -> Result<(), Failure> {
+    fn read(&mut self, path: &Path) -> Result<(), Failure> {
         let mut capture = Capture::open(self.context, path)?;
         self.modules = modules(self.context, None);
         self.head()?;
@@ -204,6 +245,9 @@ impl Hearing<'_> {
     }
 
     fn head(&self) -> Result<(), Failure> {
+        if !self.shows {
+            return Ok(());
+        }
         out::result(
             self.context.lang,
             &show::head(self.context.lang, self.context.format),
@@ -269,6 +313,9 @@ impl Hearing<'_> {
             };
             self.kept.insert(ear.line.clone(), line);
             recorder.keep(self.context, line, heard)?;
+        }
+        if !self.shows {
+            return Ok(ControlFlow::Continue(()));
         }
         let facts = Facts::of(heard, &self.modules);
         if self

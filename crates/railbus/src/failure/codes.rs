@@ -144,6 +144,12 @@ codes! {
             "文件已存在 · 磁盘已满 · 无目录权限"],
         next: ["name another file", "换一个文件名"],
     }
+    Install = "E0182" {
+        title: ["the Wireshark files can't be put in place", "无法安装 Wireshark 文件"],
+        likely: ["the folder belongs to the system", "目录属于系统"],
+        next: ["sudo railbus sniff --install-wireshark   or name a folder with --dir",
+            "sudo railbus sniff --install-wireshark   或用 --dir 指定目录"],
+    }
     Usage = "E0201" {
         title: ["wrong arguments", "参数有误"],
         likely: ["a typing mistake", "输入错误"],

@@ -5,4 +5,5 @@ mod liar;
 mod line;
 mod site;
 mod sniff;
+mod wireshark;
 mod words;

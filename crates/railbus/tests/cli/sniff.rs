@@ -231,15 +231,15 @@ fn what_is_no_capture_is_told_so() {
 }
 
 /// The far end of a line that somebody listens to.
-struct Wire {
+pub(crate) struct Wire {
     master: OwnedFd,
     /// Held open so that the master lives on.
     _slave: OwnedFd,
-    name: String,
+    pub(crate) name: String,
 }
 
 impl Wire {
-    fn new() -> Wire {
+    pub(crate) fn new() -> Wire {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a PTY");
         grantpt(&master).expect("it may be opened");
         unlockpt(&master).expect("it may be opened");
@@ -252,7 +252,7 @@ impl Wire {
         }
     }
 
-    fn say(&self, bytes: &[u8]) {
+    pub(crate) fn say(&self, bytes: &[u8]) {
         rustix::io::write(&self.master, bytes).expect("it takes it");
     }
 }

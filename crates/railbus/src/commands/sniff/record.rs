@@ -4,7 +4,7 @@ use super::words;
 use crate::commands::Context;
 use crate::failure::{Code, Failure};
 use railbus_sniff::capture::{self, Direction};
-use railbus_sniff::{Frame, Heard, Role};
+use railbus_sniff::{Frame, Heard, Role, Verdict};
 use railbus_wire::Settings;
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -82,7 +82,11 @@ impl Recorder {
     }
 }
 
+/// Whose a frame was. Of a broken one that is a guess, and no reader is to rely on it.
 fn direction(frame: &Frame) -> Option<Direction> {
+    if let Verdict::Bad(_) = frame.verdict {
+        return None;
+    }
     match frame.readings.first()?.role? {
         Role::Request => Some(Direction::Out),
         Role::Reply => Some(Direction::In),

@@ -33,6 +33,13 @@ crate::texts::texts! {
     Install { en: "Puts the Wireshark dissector and capture source in place", zh: "安装 Wireshark 解析器和抓包接口" }
     Folder { en: "Where to, instead of the user's own folders", zh: "安装到此目录，代替用户目录" }
     DryRun { en: "Only says what would be done", zh: "仅说明将做什么" }
+    WouldWrite { en: "would write {path}", zh: "将写入 {path}" }
+    Wrote { en: "wrote {path}", zh: "已写入 {path}" }
+    ExtcapAbout { en: "Wireshark captures from a line by this.", zh: "供 Wireshark 从总线抓包。" }
+    ExtcapFlag { en: "Of Wireshark's extcap interface", zh: "Wireshark extcap 接口" }
+    ExtcapAny { en: "railbus: any RS-485 port", zh: "railbus：任意 RS-485 端口" }
+    ExtcapPort { en: "Port", zh: "端口" }
+    ExtcapBaud { en: "Baud", zh: "波特率" }
     Head { en: "TIME|Δ ms|DIR|PROTOCOL|ADDR|MEANING|BYTES", zh: "时间|间隔 ms|方向|协议|地址|含义|字节" }
     Listening { en: "listening only, never sending: {port}, {settings}", zh: "仅监听，绝不发送：{port}，{settings}" }
     ListeningDaemon {
