@@ -72,6 +72,16 @@ const VERBS: &[Verb] = &[
         run: config::run,
     },
     Verb {
+        name: config::plan::NAME,
+        define: config::plan::define,
+        run: config::plan::run,
+    },
+    Verb {
+        name: config::plan::APPLY,
+        define: config::plan::define_apply,
+        run: config::plan::apply,
+    },
+    Verb {
         name: sim::NAME,
         define: sim::define,
         run: sim::run,

@@ -5,6 +5,7 @@
 
 mod faults;
 mod plant;
+mod desired;
 pub mod edit;
 mod lint;
 mod problem;
@@ -18,6 +19,7 @@ pub use problem::{Kind, Problem};
 pub use read::place_of;
 pub use units::{Range, parse_duration};
 
+use crate::settings::Wanted;
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Point, Setup};
 use railbus_wire::Settings;
@@ -58,6 +60,8 @@ pub struct ModuleConfig {
     pub range: Range,
     /// What is said of single points.
     pub points: BTreeMap<Point, PointConfig>,
+    /// What it is to keep besides address, speed, parity and checksum.
+    pub settings: Wanted,
 }
 
 /// What is said of a point.

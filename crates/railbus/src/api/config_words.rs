@@ -54,6 +54,17 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
         ),
         Kind::NoSuchLine => fixed(["there is no such line", "没有此总线"]),
         Kind::NoSuchPoint => fixed(["the module has no such point", "该模块没有此点"]),
+        Kind::NoSuchSetting(known) => {
+            let known = known.join(", ");
+            both(
+                format!("the module has no such setting here; it has: {known}"),
+                format!("该模块在此没有这项设置；可用：{known}"),
+            )
+        }
+        Kind::BadSetting(possible) => both(
+            format!("the setting can be: {possible}"),
+            format!("该设置可为：{possible}"),
+        ),
         Kind::Setup(why) => setup(lang, *why),
         Kind::BadFault(why) => fault(lang, why),
         Kind::AddressTaken(other) => both(

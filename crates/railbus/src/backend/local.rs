@@ -195,6 +195,7 @@ pub(crate) fn described(ad_hoc: &AdHoc) -> Result<Config, Problem> {
             plan: Plan::default(),
             range: Range::volts(),
             points: BTreeMap::new(),
+            settings: railbus_site::settings::Wanted::default(),
         };
         config.modules.insert(module.name.clone(), described);
     }

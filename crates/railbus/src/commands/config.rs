@@ -1,10 +1,14 @@
 //! `railbus config`: what modules keep. A group of commands, one file each.
 
+mod backup;
 mod drive;
 mod file;
+mod find;
 mod ground;
 mod log;
 mod outcome;
+pub(crate) mod plan;
+mod restore;
 mod set;
 mod show;
 mod texts;
@@ -41,6 +45,21 @@ const SUBS: &[Sub] = &[
         name: set::NAME,
         define: set::define,
         run: set::run,
+    },
+    Sub {
+        name: restore::DIFF,
+        define: restore::define_diff,
+        run: restore::diff,
+    },
+    Sub {
+        name: backup::NAME,
+        define: backup::define,
+        run: backup::run,
+    },
+    Sub {
+        name: restore::NAME,
+        define: restore::define,
+        run: restore::run,
     },
     Sub {
         name: log::NAME,

@@ -302,6 +302,13 @@ codes! {
             "模块断电，或输入超出量程"],
         next: ["railbus config calibrate MODULE", "railbus config calibrate MODULE"],
     }
+    Untold = "E0646" {
+        title: ["not acknowledged, and the module does not tell what it keeps",
+            "未应答，且模块不提供其保存的设置"],
+        likely: ["the write was lost · it acts at the next power-up", "写入丢失 · 下次上电时生效"],
+        next: ["switch the module off and on, then: railbus config recover MODULE",
+            "断电再上电，然后执行：railbus config recover MODULE"],
+    }
     Listen = "E0701" {
         title: ["a TCP address can't be listened on", "无法监听 TCP 地址"],
         likely: ["another program listens there · the port needs more rights",

@@ -3,7 +3,7 @@
 use super::change::{carry_all, untold};
 use super::desk::{Desk, Reply};
 use super::place::{Found, Kept, Place};
-use super::sight::{Look, first, look};
+use super::sight::{Look, first_alone, look};
 use super::stages::{Stage, applied, stages};
 use super::{
     Ended, Job, Procedure, Progress, Question, Record, Refused, Sight, Spot, State, Trouble, vacant,
@@ -140,7 +140,7 @@ async fn first_emd(desk: &Desk, job: &Job, place: Place) -> Result<Found, Troubl
         return Err(Refused::NoCommand.into());
     }
     desk.tell(Progress::Reading(place)).await;
-    first(desk, &job.setup, place).await
+    first_alone(desk, &job.setup, place).await
 }
 
 /// The steps of a calibration, each journaled.

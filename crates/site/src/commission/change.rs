@@ -2,7 +2,7 @@
 
 use super::desk::{Desk, Reply};
 use super::place::{Found, Kept, Place};
-use super::sight::{find, first};
+use super::sight::{find, first_alone};
 use super::stages::{Stage, stages};
 use super::{By, Procedure, Progress, Record, Refused, Spot, State, Trouble, vacant};
 use crate::settings::{Wanted, differences};
@@ -68,6 +68,9 @@ pub enum Ended {
     RolledBack(Found, Why),
     /// A part was done and could not be taken back: this is where it is and what it keeps.
     Halfway(Found, Why),
+    /// It answers in its old place, and nothing that it tells shows whether it took the new values
+    /// for its next power-up: it acknowledged nothing.
+    Untold(Found),
     /// It is not found anywhere that it could be; whether two answer at once.
     Lost(bool),
 }
@@ -93,7 +96,7 @@ pub fn change(job: Job) -> Procedure<Result<Ended, Trouble>> {
     Procedure::new(move |desk| async move {
         let place = Place::of(&job.setup);
         desk.tell(Progress::Reading(place)).await;
-        let found = first(&desk, &job.setup, place).await?;
+        let found = first_alone(&desk, &job.setup, place).await?;
         let known = found.kept();
         let wanted = job.wanted.over(&known).ok_or(Refused::NotReadable)?;
         let stages = stages(&job.setup, place, &known, &wanted)?;
@@ -127,6 +130,7 @@ pub(crate) async fn carry_all(
         job,
         steps: stages.len() as u8,
         step: 0,
+        places: Vec::new(),
     };
     let mut found = before;
     for stage in stages {
@@ -136,6 +140,7 @@ pub(crate) async fn carry_all(
         match writer.carry(stage, job.by).await? {
             StageEnd::Done(now) => found = now,
             StageEnd::Pending(now) => return Ok(Ended::Pending(now)),
+            StageEnd::Untold(now) => return Ok(Ended::Untold(now)),
             StageEnd::Unchanged(now, why) if writer.step == 1 => {
                 return Ok(Ended::Unchanged(now, why));
             }
@@ -153,6 +158,7 @@ enum StageEnd {
     Done(Found),
     Pending(Found),
     Unchanged(Found, Why),
+    Untold(Found),
     /// Neither as before nor as wanted.
     Elsewhere(Found, Why),
     Lost(bool),
@@ -164,6 +170,8 @@ struct Writer<'d> {
     job: &'d Job,
     step: u8,
     steps: u8,
+    /// Where the module was, or was sent, before.
+    places: Vec<Place>,
 }
 
 impl Writer<'_> {
@@ -185,10 +193,12 @@ impl Writer<'_> {
             StageEnd::Done(found) => (State::Done, Some(found)),
             StageEnd::Pending(found) => (State::Pending, Some(found)),
             StageEnd::Unchanged(found, _) => (State::Unchanged, Some(found)),
+            StageEnd::Untold(found) => (State::Untold, Some(found)),
             StageEnd::Elsewhere(found, _) => (State::Elsewhere, Some(found)),
             StageEnd::Lost(_) => (State::Lost, None),
         };
         self.desk.journal(intent.ended(state, found)).await?;
+        self.places.extend([stage.from, stage.to]);
         Ok(end)
     }
 
@@ -233,14 +243,17 @@ impl Writer<'_> {
         for _ in 0..WRITES {
             let reply = self.desk.op(&module, &op).await?;
             self.desk.wait(SETTLE).await;
-            let places = candidates(stage);
+            let places = candidates(stage.to, stage.from, &self.places);
             let (found, garbled) = find(self.desk, &self.job.setup, &places, 3).await?;
             end = match found {
                 Some(found) => judge(stage, &reply, found),
                 None => StageEnd::Lost(garbled),
             };
             // It was read since, and is as before: to write again is not to write blindly.
-            if !matches!(end, StageEnd::Unchanged(_, Why::Ignored)) {
+            if !matches!(
+                end,
+                StageEnd::Unchanged(_, Why::Ignored) | StageEnd::Untold(_)
+            ) {
                 break;
             }
         }
@@ -255,6 +268,7 @@ impl Writer<'_> {
         let desk = self.desk;
         let end = desk.now() + POWER_CYCLE;
         let mut why = Why::NoPowerCycle;
+        let mut acknowledged = false;
         while desk.now() < end {
             if desk.stopped() {
                 why = Why::Stopped;
@@ -267,12 +281,13 @@ impl Writer<'_> {
             .await;
             // The same frame again and again: which of them is answered does not matter.
             desk.forget_ghosts();
-            desk.op_within(&board, &Op::Configure(stage.change), BOARD_TIMEOUT)
-                .await?;
+            let write = Op::Configure(stage.change);
+            let reply = desk.op_within(&board, &write, BOARD_TIMEOUT).await?;
+            acknowledged |= matches!(reply, Reply::Said(Seen::Done));
             let state = desk
                 .op_within(&there, &Op::ReadOutputs, BOARD_TIMEOUT)
                 .await?;
-            if matches!(state, Reply::Said(Seen::Channels { .. })) {
+            if acknowledged || matches!(state, Reply::Said(Seen::Channels { .. })) {
                 break;
             }
             let spent = desk.now().since(attempt);
@@ -281,6 +296,7 @@ impl Writer<'_> {
         let (found, garbled) = find(desk, &self.job.setup, &[stage.to, stage.from], 3).await?;
         Ok(match found {
             Some(found) if found.place == stage.to => StageEnd::Done(found),
+            Some(found) if acknowledged => StageEnd::Pending(found),
             Some(found) => StageEnd::Unchanged(found, why),
             None => StageEnd::Lost(garbled),
         })
@@ -297,6 +313,7 @@ impl Writer<'_> {
                 StageEnd::Lost(garbled) => return Ok(Ended::Lost(garbled)),
                 StageEnd::Pending(now)
                 | StageEnd::Unchanged(now, _)
+                | StageEnd::Untold(now)
                 | StageEnd::Elsewhere(now, _) => return Ok(Ended::Halfway(now, why)),
             }
         }
@@ -316,21 +333,28 @@ pub(crate) fn untold(change: Change) -> Option<(String, [String; 2])> {
 }
 
 /// Where the module may be after a write, the likeliest first: at the new place, at the old one,
-/// and wherever only a part of the change is in force (choice 01).
-pub(crate) fn candidates(stage: &Stage) -> Vec<Place> {
-    let (from, to) = (stage.from, stage.to);
-    let mut places = vec![to, from];
-    for address in [to.address, from.address] {
-        for serial in [from.serial, to.serial] {
-            for checksum in [from.checksum, to.checksum] {
-                let place = Place {
+/// and wherever only a part of this change, or of what was written before it, is in force
+/// (choice 01).
+pub(crate) fn candidates(to: Place, from: Place, earlier: &[Place]) -> Vec<Place> {
+    let known: Vec<Place> = [to, from]
+        .into_iter()
+        .chain(earlier.iter().copied())
+        .collect();
+    let mut places = Vec::new();
+    let mut add = |place: Place| {
+        if !places.contains(&place) {
+            places.push(place);
+        }
+    };
+    known.iter().copied().for_each(&mut add);
+    for address in known.iter().map(|place| place.address) {
+        for serial in known.iter().map(|place| place.serial) {
+            for checksum in known.iter().map(|place| place.checksum) {
+                add(Place {
                     address,
                     serial,
                     checksum,
-                };
-                if !places.contains(&place) {
-                    places.push(place);
-                }
+                });
             }
         }
     }
@@ -350,11 +374,14 @@ fn judge(stage: &Stage, reply: &Reply, found: Found) -> StageEnd {
     let (new, old) = evidence(stage, &found.told);
     let acknowledged = matches!(reply, Reply::Said(Seen::Done));
     let moves = stage.from != stage.to && found.place != stage.to;
+    let refused = matches!(why, Why::Refused(_));
     match (new, old) {
         (true, false) if moves => StageEnd::Pending(found),
-        (false, false) if moves && acknowledged && found.place == stage.from => {
+        // It tells nothing of what was written. What it acknowledged, or shows a part of, it has.
+        (false, false) if moves && (acknowledged || found.place != stage.from) => {
             StageEnd::Pending(found)
         }
+        (false, false) if moves && !refused => StageEnd::Untold(found),
         _ if found.place == stage.from && !new => StageEnd::Unchanged(found, why),
         _ => StageEnd::Elsewhere(found, why),
     }

@@ -200,6 +200,8 @@ struct Paper {
     last: Option<Exchange<'static>>,
     /// One did.
     twice: bool,
+    /// The silence before the next request, where it is to be longer than usual.
+    linger: Option<Micros>,
 }
 
 /// What became of a request.
@@ -234,6 +236,11 @@ impl Desk {
     /// Whether the user wants it to end.
     pub(crate) fn stopped(&self) -> bool {
         self.lock().stopped
+    }
+
+    /// The next request waits as long as a second module may take to answer the last one.
+    pub(crate) fn linger(&self) {
+        self.lock().linger = Some(REPLY_TIMEOUT);
     }
 
     /// Whether a request was answered twice: two modules are on one address.
@@ -285,7 +292,7 @@ impl Desk {
         let ask = Ask {
             exchange,
             settings: serial,
-            quiet: QUIET.max(setup.request_gap()).max(switching),
+            quiet: self.quiet().max(setup.request_gap()).max(switching),
             timeout: timeout + serial.frame_time(exchange.response_len_max()),
         };
         let Event::Heard(heard) = self.act(Act::Ask(ask)).await else {
@@ -308,6 +315,10 @@ impl Desk {
     /// Reckons with no late reply any more: to what follows it does not matter.
     pub(crate) fn forget_ghosts(&self) {
         self.lock().ghosts.clear();
+    }
+
+    fn quiet(&self) -> Micros {
+        self.lock().linger.take().unwrap_or(QUIET)
     }
 
     async fn outwait_ghosts(&self, exchange: &Exchange<'static>) {

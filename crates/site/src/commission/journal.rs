@@ -228,6 +228,15 @@ impl Log {
             .filter(move |record| record.change == number)
     }
 
+    /// Every place that the records of a change name.
+    #[must_use]
+    pub fn places(&self, number: u64) -> Vec<Place> {
+        let records = self.change(number);
+        let spots = records
+            .flat_map(|record| [Some(&record.to), Some(&record.from), record.found.as_ref()]);
+        spots.flatten().filter_map(Spot::place).collect()
+    }
+
     /// The last word on each change, by its number.
     #[must_use]
     pub fn last_words(&self) -> BTreeMap<u64, &Record> {

@@ -1,6 +1,6 @@
 //! Finding a module whose change was cut short, or that is not where it should be. It only reads.
 
-use super::change::candidates;
+use super::change::{candidates, evidence};
 use super::desk::Desk;
 use super::place::{Found, Kept, Place};
 use super::sight::{Look, find, look};
@@ -41,10 +41,12 @@ pub enum Recovered {
     Nowhere(bool),
 }
 
-/// A procedure that finds out what became of a change that is open, and journals that.
+/// A procedure that finds out what became of a change that is open, and journals that: of its last
+/// record, and with the places that earlier ones of the same change name.
 #[must_use]
 pub fn recover(
     intent: Record,
+    earlier: Vec<Place>,
     setup: Setup,
     outwards: bool,
     others: Vec<Place>,
@@ -56,7 +58,7 @@ pub fn recover(
         let stage = stage_of(&intent, &setup, from, to);
         let search = Search {
             setup,
-            first: candidates(&stage),
+            first: candidates(stage.to, stage.from, &earlier),
             outwards,
             others,
         };
@@ -131,10 +133,15 @@ fn judge(stage: &Stage, found: Found) -> Recovered {
     let at = |place: Place, kept: &Kept| found.place == place && settles(stage, kept, &found);
     if at(stage.to, &stage.after) {
         Recovered::New(found)
+    } else if found.place == stage.from
+        && stage.from != stage.to
+        && evidence(stage, &found.told) == (false, false)
+    {
+        // It tells nothing of what may have been written: it may act at its next power-up.
+        Recovered::Untold(found)
     } else if at(stage.from, &stage.before) {
         Recovered::Old(found)
-    } else if stage.from != stage.to && super::change::evidence(stage, &found.told) == (true, false)
-    {
+    } else if stage.from != stage.to && evidence(stage, &found.told) == (true, false) {
         Recovered::Pending(found)
     } else {
         Recovered::Else(found)

@@ -53,6 +53,22 @@ pub(crate) async fn first(desk: &Desk, setup: &Setup, place: Place) -> Result<Fo
     }
 }
 
+/// The first look before a write: nobody else answers there, not even later.
+pub(crate) async fn first_alone(
+    desk: &Desk,
+    setup: &Setup,
+    place: Place,
+) -> Result<Found, Trouble> {
+    let found = first(desk, setup, place).await?;
+    let module = Module::new(place.setup(setup)).map_err(super::Refused::Setup)?;
+    desk.linger();
+    match desk.op(&module, &Op::ReadOutputs).await? {
+        _ if desk.heard_twice() => Err(Trouble::Garbled(place)),
+        Reply::Garbled => Err(Trouble::Garbled(place)),
+        Reply::Said(_) | Reply::Silent => Ok(found),
+    }
+}
+
 /// Looks at a place.
 pub(crate) async fn look(
     desk: &Desk,

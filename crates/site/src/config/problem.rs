@@ -51,6 +51,10 @@ pub enum Kind {
     Setup(SetupError),
     /// Not a list of faults to simulate.
     BadFault(FaultError),
+    /// A setting that the module does not have, or that stands elsewhere; those it has here.
+    NoSuchSetting(Vec<String>),
+    /// A setting that can't be this; what it can be.
+    BadSetting(String),
     /// Another module on the same line has the same address in the same protocol.
     AddressTaken(String),
 }
@@ -73,6 +77,8 @@ impl Kind {
             Kind::NoSuchPoint => "E0821",
             Kind::Setup(_) => "E0822",
             Kind::AddressTaken(_) => "E0823",
+            Kind::NoSuchSetting(_) => "E0840",
+            Kind::BadSetting(_) => "E0841",
             Kind::BadPort(_) => "E0825",
             Kind::PortTaken(_) => "E0826",
             Kind::BadFault(_) => "E0890",

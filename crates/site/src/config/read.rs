@@ -13,7 +13,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 const LINE_KEYS: [&str; 5] = ["port", "baud", "format", "echo", "sim"];
-const MODULE_KEYS: [&str; 18] = [
+const MODULE_KEYS: [&str; 19] = [
     "line",
     "model",
     "address",
@@ -32,6 +32,7 @@ const MODULE_KEYS: [&str; 18] = [
     "range",
     "point",
     "sim",
+    "settings",
 ];
 const POINT_KEYS: [&str; 2] = ["name", "locked"];
 const NAME_KEYS: [&str; 2] = ["en", "zh"];
@@ -343,6 +344,7 @@ impl<'t> Reader<'t> {
             plan,
             range,
             points,
+            settings: super::desired::read(self, &section, &setup),
         };
         Some((module, sim?))
     }

@@ -30,6 +30,8 @@ pub(super) struct Driver<'c> {
     echoes: Option<bool>,
     store: Option<Store>,
     told: Option<Progress>,
+    /// Every question is answered with yes.
+    yes: bool,
 }
 
 impl<'c> Driver<'c> {
@@ -77,7 +79,13 @@ impl<'c> Driver<'c> {
             echoes: None,
             store,
             told: None,
+            yes: false,
         })
+    }
+
+    /// Asks no more: every question is answered with yes.
+    pub(super) const fn assume_yes(&mut self, yes: bool) {
+        self.yes = yes;
     }
 
     /// The number of the next change.
@@ -132,6 +140,10 @@ impl<'c> Driver<'c> {
             }
             Act::Confirm(question) => {
                 let text = asked(self.context, question);
+                if self.yes {
+                    self.context.note(&text);
+                    return Event::Answer(true);
+                }
                 Event::Answer(self.confirm(&text, procedure).await)
             }
         }

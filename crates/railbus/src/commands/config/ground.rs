@@ -12,7 +12,7 @@ use railbus_device::Setup;
 use railbus_host::LineName;
 use railbus_site::Config;
 use railbus_site::commission::{Log, Neighbour, Place, Store};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
 use super::texts::ConfigText;
@@ -127,6 +127,27 @@ impl Ground {
             return Err(Failure::of(context.lang, Code::NothingToDo));
         }
         Ok(all)
+    }
+
+    /// What tells this site from every other: a number drawn when it is first asked for, kept
+    /// beside the journal.
+    pub(super) fn site(&self, context: &Context) -> Result<String, Failure> {
+        let failed = |error: std::io::Error| {
+            let told = format!("{}: {error}", self.state.display());
+            Failure::of(context.lang, Code::Journal).because(told)
+        };
+        let file = self.state.join("site");
+        if let Ok(name) = std::fs::read_to_string(&file) {
+            return Ok(name.trim().to_owned());
+        }
+        drop(self.store(context)?);
+        let mut random = [0; 8];
+        std::fs::File::open("/dev/urandom")
+            .and_then(|mut source| source.read_exact(&mut random))
+            .map_err(failed)?;
+        let name: String = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        std::fs::write(&file, format!("{name}\n")).map_err(failed)?;
+        Ok(name)
     }
 
     /// The journal, held for this command alone.

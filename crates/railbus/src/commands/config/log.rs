@@ -289,7 +289,11 @@ async fn one_open(context: &Context, ground: &Ground, record: &Record) -> Result
         .iter()
         .filter(|other| other.protocol == target.setup.protocol);
     let others: Vec<Place> = others.map(|other| other.place).collect();
-    let work = recovery(record.clone(), target.setup, true, others);
+    let earlier = driver
+        .store()
+        .map(|store| store.log().places(record.change));
+    let earlier = earlier.unwrap_or_default();
+    let work = recovery(record.clone(), earlier, target.setup, true, others);
     let end = driver.run(work).await;
     let end = end.map_err(|trouble| outcome::trouble(context, &target, &trouble))?;
     let (told, found, garbled) = match end {

@@ -108,6 +108,7 @@ pub(super) fn ended(
     Err(match ended {
         Ended::Same(_) | Ended::Done(_) => return Ok(()),
         Ended::Pending(found) => about(Code::AtPowerUp, Some(found.place)),
+        Ended::Untold(found) => about(Code::Untold, Some(found.place)),
         Ended::Unchanged(found, why) => {
             let code = match why {
                 Why::Refused(_) => Code::SettingRefused,

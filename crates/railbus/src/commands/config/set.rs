@@ -132,6 +132,25 @@ pub(super) async fn change_one(
         .run(read(target.setup))
         .await
         .map_err(|trouble| failed(&trouble))?;
+    change_at(context, ground, driver, target, found, wanted, terms).await
+}
+
+/// The same of a module that was found, wherever that is.
+pub(super) async fn change_at(
+    context: &Context,
+    ground: &Ground,
+    driver: &mut Driver<'_>,
+    target: &Target,
+    found: Found,
+    wanted: Wanted,
+    terms: &Terms,
+) -> Result<Option<Changed>, Failure> {
+    let there = Target {
+        setup: found.place.setup(&target.setup),
+        ..target.clone()
+    };
+    let target = &there;
+    let failed = |trouble: &Trouble| outcome::trouble(context, target, trouble);
     let planned = plan(&found, target, &wanted).map_err(|trouble| failed(&trouble))?;
     follows_port(context, target, &planned)?;
     let before = found.kept();

@@ -184,7 +184,7 @@ fn row(target: &Target, found: &Found, key: Key, access: Access) -> Value {
 }
 
 /// A setting that no frame of the module's protocol shows is not known, whatever its place is.
-fn known(target: &Target, found: &Found) -> Kept {
+pub(super) fn known(target: &Target, found: &Found) -> Kept {
     let mut kept = found.kept();
     if target.setup.protocol != railbus_wire::Protocol::Ascii && found.told.checksum.is_none() {
         kept.checksum = None;

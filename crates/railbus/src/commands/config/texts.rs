@@ -63,6 +63,53 @@ texts! {
         zh: "配置中位于该地址的模块",
     }
 
+    BackupAbout { en: "Writes everything readable of the modules into a file", zh: "将模块所有可读设置写入文件" }
+    BackupExamples {
+        en: "  railbus config backup -O site.json\n  railbus config backup pump\n",
+        zh: "  railbus config backup -O site.json\n  railbus config backup pump\n",
+    }
+    BackupTo { en: "The file; stdout if not said. An older one is kept as FILE.1", zh: "文件；默认为标准输出。旧文件保留为 FILE.1" }
+    BackupFile { en: "A file that config backup wrote", zh: "config backup 写成的文件" }
+    BackedUp { en: "{count} modules backed up into {file}", zh: "已将 {count} 个模块备份到 {file}" }
+    OtherSite { en: "Takes a backup of another site, too", zh: "也接受其他站点的备份" }
+    RestoreAbout {
+        en: "Writes a backup back; a new module is looked for at its factory address",
+        zh: "写回备份；新模块在出厂地址处查找",
+    }
+    RestoreExamples {
+        en: "  railbus config restore site.json -n\n  railbus config restore site.json --module pump\n  railbus config restore site.json --map pump=pump2\n",
+        zh: "  railbus config restore site.json -n\n  railbus config restore site.json --module pump\n  railbus config restore site.json --map pump=pump2\n",
+    }
+    RestoreModule { en: "Only this module; may be repeated", zh: "只恢复该模块；可重复" }
+    RestoreMap { en: "What the backup calls OLD is NEW here", zh: "备份中的 OLD 在此为 NEW" }
+    DiffAbout { en: "Compares modules with a backup of them", zh: "比较模块与其备份" }
+    DiffExamples {
+        en: "  railbus config diff site.json\n  railbus config diff site.json pump --exit-code\n",
+        zh: "  railbus config diff site.json\n  railbus config diff site.json pump --exit-code\n",
+    }
+    ExitCode { en: "Exits with 10 where something differs", zh: "有差异时退出码为 10" }
+    NoDifference { en: "nothing differs", zh: "没有差异" }
+    HeadBackup { en: "backup", zh: "备份" }
+    HeadNow { en: "now", zh: "当前" }
+
+    PlanAbout { en: "Compares the modules with what the configuration wants of them", zh: "比较模块与配置所期望的设置" }
+    PlanExamples {
+        en: "  railbus plan\n  railbus plan --exit-code -o json\n",
+        zh: "  railbus plan\n  railbus plan --exit-code -o json\n",
+    }
+    PlanMissing { en: "not found on line {line} ({place})", zh: "在总线 {line} 上找不到（{place}）" }
+    PlanSum {
+        en: "{change} to change, {missing} missing, {same} unchanged, {unclear} unclear",
+        zh: "待更改 {change}，缺失 {missing}，不变 {same}，不明 {unclear}",
+    }
+    ApplyAbout { en: "Gives the modules the settings that the configuration wants", zh: "按配置设置各模块" }
+    ApplyExamples {
+        en: "  railbus plan\n  railbus apply --yes -O report.json\n  railbus apply --only pump\n",
+        zh: "  railbus plan\n  railbus apply --yes -O report.json\n  railbus apply --only pump\n",
+    }
+    ApplyOnly { en: "Only this module; may be repeated", zh: "只处理该模块；可重复" }
+    ApplyReport { en: "Writes what was done into this file, as JSON", zh: "将执行结果以 JSON 写入该文件" }
+
     HeadModule { en: "module", zh: "模块" }
     HeadSetting { en: "setting", zh: "设置" }
     HeadValue { en: "value", zh: "值" }

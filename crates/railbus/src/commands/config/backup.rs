@@ -1,0 +1,146 @@
+//! `railbus config backup`: everything readable of every module, in one file.
+
+use super::ground::{Ground, Target, state_flag};
+use super::show::{read_all, words};
+use super::texts::ConfigText;
+use crate::cli;
+use crate::commands::Context;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::out;
+use clap::{Arg, ArgMatches, Command, value_parser};
+use railbus_site::commission::Found;
+use railbus_site::config::edit;
+use railbus_site::settings::{Access, settings, shown};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// The name of the command.
+pub(super) const NAME: &str = "backup";
+/// The version of the file's form.
+pub(super) const SCHEMA: u64 = 1;
+/// What the file says that it is.
+pub(super) const KIND: &str = "railbus backup";
+
+/// A backup, as it is written down.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Backup {
+    pub(super) kind: String,
+    pub(super) schema: u64,
+    /// Which site it is of.
+    pub(super) site: String,
+    pub(super) lines: BTreeMap<String, LineKept>,
+    pub(super) modules: BTreeMap<String, ModuleKept>,
+}
+
+/// A line of a backup.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct LineKept {
+    pub(super) port: String,
+    pub(super) baud: u32,
+    pub(super) format: String,
+}
+
+/// A module of a backup.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct ModuleKept {
+    pub(super) line: String,
+    pub(super) model: String,
+    pub(super) protocol: String,
+    /// The product version, where the module tells one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) version: Option<u16>,
+    /// Each setting that is known, in the words of `config set`.
+    pub(super) settings: BTreeMap<String, String>,
+}
+
+pub(super) fn define(lang: Lang) -> Command {
+    cli::verb(
+        lang,
+        NAME,
+        ConfigText::BackupAbout,
+        "railbus config backup [MODULE…] [-O FILE]",
+    )
+    .before_help(cli::examples(lang, ConfigText::BackupExamples))
+    .arg(
+        Arg::new("MODULE")
+            .help(lang.get(ConfigText::Modules))
+            .num_args(0..),
+    )
+    .arg(
+        cli::flag(lang, "file", ConfigText::BackupTo)
+            .short('O')
+            .value_name("FILE")
+            .value_parser(value_parser!(PathBuf)),
+    )
+    .arg(state_flag(lang))
+}
+
+/// Reads every module and writes the file, or stdout where none is named.
+pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let ground = Ground::of(&context, matches)?;
+    let targets = ground.targets(&context, &words(matches, "MODULE"))?;
+    let founds = context.block(read_all(&context, &targets))?;
+    let of_line = |name: &String| targets.iter().any(|target| target.line == *name);
+    let lines = ground.config.lines.iter().filter(|(name, _)| of_line(name));
+    let backup = Backup {
+        kind: KIND.to_owned(),
+        schema: SCHEMA,
+        site: ground.site(&context)?,
+        lines: lines
+            .map(|(name, line)| {
+                let kept = LineKept {
+                    port: line.port.clone(),
+                    baud: line.serial.baud.rate(),
+                    format: line.serial.character.to_string(),
+                };
+                (name.clone(), kept)
+            })
+            .collect(),
+        modules: targets
+            .iter()
+            .zip(&founds)
+            .map(|(target, found)| (target.name.clone(), kept(target, found)))
+            .collect(),
+    };
+    // A struct of texts and numbers is always JSON.
+    let text = serde_json::to_string_pretty(&backup).unwrap_or_default() + "\n";
+    match matches.get_one::<PathBuf>("file") {
+        None => out::result(lang, &text),
+        Some(file) => {
+            write(file, &text).map_err(|error| {
+                Failure::of(lang, Code::Output).because(format!("{}: {error}", file.display()))
+            })?;
+            let values: &[(&str, &dyn std::fmt::Display)] =
+                &[("count", &founds.len()), ("file", &file.display())];
+            context.note(&lang.fill(ConfigText::BackedUp, values));
+            Ok(())
+        }
+    }
+}
+
+/// An older file of that name is kept beside the new one.
+fn write(file: &Path, text: &str) -> std::io::Result<()> {
+    if !file.exists() {
+        std::fs::File::create_new(file)?.sync_all()?;
+    }
+    edit::replace(file, text)
+}
+
+/// What is known of a module.
+pub(super) fn kept(target: &Target, found: &Found) -> ModuleKept {
+    let known = super::show::known(target, found);
+    let all = settings(&target.setup).into_iter();
+    let kept = all
+        .filter(|(_, access)| *access != Access::Fixed)
+        .filter_map(|(key, _)| Some((key.to_string(), shown(&target.setup, &known, key)?)));
+    ModuleKept {
+        line: target.line.clone(),
+        model: target.setup.family.name().to_owned(),
+        protocol: target.setup.protocol.name().to_owned(),
+        version: found.version,
+        settings: kept.collect(),
+    }
+}

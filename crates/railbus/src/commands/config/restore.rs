@@ -1,0 +1,292 @@
+//! `railbus config restore` and `config diff`: modules and a backup of them.
+
+use super::backup::{Backup, KIND, ModuleKept, SCHEMA, kept};
+use super::drive::{Driver, must_ask};
+use super::find::{Located, locate};
+use super::ground::{Ground, Target, state_flag};
+use super::outcome;
+use super::set::{Changed, Terms, change_at, tell, write_flags};
+use super::show::{read_all, words};
+use super::texts::ConfigText;
+use crate::cli;
+use crate::commands::Context;
+use crate::config_file::text_of;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::out;
+use crate::render::records::Records;
+use crate::render::table::Table;
+use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
+use railbus_site::commission::{By, Place};
+use railbus_site::settings::{Wanted, key};
+use serde_json::json;
+use std::path::PathBuf;
+
+/// The names of the commands.
+pub(super) const NAME: &str = "restore";
+pub(super) const DIFF: &str = "diff";
+
+fn file_arguments(lang: Lang, command: Command) -> Command {
+    command
+        .arg(
+            Arg::new("FILE")
+                .help(lang.get(ConfigText::BackupFile))
+                .required(true)
+                .value_parser(value_parser!(PathBuf)),
+        )
+        .arg(cli::flag(lang, "other-site", ConfigText::OtherSite).action(ArgAction::SetTrue))
+}
+
+pub(super) fn define(lang: Lang) -> Command {
+    let usage = "railbus config restore FILE [--module X] [--map OLD=NEW] [-n]";
+    let command = cli::verb(lang, NAME, ConfigText::RestoreAbout, usage)
+        .before_help(cli::examples(lang, ConfigText::RestoreExamples));
+    file_arguments(lang, command)
+        .arg(
+            cli::flag(lang, "module", ConfigText::RestoreModule)
+                .value_name("MODULE")
+                .action(ArgAction::Append),
+        )
+        .arg(
+            cli::flag(lang, "map", ConfigText::RestoreMap)
+                .value_name("OLD=NEW")
+                .action(ArgAction::Append),
+        )
+        .args(write_flags(lang))
+}
+
+pub(super) fn define_diff(lang: Lang) -> Command {
+    let usage = "railbus config diff FILE [MODULE…] [--exit-code]";
+    let command = cli::verb(lang, DIFF, ConfigText::DiffAbout, usage)
+        .before_help(cli::examples(lang, ConfigText::DiffExamples));
+    file_arguments(lang, command)
+        .arg(
+            Arg::new("MODULE")
+                .help(lang.get(ConfigText::Modules))
+                .num_args(0..),
+        )
+        .arg(cli::flag(lang, "exit-code", ConfigText::ExitCode).action(ArgAction::SetTrue))
+        .arg(state_flag(lang))
+}
+
+/// Reads a backup, and refuses one of another version or site.
+fn backup(context: &Context, ground: &Ground, matches: &ArgMatches) -> Result<Backup, Failure> {
+    let lang = context.lang;
+    let file: PathBuf = matches.get_one("FILE").cloned().unwrap_or_default();
+    let wrong = |code: Code, why: String| {
+        Failure::of(lang, code).because(format!("{}: {why}", file.display()))
+    };
+    let text = text_of(&file).map_err(|problem| wrong(Code::BackupFile, problem.text("reason")))?;
+    let read: serde_json::Value =
+        serde_json::from_str(&text).map_err(|error| wrong(Code::BackupFile, error.to_string()))?;
+    if read["kind"] != KIND {
+        return Err(wrong(Code::BackupFile, format!("kind: {}", read["kind"])));
+    }
+    if read["schema"] != SCHEMA {
+        return Err(wrong(
+            Code::BackupSchema,
+            format!("schema: {}", read["schema"]),
+        ));
+    }
+    let backup: Backup =
+        serde_json::from_value(read).map_err(|error| wrong(Code::BackupFile, error.to_string()))?;
+    let site = ground.site(context)?;
+    if backup.site != site && !matches.get_flag("other-site") {
+        return Err(wrong(Code::BackupSite, format!("{} ≠ {site}", backup.site)));
+    }
+    Ok(backup)
+}
+
+/// What a module of the backup is to keep in the place of a target.
+fn wanted(context: &Context, target: &Target, kept: &ModuleKept) -> Result<Wanted, Failure> {
+    let setup = &target.setup;
+    if kept.model != setup.family.name() || kept.protocol != setup.protocol.name() {
+        let told = format!(
+            "{}: {} {} ≠ {} {}",
+            target.name,
+            kept.model,
+            kept.protocol,
+            setup.family.name(),
+            setup.protocol
+        );
+        return Err(Failure::of(context.lang, Code::WrongModel).because(told));
+    }
+    let mut wanted = Wanted::default();
+    for (name, value) in &kept.settings {
+        // What no command changes is in the backup to be looked at.
+        if key(setup, name).is_some_and(|(_, access)| !access.is_writable()) {
+            continue;
+        }
+        wanted
+            .set(setup, name, value)
+            .map_err(|wrong| outcome::wrong(context, target, &wrong))?;
+    }
+    Ok(wanted)
+}
+
+/// Which module of the backup goes where.
+fn pairs(
+    context: &Context,
+    ground: &Ground,
+    matches: &ArgMatches,
+    backup: &Backup,
+) -> Result<Vec<(Target, Wanted)>, Failure> {
+    let named = words(matches, "module");
+    let mut map = Vec::new();
+    for word in words(matches, "map") {
+        let Some((old, new)) = word.split_once('=') else {
+            return Err(Failure::of(context.lang, Code::Usage).because(word));
+        };
+        map.push((old.to_owned(), new.to_owned()));
+    }
+    if let Some(missing) = named
+        .iter()
+        .chain(map.iter().map(|(old, _)| old))
+        .find(|name| !backup.modules.contains_key(*name))
+    {
+        return Err(Failure::of(context.lang, Code::NoModule).because(missing));
+    }
+    let only = |name: &String| {
+        let mapped = map.iter().any(|(old, _)| old == name);
+        named.is_empty() && map.is_empty() || named.contains(name) || mapped
+    };
+    let mut pairs = Vec::new();
+    for (old, kept) in backup.modules.iter().filter(|(name, _)| only(name)) {
+        let new = map
+            .iter()
+            .find(|(from, _)| from == old)
+            .map_or(old, |(_, to)| to);
+        let target = ground.target(context, new)?;
+        let wanted = wanted(context, &target, kept)?;
+        pairs.push((target, wanted));
+    }
+    Ok(pairs)
+}
+
+/// Writes a backup back, one module after the other; a new one is found at the factory's place.
+pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let ground = Ground::of(&context, matches)?;
+    let backup = backup(&context, &ground, matches)?;
+    let pairs = pairs(&context, &ground, matches, &backup)?;
+    let terms = Terms::of(matches, By::Restore);
+    if !terms.dry && !terms.yes {
+        must_ask(&context)?;
+    }
+    let (changed, failed) = context.block(restore_all(&context, &ground, &pairs, &terms))?;
+    tell(&context, changed)?;
+    failed.map_or(Ok(()), Err)
+}
+
+/// Each module in turn; the first failure ends it, and what was done before is told.
+async fn restore_all(
+    context: &Context,
+    ground: &Ground,
+    pairs: &[(Target, Wanted)],
+    terms: &Terms,
+) -> Result<(Vec<Changed>, Option<Failure>), Failure> {
+    let mut changed = Vec::new();
+    for (target, wanted) in pairs {
+        match restore_one(context, ground, target, wanted, terms).await {
+            Ok(done) => changed.extend(done),
+            Err(failure) => return Ok((changed, Some(failure))),
+        }
+    }
+    Ok((changed, None))
+}
+
+async fn restore_one(
+    context: &Context,
+    ground: &Ground,
+    target: &Target,
+    wanted: &Wanted,
+    terms: &Terms,
+) -> Result<Option<Changed>, Failure> {
+    let store = if terms.dry {
+        None
+    } else {
+        Some(ground.store(context)?)
+    };
+    let mut driver = Driver::open(context, target, store).await?;
+    let likely = [wanted.kept.place(Place::of(&target.setup))];
+    match locate(context, &mut driver, target, &likely).await? {
+        Located::Here(found) => {
+            change_at(
+                context,
+                ground,
+                &mut driver,
+                target,
+                found,
+                wanted.clone(),
+                terms,
+            )
+            .await
+        }
+        Located::Missing => Err(Failure::of(context.lang, Code::NotFound).because(&target.name)),
+    }
+}
+
+/// Compares modules with a backup of them.
+pub(super) fn diff(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let ground = Ground::of(&context, matches)?;
+    let backup = backup(&context, &ground, matches)?;
+    let names = words(matches, "MODULE");
+    let only = |name: &String| names.is_empty() || names.contains(name);
+    if let Some(missing) = names
+        .iter()
+        .find(|name| !backup.modules.contains_key(*name))
+    {
+        return Err(Failure::of(lang, Code::NoModule).because(missing));
+    }
+    let mut targets = Vec::new();
+    for name in backup.modules.keys().filter(|name| only(name)) {
+        targets.push(ground.target(&context, name)?);
+    }
+    let founds = context.block(read_all(&context, &targets))?;
+    let head = [
+        ConfigText::HeadModule,
+        ConfigText::HeadSetting,
+        ConfigText::HeadBackup,
+        ConfigText::HeadNow,
+    ];
+    let mut table = Table::new(head.map(|text| lang.get(text)));
+    let mut rows = Vec::new();
+    for (target, found) in targets.iter().zip(&founds) {
+        let Some(then) = backup.modules.get(&target.name) else {
+            continue;
+        };
+        let now = kept(target, found);
+        let names: std::collections::BTreeSet<&String> =
+            then.settings.keys().chain(now.settings.keys()).collect();
+        for name in names {
+            let (then, now) = (then.settings.get(name), now.settings.get(name));
+            if then != now {
+                let cell = |value: Option<&String>| value.map_or("–", String::as_str).to_owned();
+                table.add([target.name.clone(), name.clone(), cell(then), cell(now)]);
+                rows.push(json!({
+                    "module": target.name, "setting": name, "backup": then, "now": now,
+                }));
+            }
+        }
+    }
+    let count = rows.len();
+    if count == 0 {
+        context.note(lang.get(ConfigText::NoDifference));
+    }
+    let columns = &["module", "setting", "backup", "now"];
+    let records = Records {
+        key: "differences",
+        rows,
+        columns,
+        value: "setting",
+        table,
+    };
+    if count > 0 || context.format != crate::render::Format::Table {
+        out::result(lang, &records.render(context.format))?;
+    }
+    if count > 0 && matches.get_flag("exit-code") {
+        return Err(Failure::of(lang, Code::Differs).with_fact("count", count));
+    }
+    Ok(())
+}

@@ -1,0 +1,222 @@
+//! What is refused before anything is written, and how changes end.
+
+use crate::bench::{Bench, End};
+use railbus_device::{Eeprom, Family, Options, Setup};
+use railbus_sim::{Act, Faults, Input};
+use railbus_site::commission::{By, Ended, Job, Trouble, Why, calibrate, change, read};
+use railbus_site::settings::Wanted;
+use railbus_wire::{Address, Micros, Protocol};
+
+fn job(setup: Setup, set: &str) -> Job {
+    Job {
+        change: 1,
+        line: "main".to_owned(),
+        module: "module".to_owned(),
+        setup,
+        wanted: Wanted::parse(&setup, set.split(' ')).unwrap(),
+        neighbours: Vec::new(),
+        by: By::Set,
+        undoes: None,
+    }
+}
+
+fn end(bench: &mut Bench, job: Job) -> Result<Ended, Trouble> {
+    match bench.run(change(job), None) {
+        End::Done(end) => end,
+        End::Died => panic!("nobody killed it"),
+    }
+}
+
+#[test]
+fn every_family_is_read_in_every_protocol() {
+    for family in Family::ALL {
+        for protocol in family.profile().protocols {
+            let setup = Setup {
+                protocol: *protocol,
+                ..Setup::new(family, Address(5))
+            };
+            let mut bench = Bench::new(&setup, Options::default());
+            let End::Done(found) = bench.run(read(setup), None) else {
+                panic!()
+            };
+            let kept = found.unwrap().kept();
+            assert_eq!(kept.address, Some(Address(5)), "{family} {protocol}");
+            // Another model in its place is told from it.
+            for other in Family::ALL {
+                let wrong = Setup {
+                    protocol: *protocol,
+                    ..Setup::new(other, Address(5))
+                };
+                if other == family || wrong.check().is_err() {
+                    continue;
+                }
+                let mut bench = Bench::new(&setup, Options::default());
+                let End::Done(found) = bench.run(read(wrong), None) else {
+                    panic!()
+                };
+                assert!(
+                    matches!(found, Err(Trouble::WrongModel(..) | Trouble::NoReply(_))),
+                    "{family} is taken for {other} in {protocol}: {found:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn an_address_where_somebody_answers_is_refused() {
+    for (protocol, family) in [
+        (Protocol::Ascii, Family::Eda9060a),
+        (Protocol::Lc02, Family::Eda9050),
+        (Protocol::Rtu, Family::Eda9050),
+        (Protocol::Rtu, Family::Emd2a2q),
+    ] {
+        let setup = Setup {
+            protocol,
+            ..Setup::new(family, Address(1))
+        };
+        let mut bench = Bench::new(&setup, Options::default());
+        // The stranger speaks Modbus at 30, and is in no configuration.
+        let refused = end(&mut bench, job(setup, "address=30"));
+        assert!(matches!(refused, Err(Trouble::Taken(_))), "{refused:?}");
+        assert_eq!(bench.journal, "");
+        assert_eq!(bench.eeprom(), Eeprom::of(&setup));
+    }
+}
+
+#[test]
+fn the_new_speed_is_looked_at_before_it_is_taken() {
+    let setup = Setup::new(Family::Erc8, Address(1));
+    let mut bench = Bench::new(&setup, Options::default());
+    let mut other = Setup::new(Family::Erc8, Address(1));
+    other.serial.baud = railbus_wire::Baud::B19200;
+    bench
+        .line
+        .add(
+            bench.now,
+            "other",
+            &other,
+            Eeprom::of(&other),
+            Options::default(),
+        )
+        .unwrap();
+    let refused = end(&mut bench, job(setup, "baud=19200"));
+    assert!(matches!(refused, Err(Trouble::Taken(_))), "{refused:?}");
+}
+
+#[test]
+fn two_modules_on_one_address_are_not_written_to() {
+    for protocol in [Protocol::Ascii, Protocol::Lc02, Protocol::Rtu] {
+        let setup = Setup {
+            protocol,
+            ..Setup::new(Family::Eda9060a, Address(1))
+        };
+        for turnaround in [0, 3, 40] {
+            let mut bench = Bench::new(&setup, Options::default());
+            let options = Options {
+                turnaround: Micros::from_millis(turnaround),
+                ..Options::default()
+            };
+            let mut other = Eeprom::of(&setup);
+            other.pulse_mask = 5;
+            bench
+                .line
+                .add(bench.now, "twin", &setup, other, options)
+                .unwrap();
+            if turnaround == 40 && protocol == Protocol::Rtu {
+                // It hears the other's reply before its own has left, and gives it up: nobody can
+                // tell that it is there.
+                continue;
+            }
+            let refused = end(&mut bench, job(setup, "address=9"));
+            assert!(
+                matches!(
+                    refused,
+                    Err(Trouble::Garbled(_) | Trouble::NoReply(_) | Trouble::WrongModel(..))
+                ),
+                "{protocol} {turnaround}: {refused:?}"
+            );
+            assert_eq!(bench.journal, "");
+        }
+    }
+}
+
+#[test]
+fn a_module_that_does_not_hear_the_write_is_unchanged() {
+    let setup = Setup::new(Family::Erc8, Address(1));
+    let mut bench = Bench::new(&setup, Options::default());
+    bench.line.set_module_faults(bench.module, Faults::DEAF);
+    assert!(matches!(
+        end(&mut bench, job(setup, "address=9")),
+        Err(Trouble::NoReply(_))
+    ));
+    assert_eq!(bench.journal, "");
+}
+
+#[test]
+fn a_board_that_is_not_switched_off_keeps_its_address() {
+    let setup = Setup::new(Family::R55, Address(1));
+    let mut bench = Bench::new(&setup, Options::default());
+    bench.heeds = false;
+    let ended = end(&mut bench, job(setup, "address=9")).unwrap();
+    assert!(
+        matches!(ended, Ended::Unchanged(_, Why::NoPowerCycle)),
+        "{ended:?}"
+    );
+    assert_eq!(bench.eeprom().address, Address(1));
+    // With its DIP switch at 1, too.
+    let mut bench = Bench::new(&setup, Options::default());
+    bench
+        .line
+        .handle(bench.now, Input::Act(bench.module, Act::Dip(1)));
+    let ended = end(&mut bench, job(setup, "address=9")).unwrap();
+    assert!(
+        matches!(ended, Ended::Unchanged(_, Why::NoPowerCycle)),
+        "{ended:?}"
+    );
+}
+
+#[test]
+fn what_is_so_already_is_not_written() {
+    let setup = Setup::new(Family::Eda9060a, Address(1));
+    let mut bench = Bench::new(&setup, Options::default());
+    let ended = end(
+        &mut bench,
+        job(setup, "address=1 checksum=off pulse_width=1s"),
+    )
+    .unwrap();
+    assert!(matches!(ended, Ended::Same(_)));
+    assert_eq!(bench.journal, "");
+}
+
+#[test]
+fn a_calibration_is_led_and_may_be_stopped() {
+    let setup = Setup::new(Family::Emd2a2q, Address(1));
+    let run = |answers: &[bool]| {
+        let mut bench = Bench::new(&setup, Options::default());
+        let (line, now, id) = (&mut bench.line, bench.now, bench.module);
+        line.handle(now, Input::Act(id, Act::Analog(0, 12)));
+        line.handle(now, Input::Act(id, Act::Analog(1, 8)));
+        let mut rest = answers.iter();
+        let mut asked = Vec::new();
+        let mut calibrating = job(setup, "address=1");
+        calibrating.by = By::Calibrate;
+        let end = bench.run_asking(calibrate(calibrating, 400), None, &mut |question| {
+            asked.push(question);
+            *rest.next().unwrap_or(&false)
+        });
+        let End::Done(Ok(done)) = end else {
+            panic!("{end:?}")
+        };
+        (bench, done, asked.len())
+    };
+    let (bench, done, asked) = run(&[false]);
+    assert_eq!((done.zero, asked, bench.journal.as_str()), (None, 1, ""));
+    let (bench, done, _) = run(&[true, false]);
+    assert_eq!((done.before, done.zero), (Some([12, 8]), Some([0, 0])));
+    assert_eq!(bench.eeprom().calibration.zero, [12, 8]);
+    let (bench, done, _) = run(&[true, true]);
+    assert_eq!(bench.eeprom().calibration.voltage, 400);
+    assert!(done.span.is_some() && done.hindered.is_none(), "{done:?}");
+    assert!(bench.log().open().is_empty());
+}
