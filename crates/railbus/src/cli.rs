@@ -1,7 +1,8 @@
 //! The command line: one definition per command, which gives its parser and its help.
 
+use crate::commands::{complete, completions, config, doctor, extcap, help, man, schema, sniff};
 use crate::commands::{
-    config, decode, explain, extcap, get, global_flags, ls, pulse, raw, scan, set, sniff, watch,
+    decode, explain, get, global_flags, ls, pulse, raw, scan, set, version, watch,
 };
 use crate::failure::Failure;
 use crate::i18n::Lang;
@@ -67,6 +68,11 @@ const VERBS: &[Verb] = &[
         run: decode::run,
     },
     Verb {
+        name: doctor::NAME,
+        define: doctor::define,
+        run: doctor::run,
+    },
+    Verb {
         name: config::NAME,
         define: config::define,
         run: config::run,
@@ -101,6 +107,36 @@ const VERBS: &[Verb] = &[
         define: explain::define,
         run: explain::run,
     },
+    Verb {
+        name: completions::NAME,
+        define: completions::define,
+        run: completions::run,
+    },
+    Verb {
+        name: man::NAME,
+        define: man::define,
+        run: man::run,
+    },
+    Verb {
+        name: schema::NAME,
+        define: schema::define,
+        run: schema::run,
+    },
+    Verb {
+        name: help::NAME,
+        define: help::define,
+        run: help::run,
+    },
+    Verb {
+        name: version::NAME,
+        define: version::define,
+        run: version::run,
+    },
+    Verb {
+        name: complete::NAME,
+        define: complete::define,
+        run: complete::run,
+    },
 ];
 
 /// Flags that every command has stand below its own.
@@ -129,13 +165,18 @@ const fn is_answer(kind: ErrorKind) -> bool {
     matches!(kind, ErrorKind::DisplayHelp | ErrorKind::DisplayVersion)
 }
 
+/// The names of all commands, in the order of the help.
+pub(crate) fn names() -> impl Iterator<Item = &'static str> {
+    VERBS.iter().map(|verb| verb.name)
+}
+
 /// The whole command line.
-fn define(lang: Lang) -> Command {
+pub(crate) fn define(lang: Lang) -> Command {
     let root = verb(lang, "railbus", Text::About, "railbus COMMAND")
         .version(env!("CARGO_PKG_VERSION"))
         .subcommand_required(true)
-        .subcommand_help_heading(lang.get(Text::Commands))
-        .subcommands(VERBS.iter().map(|verb| (verb.define)(lang)));
+        .subcommands(VERBS.iter().map(|verb| (verb.define)(lang)))
+        .after_help(lang.get(Text::Environment));
     root.arg(
         flag(lang, "version", Text::Version)
             .short('V')
@@ -154,6 +195,8 @@ fn define(lang: Lang) -> Command {
         flag(lang, "verbose", Text::Verbose)
             .short('v')
             .action(ArgAction::Count)
+            .env("RAILBUS_VERBOSE")
+            .hide_env(true)
             .display_order(LAST)
             .global(true),
     )
@@ -168,7 +211,7 @@ pub(crate) fn verb(
     usage: &'static str,
 ) -> Command {
     let template = format!(
-        "{{about-with-newline}}\n{{before-help}}{}{{usage}}\n\n{{all-args}}\n{{after-help}}",
+        "{{about-with-newline}}\n{{before-help}}{}{{usage}}\n\n{{all-args}}{{after-help}}\n",
         lang.get(Text::Usage)
     );
     Command::new(name)
@@ -176,6 +219,7 @@ pub(crate) fn verb(
         .override_usage(usage)
         .help_template(template)
         .next_help_heading(lang.get(Text::Options))
+        .subcommand_help_heading(lang.get(Text::Commands))
         .disable_help_flag(true)
         .disable_help_subcommand(true)
         .disable_version_flag(true)

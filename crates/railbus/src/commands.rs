@@ -1,19 +1,28 @@
-//! The commands of daily work, one file each.
+//! The commands, one file each.
 
+pub(crate) mod complete;
+pub(crate) mod completions;
 pub(crate) mod config;
 pub(crate) mod decode;
+pub(crate) mod doctor;
 pub(crate) mod explain;
 pub(crate) mod extcap;
 pub(crate) mod get;
+pub(crate) mod help;
 pub(crate) mod ls;
+pub(crate) mod man;
 pub(crate) mod pulse;
 pub(crate) mod raw;
 pub(crate) mod scan;
+pub(crate) mod schema;
 pub(crate) mod set;
 pub(crate) mod sniff;
+pub(crate) mod version;
 pub(crate) mod watch;
 
+mod config_check;
 mod context;
+mod install;
 mod place;
 mod stop;
 mod wireshark;

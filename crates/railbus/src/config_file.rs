@@ -24,10 +24,7 @@ pub(crate) struct Found {
 /// Reads the configuration: the one named, or else the first of `$RAILBUS_CONFIG`,
 /// `railbus.toml` here or in a parent, the user's own, and the system's.
 pub(crate) fn read(lang: Lang, named: Option<&Path>) -> Result<Found, Problem> {
-    let path = match named {
-        Some(path) => path.to_owned(),
-        None => find()?,
-    };
+    let (path, _) = chosen(named)?;
     let text = text_of(&path)?;
     let config = Config::parse(&text)
         .map_err(|problems| bad_config(lang, &path.display().to_string(), &problems))?;
@@ -51,14 +48,40 @@ pub(crate) fn text_of(path: &Path) -> Result<String, Problem> {
     Ok(text)
 }
 
-/// The first of the usual places where there is a file.
-fn find() -> Result<PathBuf, Problem> {
+/// Why a configuration is the one that is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Why {
+    /// A flag names it.
+    Flag,
+    /// `RAILBUS_CONFIG` names it.
+    Environment,
+    /// It lies in the first of the usual places where there is one.
+    Place,
+}
+
+impl Why {
+    /// The name in JSON.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Why::Flag => "flag",
+            Why::Environment => "environment",
+            Why::Place => "place",
+        }
+    }
+}
+
+/// The configuration to use: the one named, that of the environment, or the first of the usual
+/// places where there is a file.
+pub(crate) fn chosen(named: Option<&Path>) -> Result<(PathBuf, Why), Problem> {
+    if let Some(path) = named {
+        return Ok((path.to_owned(), Why::Flag));
+    }
     if let Some(path) = std::env::var_os("RAILBUS_CONFIG").filter(|path| !path.is_empty()) {
-        return Ok(path.into());
+        return Ok((path.into(), Why::Environment));
     }
     let places = places();
     match places.iter().find(|path| path.is_file()) {
-        Some(path) => Ok(path.clone()),
+        Some(path) => Ok((path.clone(), Why::Place)),
         None => {
             let looked: Vec<String> = places.iter().map(|p| p.display().to_string()).collect();
             let problem = Problem::new(codes::NO_CONFIG).with("looked", looked);

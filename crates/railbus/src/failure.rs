@@ -2,12 +2,14 @@
 
 mod codes;
 mod exits;
+pub(crate) mod findings;
 mod problem;
 
-pub(crate) use codes::Code;
+pub(crate) use codes::{Code, Page};
 pub(crate) use exits::EXITS;
 
 use crate::i18n::Lang;
+use crate::render::colour::Paint;
 use crate::render::{Format, width};
 use crate::texts::Text;
 use serde_json::{Map, Value, json};
@@ -83,17 +85,23 @@ impl Failure {
     }
 
     /// As the reader wants it.
-    pub(crate) fn tell(&self, lang: Lang, format: Format) -> String {
+    pub(crate) fn tell(&self, lang: Lang, format: Format, paint: Paint) -> String {
         if format.is_json() {
-            json!({ "error": self.to_json(lang) }).to_string()
-        } else {
-            self.render(lang)
+            return json!({ "error": self.to_json(lang) }).to_string();
+        }
+        let text = self.render(lang);
+        // What it is called, up to the code, stands out.
+        match text.split_once(']') {
+            Some((name, rest)) => paint.bad(&format!("{name}]")) + rest,
+            None => text,
         }
     }
 
     /// As programs read it.
     pub(crate) fn to_json(&self, lang: Lang) -> Value {
-        let mut error = Map::new();
+        // No fact may take the place of what every failure says.
+        let mut error = self.facts.clone();
+        error.remove("why");
         error.insert("code".to_owned(), self.code.name().into());
         error.insert("exit".to_owned(), self.code.exit().into());
         error.insert("message".to_owned(), self.message.as_str().into());
@@ -101,7 +109,6 @@ impl Failure {
         if !self.why.is_empty() {
             error.insert("why".to_owned(), self.why.clone().into());
         }
-        error.extend(self.facts.clone());
         error.into()
     }
 
@@ -167,12 +174,17 @@ mod tests {
 
     #[test]
     fn programs_get_it_as_json() {
-        let failure = Failure::of(Lang::En, Code::NoReply).with_fact("module", "pump");
-        let told: Value = serde_json::from_str(&failure.tell(Lang::En, Format::Json)).unwrap();
+        let failure = Failure::of(Lang::En, Code::NoReply)
+            .because("silence")
+            .with_fact("why", "silence")
+            .with_fact("module", "pump");
+        let told: Value =
+            serde_json::from_str(&failure.tell(Lang::En, Format::Json, Paint::Plain)).unwrap();
         let error = &told["error"];
         assert_eq!(error["code"], "E0301");
         assert_eq!(error["exit"], 3);
         assert_eq!(error["module"], "pump");
+        assert_eq!(error["why"][0], "silence");
         assert_eq!(error["hint"][0], "railbus scan");
     }
 }

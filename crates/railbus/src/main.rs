@@ -9,6 +9,7 @@ mod commands;
 mod config_file;
 mod failure;
 mod i18n;
+mod machine;
 mod render;
 mod serve;
 mod sim;
@@ -23,11 +24,13 @@ fn main() -> ExitCode {
     let arguments: Vec<_> = std::env::args_os().collect();
     let lang = Lang::of_process(&arguments);
     let format = render::Format::of_process(&arguments);
+    let colour = render::colour::Colour::of_process(&arguments);
     match cli::run(lang, arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
+            let paint = render::colour::Paint::of(colour, &std::io::stderr());
             // Where even stderr is gone there is nobody left to tell.
-            let _ = writeln!(std::io::stderr(), "{}", failure.tell(lang, format));
+            let _ = writeln!(std::io::stderr(), "{}", failure.tell(lang, format, paint));
             failure.exit_code()
         }
     }

@@ -1,5 +1,6 @@
 //! Results as people and programs read them.
 
+pub(crate) mod colour;
 pub(crate) mod hex;
 pub(crate) mod out;
 pub(crate) mod records;
@@ -47,25 +48,40 @@ impl Format {
         matches!(self, Format::Json | Format::Ndjson)
     }
 
-    /// The form that the arguments ask for. It is looked up before anything else is parsed,
-    /// since what the parser says is already said in that form.
+    /// The form that the arguments ask for, or else the environment. It is looked up before
+    /// anything else is parsed, since what the parser says is already said in that form.
     pub(crate) fn of_process(arguments: &[OsString]) -> Format {
-        let mut rest = arguments.iter().filter_map(|argument| argument.to_str());
-        while let Some(argument) = rest.next() {
-            let value = match argument {
-                "--" => break,
-                "-o" | "--output" => rest.next(),
-                _ => argument
-                    .strip_prefix("--output=")
-                    .or_else(|| argument.strip_prefix("-o")),
-            };
-            let value = value.map(|value| value.trim_start_matches('='));
-            if let Some(format) = value.and_then(Format::from_name) {
-                return format;
-            }
-        }
-        Format::Table
+        let asked = flag(arguments, "--output", Some("-o"), Format::from_name);
+        let variable = || std::env::var("RAILBUS_OUTPUT").ok();
+        let otherwise = || variable().and_then(|name| Format::from_name(&name));
+        asked.or_else(otherwise).unwrap_or_default()
     }
+}
+
+/// The first value of a flag that says something, before the arguments are parsed.
+pub(crate) fn flag<T>(
+    arguments: &[OsString],
+    long: &str,
+    short: Option<&str>,
+    read: impl Fn(&str) -> Option<T>,
+) -> Option<T> {
+    let mut rest = arguments.iter().filter_map(|argument| argument.to_str());
+    while let Some(argument) = rest.next() {
+        if argument == "--" {
+            break;
+        }
+        let value = if argument == long || Some(argument) == short {
+            rest.next()
+        } else {
+            let behind = |name: &str| argument.strip_prefix(name);
+            behind(long).or_else(|| short.and_then(behind))
+        };
+        let value = value.map(|value| value.trim_start_matches('='));
+        if let Some(found) = value.and_then(&read) {
+            return Some(found);
+        }
+    }
+    None
 }
 
 #[cfg(test)]

@@ -52,6 +52,12 @@ texts! {
         en: "Speaks English (en) or Chinese (zh); RAILBUS_LANG and LANG are heeded too",
         zh: "使用英文 (en) 或中文 (zh)；也可用 RAILBUS_LANG 或 LANG 设定",
     }
+    Environment {
+        en: "The environment may hold flags of every command: RAILBUS_LINE, RAILBUS_OUTPUT, ...
+Topics: railbus help exit-codes, addressing, units, protocols, safety",
+        zh: "每个命令都有的选项也可写入环境变量：RAILBUS_LINE、RAILBUS_OUTPUT 等。
+专题：railbus help exit-codes、addressing、units、protocols、safety",
+    }
     Verbose { en: "Shows each frame as it passes", zh: "逐帧显示线路上的通信" }
 
     // Labels of an error.
@@ -72,6 +78,10 @@ texts! {
     OutputFlag {
         en: "How to print: table, json, ndjson, csv or value",
         zh: "输出格式：table、json、ndjson、csv 或 value",
+    }
+    ColorFlag {
+        en: "When to use colours: auto (if not said), always or never; NO_COLOR is heeded too",
+        zh: "何时使用颜色：auto（默认）、always 或 never；也遵守 NO_COLOR",
     }
     QuietFlag { en: "Says nothing but errors and results", zh: "只输出错误和结果" }
     ConfigFlag { en: "The configuration instead of railbus.toml", zh: "指定配置文件，代替 railbus.toml" }
@@ -135,6 +145,10 @@ texts! {
     SilentModules { en: "no reply from: {modules}", zh: "无应答：{modules}" }
     SomeFailed { en: "{failed} of {count} targets failed", zh: "{count} 个目标中 {failed} 个失败" }
     NoBytes { en: "\"{text}\" is no bytes in hexadecimal", zh: "\"{text}\" 不是十六进制字节" }
+    FromEnvironment {
+        en: "the environment says so: {variable}={value}",
+        zh: "来自环境变量：{variable}={value}",
+    }
     NoSuchCode { en: "there is no code \"{name}\"", zh: "没有代码 \"{name}\"" }
     BadOrder { en: "\"{word}\" says nothing to do", zh: "无法理解 \"{word}\"" }
 
@@ -191,7 +205,10 @@ texts! {
         en: "MODEL|TITLE|OUTPUTS|INPUTS|ANALOGS|ADDRESSES|PROTOCOLS|BAUD",
         zh: "型号|名称|输出|输入|模拟量|地址|协议|波特率",
     }
-    LsPortsHead { en: "PORT|DRIVER|LATENCY|STABLE NAME", zh: "端口|驱动|延迟|固定名称" }
+    LsPortsHead {
+        en: "PORT|DRIVER|LATENCY|HELD BY|PLUGGED IN|STABLE NAME",
+        zh: "端口|驱动|延迟|占用者|已插入|固定名称",
+    }
     Late { en: "({late} late)", zh: "（{late} 次迟到）" }
 
     // get
@@ -362,6 +379,13 @@ texts! {
   railbus explain exit-codes",
     }
     ExplainCode { en: "The code; all of them if not said", zh: "代码；省略则列出全部" }
+
+    // complete
+    CompleteAbout { en: "Names that fit, for completion scripts.", zh: "供补全脚本使用的候选名称。" }
+    CompleteWords { en: "The words of the command line so far", zh: "命令行已有的词" }
+
+    // version
+    VersionAbout { en: "Says which version this is, and what it can do.", zh: "显示版本和所支持的内容。" }
 
     // Wrong arguments.
     NoSuchCommand { en: "there is no command \"{name}\"", zh: "没有命令 \"{name}\"" }

@@ -36,10 +36,22 @@ pub(crate) fn failure(lang: Lang, error: &clap::Error) -> Failure {
         ContextKind::ValidValue,
     ];
     let suggested = suggestions.into_iter().map(of).filter(|s| !s.is_empty());
-    let failure = Failure::new(Code::Usage, message);
+    let mut failure = Failure::new(Code::Usage, message);
+    if let Some(variable) = variable(&name, &value) {
+        let values: &[(&str, &dyn std::fmt::Display)] =
+            &[("variable", &variable), ("value", &value)];
+        failure = failure.because(lang.fill(Text::FromEnvironment, values));
+    }
     suggested
         .fold(failure, Failure::with_try)
         .with_try("railbus --help")
+}
+
+/// The variable that a wrong value of a flag comes from: nobody sees it on the command line.
+fn variable(flag: &str, value: &str) -> Option<String> {
+    let flag = flag.split(' ').next()?.strip_prefix("--")?;
+    let name = format!("RAILBUS_{}", flag.to_uppercase().replace('-', "_"));
+    (!value.is_empty() && std::env::var(&name).ok()? == value).then_some(name)
 }
 
 fn text(value: &ContextValue) -> String {

@@ -3,18 +3,18 @@
 //! A configuration is read whole or refused whole: every problem is found in one go, each with
 //! its line and column, and nothing is half taken.
 
-mod faults;
-mod plant;
 mod desired;
 pub mod edit;
+mod faults;
 mod lint;
+mod plant;
 mod problem;
 mod read;
 mod units;
 
 pub use faults::{FAULTS, Fault, FaultError, FaultOrder, Millionths, Noise, parse_faults};
-pub use plant::{Plant, Signal, SimLine, SimModule};
 pub use lint::{Unwise, Warning, lint, load_percent};
+pub use plant::{Plant, Signal, SimLine, SimModule};
 pub use problem::{Kind, Problem};
 pub use read::place_of;
 pub use units::{Range, parse_duration};

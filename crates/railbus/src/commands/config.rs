@@ -13,6 +13,7 @@ mod set;
 mod show;
 mod texts;
 
+use super::config_check;
 use crate::cli;
 use crate::failure::Failure;
 use crate::i18n::Lang;
@@ -31,6 +32,16 @@ struct Sub {
 
 /// All of them, in the order of the help.
 const SUBS: &[Sub] = &[
+    Sub {
+        name: config_check::CHECK,
+        define: config_check::define_check,
+        run: config_check::run_check,
+    },
+    Sub {
+        name: config_check::PATH,
+        define: config_check::define_path,
+        run: config_check::run_path,
+    },
     Sub {
         name: show::NAME,
         define: show::define,

@@ -6,7 +6,9 @@ use crate::cli::{LAST, flag};
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::Format;
+use crate::render::colour::{Colour, Paint};
 use crate::texts::Text;
+use clap::builder::FalseyValueParser;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
 use railbus_device::Family;
 use railbus_host::LineName;
@@ -25,11 +27,30 @@ const BAUDS: [&str; 8] = [
     "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
 ];
 
+/// Where the environment may say what a flag does not. The configuration and the language are
+/// looked for there in their own ways.
+const ENVIRONMENT: [(&str, &str); 13] = [
+    ("line", "RAILBUS_LINE"),
+    ("output", "RAILBUS_OUTPUT"),
+    ("color", "RAILBUS_COLOR"),
+    ("quiet", "RAILBUS_QUIET"),
+    ("direct", "RAILBUS_DIRECT"),
+    ("socket", "RAILBUS_SOCKET"),
+    ("timeout", "RAILBUS_TIMEOUT"),
+    ("model", "RAILBUS_MODEL"),
+    ("address", "RAILBUS_ADDRESS"),
+    ("protocol", "RAILBUS_PROTOCOL"),
+    ("baud", "RAILBUS_BAUD"),
+    ("format", "RAILBUS_FORMAT"),
+    ("checksummed", "RAILBUS_ASCII_CHECKSUM"),
+];
+
 /// What the flags say.
 #[derive(Debug)]
 pub(crate) struct Context {
     pub(crate) lang: Lang,
     pub(crate) format: Format,
+    pub(crate) colour: Colour,
     pub(crate) quiet: bool,
     /// How often `-v` was said.
     pub(crate) verbose: u8,
@@ -44,6 +65,10 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
     let with = |name, help, value: &'static str| flag(lang, name, help).value_name(value);
     let choice =
         |arg: Arg, names: Vec<&'static str>| arg.value_parser(names).hide_possible_values(true);
+    let switch = |name, help| {
+        let flag = flag(lang, name, help).action(ArgAction::SetTrue);
+        flag.value_parser(FalseyValueParser::new())
+    };
     let families = Family::ALL.map(Family::name).to_vec();
     let protocols = Protocol::ALL.map(Protocol::name).to_vec();
     let flags = vec![
@@ -52,11 +77,13 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
             with("output", Text::OutputFlag, "FORMAT").short('o'),
             Format::NAMES.to_vec(),
         ),
-        flag(lang, "quiet", Text::QuietFlag)
-            .short('q')
-            .action(ArgAction::SetTrue),
+        choice(
+            with("color", Text::ColorFlag, "WHEN"),
+            Colour::NAMES.to_vec(),
+        ),
+        switch("quiet", Text::QuietFlag).short('q'),
         with("config", Text::ConfigFlag, "FILE").value_parser(value_parser!(PathBuf)),
-        flag(lang, "direct", Text::DirectFlag).action(ArgAction::SetTrue),
+        switch("direct", Text::DirectFlag),
         with("socket", Text::SocketFlag, "PATH").value_parser(value_parser!(PathBuf)),
         with("timeout", Text::TimeoutFlag, "TIME").value_parser(duration),
         choice(with("model", Text::ModelFlag, "MODEL").short('m'), families),
@@ -72,11 +99,17 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
             with("format", Text::FormatFlag, "8N1"),
             FORMATS.map(|(name, _)| name).to_vec(),
         ),
-        flag(lang, "checksummed", Text::ChecksumFlag)
-            .long("ascii-checksum")
-            .action(ArgAction::SetTrue),
+        switch("checksummed", Text::ChecksumFlag).long("ascii-checksum"),
     ];
-    let global = |arg: Arg| arg.global(true).display_order(LAST);
+    let global = |arg: Arg| {
+        let mut known = ENVIRONMENT.into_iter();
+        let variable = known.find(|(flag, _)| arg.get_id() == flag);
+        let arg = match variable {
+            Some((_, name)) => arg.env(name).hide_env(true),
+            None => arg,
+        };
+        arg.global(true).display_order(LAST)
+    };
     flags.into_iter().map(global).collect()
 }
 
@@ -106,6 +139,9 @@ impl Context {
         Ok(Context {
             lang,
             format: format.unwrap_or_default(),
+            colour: text("color")
+                .and_then(|name| Colour::from_name(&name))
+                .unwrap_or_default(),
             quiet: matches.get_flag("quiet"),
             verbose: matches.get_count("verbose"),
             line: line.filter(|_| ad_hoc.is_none()),
@@ -131,6 +167,11 @@ impl Context {
     /// A problem in words.
     pub(crate) fn failure(&self, problem: &Problem) -> Failure {
         Failure::of_problem(self.lang, problem)
+    }
+
+    /// The colours of the result.
+    pub(crate) fn paint(&self) -> Paint {
+        Paint::of(self.colour, &std::io::stdout())
     }
 
     /// Says something beside the result, unless that is not wanted.

@@ -1,12 +1,15 @@
 //! `railbus explain`: what a code means.
 
 use crate::cli;
-use crate::failure::{Code, EXITS, Failure};
+use crate::commands::Context;
+use crate::failure::{Code, EXITS, Failure, Page, findings};
 use crate::i18n::Lang;
-use crate::render::out;
+use crate::render::records::Records;
 use crate::render::table::Table;
+use crate::render::{Format, out};
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use serde_json::{Value, json};
 
 /// The name of the command.
 pub(crate) const NAME: &str = "explain";
@@ -20,50 +23,112 @@ pub(crate) fn define(lang: Lang) -> Command {
 
 /// Prints a page, the table of exit codes, or the list of all codes.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let format = Context::of(lang, matches)?.format;
     let text = match matches.get_one::<String>("CODE").map(String::as_str) {
-        None => all(lang),
-        Some("exit-codes") => exit_codes(lang),
+        None => codes(lang, &all()).render(format),
+        Some("exit-codes") => exit_codes(lang).render(format),
         Some(name) => {
-            let code = Code::from_name(name).ok_or_else(|| {
-                let values: &[(&str, &dyn std::fmt::Display)] = &[("name", &name)];
-                Failure::new(Code::Usage, lang.fill(Text::NoSuchCode, values))
-                    .with_try("railbus explain")
-            })?;
-            page(lang, code)
+            let code = find(name).ok_or_else(|| no_such_code(lang, name))?;
+            match format {
+                Format::Table => page(lang, &code),
+                _ => codes(lang, &[code]).render(format),
+            }
         }
     };
     out::result(lang, &text)
 }
 
-fn page(lang: Lang, code: Code) -> String {
-    let page = code.page();
-    let exit = code.exit();
-    let name = EXITS.iter().find(|known| known.code == exit);
-    let mut table = Table::bare();
-    for (label, text) in [
-        (Text::Likely, page.likely(lang)),
-        (Text::Try, page.next(lang)),
-    ] {
-        table.add([String::new(), lang.get(label).to_owned(), text.to_owned()]);
-    }
-    let exit = format!("{exit} {}", name.map_or("", |known| known.name));
-    table.add([String::new(), lang.get(Text::ExitLabel).to_owned(), exit]);
-    format!("{}  {}\n{}", code.name(), page.title(lang), table.render())
+/// The failure of naming a code that there is not.
+pub(super) fn no_such_code(lang: Lang, name: &str) -> Failure {
+    let message = lang.fill(Text::NoSuchCode, &[("name", &name)]);
+    Failure::new(Code::Usage, message).with_try("railbus explain")
 }
 
-fn all(lang: Lang) -> String {
-    let mut table = Table::bare();
-    for code in Code::ALL {
-        table.add([code.name().to_owned(), code.page().title(lang).to_owned()]);
-    }
-    table.render()
+/// A code of any kind; only errors end a command with an exit code.
+struct Explained {
+    name: &'static str,
+    page: Page,
+    exit: Option<u8>,
 }
 
-fn exit_codes(lang: Lang) -> String {
+fn all() -> Vec<Explained> {
+    let errors = Code::ALL.iter().map(|code| Explained {
+        name: code.name(),
+        page: code.page(),
+        exit: Some(code.exit()),
+    });
+    let findings = findings::ALL.iter().map(|finding| Explained {
+        name: finding.code,
+        page: finding.page,
+        exit: None,
+    });
+    errors.chain(findings).collect()
+}
+
+fn find(name: &str) -> Option<Explained> {
+    all()
+        .into_iter()
+        .find(|code| code.name.eq_ignore_ascii_case(name))
+}
+
+fn page(lang: Lang, code: &Explained) -> String {
     let mut table = Table::bare();
+    let mut add = |label: Text, text: String| {
+        table.add([String::new(), lang.get(label).to_owned(), text]);
+    };
+    add(Text::Likely, code.page.likely(lang).to_owned());
+    add(Text::Try, code.page.next(lang).to_owned());
+    if let Some(exit) = code.exit {
+        let name = EXITS.iter().find(|known| known.code == exit);
+        let name = name.map_or("", |known| known.name);
+        add(Text::ExitLabel, format!("{exit} {name}"));
+    }
+    format!(
+        "{}  {}\n{}",
+        code.name,
+        code.page.title(lang),
+        table.render()
+    )
+}
+
+fn codes(lang: Lang, codes: &[Explained]) -> Records {
+    let mut table = Table::bare();
+    let mut rows = Vec::new();
+    for code in codes {
+        let title = code.page.title(lang);
+        table.add([code.name.to_owned(), title.to_owned()]);
+        rows.push(json!({
+            "code": code.name, "title": title, "likely": code.page.likely(lang),
+            "next": code.page.next(lang), "exit": code.exit,
+        }));
+    }
+    Records {
+        key: "codes",
+        rows,
+        columns: &["code", "title", "likely", "next", "exit"],
+        value: "code",
+        table,
+    }
+}
+
+/// The table of exit codes.
+pub(super) fn exit_codes(lang: Lang) -> Records {
+    let mut table = Table::bare();
+    let mut rows: Vec<Value> = Vec::new();
     for exit in EXITS {
-        let meaning = exit.meaning(lang).to_owned();
-        table.add([exit.code.to_string(), exit.name.to_owned(), meaning]);
+        let meaning = exit.meaning(lang);
+        table.add([
+            exit.code.to_string(),
+            exit.name.to_owned(),
+            meaning.to_owned(),
+        ]);
+        rows.push(json!({ "exit": exit.code, "name": exit.name, "meaning": meaning }));
     }
-    table.render()
+    Records {
+        key: "exits",
+        rows,
+        columns: &["exit", "name", "meaning"],
+        value: "exit",
+        table,
+    }
 }

@@ -10,6 +10,7 @@ use crate::backend::Backend;
 use crate::cli;
 use crate::failure::Failure;
 use crate::i18n::Lang;
+use crate::machine::Machine;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::{out, values};
@@ -42,7 +43,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let what = matches.get_one::<String>("WHAT").map(String::as_str);
     let records = match what {
         Some("models") => models::records(lang),
-        Some("ports") => ports::records(lang),
+        Some("ports") => ports::records(lang, &Machine::this()),
         Some("points") => {
             let points = ask(&context, async |backend| backend.points(&[], false).await)?;
             super::get::records(lang, &points, false)

@@ -6,11 +6,11 @@ use crate::i18n::Lang;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Page {
     /// What happened.
-    title: [&'static str; 2],
+    pub(super) title: [&'static str; 2],
     /// What it usually comes from.
-    likely: [&'static str; 2],
+    pub(super) likely: [&'static str; 2],
     /// What to do next.
-    next: [&'static str; 2],
+    pub(super) next: [&'static str; 2],
 }
 
 impl Page {
@@ -144,11 +144,21 @@ codes! {
             "文件已存在 · 磁盘已满 · 无目录权限"],
         next: ["name another file", "换一个文件名"],
     }
-    Install = "E0182" {
-        title: ["the Wireshark files can't be put in place", "无法安装 Wireshark 文件"],
-        likely: ["the folder belongs to the system", "目录属于系统"],
-        next: ["sudo railbus sniff --install-wireshark   or name a folder with --dir",
-            "sudo railbus sniff --install-wireshark   或用 --dir 指定目录"],
+    Install = "E0195" {
+        title: ["a file can't be put in its place", "无法写入文件"],
+        likely: ["no right to write there · the disk is full", "无写入权限 · 磁盘已满"],
+        next: ["name a folder of your own with --dir", "用 --dir 指定您自己的目录"],
+    }
+    Unhealthy = "E0196" {
+        title: ["the doctor found errors", "诊断发现错误"],
+        likely: ["see each of them", "见各项说明"],
+        next: ["railbus doctor --fix", "railbus doctor --fix"],
+    }
+    FixFailed = "E0197" {
+        title: ["a fix did not work", "修复未成功"],
+        likely: ["the command named ended with an error · no right to run it",
+            "所示命令执行出错 · 无执行权限"],
+        next: ["run the command yourself and read what it says", "自行执行该命令并查看其输出"],
     }
     Usage = "E0201" {
         title: ["wrong arguments", "参数有误"],

@@ -2,6 +2,7 @@
 
 use super::Format;
 use super::table::Table;
+use super::width;
 use serde_json::{Map, Value, json};
 
 /// A result that is a list.
@@ -23,7 +24,7 @@ impl Records {
     /// The whole result in a form.
     pub(crate) fn render(&self, format: Format) -> String {
         match format {
-            Format::Table => self.table.render(),
+            Format::Table => self.table.render_within(width::terminal()),
             Format::Json => {
                 let mut all = Map::new();
                 all.insert("schema".to_owned(), json!(1));

@@ -27,6 +27,34 @@ impl Table {
         self.rows.push(row.into_iter().collect());
     }
 
+    /// All of it within so many columns, if they are limited: a table that is wider is told one
+    /// row after the other, since lines that the terminal breaks can't be read.
+    pub(crate) fn render_within(&self, columns: Option<usize>) -> String {
+        let text = self.render();
+        let widest = text.lines().map(width::of).max().unwrap_or_default();
+        match columns {
+            Some(columns) if widest > columns && !self.head.is_empty() => self.stacked(),
+            _ => text,
+        }
+    }
+
+    /// Each row as a block of lines, one for each cell under its heading.
+    fn stacked(&self) -> String {
+        let labels = self.head.iter().map(|head| width::of(head));
+        let label = labels.max().unwrap_or_default();
+        let block = |row: &Vec<String>| {
+            let cells = self
+                .head
+                .iter()
+                .zip(row)
+                .filter(|(_, cell)| !cell.is_empty());
+            let lines = cells.map(|(head, cell)| format!("{}  {cell}\n", width::pad(head, label)));
+            lines.collect::<String>()
+        };
+        let blocks: Vec<String> = self.rows.iter().map(block).collect();
+        blocks.join("\n")
+    }
+
     /// All of it, each line ended.
     pub(crate) fn render(&self) -> String {
         let lines = || std::iter::once(&self.head).chain(&self.rows);
@@ -61,5 +89,19 @@ mod tests {
         table.add(["a".to_owned(), String::new()]);
         assert_eq!(table.render(), "模块  STATE\npump  在线\na\n");
         assert_eq!(Table::bare().render(), "");
+    }
+
+    #[test]
+    fn a_table_too_wide_for_the_terminal_is_told_row_by_row() {
+        let mut table = Table::new(["模块", "STATE"]);
+        table.add(["pump".to_owned(), "在线".to_owned()]);
+        table.add(["oven".to_owned(), String::new()]);
+        let wide = table.render();
+        assert_eq!(table.render_within(None), wide);
+        assert_eq!(table.render_within(Some(11)), wide);
+        assert_eq!(
+            table.render_within(Some(10)),
+            "模块   pump\nSTATE  在线\n\n模块   oven\n"
+        );
     }
 }

@@ -31,6 +31,17 @@ pub(crate) fn duration(lang: Lang, millis: u64) -> String {
     }
 }
 
+/// How long something has been so: `34 s`, `12 min`, `5 h`, `3 d`.
+pub(crate) fn span(lang: Lang, seconds: u64) -> String {
+    let (count, unit) = match seconds {
+        0..60 => (seconds, ["s", "秒"]),
+        60..3_600 => (seconds / 60, ["min", "分"]),
+        3_600..86_400 => (seconds / 3_600, ["h", "小时"]),
+        _ => (seconds / 86_400, ["d", "天"]),
+    };
+    format!("{count} {}", lang.of(unit))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -49,5 +60,7 @@ mod tests {
         assert_eq!(duration(Lang::En, 34), "34 ms");
         assert_eq!(duration(Lang::Zh, 1_000), "1.0 秒");
         assert_eq!(duration(Lang::En, 14_649), "14.6 s");
+        let spans = [59, 60, 3_599, 3_600, 172_800].map(|seconds| span(Lang::En, seconds));
+        assert_eq!(spans, ["59 s", "1 min", "59 min", "1 h", "2 d"]);
     }
 }

@@ -1,6 +1,16 @@
 //! Text in columns of a terminal, where a Chinese character takes two.
 
+use rustix::termios::tcgetwinsize;
+use std::io::IsTerminal;
 use unicode_width::UnicodeWidthStr;
+
+/// How many columns the terminal has that the result goes to; none where it goes elsewhere, and
+/// nothing needs to fit.
+pub(crate) fn terminal() -> Option<usize> {
+    let stdout = std::io::stdout();
+    let size = stdout.is_terminal().then(|| tcgetwinsize(&stdout).ok())??;
+    (size.ws_col > 0).then_some(usize::from(size.ws_col))
+}
 
 /// How many columns a text takes.
 pub(crate) fn of(text: &str) -> usize {

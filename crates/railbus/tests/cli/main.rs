@@ -1,9 +1,14 @@
 //! The commands as their users meet them: streams, forms, languages and exit codes.
 
+mod contract;
+mod doctor;
+mod exits;
 mod failures;
+mod help;
 mod liar;
 mod line;
 mod site;
 mod sniff;
+mod terminal;
 mod wireshark;
 mod words;

@@ -62,7 +62,7 @@ fn both_files_are_put_in_place_by_one_command() {
     let ran = site.run("sniff --install-wireshark --dir file/below -o json");
     assert_eq!(
         (ran.code, ran.error()["code"].as_str()),
-        (1, Some("E0182")),
+        (1, Some("E0195")),
         "{ran:?}"
     );
 }

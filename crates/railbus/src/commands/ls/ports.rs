@@ -1,79 +1,73 @@
-//! The serial ports of this machine.
+//! The serial ports of this machine. To list them opens none.
 
 use crate::i18n::Lang;
+use crate::machine::{Machine, ports};
 use crate::render::records::Records;
 use crate::render::table::Table;
+use crate::render::time;
 use crate::texts::Text;
 use serde_json::json;
-use std::collections::BTreeMap;
-use std::fs;
-use std::path::{Path, PathBuf};
 
-/// Only these are adapters; a PC's own ttyS0 to ttyS31 mostly lead nowhere.
-const KINDS: [&str; 5] = ["ttyUSB", "ttyACM", "ttyAMA", "ttySC", "ttyAP"];
-
-pub(super) fn records(lang: Lang) -> Records {
-    let stable = stable_names();
+pub(super) fn records(lang: Lang, machine: &Machine) -> Records {
     let mut table = Table::new(lang.get(Text::LsPortsHead).split('|'));
     let mut rows = Vec::new();
-    for name in names() {
-        let device = Path::new("/dev").join(&name);
-        let stable = stable.get(&device).map(|path| path.display().to_string());
-        let driver = driver(&name);
-        let latency = latency(&name);
+    for port in ports::adapters(machine) {
         let dash = || "–".to_owned();
+        let holders = port.holders.iter();
+        let held: Vec<String> = holders
+            .map(|(pid, name)| format!("{name} ({pid})"))
+            .collect();
+        let plugged = port.plugged_s.map(|seconds| time::span(lang, seconds));
+        let stable = port.stable.as_ref().or(port.socket.as_ref());
         table.add([
-            device.display().to_string(),
-            driver.clone().unwrap_or_else(dash),
-            latency.map_or_else(dash, |millis| format!("{millis} ms")),
-            stable.clone().unwrap_or_else(dash),
+            port.device.clone(),
+            port.driver.clone().unwrap_or_else(dash),
+            port.latency_ms.map_or_else(dash, |ms| format!("{ms} ms")),
+            if held.is_empty() {
+                dash()
+            } else {
+                held.join(" ")
+            },
+            plugged.unwrap_or_else(dash),
+            stable.cloned().unwrap_or_else(dash),
         ]);
         rows.push(json!({
-            "port": device, "driver": driver, "latency_timer_ms": latency, "stable": stable,
+            "port": port.device, "driver": port.driver, "latency_timer_ms": port.latency_ms,
+            "held_by": held, "plugged_s": port.plugged_s, "stable": stable,
+            "usb": port.usb.map(|(vendor, product)| format!("{vendor:04x}:{product:04x}")),
         }));
     }
     Records {
         key: "ports",
         rows,
-        columns: &["port", "driver", "latency_timer_ms", "stable"],
+        columns: &["port", "driver", "latency_timer_ms", "plugged_s", "stable"],
         value: "port",
         table,
     }
 }
 
-fn names() -> Vec<String> {
-    let entries = fs::read_dir("/sys/class/tty")
-        .into_iter()
-        .flatten()
-        .flatten();
-    let mut names: Vec<String> = entries
-        .filter_map(|entry| entry.file_name().into_string().ok())
-        .filter(|name| KINDS.iter().any(|kind| name.starts_with(kind)))
-        .collect();
-    names.sort();
-    names
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::machine::fixture::Fixture;
+    use crate::render::Format;
 
-/// The names that stay the same wherever an adapter is plugged in.
-fn stable_names() -> BTreeMap<PathBuf, PathBuf> {
-    let entries = fs::read_dir("/dev/serial/by-id")
-        .into_iter()
-        .flatten()
-        .flatten();
-    let pair = |path: PathBuf| Some((fs::canonicalize(&path).ok()?, path));
-    entries.filter_map(|entry| pair(entry.path())).collect()
-}
-
-fn driver(name: &str) -> Option<String> {
-    let link = Path::new("/sys/class/tty").join(name).join("device/driver");
-    let target = fs::read_link(link).ok()?;
-    Some(target.file_name()?.to_str()?.to_owned())
-}
-
-/// How long an FTDI adapter keeps what it hears.
-fn latency(name: &str) -> Option<u32> {
-    let path = Path::new("/sys/class/tty")
-        .join(name)
-        .join("device/latency_timer");
-    fs::read_to_string(path).ok()?.trim().parse().ok()
+    #[test]
+    fn a_port_is_listed_with_its_holder_in_both_languages() {
+        let tree = Fixture::new("ls-ports");
+        tree.ftdi().program(812, "mbusd", "/dev/ttyUSB0");
+        let shown = |lang| records(lang, &tree.machine()).render(Format::Table);
+        assert_eq!(
+            shown(Lang::En),
+            "PORT          DRIVER    LATENCY  HELD BY      PLUGGED IN  STABLE NAME\n\
+             /dev/ttyUSB0  ftdi_sio  16 ms    mbusd (812)  1 h         \
+             /dev/serial/by-id/usb-FTDI_FT232R_A10KZP45-if00-port0\n"
+        );
+        assert_eq!(
+            shown(Lang::Zh),
+            "端口          驱动      延迟   占用者       已插入  固定名称\n\
+             /dev/ttyUSB0  ftdi_sio  16 ms  mbusd (812)  1 小时  \
+             /dev/serial/by-id/usb-FTDI_FT232R_A10KZP45-if00-port0\n"
+        );
+    }
 }

@@ -6,12 +6,14 @@ use crate::backend::Backend;
 use crate::commands::Context;
 use crate::failure::{Code, Failure};
 use crate::render::hex;
+use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::texts::Text;
 use railbus_device::{Bank, Family, Layout, Module, Op, PointKind, Setup};
 use railbus_wire::{Address, Channel, Frame, Protocol};
+use serde_json::json;
 
-/// Every frame, one to a line.
+/// Every frame.
 pub(super) async fn show(
     context: &Context,
     backend: &Backend,
@@ -20,6 +22,7 @@ pub(super) async fn show(
     let modules = backend.modules().await;
     let modules = modules.map_err(|problem| context.failure(&problem))?;
     let mut table = Table::bare();
+    let mut rows = Vec::new();
     for group in orders.chunk_by(|a, b| a.module == b.module) {
         let first = group.first().map_or("", |order| order.module.as_str());
         let info = modules.iter().find(|info| info.module == first);
@@ -32,10 +35,19 @@ pub(super) async fn show(
             let mut frame = Frame::new();
             exchange.encode(&mut frame);
             let told = context.lang.get(Text::WouldSend).to_owned();
-            table.add([told, first.to_owned(), hex::spaced(frame.bytes())]);
+            let bytes = hex::spaced(frame.bytes());
+            table.add([told, first.to_owned(), bytes.clone()]);
+            rows.push(json!({ "module": first, "bytes": bytes }));
         }
     }
-    Ok(table.render())
+    let records = Records {
+        key: "frames",
+        rows,
+        columns: &["module", "bytes"],
+        value: "bytes",
+        table,
+    };
+    Ok(records.render(context.format))
 }
 
 /// The ops of one module's orders: each as many outputs as one frame takes.

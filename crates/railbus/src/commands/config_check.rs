@@ -1,0 +1,251 @@
+//! `railbus config check` and `config path`: what is wrong with the configuration, what is
+//! unwise, and which file it is.
+
+mod texts;
+
+pub(super) use texts::ConfigCheckText;
+
+use super::Context;
+use crate::cli;
+use crate::config_file::{self, Found, Why};
+use crate::failure::{Failure, findings};
+use crate::i18n::Lang;
+use crate::machine::{Machine, ports};
+use crate::render::records::Records;
+use crate::render::table::Table;
+use crate::render::{Format, out, records};
+use clap::{ArgMatches, Command};
+use railbus_site::Config;
+use railbus_site::config::{Unwise, Warning, lint, load_percent, place_of};
+use serde_json::{Value, json};
+use std::fmt::Display;
+
+/// The names of the commands.
+pub(super) const CHECK: &str = "check";
+pub(super) const PATH: &str = "path";
+
+pub(super) fn define_check(lang: Lang) -> Command {
+    cli::verb(
+        lang,
+        CHECK,
+        ConfigCheckText::CheckAbout,
+        "railbus config check [--config FILE]",
+    )
+    .before_help(cli::examples(lang, ConfigCheckText::CheckExamples))
+}
+
+pub(super) fn define_path(lang: Lang) -> Command {
+    cli::verb(
+        lang,
+        PATH,
+        ConfigCheckText::PathAbout,
+        "railbus config path",
+    )
+}
+
+/// Prints what is unwise; what is wrong is the failure.
+pub(super) fn run_check(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let found = read(&context)?;
+    let text = config_file::text_of(&found.path).map_err(|problem| context.failure(&problem))?;
+    let warnings = lints(&Machine::this(), &found.config);
+    let shown: Vec<Shown> = warnings.iter().map(|w| Shown::of(lang, &text, w)).collect();
+    let file = found.path.display().to_string();
+    match context.format {
+        Format::Json | Format::Ndjson => out::result(
+            lang,
+            &records::line(json!({
+                "file": file, "lines": loads(&found.config),
+                "warnings": shown.iter().map(|warning| warning.json(&file)).collect::<Vec<_>>(),
+            })),
+        ),
+        Format::Table => {
+            let rows = table(lang, &file, &shown).render();
+            out::result(
+                lang,
+                &format!(
+                    "{rows}{}\n",
+                    summary(lang, &file, &found.config, shown.len())
+                ),
+            )
+        }
+        format => out::result(lang, &listed(lang, &file, &shown).render(format)),
+    }
+}
+
+/// Prints where the configuration lies, and which places come before it.
+pub(super) fn run_path(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let (path, why) = config_file::chosen(context.wanted.config.as_deref())
+        .map_err(|problem| context.failure(&problem))?;
+    let told = lang.get(match why {
+        Why::Flag => ConfigCheckText::ByFlag,
+        Why::Environment => ConfigCheckText::ByEnvironment,
+        Why::Place => ConfigCheckText::ByPlace,
+    });
+    let path = path.display().to_string();
+    let mut table = Table::bare();
+    table.add([path.clone(), told.to_owned()]);
+    let records = Records {
+        key: "paths",
+        rows: vec![json!({ "path": path, "why": why.name() })],
+        columns: &["path", "why"],
+        value: "path",
+        table,
+    };
+    out::result(lang, &records.render(context.format))
+}
+
+fn read(context: &Context) -> Result<Found, Failure> {
+    config_file::read(context.lang, context.wanted.config.as_deref())
+        .map_err(|problem| context.failure(&problem))
+}
+
+/// What is unwise on this machine.
+pub(super) fn lints(machine: &Machine, config: &Config) -> Vec<Warning> {
+    let adapters = ports::adapters(machine);
+    lint(config, |port| {
+        let adapter = adapters.iter().find(|adapter| adapter.device == port)?;
+        adapter.stable.clone().or_else(|| adapter.socket.clone())
+    })
+}
+
+/// How much of each line's time the polls take.
+fn loads(config: &Config) -> Vec<Value> {
+    let names = config.lines.keys();
+    names
+        .map(|name| {
+            let modules = config.modules_of(name).map(|(_, module)| module);
+            json!({ "line": name, "load_percent": load_percent(modules) })
+        })
+        .collect()
+}
+
+/// A warning in words.
+pub(super) struct Shown {
+    pub(super) code: &'static str,
+    pub(super) path: String,
+    place: Option<(usize, usize)>,
+    pub(super) message: String,
+    pub(super) next: String,
+}
+
+impl Shown {
+    pub(super) fn of(lang: Lang, text: &str, warning: &Warning) -> Shown {
+        let code = warning.kind.code();
+        let page = findings::find(code).map(|finding| finding.page);
+        let title = page.map_or("", |page| page.title(lang));
+        let detail = detail(lang, &warning.kind);
+        let message = match detail.is_empty() {
+            true => title.to_owned(),
+            false => lang.fill(
+                crate::texts::Text::Named,
+                &[("title", &title), ("name", &detail)],
+            ),
+        };
+        Shown {
+            code,
+            path: warning.path.clone(),
+            place: place_of(text, &warning.path),
+            message,
+            next: page.map_or("", |page| page.next(lang)).to_owned(),
+        }
+    }
+
+    fn json(&self, file: &str) -> Value {
+        json!({
+            "code": self.code, "path": self.path, "file": file, "message": self.message,
+            "line": self.place.map(|(line, _)| line),
+            "column": self.place.map(|(_, column)| column), "hint": [self.next],
+        })
+    }
+
+    fn at(&self, file: &str) -> String {
+        match self.place {
+            Some((line, column)) => format!("{file}:{line}:{column}"),
+            None => file.to_owned(),
+        }
+    }
+}
+
+/// The figures of a warning.
+fn detail(lang: Lang, kind: &Unwise) -> String {
+    let ms = |micros: railbus_wire::Micros| micros.0.div_ceil(1_000);
+    let fill = |text: ConfigCheckText, values: &[(&str, &dyn Display)]| lang.fill(text, values);
+    match kind {
+        Unwise::FirstByte(address, protocol) => {
+            let protocol = protocol.name();
+            fill(
+                ConfigCheckText::Beside,
+                &[("address", address), ("protocol", &protocol)],
+            )
+        }
+        Unwise::ReservedAddress(address) => address.to_string(),
+        Unwise::Overloaded { percent, round } => fill(
+            ConfigCheckText::Load,
+            &[("percent", percent), ("round", &ms(*round))],
+        ),
+        Unwise::GoesStale { round, max_age } => {
+            let values: &[(&str, &dyn Display)] = &[("round", &ms(*round)), ("age", &ms(*max_age))];
+            fill(ConfigCheckText::Stale, values)
+        }
+        Unwise::TwoSpeeds(count) | Unwise::TwoFormats(count) => {
+            fill(ConfigCheckText::Others, &[("count", count)])
+        }
+        Unwise::UnstablePort(stable) => stable.clone().unwrap_or_default(),
+        _ => String::new(),
+    }
+}
+
+fn table(lang: Lang, file: &str, shown: &[Shown]) -> Table {
+    let mut table = Table::bare();
+    for warning in shown {
+        table.add([
+            format!("! {}", warning.code),
+            warning.at(file),
+            warning.path.clone(),
+            warning.message.clone(),
+        ]);
+        let try_ = lang.get(crate::texts::Text::Try);
+        table.add([
+            String::new(),
+            String::new(),
+            try_.to_owned(),
+            warning.next.clone(),
+        ]);
+    }
+    table
+}
+
+fn listed(lang: Lang, file: &str, shown: &[Shown]) -> Records {
+    Records {
+        key: "warnings",
+        rows: shown.iter().map(|warning| warning.json(file)).collect(),
+        columns: &["code", "file", "line", "column", "path", "message"],
+        value: "code",
+        table: table(lang, file, shown),
+    }
+}
+
+/// One line: how big it is, how loaded its lines are, and how many warnings.
+fn summary(lang: Lang, file: &str, config: &Config, warnings: usize) -> String {
+    let loads: Vec<String> = config
+        .lines
+        .keys()
+        .map(|name| {
+            let percent = load_percent(config.modules_of(name).map(|(_, module)| module));
+            format!("{name} {percent} %")
+        })
+        .collect();
+    let (modules, loads) = (
+        config.modules.len(),
+        loads.join(lang.get(crate::texts::Text::Comma)),
+    );
+    let values: &[(&str, &dyn Display)] = &[
+        ("file", &file),
+        ("modules", &modules),
+        ("loads", &loads),
+        ("warnings", &warnings),
+    ];
+    lang.fill(ConfigCheckText::Summary, values)
+}

@@ -1,0 +1,34 @@
+//! What `railbus config check` and `config path` say.
+
+crate::texts::texts! {
+    ConfigCheckText;
+
+    CheckAbout {
+        en: "Says what is wrong or unwise in the configuration.",
+        zh: "检查配置中的错误和不妥之处。",
+    }
+    CheckExamples {
+        en: "  railbus config check
+  railbus config check --config plant.toml -o json",
+        zh: "  railbus config check
+  railbus config check --config plant.toml -o json",
+    }
+    PathAbout { en: "Says which configuration is used, and why.", zh: "显示所用的配置文件及原因。" }
+    ByFlag { en: "named by --config", zh: "由 --config 指定" }
+    ByEnvironment { en: "named by RAILBUS_CONFIG", zh: "由 RAILBUS_CONFIG 指定" }
+    ByPlace { en: "the first that is there", zh: "依次查找的首个文件" }
+    Beside { en: "{address} beside {protocol}", zh: "{protocol} 旁的 {address}" }
+    Load {
+        en: "{percent} % at least; one round takes {round} ms at least",
+        zh: "至少 {percent} %；轮询一圈至少 {round} 毫秒",
+    }
+    Stale {
+        en: "one round takes {round} ms at least, max_age is {age} ms",
+        zh: "轮询一圈至少 {round} 毫秒，max_age 为 {age} 毫秒",
+    }
+    Others { en: "{count} of its modules", zh: "其中 {count} 个模块" }
+    Summary {
+        en: "{file}: no errors, warnings: {warnings}; modules: {modules}; load at least: {loads}",
+        zh: "{file}：没有错误，警告：{warnings}；模块：{modules}；负载至少：{loads}",
+    }
+}

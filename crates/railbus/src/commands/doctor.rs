@@ -1,0 +1,192 @@
+//! `railbus doctor`: what is wrong with machine, port, line, modules, configuration and daemon,
+//! and how to mend it. It only reads, unless it is told to mend.
+
+mod daemon;
+mod finding;
+mod fix;
+mod line;
+mod port;
+mod show;
+mod system;
+mod texts;
+
+use super::config_check::{self, Shown};
+use super::explain::no_such_code;
+use super::place::{self, Access};
+use super::{Context, stop};
+use crate::backend::described;
+use crate::cli;
+use crate::config_file;
+use crate::failure::{Code, Failure, findings};
+use crate::i18n::Lang;
+use crate::machine::Machine;
+use crate::machine::users::User;
+use clap::{Arg, ArgAction, ArgMatches, Command};
+use finding::{Finding, Section, State};
+use railbus_host::LineName;
+use railbus_site::Config;
+use railbus_site::config::Unwise;
+use std::time::Duration;
+use texts::DoctorText;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "doctor";
+
+/// How long to listen to a line that nobody is asked on.
+const LISTEN: Duration = Duration::from_secs(2);
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    let usage = "railbus doctor [CODE] [-l LINE] [--fix [--yes]]";
+    cli::verb(lang, NAME, DoctorText::About, usage)
+        .before_help(cli::examples(lang, DoctorText::Examples))
+        .arg(Arg::new("CODE").help(lang.get(DoctorText::Code)))
+        .arg(cli::flag(lang, "fix", DoctorText::Fix).action(ArgAction::SetTrue))
+        .arg(
+            cli::flag(lang, "yes", DoctorText::Yes)
+                .short('y')
+                .action(ArgAction::SetTrue)
+                .requires("fix"),
+        )
+}
+
+/// Looks at everything, shows it, and mends what it may.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let code = matches.get_one::<String>("CODE");
+    if let Some(code) = code
+        && findings::find(code).is_none()
+    {
+        return Err(no_such_code(lang, code));
+    }
+    let mut found = context.block(examine(&context, &Machine::this()))?;
+    if let Some(code) = code {
+        found.retain(|finding| finding.is(code));
+    }
+    show::result(&context, &found)?;
+    if matches.get_flag("fix") {
+        return fix::run(&context, &found, matches.get_flag("yes"));
+    }
+    let errors = found
+        .iter()
+        .filter(|finding| finding.state == State::Error)
+        .count();
+    if errors == 0 {
+        return Ok(());
+    }
+    let codes: Vec<&str> = found
+        .iter()
+        .filter(|finding| finding.state == State::Error)
+        .filter_map(|finding| finding.code)
+        .collect();
+    let message = lang.fill(DoctorText::Unhealthy, &[("errors", &errors)]);
+    let failure = Failure::new(Code::Unhealthy, message).with_fact("codes", codes.clone());
+    let explain = |code: &&str| format!("railbus explain {code}");
+    Err(codes.iter().map(explain).fold(failure, Failure::with_try))
+}
+
+/// All that is found, section by section.
+async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, Failure> {
+    let lang = context.lang;
+    let mut stop = stop::Stop::new(context)?;
+    let user = User::this(machine);
+    let variable = |name: &str| std::env::var(name).ok();
+    let mut found = system::check(lang, variable, jiff::Timestamp::now());
+    let config = configuration(context, machine);
+    found.extend(port::adapters(machine, &user));
+    let work = async {
+        match place::find(context).await {
+            Ok(Access::Daemon(backend)) => line::through_daemon(lang, &backend).await,
+            _ => here(context, machine, &user, &config).await,
+        }
+    };
+    found.extend(
+        stop.or(work)
+            .await
+            .ok_or_else(|| stop::interrupted(context))?,
+    );
+    found.extend(config.findings);
+    found.extend(daemon::check(lang, context.wanted.socket.as_deref(), &user));
+    found.sort_by_key(|finding| finding.section);
+    Ok(found)
+}
+
+/// The lines to open here: that of the flags, or those of the configuration.
+async fn here(
+    context: &Context,
+    machine: &Machine,
+    user: &User,
+    config: &Configuration,
+) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for line in line::chosen(context, &config.config) {
+        found.extend(line::examine(context.lang, machine, user, &line, LISTEN).await);
+    }
+    found
+}
+
+/// The configuration, and what is to be said of it.
+struct Configuration {
+    config: Config,
+    findings: Vec<Finding>,
+}
+
+fn configuration(context: &Context, machine: &Machine) -> Configuration {
+    let lang = context.lang;
+    let ok = |config: Config, finding| Configuration {
+        config,
+        findings: vec![finding],
+    };
+    if let Some(ad_hoc) = &context.wanted.ad_hoc {
+        let config = described(ad_hoc).unwrap_or_default();
+        return Configuration {
+            config,
+            findings: Vec::new(),
+        };
+    }
+    let named = context.wanted.config.as_deref();
+    let read = config_file::read(lang, named).map_err(|problem| context.failure(&problem));
+    let found = match read {
+        Ok(found) => found,
+        Err(why) if why.code() == Code::NoConfig => {
+            return ok(
+                Config::default(),
+                Finding::warning(Section::Config, "D401", String::new()),
+            );
+        }
+        Err(why) => {
+            let detail = format!("{} {}", why.code().name(), why.message());
+            return ok(
+                Config::default(),
+                Finding::error(Section::Config, "D402", detail),
+            );
+        }
+    };
+    let text = config_file::text_of(&found.path).unwrap_or_default();
+    let mut findings = Vec::new();
+    for warning in config_check::lints(machine, &found.config) {
+        if let Unwise::UnstablePort(stable) = &warning.kind {
+            findings.push(port::unstable(&warning.path, stable.as_deref()));
+            continue;
+        }
+        let shown = Shown::of(lang, &text, &warning);
+        findings.push(Finding::of_lint(&shown));
+    }
+    if findings.is_empty() {
+        let file = found.path.display();
+        let text = lang.fill(DoctorText::ConfigGood, &[("file", &file)]);
+        findings.push(Finding::good(Section::Config, text));
+    }
+    Configuration {
+        config: found.config,
+        findings,
+    }
+}
+
+/// The name of a port, where it is one of a serial device.
+fn device_of(name: &LineName) -> Option<String> {
+    match name {
+        LineName::Serial(path) | LineName::Pty(path) => Some(path.display().to_string()),
+        LineName::Tcp { .. } | LineName::ModbusTcp { .. } => None,
+    }
+}

@@ -1,0 +1,156 @@
+//! What is found: a code of the table, the facts of this case, and the commands that mend it.
+
+use crate::commands::config_check::Shown;
+use crate::failure::findings;
+use crate::i18n::Lang;
+use crate::texts::Text;
+use serde_json::{Value, json};
+
+/// What a finding is about, in the order in which it is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Section {
+    System,
+    Port,
+    Line,
+    Modules,
+    Config,
+    Daemon,
+}
+
+impl Section {
+    /// The name in JSON.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Section::System => "system",
+            Section::Port => "port",
+            Section::Line => "line",
+            Section::Modules => "modules",
+            Section::Config => "config",
+            Section::Daemon => "daemon",
+        }
+    }
+}
+
+/// How bad it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum State {
+    Ok,
+    Warning,
+    Error,
+}
+
+impl State {
+    /// The name in JSON.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            State::Ok => "ok",
+            State::Warning => "warning",
+            State::Error => "error",
+        }
+    }
+}
+
+/// What is found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Finding {
+    pub(super) section: Section,
+    pub(super) state: State,
+    /// None where all is well.
+    pub(super) code: Option<&'static str>,
+    /// The facts of this case; the whole text where all is well.
+    pub(super) detail: String,
+    /// Commands of a shell that mend it.
+    pub(super) fix: Vec<String>,
+    /// What only people can do, where it is more than the table says.
+    pub(super) advice: Option<String>,
+}
+
+impl Finding {
+    pub(super) fn good(section: Section, text: String) -> Finding {
+        Finding {
+            section,
+            state: State::Ok,
+            code: None,
+            detail: text,
+            fix: Vec::new(),
+            advice: None,
+        }
+    }
+
+    pub(super) fn warning(section: Section, code: &'static str, detail: String) -> Finding {
+        Finding {
+            state: State::Warning,
+            code: Some(code),
+            ..Finding::good(section, detail)
+        }
+    }
+
+    pub(super) fn error(section: Section, code: &'static str, detail: String) -> Finding {
+        Finding {
+            state: State::Error,
+            ..Finding::warning(section, code, detail)
+        }
+    }
+
+    pub(super) fn of_lint(shown: &Shown) -> Finding {
+        let detail = format!("{} ({})", shown.message, shown.path);
+        Finding {
+            advice: Some(shown.next.clone()),
+            ..Finding::warning(Section::Config, shown.code, detail)
+        }
+    }
+
+    /// With a command that mends it.
+    pub(super) fn with_fix(mut self, command: String) -> Finding {
+        self.fix.push(command);
+        self
+    }
+
+    /// With what people can do.
+    pub(super) fn with_advice(mut self, advice: String) -> Finding {
+        self.advice = Some(advice);
+        self
+    }
+
+    /// Whether it has this code.
+    pub(super) fn is(&self, code: &str) -> bool {
+        self.code.is_some_and(|own| own.eq_ignore_ascii_case(code))
+    }
+
+    /// What it is, in words.
+    pub(super) fn message(&self, lang: Lang) -> String {
+        let lint = self.code.is_some_and(|code| code.starts_with('L'));
+        let page = self.code.and_then(findings::find).filter(|_| !lint);
+        match page.map(|finding| finding.page.title(lang)) {
+            Some(title) if self.detail.is_empty() => title.to_owned(),
+            Some(title) => lang.fill(Text::Named, &[("title", &title), ("name", &self.detail)]),
+            None => self.detail.clone(),
+        }
+    }
+
+    /// What to do: the commands, or else what the table or the case says.
+    pub(super) fn steps(&self, lang: Lang) -> Vec<String> {
+        let page = self.code.and_then(findings::find);
+        match (&self.advice, page) {
+            _ if !self.fix.is_empty() => self
+                .fix
+                .iter()
+                .cloned()
+                .chain(self.advice.clone())
+                .collect(),
+            (Some(advice), _) => vec![advice.clone()],
+            (None, Some(finding)) => vec![finding.page.next(lang).to_owned()],
+            (None, None) => Vec::new(),
+        }
+    }
+
+    pub(super) fn json(&self, lang: Lang) -> Value {
+        let page = self.code.and_then(findings::find);
+        json!({
+            "section": self.section.name(), "state": self.state.name(), "code": self.code,
+            "message": self.message(lang),
+            "likely": page.map(|finding| finding.page.likely(lang)),
+            "hint": self.steps(lang), "fix": self.fix,
+        })
+    }
+}

@@ -1,0 +1,69 @@
+//! Mending: the exact commands are shown, and run only after a yes.
+
+use super::finding::{Finding, State};
+use super::texts::DoctorText;
+use crate::commands::Context;
+use crate::failure::{Code, Failure};
+use crate::render::out;
+use std::io::{BufRead, IsTerminal, Write};
+use std::process::{Command, Stdio};
+
+pub(super) fn run(context: &Context, found: &[Finding], yes: bool) -> Result<(), Failure> {
+    let lang = context.lang;
+    let bad = found.iter().filter(|finding| finding.state != State::Ok);
+    let commands: Vec<&String> = bad.flat_map(|finding| &finding.fix).collect();
+    if commands.is_empty() {
+        context.note(lang.get(DoctorText::NothingToFix));
+        return Ok(());
+    }
+    out::note(lang.get(DoctorText::WouldRun));
+    for command in &commands {
+        out::note(&format!("  {command}"));
+    }
+    if !yes && !agreed(context)? {
+        out::note(lang.get(DoctorText::NothingRun));
+        return Ok(());
+    }
+    for command in commands {
+        run_one(context, command)?;
+    }
+    Ok(())
+}
+
+/// Asks at the terminal; where there is none, nobody can say yes.
+fn agreed(context: &Context) -> Result<bool, Failure> {
+    let lang = context.lang;
+    let stdin = std::io::stdin();
+    if !stdin.is_terminal() {
+        let message = lang.get(DoctorText::NobodyToAsk).to_owned();
+        return Err(Failure::new(Code::NeedsYes, message).with_try("railbus doctor --fix --yes"));
+    }
+    // Where stderr is gone, so is whoever would be asked.
+    let _ = write!(std::io::stderr(), "{} ", lang.get(DoctorText::Ask));
+    let mut answer = String::new();
+    let read = stdin.lock().read_line(&mut answer);
+    read.map_err(|error| Failure::of(lang, Code::System).because(error))?;
+    Ok(["y", "yes", "是"].contains(&answer.trim().to_lowercase().as_str()))
+}
+
+/// What it prints goes to stderr: stdout is for the findings.
+fn run_one(context: &Context, command: &str) -> Result<(), Failure> {
+    let lang = context.lang;
+    let failed = |why: String| {
+        let failure = Failure::of(lang, Code::FixFailed)
+            .because(command)
+            .because(why);
+        failure.with_fact("command", command)
+    };
+    let output = Command::new("sh")
+        .args(["-c", command])
+        .stdin(Stdio::inherit())
+        .stderr(Stdio::inherit())
+        .output()
+        .map_err(|error| failed(error.to_string()))?;
+    if !output.status.success() {
+        return Err(failed(output.status.to_string()));
+    }
+    context.note(&lang.fill(DoctorText::Done, &[("command", &command)]));
+    Ok(())
+}

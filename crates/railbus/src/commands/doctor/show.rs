@@ -1,0 +1,139 @@
+//! Findings as people and programs read them.
+
+use super::finding::{Finding, Section, State};
+use super::texts::DoctorText;
+use crate::commands::Context;
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use crate::render::colour::Paint;
+use crate::render::records::Records;
+use crate::render::table::Table;
+use crate::render::{Format, out, records, width};
+use serde_json::json;
+
+pub(super) fn result(context: &Context, found: &[Finding]) -> Result<(), Failure> {
+    let lang = context.lang;
+    let count = |state: State| found.iter().filter(|f| f.state == state).count();
+    let (errors, warnings) = (count(State::Error), count(State::Warning));
+    let rows = || {
+        found
+            .iter()
+            .map(|finding| finding.json(lang))
+            .collect::<Vec<_>>()
+    };
+    let text = match context.format {
+        Format::Table => {
+            let values: &[(&str, &dyn std::fmt::Display)] =
+                &[("errors", &errors), ("warnings", &warnings)];
+            let end = lang.fill(DoctorText::Summary, values);
+            format!("{}{end}\n", page(lang, found, context.paint()))
+        }
+        Format::Json => records::line(json!({
+            "findings": rows(), "errors": errors, "warnings": warnings,
+        })),
+        format => {
+            let records = Records {
+                key: "findings",
+                rows: rows(),
+                columns: &["section", "state", "code", "message"],
+                value: "code",
+                table: Table::bare(),
+            };
+            records.render(format)
+        }
+    };
+    out::result(lang, &text)
+}
+
+/// Section by section; marks carry words for those who see no colours.
+fn page(lang: Lang, found: &[Finding], paint: Paint) -> String {
+    let heads = [
+        Section::System,
+        Section::Port,
+        Section::Line,
+        Section::Modules,
+        Section::Config,
+        Section::Daemon,
+    ]
+    .map(|section| heading(lang, section));
+    let margin = heads
+        .iter()
+        .map(|head| width::of(head))
+        .max()
+        .unwrap_or_default()
+        + 2;
+    let mut text = String::new();
+    let mut last = None;
+    for finding in found {
+        let head = match last {
+            Some(section) if section == finding.section => "",
+            _ => heading(lang, finding.section),
+        };
+        last = Some(finding.section);
+        let mark = match finding.state {
+            State::Ok => paint.good("✓"),
+            State::Warning => paint.doubtful("!"),
+            State::Error => paint.bad("✗"),
+        };
+        let code = finding
+            .code
+            .map(|code| format!("{code} "))
+            .unwrap_or_default();
+        text += &format!(
+            "{}{mark} {code}{}\n",
+            width::pad(head, margin),
+            finding.message(lang)
+        );
+        let steps = finding.steps(lang);
+        for (index, step) in steps.iter().enumerate() {
+            let label = if index == 0 {
+                lang.get(DoctorText::FixLabel)
+            } else {
+                ""
+            };
+            let label = width::pad(label, width::of(lang.get(DoctorText::FixLabel)) + 1);
+            text += &format!("{}{label}{step}\n", " ".repeat(margin + 7));
+        }
+    }
+    text
+}
+
+fn heading(lang: Lang, section: Section) -> &'static str {
+    lang.get(match section {
+        Section::System => DoctorText::System,
+        Section::Port => DoctorText::Port,
+        Section::Line => DoctorText::Line,
+        Section::Modules => DoctorText::Modules,
+        Section::Config => DoctorText::Config,
+        Section::Daemon => DoctorText::Daemon,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sections_are_headed_once_and_steps_stand_below() {
+        let denied = Finding::error(Section::Port, "D102", "/dev/x".to_owned());
+        let found = [
+            Finding::good(Section::System, "fine".to_owned()),
+            denied
+                .with_fix("sudo one".to_owned())
+                .with_fix("sudo two".to_owned()),
+            Finding::warning(Section::Port, "D103", "/dev/y".to_owned()),
+        ];
+        assert_eq!(
+            page(Lang::En, &found, Paint::Plain),
+            "system   ✓ fine\n\
+             port     ✗ D102 you may not open the port: /dev/x\n                \
+             fix: sudo one\n                     sudo two\n         \
+             ! D103 the port is not there: /dev/y\n                fix: railbus ls ports\n"
+        );
+        let zh = page(Lang::Zh, &found, Paint::Plain);
+        assert!(
+            zh.starts_with("系统      ✓ fine\n端口      ✗ D102 无权打开端口：/dev/x\n"),
+            "{zh}"
+        );
+    }
+}

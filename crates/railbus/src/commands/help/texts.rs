@@ -1,0 +1,162 @@
+//! What `railbus help` says.
+
+crate::texts::texts! {
+    HelpText;
+
+    About { en: "Shows the help of a command or a topic.", zh: "显示命令或专题的帮助。" }
+    Examples {
+        en: "  railbus help set
+  railbus help exit-codes
+  railbus help addressing            also: units, protocols, safety",
+        zh: "  railbus help set
+  railbus help exit-codes
+  railbus help addressing            另有：units、protocols、safety",
+    }
+    Topic {
+        en: "A command, or exit-codes, addressing, units, protocols, safety",
+        zh: "命令名，或 exit-codes、addressing、units、protocols、safety",
+    }
+
+    Addressing {
+        en: "How lines, modules and points are named
+
+  -l main                     a line of railbus.toml
+  -l /dev/ttyUSB0             a serial port; better by its stable name: /dev/serial/by-id/…
+  -l tcp:10.0.0.5:4001        a serial server that passes bytes on as they are
+  -l mbtcp:10.0.0.5           a gateway that speaks Modbus TCP; port 502 if not said
+  -l pty:/tmp/railbus-main    a pseudo-terminal, such as that of railbus sim
+
+  pump                        a module; all its points
+  pump.do0                    a point: labels are those printed on the module
+  '*.di*'                     a pattern; in quotes, since the shell would expand it
+  yard 1,3=on                 outputs of a module by the numbers at its terminals
+
+EDA modules count from 0 (do0, di0), ERC-8 and 0x55 boards from 1 (k1), EMD-2A2Q from 1
+(ai1, do1). JSON has both the label and an index that counts from 0.
+
+Addresses are written 10, 0x0A or 0Ah, and shown as 10 (0Ah), since manuals of ASCII modules
+are hexadecimal and those of Modbus modules decimal. 0 is for all modules (Modbus), and so is
+245 (F5h) with 0x55 boards.
+
+The configuration is the first of --config, RAILBUS_CONFIG, railbus.toml here or in a folder
+above, ~/.config/railbus/railbus.toml and /etc/railbus/railbus.toml: railbus config path says
+which. Without one: railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8",
+        zh: "总线、模块和点的名称
+
+  -l main                     railbus.toml 中的总线
+  -l /dev/ttyUSB0             串口；最好用固定名称 /dev/serial/by-id/…
+  -l tcp:10.0.0.5:4001        透传字节的串口服务器
+  -l mbtcp:10.0.0.5           Modbus TCP 网关；默认端口 502
+  -l pty:/tmp/railbus-main    伪终端，例如 railbus sim 所建
+
+  pump                        模块；即其所有点
+  pump.do0                    点：标签与模块上所印一致
+  '*.di*'                     通配；须加引号，以免被 shell 展开
+  yard 1,3=on                 按端子编号指定输出
+
+EDA 模块从 0 起编号（do0、di0），ERC-8 和 0x55 板从 1 起（k1），EMD-2A2Q 从 1 起（ai1、do1）。
+JSON 中同时给出标签和从 0 起的序号。
+
+地址可写作 10、0x0A 或 0Ah，显示为 10 (0Ah)：ASCII 模块的手册用十六进制，Modbus 模块用十进制。
+0 为广播地址（Modbus），0x55 板的广播地址为 245 (F5h)。
+
+配置依次取 --config、RAILBUS_CONFIG、当前及上级目录的 railbus.toml、
+~/.config/railbus/railbus.toml 和 /etc/railbus/railbus.toml：railbus config path 说明所用者。
+无配置时：railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8",
+    }
+    Units {
+        en: "Numbers and units
+
+Times carry their unit: 500ms, 1.5s, 2m, 1h. A bare number is refused, its unit being anyone's
+guess. Programs get whole milliseconds, in keys that end in _ms, and moments as RFC 3339 in UTC.
+
+Analog values carry the unit of the configuration, V if not said, with as many decimals as the
+module resolves. EMD-2A2Q counts hundredths: --raw shows the register, 871 for 8.71 V.
+
+Bytes are hexadecimal, with or without blanks: 01 03 00 02. Addresses may be 10, 0x0A or 0Ah.
+Speeds are bits in a second; a format is data bits, parity (N, E, O) and stop bits, as 8N1.
+
+Bits are written in the order of the terminals, the first one first: 1100 is do0 and do1 on.
+Outputs are on or off, inputs 1 or 0.",
+        zh: "数值与单位
+
+时间须带单位：500ms、1.5s、2m、1h。不带单位的数值因含义不明而被拒绝。
+程序得到的时间为整毫秒，键名以 _ms 结尾；时刻为 UTC 的 RFC 3339 格式。
+
+模拟量带配置中的单位，默认 V，小数位数与模块分辨率一致。
+EMD-2A2Q 以百分之一计：--raw 显示寄存器值，8.71 V 为 871。
+
+字节用十六进制，可带空格：01 03 00 02。地址可写作 10、0x0A 或 0Ah。
+波特率为每秒位数；格式为数据位、校验位（N、E、O）和停止位，如 8N1。
+
+各位按端子顺序排列，首个在前：1100 表示 do0 和 do1 吸合。
+输出为 on（吸合）或 off（断开），输入为 1 或 0。",
+    }
+    Protocols {
+        en: "The protocols of one pair of wires
+
+  ascii   text such as $016 and !030200, ended by CR; with or without a checksum  (EDA)
+  lc02    bytes that begin with 4C 57 and end with 0D, replies with 6C            (EDA)
+  rtu     Modbus RTU, with a CRC                                         (EDA, ERC-8, EMD)
+  r55     eight bytes that begin with 55, replies with 22                    (0x55 boards)
+
+Modules of several protocols can share a line: railbus never sends a frame that another
+protocol of the line would take for a command. Each module has one protocol at a time; where no
+command switches it, the maker's software or a jumper does. All modules of a line want the same
+speed; railbus switches where they differ, and that costs time (railbus explain L012).
+
+A reply is judged together with its request: whoever answers late, or answers somebody else, is
+never taken for another module.",
+        zh: "同一对线上的协议
+
+  ascii   文本，如 $016 和 !030200，以 CR 结束；可带校验和             （EDA）
+  lc02    以 4C 57 开头、0D 结尾的字节，应答以 6C 开头                 （EDA）
+  rtu     Modbus RTU，带 CRC                                （EDA、ERC-8、EMD）
+  r55     以 55 开头的八个字节，应答以 22 开头                     （0x55 板）
+
+不同协议的模块可共用一条总线：railbus 不会发送会被总线上另一协议误认为命令的帧。
+每个模块同时只用一种协议；没有切换命令时，由厂家软件或跳线切换。
+同一总线上的模块应使用相同波特率；不同时 railbus 会切换，但要花时间（railbus explain L012）。
+
+应答总是与其请求一并判断：迟到的应答或对他人的应答不会被误认为另一模块的应答。",
+    }
+    Safety {
+        en: "What is sent, and what is not
+
+  live        outputs: sent at once, and read back where the module can
+  settings    kept in EEPROM (address, speed, calibration): asked about first, or --yes
+  broadcast   for all modules: asked about first, or --yes
+
+scan, get, ls, watch and doctor only read. -n with set shows the frames and sends none.
+
+\"done\" means that the module said so. What was acknowledged but reads back otherwise ends with
+exit code 6; where a command may have acted, though no reply came, the error says so. What must
+not happen twice (toggle, pulse) is never repeated by itself.
+
+locked = true at a point of the configuration forbids writing it, to every command and program.
+
+Ctrl-C lets the frame on the wire end, and releases an output whose pulse is timed here. Killed
+by force, a pulse timed here leaves its output on: the daemon (railbus serve) or a module that
+times pulses itself does not.
+
+railbus switches relays and reads inputs; it is no safety device. What protects people needs a
+circuit of its own.",
+        zh: "发送什么，不发送什么
+
+  输出      立即发送，能回读的模块会回读
+  设置      保存在 EEPROM（地址、波特率、校准）：先询问，或用 --yes
+  广播      面向所有模块：先询问，或用 --yes
+
+scan、get、ls、watch 和 doctor 只读取。set 加 -n 只显示帧而不发送。
+
+“完成”指模块已确认。已应答但回读不一致时退出码为 6；没有应答而命令可能已执行时，错误信息会说明。
+不可重复的命令（翻转、点动）不会自动重发。
+
+配置中某点的 locked = true 禁止任何命令和程序写入。
+
+Ctrl-C 会等线路上的帧结束，并断开由本程序计时的点动输出。若被强行终止，由本程序计时的点动会保持
+吸合；守护进程（railbus serve）或自行计时的模块则不会。
+
+railbus 用于操作继电器和读取输入，不是安全装置。人身保护须另设电路。",
+    }
+}

@@ -1,0 +1,42 @@
+//! `railbus version`: which program this is, and for what.
+
+use crate::api::types::SCHEMA;
+use crate::cli;
+use crate::commands::Context;
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use crate::render::{Format, out, records};
+use crate::texts::Text;
+use clap::{ArgMatches, Command};
+use railbus_device::Family;
+use railbus_wire::Protocol;
+use serde_json::json;
+use std::env::consts::{ARCH, OS};
+
+/// The name of the command.
+pub(crate) const NAME: &str = "version";
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    cli::verb(lang, NAME, Text::VersionAbout, "railbus version")
+}
+
+/// Prints the version, and what it can do.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    let context = Context::of(lang, matches)?;
+    let version = env!("CARGO_PKG_VERSION");
+    let text = match context.format {
+        Format::Json | Format::Ndjson => records::line(json!({
+            "version": version, "os": OS, "arch": ARCH, "api": SCHEMA,
+            "models": Family::ALL.map(Family::name), "protocols": Protocol::ALL.map(Protocol::name),
+        })),
+        Format::Value => format!("{version}\n"),
+        Format::Csv => format!("version,os,arch\n{version},{OS},{ARCH}\n"),
+        Format::Table => format!(
+            "railbus {version}  {OS} {ARCH}\n{}\n{}\n",
+            Family::ALL.map(Family::name).join(" "),
+            Protocol::ALL.map(Protocol::name).join(" "),
+        ),
+    };
+    out::result(lang, &text)
+}

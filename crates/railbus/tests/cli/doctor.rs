@@ -1,0 +1,166 @@
+//! `railbus doctor` on the demo line, on bad lines, and mending.
+
+use crate::liar::liar;
+use crate::site::Site;
+use std::os::unix::net::UnixListener;
+
+/// What changes from run to run.
+fn steady(site: &Site, text: &str) -> String {
+    let today = text
+        .split_once(['k', '钟'])
+        .map(|(_, rest)| rest.trim_start());
+    let date: String = today.unwrap_or_default().chars().take(10).collect();
+    text.replace(&site.folder.display().to_string(), "DIR")
+        .replace(&date, "DATE")
+}
+
+#[test]
+fn the_demo_line_is_well_in_both_languages() {
+    let site = Site::demo("doctor");
+    site.command();
+    let run = |lang: &str| {
+        let mut command = site.command();
+        command.env("LC_ALL", "C.UTF-8");
+        let socket = site.socket();
+        command.args(["--lang", lang, "--socket", &socket, "doctor", "--direct"]);
+        let output = command.output().expect("it runs");
+        let text = String::from_utf8(output.stdout).expect("text");
+        assert_eq!(output.status.code(), Some(0), "{text}");
+        steady(&site, &text)
+    };
+    assert_eq!(
+        run("en"),
+        "system   ✓ clock DATE, locale C.UTF-8\n\
+         port     ✓ pty:DIR/line opens, 9600 8N1\n\
+         line     ✓ main is quiet for 2.0 s\n\
+         modules  ✓ 5 on main: gate oven pump tank yard\n\
+         config   ✓ DIR/railbus.toml: nothing to be said against it\n\
+         daemon   ✓ does not run; commands open the line themselves\n\
+         errors: 0, warnings: 0\n"
+    );
+    assert_eq!(
+        run("zh"),
+        "系统      ✓ 时钟 DATE，语言环境 C.UTF-8\n\
+         端口      ✓ pty:DIR/line 可以打开，9600 8N1\n\
+         总线      ✓ main 安静了 2.0 秒\n\
+         模块      ✓ main 上 5 个应答：gate oven pump tank yard\n\
+         配置      ✓ DIR/railbus.toml：没有问题\n\
+         守护进程  ✓ 未运行；命令会自行打开总线\n\
+         错误：0，警告：0\n"
+    );
+}
+
+fn codes(ran: &crate::site::Ran) -> Vec<String> {
+    let found = ran.json()["findings"]
+        .as_array()
+        .cloned()
+        .unwrap_or_default();
+    let codes = found.iter().filter_map(|finding| finding["code"].as_str());
+    codes
+        .map(str::to_owned)
+        .filter(|code| code != "D110")
+        .collect()
+}
+
+#[test]
+fn a_silent_module_is_named_and_the_exit_code_is_1() {
+    let site = Site::demo("doctor-silent");
+    let file = site.folder.join("railbus.toml");
+    let text = std::fs::read_to_string(&file).expect("a file");
+    let more = "[module.shed]\nline = \"main\"\nmodel = \"erc8\"\naddress = 9\n";
+    site.configure(&format!("{text}\n{more}"));
+    let ran = site.run("doctor --direct -o json");
+    assert_eq!(ran.code, 1, "{ran:?}");
+    assert!(codes(&ran).contains(&"D301".to_owned()), "{ran:?}");
+    assert!(!codes(&ran).contains(&"D205".to_owned()), "{ran:?}");
+    assert_eq!(ran.error()["code"], "E0196", "{ran:?}");
+    let ran = site.run("doctor D301 --direct");
+    assert!(
+        ran.out
+            .contains("✗ D301 the module does not answer: shed (address 9"),
+        "{ran:?}"
+    );
+    // Only what was asked for counts.
+    assert_eq!(site.run("doctor D204 --direct").code, 0);
+}
+
+#[test]
+fn the_daemon_is_asked_where_it_has_the_line() {
+    let mut site = Site::demo("doctor-daemon");
+    site.serve();
+    let socket = site.socket();
+    let healthy = || {
+        let ran = site.run(&format!("--socket {socket} doctor -o json"));
+        ran.code == 0 && ran.out.contains("is open at the daemon")
+    };
+    assert!((0..100).any(|_| healthy()), "it never got well");
+    let ran = site.run(&format!("--socket {socket} doctor"));
+    assert!(ran.out.contains("daemon   ✓ runs, "), "{ran:?}");
+    let direct = site.run("--direct doctor -o json");
+    assert_eq!(codes(&direct), ["D104"], "{direct:?}");
+}
+
+#[test]
+fn bad_lines_are_told_apart() {
+    let site = Site::empty("doctor-lines");
+    let of = |flags: &str| codes(&site.run(format!("{flags} doctor -o json").trim()));
+    assert_eq!(of("-l /dev/none-such"), ["D103"]);
+    assert_eq!(of("-l tcp:127.0.0.1:1"), ["D112"]);
+    let file = site.folder.join("file");
+    std::fs::write(&file, "").expect("a file");
+    assert_eq!(of(&format!("-l {}", file.display())), ["D111"]);
+    let deaf = liar(|_| Vec::new());
+    assert_eq!(of(&format!("-l pty:{deaf} -m erc8 -a 3")), ["D205", "D301"]);
+    let garbling = liar(|_| vec![0xFF; 6]);
+    assert_eq!(of(&format!("-l pty:{garbling} -m erc8 -a 3")), ["D302"]);
+    assert_eq!(of(""), ["D401"]);
+    site.configure("[line.main\n");
+    assert_eq!(of(""), ["D402"]);
+}
+
+#[test]
+fn a_socket_left_behind_is_removed_after_a_yes_only() {
+    let site = Site::empty("doctor-fix");
+    let socket = site.socket();
+    drop(UnixListener::bind(&socket).expect("a socket"));
+    let asked = site.run(&format!("--socket {socket} doctor D501 --fix"));
+    assert_eq!(asked.code, 2, "{asked:?}");
+    assert!(
+        asked.err.contains(&format!("  rm '{socket}'\n")),
+        "{asked:?}"
+    );
+    assert!(
+        std::fs::symlink_metadata(&socket).is_ok(),
+        "nobody said yes"
+    );
+    let done = site.run(&format!("--socket {socket} doctor D501 --fix --yes"));
+    assert_eq!(done.code, 0, "{done:?}");
+    assert!(std::fs::symlink_metadata(&socket).is_err(), "{done:?}");
+    let again = site.run(&format!("--socket {socket} doctor D501 --fix --yes"));
+    assert!(
+        again.err.contains("nothing here can be mended"),
+        "{again:?}"
+    );
+}
+
+#[test]
+fn what_is_unwise_is_told_with_its_place() {
+    let site = Site::empty("doctor-lint");
+    site.configure(
+        "[line.main]\nport = \"/dev/ttyUSB7\"\n\n[module.a]\nline = \"main\"\n\
+         model = \"eda9060a\"\nprotocol = \"rtu\"\naddress = 0x55\npoll = \"2s\"\n\
+         [module.b]\nline = \"main\"\nmodel = \"r55\"\naddress = 4\npoll = \"2s\"\n",
+    );
+    let ran = site.run("config check");
+    assert_eq!(ran.code, 0, "{ran:?}");
+    assert!(ran.out.contains("! L020"), "{ran:?}");
+    assert!(
+        ran.out.contains("railbus.toml:8:1  module.a.address"),
+        "{ran:?}"
+    );
+    assert!(ran.out.contains("85 (55h) beside r55"), "{ran:?}");
+    let found = site.run("doctor --direct -o json");
+    assert_eq!(codes(&found), ["D103", "D107", "L001"], "{found:?}");
+    let zh = site.run("--lang zh config check");
+    assert!(zh.out.contains("r55 旁的 85 (55h)"), "{zh:?}");
+}
