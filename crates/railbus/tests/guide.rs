@@ -1,0 +1,107 @@
+//! The guide, tried as written: every command in it is run, page by page, and must print what the
+//! page shows. `UPDATE=1` writes the pages anew.
+//!
+//! In a page of `docs/guide/<lang>/src`:
+//! - ```` ```console ```` holds commands after `$ `, each followed by what it prints;
+//! - ```` ```console,background ```` holds one command that stays running until the page ends;
+//! - ```` ```toml,file=NAME ```` is a file that the reader makes.
+
+#[path = "guide/page.rs"]
+mod page;
+#[path = "guide/shell.rs"]
+mod shell;
+
+use page::{Block, calm};
+use shell::Shell;
+use std::path::{Path, PathBuf};
+
+fn pages(lang: &str) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../docs/guide")
+        .join(lang)
+        .join("src");
+    let mut pages: Vec<PathBuf> = std::fs::read_dir(&folder)
+        .unwrap_or_else(|error| panic!("{}: {error}", folder.display()))
+        .map(|entry| entry.expect("an entry").path())
+        .filter(|path| path.extension().is_some_and(|end| end == "md"))
+        .collect();
+    pages.sort();
+    pages
+}
+
+/// Does what a reader of the page would do, and gives the page as it should be.
+fn played(lang: &str, text: &str) -> String {
+    let mut shell = Shell::new(lang);
+    let mut whole = String::new();
+    for block in page::blocks(text) {
+        match block {
+            Block::Text(lines) => whole += lines,
+            Block::File { name, head, body } => {
+                shell.file(name, body);
+                whole += &format!("{head}{body}```\n");
+            }
+            Block::Background {
+                head,
+                command,
+                shown,
+            } => {
+                let said = shell.start(command, shown.lines().count());
+                whole += &format!("{head}$ {command}\n{said}```\n");
+            }
+            Block::Session { head, commands } => {
+                whole += head;
+                for command in commands {
+                    whole += &format!("$ {command}\n{}", shell.run(command));
+                }
+                whole += "```\n";
+            }
+        }
+    }
+    whole
+}
+
+fn try_out(lang: &str) {
+    let mut commands = 0;
+    for path in pages(lang) {
+        let text = std::fs::read_to_string(&path).expect("a page");
+        let played = played(lang, &text);
+        commands += played.lines().filter(|line| line.starts_with("$ ")).count();
+        if std::env::var_os("UPDATE").is_some() {
+            std::fs::write(&path, played).expect("the guide is ours");
+            continue;
+        }
+        let page = path.display();
+        assert_eq!(
+            calm(&text),
+            calm(&played),
+            "{page}: UPDATE=1 writes it anew"
+        );
+    }
+    assert!(commands > 20, "the guide shows hardly anything: {commands}");
+}
+
+#[test]
+fn the_english_guide_is_true() {
+    try_out("en");
+}
+
+#[test]
+fn the_chinese_guide_is_true() {
+    try_out("zh");
+}
+
+/// Who reads one of them must not miss a chapter or a command of the other.
+#[test]
+fn both_guides_have_the_same_pages_and_commands() {
+    let commands = |path: &PathBuf| -> Vec<String> {
+        let text = std::fs::read_to_string(path).expect("a page");
+        let is_command = |line: &&str| line.starts_with("$ ");
+        text.lines().filter(is_command).map(str::to_owned).collect()
+    };
+    let (en, zh) = (pages("en"), pages("zh"));
+    assert_eq!(en.len(), zh.len());
+    for (en, zh) in en.iter().zip(&zh) {
+        assert_eq!(en.file_name(), zh.file_name());
+        assert_eq!(commands(en), commands(zh), "{}", en.display());
+    }
+}

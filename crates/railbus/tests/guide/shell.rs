@@ -1,0 +1,111 @@
+//! The reader's shell: a folder of its own, the program in the path.
+//!
+//! Where a page says `/tmp/`, a reader's files lie; here that is the folder, so that pages that are
+//! tried at once do not meet.
+
+use std::io::{BufRead, BufReader};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+pub(crate) struct Shell {
+    folder: PathBuf,
+    lang: String,
+    background: Vec<Child>,
+}
+
+impl Drop for Shell {
+    fn drop(&mut self) {
+        for child in &mut self.background {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+impl Shell {
+    pub(crate) fn new(lang: &str) -> Shell {
+        static COUNT: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
+        let count = COUNT.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        // A short name, for the sake of the tables that show paths in it.
+        let folder = std::env::temp_dir().join(format!("{lang}{}{count}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        Shell {
+            folder,
+            lang: lang.to_owned(),
+            background: Vec::new(),
+        }
+    }
+
+    pub(crate) fn file(&self, name: &str, body: &str) {
+        std::fs::write(self.folder.join(name), self.here(body)).expect("a file");
+    }
+
+    /// Runs a command to its end: what a terminal would show.
+    pub(crate) fn run(&self, command: &str) -> String {
+        let command = format!("{{ {command}\n}} 2>&1");
+        let output = self.shell(&command).output().expect("a shell");
+        let said = String::from_utf8(output.stdout).expect("text");
+        let said = self.there(&said);
+        match said.is_empty() || said.ends_with('\n') {
+            true => said,
+            false => said + "\n",
+        }
+    }
+
+    /// Starts a command and waits for its first lines: as many as the page shows, at least one.
+    pub(crate) fn start(&mut self, command: &str, lines: usize) -> String {
+        let mut child = self
+            .shell(&format!("exec {command}"))
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("a shell");
+        let mut said = BufReader::new(child.stdout.take().expect("it is piped"));
+        self.background.push(child);
+        let mut text = String::new();
+        for _ in 0..lines.max(1) {
+            assert_ne!(
+                said.read_line(&mut text).expect("text"),
+                0,
+                "{command}: {text}"
+            );
+        }
+        // Who writes more must not be stopped by a full or a broken pipe.
+        std::thread::spawn(move || std::io::copy(&mut said, &mut std::io::sink()));
+        self.there(&text)
+    }
+
+    /// What a page says, as it is meant here.
+    fn here(&self, text: &str) -> String {
+        text.replace("/tmp/", &format!("{}/", self.folder.display()))
+    }
+
+    /// What was said here, as a page says it.
+    fn there(&self, text: &str) -> String {
+        let folder = self.folder.display().to_string();
+        text.replace(&format!("{folder}/"), "/tmp/")
+            .replace(&folder, "/tmp")
+    }
+
+    fn shell(&self, command: &str) -> Command {
+        let program = Path::new(env!("CARGO_BIN_EXE_railbus"));
+        let folder = program.parent().expect("it lies in one").display();
+        let path = std::env::var("PATH").unwrap_or_default();
+        let mut shell = Command::new("sh");
+        shell
+            .args(["-c", &self.here(command)])
+            .current_dir(&self.folder)
+            .stdin(Stdio::null())
+            .process_group(0)
+            .env("PATH", format!("{folder}:{path}"))
+            .env("RAILBUS_LANG", &self.lang)
+            .env("TZ", "UTC")
+            .env("HOME", &self.folder)
+            .env("XDG_RUNTIME_DIR", &self.folder)
+            .env_remove("XDG_STATE_HOME")
+            .env_remove("XDG_CONFIG_HOME")
+            .env_remove("RAILBUS_CONFIG");
+        shell
+    }
+}
