@@ -193,6 +193,37 @@ fn times_are_added_and_taken_away() {
     );
 }
 
+/// What is missing of a binary reply is told exactly, from where its length is certain.
+#[test]
+fn what_is_missing_is_told() {
+    let coils = rtu::BitSpan::new(0, 16).unwrap();
+    let write = rtu::Request::WriteRegister { at: 1, value: 2 };
+    let whole = [
+        (
+            Exchange::rtu(Address(1), rtu::Request::ReadCoils(coils)),
+            3,
+            7,
+        ),
+        (Exchange::rtu(Address(1), write), 2, 8),
+        (Exchange::lc02(Address(1), lc02::Request::ReadConfig), 0, 9),
+        (Exchange::r55(Address(1), r55::Request::ReadState), 0, 8),
+    ];
+    let beginnings: [&[u8]; 4] = [
+        &[1, 1, 2, 0, 0, 0],
+        &[1, 6, 0, 1, 0, 2, 0],
+        &[0x6C, 0x63, 1, 0, 0, 0, 0, 0],
+        &[0x22, 1, 0x10, 0, 0, 0, 0],
+    ];
+    for ((exchange, certain_from, len), beginning) in whole.into_iter().zip(beginnings) {
+        assert_eq!(exchange.response_len_max(), len);
+        for heard in certain_from..len {
+            let more = len - heard;
+            let read = exchange.decode_response(&beginning[..heard]);
+            assert_eq!(read, Decoded::Partial { more }, "{exchange:?} {heard}");
+        }
+    }
+}
+
 /// A frame that is no request still names its module, where it arrived whole.
 #[test]
 fn addresses_of_frames_that_are_no_requests() {
