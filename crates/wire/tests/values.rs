@@ -262,3 +262,17 @@ fn a_request_to_all_is_confusable_with_one_to_any() {
         assert!(one.confusable(&all) && all.confusable(&one));
     }
 }
+
+/// An ASCII reply without an address may begin with what reads as another module's: `!010F00` is
+/// the outputs and inputs of any module, or the pulses of module 01.
+#[test]
+fn a_reply_without_an_address_is_confusable_with_one_that_has_one() {
+    let ask = |address, request| Exchange::ascii(Address(address), false, request);
+    let any = ask(2, ascii::Request::ReadData);
+    let named = ask(1, ascii::Request::ReadPulse);
+    assert!(any.confusable(&named) && named.confusable(&any));
+    assert!(any.confusable(&ask(1, ascii::Request::ReadData)));
+    assert!(!named.confusable(&ask(2, ascii::Request::ReadPulse)));
+    let name = ask(1, ascii::Request::ReadInit);
+    assert!(!any.confusable(&name), "their lengths differ");
+}
