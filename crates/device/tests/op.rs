@@ -1,7 +1,7 @@
 //! Ops by themselves: banks of channels, and what no model has.
 
-use railbus_device::{Bank, Family, Module, Op, Setup};
-use railbus_wire::{Address, Channel};
+use railbus_device::{Bank, Change, Family, Module, Op, Setup};
+use railbus_wire::{Address, Channel, r55::U24};
 
 /// States are known for the channels of the mask alone.
 #[test]
@@ -16,6 +16,35 @@ fn a_bank_says_nothing_of_other_channels() {
         assert_eq!((one.mask, one.get(channel(31))), (1 << 31, Some(on)));
         assert_eq!(one.get(channel(30)), None);
     }
+}
+
+#[test]
+fn some_ops_only_read() {
+    let reads = [
+        Op::ReadOutputs,
+        Op::ReadInputs,
+        Op::ReadAnalogs,
+        Op::ReadVariable(0),
+        Op::ReadPulse,
+        Op::Identify,
+        Op::ReadConfig,
+    ];
+    assert!(reads.iter().all(Op::is_read));
+    let millis = U24::new(1).expect("24 bits");
+    let jog = Op::Jog {
+        channel: Channel::MAX,
+        close: true,
+        millis,
+    };
+    let writes = [
+        Op::Write(Bank::new(1, 1)),
+        Op::WriteSilent(Bank::new(1, 1)),
+        Op::Toggle(1),
+        jog,
+        Op::WriteVariable(0, millis),
+        Op::Configure(Change::Restore),
+    ];
+    assert!(!writes.iter().any(Op::is_read));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 //! `Setup::check` refuses.
 
 use railbus_device::{Family, Layout, Module, Op, Point, PointKind, Setup, SetupError};
-use railbus_wire::{Address, Baud, Character, Micros, Protocol, Settings};
+use railbus_wire::{Address, Baud, Character, Micros, Protocol, Settings, r55::U24};
 
 /// A module in the middle of its addresses.
 fn setup(family: Family) -> Setup {
@@ -88,8 +88,12 @@ fn variables_are_counted_by_the_description() {
     assert_eq!(checked, [Ok(()), Err(SetupError::Channels)]);
 
     let module = Module::new(programmable(2)).expect("such a board");
-    assert!(module.exchange(&Op::ReadVariable(1)).is_ok());
-    assert!(module.exchange(&Op::ReadVariable(2)).is_err());
+    let value = U24::new(7).expect("24 bits");
+    for (index, has) in [(0, true), (1, true), (2, false), (255, false)] {
+        for op in [Op::ReadVariable(index), Op::WriteVariable(index, value)] {
+            assert_eq!(module.exchange(&op).is_ok(), has, "{op:?}");
+        }
+    }
     let read: Vec<Op> = module.full_poll().collect();
     let expected = [Op::ReadOutputs, Op::ReadVariable(0), Op::ReadVariable(1)];
     assert_eq!(read, expected);

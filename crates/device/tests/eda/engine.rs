@@ -173,6 +173,29 @@ fn turnaround() {
     }
 }
 
+/// A host that has turned to another module meanwhile is not interrupted.
+#[test]
+fn a_request_to_another_module_ends_the_wait() {
+    let options = Options {
+        turnaround: Micros::from_millis(20),
+        ..Options::default()
+    };
+    for protocol in PROTOCOLS {
+        let mut module = with(setup(Family::Eda9060a, protocol, 1), options);
+        module.send(&switch(&module, 0));
+        assert_eq!(module.run_until(module.now + Micros::from_millis(5)), None);
+        let other = host(setup(Family::Eda9060a, protocol, 2));
+        let ask = request(&other, &Op::ReadOutputs).expect("a frame");
+        module.send(&ask);
+        assert_eq!(
+            module.run_until(module.now + Micros::from_millis(300)),
+            None
+        );
+        assert_eq!(module.engine.outputs(), 1);
+        assert!(module.op(Op::ReadOutputs).is_some());
+    }
+}
+
 /// A [`Input::Sent`] that belongs to no reply does nothing, least of all to new settings.
 #[test]
 fn nothing_was_sent() {
@@ -268,6 +291,42 @@ fn time_goes_first() {
     let late = Instant(module.now.0 + 1_000_000);
     module.engine.handle(late, Input::Bytes(b"$016\r"));
     assert_eq!(drain(&mut module.engine).1, Some(b"!000F00\r".to_vec()));
+}
+
+/// One frame holds outputs and inputs, but Modbus has one for each.
+#[test]
+fn what_reads_everything_once() {
+    for module in all() {
+        let ops: Vec<Op> = module.host().full_poll().collect();
+        let expected = match module.setup.protocol {
+            Protocol::Rtu => vec![Op::ReadOutputs, Op::ReadInputs],
+            _ => vec![Op::ReadOutputs],
+        };
+        assert_eq!(ops, expected, "{}", module.setup.protocol);
+    }
+}
+
+/// A wish takes few frames: in Modbus one for each run, otherwise one for all outputs.
+#[test]
+fn what_one_frame_brings_about() {
+    for module in all() {
+        let (host, every) = (module.host(), module.setup.output_mask());
+        let runs = module.setup.protocol == Protocol::Rtu;
+        let table = [
+            (Bank::new(every, 0b0101), every),
+            (
+                Bank::new(0b0110, 0b0010),
+                if runs { 0b0110 } else { 0b0010 },
+            ),
+            (
+                Bank::new(0b1011, 0b0001),
+                if runs { 0b0011 } else { 0b0001 },
+            ),
+        ];
+        for (wish, mask) in table {
+            assert_eq!(host.group(wish), Bank::new(mask, wish.on), "{wish:?}");
+        }
+    }
 }
 
 /// The host knows what no frame of these modules can do.

@@ -227,3 +227,50 @@ fn the_gap_before_requests() {
         }
     }
 }
+
+/// [EDA §1.11] the gap goes by the settings in force, whatever the module was described as.
+#[test]
+fn the_gap_follows_the_settings() {
+    let options = Options {
+        insist_on_gap: true,
+        ..Options::default()
+    };
+    let is_heard = |module: &mut Bench, silence, ask: &[u8]| {
+        module.send(b"?");
+        let begin = module.now + Micros::from_millis(silence);
+        assert_eq!(module.run_until(begin), None);
+        module.send(ask);
+        let end = module.now + Micros::from_millis(100);
+        module.run_until(end).is_some()
+    };
+    let read = |setup| request(&host(setup), &Op::ReadOutputs).expect("a frame");
+    for family in BOTH {
+        // 5 ms in ASCII, 3.6 ms in Modbus.
+        let changes = [
+            (Protocol::Ascii, Protocol::Rtu, true),
+            (Protocol::Rtu, Protocol::Ascii, false),
+        ];
+        for (described, protocol, heard) in changes {
+            let described = setup(family, described, 1);
+            let eeprom = Eeprom {
+                protocol,
+                ..Eeprom::of(&described)
+            };
+            let mut module = Bench::with(described, eeprom, options);
+            let ask = read(setup(family, protocol, 1));
+            assert_eq!(is_heard(&mut module, 4, &ask), heard, "{protocol}");
+        }
+        // 29 ms at 1200, and less than 2 ms at 19200.
+        let serial_1200 = Settings {
+            baud: Baud::B1200,
+            ..Settings::FACTORY
+        };
+        let slow = Setup {
+            serial: serial_1200,
+            ..setup(family, Protocol::Rtu, 1)
+        };
+        let mut module = with(slow, options);
+        assert!(module.op(serial(1, Baud::B19200, false)).is_some());
+        assert!(is_heard(&mut module, 10, &read(slow)));
+    }
+}

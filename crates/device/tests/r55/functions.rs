@@ -60,6 +60,22 @@ fn jogs() {
     }
 }
 
+/// [R55 §2.10, §2.11] and so on boards with few relays, the last of them too.
+#[test]
+fn jogs_on_small_boards() {
+    for count in [1, 2, 16] {
+        let mut board = relays(count);
+        let close = format!("01 37 0003E8 {count:02X}");
+        board.wait(50);
+        board.send(&frame(&close));
+        let begun = board.now;
+        board.wait(2000);
+        let last = count - 1;
+        let moves = [(begun, last, true), (begun + SECOND, last, false)];
+        assert_eq!(outputs_told(&mut board), moves, "{count} relays");
+    }
+}
+
 /// [R55 §2.13] a jog time of 0 is the end state at once.
 #[test]
 fn jogs_of_no_time() {

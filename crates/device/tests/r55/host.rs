@@ -97,6 +97,23 @@ fn the_host_asks() {
     }
 }
 
+/// Of a wish that takes two frames the lowest relay's state comes first, whatever it is.
+#[test]
+fn the_host_groups() {
+    let host = host(setup(Layout::Outputs, 8, 0));
+    let table = [
+        ((0b0110, 0b0100), (0b0010, 0b0000)),
+        ((0b0110, 0b0010), (0b0010, 0b0010)),
+        ((0b1110, 0b1010), (0b1010, 0b1010)),
+        ((0b1110, 0b0100), (0b1010, 0b0000)),
+        ((0xFF, 0b0100), (0xFF, 0b0100)),
+    ];
+    for ((mask, on), (first, on_first)) in table {
+        let group = host.group(Bank::new(mask, on));
+        assert_eq!(group, Bank::new(first, on_first), "{mask:b}, {on:b}");
+    }
+}
+
 /// [R55 §3.9] on and off change places in states too, those of inputs not.
 #[test]
 fn the_host_inverts_states() {
@@ -153,6 +170,14 @@ fn the_host_reads_back() {
         assert_eq!(host.repeatable(&op), repeatable, "{op:?}");
         assert_eq!(host.read_back(&op), read_back, "{op:?}");
     }
+}
+
+/// [R55 §4.10] the new address in the reply to 41 is no state of outputs.
+#[test]
+fn the_host_takes_no_address_for_a_state() {
+    let host = host(setup(Layout::Outputs, 8, 0));
+    let change = Op::Configure(Change::Address(Address(7)));
+    assert_eq!(seen(&host, &change, &reply(0x41, 7)), Seen::Done);
 }
 
 /// [R55 §5.1] what the host makes of a variable, and of the reply for another one.
