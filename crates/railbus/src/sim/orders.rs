@@ -253,3 +253,126 @@ pub(super) fn path(name: &str, setup: &Setup, point: Point) -> String {
     let (letters, number) = setup.label(point);
     format!("{name}.{letters}{number}")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_site::config::Fault;
+
+    fn directory(lines: &[&str]) -> Directory {
+        let line = |name| format!("[line.{name}]\nport = \"pty:/tmp/{name}\"\n");
+        let text: String = lines.iter().map(line).collect();
+        let module = |name, model, address| {
+            let line = lines[0];
+            format!(
+                "[module.{name}]\nline = \"{line}\"\nmodel = \"{model}\"\naddress = {address}\n"
+            )
+        };
+        let text = text + &module("pump", "eda9060a", 1) + &module("tank", "emd2a2q", 5);
+        Directory::of(&Config::parse(&text).unwrap())
+    }
+
+    fn refused(directory: &Directory, text: &str) -> String {
+        match directory.read(Lang::En, text) {
+            Err(failure) => {
+                assert_eq!(failure.code(), Code::SimOrder);
+                failure.message().to_owned()
+            }
+            Ok(order) => panic!("{text}: {order:?}"),
+        }
+    }
+
+    #[test]
+    fn what_is_no_order_is_told_with_its_remedy() {
+        let one = directory(&["main"]);
+        for (text, told) in [
+            ("", "\"\" is no order; try help"),
+            ("frob pump", "\"frob pump\" is no order; try help"),
+            ("power pump", "write it so: power pump on|off|cycle"),
+            (
+                "power pmp on",
+                "there is no module \"pmp\"; there are: pump, tank",
+            ),
+            ("dip pump x", "write it so: dip yard 3"),
+            ("init pump", "write it so: init gate on|off"),
+            ("reset pump now", "\"reset pump now\" is no order; try help"),
+            (
+                "pump.do0 = 1",
+                "pump.do0 is no input; only inputs are moved from outside",
+            ),
+            (
+                "pump.di9 = 1",
+                "pump.di9 is no input; only inputs are moved from outside",
+            ),
+            ("pump = 1", "write it so: pump.di1 = 1"),
+            ("pump.di1 = 2", "write it so: pump.di1 = 1"),
+            ("tank.ai1 = 5 mA", "write it so: tank.ai1 = 8.71 V"),
+            ("tank.ai1 = nan", "write it so: tank.ai1 = 8.71 V"),
+            ("fault pump drop", "write drop 5%"),
+            (
+                "fault pump echo",
+                "\"echo\" is a fault of lines, not of modules",
+            ),
+            ("show pump tank", "write it so: show pump"),
+        ] {
+            assert_eq!(refused(&one, text), told, "{text}");
+        }
+        let two = directory(&["main", "yard"]);
+        assert_eq!(
+            refused(&two, "fault line echo"),
+            "which line? there are: main, yard"
+        );
+    }
+
+    #[test]
+    fn a_line_may_go_unnamed_where_it_is_the_only_one() {
+        let faults = |directory: &Directory, text: &str| match directory.read(Lang::En, text) {
+            Ok(Order::Line(line, LineOrder::Faults(whose, orders))) => {
+                (line, whose, orders[0].fault)
+            }
+            other => panic!("{text}: {other:?}"),
+        };
+        let one = directory(&["main"]);
+        for text in ["fault line echo", "fault line main echo"] {
+            assert_eq!(faults(&one, text), (0, Whose::Line, Fault::Echo), "{text}");
+        }
+        let two = directory(&["main", "yard"]);
+        let second = faults(&two, "fault line yard echo");
+        assert_eq!(second, (1, Whose::Line, Fault::Echo));
+        let module = faults(&two, "fault tank mute 10s");
+        assert_eq!(module, (0, Whose::Module(1), Fault::Mute));
+    }
+
+    #[test]
+    fn flags_say_the_same_as_the_prompt() {
+        let one = directory(&["main"]);
+        for text in [
+            "pump: drop 5%, mute",
+            "line: noise 1e-4，echo",
+            "line main：echo",
+        ] {
+            let order = one.read_fault(Lang::En, text);
+            let faults = matches!(order, Ok(Order::Line(0, LineOrder::Faults(..))));
+            assert!(faults, "{text}: {order:?}");
+        }
+        for wrong in ["pump drop 5%", "pmp: mute", "pump: ", "pump: echo"] {
+            assert!(one.read_fault(Lang::En, wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn values_of_inputs_are_read() {
+        let one = directory(&["main"]);
+        let signal = |text: &str| match one.read(Lang::En, text) {
+            Ok(Order::Line(_, LineOrder::Do(_, Deed::Input(_, signal)))) => signal,
+            other => panic!("{text}: {other:?}"),
+        };
+        for text in ["pump.di1 = 1", "pump.di1=high", " pump.di1 = on "] {
+            assert_eq!(signal(text), Signal::Level(true), "{text}");
+        }
+        for text in ["tank.ai1 = 8.71 V", "tank.ai1=8.71V", "tank.ai1 = 8.71"] {
+            assert_eq!(signal(text), Signal::Value(871), "{text}");
+        }
+        assert_eq!(signal("tank.ai2 = -0.5"), Signal::Value(-50));
+    }
+}

@@ -18,6 +18,7 @@ use railbus_site::Config;
 use railbus_site::config::LineConfig;
 use railbus_wire::Instant;
 use serde_json::json;
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -184,7 +185,27 @@ fn places(
             *place = place_of(config, name, line);
         }
     }
+    check_places(lang, &places)?;
     Ok(places)
+}
+
+/// Refuses two lines in one place.
+fn check_places(lang: Lang, places: &[Place]) -> Result<(), Failure> {
+    let ptys = places.iter().filter_map(|place| place.pty.as_ref());
+    let ptys = ptys.map(|path| path.display().to_string());
+    let tcps = places.iter().filter_map(|place| place.tcp);
+    let tcps = tcps
+        .filter(|tcp| tcp.port() != 0)
+        .map(|tcp| tcp.to_string());
+    let mut taken = BTreeSet::new();
+    for place in ptys.chain(tcps) {
+        if taken.contains(&place) {
+            let message = lang.fill(SimText::SamePlace, &[("place", &place)]);
+            return Err(Failure::new(Code::SimPlant, message).with_try("railbus sim --help"));
+        }
+        taken.insert(place);
+    }
+    Ok(())
 }
 
 fn place_of(config: &Config, name: &str, line: &LineConfig) -> Place {

@@ -141,6 +141,7 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
         en: "the plant has several lines: name one, as {form}",
         zh: "工厂文件中有多条总线，请指明，如 {form}",
     }
+    SamePlace { en: "two lines are to be served at {place}", zh: "两条总线使用同一位置 {place}" }
     BadAddress { en: "\"{value}\" is no TCP address", zh: "\"{value}\" 不是 TCP 地址" }
     BadState { en: "{path} can't be used", zh: "无法使用 {path}" }
     OtherFamily {
