@@ -84,7 +84,7 @@ mod tests {
         assert!(told("railbus sim --demmo").contains("no argument \"--demmo\"\n  try:    --demo"));
         assert!(told("railbus sim --demo --seed x").contains("\"x\" is no value for --seed"));
         assert!(told("railbus sim --demo --seed").contains("--seed"));
-        assert!(told("railbus sim").contains("--demo is missing"));
+        assert!(told("railbus sim").contains("<FILE|--demo> is missing"));
         assert!(told("railbus").contains("a command is missing"));
         assert!(told("railbus sim --demo --lang fr").contains("try:    en zh"));
     }

@@ -321,7 +321,10 @@ fn a_client_meets_what_the_prompt_does() {
     assert_eq!(plant.get_fails("gate"), 3);
     assert_eq!(plant.order("fault clear"), "nothing goes wrong any more");
     assert!(plant.get("gate.di0") == "on");
-    assert_eq!(plant.order("fault line field echo"), "line: faults: echo");
+    assert_eq!(
+        plant.order("fault line field echo"),
+        "line field: faults: echo"
+    );
     assert_eq!(plant.get("tank.ai1"), "2.5", "echo is compensated");
 }
 
@@ -353,7 +356,7 @@ fn each_line_typed_is_answered_by_one_line() {
         "tank: EMD-2A2Q 5 (05h) rtu 19200 8N1; power on; outputs 00; analog 8.71 0.00; LED on; \
          replies 0; saved 0; restarts 0; faults: mute"
     );
-    assert_eq!(plant.type_in("show").split(" | ").count(), 5);
+    assert_eq!(plant.type_in("show").split(" | ").count(), 7);
     assert_eq!(
         plant.type_in("frob"),
         "error[E0290]: \"frob\" is no order; try help"
@@ -570,4 +573,13 @@ fn time_may_be_stretched() {
     assert_eq!(reply, request);
     // Two frames of 4.167 ms, 1.823 ms of silence, 5 ms of turnaround, twenty times longer.
     assert!(begun.elapsed() >= Duration::from_micros(20 * 15_157));
+}
+
+#[test]
+fn a_pty_takes_the_parity_of_the_module_that_is_meant() {
+    let text = PLANT.replace("address = 3\n", "address = 3\nformat = \"8E1\"\n");
+    let mut plant = Plant::file("parity", &text);
+    plant.begin(&[]);
+    assert_eq!(plant.get("oven.k1"), "off");
+    assert_eq!(plant.get("tank.ai1"), "8.71");
 }

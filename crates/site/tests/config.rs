@@ -331,6 +331,16 @@ fn what_is_wrong_with_the_simulation_has_its_place() {
         34,
         "module.tank.sim.inputs.ai2",
     );
+    let not_so = ("E0893", "module.gate.sim.inputs.do0");
+    wrong("di0 = 0", "do0 = 0", not_so.0, 25, 12, not_so.1);
+    wrong(
+        "init = true",
+        "init_sampled = 1",
+        "E0815",
+        21,
+        16,
+        "module.gate.sim.init_sampled",
+    );
     // The tables are for these places alone.
     wrong("[sim]", "[simu]", "E0812", 2, 2, "simu");
 }

@@ -65,6 +65,10 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
             format!("the setting can be: {possible}"),
             format!("该设置可为：{possible}"),
         ),
+        Kind::NotAnInput => fixed([
+            "this is no input; only inputs are moved from outside",
+            "不是输入点；只能从外部改变输入",
+        ]),
         Kind::Setup(why) => setup(lang, *why),
         Kind::BadFault(why) => fault(lang, why),
         Kind::AddressTaken(other) => both(

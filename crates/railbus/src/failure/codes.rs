@@ -615,6 +615,11 @@ codes! {
             "参数中的总线不存在 · 没有可模拟的总线"],
         next: ["railbus sim --help", "railbus sim --help"],
     }
+    ConfigInput = "E0893" {
+        title: ["a simulated level at a point that is no input", "模拟电平所在的点不是输入"],
+        likely: ["outputs and variables belong to the module and its master", "输出和变量由模块和主机控制"],
+        next: ["name an input: di0, k1 of a board of inputs, ai1", "使用输入点：di0、输入板的点、ai1"],
+    }
     Forbidden = "E0901" {
         title: ["the daemon does not take this from there", "守护进程不接受来自该处的请求"],
         likely: ["a request from another machine or page", "请求来自其他机器或网页"],

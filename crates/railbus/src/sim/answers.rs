@@ -40,7 +40,10 @@ pub(super) fn perform(
         LineOrder::Show(index) => vec![show(lang, stage, index, now)],
         LineOrder::ShowAll => {
             let parts = 0..stage.parts().len();
-            parts.map(|index| show(lang, stage, index, now)).collect()
+            let modules = parts.map(|index| show(lang, stage, index, now));
+            std::iter::once(show_line(lang, stage, now))
+                .chain(modules)
+                .collect()
         }
     }
 }
@@ -81,10 +84,13 @@ fn done(lang: Lang, part: &Part, deed: Deed) -> String {
 
 fn standing(lang: Lang, stage: &Stage, whose: Whose, now: Instant) -> String {
     let (name, standing) = match whose {
-        Whose::Line => (lang.get(SimText::LineWord), stage.faults()),
+        Whose::Line => {
+            let name = lang.fill(SimText::LineNamed, &[("name", &stage.name())]);
+            (name, stage.faults())
+        }
         Whose::Module(index) => {
             let part = &stage.parts()[index];
-            (part.name.as_str(), &part.faults)
+            (part.name.clone(), &part.faults)
         }
     };
     let faults = faults(lang, standing, now);
@@ -106,6 +112,23 @@ fn faults(lang: Lang, standing: &Standing, now: Instant) -> String {
         return lang.get(SimText::None).to_owned();
     }
     words.join(", ")
+}
+
+/// All of a line: settings, what went wrong so far, faults.
+fn show_line(lang: Lang, stage: &Stage, now: Instant) -> String {
+    let line = stage.line();
+    let faults = faults(lang, stage.faults(), now);
+    let name = lang.fill(SimText::LineNamed, &[("name", &stage.name())]);
+    lang.fill(
+        SimText::ShowLine,
+        &[
+            ("name", &name),
+            ("serial", &stage.serial()),
+            ("collisions", &line.collisions()),
+            ("injected", &line.injected().total()),
+            ("faults", &faults),
+        ],
+    )
 }
 
 /// All of a module: settings, power, points, LED, counters, faults.

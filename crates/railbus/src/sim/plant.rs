@@ -134,7 +134,7 @@ pub(super) fn stages(
     let mut stages = Vec::new();
     for (index, (name, line)) in (0..).zip(&config.lines) {
         let own = line_config(seed.wrapping_add(index), wanted.verbose);
-        let mut stage = Stage::new(own, line.serial);
+        let mut stage = Stage::new(name, own, line.serial);
         for (name, module) in config.modules_of(name) {
             let setup = &module.setup;
             let kept = match store {

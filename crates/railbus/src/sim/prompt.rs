@@ -153,9 +153,7 @@ fn read_lines(sender: &mpsc::Sender<String>) {
 pub(super) async fn accept(listener: &UnixListener, prompt: &Arc<Prompt>) {
     let seats = Arc::new(Semaphore::new(CLIENTS_MAX));
     loop {
-        let Ok(seat) = seats.clone().acquire_owned().await else {
-            return;
-        };
+        let seat = seats.clone().acquire_owned().await;
         let Ok((stream, _)) = listener.accept().await else {
             tokio::time::sleep(PAUSE).await;
             continue;

@@ -19,6 +19,7 @@ const FOREVER: Micros = Micros(u64::MAX);
 /// A line and what happens around it.
 #[derive(Clone, Debug)]
 pub(super) struct Stage {
+    name: String,
     line: Line,
     serial: Settings,
     faults: Standing,
@@ -36,6 +37,10 @@ pub(super) struct Part {
     inputs: BTreeMap<Point, Signal>,
     levels: u32,
     analogs: [i16; 2],
+    /// It looks at INIT* when its power comes, and not again.
+    init_at_power_up: bool,
+    /// The level of INIT* that it has not looked at yet.
+    init_unseen: Option<bool>,
     /// It is to have power, unless a fault takes it away.
     wanted_power: bool,
     has_power: bool,
@@ -65,8 +70,9 @@ pub(super) enum Deed {
 
 impl Stage {
     /// A line with nothing on it.
-    pub(super) fn new(config: LineConfig, serial: Settings) -> Stage {
+    pub(super) fn new(name: &str, config: LineConfig, serial: Settings) -> Stage {
         Stage {
+            name: name.to_owned(),
             line: Line::new(config),
             serial,
             faults: Standing::default(),
@@ -98,6 +104,8 @@ impl Stage {
             inputs: sim.inputs.clone(),
             levels: setup.input_mask(),
             analogs: [0; 2],
+            init_at_power_up: sim.init_at_power_up,
+            init_unseen: None,
             wanted_power: sim.powered,
             has_power: true,
             own_address: None,
@@ -142,6 +150,10 @@ impl Stage {
         &mut self.line
     }
 
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
     pub(super) fn parts(&self) -> &[Part] {
         &self.parts
     }
@@ -167,7 +179,13 @@ impl Stage {
                 part.move_inputs(now, &mut self.line);
             }
             Deed::Dip(dip) => self.line.handle(now, Input::Act(id, Act::Dip(dip))),
-            Deed::Init(grounded) => self.line.handle(now, Input::Act(id, Act::Init(grounded))),
+            Deed::Init(grounded) if part.init_at_power_up && part.has_power => {
+                part.init_unseen = Some(grounded);
+            }
+            Deed::Init(grounded) => {
+                part.init_unseen = None;
+                self.line.handle(now, Input::Act(id, Act::Init(grounded)));
+            }
             Deed::Power(power) => {
                 part.wanted_power = power != Power::Off;
                 if power == Power::Cycle && part.has_power {
@@ -301,6 +319,7 @@ impl Stage {
     /// Writes the EEPROM, which restarts the module; one without power stays so.
     fn rewrite(&mut self, now: Instant, index: usize, act: Act) {
         let part = &mut self.parts[index];
+        part.look_at_init(now, &mut self.line);
         self.line.handle(now, Input::Act(part.id, act));
         part.has_power = true;
         self.power(now, index);
@@ -315,6 +334,9 @@ impl Stage {
             return;
         }
         part.has_power = power;
+        if power {
+            part.look_at_init(now, &mut self.line);
+        }
         let act = Act::Power(if power { Power::On } else { Power::Off });
         self.line.handle(now, Input::Act(part.id, act));
         if power && part.faults.has(Fault::Babble(None)) {
@@ -342,6 +364,13 @@ impl Part {
 
     pub(super) const fn analogs(&self) -> [i16; 2] {
         self.analogs
+    }
+
+    /// The power comes: what lies at INIT* counts from now on.
+    fn look_at_init(&mut self, now: Instant, line: &mut Line) {
+        if let Some(grounded) = self.init_unseen.take() {
+            line.handle(now, Input::Act(self.id, Act::Init(grounded)));
+        }
     }
 
     /// Whether an input moves by itself.

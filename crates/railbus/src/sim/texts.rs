@@ -26,8 +26,8 @@ texts! {
         en: "A plant is a configuration such as railbus.toml. It may say more for the simulation:
   [sim]               seed, speed
   [line.NAME.sim]     pty, tcp, faults
-  [module.NAME.sim]   factory, power, dip, init, faults, inputs, turnaround, applies,
-                      refuse_aloud, lower_case, answer_bad_frames, insist_on_gap
+  [module.NAME.sim]   factory, power, dip, init, init_sampled, faults, inputs, turnaround,
+                      applies, refuse_aloud, lower_case, answer_bad_frames, insist_on_gap
   inputs = { di0 = 1, di1 = { every = \"10s\" } }
   inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
 
@@ -50,8 +50,8 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
         zh: "工厂文件即 railbus.toml 格式的配置，可另含模拟设置：
   [sim]               seed、speed
   [line.名称.sim]     pty、tcp、faults
-  [module.名称.sim]   factory、power、dip、init、faults、inputs、turnaround、applies、
-                      refuse_aloud、lower_case、answer_bad_frames、insist_on_gap
+  [module.名称.sim]   factory、power、dip、init、init_sampled、faults、inputs、turnaround、
+                      applies、refuse_aloud、lower_case、answer_bad_frames、insist_on_gap
   inputs = { di0 = 1, di1 = { every = \"10s\" } }
   inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
 
@@ -181,7 +181,11 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
     Grounded { en: "grounded", zh: "接地" }
     Open { en: "open", zh: "悬空" }
     None { en: "none", zh: "无" }
-    LineWord { en: "line", zh: "总线" }
+    LineNamed { en: "line {name}", zh: "总线 {name}" }
+    ShowLine {
+        en: "{name}: {serial}; collisions {collisions}; faults so far {injected}; faults: {faults}",
+        zh: "{name}：{serial}; 冲突 {collisions}; 已发生故障 {injected}; 故障：{faults}",
+    }
     Left { en: "{words} ({left} left)", zh: "{words}（剩余 {left}）" }
     PowerIs { en: "{name}: power {value}", zh: "{name}：电源{value}" }
     Cycled { en: "{name}: power went and came back", zh: "{name}：已断电重启" }

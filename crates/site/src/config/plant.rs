@@ -11,11 +11,12 @@ use std::net::SocketAddr;
 
 const SIM_KEYS: [&str; 2] = ["seed", "speed"];
 const LINE_KEYS: [&str; 3] = ["pty", "tcp", "faults"];
-const MODULE_KEYS: [&str; 12] = [
+const MODULE_KEYS: [&str; 13] = [
     "factory",
     "power",
     "dip",
     "init",
+    "init_sampled",
     "faults",
     "inputs",
     "turnaround",
@@ -27,6 +28,7 @@ const MODULE_KEYS: [&str; 12] = [
 ];
 const SIGNAL_KEYS: [&str; 3] = ["from", "to", "every"];
 const POWERS: [(&str, bool); 2] = [("on", true), ("off", false)];
+const SAMPLED: [(&str, bool); 2] = [("continuously", false), ("at-power-up", true)];
 const APPLIES: [(&str, Applies); 3] = [
     ("after-reply", Applies::AfterReply),
     ("after-restart", Applies::AfterRestart),
@@ -70,6 +72,8 @@ pub struct SimModule {
     pub dip: u8,
     /// Whether INIT* is grounded; where nothing is said, as the protocol wants it.
     pub init: Option<bool>,
+    /// It looks at INIT* when its power comes, and not again.
+    pub init_at_power_up: bool,
     /// What the datasheet leaves open.
     pub options: Options,
     /// What goes wrong with it.
@@ -85,6 +89,7 @@ impl Default for SimModule {
             powered: true,
             dip: 0,
             init: None,
+            init_at_power_up: false,
             options: Options {
                 turnaround: TURNAROUND,
                 ..Options::default()
@@ -167,11 +172,13 @@ impl<'t> Reader<'t> {
         let faults = self.faults(&section, false);
         let inputs = self.inputs(&section, setup);
         let powered = self.one_of(&section, "power", &POWERS)?;
+        let init_at_power_up = self.one_of(&section, "init_sampled", &SAMPLED)?;
         Some(SimModule {
             factory: self.boolean(&section, "factory")?,
             powered: powered.unwrap_or(true),
             dip: dip?.unwrap_or(0) as u8,
             init: init?,
+            init_at_power_up: init_at_power_up.unwrap_or(false),
             options: options?,
             faults: faults?,
             inputs: inputs?,
@@ -229,7 +236,11 @@ impl<'t> Reader<'t> {
                 Some((point, PointKind::Analog)) => {
                     inputs.insert(point, self.analog(value, &path)?);
                 }
-                _ => {
+                Some(_) => {
+                    self.problem(label.span(), &path, Kind::NotAnInput);
+                    return None;
+                }
+                None => {
                     self.problem(label.span(), &path, Kind::NoSuchPoint);
                     return None;
                 }

@@ -47,6 +47,8 @@ pub enum Kind {
     NoSuchLine,
     /// A point that the module does not have.
     NoSuchPoint,
+    /// A point that is no input.
+    NotAnInput,
     /// What the family says to the module.
     Setup(SetupError),
     /// Not a list of faults to simulate.
@@ -82,6 +84,7 @@ impl Kind {
             Kind::BadPort(_) => "E0825",
             Kind::PortTaken(_) => "E0826",
             Kind::BadFault(_) => "E0890",
+            Kind::NotAnInput => "E0893",
         }
     }
 }

@@ -369,3 +369,32 @@ fn a_module_of_another_parity_is_understood() {
         .collect();
     assert_eq!(names, ["oven"]);
 }
+
+#[test]
+fn init_may_be_looked_at_when_the_power_comes() {
+    let mut bench = Bench::new(&with_sim("gate", "init_sampled = \"at-power-up\""));
+    bench.order("init gate on");
+    assert_eq!(bench.ask(b"$02M\r").first(), Some(&b'!'), "not yet");
+    bench.order("power gate cycle");
+    assert_eq!(bench.ask(b"$02M\r"), SILENCE);
+    bench.order("power gate off");
+    bench.order("init gate off");
+    bench.order("power gate on");
+    assert_eq!(bench.ask(b"$02M\r").first(), Some(&b'!'));
+}
+
+#[test]
+fn a_line_shows_what_went_wrong() {
+    let mut bench = Bench::with(PLANT, 1, &["line: echo, flip 50% 10s"]);
+    bench.ask(&OVEN_ON);
+    let shown = bench.order("show line");
+    let line = shown.split(" | ").next().unwrap_or_default();
+    assert!(
+        line.starts_with("line main: 9600 8N1; collisions 0; faults so far "),
+        "{line}"
+    );
+    assert!(
+        line.ends_with("; faults: echo, flip 50% 10s (9.0 s left)"),
+        "{line}"
+    );
+}
