@@ -56,7 +56,7 @@ fn pieces(context: &Context, folder: Option<&Path>) -> Result<[Piece; 2], Failur
     let system = |error| Failure::of(context.lang, Code::System).because(error);
     let program = std::env::current_exe().map_err(system)?;
     let (lua, extcap) = match folder {
-        Some(folder) => (folder.to_owned(), folder.to_owned()),
+        Some(folder) => (folder.join("plugins"), folder.join("extcap")),
         None => folders(),
     };
     // Wireshark asks every program of that folder what it can capture, by flags alone.

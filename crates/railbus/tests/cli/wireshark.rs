@@ -2,6 +2,7 @@
 
 use crate::site::Site;
 use crate::sniff::{Wire, captured, faulty};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
@@ -22,7 +23,10 @@ fn there_is_none(test: &str) -> bool {
 }
 
 fn tshark(site: &Site, extcap: Option<&Path>, arguments: &[&str]) -> String {
-    let mut command = Command::new("tshark");
+    let mut command = match extcap {
+        Some(_) if rustix::process::geteuid().is_root() => as_nobody("tshark"),
+        _ => Command::new("tshark"),
+    };
     command
         .current_dir(&site.folder)
         .env("HOME", &site.folder)
@@ -37,25 +41,38 @@ fn tshark(site: &Site, extcap: Option<&Path>, arguments: &[&str]) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
+/// Wireshark does not let root choose where its capture sources are.
+fn as_nobody(program: &str) -> Command {
+    let mut command = Command::new("setpriv");
+    command.args(["--reuid=65534", "--regid=65534", "--clear-groups", program]);
+    command
+}
+
+/// Lets everybody use a file or folder.
+fn open_to_all(path: &Path) {
+    let all = std::fs::Permissions::from_mode(0o777);
+    std::fs::set_permissions(path, all).expect("it is ours");
+}
+
 /// The two files in the folder of a site.
 fn installed(site: &Site) {
-    let ran = site.run("sniff --install-wireshark --dir plugins");
+    let ran = site.run("sniff --install-wireshark --dir ws");
     assert_eq!(ran.code, 0, "{ran:?}");
     assert_eq!(
         ran.out,
-        "wrote plugins/railbus.lua\nwrote plugins/railbus-extcap\n"
+        "wrote ws/plugins/railbus.lua\nwrote ws/extcap/railbus-extcap\n"
     );
 }
 
 #[test]
 fn both_files_are_put_in_place_by_one_command() {
     let site = Site::empty("wireshark-install");
-    let dry = site.run("sniff --install-wireshark --dir plugins -n --lang zh");
+    let dry = site.run("sniff --install-wireshark --dir ws -n --lang zh");
     assert_eq!(
         dry.out,
-        "将写入 plugins/railbus.lua\n将写入 plugins/railbus-extcap\n"
+        "将写入 ws/plugins/railbus.lua\n将写入 ws/extcap/railbus-extcap\n"
     );
-    assert!(!site.folder.join("plugins").exists());
+    assert!(!site.folder.join("ws").exists());
     installed(&site);
     installed(&site);
     std::fs::write(site.folder.join("file"), "").expect("a file");
@@ -105,7 +122,7 @@ fn the_dissector_gives_the_verdict_of_sniff() {
     ];
     let mut arguments = vec![
         "-X",
-        "lua_script:plugins/railbus.lua",
+        "lua_script:ws/plugins/railbus.lua",
         "-r",
         &kept,
         "-T",
@@ -129,10 +146,20 @@ fn wireshark_lists_and_captures_our_lines() {
         return;
     }
     let site = Site::empty("wireshark-extcap");
-    installed(&site);
+    // Where tshark runs as somebody else, he may not go where the program was built.
+    let program = site.folder.join("railbus");
+    std::fs::copy(env!("CARGO_BIN_EXE_railbus"), &program).expect("it is there");
+    let install = ["sniff", "--install-wireshark", "--dir", "ws"];
+    let status = Command::new(&program)
+        .current_dir(&site.folder)
+        .args(install)
+        .status();
+    assert!(status.expect("it runs").success());
+    open_to_all(&site.folder);
     let wire = Arc::new(Wire::new());
     site.configure(&format!("[line.main]\nport = \"{}\"\n", wire.name));
-    let folder = site.folder.join("plugins");
+    open_to_all(Path::new(wire.name.trim_start_matches("pty:")));
+    let folder = site.folder.join("ws/extcap");
     let listed = tshark(&site, Some(&folder), &["-D"]);
     assert!(
         listed.contains("railbus_main (railbus: main (pty:/dev/pts/"),
@@ -149,7 +176,7 @@ fn wireshark_lists_and_captures_our_lines() {
             }
         }
     });
-    let script = "lua_script:plugins/railbus.lua";
+    let script = "lua_script:ws/plugins/railbus.lua";
     let arguments = [
         "-X",
         script,
