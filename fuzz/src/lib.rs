@@ -5,4 +5,5 @@
 //! a seed, on a stable compiler, the same inputs in every run.
 
 pub mod generate;
+pub mod sniffed;
 pub mod targets;

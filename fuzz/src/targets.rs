@@ -6,6 +6,7 @@
 //! written again and means the same; where two exchanges take the same bytes, they are
 //! confusable.
 
+use crate::sniffed;
 use railbus_wire::*;
 
 /// A target and its name.
@@ -25,6 +26,9 @@ pub const TARGETS: &[Target] = &[
     ("carried_command", carried_command),
     ("found_response", found_response),
     ("told_apart", told_apart),
+    ("listened", sniffed::listened),
+    ("captured", sniffed::captured),
+    ("kept", sniffed::kept),
 ];
 
 /// How many bytes at the start of an input choose the exchange that it is read with.

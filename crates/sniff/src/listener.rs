@@ -247,11 +247,24 @@ impl Listener {
         self.marks.iter().any(|mark| mark.at == at && mark.gap)
     }
 
-    /// When the byte at a place began.
+    /// When the byte at a place began. Where bytes came faster than the line can carry them, as
+    /// from a terminal without a wire, none is later than the piece after it.
     fn time(&self, at: usize) -> Instant {
-        let mark = self.marks.iter().rev().find(|mark| mark.at <= at);
+        let after = self.marks.partition_point(|mark| mark.at <= at);
+        let mark = after.checked_sub(1).and_then(|index| self.marks.get(index));
         let (from, begins) = mark.map_or((0, Instant(0)), |mark| (mark.at, mark.begins));
-        begins + self.settings.frame_time(at.saturating_sub(from))
+        let paced = begins + self.settings.frame_time(at.saturating_sub(from));
+        let next = self.marks.get(after).map(|mark| mark.begins);
+        paced.min(next.or(self.last).unwrap_or(paced))
+    }
+
+    /// When the bytes before a place ended.
+    fn end(&self, len: usize) -> Instant {
+        let last = len.saturating_sub(1);
+        let paced = self.time(last) + self.settings.frame_time(1);
+        let next = self.marks.iter().find(|mark| mark.at > last);
+        let limit = next.map(|mark| mark.begins).or(self.last);
+        paced.min(limit.unwrap_or(paced))
     }
 
     /// Tells the first bytes as what they are not, cut where there was silence.
@@ -312,7 +325,7 @@ impl Listener {
         answers: bool,
     ) -> Instant {
         let at = self.time(0);
-        let end = self.time(len.saturating_sub(1)) + self.settings.frame_time(1);
+        let end = self.end(len);
         let bytes: Vec<u8> = self.bytes.drain(..len.min(self.bytes.len())).collect();
         self.tried = self.tried.saturating_sub(len);
         self.forget_marks(len, end);

@@ -1,0 +1,116 @@
+//! Listeners and capture files: bytes of strangers, both of them.
+//!
+//! Invariants: nothing panics; a listener tells every byte once and in order, whatever the pieces
+//! and pauses, in frames of a bounded length, and holds no more than a frame or two back; a
+//! capture file is read in steps that lie inside it; what was kept is read again as it was.
+
+use railbus_sniff::capture::{self, Direction, Reader, Step};
+use railbus_sniff::{Frame, Heard, Input, Listener, Output};
+use railbus_wire::{Instant, Micros, Settings};
+
+/// A line, in pieces whose lengths and pauses come from the bytes themselves.
+pub fn listened(data: &[u8]) {
+    let mut listener = Listener::new(Settings::FACTORY);
+    let mut now = Instant(1_000_000);
+    let mut told = Vec::new();
+    let mut rest = data;
+    while let Some(first) = rest.first() {
+        let (piece, after) = rest.split_at(rest.len().min(1 + usize::from(first % 24)));
+        now = now + Micros(u64::from(*first) * 97);
+        match first % 11 {
+            0 => listener.handle(now, Input::Sent(piece)),
+            1 => {
+                listener.handle(now, Input::Timeout);
+                listener.handle(now, Input::Bytes(piece));
+            }
+            2 => {
+                listener.handle(now, Input::Bytes(piece));
+                listener.handle(now, Input::Silence);
+            }
+            _ => listener.handle(now, Input::Bytes(piece)),
+        }
+        drain(&mut listener, &mut told);
+        rest = after;
+        let given = data.len() - rest.len();
+        assert!(given - told.len() <= 2 * Frame::LEN_MAX);
+    }
+    listener.handle(now, Input::Silence);
+    drain(&mut listener, &mut told);
+    assert_eq!(told, data);
+}
+
+fn drain(listener: &mut Listener, told: &mut Vec<u8>) {
+    while let Output::Heard(heard) = listener.poll() {
+        if let Heard::Frame(frame) = heard {
+            assert!(!frame.bytes.is_empty() && frame.bytes.len() <= Frame::LEN_MAX);
+            assert!(frame.end >= frame.at);
+            told.extend(frame.bytes);
+        }
+    }
+}
+
+/// A capture file, as it is and behind a right beginning.
+pub fn captured(data: &[u8]) {
+    read(data);
+    let mut file = capture::header("fuzz");
+    file.extend(data);
+    read(&file);
+    let mut file = capture::header("fuzz");
+    file.extend(capture::interface("main", "9600 8N1"));
+    file.extend(capture::packet(0, Instant(7), data, None, "ok"));
+    // A damaged length, option or number somewhere in what was right.
+    if let [at, value, ..] = *data {
+        let at = usize::from(at) * file.len() / 256;
+        file[at] ^= value;
+    }
+    read(&file);
+}
+
+fn read(mut file: &[u8]) {
+    let mut reader = Reader::new();
+    while let Ok(step) = reader.next(file) {
+        let len = match step {
+            Step::More(missing) => {
+                assert!(missing > 0);
+                return;
+            }
+            Step::Packet(len, packet) => {
+                assert!(packet.line < reader.interfaces().len());
+                assert!(packet.bytes.len() <= len);
+                len
+            }
+            Step::Other(len) => len,
+        };
+        assert!((12..=file.len()).contains(&len));
+        file = &file[len..];
+    }
+}
+
+/// A frame kept with any comment.
+pub fn kept(data: &[u8]) {
+    let (comment, bytes) = data.split_at(data.len() / 3);
+    let comment = String::from_utf8_lossy(comment);
+    let mut file = capture::header("fuzz");
+    file.extend(capture::interface(&comment, "9600 8N1"));
+    let head = file.len();
+    let way = Some(Direction::Out);
+    file.extend(capture::packet(0, Instant(1 << 40), bytes, way, &comment));
+    let mut reader = Reader::new();
+    let mut rest = file.as_slice();
+    while rest.len() > file.len() - head {
+        match reader.next(rest) {
+            Ok(Step::Other(len)) => rest = &rest[len..],
+            other => panic!("{other:?}"),
+        }
+    }
+    match reader.next(rest) {
+        Ok(Step::Packet(len, packet)) => {
+            assert_eq!(len, rest.len());
+            assert_eq!((packet.at, packet.bytes), (Instant(1 << 40), bytes));
+            assert_eq!(packet.direction, way);
+            let said = packet.comment.unwrap_or_default();
+            assert!(comment.starts_with(said) && said.is_empty() == comment.is_empty());
+        }
+        other => panic!("{other:?}"),
+    }
+}
