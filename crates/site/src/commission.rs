@@ -5,6 +5,7 @@
 //! ([`Procedure::next`]), so that the same code runs on a real line and, cut off at every step, on
 //! a simulated one. Nothing is written to a module that was not written to the journal before.
 
+mod boards;
 mod calibrate;
 mod change;
 mod desk;
@@ -16,6 +17,7 @@ mod stages;
 mod store;
 mod vacant;
 
+pub use boards::{BoardState, all_boards};
 pub use calibrate::{Calibrated, Hindrance, calibrate, restore_factory};
 pub use change::{Ended, Job, Neighbour, Why, change};
 pub use desk::{Act, Ask, Event, Heard, Procedure, Progress, Question, Step, Trouble};

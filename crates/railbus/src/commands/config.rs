@@ -1,10 +1,12 @@
 //! `railbus config`: what modules keep. A group of commands, one file each.
 
 mod backup;
+pub(crate) mod boards;
 mod drive;
 mod file;
 mod find;
 mod ground;
+mod guided;
 mod log;
 mod outcome;
 pub(crate) mod plan;
@@ -86,6 +88,16 @@ const SUBS: &[Sub] = &[
         name: log::RECOVER,
         define: log::define_recover,
         run: log::recover,
+    },
+    Sub {
+        name: guided::CALIBRATE,
+        define: guided::define_calibrate,
+        run: guided::calibrate,
+    },
+    Sub {
+        name: guided::FACTORY,
+        define: guided::define_factory,
+        run: guided::factory,
     },
 ];
 

@@ -1,5 +1,6 @@
 //! `railbus set`: switches outputs.
 
+mod boards;
 mod frames;
 mod orders;
 
@@ -30,8 +31,16 @@ pub(crate) fn define(lang: Lang) -> Command {
             Arg::new("TARGET")
                 .help(lang.get(Text::SetTargets))
                 .num_args(1..)
-                .required(true),
+                .required_unless_present("all-boards"),
         )
+        .arg(
+            cli::flag(lang, "all-boards", Text::AllBoards)
+                .value_name("STATE")
+                .value_parser(["on", "off"])
+                .hide_possible_values(true)
+                .conflicts_with("TARGET"),
+        )
+        .arg(cli::flag(lang, "confirm", Text::Confirm).value_name("WORD"))
         .arg(
             cli::flag(lang, "dry-run", Text::DryRun)
                 .short('n')
@@ -49,6 +58,9 @@ struct Outcome {
 /// Switches them, module by module.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
+    if matches.contains_id("all-boards") {
+        return boards::run(&context, matches);
+    }
     let words = super::get::selected(matches);
     let verify = !matches.get_flag("no-verify");
     let dry = matches.get_flag("dry-run");

@@ -17,7 +17,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_device::{Family, Module, Op};
 use railbus_host::LineName;
 use railbus_site::commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read, stages};
-use railbus_site::settings::{Wanted, differences};
+use railbus_site::settings::{Key, Wanted, differences, key};
 use railbus_wire::{Frame, Protocol};
 use serde_json::{Value, json};
 
@@ -29,14 +29,9 @@ pub(super) fn define(lang: Lang) -> Command {
         lang,
         NAME,
         ConfigText::SetAbout,
-        "railbus config set MODULE SETTING=VALUE…",
+        "railbus config set MODULE SETTING=VALUE… | config set -l LINE SETTING=VALUE",
     )
     .before_help(cli::examples(lang, ConfigText::SetExamples))
-    .arg(
-        Arg::new("MODULE")
-            .help(lang.get(ConfigText::Module))
-            .required(true),
-    )
     .arg(
         Arg::new("SETTING")
             .help(lang.get(ConfigText::Pairs))
@@ -63,14 +58,68 @@ pub(super) fn write_flags(lang: Lang) -> Vec<Arg> {
 pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let ground = Ground::of(&context, matches)?;
-    let names = words(matches, "MODULE");
-    let target = ground.target(&context, names.first().map_or("", String::as_str))?;
-    let pairs = words(matches, "SETTING");
-    let wanted = Wanted::parse(&target.setup, pairs.iter().map(String::as_str))
-        .map_err(|wrong| outcome::wrong(&context, &target, &wrong))?;
+    let given = words(matches, "SETTING");
     let terms = Terms::of(matches, By::Set);
-    let end = context.block(carry_out(&context, &ground, &target, wanted, &terms))?;
-    tell(&context, end.into_iter().collect())
+    let (targets, pairs) = match given.split_first() {
+        Some((name, pairs)) if !name.contains('=') => (vec![ground.target(&context, name)?], pairs),
+        // Flags name one module.
+        _ if ground.file.is_none() => (ground.targets(&context, &[])?, given.as_slice()),
+        _ => (whole_line(&context, &ground, &given)?, given.as_slice()),
+    };
+    let mut jobs = Vec::new();
+    for target in targets {
+        let wanted = Wanted::parse(&target.setup, pairs.iter().map(String::as_str))
+            .map_err(|wrong| outcome::wrong(&context, &target, &wrong))?;
+        if wanted.is_empty() {
+            return Err(Failure::of(lang, Code::Usage)
+                .with_try(format!("railbus config set {} address=9", target.name)));
+        }
+        jobs.push((target, wanted));
+    }
+    let (changed, failed) = context.block(async {
+        let mut changed = Vec::new();
+        for (target, wanted) in &jobs {
+            match carry_out(&context, &ground, target, wanted.clone(), &terms).await {
+                Ok(done) => changed.extend(done),
+                Err(failure) => return Ok((changed, Some(failure))),
+            }
+        }
+        Ok((changed, None))
+    })?;
+    tell(&context, changed)?;
+    failed.map_or(Ok(()), Err)
+}
+
+/// The modules of a whole line that have these settings, one after the other. Only what may be
+/// the same for all of them.
+fn whole_line(
+    context: &Context,
+    ground: &Ground,
+    pairs: &[String],
+) -> Result<Vec<Target>, Failure> {
+    let of = |pair: &String| pair.split('=').next().unwrap_or_default().to_owned();
+    let names: Vec<String> = pairs.iter().map(of).collect();
+    let shared = [Key::Checksum, Key::Baud, Key::Parity].map(|key| key.to_string());
+    if let Some(name) = names.iter().find(|name| !shared.contains(name)) {
+        let failure = Failure::of(context.lang, Code::Usage).because(name);
+        return Err(failure.with_try("railbus config set pump address=9"));
+    }
+    if context.line.is_none() && ground.config.lines.len() > 1 {
+        let lines = ground.config.lines.keys().map(|line| format!("-l {line}"));
+        let failure = Failure::of(context.lang, Code::NoLine);
+        return Err(lines.fold(failure, Failure::with_try));
+    }
+    let has_all = |target: &Target| {
+        names
+            .iter()
+            .all(|name| key(&target.setup, name).is_some_and(|(_, access)| access.is_writable()))
+    };
+    let mut targets = ground.targets(context, &[])?;
+    targets.retain(has_all);
+    if targets.is_empty() {
+        return Err(Failure::of(context.lang, Code::NothingToDo).because(names.join(" ")));
+    }
+    Ok(targets)
 }
 
 /// On what terms a change is made.
@@ -244,6 +293,19 @@ fn follows_port(context: &Context, target: &Target, stages: &[Stage]) -> Result<
             .iter()
             .any(|stage| stage.from.serial != stage.to.serial)
     {
+        let failure = Failure::of(context.lang, Code::PortSpeed);
+        return Err(failure.because(&target.port));
+    }
+    Ok(())
+}
+
+/// The same before a module goes back to the speed of the factory.
+pub(super) fn follows_port_to_factory(context: &Context, target: &Target) -> Result<(), Failure> {
+    let fixed = matches!(
+        target.port,
+        LineName::Tcp { .. } | LineName::ModbusTcp { .. }
+    );
+    if fixed && target.setup.serial != railbus_wire::Settings::FACTORY {
         let failure = Failure::of(context.lang, Code::PortSpeed);
         return Err(failure.because(&target.port));
     }

@@ -37,8 +37,8 @@ texts! {
         zh: "更改模块设置：显示差异、询问、写入、回读",
     }
     SetExamples {
-        en: "  railbus config set pump address=9 baud=19200\n  railbus config set pump do3.mode=pulse pulse_width=0.7s\n  railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3\n",
-        zh: "  railbus config set pump address=9 baud=19200\n  railbus config set pump do3.mode=pulse pulse_width=0.7s\n  railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3\n",
+        en: "  railbus config set pump address=9 baud=19200\n  railbus config set pump do3.mode=pulse pulse_width=0.7s\n  railbus config set -l main checksum=on\n  railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3\n",
+        zh: "  railbus config set pump address=9 baud=19200\n  railbus config set pump do3.mode=pulse pulse_width=0.7s\n  railbus config set -l main checksum=on\n  railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3\n",
     }
     LogAbout { en: "Shows the journal of changes", zh: "显示更改日志" }
     LogExamples {
@@ -109,6 +109,28 @@ texts! {
     }
     ApplyOnly { en: "Only this module; may be repeated", zh: "只处理该模块；可重复" }
     ApplyReport { en: "Writes what was done into this file, as JSON", zh: "将执行结果以 JSON 写入该文件" }
+
+    CalibrateAbout { en: "Calibrates an EMD-2A2Q, led step by step: zero, then span", zh: "逐步校准 EMD-2A2Q：先校零，再校满" }
+    CalibrateExamples {
+        en: "  railbus config calibrate tank\n  railbus config calibrate tank --voltage 4.00V\n",
+        zh: "  railbus config calibrate tank\n  railbus config calibrate tank --voltage 4.00V\n",
+    }
+    CalibrateVoltage { en: "The voltage of the span step; 5.00V if not said", zh: "校满电压；默认为 5.00V" }
+    Before { en: "before", zh: "之前" }
+    AfterZero { en: "after zero", zh: "校零后" }
+    AfterSpan { en: "after span", zh: "校满后" }
+    FactoryAbout {
+        en: "Brings an EMD-2A2Q back to its factory settings, and finds it at address 1, 9600 8N1",
+        zh: "将 EMD-2A2Q 恢复出厂设置，并在地址 1、9600 8N1 处找到它",
+    }
+    FactoryExamples {
+        en: "  railbus config factory tank\n",
+        zh: "  railbus config factory tank\n",
+    }
+    FactoryWarning {
+        en: "{module} loses its calibration, which can't be brought back, and goes to address 1, 9600 8N1",
+        zh: "{module} 将失去校准且无法找回，并回到地址 1、9600 8N1",
+    }
 
     HeadModule { en: "module", zh: "模块" }
     HeadSetting { en: "setting", zh: "设置" }

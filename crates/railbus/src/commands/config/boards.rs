@@ -1,0 +1,74 @@
+//! The boards of a line, for the one command that is for all of them.
+
+use super::drive::Driver;
+use super::ground::{Ground, Target};
+use super::outcome;
+use crate::commands::Context;
+use crate::failure::{Code, Failure};
+use crate::render::hex;
+use clap::ArgMatches;
+use railbus_device::Family;
+use railbus_site::commission::{BoardState, all_boards};
+use railbus_wire::{Frame, r55};
+
+/// The boards that the configuration has on one line.
+pub(crate) struct Line {
+    targets: Vec<Target>,
+}
+
+impl Line {
+    /// The line of `-l`, or the only one that has boards.
+    pub(crate) fn of(context: &Context, matches: &ArgMatches) -> Result<Line, Failure> {
+        let ground = Ground::of(context, matches)?;
+        let mut targets = ground.targets(context, &[])?;
+        targets.retain(|target| target.setup.family == Family::R55);
+        let Some(first) = targets.first() else {
+            return Err(Failure::of(context.lang, Code::NothingToDo));
+        };
+        if let Some(other) = targets.iter().find(|target| target.line != first.line) {
+            let failure = Failure::of(context.lang, Code::NoLine);
+            let failure = failure.with_try(format!("-l {}", first.line));
+            return Err(failure.with_try(format!("-l {}", other.line)));
+        }
+        Ok(Line { targets })
+    }
+
+    /// Its name.
+    pub(crate) fn name(&self) -> &str {
+        self.targets
+            .first()
+            .map_or("", |target| target.line.as_str())
+    }
+
+    /// The frame that is sent, in hexadecimal digits [R55 §4.12].
+    pub(crate) fn frame(on: bool) -> String {
+        let word = if on { u32::MAX } else { 0 };
+        let mut frame = Frame::new();
+        let all = r55::Exchange::new(r55::BROADCAST, r55::Request::SetAll(word)).without_reply();
+        if let Some(all) = all {
+            all.encode(&mut frame);
+        }
+        hex::spaced(frame.bytes())
+    }
+}
+
+/// Switches them, and reads each back.
+pub(crate) async fn switch(
+    context: &Context,
+    line: &Line,
+    on: bool,
+) -> Result<Vec<(String, BoardState)>, Failure> {
+    let Some(first) = line.targets.first() else {
+        return Ok(Vec::new());
+    };
+    let setups = line.targets.iter().map(|target| target.setup).collect();
+    let mut driver = Driver::open(context, first, None).await?;
+    let states = driver.run(all_boards(setups, on)).await;
+    let states = states.map_err(|trouble| outcome::trouble(context, first, &trouble))?;
+    Ok(line
+        .targets
+        .iter()
+        .map(|target| target.name.clone())
+        .zip(states)
+        .collect())
+}

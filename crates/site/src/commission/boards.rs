@@ -1,0 +1,56 @@
+//! All 0x55 boards of a line on or off at once, and each known board read back (choice 34).
+
+use super::desk::{Desk, Reply};
+use super::{Procedure, Trouble};
+use railbus_device::{Bank, Module, Op, Seen, Setup};
+use railbus_wire::{Exchange, Micros, r55};
+
+/// What became of one board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BoardState {
+    /// Its outputs as read back; none where it did not answer.
+    pub outputs: Option<Bank>,
+    /// All of them are as commanded.
+    pub as_commanded: bool,
+}
+
+/// A procedure that sends all-on or all-off to every board of the line [R55 §4.12], and reads back
+/// those that are known. Nobody answers the command itself.
+#[must_use]
+pub fn all_boards(boards: Vec<Setup>, on: bool) -> Procedure<Result<Vec<BoardState>, Trouble>> {
+    Procedure::new(move |desk| async move {
+        let Some(first) = boards.first() else {
+            return Ok(Vec::new());
+        };
+        let word = if on { u32::MAX } else { 0 };
+        let all = r55::Exchange::new(r55::BROADCAST, r55::Request::SetAll(word)).without_reply();
+        if let Some(all) = all {
+            desk.exchange(first, Exchange::R55(all), Micros::ZERO)
+                .await?;
+        }
+        let mut states = Vec::new();
+        for board in &boards {
+            states.push(read_back(&desk, board, on).await?);
+        }
+        Ok(states)
+    })
+}
+
+async fn read_back(desk: &Desk, board: &Setup, on: bool) -> Result<BoardState, Trouble> {
+    let module = Module::new(*board).map_err(super::Refused::Setup)?;
+    let outputs = match desk.read(&module, &Op::ReadOutputs).await? {
+        Reply::Said(Seen::Channels { outputs, .. }) => Some(outputs),
+        _ => None,
+    };
+    // A board whose on and off are swapped was switched the other way round [R55 §3.9].
+    let wanted = if on != board.invert_on_off {
+        board.output_mask()
+    } else {
+        0
+    };
+    let as_commanded = outputs.is_some_and(|outputs| outputs.on == wanted);
+    Ok(BoardState {
+        outputs,
+        as_commanded,
+    })
+}
