@@ -3,6 +3,7 @@
 mod contract;
 mod doctor;
 mod exits;
+mod config;
 mod failures;
 mod help;
 mod liar;
