@@ -12,6 +12,7 @@ mod firmware;
 mod peers;
 mod programs;
 mod run;
+mod start;
 mod steps;
 mod test;
 mod tidy;
@@ -65,6 +66,11 @@ const COMMANDS: &[Command] = &[
         name: "bench",
         help: "measure; with --check compare instruction counts with the committed ones",
         run: |root, args| programs::BENCH.run(root, args),
+    },
+    Command {
+        name: "start",
+        help: "how long commands take from their start, beside mbpoll",
+        run: start::run,
     },
     Command {
         name: "firmware-check",

@@ -118,11 +118,26 @@ async fn here(
     user: &User,
     config: &Configuration,
 ) -> Vec<Finding> {
-    let mut found = Vec::new();
-    for line in line::chosen(context, &config.config) {
-        found.extend(line::examine(context.lang, machine, user, &line, LISTEN).await);
+    let mut lines = tokio::task::JoinSet::new();
+    for (number, line) in line::chosen(context, &config.config)
+        .into_iter()
+        .enumerate()
+    {
+        let (lang, machine, user) = (context.lang, machine.clone(), user.clone());
+        lines.spawn(async move {
+            (
+                number,
+                line::examine(lang, &machine, &user, &line, LISTEN).await,
+            )
+        });
     }
+    // Each takes its two seconds, all of them together no more.
+    let mut found = lines.join_all().await;
+    found.sort_by_key(|(number, _)| *number);
     found
+        .into_iter()
+        .flat_map(|(_, findings)| findings)
+        .collect()
 }
 
 /// The configuration, and what is to be said of it.

@@ -4,23 +4,29 @@ use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use std::path::{Path, PathBuf};
 
-/// The user's folder for data; that of the whole machine for root.
+/// The user's folder for data; that of the whole machine for root, unless the environment names
+/// one.
 pub(super) fn data_folder() -> PathBuf {
-    if rustix::process::geteuid().is_root() {
-        return PathBuf::from("/usr/local/share");
-    }
-    of_home("XDG_DATA_HOME", ".local/share")
+    let named = named("XDG_DATA_HOME");
+    let usual = || match rustix::process::geteuid().is_root() {
+        true => PathBuf::from("/usr/local/share"),
+        false => at_home(".local/share"),
+    };
+    named.unwrap_or_else(usual)
 }
 
 /// The user's folder for settings.
 pub(super) fn settings_folder() -> PathBuf {
-    of_home("XDG_CONFIG_HOME", ".config")
+    named("XDG_CONFIG_HOME").unwrap_or_else(|| at_home(".config"))
 }
 
-fn of_home(variable: &str, below: &str) -> PathBuf {
-    let named = std::env::var_os(variable).filter(|folder| !folder.is_empty());
-    let home = || std::env::home_dir().unwrap_or_default().join(below);
-    named.map_or_else(home, PathBuf::from)
+fn named(variable: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os(variable)?;
+    (!folder.is_empty()).then(|| folder.into())
+}
+
+fn at_home(below: &str) -> PathBuf {
+    std::env::home_dir().unwrap_or_default().join(below)
 }
 
 /// Writes a file whole or not at all, and makes its folder where it is missing.

@@ -8,6 +8,7 @@ mod failures;
 mod help;
 mod liar;
 mod line;
+mod shells;
 mod site;
 mod sniff;
 mod terminal;

@@ -83,12 +83,7 @@ pub(super) async fn examine(
             &error,
         )];
     }
-    let values: &[(&str, &dyn std::fmt::Display)] =
-        &[("port", &name), ("settings", &line.settings)];
-    let mut found = vec![Finding::good(
-        Section::Port,
-        lang.fill(DoctorText::PortGood, values),
-    )];
+    let mut found = vec![opens(lang, &name, line.settings)];
     // A gateway passes on only what it is asked for: there is nothing to listen to.
     if !matches!(line.port, LineName::ModbusTcp { .. }) {
         let heard = hear(&mut opened, listen).await;
@@ -97,6 +92,11 @@ pub(super) async fn examine(
     opened.close();
     found.extend(read(lang, line).await);
     found
+}
+
+fn opens(lang: Lang, port: &str, settings: Settings) -> Finding {
+    let values: &[(&str, &dyn std::fmt::Display)] = &[("port", &port), ("settings", &settings)];
+    Finding::good(Section::Port, lang.fill(DoctorText::PortGood, values))
 }
 
 /// What is heard in so much time.

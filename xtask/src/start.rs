@@ -1,0 +1,141 @@
+//! `start`: how long a command takes from its start to its end, beside mbpoll in the same run.
+//! It prints medians and ratios and judges nothing: a loaded machine takes any time it likes.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::run::{self, Error, Result};
+
+/// Rounds in which each command runs once, so that load meets all of them alike.
+const ROUNDS: usize = 25;
+/// What one read of eight coils takes on the wire at 9600 8N1: 8 characters, the 3.5 characters
+/// of silence by which the module knows the end, and 6 characters.
+const WIRE: Duration = Duration::from_micros(18_229);
+
+/// A simulated line, and where it lies.
+struct Line {
+    child: Child,
+    pty: PathBuf,
+}
+
+impl Drop for Line {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_file(&self.pty);
+    }
+}
+
+pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
+    crate::no_arguments(args)?;
+    run::run(&mut run::cargo(
+        root,
+        &["build", "--release", "-p", "railbus"],
+    ))?;
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), PathBuf::from);
+    let railbus = target.join("release/railbus");
+    let line = serve(&railbus)?;
+    let pty = line.pty.display().to_string();
+    let port = format!("pty:{pty}");
+    let own = railbus.display().to_string();
+    let get = ["-l", &port, "-m", "erc8", "-a", "3", "get", "erc8.k1"];
+    let poll = "-m rtu -a 3 -0 -1 -q -b 9600 -P none -t 0 -r 60 -c 8";
+    let poll: Vec<&str> = poll.split(' ').chain([pty.as_str()]).collect();
+    let jobs: [(&str, &str, &[&str]); 4] = [
+        ("railbus --help", &own, &["--help"]),
+        ("mbpoll -h", "mbpoll", &["-h"]),
+        ("railbus get, one point", &own, &get),
+        ("mbpoll, eight coils", "mbpoll", &poll),
+    ];
+    let mut times = jobs.map(|_| Vec::with_capacity(ROUNDS));
+    for _ in 0..ROUNDS {
+        for ((_, program, args), times) in jobs.iter().zip(&mut times) {
+            times.push(time(program, args)?);
+        }
+    }
+    let [help, mbpoll_help, get, poll] = times.map(median);
+    println!(
+        "medians of {ROUNDS} interleaved rounds; on the wire {}",
+        millis(WIRE)
+    );
+    for ((name, ..), took) in jobs.iter().zip([help, mbpoll_help, get, poll]) {
+        println!("  {name:<24} {}", millis(took));
+    }
+    println!("over the wire's own time");
+    for (name, took) in [("railbus get", get), ("mbpoll", poll)] {
+        println!("  {name:<24} {}", millis(took.saturating_sub(WIRE)));
+    }
+    println!(
+        "ratios to mbpoll: help {:.2}, read {:.2}",
+        ratio(help, mbpoll_help),
+        ratio(get, poll)
+    );
+    Ok(())
+}
+
+/// The demo line on a pseudo-terminal, once it is there.
+fn serve(railbus: &Path) -> Result<Line> {
+    let pty = std::env::temp_dir().join(format!("railbus-start-{}", std::process::id()));
+    let mut command = Command::new(railbus);
+    command
+        .args(["sim", "--demo", "--tcp", "127.0.0.1:0", "--pty"])
+        .arg(&pty);
+    command.stdin(Stdio::null()).stdout(Stdio::null());
+    let child = command
+        .spawn()
+        .map_err(|error| Error::new(error.to_string(), "build it"))?;
+    let line = Line { child, pty };
+    let begun = Instant::now();
+    while !line.pty.exists() {
+        if begun.elapsed() > Duration::from_secs(10) {
+            return Err(Error::new(
+                "the simulated line does not come up",
+                "start it by hand",
+            ));
+        }
+        std::thread::yield_now();
+    }
+    Ok(line)
+}
+
+/// From the start of a program to its end, which must be a good one.
+fn time(program: &str, args: &[&str]) -> Result<Duration> {
+    let mut command = Command::new(program);
+    command
+        .args(args)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    let begun = Instant::now();
+    let status = command.status().map_err(|error| {
+        Error::new(
+            format!("`{program}` could not be started: {error}"),
+            "install mbpoll",
+        )
+    })?;
+    let took = begun.elapsed();
+    // mbpoll says 1 where it was asked for its help only.
+    let helped = args == ["-h"];
+    if status.success() || helped {
+        return Ok(took);
+    }
+    let line = format!("{program} {}", args.join(" "));
+    Err(Error::new(
+        format!("`{line}` ended with {status}"),
+        "run it by hand",
+    ))
+}
+
+fn median(mut times: Vec<Duration>) -> Duration {
+    times.sort();
+    times.get(times.len() / 2).copied().unwrap_or_default()
+}
+
+fn millis(time: Duration) -> String {
+    format!("{:.1} ms", time.as_secs_f64() * 1_000.0)
+}
+
+fn ratio(a: Duration, b: Duration) -> f64 {
+    a.as_secs_f64() / b.as_secs_f64().max(1e-9)
+}
