@@ -110,11 +110,19 @@ impl Backend {
     /// The daemon if its socket answers, and no flag is against it; else a site from the flags,
     /// or from a configuration. To be called inside a tokio runtime with I/O and time enabled.
     pub(crate) async fn open(wanted: &Wanted) -> Result<Backend, Problem> {
-        let direct = wanted.direct || wanted.config.is_some() || wanted.ad_hoc.is_some();
-        if !direct && let Some(remote) = Remote::find(wanted.socket.as_deref()).await {
-            return Ok(Backend::Daemon(remote));
+        match Backend::daemon(wanted).await {
+            Some(daemon) => Ok(daemon),
+            None => Local::open(wanted).await.map(Backend::Local),
         }
-        Local::open(wanted).await.map(Backend::Local)
+    }
+
+    /// The daemon if its socket answers, and no flag is against it.
+    pub(crate) async fn daemon(wanted: &Wanted) -> Option<Backend> {
+        if wanted.direct || wanted.config.is_some() || wanted.ad_hoc.is_some() {
+            return None;
+        }
+        let found = Remote::find(wanted.socket.as_deref()).await;
+        found.map(Backend::Daemon)
     }
 
     /// Whether it is the daemon, which reads by itself, and whose values have an age.

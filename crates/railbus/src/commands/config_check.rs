@@ -55,12 +55,12 @@ pub(super) fn run_check(lang: Lang, matches: &ArgMatches) -> Result<(), Failure>
         Format::Json | Format::Ndjson => out::result(
             lang,
             &records::line(json!({
-                "file": file, "lines": loads(&found.config),
+                "file": file, "lines": load_rows(&found.config),
                 "warnings": shown.iter().map(|warning| warning.json(&file)).collect::<Vec<_>>(),
             })),
         ),
         Format::Table => {
-            let rows = table(lang, &file, &shown).render();
+            let rows = page(lang, &file, &shown);
             out::result(
                 lang,
                 &format!(
@@ -69,7 +69,7 @@ pub(super) fn run_check(lang: Lang, matches: &ArgMatches) -> Result<(), Failure>
                 ),
             )
         }
-        format => out::result(lang, &listed(lang, &file, &shown).render(format)),
+        format => out::result(lang, &listed(&file, &shown).render(format)),
     }
 }
 
@@ -110,8 +110,18 @@ pub(super) fn lints(machine: &Machine, config: &Config) -> Vec<Warning> {
     })
 }
 
-/// How much of each line's time the polls take.
-fn loads(config: &Config) -> Vec<Value> {
+/// How much of each line's time the polls take at least.
+pub(super) fn loads(lang: Lang, config: &Config) -> String {
+    let of_line = |name: &String| {
+        let modules = config.modules_of(name).map(|(_, module)| module);
+        format!("{name} {} %", load_percent(modules))
+    };
+    let loads: Vec<String> = config.lines.keys().map(of_line).collect();
+    loads.join(lang.get(crate::texts::Text::Comma))
+}
+
+/// The same for programs.
+fn load_rows(config: &Config) -> Vec<Value> {
     let names = config.lines.keys();
     names
         .map(|name| {
@@ -197,50 +207,30 @@ fn detail(lang: Lang, kind: &Unwise) -> String {
     }
 }
 
-fn table(lang: Lang, file: &str, shown: &[Shown]) -> Table {
-    let mut table = Table::bare();
-    for warning in shown {
-        table.add([
-            format!("! {}", warning.code),
-            warning.at(file),
-            warning.path.clone(),
-            warning.message.clone(),
-        ]);
-        let try_ = lang.get(crate::texts::Text::Try);
-        table.add([
-            String::new(),
-            String::new(),
-            try_.to_owned(),
-            warning.next.clone(),
-        ]);
-    }
-    table
+/// Each warning and what to do, for people.
+fn page(lang: Lang, file: &str, shown: &[Shown]) -> String {
+    let label = lang.get(crate::texts::Text::Try);
+    let block = |warning: &Shown| {
+        let (code, at, path) = (warning.code, warning.at(file), &warning.path);
+        let (message, next) = (&warning.message, &warning.next);
+        format!("! {code} {at}: {path}\n       {message}\n       {label} {next}\n")
+    };
+    shown.iter().map(block).collect()
 }
 
-fn listed(lang: Lang, file: &str, shown: &[Shown]) -> Records {
+fn listed(file: &str, shown: &[Shown]) -> Records {
     Records {
         key: "warnings",
         rows: shown.iter().map(|warning| warning.json(file)).collect(),
         columns: &["code", "file", "line", "column", "path", "message"],
         value: "code",
-        table: table(lang, file, shown),
+        table: Table::bare(),
     }
 }
 
 /// One line: how big it is, how loaded its lines are, and how many warnings.
 fn summary(lang: Lang, file: &str, config: &Config, warnings: usize) -> String {
-    let loads: Vec<String> = config
-        .lines
-        .keys()
-        .map(|name| {
-            let percent = load_percent(config.modules_of(name).map(|(_, module)| module));
-            format!("{name} {percent} %")
-        })
-        .collect();
-    let (modules, loads) = (
-        config.modules.len(),
-        loads.join(lang.get(crate::texts::Text::Comma)),
-    );
+    let (modules, loads) = (config.modules.len(), loads(lang, config));
     let values: &[(&str, &dyn Display)] = &[
         ("file", &file),
         ("modules", &modules),

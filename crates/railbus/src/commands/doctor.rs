@@ -12,9 +12,8 @@ mod texts;
 
 use super::config_check::{self, Shown};
 use super::explain::no_such_code;
-use super::place::{self, Access};
 use super::{Context, stop};
-use crate::backend::described;
+use crate::backend::{Backend, described};
 use crate::cli;
 use crate::config_file;
 use crate::failure::{Code, Failure, findings};
@@ -95,9 +94,9 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     let config = configuration(context, machine);
     found.extend(port::adapters(machine, &user));
     let work = async {
-        match place::find(context).await {
-            Ok(Access::Daemon(backend)) => line::through_daemon(lang, &backend).await,
-            _ => here(context, machine, &user, &config).await,
+        match Backend::daemon(&context.wanted).await {
+            Some(daemon) => line::through_daemon(context, &daemon).await,
+            None => here(context, machine, &user, &config).await,
         }
     };
     found.extend(
@@ -188,8 +187,12 @@ fn configuration(context: &Context, machine: &Machine) -> Configuration {
         findings.push(Finding::of_lint(&shown));
     }
     if findings.is_empty() {
-        let file = found.path.display();
-        let text = lang.fill(DoctorText::ConfigGood, &[("file", &file)]);
+        let (file, loads) = (
+            found.path.display(),
+            config_check::loads(lang, &found.config),
+        );
+        let values: &[(&str, &dyn std::fmt::Display)] = &[("file", &file), ("loads", &loads)];
+        let text = lang.fill(DoctorText::ConfigGood, values);
         findings.push(Finding::good(Section::Config, text));
     }
     Configuration {

@@ -340,6 +340,18 @@ pub(crate) const ALL: &[Finding] = &[
         ["run the command as that user", "以该用户身份执行命令"],
     ),
     finding(
+        "D504",
+        [
+            "the daemon does not answer as it should",
+            "守护进程应答异常",
+        ],
+        [
+            "it is of another version, or hangs",
+            "版本不同，或已停止响应",
+        ],
+        ["restart the daemon", "重新启动守护进程"],
+    ),
+    finding(
         "L001",
         [
             "a Modbus address that frames of another protocol begin with",

@@ -34,7 +34,7 @@ fn the_demo_line_is_well_in_both_languages() {
          port     ✓ pty:DIR/line opens, 9600 8N1\n\
          line     ✓ main is quiet for 2.0 s\n\
          modules  ✓ 5 on main: gate oven pump tank yard\n\
-         config   ✓ DIR/railbus.toml: nothing to be said against it\n\
+         config   ✓ DIR/railbus.toml: nothing to be said against it; load at least: main 79 %\n\
          daemon   ✓ does not run; commands open the line themselves\n\
          errors: 0, warnings: 0\n"
     );
@@ -44,7 +44,7 @@ fn the_demo_line_is_well_in_both_languages() {
          端口      ✓ pty:DIR/line 可以打开，9600 8N1\n\
          总线      ✓ main 安静了 2.0 秒\n\
          模块      ✓ main 上 5 个应答：gate oven pump tank yard\n\
-         配置      ✓ DIR/railbus.toml：没有问题\n\
+         配置      ✓ DIR/railbus.toml：没有问题；负载至少：main 79 %\n\
          守护进程  ✓ 未运行；命令会自行打开总线\n\
          错误：0，警告：0\n"
     );
@@ -155,7 +155,7 @@ fn what_is_unwise_is_told_with_its_place() {
     assert_eq!(ran.code, 0, "{ran:?}");
     assert!(ran.out.contains("! L020"), "{ran:?}");
     assert!(
-        ran.out.contains("railbus.toml:8:1  module.a.address"),
+        ran.out.contains("railbus.toml:8:1: module.a.address\n"),
         "{ran:?}"
     );
     assert!(ran.out.contains("85 (55h) beside r55"), "{ran:?}");

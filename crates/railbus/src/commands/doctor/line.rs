@@ -4,7 +4,7 @@
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
 use super::{device_of, port};
-use crate::api::types::{ModuleState, PortState};
+use crate::api::types::{LineInfo, ModuleInfo, ModuleState, PointInfo, PortState};
 use crate::backend::Backend;
 use crate::commands::Context;
 use crate::i18n::Lang;
@@ -276,32 +276,60 @@ fn verdicts(lang: Lang, line: &Chosen, ends: &[Option<Fault>], late: &[usize]) -
 }
 
 /// The same as the daemon sees it, whose line nobody else may open.
-pub(super) async fn through_daemon(lang: Lang, backend: &Backend) -> Vec<Finding> {
-    let mut found = Vec::new();
-    for line in backend.lines().await.unwrap_or_default() {
-        let detail = match &line.holder {
-            Some(holder) => format!("{}, {holder}", line.port),
-            None => line.port.clone(),
-        };
-        found.push(match (line.state, line.reason.as_deref()) {
-            (PortState::Up | PortState::Opening, _) => {
-                let text = lang.fill(DoctorText::LineUp, &[("line", &line.line)]);
-                Finding::good(Section::Port, text)
-            }
-            (PortState::Busy, _) => Finding::error(Section::Port, "D104", detail),
-            (_, Some("permission")) => Finding::error(Section::Port, "D102", detail),
-            (_, Some("missing")) => Finding::error(Section::Port, "D103", detail),
-            (_, Some("not_a_tty")) => Finding::error(Section::Port, "D111", detail),
-            (_, Some("refused" | "unreachable")) => Finding::error(Section::Port, "D112", detail),
-            _ => Finding::error(Section::Port, "D113", detail),
-        });
-        if line.babble {
-            found.push(Finding::error(Section::Line, "D204", line.line.clone()));
+pub(super) async fn through_daemon(context: &Context, backend: &Backend) -> Vec<Finding> {
+    let (lines, modules) = (backend.lines().await, backend.modules().await);
+    let points = backend.points(&[], false).await;
+    let (lines, modules, points) = match (lines, modules, points) {
+        (Ok(lines), Ok(modules), Ok(points)) => (lines, modules, points),
+        (Err(why), ..) | (_, Err(why), _) | (.., Err(why)) => {
+            let why = context.failure(&why);
+            let detail = format!("{} {}", why.code().name(), why.message());
+            return vec![Finding::error(Section::Daemon, "D504", detail)];
         }
+    };
+    let wanted = |line: &str| context.line.as_deref().is_none_or(|wanted| wanted == line);
+    let mut found = Vec::new();
+    for line in lines.into_iter().filter(|line| wanted(&line.line)) {
+        found.extend(line_at_daemon(context.lang, &line));
     }
-    let points = backend.points(&[], false).await.unwrap_or_default();
+    let modules = modules.into_iter().filter(|module| wanted(&module.line));
+    found.extend(modules_at_daemon(context.lang, modules, &points));
+    found
+}
+
+fn line_at_daemon(lang: Lang, line: &LineInfo) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let detail = match &line.holder {
+        Some(holder) => format!("{}, {holder}", line.port),
+        None => line.port.clone(),
+    };
+    found.push(match (line.state, line.reason.as_deref()) {
+        (PortState::Up | PortState::Opening, _) => {
+            let text = lang.fill(DoctorText::LineUp, &[("line", &line.line)]);
+            Finding::good(Section::Port, text)
+        }
+        (PortState::Busy, _) => Finding::error(Section::Port, "D104", detail),
+        (_, Some("permission")) => Finding::error(Section::Port, "D102", detail),
+        (_, Some("missing")) => Finding::error(Section::Port, "D103", detail),
+        (_, Some("not_a_tty")) => Finding::error(Section::Port, "D111", detail),
+        (_, Some("refused" | "unreachable")) => Finding::error(Section::Port, "D112", detail),
+        _ => Finding::error(Section::Port, "D113", detail),
+    });
+    if line.babble {
+        found.push(Finding::error(Section::Line, "D204", line.line.clone()));
+    }
+    found
+}
+
+/// Who answers it, who does not, and since when.
+fn modules_at_daemon(
+    lang: Lang,
+    modules: impl Iterator<Item = ModuleInfo>,
+    points: &[PointInfo],
+) -> Vec<Finding> {
+    let mut found = Vec::new();
     let mut answered = Vec::new();
-    for module in backend.modules().await.unwrap_or_default() {
+    for module in modules {
         if module.late_1h > 0 {
             let detail = format!("{} ({} / h)", module.module, module.late_1h);
             found.push(Finding::warning(Section::Modules, "D304", detail));

@@ -48,7 +48,10 @@ crate::texts::texts! {
         zh: "{module}（地址 {address}，{protocol}，{settings}）",
     }
     LastGood { en: "{at}, last good {time}", zh: "{at}，最近有效 {time}" }
-    ConfigGood { en: "{file}: nothing to be said against it", zh: "{file}：没有问题" }
+    ConfigGood {
+        en: "{file}: nothing to be said against it; load at least: {loads}",
+        zh: "{file}：没有问题；负载至少：{loads}",
+    }
     NoDaemon {
         en: "does not run; commands open the line themselves",
         zh: "未运行；命令会自行打开总线",
