@@ -192,7 +192,7 @@ impl Drop for Plant {
 fn all_lines_of_a_plant_are_served() {
     let mut plant = Plant::start("served", &[]);
     let folder = plant.folder.display().to_string();
-    let first = "plant.toml: 2 lines, 5 modules, all simulated, until you press Ctrl-C:\n";
+    let first = "plant.toml (lines: 2, modules: 5), all simulated, until you press Ctrl-C:\n";
     assert!(plant.head.starts_with(first), "{}", plant.head);
     let place = |line: &str| {
         let row = plant.head.lines().find(|row| row.starts_with(line));

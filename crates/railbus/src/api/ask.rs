@@ -55,7 +55,7 @@ pub(crate) async fn fresh_points(
     let mut why = None;
     for module in &modules {
         if let Err(failure) = service.read_fresh(module).await {
-            why.get_or_insert_with(|| failures::problem(service, module, None, &failure));
+            why.get_or_insert_with(|| failures::of_read(service, module, None, &failure));
             silent.push(module.clone());
         }
     }
@@ -94,7 +94,7 @@ pub(crate) async fn point(
     let (module, point) = find(service, path)?;
     if fresh {
         let asked = service.read_fresh(&module).await;
-        asked.map_err(|failure| failures::problem(service, &module, Some(point), &failure))?;
+        asked.map_err(|failure| failures::of_read(service, &module, Some(point), &failure))?;
     }
     let status = service.point(&module, point);
     let status = status.ok_or_else(|| failures::no_such_module(service, &module))?;

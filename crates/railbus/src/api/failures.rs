@@ -52,6 +52,19 @@ pub(crate) fn problem(
     }
 }
 
+/// Why a module could not be read. Nothing can have come of that.
+pub(crate) fn of_read(
+    service: &Service,
+    module: &str,
+    point: Option<Point>,
+    failure: &Failure,
+) -> Problem {
+    Problem {
+        may_have_acted: false,
+        ..problem(service, module, point, failure)
+    }
+}
+
 /// The ways out of a pulse that the module can't give.
 fn pulse_hints(
     problem: Problem,

@@ -127,7 +127,7 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
 
     // A plant.
     PlantServed {
-        en: "{file}: {lines} lines, {modules} modules, all simulated, until you press Ctrl-C:",
+        en: "{file} (lines: {lines}, modules: {modules}), all simulated, until you press Ctrl-C:",
         zh: "{file}：{lines} 条总线，{modules} 个模块，均为模拟，按 Ctrl-C 结束：",
     }
     LinesHead { en: "LINE|SETTINGS|MODULES|PTY|TCP", zh: "总线|参数|模块|PTY|TCP" }

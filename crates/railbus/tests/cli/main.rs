@@ -1,9 +1,9 @@
 //! The commands as their users meet them: streams, forms, languages and exit codes.
 
+mod config;
 mod contract;
 mod doctor;
 mod exits;
-mod config;
 mod failures;
 mod help;
 mod liar;
