@@ -114,7 +114,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "Switches every 0x55 board of the line on or off at once; with --confirm broadcast",
         zh: "一次接通或断开总线上所有 0x55 板；须加 --confirm broadcast",
     }
-    Confirm { en: "The word broadcast, for what is meant for all modules", zh: "面向所有模块时须写 broadcast" }
+    Confirm {
+        en: "The word broadcast, for what is meant for all modules",
+        zh: "面向所有模块时须写 broadcast",
+    }
 
     // What was met.
     FromNobody {

@@ -202,7 +202,8 @@ codes! {
     }
     Lost = "E0340" {
         title: ["the module is not found any more after the write", "写入后找不到该模块"],
-        likely: ["it lost its power meanwhile · its line was disturbed · it has taken other settings than written",
+        likely: ["it lost its power meanwhile · its line was disturbed · it has other settings \
+            than written",
             "期间断电 · 总线受干扰 · 实际采用的设置与写入的不同"],
         next: ["railbus config recover", "railbus config recover"],
     }
@@ -276,7 +277,8 @@ codes! {
     }
     SettingIgnored = "E0640" {
         title: ["the module did not take the setting; it is as it was", "模块未接受该设置；设置未变"],
-        likely: ["the write was lost twice · the module wants a jumper or its maker's software for this",
+        likely: ["the write was lost twice · the module wants a jumper or its maker's software \
+            for this",
             "写入两次均丢失 · 该设置需要跳线或厂家软件"],
         next: ["railbus config show MODULE", "railbus config show MODULE"],
     }

@@ -108,7 +108,8 @@ mod tests {
 
     const TEXT: &str = "# our site\n[line.main] # the only one\nport = \"/dev/ttyUSB0\"\n\n\
         [module.pump] # in the cellar\nline = \"main\"\nmodel = \"eda9060a\"\n\
-        address = 1    # DIP has none\n\n[module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 0x03\n";
+        address = 1    # DIP has none\n\n[module.oven]\nline = \"main\"\nmodel = \"erc8\"\n\
+        address = 0x03\n";
 
     fn place(address: u8, baud: Baud) -> Place {
         let serial = Settings {

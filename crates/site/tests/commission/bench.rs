@@ -1,5 +1,7 @@
 //! Drives procedures on a simulated line in virtual time, and cuts them off wherever it is told to.
 
+#![allow(unreachable_pub, reason = "the files of a test see each other")]
+
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_sim::{Act as Touch, Faults, Input, Line, LineConfig, ModuleId, Output, Power};
 use railbus_site::commission::{

@@ -10,6 +10,7 @@ use railbus_site::commission::{
 };
 use railbus_site::settings::Wanted;
 use railbus_wire::{Address, Micros, Protocol};
+use std::io::Write;
 
 /// A change that is cut off at every act.
 struct Case {
@@ -224,6 +225,12 @@ fn all_cuts(options: Options) -> usize {
     points
 }
 
+/// Prints how many there were, and refuses fewer than there must be.
+fn told(points: usize, least: usize) {
+    let _ = writeln!(std::io::stdout(), "{points} injection points");
+    assert!(points >= least, "only {points} injection points");
+}
+
 fn options(applies: Applies) -> Options {
     Options {
         turnaround: Micros::from_millis(5),
@@ -235,20 +242,17 @@ fn options(applies: Applies) -> Options {
 #[test]
 fn cut_off_at_every_act_where_settings_act_at_once() {
     let points = all_cuts(options(Applies::AfterReply));
-    println!("{points} injection points");
-    assert!(points >= 3_000, "only {points} injection points");
+    told(points, 3_000);
 }
 
 #[test]
 fn cut_off_at_every_act_where_settings_act_at_the_next_start() {
     let points = all_cuts(options(Applies::AfterRestart));
-    println!("{points} injection points");
-    assert!(points >= 2_000, "only {points} injection points");
+    told(points, 3_000);
 }
 
 #[test]
 fn cut_off_at_every_act_where_only_the_address_acts_at_once() {
     let points = all_cuts(options(Applies::AddressAfterReply));
-    println!("{points} injection points");
-    assert!(points >= 2_000, "only {points} injection points");
+    told(points, 3_000);
 }

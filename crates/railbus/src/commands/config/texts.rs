@@ -5,10 +5,17 @@ use crate::texts::texts;
 texts! {
     ConfigText;
 
-    About { en: "Shows and changes what modules keep: address, baud, pulses …", zh: "查看和更改模块保存的设置：地址、波特率、脉冲等" }
+    About {
+        en: "Shows and changes what modules keep: address, baud, pulses …",
+        zh: "查看和更改模块保存的设置：地址、波特率、脉冲等",
+    }
     Examples {
-        en: "  railbus config show pump\n  railbus config set pump address=9 baud=19200\n  railbus config log\n",
-        zh: "  railbus config show pump\n  railbus config set pump address=9 baud=19200\n  railbus config log\n",
+        en: "  railbus config show pump\n\
+            \x20\x20railbus config set pump address=9 baud=19200\n\
+            \x20\x20railbus config log\n",
+        zh: "  railbus config show pump\n\
+            \x20\x20railbus config set pump address=9 baud=19200\n\
+            \x20\x20railbus config log\n",
     }
     StateFlag {
         en: "The folder of the journal; .railbus beside the configuration if not said",
@@ -17,7 +24,10 @@ texts! {
     Module { en: "The module", zh: "模块" }
     Modules { en: "The modules; all if none is named", zh: "模块；不写则为全部" }
     Settings { en: "The settings, as config show names them", zh: "设置名，与 config show 所列一致" }
-    Pairs { en: "address=9, baud=19200, checksum=on, do3.mode=pulse …", zh: "address=9、baud=19200、checksum=on、do3.mode=pulse 等" }
+    Pairs {
+        en: "address=9, baud=19200, checksum=on, do3.mode=pulse …",
+        zh: "address=9、baud=19200、checksum=on、do3.mode=pulse 等",
+    }
     Number { en: "The change; the last one if not said", zh: "更改编号；默认为最后一次" }
     DryRun { en: "Shows the frames and writes nothing", zh: "只显示帧，不写入" }
     Yes { en: "Does not ask", zh: "不再询问" }
@@ -37,8 +47,14 @@ texts! {
         zh: "更改模块设置：显示差异、询问、写入、回读",
     }
     SetExamples {
-        en: "  railbus config set pump address=9 baud=19200\n  railbus config set pump do3.mode=pulse pulse_width=0.7s\n  railbus config set -l main checksum=on\n  railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3\n",
-        zh: "  railbus config set pump address=9 baud=19200\n  railbus config set pump do3.mode=pulse pulse_width=0.7s\n  railbus config set -l main checksum=on\n  railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3\n",
+        en: "  railbus config set pump address=9 baud=19200\n\
+            \x20\x20railbus config set pump do3.mode=pulse pulse_width=0.7s\n\
+            \x20\x20railbus config set -l main checksum=on\n\
+            \x20\x20railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3\n",
+        zh: "  railbus config set pump address=9 baud=19200\n\
+            \x20\x20railbus config set pump do3.mode=pulse pulse_width=0.7s\n\
+            \x20\x20railbus config set -l main checksum=on\n\
+            \x20\x20railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3\n",
     }
     LogAbout { en: "Shows the journal of changes", zh: "显示更改日志" }
     LogExamples {
@@ -55,20 +71,30 @@ texts! {
         zh: "查找更改中断或不在原位的模块；只读取",
     }
     RecoverExamples {
-        en: "  railbus config recover\n  railbus config recover pump\n  railbus config recover --addr 7\n",
-        zh: "  railbus config recover\n  railbus config recover pump\n  railbus config recover --addr 7\n",
+        en: "  railbus config recover\n\
+            \x20\x20railbus config recover pump\n\
+            \x20\x20railbus config recover --addr 7\n",
+        zh: "  railbus config recover\n\
+            \x20\x20railbus config recover pump\n\
+            \x20\x20railbus config recover --addr 7\n",
     }
     RecoverAddr {
         en: "The modules that the configuration has at this address",
         zh: "配置中位于该地址的模块",
     }
 
-    BackupAbout { en: "Writes everything readable of the modules into a file", zh: "将模块所有可读设置写入文件" }
+    BackupAbout {
+        en: "Writes everything readable of the modules into a file",
+        zh: "将模块所有可读设置写入文件",
+    }
     BackupExamples {
         en: "  railbus config backup -O site.json\n  railbus config backup pump\n",
         zh: "  railbus config backup -O site.json\n  railbus config backup pump\n",
     }
-    BackupTo { en: "The file; stdout if not said. An older one is kept as FILE.1", zh: "文件；默认为标准输出。旧文件保留为 FILE.1" }
+    BackupTo {
+        en: "The file; stdout if not said. An older one is kept as FILE.1",
+        zh: "文件；默认为标准输出。旧文件保留为 FILE.1",
+    }
     BackupFile { en: "A file that config backup wrote", zh: "config backup 写成的文件" }
     BackedUp { en: "{count} modules backed up into {file}", zh: "已将 {count} 个模块备份到 {file}" }
     OtherSite { en: "Takes a backup of another site, too", zh: "也接受其他站点的备份" }
@@ -77,8 +103,12 @@ texts! {
         zh: "写回备份；新模块在出厂地址处查找",
     }
     RestoreExamples {
-        en: "  railbus config restore site.json -n\n  railbus config restore site.json --module pump\n  railbus config restore site.json --map pump=pump2\n",
-        zh: "  railbus config restore site.json -n\n  railbus config restore site.json --module pump\n  railbus config restore site.json --map pump=pump2\n",
+        en: "  railbus config restore site.json -n\n\
+            \x20\x20railbus config restore site.json --module pump\n\
+            \x20\x20railbus config restore site.json --map pump=pump2\n",
+        zh: "  railbus config restore site.json -n\n\
+            \x20\x20railbus config restore site.json --module pump\n\
+            \x20\x20railbus config restore site.json --map pump=pump2\n",
     }
     RestoreModule { en: "Only this module; may be repeated", zh: "只恢复该模块；可重复" }
     RestoreMap { en: "What the backup calls OLD is NEW here", zh: "备份中的 OLD 在此为 NEW" }
@@ -92,7 +122,10 @@ texts! {
     HeadBackup { en: "backup", zh: "备份" }
     HeadNow { en: "now", zh: "当前" }
 
-    PlanAbout { en: "Compares the modules with what the configuration wants of them", zh: "比较模块与配置所期望的设置" }
+    PlanAbout {
+        en: "Compares the modules with what the configuration wants of them",
+        zh: "比较模块与配置所期望的设置",
+    }
     PlanExamples {
         en: "  railbus plan\n  railbus plan --exit-code -o json\n",
         zh: "  railbus plan\n  railbus plan --exit-code -o json\n",
@@ -102,7 +135,10 @@ texts! {
         en: "{change} to change, {missing} missing, {same} unchanged, {unclear} unclear",
         zh: "待更改 {change}，缺失 {missing}，不变 {same}，不明 {unclear}",
     }
-    ApplyAbout { en: "Gives the modules the settings that the configuration wants", zh: "按配置设置各模块" }
+    ApplyAbout {
+        en: "Gives the modules the settings that the configuration wants",
+        zh: "按配置设置各模块",
+    }
     ApplyExamples {
         en: "  railbus plan\n  railbus apply --yes -O report.json\n  railbus apply --only pump\n",
         zh: "  railbus plan\n  railbus apply --yes -O report.json\n  railbus apply --only pump\n",
@@ -110,12 +146,18 @@ texts! {
     ApplyOnly { en: "Only this module; may be repeated", zh: "只处理该模块；可重复" }
     ApplyReport { en: "Writes what was done into this file, as JSON", zh: "将执行结果以 JSON 写入该文件" }
 
-    CalibrateAbout { en: "Calibrates an EMD-2A2Q, led step by step: zero, then span", zh: "逐步校准 EMD-2A2Q：先校零，再校满" }
+    CalibrateAbout {
+        en: "Calibrates an EMD-2A2Q, led step by step: zero, then span",
+        zh: "逐步校准 EMD-2A2Q：先校零，再校满",
+    }
     CalibrateExamples {
         en: "  railbus config calibrate tank\n  railbus config calibrate tank --voltage 4.00V\n",
         zh: "  railbus config calibrate tank\n  railbus config calibrate tank --voltage 4.00V\n",
     }
-    CalibrateVoltage { en: "The voltage of the span step; 5.00V if not said", zh: "校满电压；默认为 5.00V" }
+    CalibrateVoltage {
+        en: "The voltage of the span step; 5.00V if not said",
+        zh: "校满电压；默认为 5.00V",
+    }
     Before { en: "before", zh: "之前" }
     AfterZero { en: "after zero", zh: "校零后" }
     AfterSpan { en: "after span", zh: "校满后" }
@@ -128,7 +170,8 @@ texts! {
         zh: "  railbus config factory tank\n",
     }
     FactoryWarning {
-        en: "{module} loses its calibration, which can't be brought back, and goes to address 1, 9600 8N1",
+        en: "{module} loses its calibration, which can't be brought back, and goes \
+            to address 1, 9600 8N1",
         zh: "{module} 将失去校准且无法找回，并回到地址 1、9600 8N1",
     }
 
@@ -148,7 +191,10 @@ texts! {
         zh: "存于 EEPROM；仅在上电 10 秒内、拨码为 0 时可写",
     }
     NoteMaker { en: "only by the maker's software", zh: "只能用厂家软件更改" }
-    NoteInit { en: "by the INIT* pin: open is ascii, to ground is lc02", zh: "由 INIT* 引脚决定：悬空为 ascii，接地为 lc02" }
+    NoteInit {
+        en: "by the INIT* pin: open is ascii, to ground is lc02",
+        zh: "由 INIT* 引脚决定：悬空为 ascii，接地为 lc02",
+    }
     NoteInAscii { en: "only while the module speaks ascii", zh: "仅在模块使用 ascii 协议时可改" }
     NoteFixed { en: "the family has no other", zh: "该系列仅此一种" }
 
@@ -166,7 +212,8 @@ texts! {
         zh: "当前读数 {first} 和 {second}。请断开所有模拟量输入，然后：校零？[y/N]",
     }
     SpanReady {
-        en: "readings {first} and {second}. Connect {voltage} to all analog inputs, then: calibrate? [y/N]",
+        en: "readings {first} and {second}. Connect {voltage} to all analog inputs, \
+            then: calibrate? [y/N]",
         zh: "当前读数 {first} 和 {second}。请将 {voltage} 接到所有模拟量输入，然后：校准？[y/N]",
     }
     WithChecksum { en: "checksum", zh: "带校验和" }
@@ -175,11 +222,13 @@ texts! {
     Writes { en: "EEPROM writes: {count}", zh: "EEPROM 写入次数：{count}" }
     NothingWritten { en: "nothing written", zh: "未写入任何内容" }
     TwoSpeeds {
-        en: "after this, {count} other modules on line \"{line}\" stay as they are, and each poll of \"{module}\" costs two changes of speed",
+        en: "after this, {count} other modules on line \"{line}\" stay as they \
+            are, and each poll of \"{module}\" costs two changes of speed",
         zh: "此后总线 \"{line}\" 上另有 {count} 个模块保持原设置，每次轮询 \"{module}\" 需切换两次波特率",
     }
     TwoChecksums {
-        en: "{count} other ASCII modules keep the other checksum state; it should be the same on the whole line",
+        en: "{count} other ASCII modules keep the other checksum state; it should \
+            be the same on the whole line",
         zh: "另有 {count} 个 ASCII 模块的校验和状态不同；整条总线应保持一致",
     }
     Reserved { en: "Modbus reserves the addresses 248 to 255", zh: "Modbus 保留地址 248 至 255" }
@@ -188,17 +237,28 @@ texts! {
         zh: "发往地址 85（55h）的请求与本总线 0x55 板的帧头相同",
     }
     BoardNeedsPower {
-        en: "the board takes it only within 10 s of power-up: you will be asked to switch it off and on; its DIP switch must be at 0",
+        en: "the board takes it only within 10 s of power-up: you will be asked \
+            to switch it off and on; its DIP switch must be at 0",
         zh: "该板仅在上电 10 秒内接受：届时请按提示断电再上电；拨码开关须为 0",
     }
-    Written { en: "{module}  written, found at {place}, read back equal  journal #{number}", zh: "{module}  已写入，位于 {place}，回读一致  日志 #{number}" }
-    Same { en: "{module}  keeps that already, at {place}: nothing written", zh: "{module}  已是如此（{place}）：未写入" }
+    Written {
+        en: "{module}  written, found at {place}, read back equal  journal #{number}",
+        zh: "{module}  已写入，位于 {place}，回读一致  日志 #{number}",
+    }
+    Same {
+        en: "{module}  keeps that already, at {place}: nothing written",
+        zh: "{module}  已是如此（{place}）：未写入",
+    }
     Filed { en: "{file} says so now", zh: "{file} 已更新" }
     NoFile { en: "the module is heard at {place} from now on", zh: "此后模块位于 {place}" }
-    WriteByHand { en: "write into [module.{module}] that it is at {place}", zh: "请在 [module.{module}] 中写明其位于 {place}" }
+    WriteByHand {
+        en: "write into [module.{module}] that it is at {place}",
+        zh: "请在 [module.{module}] 中写明其位于 {place}",
+    }
     NotThere { en: "the module is not in it, or not on a line of its own", zh: "其中没有该模块" }
     Daemon {
-        en: "a daemon (railbus serve) keeps its lines to itself: stop it for as long as settings are changed",
+        en: "a daemon (railbus serve) keeps its lines to itself: stop it for as \
+            long as settings are changed",
         zh: "守护进程 (railbus serve) 独占总线：更改设置期间请先停止它",
     }
 
@@ -224,15 +284,21 @@ texts! {
     InPlace { en: "found in its place", zh: "在原位找到" }
     FoundElsewhere { en: "found in another place", zh: "在其他位置找到" }
     PartBoards {
-        en: "to part two boards: switch both off, then: railbus config set {module} address=FREE, and switch only one on when asked; then the other",
+        en: "to part two boards: switch both off, then: railbus config set {module} \
+            address=FREE, and switch only one on when asked; then the other",
         zh: "分开两块板：先都断电，执行 railbus config set {module} address=空闲地址，按提示只给其中一块上电；然后再给另一块上电",
     }
     PartByPin {
-        en: "to part two: ground INIT* of one of them, which then speaks lc02 and leaves the other alone at {address}; railbus config set {module} address=FREE; then open INIT* again",
-        zh: "分开两个模块：将其中一个的 INIT* 接地，它改用 lc02，地址 {address} 上只剩另一个；执行 railbus config set {module} address=空闲地址；然后断开 INIT*",
+        en: "to part two: ground INIT* of one of them, which then speaks lc02 and \
+            leaves the other alone at {address}; railbus config set {module} address=FREE; \
+            then open INIT* again",
+        zh: "分开两个模块：将其中一个的 INIT* 接地，它改用 lc02，地址 {address} \
+            上只剩另一个；执行 railbus config set {module} address=空闲地址；然后断开 \
+            INIT*",
     }
     PartByPlug {
-        en: "to part two: unplug one of them; railbus config set {module} address=FREE; then plug it in again, it is alone at {address}",
+        en: "to part two: unplug one of them; railbus config set {module} address=FREE; \
+            then plug it in again, it is alone at {address}",
         zh: "分开两个模块：拔下其中一个；执行 railbus config set {module} address=空闲地址；然后重新插上，地址 {address} 上只剩它",
     }
 }
