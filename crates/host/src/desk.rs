@@ -1,9 +1,11 @@
 //! The callers who wait for the end of something.
 
+use crate::clock::Clock;
 use crate::line::{Done, LATE_MAX, LateReply, ProbeResult};
+use crate::tap::{Tap, Tapped};
 use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probed, Ticket};
 use railbus_device::{Op, Seen};
-use railbus_wire::Micros;
+use railbus_wire::{Micros, Settings};
 use tokio::sync::oneshot;
 
 /// The most bytes kept of what a probe meets.
@@ -15,6 +17,9 @@ pub(crate) struct Desk {
     runs: Vec<Run>,
     probe: Option<Probing>,
     late: Vec<LateReply>,
+    tap: Option<Tapped>,
+    /// There is a probe or a tap: one question for both, in the way of every byte.
+    records: bool,
 }
 
 /// A caller who waits for a command's end.
@@ -43,7 +48,15 @@ impl Desk {
             runs: Vec::with_capacity(COMMANDS_MAX),
             probe: None,
             late: Vec::new(),
+            tap: None,
+            records: false,
         }
+    }
+
+    /// Lets one more look on.
+    pub(crate) fn tap(&mut self, clock: Clock) -> Tap {
+        self.records = true;
+        self.tap.get_or_insert_with(|| Tapped::new(clock)).tap()
     }
 
     /// Whether nobody waits.
@@ -56,6 +69,7 @@ impl Desk {
     }
 
     pub(crate) fn add_probe(&mut self, reply: oneshot::Sender<Result<ProbeResult, Fault>>) {
+        self.records = true;
         self.probe = Some(Probing {
             sent: Vec::new(),
             heard: Vec::new(),
@@ -64,20 +78,41 @@ impl Desk {
     }
 
     /// A frame goes out.
-    pub(crate) fn sent(&mut self, bytes: &[u8]) {
-        if let Some(probe) = &mut self.probe {
-            probe.sent.clear();
-            probe.sent.extend_from_slice(bytes);
-            probe.heard.clear();
+    pub(crate) fn sent(&mut self, bytes: &[u8], settings: Settings) {
+        if self.records {
+            self.record_sent(bytes, settings);
         }
     }
 
     /// Bytes came in.
     pub(crate) fn heard(&mut self, bytes: &[u8]) {
+        if self.records {
+            self.record_heard(bytes);
+        }
+    }
+
+    #[cold]
+    fn record_sent(&mut self, bytes: &[u8], settings: Settings) {
+        if let Some(probe) = &mut self.probe {
+            probe.sent.clear();
+            probe.sent.extend_from_slice(bytes);
+            probe.heard.clear();
+        }
+        self.tell(Some(settings), bytes);
+    }
+
+    #[cold]
+    fn record_heard(&mut self, bytes: &[u8]) {
         if let Some(probe) = &mut self.probe {
             let room = TAPE_MAX - probe.heard.len().min(TAPE_MAX);
             probe.heard.extend(bytes.iter().take(room));
         }
+        self.tell(None, bytes);
+    }
+
+    fn tell(&mut self, sent: Option<Settings>, bytes: &[u8]) {
+        self.tap = self.tap.take().filter(|tap| tap.tell(sent, bytes));
+        self.records = self.probe.is_some() || self.tap.is_some();
     }
 
     /// A module said something.
@@ -204,7 +239,7 @@ mod tests {
             let mut desk = Desk::new();
             desk.add_probe(reply);
             desk.heard(&[9]);
-            desk.sent(&[1, 2]);
+            desk.sent(&[1, 2], Settings::FACTORY);
             desk.heard(&[1, 2, 3]);
             desk.heard(&[4]);
             desk.end_probe(Probed::Answered, Micros(5), echoes);

@@ -44,6 +44,7 @@ mod mbtcp;
 mod name;
 mod port;
 mod serial;
+mod tap;
 mod task;
 mod tcp;
 
@@ -54,6 +55,7 @@ pub use mbtcp::ModbusTcpPort;
 pub use name::{LineName, NameError};
 pub use port::{AnyPort, Port};
 pub use serial::{Granted, Rs485, SerialOptions, SerialPort};
+pub use tap::{Passed, Tap};
 pub use tcp::TcpPort;
 
 pub use railbus_bus::{

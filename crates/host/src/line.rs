@@ -2,6 +2,7 @@
 
 use crate::clock::{Alarm, Clock};
 use crate::event::Teller;
+use crate::tap::Tap;
 use crate::task::Task;
 use crate::{
     AnyPort, Events, Granted, LineEvent, LineName, LineState, Observer, Port, PortError,
@@ -116,6 +117,9 @@ pub(crate) enum Job {
     Probe {
         probe: Probe,
         reply: oneshot::Sender<Result<ProbeResult, Fault>>,
+    },
+    Tap {
+        reply: oneshot::Sender<Tap>,
     },
     Close {
         reply: oneshot::Sender<()>,
@@ -249,6 +253,16 @@ impl Line {
         let (reply, end) = oneshot::channel();
         self.hand_in(Job::Probe { probe, reply })?;
         end.await.unwrap_or(Err(Fault::Closed))
+    }
+
+    /// Looks on at what passes from now on. It goes on when the port was lost and is found again.
+    ///
+    /// # Errors
+    /// [`Fault::Closed`] while there is no port, or [`Fault::Overloaded`].
+    pub async fn tap(&self) -> Result<Tap, Fault> {
+        let (reply, tap) = oneshot::channel();
+        self.hand_in(Job::Tap { reply })?;
+        tap.await.map_err(|_| Fault::Closed)
     }
 
     fn hand_in(&self, job: Job) -> Result<(), Fault> {

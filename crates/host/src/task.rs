@@ -216,7 +216,7 @@ impl<P: Port> Task<P> {
             match self.bus.poll() {
                 Output::Transmit { bytes, settings } => {
                     self.port.send(bytes, settings)?;
-                    self.desk.sent(bytes);
+                    self.desk.sent(bytes, settings);
                     let at = self.alarm.now();
                     self.lag = at.since(self.told);
                     self.last = LastFrame {
@@ -333,6 +333,9 @@ impl<P: Port> Task<P> {
                     let _ = reply.send(Err(Fault::Overloaded));
                 }
             }
+            Some(Job::Tap { reply }) => {
+                let _ = reply.send(self.desk.tap(self.alarm.clock()));
+            }
             Some(Job::Close { reply }) => self.leave(Some(reply)),
             None => self.leave(None),
         }
@@ -383,6 +386,8 @@ impl Job {
         match self {
             Job::Run { reply, .. } => drop(reply.send(Err(Fault::Closed))),
             Job::Probe { reply, .. } => drop(reply.send(Err(Fault::Closed))),
+            // Who waits for it is told by its end.
+            Job::Tap { reply } => drop(reply),
             Job::Close { reply } => drop(reply.send(())),
         }
     }

@@ -15,7 +15,7 @@ use local::Local;
 pub(crate) use local::described;
 use railbus_device::{Family, Layout};
 use railbus_wire::{Character, Protocol};
-use remote::Remote;
+pub(crate) use remote::{Frames, Remote};
 use std::path::PathBuf;
 
 /// What the flags say about whom to ask.
@@ -33,6 +33,12 @@ pub(crate) struct Wanted {
     pub(crate) lang: Lang,
     /// Read all modules again and again, as `watch` needs; else only what is asked for is read.
     pub(crate) polls: bool,
+}
+
+impl Wanted {
+    const fn goes_direct(&self) -> bool {
+        self.direct || self.config.is_some() || self.ad_hoc.is_some()
+    }
 }
 
 /// A line and a module on it, named by flags alone: `-l PORT -m MODEL -a ADDR`.
@@ -111,18 +117,17 @@ impl Backend {
     /// or from a configuration. To be called inside a tokio runtime with I/O and time enabled.
     pub(crate) async fn open(wanted: &Wanted) -> Result<Backend, Problem> {
         match Backend::daemon(wanted).await {
-            Some(daemon) => Ok(daemon),
+            Some(daemon) => Ok(Backend::Daemon(daemon)),
             None => Local::open(wanted).await.map(Backend::Local),
         }
     }
 
-    /// The daemon if its socket answers, and no flag is against it.
-    pub(crate) async fn daemon(wanted: &Wanted) -> Option<Backend> {
-        if wanted.direct || wanted.config.is_some() || wanted.ad_hoc.is_some() {
+    /// The daemon, where one answers and no flag is against it.
+    pub(crate) async fn daemon(wanted: &Wanted) -> Option<Remote> {
+        if wanted.goes_direct() {
             return None;
         }
-        let found = Remote::find(wanted.socket.as_deref()).await;
-        found.map(Backend::Daemon)
+        Remote::find(wanted.socket.as_deref()).await
     }
 
     /// Whether it is the daemon, which reads by itself, and whose values have an age.

@@ -2,6 +2,7 @@
 //! machine, and over a Unix socket.
 
 mod answer;
+mod frames;
 mod guard;
 mod keys;
 mod listen;

@@ -291,7 +291,7 @@ fn find(service: &Service, path: &str) -> Result<(String, Point), Problem> {
 }
 
 /// The one line there is.
-fn only_line(service: &Service) -> Result<String, Problem> {
+pub(crate) fn only_line(service: &Service) -> Result<String, Problem> {
     let mut names = service.config().lines.into_keys();
     match (names.next(), names.next()) {
         (Some(line), None) => Ok(line),
@@ -316,7 +316,7 @@ fn from_hex(text: &str) -> Option<Vec<u8>> {
     })
 }
 
-fn to_hex(bytes: &[u8]) -> String {
+pub(crate) fn to_hex(bytes: &[u8]) -> String {
     let pairs: Vec<String> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
     pairs.join(" ")
 }

@@ -460,6 +460,38 @@ pub(crate) enum WatchEvent {
     Gap { dropped: u64 },
 }
 
+/// What passes on a line: `GET /api/v1/frames/stream?line=main`, one to a line of text. Bytes as
+/// the line sends and receives them; what they are is for who reads them to find out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "ev", rename_all = "snake_case")]
+pub(crate) enum FrameEvent {
+    /// The line that is looked at, at the beginning.
+    Line {
+        #[serde(flatten)]
+        line: LineInfo,
+    },
+    /// A frame was handed to the port.
+    Sent {
+        /// When, in microseconds since 1970.
+        at_us: u64,
+        /// The speed at which it leaves.
+        baud: u32,
+        /// In which format: `8N1`.
+        format: String,
+        /// In hexadecimal digits.
+        bytes: String,
+    },
+    /// Bytes came from the port.
+    Heard {
+        /// When, in microseconds since 1970.
+        at_us: u64,
+        /// In hexadecimal digits.
+        bytes: String,
+    },
+    /// This reader was too slow: so many events before the next one are lost to it.
+    Gap { dropped: u64 },
+}
+
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

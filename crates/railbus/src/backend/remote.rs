@@ -4,8 +4,9 @@ mod http;
 
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{
-    LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo, Points,
-    PulseRequest, Pulsed, RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest, Written,
+    FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
+    Points, PulseRequest, Pulsed, RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest,
+    Written,
 };
 use crate::serve::socket;
 use http::{Lines as TextLines, send};
@@ -26,15 +27,32 @@ pub(crate) struct Watch(TextLines);
 
 impl Watch {
     pub(super) async fn next(&mut self) -> Option<Result<WatchEvent, Problem>> {
-        loop {
-            let line = match self.0.next().await? {
-                Ok(line) => line,
-                Err(problem) => return Some(Err(problem)),
-            };
-            // A newer daemon may know events that this program does not; an empty line is sent
-            // to see whether anyone is there.
-            if let Ok(event) = serde_json::from_str(&line) {
-                return Some(Ok(event));
+        event(&mut self.0).await
+    }
+}
+
+/// What passes on a line of the daemon.
+#[derive(Debug)]
+pub(crate) struct Frames(TextLines);
+
+impl Frames {
+    /// The next event; none once the daemon has gone. Can be dropped and called again without
+    /// losing anything.
+    pub(crate) async fn next(&mut self) -> Option<Result<FrameEvent, Problem>> {
+        event(&mut self.0).await
+    }
+}
+
+/// The next event that this program knows. A newer daemon may have others; an empty line is sent
+/// to see whether anyone is there.
+async fn event<T: DeserializeOwned>(lines: &mut TextLines) -> Option<Result<T, Problem>> {
+    loop {
+        match lines.next().await? {
+            Err(problem) => return Some(Err(problem)),
+            Ok(line) => {
+                if let Ok(event) = serde_json::from_str(&line) {
+                    return Some(Ok(event));
+                }
             }
         }
     }
@@ -58,7 +76,7 @@ impl Remote {
         Ok(lines.lines)
     }
 
-    pub(super) async fn modules(&self) -> Result<Vec<ModuleInfo>, Problem> {
+    pub(crate) async fn modules(&self) -> Result<Vec<ModuleInfo>, Problem> {
         let modules: Modules = self.get("/api/v1/modules").await?;
         Ok(modules.modules)
     }
@@ -112,6 +130,14 @@ impl Remote {
         let path = format!("/api/v1/watch?{}", select(selectors));
         let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
         Ok(Watch(answer.lines().await?))
+    }
+
+    /// What passes on a line from now on.
+    pub(crate) async fn frames(&self, line: Option<&str>) -> Result<Frames, Problem> {
+        let line = line.map(|line| format!("line={}", encoded(line)));
+        let path = format!("/api/v1/frames/stream?{}", line.unwrap_or_default());
+        let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
+        Ok(Frames(answer.lines().await?))
     }
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {

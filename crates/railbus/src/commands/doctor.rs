@@ -95,7 +95,7 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     found.extend(port::adapters(machine, &user));
     let work = async {
         match Backend::daemon(&context.wanted).await {
-            Some(daemon) => line::through_daemon(context, &daemon).await,
+            Some(daemon) => line::through_daemon(context, &Backend::Daemon(daemon)).await,
             None => here(context, machine, &user, &config).await,
         }
     };

@@ -11,6 +11,8 @@ mod words;
 
 use super::place::{self, Place};
 use super::{Context, stop, wireshark};
+use crate::api::problem::Problem;
+use crate::backend::{Backend, Remote};
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
@@ -22,7 +24,7 @@ use railbus_sniff::{Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Micros, Settings};
 use record::Recorder;
 use show::Sums;
-use source::{Came, Capture, Clock, Listening};
+use source::{Came, Capture, Clock, Listening, Source};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -193,19 +195,13 @@ impl<'a> Hearing<'a> {
     async fn listen(&mut self, auto: bool, time: Option<Micros>) -> Result<(), Failure> {
         let context = self.context;
         let mut stop = stop::Stop::new(context)?;
-        let mut place = place::without_opening(context)?;
-        if auto {
-            place.settings = auto::find(context, &place, &mut stop).await?;
-        }
-        self.modules = modules(context, Some(&place));
-        let mut port = Listening::open(context, &place).await?;
-        let values: &[(&str, &dyn std::fmt::Display)] =
-            &[("port", &place.port), ("settings", &place.settings)];
-        context.note(&context.lang.fill(SniffText::Listening, values));
+        let (mut source, mut ear) = match Backend::daemon(&context.wanted).await {
+            Some(daemon) => self.at_daemon(&daemon).await?,
+            None => self.at_port(auto, &mut stop).await?,
+        };
         self.head()?;
         let clock = Clock::new();
         let end = time.map(|time| clock.now() + time);
-        let mut ear = Ear::new(place.line.clone(), place.settings, context.timeout);
         loop {
             let due = match self.drain(&mut ear)? {
                 ControlFlow::Break(()) => return Ok(()),
@@ -221,7 +217,10 @@ impl<'a> Hearing<'a> {
                     self.finish(&mut ear, clock.now())?;
                     return Err(stop::interrupted(context));
                 }
-                came = port.next(context, clock) => Some(came?),
+                came = source.next(context, clock) => match came? {
+                    Some(came) => Some(came),
+                    None => return self.finish(&mut ear, clock.now()),
+                },
                 () = tokio::time::sleep(clock.until(due)) => None,
             };
             match came {
@@ -236,6 +235,44 @@ impl<'a> Hearing<'a> {
                 return self.finish(&mut ear, clock.now());
             }
         }
+    }
+
+    /// The daemon has the line: its own view of it is what there is to see.
+    async fn at_daemon(&mut self, daemon: &Remote) -> Result<(Source, Ear), Failure> {
+        let context = self.context;
+        let failed = |problem: Problem| context.failure(&problem);
+        let frames = daemon.frames(context.line.as_deref()).await;
+        let mut frames = frames.map_err(failed)?;
+        let wire = source::line_of(context, &mut frames).await?;
+        let modules = daemon.modules().await.map_err(failed)?;
+        let named = modules
+            .into_iter()
+            .filter(|module| module.line == wire.name);
+        self.modules = named.filter_map(Named::of).collect();
+        let values: &[(&str, &dyn std::fmt::Display)] = &[("line", &wire.name)];
+        context.note(&context.lang.fill(SniffText::ListeningDaemon, values));
+        let ear = Ear::new(wire.name, wire.settings, context.timeout);
+        Ok((Source::Daemon(frames), ear))
+    }
+
+    /// Nobody has the line.
+    async fn at_port(
+        &mut self,
+        auto: bool,
+        stop: &mut stop::Stop,
+    ) -> Result<(Source, Ear), Failure> {
+        let context = self.context;
+        let mut place = place::without_opening(context)?;
+        if auto {
+            place.settings = auto::find(context, &place, stop).await?;
+        }
+        self.modules = modules(context, Some(&place));
+        let port = Listening::open(context, &place).await?;
+        let values: &[(&str, &dyn std::fmt::Display)] =
+            &[("port", &place.port), ("settings", &place.settings)];
+        context.note(&context.lang.fill(SniffText::Listening, values));
+        let ear = Ear::new(place.line, place.settings, context.timeout);
+        Ok((Source::Port(port), ear))
     }
 
     /// Tells what is left when nobody listens any more.

@@ -1,7 +1,7 @@
 //! The addresses of the API, and what each does.
 
 use super::keys::{End, KEY_LEN_MAX, Keys};
-use super::{answer, guard, page, stream};
+use super::{answer, frames, guard, page, stream};
 use crate::api::ask;
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{Lines, Modules, Points, SCHEMA};
@@ -49,6 +49,7 @@ pub(super) fn router(site: Site, tcp_port: Option<u16>) -> Router {
         .route("/points/{module}/{label}/toggle", post(toggle))
         .route("/points/{module}/{label}/pulse", post(pulse))
         .route("/raw", post(raw))
+        .route("/frames/stream", get(frames::stream))
         .route("/watch", get(stream::watch));
     let router = Router::new()
         .nest("/api/v1", api)

@@ -355,3 +355,34 @@ fn the_speed_of_a_line_is_found_by_listening() {
         (Some(19_200), Some(true))
     );
 }
+
+#[test]
+fn a_line_of_the_daemon_is_looked_at_without_touching_it() {
+    let site = Site::served("sniff-tap");
+    let socket = site.socket();
+    let tap = ["--socket", &socket, "--count", "20", "-o", "ndjson"];
+    let arguments: Vec<&str> = ["sniff"].into_iter().chain(tap).collect();
+    let ran = site.run_with(&arguments, "");
+    assert_eq!(ran.code, 0, "{ran:?}");
+    let said = "listening to line main through the daemon; the line is not touched";
+    assert_eq!(ran.err.trim(), said);
+    let rows: Vec<serde_json::Value> = ran
+        .out
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("JSON"))
+        .collect();
+    let replies: Vec<_> = rows.iter().filter(|row| row["role"] == "reply").collect();
+    assert!(replies.len() > 5, "{ran:?}");
+    for reply in replies.iter().skip(1) {
+        assert_eq!(reply["verdict"], "ok", "{reply}");
+        assert!(
+            reply["module"].is_string() && reply["asked"].is_string(),
+            "{reply}"
+        );
+    }
+    // Its own words are told, too; a line that it does not have, is not.
+    let zh = site.run(&format!("sniff --socket {socket} --count 1 --lang zh"));
+    assert!(zh.err.contains("不影响总线"), "{zh:?}");
+    let none = site.run(&format!("sniff --socket {socket} -l attic"));
+    assert_eq!(none.code, 8, "{none:?}");
+}

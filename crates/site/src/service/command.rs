@@ -4,8 +4,8 @@ use super::{Inner, Service, lock};
 use crate::config::ModuleConfig;
 use crate::{Failure, Value};
 use railbus_device::{Bank, Module, Op, Point, PointKind, Seen};
-use railbus_host::{Confirmed, Done, Fault, Probe, ProbeResult, Terms};
-use railbus_wire::{Channel, Exchange, Micros, Settings};
+use railbus_host::{Confirmed, Done, Fault, Probe, ProbeResult, Tap, Terms};
+use railbus_wire::{Channel, Exchange, Instant, Micros, Settings};
 use std::fmt::Write;
 
 /// How long a frame of one's own waits for the reply to begin, where nobody says.
@@ -171,6 +171,17 @@ impl Service {
         };
         Ok(handle.probe(probe).await?)
     }
+
+    /// Looks on at what passes on a line, without touching it. The moment is now as the line
+    /// counts.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchLine`], or [`Fault::Closed`] while the line has no port.
+    pub async fn tap(&self, line: &str) -> Result<(Instant, Tap), Failure> {
+        let handle = self.inner.handle(line).ok_or(Failure::NoSuchLine)?;
+        let tap = handle.tap().await?;
+        Ok((handle.now(), tap))
+    }
 }
 
 impl Inner {
@@ -203,7 +214,7 @@ impl Inner {
     /// What an output was when it was last read.
     pub(super) fn output(&self, module: &str, point: Point) -> Option<bool> {
         let state = lock(&self.state);
-        let (known, _) = state.site.point(module, point, railbus_wire::Instant(0));
+        let (known, _) = state.site.point(module, point, Instant(0));
         match known?.value {
             Value::Bool(on) => Some(on),
             Value::Analog(..) | Value::Number(_) => None,

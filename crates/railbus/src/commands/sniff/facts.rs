@@ -1,5 +1,6 @@
 //! What can be said of something heard without reading its bytes: what filters ask for.
 
+use crate::api::types::ModuleInfo;
 use railbus_sniff::{Asked, Heard, Role, Verdict};
 use railbus_wire::{Address, Exchange, Micros, Protocol, ascii, lc02, r55};
 
@@ -9,6 +10,21 @@ pub(in crate::commands) struct Named {
     pub(in crate::commands) name: String,
     pub(in crate::commands) protocol: Protocol,
     pub(in crate::commands) address: u8,
+}
+
+impl Named {
+    /// A module of the daemon.
+    pub(in crate::commands) fn of(module: ModuleInfo) -> Option<Named> {
+        let known = Protocol::ALL.into_iter();
+        let protocol = known
+            .into_iter()
+            .find(|known| known.name() == module.protocol);
+        protocol.map(|protocol| Named {
+            name: module.module,
+            protocol,
+            address: module.address,
+        })
+    }
 }
 
 /// What can be said of something heard.

@@ -1,9 +1,12 @@
 //! Where what is heard comes from: a port, or a capture file.
 
 use super::texts::SniffText;
+use crate::api::types::FrameEvent;
+use crate::backend::Frames;
 use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
 use crate::failure::{Code, Failure};
+use crate::render::hex;
 use railbus_host::{AnyPort, LineName, Port, PortError, SerialOptions};
 use railbus_sniff::capture::{Direction, LINK_TYPE, Reader, Step, Why};
 use railbus_wire::{Baud, Character, Instant, Settings};
@@ -98,6 +101,76 @@ impl Listening {
 
     pub(in crate::commands) fn close(&mut self) {
         self.port.close();
+    }
+}
+
+/// What is listened to.
+#[derive(Debug)]
+pub(in crate::commands) enum Source {
+    /// A port.
+    Port(Listening),
+    /// The daemon's own view of a line.
+    Daemon(Frames),
+}
+
+impl Source {
+    /// What comes next; none where the daemon has ended.
+    pub(in crate::commands) async fn next(
+        &mut self,
+        context: &Context,
+        clock: Clock,
+    ) -> Result<Option<Came>, Failure> {
+        match self {
+            Source::Port(port) => port.next(context, clock).await.map(Some),
+            Source::Daemon(frames) => loop {
+                let Some(event) = frames.next().await else {
+                    return Ok(None);
+                };
+                let event = event.map_err(|problem| context.failure(&problem))?;
+                if let Some(came) = came(event) {
+                    return Ok(Some(came));
+                }
+            },
+        }
+    }
+}
+
+/// The first thing that the daemon says is which line it is.
+pub(in crate::commands) async fn line_of(
+    context: &Context,
+    frames: &mut Frames,
+) -> Result<Wire, Failure> {
+    match frames.next().await {
+        Some(Ok(FrameEvent::Line { line })) => Ok(Wire {
+            settings: settings(&format!("{} {}", line.baud, line.format))
+                .unwrap_or(Settings::FACTORY),
+            name: line.line,
+        }),
+        Some(Err(problem)) => Err(context.failure(&problem)),
+        Some(Ok(_)) | None => Err(Failure::of(context.lang, Code::NoDaemon)),
+    }
+}
+
+fn came(event: FrameEvent) -> Option<Came> {
+    let bytes = |text: &str| hex::parse(text);
+    match event {
+        FrameEvent::Line { .. } => None,
+        FrameEvent::Gap { dropped } => Some(Came::Lost(dropped)),
+        FrameEvent::Heard { at_us, bytes: text } => {
+            Some(Came::Bytes(Instant(at_us), bytes(&text)?))
+        }
+        // The moment told is when it was handed to the port.
+        FrameEvent::Sent {
+            at_us,
+            baud,
+            format,
+            bytes: text,
+        } => {
+            let bytes = bytes(&text)?;
+            let settings = settings(&format!("{baud} {format}")).unwrap_or(Settings::FACTORY);
+            let end = Instant(at_us) + settings.frame_time(bytes.len());
+            Some(Came::Sent(end, bytes))
+        }
     }
 }
 

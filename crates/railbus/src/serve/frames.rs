@@ -1,0 +1,112 @@
+//! What passes on a line, for those who look on: JSON line by line. The line is not touched, and
+//! while nobody looks on it does no work for this.
+
+use super::answer;
+use super::listen::ended;
+use super::routes::Site;
+use crate::api::problem::Problem;
+use crate::api::types::FrameEvent;
+use crate::api::{ask, convert, failures};
+use axum::body::{Body, Bytes};
+use axum::extract::{Query, State};
+use axum::http::Response;
+use axum::http::header::{CONTENT_TYPE, HeaderValue};
+use http_body_util::channel::{Channel, Sender};
+use railbus_host::{Passed, Tap};
+use railbus_wire::Instant;
+use std::collections::BTreeMap;
+use std::convert::Infallible;
+use std::time::Duration;
+use tokio::sync::watch;
+
+/// How many pieces wait for a slow reader; more wait at the line, which drops the oldest.
+const PIECES_MAX: usize = 64;
+/// After so long without an event an empty line is sent, to see whether anyone is there.
+const ALIVE: Duration = Duration::from_secs(15);
+
+/// `GET /api/v1/frames/stream`.
+pub(super) async fn stream(
+    State(site): State<Site>,
+    asked: Query<BTreeMap<String, String>>,
+) -> Response<Body> {
+    match begin(&site, asked.get("line")).await {
+        Ok(body) => {
+            let mut response = Response::new(body);
+            let kind = HeaderValue::from_static("application/x-ndjson");
+            response.headers_mut().insert(CONTENT_TYPE, kind);
+            response
+        }
+        Err(problem) => answer::problem(&problem),
+    }
+}
+
+async fn begin(site: &Site, line: Option<&String>) -> Result<Body, Problem> {
+    let line = match line {
+        Some(line) => line.clone(),
+        None => ask::only_line(&site.service)?,
+    };
+    let tap = site.service.tap(&line).await;
+    let (now, tap) = tap.map_err(|failure| failures::of_line(&site.service, &line, &failure))?;
+    let epoch = jiff::Timestamp::now().as_microsecond();
+    let start = u64::try_from(epoch)
+        .unwrap_or_default()
+        .saturating_sub(now.0);
+    let (sender, body) = Channel::<Bytes, Infallible>::new(PIECES_MAX);
+    let first = site.service.line(&line).map(|status| FrameEvent::Line {
+        line: convert::line(status),
+    });
+    tokio::spawn(send(first, tap, start, sender, site.stop.clone()));
+    Ok(Body::new(body))
+}
+
+/// Sends until the reader has gone, or the line or the daemon ends.
+async fn send(
+    first: Option<FrameEvent>,
+    mut tap: Tap,
+    start: u64,
+    mut sender: Sender<Bytes, Infallible>,
+    mut stop: watch::Receiver<bool>,
+) {
+    let mut piece = first.map(|event| as_line(&event)).unwrap_or_default();
+    loop {
+        let sent = tokio::select! {
+            () = ended(&mut stop) => return,
+            sent = sender.send_data(piece) => sent,
+        };
+        if sent.is_err() {
+            return;
+        }
+        piece = tokio::select! {
+            () = ended(&mut stop) => return,
+            passed = tokio::time::timeout(ALIVE, tap.next()) => match passed {
+                Ok(Some(passed)) => as_line(&event(start, passed)),
+                Ok(None) => return,
+                Err(_) => Bytes::from_static(b"\n"),
+            },
+        };
+    }
+}
+
+fn event(start: u64, passed: Result<Passed, u64>) -> FrameEvent {
+    let Passed { at, sent, bytes } = match passed {
+        Ok(passed) => passed,
+        Err(dropped) => return FrameEvent::Gap { dropped },
+    };
+    let Instant(micros) = at;
+    let at_us = start.saturating_add(micros);
+    let bytes = ask::to_hex(&bytes);
+    match sent {
+        None => FrameEvent::Heard { at_us, bytes },
+        Some(settings) => FrameEvent::Sent {
+            at_us,
+            baud: settings.baud.rate(),
+            format: settings.character.to_string(),
+            bytes,
+        },
+    }
+}
+
+fn as_line(event: &FrameEvent) -> Bytes {
+    let json = serde_json::to_string(event).unwrap_or_default();
+    Bytes::from(json + "\n")
+}
