@@ -2,7 +2,7 @@
 
 use crate::commands::{complete, completions, config, doctor, extcap, help, man, schema, sniff};
 use crate::commands::{
-    decode, explain, get, global_flags, ls, pulse, raw, scan, set, version, watch,
+    decode, explain, get, global_flags, ls, pulse, raw, replay, scan, set, version, watch,
 };
 use crate::failure::Failure;
 use crate::i18n::Lang;
@@ -66,6 +66,11 @@ const VERBS: &[Verb] = &[
         name: decode::NAME,
         define: decode::define,
         run: decode::run,
+    },
+    Verb {
+        name: replay::NAME,
+        define: replay::define,
+        run: replay::run,
     },
     Verb {
         name: doctor::NAME,

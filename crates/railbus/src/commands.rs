@@ -13,6 +13,7 @@ pub(crate) mod ls;
 pub(crate) mod man;
 pub(crate) mod pulse;
 pub(crate) mod raw;
+pub(crate) mod replay;
 pub(crate) mod scan;
 pub(crate) mod schema;
 pub(crate) mod set;
@@ -24,6 +25,7 @@ mod config_check;
 mod context;
 mod install;
 mod place;
+mod risk;
 mod stop;
 mod wireshark;
 

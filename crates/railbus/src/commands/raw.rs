@@ -4,6 +4,7 @@ mod talk;
 
 use super::decode::meaning;
 use super::place::{self, Access};
+use super::risk::Risk;
 use super::{Context, decode, stop};
 use crate::api::types::RawRequest;
 use crate::cli;
@@ -124,35 +125,7 @@ fn asked(bytes: &[u8]) -> Option<Exchange<'_>> {
 
 /// Whether it is for all modules at once, or changes what a module keeps.
 fn is_risky(asked: &Exchange<'_>) -> bool {
-    match asked {
-        Exchange::Rtu(e) => {
-            e.address == rtu::BROADCAST
-                || matches!(
-                    e.request,
-                    rtu::Request::WriteRegister { .. } | rtu::Request::WriteRegisters(_)
-                )
-        }
-        Exchange::R55(e) => {
-            let is_read = matches!(e.request(), r55::Request::ReadAddress);
-            e.address() == r55::BROADCAST && !is_read
-                || matches!(e.request(), r55::Request::WriteAddress(_))
-        }
-        Exchange::Lc02(e) => matches!(
-            e.request,
-            lc02::Request::WriteConfig { .. } | lc02::Request::WritePulse { .. }
-        ),
-        Exchange::Ascii(e) => {
-            e.request.is_broadcast()
-                || matches!(
-                    e.request,
-                    ascii::Request::WriteConfig { .. }
-                        | ascii::Request::WritePulse { .. }
-                        | ascii::Request::WriteWatchdog { .. }
-                        | ascii::Request::WriteSafe { .. }
-                        | ascii::Request::Rename(_)
-                )
-        }
-    }
+    Risk::of(asked) >= Risk::Kept
 }
 
 async fn ask(

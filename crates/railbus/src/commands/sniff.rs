@@ -24,11 +24,13 @@ use railbus_sniff::{Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Micros, Settings};
 use record::Recorder;
 use show::Sums;
-use source::{Came, Capture, Clock, Listening, Source};
+pub(super) use source::{Came, Capture, Clock};
+use source::{Listening, Source};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 pub(super) use texts::SniffText;
+pub(super) use words::millis;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "sniff";
@@ -272,7 +274,7 @@ impl<'a> Hearing<'a> {
             &[("port", &place.port), ("settings", &place.settings)];
         context.note(&context.lang.fill(SniffText::Listening, values));
         let ear = Ear::new(place.line, place.settings, context.timeout);
-        Ok((Source::Port(port), ear))
+        Ok((Source::Port(Box::new(port)), ear))
     }
 
     /// Tells what is left when nobody listens any more.
@@ -377,14 +379,14 @@ impl<'a> Hearing<'a> {
 }
 
 /// A line that is listened to.
-struct Ear {
+pub(super) struct Ear {
     line: String,
     settings: Settings,
-    listener: Listener,
+    pub(super) listener: Listener,
 }
 
 impl Ear {
-    fn new(line: String, settings: Settings, patience: Option<Micros>) -> Ear {
+    pub(super) fn new(line: String, settings: Settings, patience: Option<Micros>) -> Ear {
         let listener = Listener::new(settings);
         Ear {
             line,

@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn the_folders_are_those_that_wireshark_names() {
-        let listed = "Personal Lua Plugins:\t/home/li/.local/lib/wireshark/plugins\n\
+        let listed = "Personal Lua Plugins:\t/users/li/.local/lib/wireshark/plugins\n\
                       Extcap path:         \t/usr/lib/wireshark/extcap\n";
         let named = |name| folder_named(listed, name);
         assert_eq!(
@@ -132,6 +132,6 @@ mod tests {
         );
         assert_eq!(named("Personal Extcap path"), None);
         let lua = named("Personal Lua Plugins");
-        assert_eq!(lua, Some("/home/li/.local/lib/wireshark/plugins".into()));
+        assert_eq!(lua, Some("/users/li/.local/lib/wireshark/plugins".into()));
     }
 }

@@ -136,7 +136,8 @@ codes! {
         title: ["the capture file can't be read", "无法读取抓包文件"],
         likely: ["it is no pcapng file · it was cut off while it was written",
             "不是 pcapng 文件 · 写入时被截断"],
-        next: ["editcap -F pcapng OLD NEW   (of Wireshark)", "editcap -F pcapng 旧文件 新文件（Wireshark 工具）"],
+        next: ["editcap -F pcapng OLD NEW   (of Wireshark)",
+            "editcap -F pcapng 旧文件 新文件（Wireshark 工具）"],
     }
     CaptureWrite = "E0181" {
         title: ["the capture file can't be written", "无法写入抓包文件"],
@@ -159,6 +160,11 @@ codes! {
         likely: ["the command named ended with an error · no right to run it",
             "所示命令执行出错 · 无执行权限"],
         next: ["run the command yourself and read what it says", "自行执行该命令并查看其输出"],
+    }
+    NothingToPlay = "E0183" {
+        title: ["the capture file can't be played", "无法重放抓包文件"],
+        likely: ["it holds replies alone, or too much", "文件中只有应答，或内容过多"],
+        next: ["railbus sniff --read FILE", "railbus sniff --read 文件"],
     }
     Usage = "E0201" {
         title: ["wrong arguments", "参数有误"],
@@ -637,6 +643,11 @@ codes! {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not those wanted", "模块设置与期望不同"],
         next: ["look at the list of differences", "查看差异列表"],
+    }
+    RepliesDiffer = "E1080" {
+        title: ["replies are other than recorded", "应答与记录不同"],
+        likely: ["inputs changed since · another module or firmware", "输入已变化 · 模块或固件不同"],
+        next: ["railbus replay FILE --as-host -o ndjson", "railbus replay 文件 --as-host -o ndjson"],
     }
     Partial = "E1101" {
         title: ["some of several targets failed", "多个目标中部分失败"],

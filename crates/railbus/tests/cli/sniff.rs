@@ -64,32 +64,7 @@ pub(crate) fn captured(site: &Site) -> PathBuf {
     path
 }
 
-const SHOWN: &str = "\
-TIME          Δ ms     DIR  PROTOCOL  ADDR  MEANING                                       BYTES
-14:03:07.000           →    ascii        1  read outputs and inputs                       $016<CR>
-14:03:07.017     11.8  ←    ascii        1  outputs do0 do1 on; inputs high: di1          !030200<CR>
-14:03:07.039     14.0  →    rtu          3  read 8 coils from 60                          03 01 00 3C 00 08 FC 22
-14:03:07.060     12.4  ←    rtu          3  states 10100000, first one first              03 01 01 05 90 33
-14:03:07.081     15.1  →    r55          4  read state                                    55 04 10 00 00 00 00 69
-14:03:07.107     17.5  ←    r55          4  k1 k3 on                                      22 04 10 00 00 00 05 3B
-14:03:07.126     10.9  →    lc02         2  read outputs and inputs                       4C 57 02 03 05 0D
-14:03:07.432    300.0  –    lc02         2  no reply in 300.0 ms
-14:03:07.532    400.0  ?    –            –  6 bytes, no protocol fits                     FE 00 F8 80 11 00
-14:03:07.558     20.0  →    rtu          3  coil 60 on                                    03 05 00 3C FF 00 4D D4
-14:03:07.576      9.0  ←    rtu          3  acknowledged: coil 60 on                      03 05 00 3C FF 00 4D D4
-14:03:07.604     20.0  →    rtu          3  read 8 coils from 60                          03 01 00 3C 00 08 FC 22
-14:03:07.624     12.0  ←    rtu          3  wrong checksum 90 34, should be 90 33         03 01 01 05 90 34
-14:03:07.651     20.0  →    rtu          3  read 8 coils from 60                          03 01 00 3C 00 08 FC 22
-14:03:07.671     12.0  ←    rtu          3  refused: exception 02 illegal data address    03 81 02 60 51
-14:03:07.706     30.0  →    rtu         85  read 4 coils from 3; or r55: unknown function 00h  55 01 00 03 00 04 C0 1D
-14:03:07.745     30.0  –    rtu         85  no reply in 30.0 ms
-14:03:07.745     30.0  →    ascii        1  a command that is not known here              #01<CR>
-14:03:07.779     30.0  →    lc02         2  wrong checksum 06, should be 05               4C 57 02 03 06 0D
-14:03:07.805     20.0  ?    rtu          1  unknown function 2Bh                          01 2B 0E 01 00 70 77
-14:03:07.842     30.0  →    ascii        1  read outputs and inputs                       $016BB<CR>
-14:03:07.862     12.0  ←    ascii        1  without the checksum that its request had     !030200<CR>
-14:03:07.900     30.0  ←    r55          4  cut short after 4 bytes                       22 04 10 00
-";
+const SHOWN: &str = include_str!("faulty.txt");
 
 fn read(site: &Site, more: &[&str]) -> Ran {
     let path = captured(site).display().to_string();
@@ -232,7 +207,7 @@ fn what_is_no_capture_is_told_so() {
 
 /// The far end of a line that somebody listens to.
 pub(crate) struct Wire {
-    master: OwnedFd,
+    pub(crate) master: OwnedFd,
     /// Held open so that the master lives on.
     _slave: OwnedFd,
     pub(crate) name: String,
@@ -258,7 +233,7 @@ impl Wire {
 }
 
 /// The program at work, once it has said the word on standard error.
-fn listening(
+pub(crate) fn listening(
     site: &Site,
     arguments: &[&str],
     word: &str,

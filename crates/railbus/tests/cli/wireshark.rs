@@ -2,6 +2,7 @@
 
 use crate::site::Site;
 use crate::sniff::{Wire, captured, faulty};
+use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Command;
@@ -17,7 +18,8 @@ fn there_is_none(test: &str) -> bool {
         "tshark is missing"
     );
     if none {
-        println!("{test}: skipped, there is no tshark (apt-get install tshark)");
+        let why = format!("{test}: skipped, there is no tshark (apt-get install tshark)");
+        let _ = writeln!(std::io::stderr(), "{why}");
     }
     none
 }

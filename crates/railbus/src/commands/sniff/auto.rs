@@ -197,7 +197,7 @@ fn tell(context: &Context, best: Round, next: Option<Round>, took: Micros, parit
     if context.format.is_json() {
         let next = next.map(|next| json!({"baud": next.settings.baud.rate(), "valid": next.good}));
         context.note(
-            &records::line(json!({
+            records::line(json!({
                 "event": "settings",
                 "baud": best.settings.baud.rate(),
                 "format": best.settings.character.to_string(),

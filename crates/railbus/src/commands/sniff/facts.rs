@@ -1,8 +1,9 @@
 //! What can be said of something heard without reading its bytes: what filters ask for.
 
 use crate::api::types::ModuleInfo;
+use crate::commands::risk::Risk;
 use railbus_sniff::{Asked, Heard, Role, Verdict};
-use railbus_wire::{Address, Exchange, Micros, Protocol, ascii, lc02, r55};
+use railbus_wire::{Address, Exchange, Micros, Protocol};
 
 /// A module by what tells it apart on a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -98,28 +99,6 @@ pub(in crate::commands) fn addressee(asked: &Asked) -> Option<u8> {
 }
 
 /// Whether a request changes something.
-pub(in crate::commands) fn is_write(asked: &Exchange<'_>) -> bool {
-    match asked {
-        Exchange::Rtu(e) => !e.request.is_read(),
-        Exchange::Lc02(e) => !matches!(
-            e.request,
-            lc02::Request::ReadConfig | lc02::Request::ReadData | lc02::Request::ReadPulse
-        ),
-        Exchange::R55(e) => !matches!(
-            e.request(),
-            r55::Request::ReadState | r55::Request::ReadAddress | r55::Request::ReadVariable(_)
-        ),
-        Exchange::Ascii(e) => matches!(
-            e.request,
-            ascii::Request::WriteConfig { .. }
-                | ascii::Request::WriteOutputs { .. }
-                | ascii::Request::WritePulse { .. }
-                | ascii::Request::SampleAll
-                | ascii::Request::HostOk
-                | ascii::Request::ClearWatchdog
-                | ascii::Request::WriteWatchdog { .. }
-                | ascii::Request::WriteSafe { .. }
-                | ascii::Request::Rename(_)
-        ),
-    }
+fn is_write(asked: &Exchange<'_>) -> bool {
+    Risk::of(asked) > Risk::Read
 }

@@ -108,7 +108,7 @@ impl Listening {
 #[derive(Debug)]
 pub(in crate::commands) enum Source {
     /// A port.
-    Port(Listening),
+    Port(Box<Listening>),
     /// The daemon's own view of a line.
     Daemon(Frames),
 }

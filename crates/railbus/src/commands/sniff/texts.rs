@@ -20,17 +20,24 @@ crate::texts::texts! {
   railbus sniff --install-wireshark",
     }
     AutoBaud { en: "Finds baud and parity by listening", zh: "自动识别波特率和校验位" }
-    Write { en: "Keeps the frames in a capture file, also those that the filter drops", zh: "将所有帧写入抓包文件，不受过滤影响" }
+    Write {
+        en: "Keeps the frames in a capture file, also those that the filter drops",
+        zh: "将所有帧写入抓包文件，不受过滤影响",
+    }
     Read { en: "Reads a capture file instead of a line", zh: "读取抓包文件，不监听总线" }
     FilterFlag {
-        en: "Shows only: addr=3, proto=rtu, module=pump, ok, bad, refused, unknown, missing, late, \
-             request, reply, read, write, ambiguous, slow>50ms, gap>20ms; joined by and, or, not, ( )",
+        en: "Shows only: addr=3, proto=rtu, module=pump, ok, bad, refused, unknown, missing, \
+             late, request, reply, read, write, ambiguous, slow>50ms, gap>20ms; joined by and, \
+             or, not, ( )",
         zh: "只显示：addr=3、proto=rtu、module=pump、ok、bad、refused、unknown、missing、late、\
              request、reply、read、write、ambiguous、slow>50ms、gap>20ms；用 and、or、not、( ) 组合",
     }
     Count { en: "Ends after so many frames shown", zh: "显示若干帧后结束" }
     Time { en: "Ends after so long: 10s, 8h", zh: "监听若干时间后结束：10s、8h" }
-    Install { en: "Puts the Wireshark dissector and capture source in place", zh: "安装 Wireshark 解析器和抓包接口" }
+    Install {
+        en: "Puts the Wireshark dissector and capture source in place",
+        zh: "安装 Wireshark 解析器和抓包接口",
+    }
     Folder { en: "Where to, instead of the user's own folders", zh: "安装到此目录，代替用户目录" }
     DryRun { en: "Only says what would be done", zh: "仅说明将做什么" }
     WouldWrite { en: "would write {path}", zh: "将写入 {path}" }
@@ -41,18 +48,28 @@ crate::texts::texts! {
     ExtcapPort { en: "Port", zh: "端口" }
     ExtcapBaud { en: "Baud", zh: "波特率" }
     Head { en: "TIME|Δ ms|DIR|PROTOCOL|ADDR|MEANING|BYTES", zh: "时间|间隔 ms|方向|协议|地址|含义|字节" }
-    Listening { en: "listening only, never sending: {port}, {settings}", zh: "仅监听，绝不发送：{port}，{settings}" }
+    Listening {
+        en: "listening only, never sending: {port}, {settings}",
+        zh: "仅监听，绝不发送：{port}，{settings}",
+    }
     ListeningDaemon {
         en: "listening to line {line} through the daemon; the line is not touched",
         zh: "经守护进程监听总线 {line}，不影响总线",
     }
     Summary {
-        en: "{frames} frames, {exchanges} exchanges, {missing} unanswered, {bad} bad; line busy {busy} %",
+        en: "{frames} frames, {exchanges} exchanges, {missing} unanswered, {bad} bad; line \
+             busy {busy} %",
         zh: "{frames} 帧，{exchanges} 次交换，{missing} 次无应答，{bad} 帧损坏；总线占用 {busy} %",
     }
-    Slowest { en: "slowest reply: address {address}, {time} ms", zh: "最慢应答：地址 {address}，{time} 毫秒" }
+    Slowest {
+        en: "slowest reply: address {address}, {time} ms",
+        zh: "最慢应答：地址 {address}，{time} 毫秒",
+    }
     Dropped { en: "{count} events lost: this program was too slow", zh: "丢失 {count} 个事件：本程序过慢" }
-    NothingToHear { en: "a Modbus TCP gateway lets nobody listen to its line", zh: "Modbus TCP 网关无法监听其总线" }
+    NothingToHear {
+        en: "a Modbus TCP gateway lets nobody listen to its line",
+        zh: "Modbus TCP 网关无法监听其总线",
+    }
     FileEnds { en: "it ends in the middle of a block", zh: "文件在数据块中间结束" }
     FileBroken { en: "at byte {at}: {why}", zh: "字节 {at} 处：{why}" }
     NoCapture { en: "this is no pcapng file", zh: "不是 pcapng 文件" }
@@ -65,7 +82,8 @@ crate::texts::texts! {
     // Auto-baud.
     Trying { en: "listening at {settings} …", zh: "以 {settings} 监听 …" }
     Found {
-        en: "{settings} found after {time}: {good} of {all} bytes in right frames; next best {next}: {other}",
+        en: "{settings} found after {time}: {good} of {all} bytes in right frames; next \
+             best {next}: {other}",
         zh: "{time} 后识别为 {settings}：{all} 字节中 {good} 字节属于正确的帧；次优 {next}：{other}",
     }
     Sure { en: "sure", zh: "可靠" }
@@ -78,7 +96,10 @@ crate::texts::texts! {
     NoProtocol { en: "{count} bytes, no protocol fits", zh: "{count} 字节，没有协议能接受" }
     Late { en: ", late", zh: "，迟到" }
     OrElse { en: "; or {protocol}: {meaning}", zh: "；或 {protocol}：{meaning}" }
-    BareException { en: "refused: exception {code}, sent without CRC", zh: "被拒绝：异常码 {code}，未带 CRC" }
+    BareException {
+        en: "refused: exception {code}, sent without CRC",
+        zh: "被拒绝：异常码 {code}，未带 CRC",
+    }
     UnknownCommand { en: "a command that is not known here", zh: "未知命令" }
     UnknownFunction { en: "unknown function {code}h", zh: "未知功能码 {code}h" }
     WrongChecksum { en: "wrong checksum {is}, should be {should}", zh: "校验和 {is} 错误，应为 {should}" }
@@ -87,15 +108,30 @@ crate::texts::texts! {
     NotAsAsked { en: "not a reply to what was asked", zh: "与请求不符的应答" }
 
     // Filters.
-    FilterWrong { en: "the filter, character {at} \"{near}\": {why}", zh: "过滤条件第 {at} 个字符 \"{near}\"：{why}" }
+    FilterWrong {
+        en: "the filter, character {at} \"{near}\": {why}",
+        zh: "过滤条件第 {at} 个字符 \"{near}\"：{why}",
+    }
     FilterLong { en: "it is longer than 500 bytes", zh: "超过 500 字节" }
     FilterJoin { en: "\"and\" or \"or\" should stand here", zh: "此处应为 and 或 or" }
     FilterClose { en: "a \")\" is missing here", zh: "此处缺少 )" }
     FilterEnds { en: "something is missing here", zh: "此处缺少内容" }
-    FilterWord { en: "this word is not known; see railbus sniff --help", zh: "未知的词，见 railbus sniff --help" }
+    FilterWord {
+        en: "this word is not known; see railbus sniff --help",
+        zh: "未知的词，见 railbus sniff --help",
+    }
     FilterEquals { en: "\"=\" or \"!=\" should stand here", zh: "此处应为 = 或 !=" }
-    FilterAddress { en: "an address from 0 to 255 should stand here, 10 or 0Ah", zh: "此处应为 0 到 255 的地址，如 10 或 0Ah" }
-    FilterProtocol { en: "rtu, ascii, lc02 or r55 should stand here", zh: "此处应为 rtu、ascii、lc02 或 r55" }
+    FilterAddress {
+        en: "an address from 0 to 255 should stand here, 10 or 0Ah",
+        zh: "此处应为 0 到 255 的地址，如 10 或 0Ah",
+    }
+    FilterProtocol {
+        en: "rtu, ascii, lc02 or r55 should stand here",
+        zh: "此处应为 rtu、ascii、lc02 或 r55",
+    }
     FilterCompare { en: "\">\" or \"<\" should stand here", zh: "此处应为 > 或 <" }
-    FilterTime { en: "a time with its unit should stand here: 50ms, 1.5s", zh: "此处应为带单位的时间：50ms、1.5s" }
+    FilterTime {
+        en: "a time with its unit should stand here: 50ms, 1.5s",
+        zh: "此处应为带单位的时间：50ms、1.5s",
+    }
 }

@@ -1,0 +1,65 @@
+//! What a request of one's own may do to a line.
+
+use railbus_wire::{Exchange, ascii, lc02, r55, rtu};
+
+/// What a request may do, the least first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Risk {
+    /// It only reads.
+    Read,
+    /// It switches outputs of one module.
+    Output,
+    /// It changes what a module keeps.
+    Kept,
+    /// It is for all modules at once.
+    All,
+}
+
+impl Risk {
+    pub(super) fn of(asked: &Exchange<'_>) -> Risk {
+        match asked {
+            Exchange::Rtu(e) => of_rtu(e),
+            Exchange::R55(e) => of_r55(e),
+            Exchange::Lc02(e) => match e.request {
+                lc02::Request::ReadConfig | lc02::Request::ReadData | lc02::Request::ReadPulse => {
+                    Risk::Read
+                }
+                lc02::Request::WriteOutputs(_) => Risk::Output,
+                lc02::Request::WriteConfig { .. } | lc02::Request::WritePulse { .. } => Risk::Kept,
+            },
+            Exchange::Ascii(e) => of_ascii(&e.request),
+        }
+    }
+}
+
+fn of_rtu(e: &rtu::Exchange<'_>) -> Risk {
+    match e.request {
+        _ if e.address == rtu::BROADCAST => Risk::All,
+        rtu::Request::WriteRegister { .. } | rtu::Request::WriteRegisters(_) => Risk::Kept,
+        rtu::Request::WriteCoil { .. } | rtu::Request::WriteCoils(_) => Risk::Output,
+        _ => Risk::Read,
+    }
+}
+
+fn of_r55(e: &r55::Exchange) -> Risk {
+    match e.request() {
+        r55::Request::ReadAddress => Risk::Read,
+        _ if e.address() == r55::BROADCAST => Risk::All,
+        r55::Request::WriteAddress(_) => Risk::Kept,
+        r55::Request::ReadState | r55::Request::ReadVariable(_) => Risk::Read,
+        _ => Risk::Output,
+    }
+}
+
+const fn of_ascii(request: &ascii::Request) -> Risk {
+    match request {
+        ascii::Request::SampleAll | ascii::Request::HostOk => Risk::All,
+        ascii::Request::WriteConfig { .. }
+        | ascii::Request::WritePulse { .. }
+        | ascii::Request::WriteWatchdog { .. }
+        | ascii::Request::WriteSafe { .. }
+        | ascii::Request::Rename(_) => Risk::Kept,
+        ascii::Request::WriteOutputs { .. } | ascii::Request::ClearWatchdog => Risk::Output,
+        _ => Risk::Read,
+    }
+}
