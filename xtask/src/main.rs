@@ -69,7 +69,7 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "start",
-        help: "how long commands take from their start, beside mbpoll",
+        help: "how long commands take from their start, beside mbpoll [--as-built]",
         run: start::run,
     },
     Command {

@@ -28,11 +28,16 @@ impl Drop for Line {
 }
 
 pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
-    crate::no_arguments(args)?;
-    run::run(&mut run::cargo(
-        root,
-        &["build", "--release", "-p", "railbus"],
-    ))?;
+    match args {
+        [as_built] if as_built == "--as-built" => {}
+        args => {
+            crate::no_arguments(args)?;
+            run::run(&mut run::cargo(
+                root,
+                &["build", "--release", "-p", "railbus"],
+            ))?;
+        }
+    }
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), PathBuf::from);
     let railbus = target.join("release/railbus");
     let line = serve(&railbus)?;

@@ -1,9 +1,8 @@
 //! The command line: one definition per command, which gives its parser and its help.
 
-use crate::commands::{complete, completions, config, doctor, extcap, help, man, schema, sniff};
-use crate::commands::{
-    decode, explain, get, global_flags, ls, pulse, raw, replay, scan, set, version, watch,
-};
+use crate::commands::{bench, complete, completions, config, doctor, explain, export, extcap};
+use crate::commands::{decode, get, global_flags, help, ls, man, pulse, raw, replay, scan};
+use crate::commands::{schema, set, sniff, version, watch};
 use crate::failure::Failure;
 use crate::i18n::Lang;
 use crate::texts::{Phrase, Text};
@@ -78,6 +77,11 @@ const VERBS: &[Verb] = &[
         run: doctor::run,
     },
     Verb {
+        name: bench::NAME,
+        define: bench::define,
+        run: bench::run,
+    },
+    Verb {
         name: config::NAME,
         define: config::define,
         run: config::run,
@@ -101,6 +105,11 @@ const VERBS: &[Verb] = &[
         name: serve::NAME,
         define: serve::define,
         run: serve::run,
+    },
+    Verb {
+        name: export::NAME,
+        define: export::define,
+        run: export::run,
     },
     Verb {
         name: extcap::NAME,

@@ -1,11 +1,13 @@
 //! The commands, one file each.
 
+pub(crate) mod bench;
 pub(crate) mod complete;
 pub(crate) mod completions;
 pub(crate) mod config;
 pub(crate) mod decode;
 pub(crate) mod doctor;
 pub(crate) mod explain;
+pub(crate) mod export;
 pub(crate) mod extcap;
 pub(crate) mod get;
 pub(crate) mod help;

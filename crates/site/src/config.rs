@@ -13,7 +13,7 @@ mod read;
 mod units;
 
 pub use faults::{FAULTS, Fault, FaultError, FaultOrder, Millionths, Noise, parse_faults};
-pub use lint::{Unwise, Warning, lint, load_percent};
+pub use lint::{Unwise, Warning, lint, load_percent, wire_time};
 pub use plant::{Plant, Signal, SimLine, SimModule};
 pub use problem::{Kind, Problem};
 pub use read::place_of;

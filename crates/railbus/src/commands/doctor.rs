@@ -22,6 +22,7 @@ use crate::machine::Machine;
 use crate::machine::users::User;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use finding::{Finding, Section, State};
+pub(in crate::commands) use line::Chosen;
 use railbus_host::LineName;
 use railbus_site::Config;
 use railbus_site::config::Unwise;
@@ -47,6 +48,21 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .action(ArgAction::SetTrue)
                 .requires("fix"),
         )
+}
+
+/// The lines of the flags or of the configuration, for commands that only read.
+pub(super) fn chosen_lines(context: &Context) -> Result<Vec<Chosen>, Failure> {
+    let failed = |problem| context.failure(&problem);
+    let config = match &context.wanted.ad_hoc {
+        Some(ad_hoc) => described(ad_hoc).map_err(failed)?,
+        None => {
+            let named = context.wanted.config.as_deref();
+            config_file::read(context.lang, named)
+                .map_err(failed)?
+                .config
+        }
+    };
+    Ok(line::chosen(context, &config))
 }
 
 /// Looks at everything, shows it, and mends what it may.

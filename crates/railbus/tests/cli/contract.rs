@@ -43,13 +43,13 @@ fn keeps_to(site: &Site, line: &str, ran: &Ran) {
 }
 
 /// With which these lines begin to speak of a command.
-const COMMANDS: [&str; 15] = [
+const COMMANDS: [&str; 17] = [
     "scan", "ls", "get", "set", "pulse", "watch", "raw", "decode", "doctor", "config", "explain",
-    "schema", "help", "version", "error",
+    "schema", "help", "version", "error", "bench", "export",
 ];
 
 /// What works on the demo line, with the exit code.
-const GOOD: [&str; 26] = [
+const GOOD: [&str; 29] = [
     "scan --addr 1-2",
     "ls",
     "ls points",
@@ -66,6 +66,9 @@ const GOOD: [&str; 26] = [
     "raw --crc 03 01 00 3C 00 08",
     "decode 550100030004C01D --all",
     "doctor",
+    "bench --time 200ms",
+    "export csv",
+    "export mbpoll",
     "config check",
     "config path",
     "explain",

@@ -2,7 +2,7 @@
 //! at all is a [`Problem`](super::Problem).
 
 use super::{Config, LineConfig, ModuleConfig};
-use railbus_device::Module;
+use railbus_device::{Module, Op};
 use railbus_wire::{Address, Frame, Micros, Protocol, Settings, lc02, r55};
 
 /// A warning and what it is about.
@@ -200,8 +200,7 @@ pub fn load_percent<'c>(modules: impl Iterator<Item = &'c ModuleConfig>) -> u32 
     u32::try_from(shares.sum::<u64>().div_ceil(100)).unwrap_or(u32::MAX)
 }
 
-/// What reading a module once takes on the wire at least: the silence before each request, the
-/// request, the silence by which a Modbus module knows its end, and the reply.
+/// What reading a module once takes on the wire at least.
 fn poll_time(about: &ModuleConfig) -> Micros {
     let Ok(module) = Module::new(about.setup) else {
         return Micros::ZERO;
@@ -209,21 +208,25 @@ fn poll_time(about: &ModuleConfig) -> Micros {
     if !about.plan.enabled {
         return Micros::ZERO;
     }
-    let serial = about.setup.serial;
-    let silence = match about.setup.protocol {
-        Protocol::Rtu => serial.t3_5(),
+    let times = module.full_poll().filter_map(|op| wire_time(&module, &op));
+    times.fold(Micros::ZERO, |sum, time| sum + time)
+}
+
+/// What an op takes of the line's time with a module that answers at once: the silence before
+/// the request, the request, the silence by which a Modbus module knows its end, and the longest
+/// reply. None where the model has no frame for the op.
+#[must_use]
+pub fn wire_time(module: &Module, op: &Op) -> Option<Micros> {
+    let exchange = module.exchange(op).ok()?;
+    let setup = module.setup();
+    let silence = match setup.protocol {
+        Protocol::Rtu => setup.serial.t3_5(),
         _ => Micros::ZERO,
     };
-    let exchanges = module
-        .full_poll()
-        .filter_map(|op| module.exchange(&op).ok());
-    let times = exchanges.map(|exchange| {
-        let mut frame = Frame::new();
-        exchange.encode(&mut frame);
-        let bytes = frame.bytes().len() + exchange.response_len_max();
-        about.setup.request_gap() + serial.frame_time(bytes) + silence
-    });
-    times.fold(Micros::ZERO, |sum, time| sum + time)
+    let mut frame = Frame::new();
+    exchange.encode(&mut frame);
+    let bytes = frame.bytes().len() + exchange.response_len_max();
+    Some(setup.request_gap() + setup.serial.frame_time(bytes) + silence)
 }
 
 #[cfg(test)]
@@ -337,8 +340,8 @@ mod tests {
             )
         };
         let of = |poll: &str| Config::parse(&text(poll)).unwrap();
-        // 10 ms before the request [ERC-8 §2.1], 8 and 6 characters of 10 bits at 9600, and
-        // 3.5 characters between them.
+        // The silence before the request, 8 and 6 characters of 10 bits at 9600, and 3.5
+        // characters between them.
         let config = of("poll = \"100ms\"");
         let one = poll_time(&config.modules["oven"]);
         let gap = config.modules["oven"].setup.request_gap();

@@ -29,12 +29,12 @@ const SHOWN: usize = 16;
 
 /// A line to look at.
 #[derive(Debug)]
-pub(super) struct Chosen {
-    name: String,
-    port: LineName,
-    settings: Settings,
-    modules: Vec<(String, Module)>,
-    bus: railbus_host::Config,
+pub(in crate::commands) struct Chosen {
+    pub(in crate::commands) name: String,
+    pub(in crate::commands) port: LineName,
+    pub(in crate::commands) settings: Settings,
+    pub(in crate::commands) modules: Vec<(String, Module)>,
+    pub(in crate::commands) bus: railbus_host::Config,
 }
 
 /// The lines of a configuration, or the one that `-l` names.
