@@ -1,8 +1,9 @@
 //! `railbus doctor` on the demo line, on bad lines, and mending.
 
-use crate::liar::liar;
+use crate::liar::{liar, talker};
 use crate::site::Site;
 use std::os::unix::net::UnixListener;
+use std::time::Duration;
 
 /// What changes from run to run.
 fn steady(site: &Site, text: &str) -> String {
@@ -116,6 +117,70 @@ fn bad_lines_are_told_apart() {
     assert_eq!(of(""), ["D401"]);
     site.configure("[line.main\n");
     assert_eq!(of(""), ["D402"]);
+}
+
+#[test]
+fn what_is_heard_on_an_idle_line_is_told_apart() {
+    let site = Site::empty("doctor-noise");
+    let line = |path: &str| format!("-l pty:{path}");
+    let of = |path: &str| codes(&site.run(&format!("{} doctor -o json", line(path))));
+    let often = Duration::from_millis(200);
+    assert_eq!(of(&talker(&[0xFF, 0x00, 0xFE], often)), ["D201"]);
+    // A PLC that polls an ERC-8.
+    let poll = &[0x03, 0x01, 0x00, 0x3C, 0x00, 0x08, 0xFC, 0x22];
+    assert_eq!(of(&talker(poll, often)), ["D202"]);
+    assert_eq!(
+        of(&talker(&[0xFF; 256], Duration::from_millis(20))),
+        ["D204"]
+    );
+    // An adapter that gives back what it is told to send, and an ERC-8 behind it.
+    let echo = liar(|request| {
+        let mut back = request.to_vec();
+        if request[..2] == [3, 1] {
+            back.extend([3, 1, 1, 0, 0x50, 0x30]);
+        }
+        back
+    });
+    assert_eq!(of(&format!("{echo} -m erc8 -a 3")), ["D203"]);
+}
+
+#[test]
+fn a_bad_line_reads_so_in_both_languages() {
+    let site = Site::empty("doctor-bad");
+    let run = |lang: &str| {
+        let mut command = site.command();
+        let (socket, port) = (site.socket(), "/dev/none-such");
+        command
+            .env("LC_ALL", "C.UTF-8")
+            .args(["--lang", lang, "--socket", &socket]);
+        let output = command
+            .args(["-l", port, "doctor"])
+            .output()
+            .expect("it runs");
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        let text = |bytes| String::from_utf8(bytes).expect("text");
+        steady(&site, &text(output.stdout)) + &text(output.stderr)
+    };
+    assert_eq!(
+        run("en"),
+        "system   ✓ clock DATE, locale C.UTF-8\n\
+         port     ✗ D103 the port is not there: /dev/none-such\n                \
+         fix: railbus ls ports\n\
+         daemon   ✓ does not run; commands open the line themselves\n\
+         errors: 1, warnings: 0\n\
+         error[E0196]: the doctor found errors: 1\n  \
+         try:    railbus explain D103\n"
+    );
+    assert_eq!(
+        run("zh"),
+        "系统      ✓ 时钟 DATE，语言环境 C.UTF-8\n\
+         端口      ✗ D103 端口不存在：/dev/none-such\n                 \
+         处理： railbus ls ports\n\
+         守护进程  ✓ 未运行；命令会自行打开总线\n\
+         错误：1，警告：0\n\
+         错误[E0196]：诊断发现 1 个错误\n  \
+         可试：  railbus explain D103\n"
+    );
 }
 
 #[test]

@@ -3,11 +3,13 @@
 use rustix::fs::{Mode, OFlags, open};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+use std::fs::File;
 use std::io::{Read, Write};
+use std::os::fd::OwnedFd;
+use std::time::Duration;
 
-/// Answers each request of eight bytes as `answer` says, for as long as the test runs; gives
-/// back where to reach it.
-pub(crate) fn liar(answer: impl Fn(&[u8; 8]) -> Vec<u8> + Send + 'static) -> String {
+/// A pseudo-terminal, the side that others open, held open, and where that is.
+fn terminal() -> (File, OwnedFd, String) {
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudo-terminal");
     grantpt(&master).expect("it is ours");
     unlockpt(&master).expect("it is ours");
@@ -18,14 +20,32 @@ pub(crate) fn liar(answer: impl Fn(&[u8; 8]) -> Vec<u8> + Send + 'static) -> Str
     let mut mode = tcgetattr(&slave).expect("it is a terminal");
     mode.make_raw();
     tcsetattr(&slave, OptionalActions::Now, &mode).expect("it is a terminal");
+    (File::from(master), slave, path)
+}
+
+/// Answers each request of eight bytes as `answer` says, for as long as the test runs; gives
+/// back where to reach it.
+pub(crate) fn liar(answer: impl Fn(&[u8; 8]) -> Vec<u8> + Send + 'static) -> String {
+    let (mut line, slave, path) = terminal();
     std::thread::spawn(move || {
         let _open = slave;
-        let mut line = std::fs::File::from(master);
         let mut request = [0; 8];
         while line.read_exact(&mut request).is_ok() {
             if line.write_all(&answer(&request)).is_err() {
                 return;
             }
+        }
+    });
+    path
+}
+
+/// Says the same again and again, whoever listens, and hears nothing.
+pub(crate) fn talker(bytes: &'static [u8], every: Duration) -> String {
+    let (mut line, slave, path) = terminal();
+    std::thread::spawn(move || {
+        let _open = slave;
+        while line.write_all(bytes).is_ok() {
+            std::thread::sleep(every);
         }
     });
     path

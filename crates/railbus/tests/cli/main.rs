@@ -8,6 +8,7 @@ mod failures;
 mod help;
 mod liar;
 mod line;
+mod measure;
 mod replay;
 mod shells;
 mod site;

@@ -1,0 +1,56 @@
+//! `bench` and `export`.
+
+use crate::site::Site;
+
+#[test]
+fn a_bench_reads_and_says_how_often() {
+    let site = Site::demo("bench");
+    let ran = site.run("bench --time 300ms -o json");
+    let told = ran.json();
+    let modules = told["modules"].as_array().expect("a list");
+    assert_eq!(modules.len(), 5, "{ran:?}");
+    for module in modules {
+        assert!(module["n"].as_u64() >= Some(1), "{module}");
+        // Nobody answers before the request is over.
+        assert!(module["p50_ms"].as_f64() > Some(10.0), "{module}");
+    }
+    assert!(
+        told["reads_per_s"].as_f64() <= told["theory_per_s"].as_f64(),
+        "{ran:?}"
+    );
+    // A line where nobody answers.
+    let port = format!("-l pty:{}", site.folder.join("line").display());
+    let dead = site.run(&format!("{port} -m erc8 -a 9 bench --time 100ms -o json"));
+    assert_eq!(
+        (dead.code, dead.error()["code"].as_str()),
+        (3, Some("E0301")),
+        "{dead:?}"
+    );
+    assert_eq!(site.run("bench --time 5 -o json").code, 2);
+    assert_eq!(site.run("-l /dev/none-such -m erc8 -a 3 bench").code, 7);
+}
+
+#[test]
+fn an_export_names_what_it_leaves_out() {
+    let site = Site::demo("export");
+    let pty = site.folder.join("line").display().to_string();
+    let ran = site.run("export mbpoll");
+    assert_eq!(
+        ran.out,
+        format!(
+            "mbpoll -m rtu -b 9600 -P none -s 1 -a 3 -t 0 -0 -r 60 -c 8 -1 {pty}\n\
+             mbpoll -m rtu -b 9600 -P none -s 1 -a 5 -t 0 -0 -r 8 -c 2 -1 {pty}\n\
+             mbpoll -m rtu -b 9600 -P none -s 1 -a 5 -t 4 -0 -r 6 -c 2 -1 {pty}\n"
+        )
+    );
+    assert!(
+        ran.err
+            .ends_with("on a line that mbpoll has: gate pump yard\n"),
+        "{ran:?}"
+    );
+    let csv = site.run("export csv").out;
+    let mut lines = csv.lines();
+    assert_eq!(lines.next().map(|head| head.split(',').count()), Some(13));
+    let oven = format!("oven.k1,oven,k1,0,main,pty:{pty},erc8,3,rtu,9600,8N1,,");
+    assert!(lines.any(|line| line == oven), "{csv}");
+}
