@@ -583,3 +583,35 @@ fn a_pty_takes_the_parity_of_the_module_that_is_meant() {
     assert_eq!(plant.get("oven.k1"), "off");
     assert_eq!(plant.get("tank.ai1"), "8.71");
 }
+
+#[test]
+fn time_may_pass_faster() {
+    let mut plant = Plant::file("fast", PLANT);
+    plant.begin(&["--speed", "100", "--fault", "oven: mute 200s"]);
+    let begun = Instant::now();
+    while !plant.order("show oven").ends_with("faults: none") {
+        assert!(
+            begun.elapsed() < Duration::from_secs(60),
+            "it is mute for long"
+        );
+        std::thread::sleep(Duration::from_millis(100));
+    }
+}
+
+#[test]
+fn a_line_that_is_never_silent_still_takes_orders() {
+    let mut plant = Plant::file("loud", PLANT);
+    let fault = "line main: babble, noise 1ms";
+    plant.begin(&["--speed", "1000", "--fault", fault]);
+    assert!(
+        plant
+            .order("show line main")
+            .contains("faults: babble, noise 1ms")
+    );
+    assert_eq!(
+        plant.order("power pump cycle"),
+        "pump: power went and came back"
+    );
+    assert_eq!(plant.order("quit"), "the simulator ends");
+    assert_eq!(plant.ended(), 0);
+}

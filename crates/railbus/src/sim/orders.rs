@@ -375,4 +375,27 @@ mod tests {
         }
         assert_eq!(signal("tank.ai2 = -0.5"), Signal::Value(-50));
     }
+
+    #[test]
+    fn no_order_makes_it_panic() {
+        let one = directory(&["main"]);
+        let words = [
+            "fault", "line", "main", "pump", "tank", "clear", "show", "power", "on", "dip", "256",
+            "=", "pump.di1", "tank.ai1", ".", "drop", "5%", "±", "delay", "1ms±9", "，", ",",
+            "for", "10s", "1e400", "-1", "é", "babble", "split", "noise", "init", "reset", "\u{0}",
+        ];
+        let mut state = 7usize;
+        let mut next = |below: usize| {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) % below
+        };
+        for _ in 0..20_000 {
+            let count = 1 + next(6);
+            let text: Vec<&str> = (0..count).map(|_| words[next(words.len())]).collect();
+            let _ = one.read(Lang::En, &text.join(" "));
+            let _ = one.read_fault(Lang::Zh, &text.join(":"));
+        }
+    }
 }

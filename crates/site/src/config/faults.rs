@@ -8,6 +8,9 @@ use railbus_wire::Micros;
 /// More faults than this in one list are refused.
 const FAULTS_MAX: usize = 32;
 
+/// What happens again and again happens no more often than this.
+const OFTENEST: Micros = Micros::from_millis(1);
+
 /// How likely something is, in millionths: 1 to 1 000 000.
 pub type Millionths = u32;
 
@@ -161,7 +164,7 @@ fn read<'t>(
         "duplicate" => Fault::Duplicate(chance(words.next()?)?),
         "noise" => {
             let word = words.next()?;
-            let every = positive(word).map(Noise::Every);
+            let every = often(word).map(Noise::Every);
             Fault::Noise(every.or_else(|| chance(word).map(Noise::Chance))?)
         }
         "delay" => {
@@ -169,7 +172,7 @@ fn read<'t>(
             Fault::Delay(from, to)
         }
         "split" => Fault::Split(chance(words.next()?)?, positive(words.next()?)?),
-        "cuts" => Fault::Cuts(positive(words.next()?)?, positive(words.next()?)?),
+        "cuts" => Fault::Cuts(often(words.next()?)?, often(words.next()?)?),
         "babble" => {
             let of_replies = words.peek().and_then(|word| chance(word));
             if of_replies.is_some() {
@@ -197,6 +200,11 @@ fn chance(word: &str) -> Option<Millionths> {
 
 fn positive(word: &str) -> Option<Micros> {
     parse_duration(word).filter(|time| *time > Micros::ZERO)
+}
+
+/// A time after which something happens again, not so short that nothing else ever would.
+fn often(word: &str) -> Option<Micros> {
+    parse_duration(word).filter(|time| *time >= OFTENEST)
 }
 
 /// `200ms`, or `200ms±50` (also `+-`), whose spread has the same unit where it names none.
@@ -262,6 +270,8 @@ mod tests {
             "delay 200",
             "mute 5%",
             "cuts 1m",
+            "cuts 1us 1s",
+            "noise 999us",
         ] {
             assert!(matches!(one(wrong), Err(FaultError::Form(_))), "{wrong}");
         }

@@ -398,3 +398,23 @@ fn a_line_shows_what_went_wrong() {
         "{line}"
     );
 }
+
+#[test]
+fn the_worst_of_all_lines_goes_on() {
+    let faults = [
+        "line: noise 1ms, flip 50%, skip 50%, echo, drop 50%, split 100% 5ms, cuts 50ms 10ms",
+        "pump: babble, duplicate 100%, delay 9999h",
+        "oven: babble 100%, glitch 100%, dup-address 5",
+    ];
+    let mut bench = Bench::with(PLANT, 9, &faults);
+    for _ in 0..5 {
+        for request in [PUMP, &OVEN_ON, &TANK] {
+            bench.ask(request);
+        }
+        bench.order("power oven cycle");
+    }
+    assert_eq!(bench.order("fault clear"), "");
+    bench.run(Micros::from_secs(1));
+    assert_eq!(bench.ask(&OVEN_ON), OVEN_ON);
+    assert_eq!(bench.ask(PUMP), b"!000F00\r");
+}
