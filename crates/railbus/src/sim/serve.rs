@@ -26,7 +26,9 @@ const BACKLOG: Micros = Micros::from_millis(500);
 const TRACE: usize = 1_024;
 
 /// So much of what a line tells is handed out in one go.
-const TOLD_MAX: u32 = 4_096;
+const TOLD_MAX: u32 = 1_024;
+/// The deadline of a line that has more to tell.
+const BEHIND: Instant = Instant(0);
 
 /// Real time, counted from the start, as many times faster as is wanted.
 #[derive(Clone, Copy)]
@@ -179,6 +181,9 @@ pub(super) async fn serve(
     let mut answer = None;
     loop {
         let deadline = served.drain()?;
+        if deadline == BEHIND {
+            tokio::task::yield_now().await;
+        }
         if let Some((sender, lines)) = answer.take() {
             let sender: oneshot::Sender<Vec<String>> = sender;
             // Whoever asked may have gone.
@@ -224,7 +229,7 @@ impl Served {
         let deadline = loop {
             told += 1;
             if told > TOLD_MAX {
-                break Instant(0);
+                break BEHIND;
             }
             match self.scene.poll() {
                 Output::Heard { bytes, .. } => {
