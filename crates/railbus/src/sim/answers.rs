@@ -78,6 +78,7 @@ fn done(lang: Lang, part: &Part, deed: Deed) -> String {
             };
             with(SimText::InitIs, &lang.get(pin))
         }
+        Deed::Protocol(protocol) => with(SimText::ProtocolIs, &protocol),
         Deed::Reset => lang.fill(SimText::WasReset, &[("name", name)]),
     }
 }

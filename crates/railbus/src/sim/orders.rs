@@ -133,6 +133,16 @@ impl Reader<'_> {
                 let grounded = switch(value).ok_or_else(|| self.form("init gate on|off"))?;
                 self.deed(name, Deed::Init(grounded))
             }
+            "protocol" => {
+                let known = self.module(name)?;
+                let protocols = known.setup.family.profile().protocols;
+                let found = protocols.iter().find(|known| known.name() == value);
+                let deed = found.copied().map(Deed::Protocol).ok_or_else(|| {
+                    let names: Vec<&str> = protocols.iter().map(|known| known.name()).collect();
+                    self.form(&format!("protocol {name} {}", names.join("|")))
+                });
+                self.deed(name, deed?)
+            }
             "reset" if value.is_empty() => self.deed(name, Deed::Reset),
             "show" if rest.is_empty() => Ok(Order::All(LineOrder::ShowAll)),
             "show" => self.show(rest),
@@ -309,6 +319,7 @@ mod tests {
             ("tank.ai1 = 5 mA", "write it so: tank.ai1 = 8.71 V"),
             ("tank.ai1 = nan", "write it so: tank.ai1 = 8.71 V"),
             ("fault pump drop", "write drop 5%"),
+            ("protocol tank ascii", "write it so: protocol tank rtu"),
             (
                 "fault pump echo",
                 "\"echo\" is a fault of lines, not of modules",

@@ -8,7 +8,7 @@ use super::standing::Standing;
 use railbus_device::{Eeprom, Point, PointKind, Setup, SetupError};
 use railbus_sim::{Act, Input, Line, LineConfig, ModuleId, Output, Power};
 use railbus_site::config::{Fault, FaultOrder, Signal, SimModule};
-use railbus_wire::{Address, Instant, Micros, Settings};
+use railbus_wire::{Address, Instant, Micros, Protocol, Settings};
 use std::collections::BTreeMap;
 
 /// How often the inputs that move are moved on.
@@ -64,6 +64,8 @@ pub(super) enum Deed {
     Dip(u8),
     /// Grounds INIT*, or opens it.
     Init(bool),
+    /// Writes another protocol, as only the maker's software does.
+    Protocol(Protocol),
     /// Brings the settings of the factory back.
     Reset,
 }
@@ -194,6 +196,15 @@ impl Stage {
                         .handle(now, Input::Act(id, Act::Power(Power::Off)));
                 }
                 self.power(now, index);
+            }
+            Deed::Protocol(protocol) => {
+                let eeprom = *self.line.engine(id).eeprom();
+                let eeprom = Eeprom {
+                    protocol,
+                    checksum: eeprom.checksum && protocol == Protocol::Ascii,
+                    ..eeprom
+                };
+                self.rewrite(now, index, Act::Rewrite(eeprom));
             }
             Deed::Reset => {
                 part.own_address = None;

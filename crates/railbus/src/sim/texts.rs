@@ -46,7 +46,7 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
   tank.ai1 = 8.71 V       dip yard 3                  fault line main noise 1e-3
   show                    init gate on|off            fault tank clear
   show pump               reset tank                  fault clear
-  help                    quit",
+  help                    protocol pump rtu           quit",
         zh: "工厂文件即 railbus.toml 格式的配置，可另含模拟设置：
   [sim]               seed、speed
   [line.名称.sim]     pty、tcp、faults
@@ -70,7 +70,7 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
   tank.ai1 = 8.71 V       dip yard 3                  fault line main noise 1e-3
   show                    init gate on|off            fault tank clear
   show pump               reset tank                  fault clear
-  help                    quit",
+  help                    protocol pump rtu           quit",
     }
     File { en: "The plant to simulate", zh: "要模拟的工厂文件" }
     Demo { en: "The demo line: one module of each of five kinds", zh: "演示总线：五种模块各一个" }
@@ -166,10 +166,12 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
     TooLong { en: "the order is too long", zh: "命令过长" }
     HelpAnswer {
         en: "pump.di1 = 1 | tank.ai1 = 8.71 V | power yard on|off|cycle | dip yard 3 | \
-            init gate on|off | reset tank | fault tank mute 10s | fault line main noise 1e-3 | \
+            init gate on|off | reset tank | protocol pump rtu | fault tank mute 10s | \
+            fault line main noise 1e-3 | \
             fault tank clear | fault clear | show | show pump | quit",
         zh: "改变输入：pump.di1 = 1 | tank.ai1 = 8.71 V；模块：power yard on|off|cycle | dip yard 3 | \
-            init gate on|off | reset tank；故障：fault tank mute 10s | fault line main noise 1e-3 | \
+            init gate on|off | reset tank | protocol pump rtu；故障：fault tank mute 10s | \
+            fault line main noise 1e-3 | \
             fault tank clear | fault clear；查看：show | show pump；退出：quit",
     }
     Bye { en: "the simulator ends", zh: "模拟器结束" }
@@ -191,6 +193,7 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
     Cycled { en: "{name}: power went and came back", zh: "{name}：已断电重启" }
     DipIs { en: "{name}: DIP switch at {value}", zh: "{name}：DIP 开关为 {value}" }
     InitIs { en: "{name}: INIT* {value}", zh: "{name}：INIT* {value}" }
+    ProtocolIs { en: "{name}: restarted with protocol {value}", zh: "{name}：已改用协议 {value} 并重启" }
     WasReset { en: "{name}: restarted with the factory's settings", zh: "{name}：已恢复出厂设置并重启" }
     FaultsOf { en: "{name}: faults: {faults}", zh: "{name}：故障：{faults}" }
     Checksummed { en: "checksum on", zh: "有校验和" }

@@ -418,3 +418,15 @@ fn the_worst_of_all_lines_goes_on() {
     assert_eq!(bench.ask(&OVEN_ON), OVEN_ON);
     assert_eq!(bench.ask(PUMP), b"!000F00\r");
 }
+
+#[test]
+fn a_protocol_is_switched_out_of_band() {
+    let mut bench = Bench::new(PLANT);
+    assert_eq!(bench.ask(PUMP), b"!000F00\r");
+    let told = bench.order("protocol pump rtu");
+    assert_eq!(told, "pump: restarted with protocol rtu");
+    assert_eq!(bench.ask(PUMP), SILENCE);
+    assert!(bench.order("show pump").contains(" 1 (01h) rtu "));
+    bench.order("reset pump");
+    assert_eq!(bench.ask(PUMP), b"!000F00\r");
+}
