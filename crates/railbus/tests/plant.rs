@@ -265,6 +265,7 @@ fn flags_say_where_lines_are_served() {
         (&lines[0]["line"], &lines[0]["pty"]),
         (&"field".into(), &elsewhere.into())
     );
+    assert!(lines[0]["tcp"].is_null() && lines[1]["pty"].is_null());
     let tcp = lines[1]["tcp"].as_str().expect("an address");
     let port = format!("tcp:{tcp}");
     let found = plant.good(&[
@@ -614,4 +615,20 @@ fn a_line_that_is_never_silent_still_takes_orders() {
     );
     assert_eq!(plant.order("quit"), "the simulator ends");
     assert_eq!(plant.ended(), 0);
+}
+
+#[test]
+fn a_line_may_be_on_a_pty_and_on_tcp() {
+    let mut plant = Plant::file("both", PLANT);
+    plant.begin(&["--tcp", "main=127.0.0.1:0", "-o", "json"]);
+    let head: serde_json::Value = serde_json::from_str(&plant.head).expect("JSON");
+    let tcp = head["lines"][1]["tcp"].as_str().expect("an address");
+    let mut client = TcpStream::connect(tcp).expect("it listens");
+    let patience = Some(Duration::from_secs(60));
+    client.set_read_timeout(patience).expect("a timeout");
+    assert_eq!(plant.get("pump.di0"), "off");
+    // Who is on TCP heard that.
+    let mut heard = [0; 2];
+    client.read_exact(&mut heard).expect("the line");
+    assert!(plant.order("show pump").contains("; replies "));
 }

@@ -159,8 +159,8 @@ pub(super) fn stages(
     Ok(stages)
 }
 
-/// Where each line is served: as the flags say, or its table `sim`, or its port, or else a PTY
-/// in the user's own folder.
+/// Where each line is served. For PTY and TCP alike, the flag goes before the table `sim`, and
+/// that before the port; where all are silent, a PTY lies in the user's own folder.
 fn places(
     lang: Lang,
     config: &Config,
@@ -181,8 +181,17 @@ fn places(
         places[line].tcp = Some(parsed?);
     }
     for (place, (name, line)) in places.iter_mut().zip(&config.lines) {
+        let of_table = config.plant.lines.get(name);
+        let of_port = place_of(line);
+        let pty = of_table.and_then(|sim| sim.pty.as_ref().map(PathBuf::from));
+        place.pty = place.pty.take().or(pty).or(of_port.pty);
+        place.tcp = place
+            .tcp
+            .or(of_table.and_then(|sim| sim.tcp))
+            .or(of_port.tcp);
         if place.pty.is_none() && place.tcp.is_none() {
-            *place = place_of(config, name, line);
+            let folder = socket::own_folder().unwrap_or_else(std::env::temp_dir);
+            place.pty = Some(folder.join(format!("railbus-sim-{name}")));
         }
     }
     check_places(lang, &places)?;
@@ -208,33 +217,14 @@ fn check_places(lang: Lang, places: &[Place]) -> Result<(), Failure> {
     Ok(())
 }
 
-fn place_of(config: &Config, name: &str, line: &LineConfig) -> Place {
-    let sim = config.plant.lines.get(name);
-    let said = sim.map(|sim| Place {
-        pty: sim.pty.as_ref().map(PathBuf::from),
-        tcp: sim.tcp,
-    });
-    if let Some(said) = said.filter(|place| place.pty.is_some() || place.tcp.is_some()) {
-        return said;
-    }
-    // A port on another machine is the real plant's, not ours.
-    let here = line.port.strip_prefix("tcp:");
-    let here = here.and_then(|address| address.replace("localhost", "127.0.0.1").parse().ok());
-    if let Some(address) = here.filter(|address: &SocketAddr| address.ip().is_loopback()) {
-        return Place {
-            tcp: Some(address),
-            ..Place::default()
-        };
-    }
-    let folder = || socket::own_folder().unwrap_or_else(std::env::temp_dir);
-    let pty = match line.port.strip_prefix("pty:") {
-        Some(path) => path.into(),
-        None => folder().join(format!("railbus-sim-{name}")),
-    };
-    Place {
-        pty: Some(pty),
-        ..Place::default()
-    }
+/// Where the port of the configuration leads, if that is on this machine: a port elsewhere is
+/// the real plant's, not ours.
+fn place_of(line: &LineConfig) -> Place {
+    let pty = line.port.strip_prefix("pty:").map(PathBuf::from);
+    let tcp = line.port.strip_prefix("tcp:");
+    let tcp = tcp.and_then(|address| address.replace("localhost", "127.0.0.1").parse().ok());
+    let tcp = tcp.filter(|address: &SocketAddr| address.ip().is_loopback());
+    Place { pty, tcp }
 }
 
 /// Which line a flag's value is for, and the rest of the value.
