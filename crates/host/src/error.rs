@@ -28,6 +28,8 @@ pub enum PortError {
     Stuck,
     /// The other end does not speak Modbus TCP.
     Garbled,
+    /// It is left to a command of ours for a while, which has the line for itself.
+    Lent,
     /// Anything else, as the system's error number; 0 where it gave none.
     Io(i32),
 }
@@ -68,6 +70,7 @@ impl PortError {
             PortError::Gone => "gone",
             PortError::Stuck => "stuck",
             PortError::Garbled => "garbled",
+            PortError::Lent => "lent",
             PortError::Io(_) => "io",
         }
     }

@@ -15,7 +15,7 @@ use local::Local;
 pub(crate) use local::described;
 use railbus_device::{Family, Layout};
 use railbus_wire::{Character, Protocol};
-pub(crate) use remote::{Frames, Remote};
+pub(crate) use remote::{Borrowed, Frames, Remote};
 use std::path::PathBuf;
 
 /// What the flags say about whom to ask.

@@ -6,6 +6,7 @@ mod frames;
 mod guard;
 mod keys;
 mod listen;
+mod loan;
 mod page;
 mod routes;
 pub(crate) mod socket;
@@ -161,6 +162,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         demo: source.file.is_none(),
         stop: stopped.clone(),
         keys: Arc::new(Keys::default()),
+        file: source.file.as_deref().map(Arc::from),
     };
     let room = Room::new();
     let over_tcp = routes::router(site.clone(), Some(address.port()));

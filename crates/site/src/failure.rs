@@ -15,6 +15,8 @@ pub enum Failure {
     NoSuchModule,
     /// The module has no such point.
     NoSuchPoint,
+    /// Somebody else has the line for a while.
+    Lent,
     /// The point is no output.
     NotAnOutput(Point),
     /// The configuration locks the point.
@@ -45,6 +47,7 @@ impl Failure {
             Failure::NoSuchLine => "no_such_line",
             Failure::NoSuchModule => "no_such_module",
             Failure::NoSuchPoint => "no_such_point",
+            Failure::Lent => "lent",
             Failure::NotAnOutput(_) => "not_an_output",
             Failure::Locked(_) => Fault::Locked.name(),
             Failure::NotAsAsked(..) => "not_as_asked",

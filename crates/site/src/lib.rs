@@ -25,7 +25,7 @@ pub use config::Config;
 pub use failure::Failure;
 pub use frame::read_request;
 pub use service::{
-    By, LineStatus, ModuleStatus, PULSE_MAX, PointStatus, Pulse, PulseDone, RawTerms, Reloaded,
-    Service, StartError, Update, Updates, WriteDone, WriteTerms,
+    By, LineStatus, Loan, ModuleStatus, PULSE_MAX, PointStatus, Pulse, PulseDone, RawTerms,
+    Reloaded, Service, StartError, Update, Updates, WriteDone, WriteTerms,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Site, Value};

@@ -1,6 +1,7 @@
 //! A site at work: its lines opened, its truth kept, its commands carried out.
 
 mod command;
+mod loan;
 mod pulse;
 mod reload;
 mod state;
@@ -8,6 +9,7 @@ mod status;
 mod update;
 
 pub use command::{RawTerms, WriteDone, WriteTerms};
+pub use loan::Loan;
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
 pub use reload::Reloaded;
 pub use status::{LineStatus, ModuleStatus, PointStatus};

@@ -27,7 +27,7 @@ pub(crate) fn line(status: LineStatus) -> LineInfo {
     let (state, why) = match &status.state {
         LineState::Opening => (PortState::Opening, None),
         LineState::Up => (PortState::Up, None),
-        LineState::Absent(why) if matches!(**why, PortError::Busy { .. }) => {
+        LineState::Absent(why) if matches!(**why, PortError::Busy { .. } | PortError::Lent) => {
             (PortState::Busy, Some(why))
         }
         LineState::Absent(why) => (PortState::Absent, Some(why)),

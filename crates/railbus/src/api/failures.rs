@@ -25,6 +25,7 @@ pub(crate) fn problem(
         Failure::NoSuchModule => no_such_module(service, module),
         Failure::NoSuchPoint => about(service, Problem::new(codes::NO_SUCH_POINT), module),
         Failure::NoSuchLine => Problem::new(codes::NO_SUCH_LINE),
+        Failure::Lent => Problem::new(codes::LINE_CLOSED).with("reason", "lent"),
         Failure::NotAnOutput(point) => of_point(codes::NOT_AN_OUTPUT, point),
         Failure::Locked(point) => of_point(codes::LOCKED, point),
         Failure::NotAsAsked(point, is) => of_point(codes::NOT_AS_ASKED, point).with("value", *is),
@@ -169,7 +170,7 @@ pub(crate) fn line_closed(service: &Service, line: &str) -> Problem {
 pub(crate) fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
     match failure {
         Failure::NoSuchLine => no_such_line(service, line),
-        Failure::Line(Fault::Closed) => line_closed(service, line),
+        Failure::Line(Fault::Closed) | Failure::Lent => line_closed(service, line),
         Failure::Line(fault) => Problem::new(kind_of(fault)).with("line", line),
         _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
     }

@@ -58,9 +58,16 @@ async fn event<T: DeserializeOwned>(lines: &mut TextLines) -> Option<Result<T, P
     }
 }
 
+/// A line that the daemon has left to us. It takes it back when this is dropped, or when this
+/// process ends, whatever ends it.
+#[derive(Debug)]
+pub(crate) struct Borrowed {
+    _lines: TextLines,
+}
+
 impl Remote {
     /// The first daemon that answers: on the socket named, or on one of the usual ones.
-    pub(super) async fn find(named: Option<&Path>) -> Option<Remote> {
+    pub(crate) async fn find(named: Option<&Path>) -> Option<Remote> {
         let usual = socket::places();
         let places = named.map_or(usual, |path| vec![path.to_owned()]);
         for socket in places {
@@ -71,7 +78,7 @@ impl Remote {
         None
     }
 
-    pub(super) async fn lines(&self) -> Result<Vec<LineInfo>, Problem> {
+    pub(crate) async fn lines(&self) -> Result<Vec<LineInfo>, Problem> {
         let lines: Lines = self.get("/api/v1/lines").await?;
         Ok(lines.lines)
     }
@@ -138,6 +145,18 @@ impl Remote {
         let path = format!("/api/v1/frames/stream?{}", line.unwrap_or_default());
         let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
         Ok(Frames(answer.lines().await?))
+    }
+
+    /// Borrows a line: its port is free once this has come back, until the loan is dropped.
+    pub(crate) async fn borrow(&self, line: &str) -> Result<Borrowed, Problem> {
+        let path = format!("/api/v1/lines/{}/loan", encoded(line));
+        let answer = send(&self.socket, Method::POST, &path, Vec::new()).await?;
+        let mut lines = answer.lines().await?;
+        match lines.next().await {
+            Some(Ok(_)) => Ok(Borrowed { _lines: lines }),
+            Some(Err(problem)) => Err(problem),
+            None => Err(Problem::new(codes::DAEMON)),
+        }
     }
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {

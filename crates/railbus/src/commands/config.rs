@@ -2,6 +2,7 @@
 
 mod backup;
 pub(crate) mod boards;
+mod borrow;
 mod drive;
 mod file;
 mod find;

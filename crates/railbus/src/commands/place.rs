@@ -138,7 +138,7 @@ pub(super) fn port_failure(context: &Context, place: &Place, error: &PortError) 
     let lang = context.lang;
     let code = match error {
         PortError::Missing => Code::PortMissing,
-        PortError::Busy { .. } => Code::PortBusy,
+        PortError::Busy { .. } | PortError::Lent => Code::PortBusy,
         PortError::Permission(_) => Code::PortDenied,
         PortError::NotATty => Code::NotATty,
         PortError::Refused | PortError::Unreachable => Code::PortUnreachable,

@@ -36,7 +36,7 @@ fn code_of(problem: &Problem) -> Code {
     match code {
         Code::LineClosed => match problem.text("reason").as_str() {
             "missing" => Code::PortMissing,
-            "busy" => Code::PortBusy,
+            "busy" | "lent" => Code::PortBusy,
             "permission" => Code::PortDenied,
             "not_a_tty" => Code::NotATty,
             "refused" | "unreachable" => Code::PortUnreachable,

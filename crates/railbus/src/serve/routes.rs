@@ -1,7 +1,7 @@
 //! The addresses of the API, and what each does.
 
 use super::keys::{End, KEY_LEN_MAX, Keys};
-use super::{answer, frames, guard, page, stream};
+use super::{answer, frames, guard, loan, page, stream};
 use crate::api::ask;
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{Lines, Modules, Points, SCHEMA};
@@ -33,6 +33,8 @@ pub(super) struct Site {
     /// Streams end when the daemon does.
     pub(super) stop: watch::Receiver<bool>,
     pub(super) keys: Arc<Keys>,
+    /// The configuration's file; none for the demo.
+    pub(super) file: Option<Arc<std::path::Path>>,
 }
 
 type Answer = Response<Body>;
@@ -51,6 +53,11 @@ pub(super) fn router(site: Site, tcp_port: Option<u16>) -> Router {
         .route("/raw", post(raw))
         .route("/frames/stream", get(frames::stream))
         .route("/watch", get(stream::watch));
+    // A line is lent over the socket only, which none but the daemon's own user may open.
+    let api = match tcp_port {
+        Some(_) => api,
+        None => api.route("/lines/{line}/loan", post(loan::lend)),
+    };
     let router = Router::new()
         .nest("/api/v1", api)
         .route("/", get(page::status))

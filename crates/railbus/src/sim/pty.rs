@@ -8,7 +8,9 @@ use rustix::fs::inotify;
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
+use rustix::termios::{
+    OptionalActions, QueueSelector, ioctl_tiocnxcl, tcflush, tcgetattr, tcsetattr,
+};
 use std::io;
 use std::mem::MaybeUninit;
 use std::os::fd::OwnedFd;
@@ -117,6 +119,11 @@ impl Pty {
                 self.clients += 1;
             } else {
                 self.clients = self.clients.saturating_sub(1);
+                if self.clients == 0 {
+                    // A client that was killed leaves the port forbidden; that of a real one is
+                    // free again once nobody has it open.
+                    let _ = ioctl_tiocnxcl(&self.slave);
+                }
             }
         }
     }

@@ -418,17 +418,93 @@ fn a_calibration_a_factory_reset_and_a_whole_line() {
     assert_eq!(all.out, "yard  断开  已回读\n");
 }
 
+/// The daemon leaves its line to the command for as long as that lives, and knows afterwards where
+/// the module is.
 #[test]
-fn the_daemon_keeps_its_line_to_itself() {
+fn the_daemon_lends_its_line() {
     let mut site = Site::demo("config-daemon");
     site.serve();
     let socket = site.socket();
-    let served = || {
-        site.run(&format!("--socket {socket} get oven --fresh"))
-            .code
-            == 0
+    let patiently = |done: &dyn Fn() -> bool| {
+        (0..400).any(|_| {
+            std::thread::sleep(std::time::Duration::from_millis(50));
+            done()
+        })
     };
-    assert!((0..100).any(|_| served()), "the daemon never got the port");
-    fails(&site.run("config show pump"), "E0706", 7);
-    assert!(site.run("config show pump").err.contains("railbus serve"));
+    let served = |module: &str| {
+        let get = format!("--socket {socket} get {module} --fresh");
+        patiently(&|| site.run(&get).code == 0)
+    };
+    assert!(served("oven"), "the daemon never got the port");
+    let ran = site.run(&format!(
+        "--socket {socket} config set oven address=9 --yes"
+    ));
+    assert_eq!(ran.code, 0, "{ran:?}");
+    assert!(
+        ran.err
+            .contains("the daemon leaves line \"main\" to this command"),
+        "{ran:?}"
+    );
+    assert!(
+        served("oven"),
+        "the daemon took the line back, and the configuration with it"
+    );
+    let ls = site.run(&format!("--socket {socket} ls -o json")).json();
+    let oven = ls["modules"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .find(|one| one["module"] == "oven");
+    assert_eq!(oven.expect("oven")["address"], 9, "{ls}");
+
+    // While it is lent nobody else gets it, and the daemon says why.
+    let file = site.folder.join("railbus.toml");
+    let text = std::fs::read_to_string(&file).expect("a file");
+    // A board that is waited for to be switched off and on keeps the line for a minute.
+    let mut child = site
+        .command()
+        .args([
+            "--socket",
+            &socket,
+            "config",
+            "set",
+            "yard",
+            "address=8",
+            "--yes",
+        ])
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .expect("railbus starts");
+    let lines = || site.run(&format!("--socket {socket} ls lines -o json")).out;
+    assert!(patiently(&|| lines().contains("\"lent\"")), "{}", lines());
+    fails(
+        &site.run(&format!("--socket {socket} config show pump")),
+        "E0706",
+        7,
+    );
+    let get = site.run(&format!("--socket {socket} get oven --fresh -o json"));
+    assert_eq!(
+        (get.code, get.error()["reason"].as_str()),
+        (7, Some("lent")),
+        "{get:?}"
+    );
+    // However the command ends, the daemon has its line again.
+    child.kill().expect("it runs");
+    child.wait().expect("it ends");
+    assert!(
+        served("oven"),
+        "the daemon did not take the line back: {:?} {}",
+        site.run(&format!("--socket {socket} get oven --fresh")),
+        lines()
+    );
+    assert_eq!(std::fs::read_to_string(&file).expect("a file"), text);
+
+    // Who does not ask the daemon finds the port taken.
+    fails(&site.run("--direct config show pump"), "E0706", 7);
+    assert!(
+        site.run("--direct config show pump")
+            .err
+            .contains("railbus serve")
+    );
 }

@@ -4,7 +4,7 @@ use super::state::LineNow;
 use super::{Service, Update, close_all, lock, prepare};
 use crate::Config;
 use crate::config::Problem;
-use railbus_host::LineState;
+use railbus_host::{LineState, PortError};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -56,7 +56,12 @@ impl Service {
                 state.lines.remove(line);
             }
             for line in &reloaded.opened {
-                let now = LineNow::new(&config, line);
+                let lent = state.lines.get(line).is_some_and(|now| now.lent);
+                let mut now = LineNow::new(&config, line);
+                if lent {
+                    now.lent = true;
+                    now.state = LineState::Absent(Arc::new(PortError::Lent));
+                }
                 state.lines.insert(line.clone(), now);
             }
             let keep = |module: &str| {
@@ -67,7 +72,14 @@ impl Service {
             state.health.retain(|module, _| keep(module));
         }
         for line in &reloaded.opened {
-            self.open_again(&config, line);
+            // Who has it gives it back.
+            let lent = lock(&self.inner.state)
+                .lines
+                .get(line)
+                .is_some_and(|now| now.lent);
+            if !lent {
+                self.open_again(&config, line);
+            }
         }
         self.inner.tell(Update::Reloaded);
         Ok(reloaded)
@@ -75,7 +87,7 @@ impl Service {
 
     /// Opens a line of a configuration that was checked. What the system refuses even so is the
     /// line's state.
-    fn open_again(&self, config: &Config, line: &str) {
+    pub(super) fn open_again(&self, config: &Config, line: &str) {
         let Ok(prepared) = prepare(config, line, self.inner.polls) else {
             return;
         };

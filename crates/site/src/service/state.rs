@@ -20,6 +20,8 @@ pub(super) struct State {
 pub(super) struct LineNow {
     pub(super) state: LineState,
     pub(super) babble: bool,
+    /// Somebody else has it for a while.
+    pub(super) lent: bool,
     /// The names of its modules, by their numbers on the line.
     pub(super) modules: Vec<String>,
 }
@@ -29,6 +31,7 @@ impl LineNow {
         LineNow {
             state: LineState::Opening,
             babble: false,
+            lent: false,
             modules: config
                 .modules_of(line)
                 .map(|(name, _)| name.clone())
@@ -81,6 +84,8 @@ impl State {
             return Vec::new();
         };
         let event = match event {
+            // What the line's task says at its end does not matter any more.
+            LineEvent::State(_) if known.lent => return Vec::new(),
             LineEvent::State(state) => {
                 known.state = state.clone();
                 return vec![this()];

@@ -1,7 +1,9 @@
 //! Drives a procedure on a real line: sends what it asks, keeps the journal, tells the user.
 
+use super::borrow::borrow;
 use super::ground::Target;
 use super::texts::ConfigText;
+use crate::backend::Borrowed;
 use crate::commands::Context;
 use crate::commands::place::{Place as At, port_failure};
 use crate::commands::stop::Stop;
@@ -32,6 +34,8 @@ pub(super) struct Driver<'c> {
     told: Option<Progress>,
     /// Every question is answered with yes.
     yes: bool,
+    /// Dropped after the port, so that the daemon finds it free.
+    _borrowed: Option<Borrowed>,
 }
 
 impl<'c> Driver<'c> {
@@ -64,6 +68,7 @@ impl<'c> Driver<'c> {
         };
         let mut port = AnyPort::new(port, options);
         let stop = Stop::new(context)?;
+        let borrowed = borrow(context, &at.port).await?;
         port.open().await.map_err(|error| {
             let failure = port_failure(context, &at, &error);
             match error {
@@ -80,6 +85,7 @@ impl<'c> Driver<'c> {
             store,
             told: None,
             yes: false,
+            _borrowed: borrowed,
         })
     }
 

@@ -256,6 +256,10 @@ texts! {
         zh: "请在 [module.{module}] 中写明其位于 {place}",
     }
     NotThere { en: "the module is not in it, or not on a line of its own", zh: "其中没有该模块" }
+    Borrowed {
+        en: "the daemon leaves line \"{line}\" to this command meanwhile",
+        zh: "守护进程暂时让出总线 \"{line}\"",
+    }
     Daemon {
         en: "a daemon (railbus serve) keeps its lines to itself: stop it for as \
             long as settings are changed",

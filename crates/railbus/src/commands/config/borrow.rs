@@ -1,0 +1,47 @@
+//! A line that the daemon has is borrowed from it.
+
+use super::texts::ConfigText;
+use crate::backend::{Borrowed, Remote};
+use crate::commands::Context;
+use crate::failure::Failure;
+use railbus_host::LineName;
+
+/// Borrows the line behind a port from the daemon that has it. Nothing where none has, or where
+/// no daemon is to be asked.
+pub(super) async fn borrow(
+    context: &Context,
+    port: &LineName,
+) -> Result<Option<Borrowed>, Failure> {
+    if context.wanted.direct {
+        return Ok(None);
+    }
+    let Some(daemon) = Remote::find(context.wanted.socket.as_deref()).await else {
+        return Ok(None);
+    };
+    let failed = |problem| context.failure(&problem);
+    let lines = daemon.lines().await.map_err(failed)?;
+    let is_ours = |theirs: &str| {
+        theirs
+            .parse::<LineName>()
+            .is_ok_and(|theirs| same(&theirs, port))
+    };
+    let Some(line) = lines.iter().find(|line| is_ours(&line.port)) else {
+        return Ok(None);
+    };
+    let borrowed = daemon.borrow(&line.line).await.map_err(failed)?;
+    context.note(
+        &context
+            .lang
+            .fill(ConfigText::Borrowed, &[("line", &line.line)]),
+    );
+    Ok(Some(borrowed))
+}
+
+/// Whether two names are of one port: a path may lead there through a link.
+fn same(a: &LineName, b: &LineName) -> bool {
+    let path = |name: &LineName| match name {
+        LineName::Serial(path) | LineName::Pty(path) => std::fs::canonicalize(path).ok(),
+        LineName::Tcp { .. } | LineName::ModbusTcp { .. } => None,
+    };
+    a == b || path(a).is_some_and(|a| path(b) == Some(a))
+}

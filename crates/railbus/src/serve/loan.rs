@@ -1,0 +1,63 @@
+//! A line lent to a command that changes what its modules keep. The loan lasts as long as the
+//! connection: whatever ends the command, ends it.
+
+use super::answer;
+use super::listen::ended;
+use super::routes::Site;
+use crate::api::failures;
+use crate::config_file::text_of;
+use axum::body::{Body, Bytes};
+use axum::extract::{Path, State};
+use axum::http::Response;
+use hyper::body::Frame;
+use railbus_site::Loan;
+use std::convert::Infallible;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+use tokio::sync::oneshot;
+
+/// `POST /api/v1/lines/{line}/loan`: an empty line when the port is free, and then nothing for as
+/// long as it is lent.
+pub(super) async fn lend(State(site): State<Site>, Path(line): Path<String>) -> Response<Body> {
+    let loan = match site.service.lend(&line).await {
+        Ok(loan) => loan,
+        Err(failure) => return answer::problem(&failures::of_line(&site.service, &line, &failure)),
+    };
+    let (held, gone) = oneshot::channel();
+    tokio::spawn(take_back(site, loan, gone));
+    Response::new(Body::new(Held {
+        told: false,
+        _held: held,
+    }))
+}
+
+/// Once nobody reads any more; at the end of the daemon there is nothing to take back.
+async fn take_back(mut site: Site, loan: Loan, gone: oneshot::Receiver<()>) {
+    tokio::select! {
+        () = ended(&mut site.stop) => return,
+        _ = gone => {}
+    }
+    let text = site.file.as_deref().and_then(|file| text_of(file).ok());
+    loan.end(text.as_deref()).await;
+}
+
+/// What is sent: it is dropped with the connection.
+struct Held {
+    told: bool,
+    _held: oneshot::Sender<()>,
+}
+
+impl hyper::body::Body for Held {
+    type Data = Bytes;
+    type Error = Infallible;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
+        if std::mem::replace(&mut self.told, true) {
+            return Poll::Pending;
+        }
+        Poll::Ready(Some(Ok(Frame::data(Bytes::from_static(b"\n")))))
+    }
+}

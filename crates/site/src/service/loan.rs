@@ -1,0 +1,64 @@
+//! A line left to somebody else for a while: who changes what modules keep needs it for himself.
+
+use super::{Service, Update, close_all, lock};
+use crate::Failure;
+use railbus_host::{LineState, PortError};
+use std::sync::Arc;
+
+/// A line that is lent. Its port is closed, and its points grow stale with `lent` as the reason,
+/// until [`Loan::end`].
+#[derive(Debug)]
+pub struct Loan {
+    service: Service,
+    line: String,
+}
+
+impl Service {
+    /// Closes the port of a line and leaves it to the caller. Commands under way get a second to
+    /// end.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchLine`]; [`Failure::Lent`] while somebody else has it.
+    pub async fn lend(&self, line: &str) -> Result<Loan, Failure> {
+        let _one_at_a_time = self.inner.reloading.lock().await;
+        {
+            let mut state = lock(&self.inner.state);
+            let now = state.lines.get_mut(line).ok_or(Failure::NoSuchLine)?;
+            if std::mem::replace(&mut now.lent, true) {
+                return Err(Failure::Lent);
+            }
+        }
+        let handle = lock(&self.inner.lines).remove(line);
+        close_all(handle.into_iter()).await;
+        if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
+            now.state = LineState::Absent(Arc::new(PortError::Lent));
+        }
+        self.inner.tell(Update::Line(line.to_owned()));
+        Ok(Loan {
+            service: self.clone(),
+            line: line.to_owned(),
+        })
+    }
+}
+
+impl Loan {
+    /// Takes the line back, and the configuration as it is now, where there is a text: a module
+    /// may have moved meanwhile. A text that has problems changes nothing.
+    pub async fn end(self, text: Option<&str>) {
+        let Loan { service, line } = self;
+        if let Some(now) = lock(&service.inner.state).lines.get_mut(&line) {
+            now.lent = false;
+        }
+        if let Some(text) = text {
+            // What is wrong with it is told by whoever asks for a reload.
+            let _ = service.reload(text).await;
+        }
+        let _one_at_a_time = service.inner.reloading.lock().await;
+        let config = service.config();
+        let is_open = lock(&service.inner.lines).contains_key(&line);
+        if !is_open && config.lines.contains_key(&line) {
+            service.open_again(&config, &line);
+            service.inner.tell(Update::Line(line));
+        }
+    }
+}
