@@ -1,4 +1,5 @@
-//! Numbers at the ends of their ranges, packed runs, frames that are full, and how values are shown.
+//! Numbers at the ends of their ranges, packed runs, frames that are full or lack something, and
+//! how values are shown.
 
 use railbus_wire::*;
 
@@ -141,7 +142,7 @@ fn parts_of_modbus_requests() {
 }
 
 #[test]
-fn exceptions_are_named() {
+fn exceptions_are_named_and_marked() {
     let names = [
         (1, "01 illegal function"),
         (2, "02 illegal data address"),
@@ -156,6 +157,12 @@ fn exceptions_are_named() {
     ];
     for (code, name) in names {
         assert_eq!(rtu::Exception(code).to_string(), name);
+    }
+    // A function code with its top bit set already is answered by itself.
+    let mut frame = Frame::new();
+    for code in [0x2B, 0xAB] {
+        rtu::encode_exception(Address(1), code, rtu::Exception::FUNCTION, &mut frame);
+        assert_eq!(frame.bytes().get(..3), Some(&[1, 0xAB, 1][..]));
     }
 }
 
@@ -221,6 +228,24 @@ fn what_is_missing_is_told() {
             let read = exchange.decode_response(&beginning[..heard]);
             assert_eq!(read, Decoded::Partial { more }, "{exchange:?} {heard}");
         }
+    }
+}
+
+/// Of a Modbus request too, as far as its beginning says how long it is.
+#[test]
+fn what_is_missing_of_a_modbus_request_is_told() {
+    let beginnings: [(&[u8], usize); 7] = [
+        (&[], 4),
+        (&[1], 3),
+        (&[1, 0x01], 6),
+        (&[1, 0x01, 0, 0, 0], 3),
+        (&[1, 0x0F], 8),
+        (&[1, 0x0F, 0, 0, 0, 9], 4),
+        (&[1, 0x0F, 0, 0, 0, 9, 2, 0], 3),
+    ];
+    for (heard, more) in beginnings {
+        let read = rtu::Exchange::decode_request(heard);
+        assert_eq!(read, Decoded::Partial { more }, "{heard:02X?}");
     }
 }
 
