@@ -8,6 +8,7 @@ pub mod edit;
 mod faults;
 mod lint;
 mod plant;
+pub mod add;
 mod problem;
 mod read;
 mod units;

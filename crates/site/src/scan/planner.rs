@@ -6,7 +6,7 @@ use super::identify;
 use super::{Found, Met, Scope, Step};
 use railbus_bus::Probed;
 use railbus_host::LateReply;
-use railbus_wire::{Address, Instant, Micros, Settings, r55};
+use railbus_wire::{Address, Frame, Instant, Micros, Settings, r55};
 use std::collections::{HashSet, VecDeque};
 
 /// As long as a reply may still come to a question.
@@ -82,6 +82,8 @@ pub struct Scanner {
     /// Speed and format of the line now.
     at: Option<Settings>,
     current: Option<(Question, Why)>,
+    /// The frame that went out last.
+    last: Frame,
     cases: Vec<Case>,
     /// Questions to which a late reply may still come, oldest first.
     recent: VecDeque<(Instant, Question)>,
@@ -106,7 +108,9 @@ pub struct Scanner {
     total: usize,
     cost_done: Micros,
     cost_left: Micros,
-    started: Option<Instant>,
+    /// What the first questions took, of which `cost_done` was thought.
+    spent: Micros,
+    asked_at: Instant,
 }
 
 impl Scanner {
@@ -142,6 +146,7 @@ impl Scanner {
             place,
             at: None,
             current: None,
+            last: Frame::new(),
             cases: Vec::new(),
             recent: VecDeque::new(),
             again: VecDeque::new(),
@@ -159,7 +164,8 @@ impl Scanner {
             total: 0,
             cost_done: Micros::ZERO,
             cost_left: Micros::ZERO,
-            started: None,
+            spent: Micros::ZERO,
+            asked_at: Instant(0),
         };
         for found in found {
             scanner.add(found);
@@ -202,11 +208,10 @@ impl Scanner {
 
     /// How far it is. What is left is counted in bytes, and adjusted by what the others took.
     #[must_use]
-    pub fn progress(&self, now: Instant) -> Progress {
-        let took = self.started.map_or(Micros::ZERO, |start| now.since(start));
+    pub fn progress(&self) -> Progress {
         let long_enough = self.cost_done >= Micros::from_millis(500);
         let left = match long_enough {
-            true => Micros(self.cost_left.0.saturating_mul(took.0) / self.cost_done.0.max(1)),
+            true => Micros(self.cost_left.0.saturating_mul(self.spent.0) / self.cost_done.0.max(1)),
             false => self.cost_left,
         };
         Progress {
@@ -251,7 +256,6 @@ impl Scanner {
 
     /// What to do next.
     pub fn next(&mut self, now: Instant) -> Step {
-        self.started.get_or_insert(now);
         loop {
             if let Some(news) = self.news.pop_front() {
                 return Step::Found(news);
@@ -263,7 +267,7 @@ impl Scanner {
                 Why::Again => QUIET,
                 _ => Micros::ZERO,
             };
-            let safe = question.safe();
+            let safe = question.safe(self.last.bytes());
             let probe = safe.and_then(|question| {
                 let patience = match why {
                     Why::First => question.begins_within(patience),
@@ -279,9 +283,11 @@ impl Scanner {
                 }
                 continue;
             };
+            self.last = question.frame().unwrap_or_default();
             self.at = Some(question.settings);
             self.current = Some((question, why));
             self.counts.probes += 1;
+            self.asked_at = now;
             return Step::Ask(probe);
         }
     }
@@ -300,6 +306,9 @@ impl Scanner {
         }
         for late in &met.late {
             self.hear_late(late);
+        }
+        if why == Why::First {
+            self.spent += now.since(self.asked_at);
         }
         if why == Why::First && met.outcome == Probed::Silent {
             self.counts.silent += 1;

@@ -88,6 +88,8 @@ impl Known {
 pub struct Wish {
     /// How far to go.
     pub depth: Depth,
+    /// The line's own speed and format, where it has other ones than the factory.
+    pub line: Option<Settings>,
     /// These addresses.
     pub addresses: Option<Vec<u8>>,
     /// These protocols.
@@ -114,6 +116,8 @@ pub struct Scope {
     pub(super) silence: Micros,
     /// A lone 0x55 board may be looked for beyond the addresses.
     pub(super) beyond: bool,
+    /// A module as the factory sends it is looked for first.
+    pub(super) factory: bool,
 }
 
 /// One question to a row of addresses.
@@ -161,17 +165,18 @@ impl Scope {
     /// What a wish amounts to; no runs where what it names excludes each other.
     #[must_use]
     pub fn of(wish: &Wish, known: Vec<Known>) -> Scope {
+        let own = wish.line.unwrap_or(Settings::FACTORY);
         let quick = wish.depth == Depth::Quick;
         let addresses = wish.addresses.clone().unwrap_or_else(|| match quick {
             true => (1..=32).collect(),
             false => (0..=255).collect(),
         });
         let bauds = wish.bauds.clone().unwrap_or_else(|| match wish.depth {
-            Depth::Quick | Depth::Full => vec![Baud::B9600],
+            Depth::Quick | Depth::Full => vec![own.baud],
             Depth::Deep => DEEP.to_vec(),
         });
         let characters = wish.characters.clone();
-        let characters = characters.unwrap_or_else(|| vec![Character::N1]);
+        let characters = characters.unwrap_or_else(|| vec![own.character]);
         let protocols = wish.protocols.clone();
         let protocols = protocols.unwrap_or_else(|| Protocol::ALL.to_vec());
         let settings = characters.iter().flat_map(|character| {
@@ -187,7 +192,11 @@ impl Scope {
                 _ => true,
             };
             fits && protocols.contains(&ask.protocol())
-                && is_possible(ask.protocol(), settings, wish.bauds.is_some())
+                && is_possible(
+                    ask.protocol(),
+                    settings,
+                    wish.bauds.is_some() || settings == own,
+                )
         };
         let runs = settings.flat_map(|settings| {
             let asks = FIRST.into_iter();
@@ -200,6 +209,7 @@ impl Scope {
         Scope {
             known,
             silence: wish.silence.unwrap_or(wish.depth.silence()),
+            factory: wish.bauds.is_none() && wish.characters.is_none(),
             beyond: quick && wish.addresses.is_none() && asks_boards,
             runs,
         }
@@ -210,11 +220,18 @@ impl Scope {
         let at_factory = |run: &&Run| {
             // With checksum would have to wait for the reply without.
             let ask = !matches!(run.ask, Ask::AsciiName(true) | Ask::Registers4);
-            ask && run.settings == Settings::FACTORY && run.addresses.contains(&1)
+            let speed = self.factory || run.settings == Settings::FACTORY;
+            ask && speed && run.addresses.contains(&1)
         };
+        let mut asked = Vec::new();
         let runs = self.runs.iter().filter(at_factory);
+        let runs = runs.filter(move |run| {
+            let is_new = !asked.contains(&run.ask);
+            asked.push(run.ask);
+            is_new
+        });
         runs.map(|run| Question {
-            settings: run.settings,
+            settings: Settings::FACTORY,
             ask: run.ask,
             address: Address(1),
         })

@@ -103,7 +103,7 @@ impl Bench {
     /// Scans, but no more than so many questions.
     pub(crate) fn drive(&mut self, mut scanner: Scanner, questions: usize) -> Ran {
         let began = self.now;
-        let estimate = scanner.progress(self.now).left;
+        let estimate = scanner.progress().left;
         let (mut asked, mut estimates) = (0, Vec::new());
         while asked < questions {
             match scanner.next(self.now) {
@@ -112,7 +112,7 @@ impl Bench {
                     assert!(self.bus.submit_probe(self.now, probe));
                     let met = self.wait();
                     scanner.met(self.now, met);
-                    estimates.push((self.now.since(began), scanner.progress(self.now).left));
+                    estimates.push((self.now.since(began), scanner.progress().left));
                 }
                 Step::Found(_) => {}
                 Step::Done => break,
