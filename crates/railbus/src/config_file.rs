@@ -8,7 +8,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// The name of the file.
-const NAME: &str = "railbus.toml";
+pub(crate) const NAME: &str = "railbus.toml";
 /// The longest configuration.
 const LEN_MAX: u64 = 1 << 20;
 
@@ -24,11 +24,16 @@ pub(crate) struct Found {
 /// Reads the configuration: the one named, or else the first of `$RAILBUS_CONFIG`,
 /// `railbus.toml` here or in a parent, the user's own, and the system's.
 pub(crate) fn read(lang: Lang, named: Option<&Path>) -> Result<Found, Problem> {
-    let (path, _) = chosen(named)?;
+    let path = path(named)?;
     let text = text_of(&path)?;
     let config = Config::parse(&text)
         .map_err(|problems| bad_config(lang, &path.display().to_string(), &problems))?;
     Ok(Found { path, config })
+}
+
+/// Where the configuration lies that [`read`] reads.
+pub(crate) fn path(named: Option<&Path>) -> Result<PathBuf, Problem> {
+    chosen(named).map(|(path, _)| path)
 }
 
 /// The text of a file.

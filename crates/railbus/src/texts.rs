@@ -337,48 +337,6 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     AlsoLabel { en: "also", zh: "另有" }
     AlsoCount { en: "{count} other readings fit, see --all", zh: "{count} 种解释，见 --all" }
 
-    // scan
-    ScanAbout { en: "Finds the modules on a line. It only reads.", zh: "扫描总线上的模块，只读取。" }
-    ScanExamples {
-        en: "  railbus scan
-  railbus scan -l /dev/ttyUSB0 --addr 1-247 --proto rtu
-  railbus scan -o ndjson             each module as soon as it is found",
-        zh: "  railbus scan
-  railbus scan -l /dev/ttyUSB0 --addr 1-247 --proto rtu
-  railbus scan -o ndjson             发现一个输出一个",
-    }
-    ScanAddr {
-        en: "The addresses: 1-32 if not said, such as 1-32,0x40",
-        zh: "地址：默认 1-32，如 1-32,0x40",
-    }
-    ScanProto {
-        en: "The protocols: ascii,lc02,rtu,r55 if not said",
-        zh: "协议：默认 ascii,lc02,rtu,r55",
-    }
-    ScanChecksum {
-        en: "ASCII with checksum: auto (both, if not said), on or off",
-        zh: "ASCII 校验和：auto（默认，两种都试）、on 或 off",
-    }
-    ScanHead { en: "ADDR|PROTOCOL|MODEL|DETAIL|RTT|VERDICT", zh: "地址|协议|型号|说明|往返|结果" }
-    ScanSummary {
-        en: "{count} found, {silent} probes in vain; {port}, {settings}",
-        zh: "发现 {count} 个，{silent} 次无应答；{port}，{settings}",
-    }
-    ScanProgress {
-        en: "{done}/{total} asked, {found} found",
-        zh: "已询问 {done}/{total}，发现 {found} 个",
-    }
-    ChecksumOn { en: "checksum on", zh: "有校验和" }
-    ChecksumOff { en: "checksum off", zh: "无校验和" }
-    ByBehaviour { en: "by behaviour", zh: "按行为判断" }
-    VerdictOk { en: "ok", zh: "正常" }
-    VerdictRefused { en: "refused: it is there but answers no", zh: "拒绝：在线但不执行" }
-    VerdictOdd { en: "odd: it answers, not by the book", zh: "异常：应答与手册不符" }
-    VerdictGarbled {
-        en: "garbled: two modules on one address, or a bad link?",
-        zh: "损坏：地址重复或线路不良？",
-    }
-
     // explain
     ExplainAbout { en: "Says what an error code means.", zh: "解释错误代码。" }
     ExplainExamples {

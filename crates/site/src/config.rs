@@ -3,12 +3,12 @@
 //! A configuration is read whole or refused whole: every problem is found in one go, each with
 //! its line and column, and nothing is half taken.
 
+pub mod add;
 mod desired;
 pub mod edit;
 mod faults;
 mod lint;
 mod plant;
-pub mod add;
 mod problem;
 mod read;
 mod units;

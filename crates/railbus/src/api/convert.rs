@@ -72,6 +72,9 @@ pub(crate) fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
         protocol: status.setup.protocol.name().to_owned(),
         model: status.setup.family.name().to_owned(),
         title: status.setup.family.to_string(),
+        baud: Some(status.setup.serial.baud.rate()),
+        format: Some(status.setup.serial.character.to_string()),
+        checksum: Some(status.setup.checksum),
         state: match status.presence {
             Presence::Online => ModuleState::Online,
             Presence::Silent => ModuleState::Offline,

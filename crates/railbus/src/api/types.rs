@@ -65,6 +65,15 @@ pub(crate) struct ModuleInfo {
     pub(crate) model: String,
     /// Its model as the maker writes it.
     pub(crate) title: String,
+    /// Its speed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) baud: Option<u32>,
+    /// Its character format, as `8N1`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) format: Option<String>,
+    /// Whether its ASCII frames carry a checksum.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) checksum: Option<bool>,
     /// Whether it is heard.
     pub(crate) state: ModuleState,
     /// From the beginning of a request to the end of its reply, smoothed.

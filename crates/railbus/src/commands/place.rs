@@ -91,10 +91,7 @@ pub(super) async fn of(context: &Context, backend: &Backend) -> Result<Place, Fa
     let line = choose(context, lines.map_err(|problem| context.failure(&problem))?)?;
     Ok(Place {
         port: name(context, &line.port)?,
-        settings: Settings {
-            baud: Baud::from_rate(line.baud).unwrap_or(Baud::B9600),
-            character: character(&line.format),
-        },
+        settings: settings(Some(line.baud), Some(&line.format), Settings::FACTORY),
         line: line.line,
     })
 }
@@ -125,12 +122,14 @@ fn name(context: &Context, port: &str) -> Result<LineName, Failure> {
     })
 }
 
-fn character(format: &str) -> Character {
+/// Speed and format as the API says them; what it does not say, or nobody knows, is as `own`.
+pub(super) fn settings(baud: Option<u32>, format: Option<&str>, own: Settings) -> Settings {
     let all = [Character::N1, Character::E1, Character::O1, Character::N2];
-    let mut known = all.into_iter();
-    known
-        .find(|known| known.to_string() == format)
-        .unwrap_or_default()
+    let named = |known: &Character| format.is_some_and(|format| known.to_string() == format);
+    Settings {
+        baud: baud.and_then(Baud::from_rate).unwrap_or(own.baud),
+        character: all.into_iter().find(named).unwrap_or(own.character),
+    }
 }
 
 /// Why a port can't be opened, in words.

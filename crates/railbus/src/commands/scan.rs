@@ -1,94 +1,171 @@
 //! `railbus scan`: who is on the line. It only reads.
 
+mod add;
 mod asked;
-mod identify;
-mod plan;
+mod keep;
 mod run;
 mod show;
+mod texts;
+mod wish;
 
-use super::place::{self, Access};
+use super::place::{self, Access, Place};
 use super::{Context, stop};
+use crate::backend::Backend;
 use crate::cli;
+use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
-use crate::texts::Text;
 use asked::Asked;
 use clap::{ArgMatches, Command};
-use plan::Scope;
-use railbus_wire::Protocol;
+use keep::Keep;
+use railbus_device::Family;
+use railbus_host::LineName;
+use railbus_site::scan::{Known, Scanner, Scope};
+use railbus_wire::{Address, Protocol};
+use run::{End, Report};
+use show::Live;
+use texts::ScanText;
+use wish::Wanted;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "scan";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus scan [-l LINE] [--addr 1-32] [--proto P,…] [--checksum auto|on|off]";
-    cli::verb(lang, NAME, Text::ScanAbout, usage)
-        .before_help(cli::examples(lang, Text::ScanExamples))
-        .arg(
-            cli::flag(lang, "addr", Text::ScanAddr)
-                .value_name("RANGE")
-                .value_parser(plan::addresses),
-        )
-        .arg(
-            cli::flag(lang, "proto", Text::ScanProto)
-                .value_name("P,…")
-                .value_delimiter(',')
-                .value_parser(Protocol::ALL.map(Protocol::name))
-                .hide_possible_values(true),
-        )
-        .arg(
-            cli::flag(lang, "checksum", Text::ScanChecksum)
-                .value_name("WHEN")
-                .value_parser(["auto", "on", "off"])
-                .hide_possible_values(true),
-        )
+    let usage = "railbus scan [--quick|--full|--deep] [--addr 1-32] [--proto P,…] [--baud N,…] \
+        [--follow] [--add] [--resume] [--max-time TIME]";
+    let verb = cli::verb(lang, NAME, ScanText::About, usage);
+    wish::define(
+        lang,
+        verb.before_help(cli::examples(lang, ScanText::Examples)),
+    )
 }
 
 /// Scans and prints what was found, also after Ctrl-C.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let scope = scope(matches);
-    let (place, report) = context.block(async {
-        let mut stop = stop::Stop::new(&context)?;
-        let (place, asked) = match place::find(&context).await? {
-            Access::Here(place) => (place.clone(), Asked::open(&context, &place).await?),
-            Access::Daemon(backend) => {
-                let place = place::of(&context, &backend).await?;
-                (place, Asked::Daemon(backend))
-            }
-        };
-        let report = run::scan(&context, &place, asked, &scope, &mut stop).await?;
-        Ok((place, report))
-    })?;
-    show::result(&context, &place, &report)?;
-    if !report.complete {
-        return Err(stop::interrupted(&context));
+    let wanted = Wanted::of(&context, matches);
+    if Scope::of(&wanted.wish, Vec::new()).runs.is_empty() {
+        let failure = Failure::of(lang, Code::ScanNothing);
+        return Err(failure.because(lang.get(ScanText::NothingToAsk)));
     }
-    if report.found.is_empty() {
-        let failure = Failure::of(lang, Code::NoReply).with_fact("line", place.line);
-        return Err(failure.with_fact("probes", report.probes));
+    let (place, wanted, report, keep) = context.block(scan(&context, wanted))?;
+    Live::new(&context, &place, wanted.follow).end(&report)?;
+    match report.end {
+        End::Complete => keep.drop(),
+        End::Interrupted | End::TimeUp | End::Lost(_) => {
+            keep.put(&report.scanner);
+        }
+        End::Unread => {}
     }
-    Ok(())
+    if wanted.add {
+        add::add(&context, &place, report.scanner.found(), wanted.yes)?;
+    }
+    verdict(&context, &place, report)
 }
 
-fn scope(matches: &ArgMatches) -> Scope {
-    let names: Vec<&str> = matches
-        .get_many::<String>("proto")
-        .into_iter()
-        .flatten()
-        .map(String::as_str)
-        .collect();
-    let wanted = |protocol: &Protocol| names.is_empty() || names.contains(&protocol.name());
-    let checksums = match matches.get_one::<String>("checksum").map(String::as_str) {
-        Some("on") => vec![true],
-        Some("off") => vec![false],
-        _ => vec![false, true],
+/// Finds the line and asks everyone on it.
+async fn scan(context: &Context, wanted: Wanted) -> Result<(Place, Wanted, Report, Keep), Failure> {
+    let mut stop = stop::Stop::new(context)?;
+    let (place, known, daemon) = match place::find(context).await? {
+        Access::Here(place) => {
+            let known = configured(context, &place);
+            (place, known, None)
+        }
+        Access::Daemon(backend) => {
+            let place = place::of(context, &backend).await?;
+            let known = polled(context, &place, &backend).await?;
+            (place, known, Some(backend))
+        }
     };
-    let addresses: Option<&plan::Addresses> = matches.get_one("addr");
-    Scope {
-        addresses: addresses.map_or_else(|| (1..=32).collect(), |chosen| chosen.0.clone()),
-        protocols: Protocol::ALL.into_iter().filter(wanted).collect(),
-        checksums,
+    let wanted = wanted.on(&place);
+    let keep = Keep::of(context, &place, &wanted.wish);
+    let scope = Scope::of(&wanted.wish, known);
+    if has_own_speed(&place.port) && scope.runs.iter().any(|run| run.settings != place.settings) {
+        let failure = Failure::of(context.lang, Code::ScanFixedSpeed);
+        return Err(failure
+            .because(&place.port)
+            .with_fact("line", place.line.as_str()));
+    }
+    let scanner = match wanted.resume {
+        true => keep.resume(context, scope)?,
+        false => Scanner::new(scope),
+    };
+    let asked = match daemon {
+        None => Asked::open(context, &place).await?,
+        Some(backend) => Asked::Daemon(backend),
+    };
+    let mut live = Live::new(context, &place, wanted.follow);
+    live.begin(wanted.wish.depth, &scanner);
+    let limits = (&mut stop, wanted.max_time);
+    let report = run::scan(context, &place, asked, scanner, limits, &mut live).await?;
+    Ok((place, wanted, report, keep))
+}
+
+/// Whether a serial server has the port, which sets its speed.
+const fn has_own_speed(port: &LineName) -> bool {
+    matches!(port, LineName::Tcp { .. } | LineName::ModbusTcp { .. })
+}
+
+/// The modules that the configuration has on this line. Where flags alone name the line there
+/// is none, and one that can't be read names none.
+fn configured(context: &Context, place: &Place) -> Vec<Known> {
+    if context.wanted.ad_hoc.is_some() {
+        return Vec::new();
+    }
+    let read = config_file::read(context.lang, context.wanted.config.as_deref());
+    let Ok(found) = read else { return Vec::new() };
+    let modules = found.config.modules_of(&place.line);
+    let known = modules.map(|(name, module)| Known {
+        name: name.clone(),
+        family: module.setup.family,
+        settings: module.setup.serial,
+        protocol: module.setup.protocol,
+        address: module.setup.address,
+        checksum: module.setup.checksum,
+    });
+    known.collect()
+}
+
+/// The modules that the daemon has on this line.
+async fn polled(
+    context: &Context,
+    place: &Place,
+    backend: &Backend,
+) -> Result<Vec<Known>, Failure> {
+    let modules = backend.modules().await;
+    let modules = modules.map_err(|problem| context.failure(&problem))?;
+    let of_line = modules
+        .into_iter()
+        .filter(|module| module.line == place.line);
+    let known = of_line.filter_map(|module| {
+        let mut protocols = Protocol::ALL.into_iter();
+        Some(Known {
+            family: Family::from_name(&module.model)?,
+            settings: place::settings(module.baud, module.format.as_deref(), place.settings),
+            protocol: protocols.find(|protocol| protocol.name() == module.protocol)?,
+            address: Address(module.address),
+            checksum: module.checksum.unwrap_or_default(),
+            name: module.module,
+        })
+    });
+    Ok(known.collect())
+}
+
+/// How the command ends.
+fn verdict(context: &Context, place: &Place, report: Report) -> Result<(), Failure> {
+    let line = place.line.as_str();
+    let probes = report.scanner.counts().probes;
+    let nobody = report.scanner.found().is_empty();
+    match report.end {
+        End::Unread => Ok(()),
+        End::Interrupted => Err(stop::interrupted(context)),
+        End::Lost(failure) => Err(failure),
+        End::TimeUp => Err(Failure::of(context.lang, Code::ScanTimeUp).with_fact("line", line)),
+        End::Complete if nobody => {
+            let failure = Failure::of(context.lang, Code::NoReply).with_fact("line", line);
+            Err(failure.with_fact("probes", probes))
+        }
+        End::Complete => Ok(()),
     }
 }

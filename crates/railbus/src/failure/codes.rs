@@ -145,6 +145,11 @@ codes! {
             "文件已存在 · 磁盘已满 · 无目录权限"],
         next: ["name another file", "换一个文件名"],
     }
+    NothingToPlay = "E0183" {
+        title: ["the capture file can't be played", "无法重放抓包文件"],
+        likely: ["it holds replies alone, or too much", "文件中只有应答，或内容过多"],
+        next: ["railbus sniff --read FILE", "railbus sniff --read 文件"],
+    }
     Install = "E0195" {
         title: ["a file can't be put in its place", "无法写入文件"],
         likely: ["no right to write there · the disk is full", "无写入权限 · 磁盘已满"],
@@ -160,11 +165,6 @@ codes! {
         likely: ["the command named ended with an error · no right to run it",
             "所示命令执行出错 · 无执行权限"],
         next: ["run the command yourself and read what it says", "自行执行该命令并查看其输出"],
-    }
-    NothingToPlay = "E0183" {
-        title: ["the capture file can't be played", "无法重放抓包文件"],
-        likely: ["it holds replies alone, or too much", "文件中只有应答，或内容过多"],
-        next: ["railbus sniff --read FILE", "railbus sniff --read 文件"],
     }
     Usage = "E0201" {
         title: ["wrong arguments", "参数有误"],
@@ -182,6 +182,30 @@ codes! {
         title: ["nobody can be asked: this is no terminal", "无法提问：当前不是终端"],
         likely: ["run from a script or with its input redirected", "在脚本中运行，或输入已重定向"],
         next: ["look at it with -n, then add --yes", "先用 -n 查看，再加 --yes"],
+    }
+    ScanNothing = "E0270" {
+        title: ["there is nothing to ask", "没有可询问的内容"],
+        likely: ["protocols, speeds and parity exclude each other", "协议、波特率与校验位互相矛盾"],
+        next: ["railbus scan --help", "railbus scan --help"],
+    }
+    ScanNoneKept = "E0271" {
+        title: ["there is no scan to go on with", "没有可继续的扫描"],
+        likely: ["the last scan of this line came to its end · another folder or configuration",
+            "此总线上次扫描已完成 · 目录或配置不同"],
+        next: ["railbus scan", "railbus scan"],
+    }
+    ScanOther = "E0272" {
+        title: ["the scan that was broken off is another one", "中断的扫描与此不同"],
+        likely: ["other options, another line or another port", "选项、总线或端口不同"],
+        next: ["repeat it with the options of that scan, or scan without --resume",
+            "使用原扫描的选项，或不带 --resume 重新扫描"],
+    }
+    ScanFixedSpeed = "E0274" {
+        title: ["the speed of this line can't be changed from here", "无法从此处更改该总线的波特率"],
+        likely: ["the line is behind a serial server, which has a speed of its own",
+            "总线位于串口服务器之后，波特率由其设定"],
+        next: ["railbus scan --full, and change the speed at the server for each of the others",
+            "railbus scan --full；其他波特率须在服务器上逐一更改"],
     }
     BadFilter = "E0280" {
         title: ["the filter can't be read", "无法理解过滤条件"],
@@ -606,6 +630,12 @@ codes! {
             "总线有误 · 配置中没有该系列的模块"],
         next: ["railbus ls", "railbus ls"],
     }
+    ScanNotWritten = "E0870" {
+        title: ["the modules found can't be written to the configuration", "无法将发现的模块写入配置"],
+        likely: ["no right to the file or its folder · no room · a table written in one line",
+            "文件或目录无权限 · 磁盘已满 · 配置中有单行表"],
+        next: ["write them by hand, as railbus scan shows them", "按 railbus scan 的结果手动写入"],
+    }
     ConfigFault = "E0890" {
         title: ["this is no fault to simulate", "不是可模拟的故障"],
         likely: ["a typing mistake · a value is missing", "输入错误 · 缺少数值"],
@@ -653,6 +683,11 @@ codes! {
         title: ["some of several targets failed", "多个目标中部分失败"],
         likely: ["see each of them", "见各目标的说明"],
         next: ["railbus ls", "railbus ls"],
+    }
+    ScanTimeUp = "E1170" {
+        title: ["the time was up before all were asked", "时间已到，扫描未完成"],
+        likely: ["--max-time is shorter than the scan", "--max-time 短于扫描所需时间"],
+        next: ["railbus scan --resume, with the same options", "railbus scan --resume，选项相同"],
     }
     Interrupted = "E13001" {
         title: ["interrupted", "已中断"],

@@ -117,47 +117,6 @@ fn daily_work_through_the_daemon() {
 }
 
 #[test]
-fn a_scan_finds_all_five_and_changes_nothing() {
-    let site = Site::demo("scan");
-    site.run("set yard 1=on");
-    let before = site.run("get * -o value").out;
-    let ran = site.run("scan --addr 1-6 --timeout 200ms -o json");
-    assert_eq!(ran.code, 0, "{ran:?}");
-    let found = ran.json()["found"].clone();
-    let told: Vec<String> = found
-        .as_array()
-        .expect("a list")
-        .iter()
-        .map(|m| {
-            format!(
-                "{} {} {} {}",
-                m["addr"], m["proto"], m["model"], m["verdict"]
-            )
-        })
-        .map(|line| line.replace('"', ""))
-        .collect();
-    let all = [
-        "1 ascii EDA9060A ok",
-        "2 lc02 EDA9050 ok",
-        "3 rtu ERC-8 ok",
-        "4 r55 0x55 board ok",
-        "5 rtu EMD-2A2Q ok",
-    ];
-    assert_eq!(told, all);
-    assert_eq!(found[0]["evidence"][0], "$01M → !019060");
-    let outputs = |text: &str| text.lines().filter(|line| line.starts_with('o')).count();
-    assert_eq!(outputs(&site.run("get * -o value").out), outputs(&before));
-    let zh = site.run("scan --addr 1 --proto ascii --lang zh");
-    assert!(
-        zh.out
-            .starts_with("地址     协议   型号      说明      往返"),
-        "{zh:?}"
-    );
-    let none = site.run("scan --addr 9 --proto rtu");
-    assert_eq!(none.code, 3, "{none:?}");
-}
-
-#[test]
 fn watch_tells_changes_until_nobody_reads_or_it_is_stopped() {
     let site = Site::demo("watch");
     let start = |more: &[&str]| {

@@ -10,6 +10,7 @@ mod liar;
 mod line;
 mod measure;
 mod replay;
+mod scan;
 mod shells;
 mod site;
 mod sniff;

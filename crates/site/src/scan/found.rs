@@ -156,9 +156,10 @@ impl Found {
         }
     }
 
-    /// Whether it is the one that answers this question, too.
+    /// Whether it is the one that answers this question, too. Not every port has a parity, and a
+    /// module has only one.
     pub(super) fn answers_to(&self, question: &Question) -> bool {
-        self.asked.settings == question.settings
+        self.asked.settings.baud == question.settings.baud
             && self.asked.address == question.address
             && self.protocol() == question.ask.protocol()
     }

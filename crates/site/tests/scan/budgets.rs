@@ -82,10 +82,6 @@ fn expected(modules: &[(Setup, u64)]) -> Vec<String> {
 fn within(ran: &Ran, modules: &[(Setup, u64)], budget: Micros) {
     assert_eq!(ran.found, expected(modules));
     let (took, estimate) = (ran.took.0 as f64 / 1e6, ran.estimate.0 as f64 / 1e6);
-    println!(
-        "{took:.3} s, estimated {estimate:.3} s, {:?}",
-        ran.scanner.counts()
-    );
     assert!(ran.took <= budget, "{took} s");
     assert!(
         (took / estimate - 1.0).abs() < 0.1,

@@ -1,14 +1,16 @@
 //! Who puts a scan's questions on the line: the scan itself, or the daemon that has it. There
 //! they go between its own polls.
 
-use crate::api::types::{Outcome, RawRequest};
+use crate::api::types::{LateAnswer, Outcome, RawRequest};
 use crate::backend::Backend;
 use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
 use crate::failure::{Code, Failure};
 use crate::render::hex;
-use railbus_host::{Line, LineConfig, Probe, ProbeResult, Probed};
-use railbus_wire::{Frame, Micros};
+use railbus_host::{LateReply, Line, LineConfig, Probe, Probed};
+use railbus_site::read_request;
+use railbus_site::scan::Met;
+use railbus_wire::{Frame, Micros, Protocol};
 
 /// Whoever has the line.
 pub(super) enum Asked {
@@ -29,17 +31,23 @@ impl Asked {
         Ok(Asked::Line(line))
     }
 
-    /// One question, and what it met.
+    /// One question, and what came of it.
     pub(super) async fn probe(
         &self,
         context: &Context,
         place: &Place,
         probe: Probe,
-    ) -> Result<ProbeResult, Failure> {
+    ) -> Result<Met, Failure> {
         match self {
             Asked::Line(line) => {
                 let met = line.probe(probe).await;
-                met.map_err(|_| Failure::of(context.lang, Code::LineClosed))
+                let met = met.map_err(|_| Failure::of(context.lang, Code::LineClosed))?;
+                Ok(Met {
+                    outcome: met.outcome,
+                    bytes: met.bytes,
+                    after: met.after,
+                    late: met.late,
+                })
             }
             Asked::Daemon(backend) => ask_daemon(backend, context, place, &probe).await,
         }
@@ -58,7 +66,7 @@ async fn ask_daemon(
     context: &Context,
     place: &Place,
     probe: &Probe,
-) -> Result<ProbeResult, Failure> {
+) -> Result<Met, Failure> {
     let mut frame = Frame::new();
     probe.exchange.encode(&mut frame);
     let request = RawRequest {
@@ -73,7 +81,7 @@ async fn ask_daemon(
     };
     let met = backend.raw(request).await;
     let met = met.map_err(|problem| context.failure(&problem))?;
-    Ok(ProbeResult {
+    Ok(Met {
         outcome: match met.outcome {
             Outcome::Answered => Probed::Answered,
             Outcome::Garbled => Probed::Garbled,
@@ -82,6 +90,17 @@ async fn ask_daemon(
         },
         bytes: hex::parse(&met.bytes).unwrap_or_default(),
         after: Micros((met.after_ms * 1000.0) as u64),
-        late: Vec::new(),
+        late: met.late.iter().filter_map(late).collect(),
+    })
+}
+
+/// A late reply as the daemon tells it.
+fn late(told: &LateAnswer) -> Option<LateReply> {
+    let mut protocols = Protocol::ALL.into_iter();
+    let protocol = protocols.find(|protocol| protocol.name() == told.protocol)?;
+    Some(LateReply {
+        exchange: read_request(protocol, &hex::parse(&told.sent)?)?,
+        after: Micros((told.after_ms * 1000.0) as u64),
+        again: told.again,
     })
 }

@@ -1,135 +1,304 @@
-//! What a scan found, for people and programs.
+//! What a scan finds, for people and programs.
 
-use super::plan::Ask;
-use super::run::{Found, Report, Verdict};
+use super::run::{End, Report};
+use super::texts::ScanText;
 use crate::commands::Context;
 use crate::commands::place::Place;
 use crate::failure::Failure;
 use crate::i18n::Lang;
 use crate::render::records::{self, Records};
 use crate::render::table::Table;
-use crate::render::{Format, hex, out};
-use crate::texts::Text;
-use railbus_wire::{Frame, Protocol};
+use crate::render::{Format, hex, out, time, width};
+use railbus_site::scan::{Answer, Ask, Depth, Detail, Found, LeftOut, Question, Scanner, Verdict};
+use railbus_wire::{Frame, Micros, Protocol};
 use serde_json::{Value, json};
+use std::fmt::Display;
 use std::io::{IsTerminal, Write};
+use std::ops::ControlFlow;
 
-/// One module, as an event of a stream.
-pub(super) fn event(place: &Place, found: &Found) -> String {
-    records::line(row(place, found))
+/// How wide the bar of the progress is.
+const BAR: usize = 32;
+/// The widths of the columns that come one after the other.
+const WIDTHS: [usize; 7] = [11, 9, 8, 10, 48, 8, 0];
+
+/// What is shown while a scan runs.
+#[derive(Debug)]
+pub(super) struct Live<'c> {
+    context: &'c Context,
+    place: &'c Place,
+    /// Each module as soon as it is found.
+    streams: bool,
+    /// Somebody watches.
+    bar: bool,
+    headed: bool,
 }
 
-fn row(place: &Place, found: &Found) -> Value {
-    let evidence: Vec<String> = found
-        .evidence
-        .iter()
-        .map(|(ask, bytes)| {
-            let mut frame = Frame::new();
-            if let Some(exchange) = ask.exchange(found.address) {
-                exchange.encode(&mut frame);
+impl<'c> Live<'c> {
+    pub(super) fn new(context: &'c Context, place: &'c Place, follow: bool) -> Live<'c> {
+        Live {
+            context,
+            place,
+            streams: follow || context.format == Format::Ndjson,
+            bar: !context.quiet && std::io::stderr().is_terminal(),
+            headed: false,
+        }
+    }
+
+    /// What is to come, and how long it takes.
+    pub(super) fn begin(&self, depth: Depth, scanner: &Scanner) {
+        let lang = self.context.lang;
+        let depth = lang.get(match depth {
+            Depth::Quick => ScanText::QuickWord,
+            Depth::Full => ScanText::FullWord,
+            Depth::Deep => ScanText::DeepWord,
+        });
+        let time = about(lang, scanner.progress().left);
+        let (line, port, settings) = (&self.place.line, &self.place.port, &self.place.settings);
+        let values: &[(&str, &dyn Display)] = &[
+            ("line", line),
+            ("port", port),
+            ("settings", settings),
+            ("depth", &depth),
+            ("time", &time),
+        ];
+        self.context.note(&lang.fill(ScanText::Begin, values));
+    }
+
+    /// A module was found.
+    pub(super) fn found(&mut self, found: &Found) -> Result<ControlFlow<()>, Failure> {
+        if !self.streams {
+            return Ok(ControlFlow::Continue(()));
+        }
+        self.clear();
+        let lang = self.context.lang;
+        let text = match self.context.format {
+            Format::Json | Format::Ndjson => event(self.place, found),
+            Format::Value => format!("{}\n", found.asked.address.0),
+            Format::Csv => {
+                let all = listed(lang, self.place, &[found], true).render(Format::Csv);
+                let lines = all.split_inclusive('\n').skip(usize::from(self.headed));
+                lines.collect()
             }
-            format!("{} → {}", text(*ask, frame.bytes()), text(*ask, bytes))
-        })
-        .collect();
-    json!({
-        "ev": "found",
-        "line": place.line,
-        "addr": found.address.0,
-        "proto": found.protocol.name(),
-        "model": found.identity.model,
-        "by_behaviour": found.identity.by_behaviour,
-        "baud": place.settings.baud.rate(),
-        "format": place.settings.character.to_string(),
-        "checksum": (found.protocol == Protocol::Ascii).then_some(found.checksum),
-        "rtt_ms": (found.rtt.0 as f64 / 100.0).round() / 10.0,
-        "verdict": found.verdict.name(),
-        "evidence": evidence,
-    })
-}
+            Format::Table => {
+                let head: Vec<String> = lang
+                    .get(ScanText::SpeedHead)
+                    .split('|')
+                    .map(str::to_owned)
+                    .collect();
+                let head = if self.headed {
+                    String::new()
+                } else {
+                    row_of(&head)
+                };
+                head + &row_of(&cells(lang, found, true))
+            }
+        };
+        self.headed = true;
+        out::put(lang, &text)
+    }
 
-/// ASCII frames as they are, others in hexadecimal.
-fn text(ask: Ask, bytes: &[u8]) -> String {
-    if bytes.is_empty() {
-        return "–".to_owned();
+    /// How far the scan is, over the line that said so before.
+    pub(super) fn progress(&self, scanner: &Scanner) {
+        if !self.bar {
+            return;
+        }
+        let progress = scanner.progress();
+        let percent = progress.done * 100 / progress.total.max(1);
+        let full = (progress.done * BAR / progress.total.max(1)).min(BAR);
+        let bar = "█".repeat(full) + &"░".repeat(BAR - full);
+        let left = about(self.context.lang, progress.left);
+        let values: &[(&str, &dyn Display)] = &[
+            ("bar", &bar),
+            ("done", &progress.done),
+            ("total", &progress.total),
+            ("percent", &percent),
+            ("found", &scanner.found().len()),
+            ("left", &left),
+        ];
+        let text = self.context.lang.fill(ScanText::Progress, values);
+        let _ = write!(std::io::stderr(), "\r  {text}\x1b[K");
     }
-    match ask.protocol() {
-        Protocol::Ascii => String::from_utf8_lossy(bytes).trim_end().to_owned(),
-        _ => hex::spaced(bytes),
-    }
-}
 
-/// Everything found; what streams has told it already.
-pub(super) fn result(context: &Context, place: &Place, report: &Report) -> Result<(), Failure> {
-    let lang = context.lang;
-    if !context.quiet && std::io::stderr().is_terminal() {
-        let _ = write!(std::io::stderr(), "\r\x1b[K");
+    /// Takes the progress away.
+    pub(super) fn clear(&self) {
+        if self.bar {
+            let _ = write!(std::io::stderr(), "\r\x1b[K");
+        }
     }
-    match context.format {
-        Format::Ndjson => out::result(
-            lang,
-            &records::line(json!({
-                "ev": "end", "line": place.line, "found": report.found.len(),
-                "probes": report.probes, "skipped": report.skipped, "complete": report.complete,
-            })),
-        ),
-        Format::Json => out::result(
-            lang,
-            &records::line(json!({
-                "line": place.line,
-                "found": report.found.iter().map(|found| row(place, found)).collect::<Vec<_>>(),
-                "probes": report.probes,
-                "skipped": report.skipped,
-                "complete": report.complete,
-            })),
-        ),
-        format => {
-            let records = records(lang, place, report);
-            out::result(lang, &records.render(format))?;
-            let (count, port) = (report.found.len(), &place.port);
-            let values: &[(&str, &dyn std::fmt::Display)] = &[
-                ("count", &count),
-                ("silent", &report.silent),
-                ("port", port),
-                ("settings", &place.settings),
-            ];
-            context.note(&lang.fill(Text::ScanSummary, values));
-            Ok(())
+
+    /// Everything found; what streams has told it already.
+    pub(super) fn end(&self, report: &Report) -> Result<(), Failure> {
+        let lang = self.context.lang;
+        let mut found: Vec<&Found> = report.scanner.found().iter().collect();
+        let key = |found: &&Found| (found.asked.settings.baud, found.asked.address.0);
+        found.sort_by_key(|found| (key(found), found.protocol()));
+        match self.context.format {
+            Format::Ndjson => out::result(lang, &ended(self.place, report))?,
+            Format::Json if self.streams => out::result(lang, &ended(self.place, report))?,
+            Format::Json => {
+                let rows: Vec<Value> = found.iter().map(|found| row(self.place, found)).collect();
+                let mut all = summary(self.place, report);
+                all["found"] = rows.into();
+                out::result(lang, &records::line(all))?;
+            }
+            _ if self.streams => {}
+            format => {
+                let speeds = found
+                    .iter()
+                    .any(|found| found.asked.settings != self.place.settings);
+                let records = listed(lang, self.place, &found, speeds);
+                out::result(lang, &records.render(format))?;
+            }
+        }
+        if !self.context.format.is_json() {
+            self.sum_up(report);
+        }
+        Ok(())
+    }
+
+    /// The end in words, and what to do next.
+    fn sum_up(&self, report: &Report) {
+        let (lang, scanner) = (self.context.lang, &report.scanner);
+        let found = scanner.found();
+        let conflicts: Vec<&Found> = found.iter().filter(|found| found.is_conflict()).collect();
+        let state = lang.get(match report.end {
+            End::Complete => ScanText::Complete,
+            _ => ScanText::Incomplete,
+        });
+        let counts = scanner.counts();
+        let values: &[(&str, &dyn Display)] = &[
+            ("found", &found.len()),
+            ("conflicts", &conflicts.len()),
+            ("silent", &counts.silent),
+            ("state", &state),
+            ("time", &about(lang, report.took)),
+        ];
+        let note = |text: &str| self.context.note(text);
+        note(&lang.fill(ScanText::Summary, values));
+        let left = scanner.left_out();
+        if !left.is_empty() {
+            let mut what: Vec<String> = left.iter().map(|left| left_part(lang, left)).collect();
+            // Modbus modules are looked for twice.
+            what.dedup();
+            note(&lang.fill(ScanText::LeftOut, &[("what", &what.join("; "))]));
+        }
+        let missing: Vec<&str> = scanner.missing().collect();
+        if !missing.is_empty() {
+            note(&lang.fill(ScanText::Missing, &[("names", &missing.join(", "))]));
+        }
+        if scanner.is_crowded() {
+            note(lang.get(ScanText::Crowd));
+        }
+        if counts.skipped > 0 {
+            note(&lang.fill(ScanText::Skipped, &[("count", &counts.skipped)]));
+        }
+        if !matches!(report.end, End::Complete | End::Unread) {
+            note(lang.get(ScanText::NextResume));
+        }
+        if found
+            .iter()
+            .any(|found| found.known.is_none() && found.identity.family.is_some())
+        {
+            note(lang.get(ScanText::NextAdd));
+        }
+        for conflict in conflicts {
+            let addr = conflict.asked.address.0;
+            note(&lang.fill(ScanText::NextRecover, &[("addr", &addr)]));
         }
     }
 }
 
-fn records(lang: Lang, place: &Place, report: &Report) -> Records {
-    let mut table = Table::new(lang.get(Text::ScanHead).split('|'));
-    for found in &report.found {
-        let model = found
-            .identity
-            .model
-            .clone()
-            .unwrap_or_else(|| "?".to_owned());
-        let detail = match (found.protocol, found.checksum) {
-            (Protocol::Ascii, true) => lang.get(Text::ChecksumOn),
-            (Protocol::Ascii, false) => lang.get(Text::ChecksumOff),
-            _ if found.identity.by_behaviour => lang.get(Text::ByBehaviour),
-            _ => "",
-        };
-        let verdict = lang.get(match found.verdict {
-            Verdict::Ok => Text::VerdictOk,
-            Verdict::Refused => Text::VerdictRefused,
-            Verdict::Odd => Text::VerdictOdd,
-            Verdict::Garbled => Text::VerdictGarbled,
-        });
-        table.add([
-            found.address.to_string(),
-            found.protocol.name().to_owned(),
-            model,
-            detail.to_owned(),
-            format!("{} ms", found.rtt.0.div_ceil(1_000)),
-            verdict.to_owned(),
-        ]);
+/// One module, as an event of a stream.
+fn event(place: &Place, found: &Found) -> String {
+    let mut row = row(place, found);
+    row["ev"] = "found".into();
+    records::line(row)
+}
+
+/// The end of a stream.
+fn ended(place: &Place, report: &Report) -> String {
+    let mut all = summary(place, report);
+    all["ev"] = "end".into();
+    all["found"] = report.scanner.found().len().into();
+    records::line(all)
+}
+
+fn summary(place: &Place, report: &Report) -> Value {
+    let (scanner, counts) = (&report.scanner, report.scanner.counts());
+    let left_out: Vec<Value> = scanner.left_out().iter().map(left_out).collect();
+    json!({
+        "line": place.line,
+        "probes": counts.probes,
+        "silent": counts.silent,
+        "skipped": counts.skipped,
+        "conflicts": scanner.found().iter().filter(|found| found.is_conflict()).count(),
+        "missing": scanner.missing().collect::<Vec<_>>(),
+        "complete": matches!(report.end, End::Complete),
+        "left_out": left_out,
+        "took_ms": report.took.0 / 1_000,
+    })
+}
+
+fn left_out(left: &LeftOut) -> Value {
+    json!({
+        "baud": left.settings.baud.rate(),
+        "format": left.settings.character.to_string(),
+        "proto": left.ask.protocol().name(),
+        "ask": left.ask.name(),
+        "addresses": ranges(&left.addresses),
+    })
+}
+
+fn row(place: &Place, found: &Found) -> Value {
+    let tried = |bytes: &Vec<u8>| evidence(found.asked, &(found.asked.ask, bytes.clone()));
+    let garbled = found.garbled.iter().map(tried);
+    let answers = found.answers.iter();
+    let answers = answers.map(|answer| evidence(found.asked, answer));
+    let format = found.asked.settings.character.to_string();
+    json!({
+        "line": place.line,
+        "addr": found.asked.address.0,
+        "proto": found.protocol().name(),
+        "model": found.identity.model,
+        "by_behaviour": found.identity.by_behaviour,
+        "baud": found.asked.settings.baud.rate(),
+        "parity": format.chars().nth(1).map(|parity| parity.to_ascii_lowercase()),
+        "format": format,
+        "checksum": found.checksum(),
+        "rtt_ms": (found.rtt.0 as f64 / 100.0).round() / 10.0,
+        "verdict": found.verdict().name(),
+        "module": found.known,
+        "differs": found.differs,
+        "evidence": garbled.chain(answers).collect::<Vec<String>>(),
+    })
+}
+
+/// A question and its answer.
+fn evidence(asked: Question, (ask, bytes): &Answer) -> String {
+    let mut frame = Frame::new();
+    if let Some(exchange) = asked.with(*ask).exchange() {
+        exchange.encode(&mut frame);
+    }
+    let text = |bytes: &[u8]| match ask.protocol() {
+        _ if bytes.is_empty() => "–".to_owned(),
+        Protocol::Ascii => String::from_utf8_lossy(bytes).trim_end().to_owned(),
+        _ => hex::spaced(bytes),
+    };
+    format!("{} → {}", text(frame.bytes()), text(bytes))
+}
+
+fn listed(lang: Lang, place: &Place, found: &[&Found], speeds: bool) -> Records {
+    let head = match speeds {
+        true => ScanText::SpeedHead,
+        false => ScanText::Head,
+    };
+    let mut table = Table::new(lang.get(head).split('|'));
+    for found in found {
+        table.add(cells(lang, found, speeds));
     }
     Records {
         key: "found",
-        rows: report.found.iter().map(|found| row(place, found)).collect(),
+        rows: found.iter().map(|found| row(place, found)).collect(),
         columns: &[
             "line", "addr", "proto", "model", "baud", "format", "rtt_ms", "verdict",
         ],
@@ -138,10 +307,132 @@ fn records(lang: Lang, place: &Place, report: &Report) -> Records {
     }
 }
 
-/// How far the scan is, over the line that said so before.
-pub(super) fn progress(lang: Lang, done: usize, total: usize, found: usize) {
-    let values: &[(&str, &dyn std::fmt::Display)] =
-        &[("done", &done), ("total", &total), ("found", &found)];
-    let text = lang.fill(Text::ScanProgress, values);
-    let _ = write!(std::io::stderr(), "\r{text}\x1b[K");
+/// What people read of a module.
+fn cells(lang: Lang, found: &Found, speeds: bool) -> Vec<String> {
+    let model = found.identity.model.clone();
+    let rtt = match found.answers.is_empty() {
+        true => "–".to_owned(),
+        false => time::duration(lang, found.rtt.0.div_ceil(1_000)),
+    };
+    let verdict = lang.get(match found.verdict() {
+        Verdict::Ok if found.identity.by_behaviour => ScanText::VerdictBehaves,
+        Verdict::Ok => ScanText::VerdictOk,
+        Verdict::Refused => ScanText::VerdictRefused,
+        Verdict::Odd => ScanText::VerdictOdd,
+        Verdict::Garbled => ScanText::VerdictGarbled,
+    });
+    let speed = speeds.then(|| found.asked.settings.to_string());
+    let rest = [
+        found.asked.address.to_string(),
+        found.protocol().name().to_owned(),
+        model.unwrap_or_else(|| "?".to_owned()),
+        detail(lang, found),
+        rtt,
+        verdict.to_owned(),
+    ];
+    speed.into_iter().chain(rest).collect()
+}
+
+fn detail(lang: Lang, found: &Found) -> String {
+    let checksum = found.checksum().map(|on| {
+        lang.get(match on {
+            true => ScanText::ChecksumOn,
+            false => ScanText::ChecksumOff,
+        })
+    });
+    let checksum = checksum.filter(|_| !found.answers.is_empty());
+    let what = match found.detail() {
+        Detail::None => None,
+        Detail::Channels(outputs, inputs) => Some(lang.fill(
+            ScanText::Channels,
+            &[("outputs", &outputs), ("inputs", &inputs)],
+        )),
+        Detail::CoilsAt60 => Some(lang.get(ScanText::CoilsAt60).to_owned()),
+        Detail::Version(version) => Some(lang.fill(ScanText::VersionIs, &[("version", &version)])),
+        Detail::AtLeast(0) => Some(lang.get(ScanText::AllOff).to_owned()),
+        Detail::AtLeast(count) => Some(lang.fill(ScanText::AtLeast, &[("count", &count)])),
+        Detail::Spoilt { tries, differ } => {
+            let text = if differ {
+                ScanText::Differ
+            } else {
+                ScanText::Wrong
+            };
+            Some(lang.fill(text, &[("tries", &tries)]))
+        }
+        Detail::Twice => Some(lang.get(ScanText::Twice).to_owned()),
+    };
+    let known = found.known.as_ref().map(|name| {
+        let text = match found.differs {
+            true => ScanText::NotAsConfigured,
+            false => ScanText::KnownAs,
+        };
+        lang.fill(text, &[("name", name)])
+    });
+    let parts = [what, checksum.map(str::to_owned), known];
+    let parts: Vec<String> = parts.into_iter().flatten().collect();
+    parts.join(lang.of([", ", "，"]))
+}
+
+/// A row whose columns are as wide as it was thought before.
+fn row_of(cells: &[String]) -> String {
+    let cells = cells.iter().zip(WIDTHS);
+    let cells: Vec<String> = cells.map(|(cell, wide)| width::pad(cell, wide)).collect();
+    cells.join("  ").trim_end().to_owned() + "\n"
+}
+
+fn left_part(lang: Lang, left: &LeftOut) -> String {
+    let settings = left.settings;
+    let proto = match left.ask {
+        Ask::AsciiName(true) => lang.get(ScanText::AsciiWithChecksum),
+        ask => ask.protocol().name(),
+    };
+    let addresses = ranges(&left.addresses);
+    let values: &[(&str, &dyn Display)] = &[
+        ("settings", &settings),
+        ("proto", &proto),
+        ("addresses", &addresses),
+    ];
+    lang.fill(ScanText::LeftPart, values)
+}
+
+/// `1-32,64`
+fn ranges(addresses: &[u8]) -> String {
+    let mut parts: Vec<(u8, u8)> = Vec::new();
+    for address in addresses {
+        match parts.last_mut() {
+            Some((_, last)) if last.checked_add(1) == Some(*address) => *last = *address,
+            _ => parts.push((*address, *address)),
+        }
+    }
+    let told = parts.iter().map(|(first, last)| match first == last {
+        true => first.to_string(),
+        false => format!("{first}-{last}"),
+    });
+    told.collect::<Vec<_>>().join(",")
+}
+
+/// `8 s`, `1.5 s`, `7 min 3 s`
+fn about(lang: Lang, time: Micros) -> String {
+    let millis = time.0 / 1_000;
+    let (minutes, seconds) = (millis / 60_000, millis / 1_000 % 60);
+    match minutes {
+        0 => time::duration(lang, millis),
+        _ => format!(
+            "{minutes} {} {seconds} {}",
+            lang.of(["min", "分"]),
+            lang.of(["s", "秒"])
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_in_a_row_are_told_as_ranges() {
+        assert_eq!(ranges(&[1, 2, 3, 7, 254, 255]), "1-3,7,254-255");
+        assert_eq!(ranges(&[]), "");
+        assert_eq!(about(Lang::En, Micros::from_secs(423)), "7 min 3 s");
+    }
 }

@@ -1,0 +1,164 @@
+//! What was found is written into the configuration, where the user wants it.
+
+use super::texts::ScanText;
+use crate::commands::Context;
+use crate::commands::place::Place;
+use crate::config_file;
+use crate::failure::{Code, Failure};
+use crate::render::out;
+use railbus_device::Setup;
+use railbus_site::Config;
+use railbus_site::config::add::{NewLine, free_name, with_modules};
+use railbus_site::scan::{Found, Verdict};
+use std::fs::File;
+use std::io::{self, BufRead, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+
+/// The name of a line that only its port is known of.
+const LINE: &str = "main";
+
+/// Writes the modules that are new and known.
+pub(super) fn add(
+    context: &Context,
+    place: &Place,
+    found: &[Found],
+    yes: bool,
+) -> Result<(), Failure> {
+    let lang = context.lang;
+    let failed = |file: &Path, why: &dyn std::fmt::Display| {
+        Failure::of(lang, Code::ScanNotWritten).because(format!("{}: {why}", file.display()))
+    };
+    let (file, before) = file(context)?;
+    let config = Config::parse(&before).unwrap_or_default();
+    let by_port = config.lines.iter();
+    let port = place.port.to_string();
+    let by_port = by_port
+        .filter(|(_, line)| line.port == port)
+        .map(|(name, _)| name.clone());
+    let named = config
+        .lines
+        .contains_key(&place.line)
+        .then(|| place.line.clone());
+    let name = named.or_else(|| by_port.into_iter().next());
+    let name = name.unwrap_or_else(|| line_name(&config, &place.line));
+    let modules = new_modules(&config, &name, found);
+    if modules.is_empty() {
+        context.note(lang.get(ScanText::NothingNew));
+        return Ok(());
+    }
+    let line = NewLine {
+        name: &name,
+        port: &port,
+        serial: place.settings,
+    };
+    let after = with_modules(&before, line, &modules);
+    let after = after.ok_or_else(|| failed(&file, &lang.get(ScanText::NotRightText)))?;
+    if !yes && !confirmed(context, &file, &before, &after)? {
+        context.note(lang.get(ScanText::NotWritten));
+        return Ok(());
+    }
+    replace(&file, &after).map_err(|error| failed(&file, &error))?;
+    let (count, file) = (modules.len(), file.display());
+    context.note(&lang.fill(ScanText::Written, &[("count", &count), ("file", &file)]));
+    Ok(())
+}
+
+/// The configuration and its text; a new one where there is none.
+fn file(context: &Context) -> Result<(PathBuf, String), Failure> {
+    let named = context.wanted.config.as_deref();
+    match config_file::path(named) {
+        Ok(path) if path.is_file() => {
+            let text = config_file::text_of(&path).map_err(|problem| context.failure(&problem))?;
+            // One with problems is told of, and not touched.
+            let read = config_file::read(context.lang, Some(&path));
+            read.map_err(|problem| context.failure(&problem))?;
+            Ok((path, text))
+        }
+        Ok(path) => Ok((path, String::new())),
+        Err(_) => Ok((config_file::NAME.into(), String::new())),
+    }
+}
+
+/// A name for a line that is new to the file.
+fn line_name(config: &Config, line: &str) -> String {
+    let is_slug = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    let fits = !line.is_empty() && line.len() <= 32 && line.chars().all(is_slug);
+    if fits {
+        return line.to_owned();
+    }
+    let numbered = (2..).map(|number: u32| format!("{LINE}_{number}"));
+    let mut names = std::iter::once(LINE.to_owned()).chain(numbered);
+    let free = names.find(|name| !config.lines.contains_key(name));
+    free.unwrap_or_else(|| LINE.to_owned())
+}
+
+/// Those of a known family, at addresses that nothing of the file has.
+fn new_modules(config: &Config, line: &str, found: &[Found]) -> Vec<(String, Setup)> {
+    let mut modules: Vec<(String, Setup)> = Vec::new();
+    let mut sorted: Vec<&Found> = found.iter().collect();
+    sorted.sort_by_key(|found| found.asked.address);
+    for found in sorted {
+        let Some(setup) = setup(found) else { continue };
+        let same =
+            |other: &Setup| other.address == setup.address && other.protocol == setup.protocol;
+        let is_known = config
+            .modules_of(line)
+            .any(|(_, module)| same(&module.setup));
+        if !is_known && !modules.iter().any(|(_, other)| same(other)) {
+            modules.push((free_name(config, &modules, &setup), setup));
+        }
+    }
+    modules
+}
+
+/// What the configuration would say of it.
+fn setup(found: &Found) -> Option<Setup> {
+    let family = found
+        .identity
+        .family
+        .filter(|_| found.verdict() == Verdict::Ok)?;
+    let setup = Setup {
+        protocol: found.protocol(),
+        serial: found.asked.settings,
+        checksum: found.checksum().unwrap_or_default(),
+        ..Setup::new(family, found.asked.address)
+    };
+    setup.check().is_ok().then_some(setup)
+}
+
+/// Shows what is to be written, and asks.
+fn confirmed(context: &Context, file: &Path, before: &str, after: &str) -> Result<bool, Failure> {
+    let lang = context.lang;
+    out::note(&lang.fill(ScanText::WillWrite, &[("file", &file.display())]));
+    let new = after.strip_prefix(before).unwrap_or(after);
+    for line in new.trim().lines() {
+        out::note(&format!("  {line}"));
+    }
+    if !io::stdin().is_terminal() {
+        return Err(Failure::of(lang, Code::NeedsAnswer).with_try("railbus scan --add --yes"));
+    }
+    let _ = write!(io::stderr(), "{}", lang.get(ScanText::AskWrite));
+    let mut answer = String::new();
+    let _ = io::stdin().lock().read_line(&mut answer);
+    Ok(matches!(answer.trim(), "y" | "yes" | "是" | "好"))
+}
+
+/// Puts a new text in the place of a file: at every moment, and after every loss of power, there
+/// is a whole one.
+fn replace(file: &Path, text: &str) -> io::Result<()> {
+    // Through a link, the file itself is replaced.
+    let file = &std::fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
+    let folder = file
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty());
+    let mut draft = file.as_os_str().to_owned();
+    draft.push(".new");
+    let mut written = File::create(&draft)?;
+    if let Ok(before) = std::fs::metadata(file) {
+        written.set_permissions(before.permissions())?;
+    }
+    written.write_all(text.as_bytes())?;
+    written.sync_all()?;
+    std::fs::rename(&draft, file)?;
+    File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
+}

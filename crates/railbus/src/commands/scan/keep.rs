@@ -1,0 +1,229 @@
+//! A scan that was broken off, kept for when it goes on.
+
+use super::texts::ScanText;
+use crate::commands::Context;
+use crate::commands::place::Place;
+use crate::config_file;
+use crate::failure::{Code, Failure};
+use crate::render::hex;
+use railbus_site::scan::{Ask, Found, Place as At, Question, Scanner, Scope, Wish};
+use railbus_wire::{Address, Baud, Character, Micros, Settings};
+use serde_json::{Value, json};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// The longest that such a file becomes.
+const LEN_MAX: u64 = 1 << 22;
+
+/// Where a scan is kept that was broken off.
+#[derive(Debug)]
+pub(super) struct Keep {
+    file: PathBuf,
+    /// The line and everything that was asked for: another scan must not go on with this one.
+    options: String,
+}
+
+impl Keep {
+    pub(super) fn of(context: &Context, place: &Place, wish: &Wish) -> Keep {
+        let slug = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+        let line: String = place.line.chars().map(slug).take(64).collect();
+        Keep {
+            file: folder(context).join(format!("scan-{line}.json")),
+            options: options(place, wish),
+        }
+    }
+
+    /// The scan that goes on.
+    pub(super) fn resume(&self, context: &Context, scope: Scope) -> Result<Scanner, Failure> {
+        let lang = context.lang;
+        let none = || {
+            let failure = Failure::of(lang, Code::ScanNoneKept);
+            failure.because(self.file.display())
+        };
+        let file = std::fs::File::open(&self.file).map_err(|_| none())?;
+        let mut text = String::new();
+        let read = file.take(LEN_MAX).read_to_string(&mut text);
+        read.map_err(|error| none().because(error))?;
+        let kept: Value = serde_json::from_str(&text).map_err(|error| none().because(error))?;
+        let options = kept["options"].as_str().unwrap_or_default();
+        if kept["schema"] != 1 || options != self.options {
+            let told = lang.fill(ScanText::OtherScan, &[("options", &options)]);
+            return Err(Failure::of(lang, Code::ScanOther).because(told));
+        }
+        let number = |key: &str| kept[key].as_u64().and_then(|n| usize::try_from(n).ok());
+        let place = At {
+            run: number("run").unwrap_or_default(),
+            asked: number("asked").unwrap_or_default(),
+        };
+        let list = |key: &str| kept[key].as_array().cloned().unwrap_or_default();
+        let first: Vec<Question> = list("first").iter().filter_map(question).collect();
+        let found: Vec<Found> = list("found").iter().filter_map(found).collect();
+        Ok(Scanner::resume(scope, place, &first, found))
+    }
+
+    /// Keeps a scan that was broken off; whether that succeeded.
+    pub(super) fn put(&self, scanner: &Scanner) -> bool {
+        let (place, first) = scanner.place();
+        let kept = json!({
+            "schema": 1,
+            "options": self.options,
+            "run": place.run,
+            "asked": place.asked,
+            "first": first.iter().map(of_question).collect::<Vec<_>>(),
+            "found": scanner.found().iter().map(of_found).collect::<Vec<_>>(),
+        });
+        let folder = self.file.parent().unwrap_or(Path::new("."));
+        let draft = self.file.with_extension("new");
+        std::fs::create_dir_all(folder)
+            .and_then(|()| std::fs::write(&draft, kept.to_string()))
+            .and_then(|()| std::fs::rename(&draft, &self.file))
+            .is_ok()
+    }
+
+    /// Forgets it: the scan came to its end.
+    pub(super) fn drop(&self) {
+        let _ = std::fs::remove_file(&self.file);
+    }
+}
+
+/// Beside the configuration; without one, where the user's programs keep such things.
+fn folder(context: &Context) -> PathBuf {
+    if let Some(named) = std::env::var_os("RAILBUS_STATE").filter(|path| !path.is_empty()) {
+        return named.into();
+    }
+    let config = match &context.wanted.ad_hoc {
+        None => config_file::path(context.wanted.config.as_deref()).ok(),
+        Some(_) => None,
+    };
+    match config {
+        Some(file) => file.parent().unwrap_or(Path::new("")).join(".railbus"),
+        None => {
+            let named = std::env::var_os("XDG_STATE_HOME").filter(|path| !path.is_empty());
+            let home = || {
+                std::env::home_dir()
+                    .unwrap_or_default()
+                    .join(".local/state")
+            };
+            named.map_or_else(home, PathBuf::from).join("railbus")
+        }
+    }
+}
+
+/// The line and what is asked for, in words that differ where these do.
+fn options(place: &Place, wish: &Wish) -> String {
+    let names = |list: Option<Vec<String>>| list.map_or("-".to_owned(), |list| list.join(","));
+    let told = |list: &Option<Vec<u8>>| {
+        names(
+            list.as_ref()
+                .map(|list| list.iter().map(u8::to_string).collect()),
+        )
+    };
+    let protocols = wish.protocols.as_ref();
+    let bauds = wish.bauds.as_ref();
+    let characters = wish.characters.as_ref();
+    let checksum = wish
+        .checksum
+        .map_or("auto", |on| if on { "on" } else { "off" });
+    [
+        place.line.clone(),
+        place.port.to_string(),
+        place.settings.to_string(),
+        wish.depth.name().to_owned(),
+        format!("addr={}", told(&wish.addresses)),
+        format!(
+            "proto={}",
+            names(protocols.map(|all| all.iter().map(ToString::to_string).collect()))
+        ),
+        format!(
+            "baud={}",
+            names(bauds.map(|all| all.iter().map(ToString::to_string).collect()))
+        ),
+        format!(
+            "format={}",
+            names(characters.map(|all| all.iter().map(ToString::to_string).collect()))
+        ),
+        format!("checksum={checksum}"),
+    ]
+    .join(" ")
+}
+
+fn of_question(question: &Question) -> Value {
+    json!({
+        "baud": question.settings.baud.rate(),
+        "format": question.settings.character.to_string(),
+        "ask": question.ask.name(),
+        "address": question.address.0,
+    })
+}
+
+fn question(kept: &Value) -> Option<Question> {
+    let all = [Character::N1, Character::E1, Character::O1, Character::N2];
+    let format = kept["format"].as_str()?;
+    let baud = u32::try_from(kept["baud"].as_u64()?).ok()?;
+    Some(Question {
+        settings: Settings {
+            baud: Baud::from_rate(baud)?,
+            character: all.into_iter().find(|known| known.to_string() == format)?,
+        },
+        ask: Ask::from_name(kept["ask"].as_str()?)?,
+        address: Address(u8::try_from(kept["address"].as_u64()?).ok()?),
+    })
+}
+
+fn of_found(found: &Found) -> Value {
+    let answers = found.answers.iter();
+    let answers = answers.map(|(ask, bytes)| json!([ask.name(), hex::spaced(bytes)]));
+    let garbled = found.garbled.iter().map(|bytes| hex::spaced(bytes));
+    json!({
+        "asked": of_question(&found.asked),
+        "rtt_us": found.rtt.0,
+        "answers": answers.collect::<Vec<_>>(),
+        "garbled": garbled.collect::<Vec<_>>(),
+        "twice": found.twice,
+    })
+}
+
+fn found(kept: &Value) -> Option<Found> {
+    let bytes = |text: &Value| Some(hex::parse(text.as_str()?).unwrap_or_default());
+    let answer = |pair: &Value| Some((Ask::from_name(pair[0].as_str()?)?, bytes(&pair[1])?));
+    let answers = kept["answers"].as_array()?.iter().map(answer);
+    let garbled = kept["garbled"].as_array()?.iter().map(bytes);
+    let found = Found::of(
+        question(&kept["asked"])?,
+        answers.collect::<Option<_>>()?,
+        garbled.collect::<Option<_>>()?,
+        Micros(kept["rtt_us"].as_u64()?),
+    );
+    Some(Found {
+        twice: kept["twice"].as_bool()?,
+        ..found
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_found_is_kept_whole() {
+        let asked = Question {
+            settings: Settings::FACTORY,
+            ask: Ask::AsciiName(true),
+            address: Address(7),
+        };
+        let whole = Found {
+            twice: true,
+            ..Found::of(
+                asked,
+                vec![
+                    (asked.ask, b"!079060\r".to_vec()),
+                    (Ask::Coils0, Vec::new()),
+                ],
+                vec![vec![1, 2]],
+                Micros(5),
+            )
+        };
+        assert_eq!(found(&of_found(&whole)), Some(whole));
+        assert_eq!(found(&json!({"asked": 1})), None);
+    }
+}

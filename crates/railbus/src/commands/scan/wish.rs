@@ -1,0 +1,189 @@
+//! What the flags say is to be scanned.
+
+use super::texts::ScanText;
+use crate::cli;
+use crate::commands::place::Place;
+use crate::commands::{Context, context};
+use crate::i18n::Lang;
+use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command};
+use railbus_host::LineName;
+use railbus_site::scan::{Depth, Wish};
+use railbus_wire::{Baud, Character, Micros, Protocol};
+
+/// The speeds that modules of the five families have, likely ones first.
+const ALL: [Baud; 6] = [
+    Baud::B9600,
+    Baud::B19200,
+    Baud::B4800,
+    Baud::B38400,
+    Baud::B2400,
+    Baud::B1200,
+];
+const BAUDS: [&str; 8] = [
+    "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
+];
+const PARITIES: [(&str, Character); 3] = [
+    ("n", Character::N1),
+    ("e", Character::E1),
+    ("o", Character::O1),
+];
+
+/// Adds the flags.
+pub(super) fn define(lang: Lang, command: Command) -> Command {
+    let switch = |name, text| cli::flag(lang, name, text).action(ArgAction::SetTrue);
+    let list = |name, text, value: &'static str, names: Vec<&'static str>| -> Arg {
+        cli::flag(lang, name, text)
+            .value_name(value)
+            .value_delimiter(',')
+            .value_parser(names)
+            .hide_possible_values(true)
+    };
+    let one = |name, text, value: &'static str| cli::flag(lang, name, text).value_name(value);
+    command
+        .arg(switch("quick", ScanText::Quick))
+        .arg(switch("full", ScanText::Full))
+        .arg(switch("deep", ScanText::Deep))
+        .group(ArgGroup::new("depth").args(["quick", "full", "deep"]))
+        .arg(one("addr", ScanText::Addr, "RANGE").value_parser(addresses))
+        .arg(list(
+            "proto",
+            ScanText::Proto,
+            "P,…",
+            Protocol::ALL.map(Protocol::name).to_vec(),
+        ))
+        .arg(list("baud", ScanText::Baud, "N,…", BAUDS.to_vec()))
+        .arg(switch("all-bauds", ScanText::AllBauds).conflicts_with("baud"))
+        .arg(list(
+            "parity",
+            ScanText::Parity,
+            "P,…",
+            PARITIES.map(|(name, _)| name).to_vec(),
+        ))
+        .arg(
+            one("checksum", ScanText::Checksum, "WHEN")
+                .value_parser(["auto", "on", "off"])
+                .hide_possible_values(true),
+        )
+        .arg(switch("follow", ScanText::Follow))
+        .arg(switch("add", ScanText::Add))
+        .arg(switch("yes", ScanText::Yes).requires("add"))
+        .arg(switch("resume", ScanText::Resume))
+        .arg(one("max-time", ScanText::MaxTime, "TIME").value_parser(context::duration))
+}
+
+/// What the flags say.
+#[derive(Debug)]
+pub(super) struct Wanted {
+    pub(super) wish: Wish,
+    pub(super) follow: bool,
+    pub(super) add: bool,
+    pub(super) yes: bool,
+    pub(super) resume: bool,
+    pub(super) max_time: Option<Micros>,
+}
+
+impl Wanted {
+    pub(super) fn of(context: &Context, matches: &ArgMatches) -> Wanted {
+        let flag = |name: &str| matches.get_flag(name);
+        let named = |name: &str| -> Option<Vec<&String>> {
+            let given = matches.get_many::<String>(name);
+            given.map(Iterator::collect)
+        };
+        let depth = match (flag("full"), flag("deep")) {
+            (true, _) => Depth::Full,
+            (_, true) => Depth::Deep,
+            _ => Depth::Quick,
+        };
+        let bauds = match flag("all-bauds") {
+            true => Some(ALL.to_vec()),
+            false => named("baud").map(|names| {
+                let rates = names.iter().filter_map(|name| name.parse().ok());
+                in_order(rates.filter_map(Baud::from_rate))
+            }),
+        };
+        let protocols = named("proto").map(|names| {
+            let wanted = |protocol: &Protocol| names.iter().any(|name| *name == protocol.name());
+            Protocol::ALL.into_iter().filter(wanted).collect()
+        });
+        let characters = named("parity").map(|names| {
+            let of = |name: &&String| PARITIES.into_iter().find(|(known, _)| known == *name);
+            in_order(names.iter().filter_map(of).map(|(_, character)| character))
+        });
+        let addresses: Option<&Addresses> = matches.get_one("addr");
+        let checksum = matches.get_one::<String>("checksum").map(String::as_str);
+        Wanted {
+            wish: Wish {
+                depth,
+                line: None,
+                addresses: addresses.map(|chosen| chosen.0.clone()),
+                protocols,
+                bauds,
+                characters,
+                checksum: match checksum {
+                    Some("on") => Some(true),
+                    Some("off") => Some(false),
+                    _ => None,
+                },
+                silence: context.timeout,
+            },
+            follow: flag("follow"),
+            add: flag("add"),
+            yes: flag("yes"),
+            resume: flag("resume"),
+            max_time: matches.get_one("max-time").copied(),
+        }
+    }
+
+    /// The same on a line with a speed of its own; a gateway of Modbus TCP takes nothing else.
+    pub(super) fn on(mut self, place: &Place) -> Wanted {
+        self.wish.line = Some(place.settings);
+        if let LineName::ModbusTcp { .. } = place.port {
+            self.wish.protocols.get_or_insert(vec![Protocol::Rtu]);
+        }
+        self
+    }
+}
+
+/// Each of them once, in the order in which they were named.
+fn in_order<T: PartialEq>(named: impl Iterator<Item = T>) -> Vec<T> {
+    let mut all = Vec::new();
+    for one in named {
+        if !all.contains(&one) {
+            all.push(one);
+        }
+    }
+    all
+}
+
+/// Addresses as flags name them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Addresses(Vec<u8>);
+
+/// Reads `1-32,0x40`.
+fn addresses(text: &str) -> Result<Addresses, String> {
+    let mut all = Vec::new();
+    for part in text.split(',') {
+        let (low, high) = part.split_once('-').unwrap_or((part, part));
+        let (low, high) = (context::address(low)?, context::address(high)?);
+        if low > high {
+            return Err(part.to_owned());
+        }
+        all.extend(low..=high);
+    }
+    all.sort_unstable();
+    all.dedup();
+    Ok(Addresses(all))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_read_as_ranges() {
+        assert_eq!(addresses("1-3,0x40,2"), Ok(Addresses(vec![1, 2, 3, 64])));
+        for wrong in ["", "3-1", "1-", "256", "x"] {
+            assert!(addresses(wrong).is_err(), "{wrong}");
+        }
+    }
+}
