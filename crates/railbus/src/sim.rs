@@ -7,6 +7,7 @@ mod ctl;
 mod frames;
 mod keep;
 mod orders;
+mod places;
 mod plant;
 mod prompt;
 mod pty;

@@ -1,15 +1,17 @@
 //! One line of a plant in virtual time: its modules, what moves at their inputs, and the faults
 //! that come and go. Same shape as [`Line`]; there is no clock here.
 
+mod part;
 #[cfg(test)]
 mod tests;
 
+pub(super) use part::Part;
+
 use super::standing::Standing;
-use railbus_device::{Eeprom, Point, PointKind, Setup, SetupError};
-use railbus_sim::{Act, Input, Line, LineConfig, ModuleId, Output, Power};
+use railbus_device::{Eeprom, Point, Setup, SetupError};
+use railbus_sim::{Act, Input, Line, LineConfig, Output, Power};
 use railbus_site::config::{Fault, FaultOrder, Signal, SimModule};
 use railbus_wire::{Address, Instant, Micros, Protocol, Settings};
-use std::collections::BTreeMap;
 
 /// How often the inputs that move are moved on.
 const STEP: Micros = Micros::from_millis(100);
@@ -25,27 +27,6 @@ pub(super) struct Stage {
     faults: Standing,
     parts: Vec<Part>,
     step_at: Instant,
-}
-
-/// A module and what is done to it from outside.
-#[derive(Clone, Debug)]
-pub(super) struct Part {
-    pub(super) name: String,
-    pub(super) setup: Setup,
-    pub(super) faults: Standing,
-    id: ModuleId,
-    inputs: BTreeMap<Point, Signal>,
-    levels: u32,
-    analogs: [i16; 2],
-    /// It looks at INIT* when its power comes, and not again.
-    init_at_power_up: bool,
-    /// The level of INIT* that it has not looked at yet.
-    init_unseen: Option<bool>,
-    /// It is to have power, unless a fault takes it away.
-    wanted_power: bool,
-    has_power: bool,
-    /// The address that it had before a fault gave it another.
-    own_address: Option<Address>,
 }
 
 /// Whose faults they are.
@@ -357,63 +338,6 @@ impl Stage {
     }
 }
 
-impl Part {
-    pub(super) const fn id(&self) -> ModuleId {
-        self.id
-    }
-
-    /// What the module keeps, but for the address that a fault gave it.
-    pub(super) fn kept(&self, line: &Line) -> Eeprom {
-        let eeprom = *line.engine(self.id).eeprom();
-        let address = self.own_address.unwrap_or(eeprom.address);
-        Eeprom { address, ..eeprom }
-    }
-
-    pub(super) const fn levels(&self) -> u32 {
-        self.levels
-    }
-
-    pub(super) const fn analogs(&self) -> [i16; 2] {
-        self.analogs
-    }
-
-    /// The power comes: what lies at INIT* counts from now on.
-    fn look_at_init(&mut self, now: Instant, line: &mut Line) {
-        if let Some(grounded) = self.init_unseen.take() {
-            line.handle(now, Input::Act(self.id, Act::Init(grounded)));
-        }
-    }
-
-    /// Whether an input moves by itself.
-    fn moves(&self) -> bool {
-        let mut signals = self.inputs.values();
-        signals.any(|signal| matches!(signal, Signal::Toggle(_) | Signal::Swing(..)))
-    }
-
-    /// Brings what lies at the inputs up to date.
-    fn move_inputs(&mut self, at: Instant, line: &mut Line) {
-        let mut levels = self.levels;
-        for (point, signal) in &self.inputs {
-            match (point.kind, signal_at(*signal, at)) {
-                (PointKind::Analog, value) => {
-                    let shown = self.analogs.get_mut(usize::from(point.index));
-                    if let Some(shown) = shown.filter(|shown| **shown != value) {
-                        *shown = value;
-                        let act = Act::Analog(point.index, value);
-                        line.handle(at, Input::Act(self.id, act));
-                    }
-                }
-                (_, 0) => levels &= !(1 << point.index),
-                (_, _) => levels |= 1 << point.index,
-            }
-        }
-        if levels != self.levels {
-            self.levels = levels;
-            line.handle(at, Input::Act(self.id, Act::Levels(levels)));
-        }
-    }
-}
-
 /// The same module as it leaves the factory: nothing is set, nor wired to INIT*.
 fn as_new(setup: &Setup) -> Setup {
     Setup {
@@ -423,25 +347,5 @@ fn as_new(setup: &Setup) -> Setup {
         layout: setup.layout,
         invert_on_off: setup.invert_on_off,
         ..Setup::new(setup.family, Address(1))
-    }
-}
-
-/// What a signal is at a moment: hundredths, or 0 for low and 1 for high.
-fn signal_at(signal: Signal, at: Instant) -> i16 {
-    match signal {
-        Signal::Level(high) => high.into(),
-        Signal::Value(hundredths) => hundredths,
-        Signal::Toggle(every) => (at.0 / every.0.max(1) % 2) as i16,
-        Signal::Swing(from, to, every) => {
-            let half = (every.0 / 2).max(1);
-            let passed = at.0 % (2 * half);
-            let up = if passed < half {
-                passed
-            } else {
-                2 * half - passed
-            };
-            let way = i128::from(to) - i128::from(from);
-            (i128::from(from) + way * i128::from(up) / i128::from(half)) as i16
-        }
     }
 }

@@ -1,0 +1,106 @@
+//! A module of a stage, and what is done to it from outside.
+
+use crate::sim::standing::Standing;
+use railbus_device::{Eeprom, Point, PointKind, Setup};
+use railbus_sim::{Act, Input, Line, ModuleId};
+use railbus_site::config::Signal;
+use railbus_wire::{Address, Instant};
+use std::collections::BTreeMap;
+
+/// A module and what is done to it from outside.
+#[derive(Clone, Debug)]
+pub(in crate::sim) struct Part {
+    pub(in crate::sim) name: String,
+    pub(in crate::sim) setup: Setup,
+    pub(in crate::sim) faults: Standing,
+    pub(super) id: ModuleId,
+    pub(super) inputs: BTreeMap<Point, Signal>,
+    pub(super) levels: u32,
+    pub(super) analogs: [i16; 2],
+    /// It looks at INIT* when its power comes, and not again.
+    pub(super) init_at_power_up: bool,
+    /// The level of INIT* that it has not looked at yet.
+    pub(super) init_unseen: Option<bool>,
+    /// It is to have power, unless a fault takes it away.
+    pub(super) wanted_power: bool,
+    pub(super) has_power: bool,
+    /// The address that it had before a fault gave it another.
+    pub(super) own_address: Option<Address>,
+}
+
+impl Part {
+    pub(in crate::sim) const fn id(&self) -> ModuleId {
+        self.id
+    }
+
+    /// What the module keeps, but for the address that a fault gave it.
+    pub(in crate::sim) fn kept(&self, line: &Line) -> Eeprom {
+        let eeprom = *line.engine(self.id).eeprom();
+        let address = self.own_address.unwrap_or(eeprom.address);
+        Eeprom { address, ..eeprom }
+    }
+
+    pub(in crate::sim) const fn levels(&self) -> u32 {
+        self.levels
+    }
+
+    pub(in crate::sim) const fn analogs(&self) -> [i16; 2] {
+        self.analogs
+    }
+
+    /// The power comes: what lies at INIT* counts from now on.
+    pub(super) fn look_at_init(&mut self, now: Instant, line: &mut Line) {
+        if let Some(grounded) = self.init_unseen.take() {
+            line.handle(now, Input::Act(self.id, Act::Init(grounded)));
+        }
+    }
+
+    /// Whether an input moves by itself.
+    pub(super) fn moves(&self) -> bool {
+        let mut signals = self.inputs.values();
+        signals.any(|signal| matches!(signal, Signal::Toggle(_) | Signal::Swing(..)))
+    }
+
+    /// Brings what lies at the inputs up to date.
+    pub(super) fn move_inputs(&mut self, at: Instant, line: &mut Line) {
+        let mut levels = self.levels;
+        for (point, signal) in &self.inputs {
+            match (point.kind, signal_at(*signal, at)) {
+                (PointKind::Analog, value) => {
+                    let shown = self.analogs.get_mut(usize::from(point.index));
+                    if let Some(shown) = shown.filter(|shown| **shown != value) {
+                        *shown = value;
+                        let act = Act::Analog(point.index, value);
+                        line.handle(at, Input::Act(self.id, act));
+                    }
+                }
+                (_, 0) => levels &= !(1 << point.index),
+                (_, _) => levels |= 1 << point.index,
+            }
+        }
+        if levels != self.levels {
+            self.levels = levels;
+            line.handle(at, Input::Act(self.id, Act::Levels(levels)));
+        }
+    }
+}
+
+/// What a signal is at a moment: hundredths, or 0 for low and 1 for high.
+fn signal_at(signal: Signal, at: Instant) -> i16 {
+    match signal {
+        Signal::Level(high) => high.into(),
+        Signal::Value(hundredths) => hundredths,
+        Signal::Toggle(every) => (at.0 / every.0.max(1) % 2) as i16,
+        Signal::Swing(from, to, every) => {
+            let half = (every.0 / 2).max(1);
+            let passed = at.0 % (2 * half);
+            let up = if passed < half {
+                passed
+            } else {
+                2 * half - passed
+            };
+            let way = i128::from(to) - i128::from(from);
+            (i128::from(from) + way * i128::from(up) / i128::from(half)) as i16
+        }
+    }
+}
