@@ -172,6 +172,26 @@ fn the_line_itself_may_babble() {
 }
 
 #[test]
+fn who_babbles_is_hushed_within_a_character() {
+    let (mut bench, oven) = oven_with(Faults::NONE);
+    let twin = bench.add("twin", Setup::new(Family::Erc8, Address(2)));
+    bench.act(twin, Act::Babble(Micros(u64::MAX)));
+    bench.line.babble(Micros(u64::MAX));
+    bench.wait(1_000);
+    bench.line.hush(Some(oven));
+    bench.heard.clear();
+    bench.wait(100);
+    assert!(!bench.heard.is_empty(), "oven said nothing");
+    bench.line.hush(Some(twin));
+    bench.line.hush(None);
+    let hushed = bench.now;
+    bench.wait(100);
+    let last = bench.heard.last().map(|(at, _)| *at);
+    assert!(last.is_some_and(|at| at <= hushed + Settings::FACTORY.frame_time(1)));
+    assert_eq!(bench.ask_hex(RELAY_ON), RELAY_ON);
+}
+
+#[test]
 fn noise_comes_into_an_idle_line() {
     let (mut bench, _) = Bench::with_oven(LineConfig {
         faults: Faults {

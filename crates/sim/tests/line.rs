@@ -3,7 +3,7 @@
 mod support;
 
 use railbus_device::{Effect, Family, Options, Setup};
-use railbus_sim::{Chunks, LineConfig};
+use railbus_sim::{Act, Chunks, LineConfig, Power};
 use railbus_wire::{Address, Baud, Character, Instant, Micros, Settings};
 use support::{Bench, hex, show};
 
@@ -242,4 +242,30 @@ fn more_than_a_minute_of_backlog_is_dropped() {
     }
     let seconds = bench.line.host_free_at().0 / 1_000_000;
     assert!((60..63).contains(&seconds), "{seconds} s");
+}
+
+#[test]
+fn what_a_module_did_is_counted() {
+    let (mut bench, oven) = Bench::with_oven(LineConfig::default());
+    let counts = |bench: &Bench| {
+        let counts = bench.line.counts(oven);
+        [counts.replies, counts.saves, counts.restarts]
+    };
+    assert_eq!(counts(&bench), [0, 0, 0]);
+    bench.ask(&hex(RELAY_ON));
+    assert_eq!(counts(&bench), [1, 0, 0]);
+    assert!(bench.line.is_lit(oven));
+    bench.act(oven, Act::Power(Power::Off));
+    assert!(!bench.line.is_lit(oven));
+    assert_eq!(
+        bench.line.addressed(&hex(RELAY_ON)).count(),
+        0,
+        "without power"
+    );
+    bench.act(oven, Act::Power(Power::On));
+    assert_eq!(counts(&bench), [1, 0, 1]);
+    let twin = bench.add("twin", Setup::new(Family::Erc8, Address(2)));
+    let meant: Vec<_> = bench.line.addressed(&hex(RELAY_ON)).collect();
+    assert_eq!(meant, [oven]);
+    assert_eq!(bench.line.addressed(&[0]).collect::<Vec<_>>(), [oven, twin]);
 }
