@@ -62,6 +62,8 @@ pub struct Bench {
     pub frames: usize,
     /// The module is switched off and on when that is asked for.
     pub heeds: bool,
+    /// Requests that begin so are not heard.
+    pub deaf_to: Vec<u8>,
     cycled: bool,
 }
 
@@ -89,6 +91,7 @@ impl Bench {
             acts: 0,
             frames: 0,
             heeds: true,
+            deaf_to: Vec::new(),
             cycled: false,
         };
         // The window in which a board takes an address is over.
@@ -188,6 +191,8 @@ impl Bench {
         let mut frame = Frame::new();
         ask.exchange.encode(&mut frame);
         let bytes = frame.bytes();
+        let unheard = !self.deaf_to.is_empty() && bytes.starts_with(&self.deaf_to);
+        let cut = if unheard { Some(Cut::Lost) } else { cut };
         let fault = |line: &mut Line, faults| line.set_module_faults(self.module, faults);
         match cut {
             Some(Cut::Lost) => fault(&mut self.line, Faults::DEAF),

@@ -3,9 +3,11 @@
 use crate::bench::{Bench, End};
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_sim::{Act, Faults, Input};
-use railbus_site::commission::{By, Ended, Job, Trouble, Why, calibrate, change, read};
+use railbus_site::commission::{
+    By, Ended, Job, Place, Search, State, Trouble, Why, calibrate, change, look_up, read,
+};
 use railbus_site::settings::Wanted;
-use railbus_wire::{Address, Micros, Protocol};
+use railbus_wire::{Address, Baud, Character, Micros, Protocol};
 
 fn job(setup: Setup, set: &str) -> Job {
     Job {
@@ -219,4 +221,58 @@ fn a_calibration_is_led_and_may_be_stopped() {
     assert_eq!(bench.eeprom().calibration.voltage, 400);
     assert!(done.span.is_some() && done.hindered.is_none(), "{done:?}");
     assert!(bench.log().open().is_empty());
+}
+
+/// The address was changed, and the speed is refused by silence: the address goes back, too.
+#[test]
+fn a_change_that_can_not_be_finished_is_taken_back() {
+    let setup = Setup::new(Family::Erc8, Address(1));
+    let mut bench = Bench::new(&setup, Options::default());
+    // FC06 at register 1, to the new address.
+    bench.deaf_to = vec![9, 6, 0, 1];
+    let ended = end(&mut bench, job(setup, "address=9 baud=19200")).unwrap();
+    assert!(
+        matches!(ended, Ended::RolledBack(_, Why::Ignored)),
+        "{ended:?}"
+    );
+    assert_eq!(bench.eeprom(), Eeprom::of(&setup));
+    let states: Vec<(By, State)> = bench
+        .log()
+        .records
+        .iter()
+        .map(|record| (record.by, record.state))
+        .collect();
+    let all = [
+        (By::Set, State::Intent),
+        (By::Set, State::Done),
+        (By::Set, State::Intent),
+        (By::Set, State::Unchanged),
+        (By::Rollback, State::Intent),
+        (By::Rollback, State::Done),
+    ];
+    assert_eq!(states, all);
+}
+
+/// A module far from where it should be is found, and only looked for where no other one is.
+#[test]
+fn a_lost_module_is_found_outwards() {
+    let wanted = Setup::new(Family::Emd2a2q, Address(9));
+    let mut there = Setup::new(Family::Emd2a2q, Address(9));
+    there.serial.baud = Baud::B38400;
+    there.serial.character = Character::O1;
+    let mut bench = Bench::new(&there, Options::default());
+    let search = |outwards| Search {
+        setup: wanted,
+        first: vec![Place::of(&wanted)],
+        outwards,
+        others: Vec::new(),
+    };
+    let End::Done(Ok((found, _))) = bench.run(look_up(search(false)), None) else {
+        panic!()
+    };
+    assert_eq!(found, None);
+    let End::Done(Ok((found, _))) = bench.run(look_up(search(true)), None) else {
+        panic!()
+    };
+    assert_eq!(found.map(|found| found.place), Some(Place::of(&there)));
 }
