@@ -5,15 +5,17 @@
 mod local;
 mod remote;
 
+use crate::api::convert;
 use crate::api::problem::Problem;
 use crate::api::types::{
-    LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest, Pulsed,
-    RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest, Written,
+    FrameEvent, LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest,
+    Pulsed, RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
 use crate::i18n::Lang;
 use local::Local;
 pub(crate) use local::described;
 use railbus_device::{Family, Layout};
+use railbus_host::Tap;
 use railbus_wire::{Character, Protocol};
 pub(crate) use remote::{Borrowed, Frames, Remote};
 use std::path::PathBuf;
@@ -82,6 +84,25 @@ pub(crate) enum Backend {
     Daemon(Remote),
 }
 
+/// What passes on one line, one piece after the other.
+#[derive(Debug)]
+pub(crate) enum Tape {
+    /// On a line opened here, whose time began then.
+    Local(Tap, u64),
+    /// On a line of the daemon.
+    Daemon(Frames),
+}
+
+impl Tape {
+    /// The next piece; none once the line was closed or the daemon has gone.
+    pub(crate) async fn next(&mut self) -> Option<FrameEvent> {
+        match self {
+            Tape::Local(tap, start) => Some(convert::passed(*start, tap.next().await?)),
+            Tape::Daemon(frames) => frames.next().await?.ok(),
+        }
+    }
+}
+
 /// What happens, one after the other.
 #[derive(Debug)]
 pub(crate) enum Watch {
@@ -128,6 +149,26 @@ impl Backend {
             return None;
         }
         Remote::find(wanted.socket.as_deref()).await
+    }
+
+    /// The lines that have a port, and what passes on each of them from now on.
+    pub(crate) async fn tapes(&self) -> Vec<(LineInfo, Tape)> {
+        match self {
+            Backend::Local(local) => {
+                let taps = local.taps().await.into_iter();
+                taps.map(|(line, now, tap)| (line, Tape::Local(tap, convert::start_of(now))))
+                    .collect()
+            }
+            Backend::Daemon(remote) => {
+                let mut tapes = Vec::new();
+                for line in remote.lines().await.unwrap_or_default() {
+                    if let Ok(frames) = remote.frames(Some(&line.line)).await {
+                        tapes.push((line, Tape::Daemon(frames)));
+                    }
+                }
+                tapes
+            }
+        }
     }
 
     /// Whether it is the daemon, which reads by itself, and whose values have an age.

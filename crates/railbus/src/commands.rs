@@ -26,6 +26,7 @@ pub(crate) mod watch;
 mod config_check;
 mod context;
 mod install;
+mod look;
 mod place;
 mod risk;
 mod stop;

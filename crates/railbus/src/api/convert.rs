@@ -1,15 +1,15 @@
 //! From what the site knows to what the API says.
 
 use super::types::{
-    Confirmed, Kind, LineInfo, ModuleInfo, ModuleState, Outcome, PointInfo, PortState, Quality,
-    Timekeeper, Value,
+    Confirmed, FrameEvent, Kind, LineInfo, ModuleInfo, ModuleState, Outcome, PointInfo, PortState,
+    Quality, Timekeeper, Value,
 };
 use crate::render::time::rfc3339;
 use jiff::{SignedDuration, Timestamp};
 use railbus_device::PointKind;
-use railbus_host::{LineState, PortError, Presence, Probed};
+use railbus_host::{LineState, Passed, PortError, Presence, Probed};
 use railbus_site::{By, LineStatus, ModuleStatus, PointStatus, Service};
-use railbus_wire::Micros;
+use railbus_wire::{Instant, Micros};
 use std::collections::BTreeMap;
 
 /// Milliseconds, rounded.
@@ -175,5 +175,33 @@ pub(crate) const fn timekeeper(by: By) -> Timekeeper {
         By::Auto => Timekeeper::Auto,
         By::Device => Timekeeper::Device,
         By::Host => Timekeeper::Host,
+    }
+}
+
+/// The moment at which a line's time began, in microseconds since 1970, when it is so late there.
+pub(crate) fn start_of(now: Instant) -> u64 {
+    let epoch = Timestamp::now().as_microsecond();
+    u64::try_from(epoch)
+        .unwrap_or_default()
+        .saturating_sub(now.0)
+}
+
+/// What passed on a line whose time began then.
+pub(crate) fn passed(start: u64, passed: Result<Passed, u64>) -> FrameEvent {
+    let Passed { at, sent, bytes } = match passed {
+        Ok(passed) => passed,
+        Err(dropped) => return FrameEvent::Gap { dropped },
+    };
+    let Instant(micros) = at;
+    let at_us = start.saturating_add(micros);
+    let bytes = super::ask::to_hex(&bytes);
+    match sent {
+        None => FrameEvent::Heard { at_us, bytes },
+        Some(settings) => FrameEvent::Sent {
+            at_us,
+            baud: settings.baud.rate(),
+            format: settings.character.to_string(),
+            bytes,
+        },
     }
 }

@@ -11,10 +11,10 @@ use crate::api::{ask, failures, paths};
 use crate::config_file;
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Layout, Setup};
-use railbus_host::LineState;
+use railbus_host::{LineState, Tap};
 use railbus_site::config::{LineConfig, ModuleConfig, Range};
 use railbus_site::{Config, Service};
-use railbus_wire::{Address, Baud, Character, Settings};
+use railbus_wire::{Address, Baud, Character, Instant, Settings};
 use std::collections::BTreeMap;
 
 /// The name of a line that flags describe.
@@ -61,6 +61,17 @@ impl Local {
             service,
             polls: wanted.polls,
         })
+    }
+
+    /// The lines that have a port, and what passes on each of them.
+    pub(super) async fn taps(&self) -> Vec<(LineInfo, Instant, Tap)> {
+        let mut taps = Vec::new();
+        for line in ask::lines(&self.service) {
+            if let Ok((now, tap)) = self.service.tap(&line.line).await {
+                taps.push((line, now, tap));
+            }
+        }
+        taps
     }
 
     pub(super) async fn lines(&self) -> Result<Vec<LineInfo>, Problem> {

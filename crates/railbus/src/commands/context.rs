@@ -1,5 +1,6 @@
 //! What the flags that every command has say, and the runtime that commands run in.
 
+use super::look::{LookText, Lookers};
 use crate::api::problem::Problem;
 use crate::backend::{AdHoc, AdHocModule, Backend, Wanted};
 use crate::cli::{LAST, flag};
@@ -58,6 +59,8 @@ pub(crate) struct Context {
     pub(crate) line: Option<String>,
     pub(crate) timeout: Option<Micros>,
     pub(crate) wanted: Wanted,
+    /// Those who tell what passes, where `-v` asks for it.
+    lookers: Lookers,
 }
 
 /// The flags that every command has.
@@ -82,6 +85,7 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
             Colour::NAMES.to_vec(),
         ),
         switch("quiet", Text::QuietFlag).short('q'),
+        with("log-file", LookText::LogFile, "FILE").value_parser(value_parser!(PathBuf)),
         with("config", Text::ConfigFlag, "FILE").value_parser(value_parser!(PathBuf)),
         switch("direct", Text::DirectFlag),
         with("socket", Text::SocketFlag, "PATH").value_parser(value_parser!(PathBuf)),
@@ -146,6 +150,7 @@ impl Context {
             verbose: matches.get_count("verbose"),
             line: line.filter(|_| ad_hoc.is_none()),
             timeout: matches.get_one("timeout").copied(),
+            lookers: Lookers::new(matches.get_one("log-file").cloned()),
             wanted: Wanted {
                 config: matches.get_one("config").cloned(),
                 socket: matches.get_one("socket").cloned(),
@@ -159,9 +164,12 @@ impl Context {
 
     /// The daemon, or a site opened here.
     pub(crate) async fn open(&self) -> Result<Backend, Failure> {
-        Backend::open(&self.wanted)
-            .await
-            .map_err(|problem| self.failure(&problem))
+        let backend = Backend::open(&self.wanted).await;
+        let backend = backend.map_err(|problem| self.failure(&problem))?;
+        if self.verbose > 0 {
+            self.lookers.follow(self, &backend).await?;
+        }
+        Ok(backend)
     }
 
     /// A problem in words.
@@ -186,11 +194,13 @@ impl Context {
         &self,
         command: impl Future<Output = Result<T, Failure>>,
     ) -> Result<T, Failure> {
-        tokio::runtime::Builder::new_current_thread()
+        let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
-            .map_err(|error| Failure::of(self.lang, Code::System).because(error))?
-            .block_on(command)
+            .map_err(|error| Failure::of(self.lang, Code::System).because(error))?;
+        let end = runtime.block_on(command);
+        runtime.block_on(self.lookers.finish());
+        end
     }
 }
 

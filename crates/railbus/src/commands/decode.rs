@@ -4,39 +4,51 @@ mod known;
 pub(super) mod meaning;
 mod readings;
 
-use super::Context;
+use super::{Context, sniff};
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::records;
 use crate::render::{Format, hex, out, width};
 use crate::texts::Text;
-use clap::{Arg, ArgAction, ArgMatches, Command};
+use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_wire::Protocol;
 use readings::{Check, Reading};
 use serde_json::{Value, json};
 use std::io::Read;
+use std::path::PathBuf;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "decode";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus decode HEX… [--all] | railbus decode -";
+    let usage = "railbus decode HEX… [--all] | railbus decode - | railbus decode -f FILE";
     cli::verb(lang, NAME, Text::DecodeAbout, usage)
         .before_help(cli::examples(lang, Text::DecodeExamples))
         .arg(
             Arg::new("HEX")
                 .help(lang.get(Text::DecodeHex))
                 .num_args(1..)
-                .required(true),
+                .required_unless_present("file")
+                .conflicts_with("file"),
         )
+        .arg(
+            cli::flag(lang, "file", sniff::SniffText::Read)
+                .short('f')
+                .value_name("FILE")
+                .value_parser(value_parser!(PathBuf)),
+        )
+        .arg(sniff::filter_flag(lang).requires("file"))
         .arg(cli::flag(lang, "all", Text::DecodeAll).action(ArgAction::SetTrue))
 }
 
 /// Prints the readings, best first.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
+    if let Some(file) = matches.get_one::<PathBuf>("file") {
+        return sniff::of_file(&context, file, sniff::filter_of(lang, matches)?);
+    }
     let words: Vec<&str> = matches
         .get_many::<String>("HEX")
         .into_iter()

@@ -4,11 +4,12 @@ mod auto;
 mod facts;
 mod filter;
 mod record;
-mod show;
+pub(super) mod show;
 mod source;
 mod texts;
 mod words;
 
+pub(super) use super::decode::meaning::request;
 use super::place::{self, Place};
 use super::{Context, stop, wireshark};
 use crate::api::problem::Problem;
@@ -18,19 +19,20 @@ use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::{Format, out};
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
-use facts::{Facts, Named};
+pub(super) use facts::Facts;
+use facts::Named;
 use filter::Filter;
 use railbus_sniff::{Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Micros, Settings};
 use record::Recorder;
 use show::Sums;
-pub(super) use source::{Came, Capture, Clock};
+pub(super) use source::{Came, Capture, Clock, Wire, came};
 use source::{Listening, Source};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 pub(super) use texts::SniffText;
-pub(super) use words::millis;
+pub(super) use words::{millis, of as told};
 
 /// The name of the command.
 pub(crate) const NAME: &str = "sniff";
@@ -117,6 +119,19 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         context.note(&hearing.sums.told(lang));
     }
     end
+}
+
+/// Decodes a capture file: what `--read` shows, without the sums.
+pub(super) fn of_file(
+    context: &Context,
+    path: &Path,
+    filter: Option<Filter>,
+) -> Result<(), Failure> {
+    let mut hearing = Hearing {
+        filter,
+        ..Hearing::new(context, None)
+    };
+    hearing.read(path)
 }
 
 /// Listens and writes into a pipe that somebody reads, until he has heard enough.

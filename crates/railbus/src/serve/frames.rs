@@ -12,8 +12,7 @@ use axum::extract::{Query, State};
 use axum::http::Response;
 use axum::http::header::{CONTENT_TYPE, HeaderValue};
 use http_body_util::channel::{Channel, Sender};
-use railbus_host::{Passed, Tap};
-use railbus_wire::Instant;
+use railbus_host::Tap;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::time::Duration;
@@ -79,30 +78,11 @@ async fn send(
         piece = tokio::select! {
             () = ended(&mut stop) => return,
             passed = tokio::time::timeout(ALIVE, tap.next()) => match passed {
-                Ok(Some(passed)) => as_line(&event(start, passed)),
+                Ok(Some(passed)) => as_line(&convert::passed(start, passed)),
                 Ok(None) => return,
                 Err(_) => Bytes::from_static(b"\n"),
             },
         };
-    }
-}
-
-fn event(start: u64, passed: Result<Passed, u64>) -> FrameEvent {
-    let Passed { at, sent, bytes } = match passed {
-        Ok(passed) => passed,
-        Err(dropped) => return FrameEvent::Gap { dropped },
-    };
-    let Instant(micros) = at;
-    let at_us = start.saturating_add(micros);
-    let bytes = ask::to_hex(&bytes);
-    match sent {
-        None => FrameEvent::Heard { at_us, bytes },
-        Some(settings) => FrameEvent::Sent {
-            at_us,
-            baud: settings.baud.rate(),
-            format: settings.character.to_string(),
-            bytes,
-        },
     }
 }
 

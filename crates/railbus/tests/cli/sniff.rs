@@ -147,6 +147,21 @@ fn filters_choose_and_programs_read_it() {
 }
 
 #[test]
+fn decode_reads_files_as_well() {
+    let site = Site::empty("sniff-decode");
+    let path = captured(&site).display().to_string();
+    let all = site.run(&format!("decode -f {path}"));
+    assert_eq!(
+        (all.code, all.out.as_str(), all.err.as_str()),
+        (0, SHOWN, "")
+    );
+    let late = ["decode", "-f", &path, "--filter", "missing", "-o", "ndjson"];
+    let rows = site.run_with(&late, "").out;
+    assert_eq!(rows.lines().count(), 2, "{rows}");
+    assert_eq!(site.run(&format!("decode 00 -f {path}")).code, 2);
+}
+
+#[test]
 fn modules_of_the_configuration_have_their_names() {
     let site = Site::demo("sniff-names");
     let pump = read(
@@ -360,4 +375,48 @@ fn a_line_of_the_daemon_is_looked_at_without_touching_it() {
     assert!(zh.err.contains("不影响总线"), "{zh:?}");
     let none = site.run(&format!("sniff --socket {socket} -l attic"));
     assert_eq!(none.code, 8, "{none:?}");
+}
+
+#[test]
+fn a_command_shows_its_exchanges_and_its_frames() {
+    let site = Site::demo("sniff-verbose");
+    let words = |text: &str| {
+        let lines = text.lines().map(|line| {
+            let cells: Vec<&str> = line.split_whitespace().skip(1).collect();
+            cells.join(" ")
+        });
+        lines.collect::<Vec<_>>()
+    };
+    let once = site.run("set oven.k1 on -v -q");
+    let told = words(&once.err);
+    assert_eq!(once.code, 0, "{once:?}");
+    assert!(
+        told.iter()
+            .any(|line| line.starts_with("main rtu 3 coil 60 on → acknowledged: coil 60 on")),
+        "{once:?}"
+    );
+    let last = told.last().expect("the read-back");
+    assert!(
+        last.starts_with("main rtu 3 read 8 coils from 60 → states 1"),
+        "{once:?}"
+    );
+    let twice = site.run("get oven.k1 -vv --log-file log --lang zh");
+    assert_eq!(twice.err, "", "{twice:?}");
+    let log = std::fs::read_to_string(site.folder.join("log")).expect("it was written");
+    let told = words(&log);
+    assert_eq!(told.len(), 2, "{log}");
+    assert_eq!(
+        told[0],
+        "→ rtu 3 读取 8 个线圈，自 60 03 01 00 3C 00 08 FC 22"
+    );
+    assert!(told[1].contains("← rtu 3 状态 1"), "{log}");
+    let through = Site::served("sniff-verbose-daemon");
+    let socket = through.socket();
+    let get = through.run(&format!(
+        "get tank.ai1 --fresh -v --socket {socket} -o value"
+    ));
+    assert!(get.err.contains("main  rtu "), "{get:?}");
+    let full = site.run("get oven.k1 -v --log-file none/log");
+    assert_eq!(full.code, 1, "{full:?}");
+    assert!(full.err.starts_with("error[E0102]"), "{full:?}");
 }

@@ -55,6 +55,11 @@ fn at(heard: &Heard) -> Instant {
     }
 }
 
+/// A moment for programs.
+pub(in crate::commands) fn rfc3339(at: Instant) -> String {
+    time::rfc3339(timestamp(at))
+}
+
 fn timestamp(at: Instant) -> Timestamp {
     let micros = i64::try_from(at.0).unwrap_or(i64::MAX);
     Timestamp::from_microsecond(micros).unwrap_or(Timestamp::MAX)

@@ -1,7 +1,7 @@
 //! Where what is heard comes from: a port, or a capture file.
 
 use super::texts::SniffText;
-use crate::api::types::FrameEvent;
+use crate::api::types::{FrameEvent, LineInfo};
 use crate::backend::Frames;
 use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
@@ -141,17 +141,14 @@ pub(in crate::commands) async fn line_of(
     frames: &mut Frames,
 ) -> Result<Wire, Failure> {
     match frames.next().await {
-        Some(Ok(FrameEvent::Line { line })) => Ok(Wire {
-            settings: settings(&format!("{} {}", line.baud, line.format))
-                .unwrap_or(Settings::FACTORY),
-            name: line.line,
-        }),
+        Some(Ok(FrameEvent::Line { line })) => Ok(Wire::of(line)),
         Some(Err(problem)) => Err(context.failure(&problem)),
         Some(Ok(_)) | None => Err(Failure::of(context.lang, Code::NoDaemon)),
     }
 }
 
-fn came(event: FrameEvent) -> Option<Came> {
+/// What an event of the daemon, or of a line of one's own, brings.
+pub(in crate::commands) fn came(event: FrameEvent) -> Option<Came> {
     let bytes = |text: &str| hex::parse(text);
     match event {
         FrameEvent::Line { .. } => None,
@@ -179,6 +176,16 @@ fn came(event: FrameEvent) -> Option<Came> {
 pub(in crate::commands) struct Wire {
     pub(in crate::commands) name: String,
     pub(in crate::commands) settings: Settings,
+}
+
+impl Wire {
+    pub(in crate::commands) fn of(line: LineInfo) -> Wire {
+        let settings = settings(&format!("{} {}", line.baud, line.format));
+        Wire {
+            settings: settings.unwrap_or(Settings::FACTORY),
+            name: line.line,
+        }
+    }
 }
 
 /// A capture file that is read piece by piece.
