@@ -85,9 +85,9 @@ impl Desk {
     }
 
     /// Bytes came in.
-    pub(crate) fn heard(&mut self, bytes: &[u8]) {
+    pub(crate) fn heard(&mut self, bytes: &[u8], echoes: impl FnOnce() -> bool) {
         if self.records {
-            self.record_heard(bytes);
+            self.record_heard(bytes, echoes());
         }
     }
 
@@ -98,20 +98,25 @@ impl Desk {
             probe.sent.extend_from_slice(bytes);
             probe.heard.clear();
         }
-        self.tell(Some(settings), bytes);
+        self.tell(|tap| tap.sent(bytes, settings));
     }
 
     #[cold]
-    fn record_heard(&mut self, bytes: &[u8]) {
+    fn record_heard(&mut self, bytes: &[u8], echoes: bool) {
         if let Some(probe) = &mut self.probe {
             let room = TAPE_MAX - probe.heard.len().min(TAPE_MAX);
             probe.heard.extend(bytes.iter().take(room));
         }
-        self.tell(None, bytes);
+        self.tell(|tap| tap.heard(bytes, echoes));
     }
 
-    fn tell(&mut self, sent: Option<Settings>, bytes: &[u8]) {
-        self.tap = self.tap.take().filter(|tap| tap.tell(sent, bytes));
+    /// Tells those who look on; the last of them may have gone.
+    fn tell(&mut self, what: impl FnOnce(&mut Tapped) -> bool) {
+        if let Some(tap) = &mut self.tap
+            && !what(tap)
+        {
+            self.tap = None;
+        }
         self.records = self.probe.is_some() || self.tap.is_some();
     }
 
@@ -238,10 +243,10 @@ mod tests {
             let (reply, mut end) = oneshot::channel();
             let mut desk = Desk::new();
             desk.add_probe(reply);
-            desk.heard(&[9]);
+            desk.heard(&[9], || false);
             desk.sent(&[1, 2], Settings::FACTORY);
-            desk.heard(&[1, 2, 3]);
-            desk.heard(&[4]);
+            desk.heard(&[1, 2, 3], || false);
+            desk.heard(&[4], || false);
             desk.end_probe(Probed::Answered, Micros(5), echoes);
             assert_eq!(end.try_recv().unwrap().unwrap().bytes, bytes);
         }

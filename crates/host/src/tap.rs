@@ -41,6 +41,8 @@ impl Tap {
 pub(crate) struct Tapped {
     sender: broadcast::Sender<Passed>,
     clock: Clock,
+    /// What was sent last and may still come back as an echo.
+    echo: Vec<u8>,
 }
 
 impl Tapped {
@@ -48,6 +50,7 @@ impl Tapped {
         Tapped {
             sender: broadcast::Sender::new(PIECES_MAX),
             clock,
+            echo: Vec::new(),
         }
     }
 
@@ -55,13 +58,78 @@ impl Tapped {
         Tap(self.sender.subscribe())
     }
 
-    /// Tells what passes; false once nobody looks on any more.
-    pub(crate) fn tell(&self, sent: Option<Settings>, bytes: &[u8]) -> bool {
+    /// Tells a frame that is sent; false once nobody looks on any more.
+    pub(crate) fn sent(&mut self, bytes: &[u8], settings: Settings) -> bool {
+        self.echo.clear();
+        self.echo.extend_from_slice(bytes);
+        self.tell(Some(settings), bytes)
+    }
+
+    /// Tells what came, without the adapter's echo where it has one; false as above.
+    pub(crate) fn heard(&mut self, bytes: &[u8], echoes: bool) -> bool {
+        if !echoes {
+            return self.tell(None, bytes);
+        }
+        let same = self.echo.iter().zip(bytes).take_while(|(a, b)| a == b);
+        let count = same.count();
+        // What differs is no echo any more, nor is anything behind it.
+        match count == bytes.len() {
+            true => drop(self.echo.drain(..count)),
+            false => self.echo.clear(),
+        }
+        match bytes.get(count..) {
+            Some(rest) if !rest.is_empty() => self.tell(None, rest),
+            _ => self.sender.receiver_count() > 0,
+        }
+    }
+
+    fn tell(&self, sent: Option<Settings>, bytes: &[u8]) -> bool {
         let passed = Passed {
             at: self.clock.now(),
             sent,
             bytes: bytes.into(),
         };
         self.sender.send(passed).is_ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Alarm;
+
+    async fn rest(tap: &mut Tap) -> Vec<u8> {
+        let passed = tap.next().await.unwrap().unwrap();
+        passed.bytes.to_vec()
+    }
+
+    #[tokio::test]
+    async fn an_echo_is_taken_out_in_whatever_pieces_it_comes() {
+        let mut tapped = Tapped::new(Alarm::new().unwrap().clock());
+        let mut tap = tapped.tap();
+        assert!(tapped.sent(&[1, 5, 0], Settings::FACTORY));
+        for piece in [&[1, 5][..], &[0, 1, 5], &[0]] {
+            assert!(tapped.heard(piece, true));
+        }
+        // The frame, and the reply that repeats it.
+        assert_eq!(rest(&mut tap).await, [1, 5, 0]);
+        assert_eq!(rest(&mut tap).await, [1, 5]);
+        assert_eq!(rest(&mut tap).await, [0]);
+        tapped.sent(&[1, 5, 0], Settings::FACTORY);
+        tapped.heard(&[1, 5, 0], false);
+        rest(&mut tap).await;
+        assert_eq!(rest(&mut tap).await, [1, 5, 0], "no echo here, so a reply");
+    }
+
+    #[tokio::test]
+    async fn who_is_too_slow_is_told_so_and_nobody_is_missed() {
+        let mut tapped = Tapped::new(Alarm::new().unwrap().clock());
+        let mut tap = tapped.tap();
+        for _ in 0..PIECES_MAX + 2 {
+            assert!(tapped.heard(&[1], false));
+        }
+        assert_eq!(tap.next().await, Some(Err(2)));
+        drop(tap);
+        assert!(!tapped.heard(&[1], false));
     }
 }

@@ -198,7 +198,7 @@ impl<P: Port> Task<P> {
             Happened::Bytes(count) => {
                 let bytes = buffer.get(..count?).unwrap_or_default();
                 self.lag = Micros::ZERO;
-                self.desk.heard(bytes);
+                self.desk.heard(bytes, || self.bus.echoes() == Some(true));
                 self.handle(self.alarm.now(), Input::Bytes(bytes));
             }
             Happened::Deadline(now) => self.handle(now?, Input::Timeout),

@@ -51,6 +51,7 @@ pub enum Output {
 pub struct Listener {
     settings: Settings,
     patience: Micros,
+    silence: Micros,
     bytes: Vec<u8>,
     marks: VecDeque<Mark>,
     /// No frame begins before this place.
@@ -103,6 +104,7 @@ impl Listener {
         Listener {
             settings,
             patience: PATIENCE,
+            silence: SILENCE_MIN,
             bytes: Vec::with_capacity(2 * PIECE),
             marks: VecDeque::new(),
             tried: 0,
@@ -118,6 +120,13 @@ impl Listener {
     #[must_use]
     pub const fn with_patience(mut self, patience: Micros) -> Listener {
         self.patience = patience;
+        self
+    }
+
+    /// The same for a line behind a network, which may hold bytes back for so long inside a frame.
+    #[must_use]
+    pub const fn with_silence(mut self, silence: Micros) -> Listener {
+        self.silence = silence;
         self
     }
 
@@ -164,7 +173,7 @@ impl Listener {
         if !self.bytes.is_empty() {
             let least = match self.settling {
                 true => SETTLED_MIN,
-                false => SILENCE_MIN,
+                false => self.silence,
             };
             return self.last.map(|last| last + self.settings.t3_5().max(least));
         }

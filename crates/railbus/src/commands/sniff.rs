@@ -22,6 +22,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 pub(super) use facts::Facts;
 use facts::Named;
 use filter::Filter;
+use railbus_host::LineName;
 use railbus_sniff::{Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Micros, Settings};
 use record::Recorder;
@@ -33,6 +34,9 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 pub(super) use texts::SniffText;
 pub(super) use words::{millis, of as told};
+
+/// A serial server may hold bytes back for so long inside a frame.
+const NETWORK_SILENCE: Micros = Micros::from_millis(100);
 
 /// The name of the command.
 pub(crate) const NAME: &str = "sniff";
@@ -288,7 +292,10 @@ impl<'a> Hearing<'a> {
         let values: &[(&str, &dyn std::fmt::Display)] =
             &[("port", &place.port), ("settings", &place.settings)];
         context.note(&context.lang.fill(SniffText::Listening, values));
-        let ear = Ear::new(place.line, place.settings, context.timeout);
+        let mut ear = Ear::new(place.line, place.settings, context.timeout);
+        if let LineName::Tcp { .. } = place.port {
+            ear.listener = ear.listener.with_silence(NETWORK_SILENCE);
+        }
         Ok((Source::Port(Box::new(port)), ear))
     }
 
