@@ -260,6 +260,56 @@ fn noise_around_a_frame_does_not_hide_it() {
 }
 
 #[test]
+fn a_frame_is_told_at_once_where_silence_shows_that_noise_before_it_had_ended() {
+    let mut ear = Ear::new();
+    // The beginning of a reply of 69 bytes, one would think.
+    ear.hear(&[0x01, 0x03, 0x40]);
+    ear.pass(Micros::from_millis(6));
+    ear.hear(&rtu(&[0x03, 0x01, 0x00, 0x3C, 0x00, 0x08]));
+    assert_eq!(ear.words(), [" bad foreign", "rtu → 3 ok"]);
+}
+
+#[test]
+fn a_board_is_not_waited_for_as_long_as_for_a_frame_cut_short() {
+    let mut ear = Ear::new();
+    // Address 4 reads as a Modbus function, too.
+    ear.hear(&[0x55, 0x04, 0x10, 0, 0, 0, 0, 0x69]);
+    assert!(ear.words().is_empty());
+    ear.pass(Micros::from_millis(6));
+    assert_eq!(ear.words(), ["r55 → 4 ok"]);
+    let mut ear = Ear::new();
+    ear.hear(&[0x55, 0x04, 0x10, 0, 0]);
+    ear.pass(Micros::from_millis(18));
+    assert!(ear.words().is_empty());
+    ear.pass(Micros::from_millis(4));
+    assert_eq!(ear.words(), ["r55 → 4 bad short"]);
+}
+
+#[test]
+fn a_late_reply_is_a_reply_and_told_to_be_late() {
+    let mut ear = Ear::new();
+    ear.frame(b"$016\r");
+    ear.pass(Micros::from_millis(600));
+    ear.frame(b"!030200\r");
+    assert_eq!(
+        ear.words(),
+        ["ascii → 1 ok", "ascii missing", "ascii ← 1 ok"]
+    );
+    assert!(ear.frames()[1].late);
+    // Noise alone makes no reply late.
+    let mut ear = Ear::new();
+    ear.frame(b"$016\r");
+    ear.frame(&[0x87]);
+    ear.pass(Micros::from_millis(30));
+    ear.frame(b"!030200\r");
+    assert_eq!(
+        ear.words(),
+        ["ascii → 1 ok", " bad foreign", "ascii ← 1 ok"]
+    );
+    assert!(!ear.frames()[2].late);
+}
+
+#[test]
 fn a_daemons_own_frames_are_requests_whatever_was_open() {
     let mut ear = Ear::new();
     let on = rtu(&[0x03, 0x05, 0x00, 0x3C, 0xFF, 0x00]);

@@ -60,6 +60,45 @@ const fn of_ascii(request: &ascii::Request) -> Risk {
         | ascii::Request::WriteSafe { .. }
         | ascii::Request::Rename(_) => Risk::Kept,
         ascii::Request::WriteOutputs { .. } | ascii::Request::ClearWatchdog => Risk::Output,
+        // Reading it clears it.
+        ascii::Request::ReadReset => Risk::Output,
         _ => Risk::Read,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_wire::{Address, Channel};
+
+    #[test]
+    fn what_a_request_may_do_is_known() {
+        let ascii = |request| Exchange::ascii(Address(1), false, request);
+        let r55 = |address, request| Exchange::r55(Address(address), request);
+        let coil = rtu::Request::WriteCoil {
+            at: 60,
+            value: rtu::CoilValue::ON,
+        };
+        let register = rtu::Request::WriteRegister { at: 4, value: 1 };
+        let one = Channel::new(0).unwrap();
+        for (asked, risk) in [
+            (Exchange::rtu(Address(3), coil), Risk::Output),
+            (Exchange::rtu(Address(0), coil), Risk::All),
+            (Exchange::rtu(Address(3), register), Risk::Kept),
+            (ascii(ascii::Request::ReadData), Risk::Read),
+            (ascii(ascii::Request::ReadReset), Risk::Output),
+            (ascii(ascii::Request::HostOk), Risk::All),
+            (r55(4, r55::Request::ReadState), Risk::Read),
+            (r55(245, r55::Request::ReadAddress), Risk::Read),
+            (r55(245, r55::Request::Close(one)), Risk::All),
+            (r55(4, r55::Request::Toggle(one)), Risk::Output),
+            (r55(4, r55::Request::WriteAddress(Address(5))), Risk::Kept),
+            (
+                Exchange::lc02(Address(1), lc02::Request::ReadPulse),
+                Risk::Read,
+            ),
+        ] {
+            assert_eq!(Risk::of(&asked), risk, "{asked:?}");
+        }
     }
 }
