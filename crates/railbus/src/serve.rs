@@ -18,6 +18,7 @@ use crate::cli;
 use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
+use crate::render::{Format, out, records};
 use crate::sim::background::Background;
 use crate::texts::Text;
 use clap::{ArgAction, ArgMatches, Command, value_parser};
@@ -25,6 +26,7 @@ use keys::Keys;
 use listen::Room;
 use railbus_site::{Config, Service};
 use routes::Site;
+use serde_json::json;
 use socket::Socket;
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -80,7 +82,9 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             .with_try(format!("ssh -L {port}:127.0.0.1:{port} HOST")));
     }
     if wanted.check {
-        return check(lang, &wanted);
+        let format = matches.get_one::<String>("output");
+        let format = format.and_then(|name| Format::from_name(name));
+        return check(lang, &wanted, format.unwrap_or_default());
     }
     tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -95,15 +99,21 @@ fn system(lang: Lang, error: impl ToString) -> Failure {
 }
 
 /// Reads the configuration and says what is in it.
-fn check(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+fn check(lang: Lang, wanted: &Wanted, format: Format) -> Result<(), Failure> {
     let found = config_file::read(lang, wanted.config.as_deref());
     let found = found.map_err(|problem| Failure::of_problem(lang, &problem))?;
     let (lines, modules) = (found.config.lines.len(), found.config.modules.len());
-    let path = found.path.display();
+    let path = found.path.display().to_string();
+    if format.is_json() {
+        let told = json!({ "file": path, "lines": lines, "modules": modules });
+        return out::result(lang, &records::line(told));
+    }
     let values: &[(&str, &dyn std::fmt::Display)] =
         &[("file", &path), ("lines", &lines), ("modules", &modules)];
-    say(&lang.fill(Text::ServeChecked, values));
-    Ok(())
+    out::result(
+        lang,
+        &format!("{}\n", lang.fill(Text::ServeChecked, values)),
+    )
 }
 
 /// The site, and where it comes from.

@@ -43,13 +43,13 @@ fn keeps_to(site: &Site, line: &str, ran: &Ran) {
 }
 
 /// With which these lines begin to speak of a command.
-const COMMANDS: [&str; 17] = [
+const COMMANDS: [&str; 18] = [
     "scan", "ls", "get", "set", "pulse", "watch", "raw", "decode", "doctor", "config", "explain",
-    "schema", "help", "version", "error", "bench", "export",
+    "schema", "help", "version", "error", "bench", "export", "serve",
 ];
 
 /// What works on the demo line, with the exit code.
-const GOOD: [&str; 29] = [
+const GOOD: [&str; 30] = [
     "scan --addr 1-2",
     "ls",
     "ls points",
@@ -71,6 +71,7 @@ const GOOD: [&str; 29] = [
     "export mbpoll",
     "config check",
     "config path",
+    "serve --check",
     "explain",
     "explain E0301",
     "explain exit-codes",
