@@ -45,6 +45,7 @@ pub(crate) fn define(lang: Lang) -> Command {
 
 /// What the reads of one module came to.
 struct Tally {
+    id: ModuleId,
     module: String,
     protocol: &'static str,
     op: Op,
@@ -107,18 +108,17 @@ async fn measure(
         handle.close().await;
         return Err(failed(error));
     }
-    let mut tallies: Vec<Tally> = line.modules.iter().filter_map(tally).collect();
+    let mut tallies: Vec<Tally> = line.modules.iter().enumerate().filter_map(tally).collect();
     // The first reads wait for the line to settle, and find out about an echo.
-    for index in 0..tallies.len() {
-        let op = tallies.get(index).map_or(Op::ReadOutputs, |tally| tally.op);
-        let _ = handle.run(ModuleId(index), op, Terms::default()).await;
+    for tally in &tallies {
+        let _ = handle.run(tally.id, tally.op, Terms::default()).await;
     }
     let begun = Instant::now();
     let mut left = true;
     while left {
-        for (index, tally) in tallies.iter_mut().enumerate() {
+        for tally in &mut tallies {
             let Some(end) = stop
-                .or(handle.run(ModuleId(index), tally.op, Terms::default()))
+                .or(handle.run(tally.id, tally.op, Terms::default()))
                 .await
             else {
                 left = false;
@@ -140,9 +140,10 @@ async fn measure(
     Ok((tallies, lasted))
 }
 
-fn tally((name, module): &(String, railbus_host::Module)) -> Option<Tally> {
+fn tally((index, (name, module)): (usize, &(String, railbus_host::Module))) -> Option<Tally> {
     let op = module.full_poll().next()?;
     Some(Tally {
+        id: ModuleId(index),
         module: name.clone(),
         protocol: module.setup().protocol.name(),
         wire: wire_time(module, &op)?,
@@ -240,6 +241,7 @@ mod tests {
     fn percentiles_are_those_of_the_sorted_times() {
         let took: Vec<Micros> = (1..=100).map(|ms| Micros(ms * 1_000)).collect();
         let tally = |took| Tally {
+            id: ModuleId(0),
             module: "oven".to_owned(),
             protocol: "rtu",
             op: Op::ReadOutputs,

@@ -64,14 +64,13 @@ fn candidates(lang: Lang, words: &[String]) -> Vec<String> {
         (_, Some("set" | "pulse" | "write")) => points(&config(), current, |point| {
             point.kind == railbus_device::PointKind::Output
         }),
-        (_, Some("config" | "plan" | "apply" | "doctor")) if !current.starts_with('-') => {
+        (_, Some("config" | "plan" | "apply")) if !current.starts_with('-') => {
             config().modules.into_keys().collect()
         }
+        (_, Some("doctor")) => codes_of_findings().collect(),
         (_, Some("explain")) => {
             let codes = Code::ALL.iter().map(|code| code.name().to_owned());
-            codes
-                .chain(findings::ALL.iter().map(|finding| finding.code.to_owned()))
-                .collect()
+            codes.chain(codes_of_findings()).collect()
         }
         (_, Some("schema")) => SCHEMAS.iter().map(|(name, _)| (*name).to_owned()).collect(),
         (_, Some("help")) => cli::names().chain(TOPICS).map(str::to_owned).collect(),
@@ -80,6 +79,10 @@ fn candidates(lang: Lang, words: &[String]) -> Vec<String> {
     all.into_iter()
         .filter(|name| name.starts_with(current.as_str()))
         .collect()
+}
+
+fn codes_of_findings() -> impl Iterator<Item = String> {
+    findings::ALL.iter().map(|finding| finding.code.to_owned())
 }
 
 /// Modules, and the points of a module that is named so far.

@@ -62,7 +62,7 @@ pub(super) fn chosen_lines(context: &Context) -> Result<Vec<Chosen>, Failure> {
                 .config
         }
     };
-    Ok(line::chosen(context, &config))
+    line::chosen(context, &config)
 }
 
 /// Looks at everything, shows it, and mends what it may.
@@ -107,7 +107,7 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     let user = User::this(machine);
     let variable = |name: &str| std::env::var(name).ok();
     let mut found = system::check(lang, variable, jiff::Timestamp::now());
-    let config = configuration(context, machine);
+    let config = configuration(context, machine)?;
     found.extend(port::adapters(machine, &user));
     let work = async {
         match Backend::daemon(&context.wanted).await {
@@ -115,11 +115,8 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
             None => here(context, machine, &user, &config).await,
         }
     };
-    found.extend(
-        stop.or(work)
-            .await
-            .ok_or_else(|| stop::interrupted(context))?,
-    );
+    let end = stop.or(work).await;
+    found.extend(end.ok_or_else(|| stop::interrupted(context))??);
     found.extend(config.findings);
     found.extend(daemon::check(lang, context.wanted.socket.as_deref(), &user));
     found.sort_by_key(|finding| finding.section);
@@ -132,27 +129,23 @@ async fn here(
     machine: &Machine,
     user: &User,
     config: &Configuration,
-) -> Vec<Finding> {
+) -> Result<Vec<Finding>, Failure> {
     let mut lines = tokio::task::JoinSet::new();
-    for (number, line) in line::chosen(context, &config.config)
-        .into_iter()
-        .enumerate()
-    {
+    let chosen = line::chosen(context, &config.config)?;
+    for (number, line) in chosen.into_iter().enumerate() {
         let (lang, machine, user) = (context.lang, machine.clone(), user.clone());
         lines.spawn(async move {
-            (
-                number,
-                line::examine(lang, &machine, &user, &line, LISTEN).await,
-            )
+            let found = line::examine(lang, &machine, &user, &line, LISTEN).await;
+            (number, found)
         });
     }
     // Each takes its two seconds, all of them together no more.
     let mut found = lines.join_all().await;
     found.sort_by_key(|(number, _)| *number);
-    found
+    Ok(found
         .into_iter()
         .flat_map(|(_, findings)| findings)
-        .collect()
+        .collect())
 }
 
 /// The configuration, and what is to be said of it.
@@ -161,48 +154,40 @@ struct Configuration {
     findings: Vec<Finding>,
 }
 
-fn configuration(context: &Context, machine: &Machine) -> Configuration {
+fn configuration(context: &Context, machine: &Machine) -> Result<Configuration, Failure> {
     let lang = context.lang;
-    let ok = |config: Config, finding| Configuration {
-        config,
-        findings: vec![finding],
-    };
+    let of = |config: Config, findings: Vec<Finding>| Ok(Configuration { config, findings });
     if let Some(ad_hoc) = &context.wanted.ad_hoc {
-        let config = described(ad_hoc).unwrap_or_default();
-        return Configuration {
-            config,
-            findings: Vec::new(),
-        };
+        let config = described(ad_hoc).map_err(|problem| context.failure(&problem))?;
+        return of(config, Vec::new());
     }
     let named = context.wanted.config.as_deref();
     let read = config_file::read(lang, named).map_err(|problem| context.failure(&problem));
     let found = match read {
         Ok(found) => found,
         Err(why) if why.code() == Code::NoConfig => {
-            return ok(
-                Config::default(),
-                Finding::warning(Section::Config, "D401", String::new()),
-            );
+            let finding = Finding::warning(Section::Config, "D401", String::new());
+            return of(Config::default(), vec![finding]);
         }
         Err(why) => {
             let detail = format!("{} {}", why.code().name(), why.message());
-            return ok(
-                Config::default(),
-                Finding::error(Section::Config, "D402", detail),
-            );
+            let finding = Finding::error(Section::Config, "D402", detail);
+            return of(Config::default(), vec![finding]);
         }
     };
     let text = config_file::text_of(&found.path).unwrap_or_default();
-    let mut findings = Vec::new();
-    for warning in config_check::lints(machine, &found.config) {
-        if let Unwise::UnstablePort(stable) = &warning.kind {
-            findings.push(port::unstable(&warning.path, stable.as_deref()));
-            continue;
-        }
-        let shown = Shown::of(lang, &text, &warning);
-        findings.push(Finding::of_lint(&shown));
-    }
-    if findings.is_empty() {
+    let warnings = config_check::lints(machine, &found.config);
+    let mut findings: Vec<Finding> = warnings
+        .iter()
+        .map(|warning| match &warning.kind {
+            Unwise::UnstablePort(stable) => port::unstable(&warning.path, stable.as_deref()),
+            _ => Finding::of_lint(&Shown::of(lang, &text, warning)),
+        })
+        .collect();
+    if !findings
+        .iter()
+        .any(|finding| finding.section == Section::Config)
+    {
         let (file, loads) = (
             found.path.display(),
             config_check::loads(lang, &found.config),
@@ -211,10 +196,7 @@ fn configuration(context: &Context, machine: &Machine) -> Configuration {
         let text = lang.fill(DoctorText::ConfigGood, values);
         findings.push(Finding::good(Section::Config, text));
     }
-    Configuration {
-        config: found.config,
-        findings,
-    }
+    of(found.config, findings)
 }
 
 /// The name of a port, where it is one of a serial device.

@@ -7,6 +7,7 @@ use super::{device_of, port};
 use crate::api::types::{LineInfo, ModuleInfo, ModuleState, PointInfo, PortState};
 use crate::backend::Backend;
 use crate::commands::Context;
+use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::machine::Machine;
 use crate::machine::users::User;
@@ -38,7 +39,17 @@ pub(in crate::commands) struct Chosen {
 }
 
 /// The lines of a configuration, or the one that `-l` names.
-pub(super) fn chosen(context: &Context, config: &Config) -> Vec<Chosen> {
+///
+/// # Errors
+/// Where there is no line of that name.
+pub(super) fn chosen(context: &Context, config: &Config) -> Result<Vec<Chosen>, Failure> {
+    if let Some(wanted) = context
+        .line
+        .as_ref()
+        .filter(|name| !config.lines.contains_key(*name))
+    {
+        return Err(no_line(context, wanted, config.lines.keys()));
+    }
     let wanted = |name: &String| context.line.as_ref().is_none_or(|line| line == name);
     let lines = config.lines.iter().filter(|(name, _)| wanted(name));
     let chosen = lines.filter_map(|(name, line)| {
@@ -56,7 +67,18 @@ pub(super) fn chosen(context: &Context, config: &Config) -> Vec<Chosen> {
             },
         })
     });
-    chosen.collect()
+    Ok(chosen.collect())
+}
+
+fn no_line<'n>(
+    context: &Context,
+    wanted: &str,
+    known: impl Iterator<Item = &'n String>,
+) -> Failure {
+    let failure = Failure::of(context.lang, Code::NoLine).because(wanted);
+    known.fold(failure, |failure, name| {
+        failure.with_try(format!("-l {name}"))
+    })
 }
 
 /// Opens the port, listens, and reads each module once.
@@ -276,7 +298,13 @@ fn verdicts(lang: Lang, line: &Chosen, ends: &[Option<Fault>], late: &[usize]) -
 }
 
 /// The same as the daemon sees it, whose line nobody else may open.
-pub(super) async fn through_daemon(context: &Context, backend: &Backend) -> Vec<Finding> {
+///
+/// # Errors
+/// Where there is no line of that name.
+pub(super) async fn through_daemon(
+    context: &Context,
+    backend: &Backend,
+) -> Result<Vec<Finding>, Failure> {
     let (lines, modules) = (backend.lines().await, backend.modules().await);
     let points = backend.points(&[], false).await;
     let (lines, modules, points) = match (lines, modules, points) {
@@ -284,9 +312,15 @@ pub(super) async fn through_daemon(context: &Context, backend: &Backend) -> Vec<
         (Err(why), ..) | (_, Err(why), _) | (.., Err(why)) => {
             let why = context.failure(&why);
             let detail = format!("{} {}", why.code().name(), why.message());
-            return vec![Finding::error(Section::Daemon, "D504", detail)];
+            return Ok(vec![Finding::error(Section::Daemon, "D504", detail)]);
         }
     };
+    if let Some(wanted) = context.line.as_ref()
+        && !lines.iter().any(|line| line.line == *wanted)
+    {
+        let known = lines.iter().map(|line| &line.line);
+        return Err(no_line(context, wanted, known));
+    }
     let wanted = |line: &str| context.line.as_deref().is_none_or(|wanted| wanted == line);
     let mut found = Vec::new();
     for line in lines.into_iter().filter(|line| wanted(&line.line)) {
@@ -294,7 +328,7 @@ pub(super) async fn through_daemon(context: &Context, backend: &Backend) -> Vec<
     }
     let modules = modules.into_iter().filter(|module| wanted(&module.line));
     found.extend(modules_at_daemon(context.lang, modules, &points));
-    found
+    Ok(found)
 }
 
 fn line_at_daemon(lang: Lang, line: &LineInfo) -> Vec<Finding> {
