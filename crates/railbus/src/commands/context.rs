@@ -85,7 +85,9 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
             Colour::NAMES.to_vec(),
         ),
         switch("quiet", Text::QuietFlag).short('q'),
-        with("log-file", LookText::LogFile, "FILE").value_parser(value_parser!(PathBuf)),
+        flag(lang, "log-file", LookText::LogFile)
+            .value_name("FILE")
+            .value_parser(value_parser!(PathBuf)),
         with("config", Text::ConfigFlag, "FILE").value_parser(value_parser!(PathBuf)),
         switch("direct", Text::DirectFlag),
         with("socket", Text::SocketFlag, "PATH").value_parser(value_parser!(PathBuf)),
