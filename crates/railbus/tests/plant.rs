@@ -507,8 +507,8 @@ fn what_is_wrong_is_told_with_its_place() {
         ),
         (
             &["--tcp", "main=here"],
-            8,
-            "error[E0892]: \"here\" is no TCP address",
+            2,
+            "error[E0201]: \"here\" is no TCP address",
         ),
         (
             &["--fault", "pump drop 5%"],

@@ -36,7 +36,7 @@ pub(super) fn places(
         let (line, address) = of_line(lang, directory, text, "--tcp")?;
         let parsed = address.parse().map_err(|_| {
             let message = lang.fill(SimText::BadAddress, &[("value", &address)]);
-            Failure::new(Code::SimPlant, message).with_try("--tcp main=127.0.0.1:4001")
+            Failure::new(Code::Usage, message).with_try("--tcp main=127.0.0.1:4001")
         });
         places[line].tcp = Some(parsed?);
     }

@@ -75,12 +75,12 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
     File { en: "The plant to simulate", zh: "要模拟的工厂文件" }
     Demo { en: "The demo line: one module of each of five kinds", zh: "演示总线：五种模块各一个" }
     Pty {
-        en: "Where the link to a line's PTY lies; the line may go unnamed if it is the only one",
-        zh: "总线 PTY 链接的位置；只有一条总线时可省略名称",
+        en: "The link to a line's PTY; LINE= where there are several. Demo: /tmp/railbus-main",
+        zh: "总线 PTY 的链接；有多条总线时加 LINE=。演示默认 /tmp/railbus-main",
     }
     Tcp {
-        en: "Where a line is served as raw bytes over TCP",
-        zh: "总线 TCP 原始字节的监听地址",
+        en: "Where a line is served as raw bytes over TCP. Demo: 127.0.0.1:4001",
+        zh: "总线 TCP 原始字节的监听地址。演示默认 127.0.0.1:4001",
     }
     Seed {
         en: "The number that all chance comes from; 0 if not said",
