@@ -4,7 +4,8 @@ mod talk;
 
 use super::decode::meaning;
 use super::place::{self, Access};
-use super::risk::Risk;
+use super::risk::{Risk, stowaway};
+use super::sniff::SniffText;
 use super::{Context, decode, stop};
 use crate::api::types::RawRequest;
 use crate::cli;
@@ -58,11 +59,19 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let frame = frame(lang, matches)?;
     let asked = asked(&frame);
-    let risky = asked.as_ref().is_none_or(is_risky);
+    let stowaway = asked
+        .as_ref()
+        .and_then(|asked| stowaway(&frame, asked.protocol(), &Protocol::ALL));
+    let risky = asked.as_ref().is_none_or(is_risky) || stowaway.is_some();
     if risky && !matches.get_flag("yes") {
         let failure = Failure::of(lang, Code::NeedsYes).because(hex::spaced(&frame));
         let told = asked.as_ref().map(|asked| meaning::request(lang, asked));
-        return Err(told.into_iter().fold(failure, Failure::because));
+        let also = stowaway.map(|protocol| {
+            let values: &[(&str, &dyn std::fmt::Display)] = &[("protocol", &protocol)];
+            lang.fill(SniffText::Stowaway, values)
+        });
+        let reasons = told.into_iter().chain(also);
+        return Err(reasons.fold(failure, Failure::because));
     }
     let answer = context.block(ask(&context, &frame, asked.as_ref()))?;
     show(&context, &frame, asked.as_ref(), &answer)?;

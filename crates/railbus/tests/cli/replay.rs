@@ -46,11 +46,11 @@ fn as_host_only_reads_are_sent_and_replies_are_compared() {
 03 01 00 3C 00 08 FC 22  read 8 coils from 60
   differs: 03 01 01 00 50 30, recorded 03 01 01 55 90 0F
 03 05 00 3C FF 00 4D D4  coil 60 on
-  not sent: it is no read, or not known
+  not sent: no read, not known, or another protocol's command, too
 23 2A 2A 0D  all modules: sample now
-  not sent: it is no read, or not known
+  not sent: no read, not known, or another protocol's command, too
 25 30 31 30 32 34 30 30 36 30 30 0D  configure: address 2 (02h), speed code 06h, format 00h
-  not sent: it is no read, or not known
+  not sent: no read, not known, or another protocol's command, too
 ";
     assert_eq!(shown.out, expected, "{shown:?}");
     assert_eq!(shown.err, "1 the same, 1 different, 3 not sent\n");

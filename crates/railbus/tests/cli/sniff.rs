@@ -420,3 +420,14 @@ fn a_command_shows_its_exchanges_and_its_frames() {
     assert_eq!(full.code, 1, "{full:?}");
     assert!(full.err.starts_with("error[E0102]"), "{full:?}");
 }
+
+#[test]
+fn a_frame_of_ones_own_that_hides_a_command_is_asked_about() {
+    let site = Site::empty("raw-stowaway");
+    // Four registers whose values are the frame that switches a board's first relay on.
+    let hidden = "raw 01 10 00 00 00 04 08 55 04 12 00 00 00 01 6C --crc -l pty:/tmp/none -o json";
+    let ran = site.run(hidden);
+    assert_eq!(ran.error()["code"], "E0202", "{ran:?}");
+    let why = ran.error()["why"].to_string();
+    assert!(why.contains("a whole command of r55"), "{why}");
+}

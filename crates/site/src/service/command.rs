@@ -179,6 +179,8 @@ impl Service {
     /// [`Failure::NoSuchLine`], or [`Fault::Closed`] while the line has no port.
     pub async fn tap(&self, line: &str) -> Result<(Instant, Tap), Failure> {
         let handle = self.inner.handle(line).ok_or(Failure::NoSuchLine)?;
+        // A line that is only just being opened will have a port in a moment.
+        let _ = handle.opened().await;
         let tap = handle.tap().await?;
         Ok((handle.now(), tap))
     }

@@ -5,6 +5,7 @@ use super::{Allowed, ReplayText, faster};
 use crate::commands::Context;
 use crate::commands::decode::meaning;
 use crate::commands::place::{Place, port_failure};
+use crate::commands::risk::stowaway;
 use crate::commands::stop::{self, Stop};
 use crate::failure::Failure;
 use crate::render::{hex, out, records};
@@ -60,6 +61,7 @@ pub(super) async fn play(
     let opened = port.open().await;
     opened.map_err(|error| port_failure(context, place, &error))?;
     let mut ends = Ends::default();
+    let protocols = script.protocols();
     loop {
         for played in &script.played {
             let pause = faster(played.pause.0.min(PAUSE_MAX.0), speed);
@@ -68,7 +70,11 @@ pub(super) async fn play(
                 return Err(stop::interrupted(context));
             }
             let exchange = played.exchange();
-            let sent = exchange.filter(|asked| allowed.covers(asked));
+            // What a module of another protocol would obey is not sent, whatever was said.
+            let clean = |asked: &Exchange<'_>| {
+                stowaway(&played.request, asked.protocol(), &protocols).is_none()
+            };
+            let sent = exchange.filter(|asked| allowed.covers(asked) && clean(asked));
             let (heard, end) = match &sent {
                 None => (Vec::new(), End::Skipped),
                 Some(asked) => {

@@ -5,7 +5,7 @@ use crate::commands::sniff::{Came, Capture, Ear};
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use railbus_sniff::{Frame, Heard, Input, Output, Reading, Role};
-use railbus_wire::{Exchange, Instant, Micros, Settings};
+use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings};
 use std::path::Path;
 
 use super::ReplayText;
@@ -48,6 +48,15 @@ pub(super) struct Script {
 }
 
 impl Script {
+    /// The protocols that requests were made in.
+    pub(super) fn protocols(&self) -> Vec<Protocol> {
+        let spoken = |protocol: &Protocol| {
+            let mut played = self.played.iter();
+            played.any(|played| played.reading.protocol == *protocol)
+        };
+        Protocol::ALL.into_iter().filter(spoken).collect()
+    }
+
     pub(super) fn read(context: &Context, path: &Path) -> Result<Script, Failure> {
         let mut capture = Capture::open(context, path)?;
         let mut first = None;

@@ -107,6 +107,11 @@ crate::texts::texts! {
     CutShort { en: "cut short after {count} bytes", zh: "仅 {count} 字节，不完整" }
     NotAsAsked { en: "not a reply to what was asked", zh: "与请求不符的应答" }
 
+    Stowaway {
+        en: "it holds a whole command of {protocol}, which such a module on the line would obey",
+        zh: "其中含有完整的 {protocol} 命令，总线上的此类模块会执行",
+    }
+
     // Filters.
     FilterWrong {
         en: "the filter, character {at} \"{near}\": {why}",
