@@ -69,7 +69,7 @@ fn candidates(lang: Lang, words: &[String]) -> Vec<String> {
         }
         (_, Some("doctor")) => codes_of_findings().collect(),
         (_, Some("explain")) => {
-            let codes = Code::ALL.iter().map(|code| code.name().to_owned());
+            let codes = Code::all().map(|code| code.name().to_owned());
             codes.chain(codes_of_findings()).collect()
         }
         (_, Some("schema")) => SCHEMAS.iter().map(|(name, _)| (*name).to_owned()).collect(),

@@ -52,7 +52,7 @@ struct Explained {
 }
 
 fn all() -> Vec<Explained> {
-    let errors = Code::ALL.iter().map(|code| Explained {
+    let errors = Code::all().map(|code| Explained {
         name: code.name(),
         page: code.page(),
         exit: Some(code.exit()),

@@ -1,0 +1,252 @@
+//! The configuration and what it names: exit code 8.
+
+use super::{Code, codes};
+
+codes! {
+    NoModule = "E0801" {
+        title: ["there is no such module or point", "没有该模块或点"],
+        likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
+        next: ["railbus ls points", "railbus ls points"],
+    }
+    NoPoint = "E0802" {
+        title: ["the module has no such point", "模块没有该点"],
+        likely: ["labels are those printed on the module: do0, di0, k1, ai1",
+            "标签与模块上所印一致：do0、di0、k1、ai1"],
+        next: ["railbus ls points", "railbus ls points"],
+    }
+    NoLine = "E0803" {
+        title: ["this names no line", "没有该总线"],
+        likely: ["a typing mistake; a port is /dev/…, tcp:HOST:PORT, mbtcp:HOST or pty:/PATH",
+            "输入错误；端口写作 /dev/…、tcp:HOST:PORT、mbtcp:HOST 或 pty:/PATH"],
+        next: ["railbus ls lines", "railbus ls lines"],
+    }
+    Pulse = "E0804" {
+        title: ["the module can't give this pulse", "模块无法给出此点动"],
+        likely: ["EDA modules have one width for all outputs; 0x55 boards take 1 ms to 4 h 39 min; \
+            the others have no timer",
+            "EDA 模块各输出共用一个宽度；0x55 板为 1 ms 至 4 小时 39 分；其余没有定时器"],
+        next: ["railbus pulse POINT DURATION --by host", "railbus pulse POINT DURATION --by host"],
+    }
+    Unsupported = "E0805" {
+        title: ["not sent: this model has no such command", "未发送：该型号没有此命令"],
+        likely: ["the family times no pulses or has no toggle, or another module on the line could \
+            take the frame for a command",
+            "该系列不能点动或翻转，或总线上其他模块可能误认此帧"],
+        next: ["railbus ls models", "railbus ls models"],
+    }
+    BadValue = "E0806" {
+        title: ["a point can't take this value", "该点不接受此值"],
+        likely: ["outputs take on, off, toggle; inputs take nothing; variables take numbers",
+            "输出接受 on、off、toggle；输入不可写；变量接受数字"],
+        next: ["railbus set --help", "railbus set --help"],
+    }
+    NotAnOutput = "E0807" {
+        title: ["the point is no output", "该点不是输出"],
+        likely: ["inputs and analog values can only be read", "开关量输入和模拟量只能读取"],
+        next: ["railbus ls points", "railbus ls points"],
+    }
+    BadFrame = "E0808" {
+        title: ["the bytes are no read of that protocol", "这些字节不是该协议的读取命令"],
+        likely: ["through the daemon raw only reads · a wrong checksum",
+            "经守护进程时 raw 只能读取 · 校验和有误"],
+        next: ["railbus decode", "railbus decode"],
+    }
+    NoConfig = "E0809" {
+        title: ["there is no configuration", "没有配置"],
+        likely: ["no railbus.toml here, in a parent folder, in ~/.config/railbus or /etc/railbus",
+            "当前目录、上级目录、~/.config/railbus 和 /etc/railbus 中均无 railbus.toml"],
+        next: ["name port and module: -l /dev/ttyUSB0 -m erc8 -a 3",
+            "直接指定端口和模块：-l /dev/ttyUSB0 -m erc8 -a 3"],
+    }
+    BadConfig = "E0810" {
+        title: ["the configuration has problems", "配置有问题"],
+        likely: ["see each of them", "见各项说明"],
+        next: ["correct the places named", "改正所指出的位置"],
+    }
+    ConfigSyntax = "E0811" {
+        title: ["the configuration is no TOML", "配置不是有效的 TOML"],
+        likely: ["a quote or bracket is missing", "缺少引号或括号"],
+        next: ["look at the line and column named", "查看所指的行和列"],
+    }
+    ConfigKey = "E0812" {
+        title: ["unknown key in the configuration", "配置中有未知的键"],
+        likely: ["a typing mistake", "输入错误"],
+        next: ["use the key that is suggested", "使用所建议的键"],
+    }
+    ConfigMissing = "E0813" {
+        title: ["a key is missing in the configuration", "配置中缺少键"],
+        likely: ["a line needs port; a module needs line, model and address",
+            "line 需要 port；module 需要 line、model 和 address"],
+        next: ["add the key", "补上该键"],
+    }
+    ConfigType = "E0814" {
+        title: ["a value of the wrong kind in the configuration", "配置中值的类型不对"],
+        likely: ["quotes around a number, or none around a text", "数字加了引号，或文本缺少引号"],
+        next: ["write the kind that is named", "改为所要求的类型"],
+    }
+    ConfigChoice = "E0815" {
+        title: ["a value that is none of the possible ones", "值不在可选范围内"],
+        likely: ["a typing mistake · an unknown model", "输入错误 · 未知型号"],
+        next: ["use one of the values listed", "使用列出的值之一"],
+    }
+    ConfigRange = "E0816" {
+        title: ["a number out of its range in the configuration", "配置中数值超出范围"],
+        likely: ["a typing mistake", "输入错误"],
+        next: ["use a number within the bounds named", "使用所示范围内的数值"],
+    }
+    ConfigName = "E0817" {
+        title: ["this can't be a name", "名称无效"],
+        likely: ["names are 1 to 32 of a-z, 0-9 and _", "名称为 1 至 32 个 a-z、0-9 或 _"],
+        next: ["choose another name; the name to show goes into name = {…}",
+            "换一个名称；显示名写在 name = {…} 中"],
+    }
+    ConfigDuration = "E0818" {
+        title: ["a time without its unit", "时间缺少单位"],
+        likely: ["write 200ms, 1.5s, 2m", "应写作 200ms、1.5s、2m"],
+        next: ["add the unit", "补上单位"],
+    }
+    ConfigAnalog = "E0819" {
+        title: ["this is no range of an analog input", "模拟量量程无效"],
+        likely: ["low is not below high", "下限不小于上限"],
+        next: ["see range in the guide", "参见手册中的 range"],
+    }
+    ConfigLine = "E0820" {
+        title: ["a module hangs on a line that is not there", "模块所属的总线不存在"],
+        likely: ["a typing mistake in line =", "line = 有误"],
+        next: ["add [line.NAME] or correct the name", "添加 [line.NAME] 或改正名称"],
+    }
+    ConfigPoint = "E0821" {
+        title: ["a point that the module does not have", "模块没有该点"],
+        likely: ["labels are those printed on the module: do0, di0, k1, ai1",
+            "标签与模块上所印一致：do0、di0、k1、ai1"],
+        next: ["railbus ls models", "railbus ls models"],
+    }
+    ConfigSetup = "E0822" {
+        title: ["no module of this model can be as described", "该型号不可能如此设置"],
+        likely: ["an address, speed, protocol or number of channels that the family does not have",
+            "该系列没有此地址、波特率、协议或通道数"],
+        next: ["railbus ls models", "railbus ls models"],
+    }
+    ConfigTwice = "E0823" {
+        title: ["two modules on one address", "两个模块地址相同"],
+        likely: ["copied without a change", "复制后未修改"],
+        next: ["give one of them another address", "为其中一个更换地址"],
+    }
+    ConfigFile = "E0824" {
+        title: ["the configuration can't be read", "无法读取配置"],
+        likely: ["no such file · no right to read it", "文件不存在 · 无读取权限"],
+        next: ["check the path given to --config", "检查 --config 的路径"],
+    }
+    ConfigPort = "E0825" {
+        title: ["the value names no port", "该值不是端口名称"],
+        likely: ["COM3 or ttyUSB0 without /dev/", "写成 COM3，或缺少 /dev/"],
+        next: ["write /dev/ttyUSB0, tcp:HOST:PORT, mbtcp:HOST or pty:/PATH",
+            "应写为 /dev/ttyUSB0、tcp:主机:端口、mbtcp:主机 或 pty:/路径"],
+    }
+    ConfigPortTwice = "E0826" {
+        title: ["two lines on one port", "两条总线使用同一端口"],
+        likely: ["copied without a change", "复制后未修改"],
+        next: ["put the modules of both on one line", "将两者的模块放在一条总线下"],
+    }
+    NoSetting = "E0840" {
+        title: ["the module has no such setting", "模块没有该设置"],
+        likely: ["a typing mistake · another model", "输入错误 · 型号不同"],
+        next: ["railbus config show MODULE", "railbus config show MODULE"],
+    }
+    SettingRange = "E0841" {
+        title: ["the setting can't have this value", "该设置不能为此值"],
+        likely: ["the family has other addresses, bauds or widths", "该系列的地址、波特率或宽度不同"],
+        next: ["railbus config show MODULE     lists what each may be",
+            "railbus config show MODULE     列出各项可选值"],
+    }
+    SettingFixed = "E0842" {
+        title: ["no command changes this setting", "没有命令可更改该设置"],
+        likely: ["the maker's software, a pin or a switch does", "由厂家软件、引脚或拨码开关决定"],
+        next: ["railbus config show MODULE", "railbus config show MODULE"],
+    }
+    PortSpeed = "E0843" {
+        title: ["nothing written: this port can't follow another speed or parity",
+            "未写入：该端口无法改变波特率或校验位"],
+        likely: ["a serial server keeps its own speed: the module would be lost",
+            "串口服务器使用自身波特率：模块将无法访问"],
+        next: ["change the server's speed by hand, or connect the module to a serial port",
+            "手动更改服务器的波特率，或将模块接到串口"],
+    }
+    NotReadable = "E0844" {
+        title: ["nothing written: the settings kept beside it can't be read",
+            "未写入：无法读取同时保存的其他设置"],
+        likely: ["an older EDA9060 has no pulses", "旧型 EDA9060 没有脉冲功能"],
+        next: ["railbus config show MODULE", "railbus config show MODULE"],
+    }
+    UnsafeFrame = "E0845" {
+        title: ["nothing written: a module of another protocol could take the frame for a command",
+            "未写入：其他协议的模块可能误认此帧为命令"],
+        likely: ["the address is 85, 76 or 36, which begin frames of other protocols",
+            "地址 85、76 或 36 是其他协议的帧头"],
+        next: ["choose another address", "选择其他地址"],
+    }
+    NoChange = "E0846" {
+        title: ["there is no such change in the journal", "日志中没有该更改"],
+        likely: ["another folder, or too long ago", "文件夹不同，或时间过久"],
+        next: ["railbus config log", "railbus config log"],
+    }
+    CantUndo = "E0847" {
+        title: ["this change can't be taken back", "该更改无法撤销"],
+        likely: ["the old values are not known, as after a calibration", "原值未知，例如校准之后"],
+        next: ["railbus config log", "railbus config log"],
+    }
+    BackupFile = "E0848" {
+        title: ["this is no backup", "这不是备份文件"],
+        likely: ["another file than meant · cut short", "文件有误 · 不完整"],
+        next: ["railbus config backup -O site.json", "railbus config backup -O site.json"],
+    }
+    BackupSchema = "E0849" {
+        title: ["the backup was written by another version", "备份由其他版本写成"],
+        likely: ["made by an older or newer railbus", "由更旧或更新的 railbus 生成"],
+        next: ["make a new backup with this version", "用此版本重新备份"],
+    }
+    BackupSite = "E0850" {
+        title: ["the backup is of another site", "备份属于另一个站点"],
+        likely: ["another configuration than the one it was made with", "与备份时的配置不同"],
+        next: ["add --other-site if that is what you want", "确认无误后加 --other-site"],
+    }
+    NotAlone = "E0851" {
+        title: ["not sent: more than one module answers on the line", "未发送：总线上不止一个模块应答"],
+        likely: ["a broadcast would change all of them", "广播会更改所有模块"],
+        next: ["take the module off the line and connect it alone", "将该模块单独接到总线上"],
+    }
+    NothingToDo = "E0852" {
+        title: ["there is no module that this could be done with", "没有可执行此操作的模块"],
+        likely: ["another line than meant · no module of that family in the configuration",
+            "总线有误 · 配置中没有该系列的模块"],
+        next: ["railbus ls", "railbus ls"],
+    }
+    ScanNotWritten = "E0870" {
+        title: ["the modules found can't be written to the configuration", "无法将发现的模块写入配置"],
+        likely: ["no right to the file or its folder · no room · a table written in one line",
+            "文件或目录无权限 · 磁盘已满 · 配置中有单行表"],
+        next: ["write them by hand, as railbus scan shows them", "按 railbus scan 的结果手动写入"],
+    }
+    ConfigFault = "E0890" {
+        title: ["this is no fault to simulate", "不是可模拟的故障"],
+        likely: ["a typing mistake · a value is missing", "输入错误 · 缺少数值"],
+        next: ["railbus sim --help lists them", "railbus sim --help 列出所有故障"],
+    }
+    SimState = "E0891" {
+        title: ["the settings kept of the simulated modules can't be used", "无法使用所保存的模拟模块设置"],
+        likely: ["a file of something else, or of another plant · no right to it",
+            "文件属于其他用途或其他工厂文件 · 无权限"],
+        next: ["choose another file with --state", "用 --state 换一个文件"],
+    }
+    SimPlant = "E0892" {
+        title: ["the plant can't be simulated so", "无法如此模拟该工厂文件"],
+        likely: ["a flag names a line that is not there · there is nothing to simulate",
+            "参数中的总线不存在 · 没有可模拟的总线"],
+        next: ["railbus sim --help", "railbus sim --help"],
+    }
+    ConfigInput = "E0893" {
+        title: ["a simulated level at a point that is no input", "模拟电平所在的点不是输入"],
+        likely: ["outputs and variables belong to the module and its master", "输出和变量由模块和主机控制"],
+        next: ["name an input: di0, k1 of a board of inputs, ai1", "使用输入点：di0、输入板的点、ai1"],
+    }
+}

@@ -1,0 +1,139 @@
+//! What a module did or did not: exit codes 3 to 6.
+
+use super::{Code, codes};
+
+codes! {
+    NoReply = "E0301" {
+        title: ["no reply: nobody answered in time", "无应答：限定时间内无人应答"],
+        likely: ["module off · A/B swapped · other baud or protocol · address changed",
+            "模块未上电 · A/B 接反 · 波特率或协议不同 · 地址已改"],
+        next: ["railbus scan", "railbus scan"],
+    }
+    Unknown = "E0302" {
+        title: ["the line was lost during the command; it may have acted",
+            "命令进行中失去总线；命令可能已执行"],
+        likely: ["the adapter was pulled out · its driver fails", "转换器被拔出 · 驱动故障"],
+        next: ["plug it in, then: railbus get --fresh", "重新插入后执行：railbus get --fresh"],
+    }
+    Lost = "E0340" {
+        title: ["the module is not found any more after the write", "写入后找不到该模块"],
+        likely: ["it lost its power meanwhile · its line was disturbed · it has other settings \
+            than written",
+            "期间断电 · 总线受干扰 · 实际采用的设置与写入的不同"],
+        next: ["railbus config recover", "railbus config recover"],
+    }
+    NotFound = "E0341" {
+        title: ["the module is found nowhere", "到处找不到该模块"],
+        likely: ["it is off · it hangs on another line · A/B swapped",
+            "未上电 · 在另一条总线上 · A/B 接反"],
+        next: ["railbus scan", "railbus scan"],
+    }
+    NothingHeard = "E0380" {
+        title: ["nothing was heard on the line", "总线上没有任何通信"],
+        likely: ["no master talks · A and B not connected · the adapter does not listen",
+            "没有主机通信 · A/B 未接 · 转换器未在接收"],
+        next: ["railbus doctor", "railbus doctor"],
+    }
+    Refused = "E0401" {
+        title: ["refused: the module answered no", "被拒绝：模块答复不执行"],
+        likely: ["wrong model in the configuration · a channel or value it does not have · its \
+            host watchdog has tripped",
+            "配置的型号不对 · 通道或值不存在 · 模块的主机看门狗已动作"],
+        next: ["railbus scan", "railbus scan"],
+    }
+    AddressTaken = "E0440" {
+        title: ["nothing written: somebody is at the new address", "未写入：新地址已被占用"],
+        likely: ["a module that is not in the configuration", "有模块未列入配置"],
+        next: ["railbus scan", "railbus scan"],
+    }
+    SettingRefused = "E0441" {
+        title: ["the module refused the setting; it is as it was", "模块拒绝了该设置；设置未变"],
+        likely: ["a value that this version of the module does not have", "该版本模块没有此值"],
+        next: ["railbus config show MODULE", "railbus config show MODULE"],
+    }
+    WrongModel = "E0442" {
+        title: ["nothing written: another model answers there", "未写入：应答的是另一型号"],
+        likely: ["wrong model in the configuration · another module on that address",
+            "配置的型号不对 · 该地址上是另一模块"],
+        next: ["railbus scan", "railbus scan"],
+    }
+    Garbled = "E0501" {
+        title: ["garbled: bytes came back that are no reply", "应答损坏：收到的字节不是有效应答"],
+        likely: ["other baud or parity · two modules on one address · noise, bias or termination",
+            "波特率或校验位不同 · 两个模块地址相同 · 干扰、偏置或终端电阻问题"],
+        next: ["railbus scan", "railbus scan"],
+    }
+    NoProtocol = "E0502" {
+        title: ["these bytes are no good frame", "这些字节不是正确的帧"],
+        likely: ["a byte lost or changed · the checksum left out · bytes of two frames",
+            "丢失或改变了字节 · 缺少校验和 · 混有两帧"],
+        next: ["railbus decode --all", "railbus decode --all"],
+    }
+    TwoModules = "E0540" {
+        title: ["nothing written: what answers there is not understood", "未写入：该处的应答无法理解"],
+        likely: ["two modules on one address · noise · another speed",
+            "两个模块地址相同 · 干扰 · 波特率不同"],
+        next: ["railbus config recover --addr N     says how to part two modules",
+            "railbus config recover --addr N     说明如何分开两个模块"],
+    }
+    NoSpeed = "E0580" {
+        title: ["bytes were heard, but at no speed do they make frames",
+            "听到字节，但任何波特率下都不成帧"],
+        likely: ["another protocol · A and B swapped · a speed that is not tried here",
+            "其他协议 · A/B 接反 · 未尝试的波特率"],
+        next: ["railbus sniff --baud N -v", "railbus sniff --baud N -v"],
+    }
+    NotVerified = "E0601" {
+        title: ["not verified: acknowledged, but read back otherwise", "未证实：已应答，但回读不一致"],
+        likely: ["the output gives pulses and has released already · someone else switched it · \
+            the module's own logic",
+            "输出为点动方式且已断开 · 另有上位机操作 · 模块自身逻辑"],
+        next: ["railbus get --fresh", "railbus get --fresh"],
+    }
+    SettingIgnored = "E0640" {
+        title: ["the module did not take the setting; it is as it was", "模块未接受该设置；设置未变"],
+        likely: ["the write was lost twice · the module wants a jumper or its maker's software \
+            for this",
+            "写入两次均丢失 · 该设置需要跳线或厂家软件"],
+        next: ["railbus config show MODULE", "railbus config show MODULE"],
+    }
+    RolledBack = "E0641" {
+        title: ["a part was refused: what was done was taken back", "部分被拒绝：已完成的部分已恢复原值"],
+        likely: ["a value that this version of the module does not have", "该版本模块没有此值"],
+        next: ["railbus config log", "railbus config log"],
+    }
+    Halfway = "E0642" {
+        title: ["a part was done and could not be taken back", "部分已完成且无法恢复"],
+        likely: ["the module takes some settings only at its next power-up",
+            "模块的部分设置在下次上电时才生效"],
+        next: ["railbus config recover", "railbus config recover"],
+    }
+    AtPowerUp = "E0643" {
+        title: ["acknowledged, but not in force: it acts at the module's next power-up",
+            "已应答但尚未生效：模块下次上电时生效"],
+        likely: ["this version of the module reads its settings only when it starts",
+            "该版本模块仅在启动时读取设置"],
+        next: ["switch the module off and on, then: railbus config recover",
+            "断电再上电，然后执行：railbus config recover"],
+    }
+    NoPowerCycle = "E0644" {
+        title: ["the board did not take its address", "该板未接受新地址"],
+        likely: ["it was not switched off and on in time · its DIP switch is not at 0",
+            "未及时断电再上电 · 拨码开关不为 0"],
+        next: ["set the DIP switch to 0, repeat, and switch it off and on when asked",
+            "将拨码开关拨到 0，重新执行，并在提示时断电再上电"],
+    }
+    NotCalibrated = "E0645" {
+        title: ["the calibration was not finished", "校准未完成"],
+        likely: ["the module was switched off, or its inputs are out of range",
+            "模块断电，或输入超出量程"],
+        next: ["railbus config calibrate MODULE", "railbus config calibrate MODULE"],
+    }
+    Untold = "E0646" {
+        title: ["not acknowledged, and the module does not tell what it keeps",
+            "未应答，且模块不提供其保存的设置"],
+        likely: ["the write was lost · it acts at the next power-up", "写入丢失 · 下次上电时生效"],
+        next: ["switch the module off and on, then: railbus config recover MODULE",
+            "断电再上电，然后执行：railbus config recover MODULE"],
+    }
+}

@@ -1,0 +1,154 @@
+//! The program itself, and how it was called: exit codes 1 and 2.
+
+use super::{Code, codes};
+
+codes! {
+    System = "E0101" {
+        title: ["the system refuses something that always works", "系统拒绝了通常可行的操作"],
+        likely: ["no memory, no file handles or no right to use them", "内存、文件句柄或权限不足"],
+        next: ["read what the system says after \"why\"", "查看“原因”后的系统说明"],
+    }
+    Output = "E0102" {
+        title: ["the result can't be written", "无法写出结果"],
+        likely: ["the disk behind the redirection is full", "重定向所在磁盘已满"],
+        next: ["make room and run the command again", "腾出空间后重新执行"],
+    }
+    Overloaded = "E0105" {
+        title: ["not sent: too much waits for the line already", "未发送：总线上等待的命令过多"],
+        likely: ["many commands at once, or modules that do not answer", "同时命令过多，或有模块不应答"],
+        next: ["wait a moment, then repeat the command", "稍候再试"],
+    }
+    Expired = "E0106" {
+        title: ["not sent: its time to live ran out", "未发送：已超过有效时间"],
+        likely: ["the line is busy or silent modules hold it up", "总线繁忙，或被无应答的模块拖住"],
+        next: ["railbus ls", "railbus ls"],
+    }
+    Locked = "E0107" {
+        title: ["not sent: the point is locked", "未发送：该点已锁定"],
+        likely: ["locked = true in the configuration", "配置中有 locked = true"],
+        next: ["take the lock out of the configuration if you may", "如有权限，请在配置中解除锁定"],
+    }
+    NotAsAsked = "E0108" {
+        title: ["not sent: the output is not in the state asked for", "未发送：输出不是所要求的状态"],
+        likely: ["someone else switched it meanwhile", "期间已被他人操作"],
+        next: ["railbus get --fresh", "railbus get --fresh"],
+    }
+    NoDaemon = "E0109" {
+        title: ["the daemon can't be reached", "无法连接守护进程"],
+        likely: ["it does not run · another socket · no right to it", "未运行 · 套接字不同 · 无权限"],
+        next: ["railbus serve", "railbus serve"],
+    }
+    NoPage = "E0110" {
+        title: ["the daemon has nothing at this address", "守护进程没有此地址"],
+        likely: ["the daemon is of another version than this command", "守护进程与此命令版本不同"],
+        next: ["restart the daemon", "重新启动守护进程"],
+    }
+    Journal = "E0140" {
+        title: ["the journal of changes can't be written; nothing was sent after it failed",
+            "无法写入更改日志；失败后未再发送任何内容"],
+        likely: ["no right to the folder · the disk is full", "文件夹无写权限 · 磁盘已满"],
+        next: ["choose another folder with --state DIR", "用 --state DIR 指定其他文件夹"],
+    }
+    JournalBusy = "E0141" {
+        title: ["another railbus changes settings just now", "另一个 railbus 正在更改设置"],
+        likely: ["a second shell, or an apply that still runs", "另一个终端，或仍在执行的 apply"],
+        next: ["wait until it has ended", "等待其结束"],
+    }
+    ConfigNotWritten = "E0142" {
+        title: ["the module was changed, but the configuration file was not",
+            "模块已更改，但配置文件未能更新"],
+        likely: ["no right to the file · the disk is full", "文件无写权限 · 磁盘已满"],
+        next: ["railbus config recover", "railbus config recover"],
+    }
+    NotConfirmed = "E0143" {
+        title: ["not confirmed: nothing was written", "未确认：未写入任何内容"],
+        likely: ["the question was answered with no", "对提问回答了否"],
+        next: ["repeat the command and answer y, or add --yes", "重新执行并回答 y，或加 --yes"],
+    }
+    Capture = "E0180" {
+        title: ["the capture file can't be read", "无法读取抓包文件"],
+        likely: ["it is no pcapng file · it was cut off while it was written",
+            "不是 pcapng 文件 · 写入时被截断"],
+        next: ["editcap -F pcapng OLD NEW   (of Wireshark)",
+            "editcap -F pcapng 旧文件 新文件（Wireshark 工具）"],
+    }
+    CaptureWrite = "E0181" {
+        title: ["the capture file can't be written", "无法写入抓包文件"],
+        likely: ["it is there already · the disk is full · no right to the folder",
+            "文件已存在 · 磁盘已满 · 无目录权限"],
+        next: ["name another file", "换一个文件名"],
+    }
+    NothingToPlay = "E0183" {
+        title: ["the capture file can't be played", "无法重放抓包文件"],
+        likely: ["it holds replies alone, or too much", "文件中只有应答，或内容过多"],
+        next: ["railbus sniff --read FILE", "railbus sniff --read 文件"],
+    }
+    Install = "E0195" {
+        title: ["a file can't be put in its place", "无法写入文件"],
+        likely: ["no right to write there · the disk is full", "无写入权限 · 磁盘已满"],
+        next: ["name a folder of your own with --dir", "用 --dir 指定您自己的目录"],
+    }
+    Unhealthy = "E0196" {
+        title: ["the doctor found errors", "诊断发现错误"],
+        likely: ["see each of them", "见各项说明"],
+        next: ["railbus doctor --fix", "railbus doctor --fix"],
+    }
+    FixFailed = "E0197" {
+        title: ["a fix did not work", "修复未成功"],
+        likely: ["the command named ended with an error · no right to run it",
+            "所示命令执行出错 · 无执行权限"],
+        next: ["run the command yourself and read what it says", "自行执行该命令并查看其输出"],
+    }
+    Usage = "E0201" {
+        title: ["wrong arguments", "参数有误"],
+        likely: ["a typing mistake", "输入错误"],
+        next: ["railbus --help", "railbus --help"],
+    }
+    NeedsYes = "E0202" {
+        title: ["not sent: the frame changes settings or is for all modules",
+            "未发送：此帧会更改设置或面向所有模块"],
+        likely: ["a broadcast switches every module; a setting is kept in EEPROM",
+            "广播会动作所有模块；设置会写入 EEPROM"],
+        next: ["repeat it with --yes if that is what you want", "确认无误后加 --yes 重试"],
+    }
+    NeedsAnswer = "E0240" {
+        title: ["nobody can be asked: this is no terminal", "无法提问：当前不是终端"],
+        likely: ["run from a script or with its input redirected", "在脚本中运行，或输入已重定向"],
+        next: ["look at it with -n, then add --yes", "先用 -n 查看，再加 --yes"],
+    }
+    ScanNothing = "E0270" {
+        title: ["there is nothing to ask", "没有可询问的内容"],
+        likely: ["protocols, speeds and parity exclude each other", "协议、波特率与校验位互相矛盾"],
+        next: ["railbus scan --help", "railbus scan --help"],
+    }
+    ScanNoneKept = "E0271" {
+        title: ["there is no scan to go on with", "没有可继续的扫描"],
+        likely: ["the last scan of this line came to its end · another folder or configuration",
+            "此总线上次扫描已完成 · 目录或配置不同"],
+        next: ["railbus scan", "railbus scan"],
+    }
+    ScanOther = "E0272" {
+        title: ["the scan that was broken off is another one", "中断的扫描与此不同"],
+        likely: ["other options, another line or another port", "选项、总线或端口不同"],
+        next: ["repeat it with the options of that scan, or scan without --resume",
+            "使用原扫描的选项，或不带 --resume 重新扫描"],
+    }
+    ScanFixedSpeed = "E0274" {
+        title: ["the speed of this line can't be changed from here", "无法从此处更改该总线的波特率"],
+        likely: ["the line is behind a serial server, which has a speed of its own",
+            "总线位于串口服务器之后，波特率由其设定"],
+        next: ["railbus scan --full, and change the speed at the server for each of the others",
+            "railbus scan --full；其他波特率须在服务器上逐一更改"],
+    }
+    BadFilter = "E0280" {
+        title: ["the filter can't be read", "无法理解过滤条件"],
+        likely: ["a typing mistake", "输入错误"],
+        next: ["railbus sniff --filter 'addr=3 and (bad or slow>50ms)'",
+            "railbus sniff --filter 'addr=3 and (bad or slow>50ms)'"],
+    }
+    SimOrder = "E0290" {
+        title: ["the simulator does not understand this", "模拟器无法理解此命令"],
+        likely: ["a typing mistake · a module or point of another plant", "输入错误 · 属于其他工厂文件的模块或点"],
+        next: ["type help at its prompt", "在提示符下输入 help"],
+    }
+}
