@@ -164,7 +164,10 @@ async fn serve_demo(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let pty =
         Pty::open(&wanted.pty).map_err(|error| error.into_failure(lang, &wanted.pty, elsewhere))?;
     announce(lang, wanted, tcp.address());
-    let frames = wanted.verbose.then(|| frames::Frames::begin(lang));
+    let frames = wanted.verbose.then(|| {
+        frames::heading(lang, frames::WIDTH);
+        frames::Frames::new(None, frames::WIDTH)
+    });
     let served = demo_line(wanted.seed, pty, Some(tcp), frames);
     let served = served.map_err(|error| system(lang, error))?;
     serve::serve(Clock::new(1.0), served, stop.requested())

@@ -632,3 +632,21 @@ fn a_line_may_be_on_a_pty_and_on_tcp() {
     client.read_exact(&mut heard).expect("the line");
     assert!(plant.order("show pump").contains("; replies "));
 }
+
+#[test]
+fn frames_of_all_lines_are_shown_in_columns() {
+    let mut plant = Plant::start("frames", &["-v"]);
+    plant.get("oven.k1");
+    plant.order("quit");
+    plant.ended();
+    let mut shown = String::new();
+    let mut stdout = plant.stdout.take().expect("it is open");
+    stdout.read_to_string(&mut shown).expect("text");
+    let head = "  TIME s     +ms  WHO         EVENT        BYTES\n";
+    assert!(shown.contains(head), "{shown}");
+    let sent = "  host.field  sends        03 01 00 3C 00 08 FC 22";
+    let oven = "  oven        sends        03 01 01 00 ";
+    for told in [sent, oven] {
+        assert!(shown.contains(told), "{told}: {shown}");
+    }
+}

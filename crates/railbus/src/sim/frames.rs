@@ -2,6 +2,7 @@
 
 use super::texts::SimText;
 use crate::i18n::Lang;
+use crate::render::width;
 
 use railbus_sim::{Direction, Entry, Trace};
 use railbus_wire::Instant;
@@ -12,19 +13,18 @@ pub(super) struct Frames {
     last: Instant,
     /// The name of the line, where there are several.
     line: Option<String>,
+    /// How wide the names are.
+    width: usize,
 }
 
-impl Frames {
-    /// Shows the heading.
-    pub(super) fn begin(lang: Lang) -> Frames {
-        say(&format!("\n{}", lang.get(SimText::FrameColumns)));
-        Frames::of(None)
-    }
+/// How wide names are at least.
+pub(super) const WIDTH: usize = 8;
 
-    /// The frames of one line, without the heading.
-    pub(super) const fn of(line: Option<String>) -> Frames {
+impl Frames {
+    /// The frames of the only line, or of one that is named.
+    pub(super) const fn new(line: Option<String>, width: usize) -> Frames {
         let last = Instant(0);
-        Frames { last, line }
+        Frames { last, line, width }
     }
 
     /// Takes all out of the trace, and shows what people want to see of it: who sends what, but
@@ -44,15 +44,24 @@ impl Frames {
             (Some(line), who @ ("host" | "line")) => format!("{who}.{line}"),
             (_, who) => who.to_owned(),
         };
+        let width = self.width;
         format!(
-            "{:>8.3} {:>7.1}  {:<8}  {:<11}  {}",
+            "{:>8.3} {:>7.1}  {who:<width$}  {:<11}  {}",
             entry.at().0 as f64 / 1e6,
             entry.at().since(self.last).0 as f64 / 1e3,
-            who,
             entry.event(),
             bytes.join(" ")
         )
     }
+}
+
+/// Shows what the columns are.
+pub(super) fn heading(lang: Lang, width: usize) {
+    let who = width::pad(lang.get(SimText::Who), width);
+    say(&format!(
+        "\n{}",
+        lang.fill(SimText::FrameColumns, &[("who", &who)])
+    ));
 }
 
 /// Who reads it may have gone; the line is served all the same.

@@ -71,6 +71,11 @@ impl Directory {
         Directory { lines, modules }
     }
 
+    /// The names of all modules.
+    pub(super) fn modules(&self) -> impl Iterator<Item = &str> {
+        self.modules.keys().map(String::as_str)
+    }
+
     /// Reads one order.
     pub(super) fn read(&self, lang: Lang, text: &str) -> Result<Order, Failure> {
         let reader = Reader {

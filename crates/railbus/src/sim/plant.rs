@@ -62,7 +62,7 @@ pub(super) async fn run(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let places = places(lang, &config, &directory, wanted)?;
     let control = control(lang, wanted)?;
     let served = open(lang, &directory, stages, places, store, wanted).await?;
-    announce(lang, wanted, &config, &served, control.as_ref());
+    announce(lang, wanted, &directory, &config, &served, control.as_ref());
 
     let clock = Clock::new(wanted.speed.or(config.plant.speed).unwrap_or(1.0));
     let mut tasks = JoinSet::new();
@@ -175,6 +175,7 @@ async fn open(
         });
     }
     let several = directory.lines.len() > 1;
+    let width = width_of_names(directory);
     let mut all = Vec::new();
     let lines = stages.into_iter().zip(places).zip(tcps);
     for (((stage, mut place), tcp), name) in lines.zip(&directory.lines) {
@@ -187,7 +188,7 @@ async fn open(
             tcp,
             frames: wanted
                 .verbose
-                .then(|| frames::Frames::of(several.then(|| name.clone()))),
+                .then(|| frames::Frames::new(several.then(|| name.clone()), width)),
             jobs: None,
             keeper: store.clone().map(Keeper::new),
         };
@@ -201,11 +202,22 @@ fn open_pty(lang: Lang, name: &str, path: &Path) -> Result<Pty, Failure> {
     Pty::open(path).map_err(|error| error.into_failure(lang, path, &elsewhere))
 }
 
+/// How wide the names of lines and modules are where frames are shown.
+fn width_of_names(directory: &Directory) -> usize {
+    let hosts = directory
+        .lines
+        .iter()
+        .map(|line| "host.".len() + line.len());
+    let names = directory.modules().map(str::len).chain(hosts);
+    names.fold(frames::WIDTH, usize::max)
+}
+
 /// Says what is served and how to connect. Who reads it may have gone; the lines are served all
 /// the same.
 fn announce(
     lang: Lang,
     wanted: &Wanted,
+    directory: &Directory,
     config: &Config,
     served: &[(Served, Place)],
     control: Option<&Socket>,
@@ -254,6 +266,6 @@ fn announce(
         .write_all(text.as_bytes())
         .and_then(|()| stdout.flush());
     if wanted.verbose {
-        let _ = frames::Frames::begin(lang);
+        frames::heading(lang, width_of_names(directory));
     }
 }

@@ -121,9 +121,10 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
         zh: "模块    型号         地址      协议",
     }
     FrameColumns {
-        en: "  TIME s     +ms  WHO       EVENT        BYTES",
-        zh: "  时间 s     +ms  谁        事件         字节",
+        en: "  TIME s     +ms  {who}  EVENT        BYTES",
+        zh: "  时间 s     +ms  {who}  事件         字节",
     }
+    Who { en: "WHO", zh: "谁" }
 
     // A plant.
     PlantServed {
