@@ -140,6 +140,8 @@ fn what_can_not_be_is_refused_before_anything_is_written() {
         ("config set oven address --yes", "E0201", 2),
         // The tank is there, in the same protocol.
         ("config set oven address=5 --yes", "E0440", 4),
+        // A pseudo-terminal has no parity, a serial server its own speed.
+        ("config set oven parity=even --yes", "E0843", 8),
         ("config undo --yes", "E0846", 8),
         ("config calibrate pump --yes", "E0842", 8),
         ("config calibrate tank --yes --voltage 21V", "E0841", 8),
@@ -553,6 +555,12 @@ fn modules_that_refuse_ignore_or_vanish() {
     let ran = set(&emd(|_, _| vec![0xFF; 6]));
     fails(&ran, "E0540", 5);
     assert_eq!(journal(), "");
+    let port = emd(|_, _| vec![0xFF; 6]);
+    let recover = "config recover emd2a2q --state state";
+    let ran = site.run(&format!("-l pty:{port} -m emd2a2q -a 1 {recover}"));
+    fails(&ran, "E0540", 5);
+    let told = "to part two: unplug one of them; railbus config set emd2a2q address=FREE";
+    assert!(ran.err.contains(told), "{ran:?}");
     // It answers no.
     let ran = set(&emd(move |request, registers| match request[1] {
         3 => all_registers(registers),

@@ -3,7 +3,7 @@
 use super::change::{carry_all, untold};
 use super::desk::{Desk, Reply};
 use super::place::{Found, Kept, Place};
-use super::sight::{Look, first_alone, look};
+use super::sight::{find, first_alone};
 use super::stages::{Stage, applied, stages};
 use super::{
     Ended, Job, Procedure, Progress, Question, Record, Refused, Sight, Spot, State, Trouble, vacant,
@@ -75,11 +75,8 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Trouble
                 });
             }
         }
-        let readings = step
-            .read()
-            .await?
-            .and_then(|now| now.analogs)
-            .unwrap_or_default();
+        let now = step.read().await?.ok_or(Trouble::NoReply(place))?;
+        let readings = now.analogs.unwrap_or_default();
         if !desk.confirm(Question::SpanReady(voltage, readings)).await {
             done.hindered = Some(Hindrance::Stopped);
             return Ok(done);
@@ -197,13 +194,8 @@ impl Steps<'_> {
     }
 
     async fn read(&self) -> Result<Option<Found>, Trouble> {
-        let place = self.found.place;
-        Ok(
-            match look(self.desk, &self.job.setup, place, Look::Again).await? {
-                Sight::Clear(found) => Some(found),
-                _ => None,
-            },
-        )
+        let places = [self.found.place];
+        Ok(find(self.desk, &self.job.setup, &places, 3).await?.0)
     }
 
     fn record(&self, module: &Module, change: Change) -> Record {

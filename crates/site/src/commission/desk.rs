@@ -361,8 +361,18 @@ impl Desk {
 
     /// Does an op that only reads, again where nothing good came back.
     pub(crate) async fn read(&self, module: &Module, op: &Op) -> Result<Reply, Trouble> {
+        self.read_times(module, op, 3).await
+    }
+
+    /// The same, so often at most.
+    pub(crate) async fn read_times(
+        &self,
+        module: &Module,
+        op: &Op,
+        times: usize,
+    ) -> Result<Reply, Trouble> {
         let mut last = Reply::Silent;
-        for _ in 0..3 {
+        for _ in 0..times {
             last = match self.op(module, op).await? {
                 Reply::Said(seen) => return Ok(Reply::Said(seen)),
                 // Garbled once says more than silence after it.

@@ -174,7 +174,8 @@ fn settles(stage: &Stage, kept: &Kept, found: &Found) -> bool {
 async fn seek(desk: &Desk, search: &Search) -> Result<(Option<Found>, bool), Trouble> {
     let near: Vec<Place> = of_this(search, search.first.clone());
     let (found, mut garbled) = find(desk, &search.setup, &near, 3).await?;
-    if found.is_some() || !search.outwards {
+    // Two at once are where it should be: there is no need to look further.
+    if found.is_some() || garbled || !search.outwards {
         return Ok((found, garbled));
     }
     for place in of_this(search, outwards(search)) {

@@ -29,6 +29,17 @@ pub(crate) enum Look {
     Again,
 }
 
+impl Look {
+    /// How often somebody who may be there is asked. Who looks again looks at several places, and
+    /// comes back to each.
+    const fn times(self) -> usize {
+        match self {
+            Look::First => 3,
+            Look::Again => 1,
+        }
+    }
+}
+
 /// Registers 0 to 7 of an EMD-2A2Q [EMD-2A2Q §4].
 const EMD_REGISTERS: u16 = 8;
 
@@ -84,9 +95,11 @@ pub(crate) async fn look(
         (Family::Emd2a2q, _) => emd(desk, &here, place, look).await,
         (Family::Eda9050, Protocol::Rtu) => eda9050_rtu(desk, &module, place, look).await,
         (Family::Eda9060a | Family::Eda9050, _) => eda(desk, &module, place, look).await,
-        (Family::Erc8, _) => erc8(desk, &module, place).await,
+        (Family::Erc8, _) => erc8(desk, &module, place, look).await,
         (Family::R55, _) => {
-            let seen = desk.read(&module, &Op::ReadOutputs).await?;
+            let seen = desk
+                .read_times(&module, &Op::ReadOutputs, look.times())
+                .await?;
             Ok(sighted(seen, |_| Some(Found::at(place))))
         }
     }
@@ -119,7 +132,10 @@ async fn eda(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<S
         }
     }
     let mut found = Found::at(place);
-    match desk.read(module, &Op::ReadConfig).await? {
+    match desk
+        .read_times(module, &Op::ReadConfig, look.times())
+        .await?
+    {
         Reply::Said(Seen::Config {
             address,
             baud,
@@ -153,7 +169,10 @@ async fn eda9050_rtu(
     place: Place,
     look: Look,
 ) -> Result<Sight, Trouble> {
-    match desk.read(module, &Op::ReadOutputs).await? {
+    match desk
+        .read_times(module, &Op::ReadOutputs, look.times())
+        .await?
+    {
         Reply::Said(Seen::Channels { .. }) => {}
         other => return Ok(sighted(other, |_| None)),
     }
@@ -173,8 +192,11 @@ async fn eda9050_rtu(
 
 /// It answers coils 60 to 67. That it lets its settings be read is not certain
 /// [ERC-8 §2.5].
-async fn erc8(desk: &Desk, module: &Module, place: Place) -> Result<Sight, Trouble> {
-    match desk.read(module, &Op::ReadOutputs).await? {
+async fn erc8(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<Sight, Trouble> {
+    match desk
+        .read_times(module, &Op::ReadOutputs, look.times())
+        .await?
+    {
         Reply::Said(Seen::Channels { .. }) => {}
         other => return Ok(sighted(other, |_| None)),
     }
@@ -203,7 +225,7 @@ async fn emd(desk: &Desk, setup: &Setup, place: Place, look: Look) -> Result<Sig
     };
     let exchange = Exchange::rtu(place.address, Request::ReadHoldingRegisters(span));
     let mut last = Sight::Silent;
-    for _ in 0..3 {
+    for _ in 0..look.times() {
         let heard = desk
             .exchange(setup, exchange, Micros::from_millis(300))
             .await?;

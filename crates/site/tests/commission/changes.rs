@@ -155,6 +155,21 @@ fn a_module_that_does_not_hear_the_write_is_unchanged() {
     assert_eq!(bench.journal, "");
 }
 
+/// Nobody acknowledges, and the module says that it is as it was: that is certain, and no recovery
+/// is needed.
+#[test]
+fn a_write_that_is_lost_twice_is_no_mystery() {
+    let setup = Setup::new(Family::Erc8, Address(1));
+    let mut bench = Bench::new(&setup, Options::default());
+    bench.deaf_to = vec![1, 6];
+    let ended = end(&mut bench, job(setup, "address=9")).unwrap();
+    assert!(
+        matches!(ended, Ended::Unchanged(_, Why::Ignored)),
+        "{ended:?}"
+    );
+    assert!(bench.log().open().is_empty());
+}
+
 #[test]
 fn a_board_that_is_not_switched_off_keeps_its_address() {
     let setup = Setup::new(Family::R55, Address(1));

@@ -10,7 +10,7 @@ use crate::commands::stop::Stop;
 use crate::failure::{Code, Failure};
 use crate::render::time;
 use jiff::Timestamp;
-use railbus_host::{AnyPort, LineName, Port, PortError, SerialOptions};
+use railbus_host::{AnyPort, LineName, Medium, Port, PortError, SerialOptions};
 use railbus_site::commission::{
     Act, Ask, Event, Heard, Place, Procedure, Progress, Question, Record, Step, Store,
 };
@@ -92,6 +92,16 @@ impl<'c> Driver<'c> {
     /// Asks no more: every question is answered with yes.
     pub(super) const fn assume_yes(&mut self, yes: bool) {
         self.yes = yes;
+    }
+
+    /// Whether the port can talk one way now and another way later.
+    pub(super) fn follows(&self, from: Settings, to: Settings) -> bool {
+        match (&self.port, self.port.medium()) {
+            (AnyPort::Tcp(_) | AnyPort::ModbusTcp(_), _) => from == to,
+            // A pseudo-terminal has a speed, and no parity.
+            (AnyPort::Serial(_), Medium::Buffered) => from.character == to.character,
+            (AnyPort::Serial(_), Medium::Wire) => true,
+        }
     }
 
     /// The number of the next change.
@@ -228,6 +238,7 @@ impl<'c> Driver<'c> {
         self.told = Some(progress);
         let every = match progress {
             Progress::PowerCycle(left) => left % 10 == 0,
+            Progress::Looking(_) => true,
             _ => false,
         };
         if first || every {
@@ -354,5 +365,28 @@ fn asked(context: &Context, question: Question) -> String {
                 ("second", &volts(second)),
             ],
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::without_echo;
+
+    /// The acknowledgement of a setting repeats the request: on an adapter that echoes it comes
+    /// twice, and the first one is nobody's.
+    #[test]
+    fn an_echo_is_no_acknowledgement() {
+        let sent = [1, 6, 0, 0, 0, 9];
+        let twice = [sent, sent].concat();
+        assert_eq!(
+            without_echo(&sent, &sent, None),
+            sent,
+            "not known: it may be the reply"
+        );
+        assert_eq!(without_echo(&sent, &sent, Some(false)), sent);
+        assert_eq!(without_echo(&sent, &sent, Some(true)), [0; 0]);
+        assert_eq!(without_echo(&twice, &sent, Some(true)), sent);
+        assert_eq!(without_echo(&twice, &sent, None), sent);
+        assert_eq!(without_echo(&[7, 7], &sent, Some(true)), [7, 7]);
     }
 }

@@ -19,6 +19,7 @@ use railbus_site::commission::{
     By, Calibrated, Ended, Hindrance, Job, calibrate as calibration, restore_factory,
 };
 use railbus_site::settings::{Key, Wanted, Wrong, range};
+use railbus_wire::Settings;
 use serde_json::json;
 
 /// The names of the commands.
@@ -188,7 +189,7 @@ pub(super) fn factory(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         let number = driver.next_change();
         let before =
             railbus_site::commission::Kept::at(railbus_site::commission::Place::of(&target.setup));
-        set::follows_port_to_factory(&context, &target)?;
+        set::follows_port(&context, &target, &driver, Settings::FACTORY)?;
         let end = driver
             .run(restore_factory(Job {
                 change: number,

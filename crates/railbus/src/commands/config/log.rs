@@ -435,7 +435,7 @@ fn not_found(context: &Context, missing: &Traced) -> Failure {
 const fn parting(setup: &Setup) -> ConfigText {
     match (setup.family, setup.protocol) {
         (Family::R55, _) => ConfigText::PartBoards,
-        (Family::Eda9050, Protocol::Ascii | Protocol::Lc02) => ConfigText::PartByPin,
+        (Family::Eda9050, Protocol::Ascii) => ConfigText::PartByPin,
         _ => ConfigText::PartByPlug,
     }
 }

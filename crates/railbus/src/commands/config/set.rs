@@ -15,10 +15,9 @@ use crate::render::table::Table;
 use crate::render::{hex, out};
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_device::{Family, Module, Op};
-use railbus_host::LineName;
 use railbus_site::commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read, stages};
 use railbus_site::settings::{Key, Wanted, differences, key};
-use railbus_wire::{Frame, Protocol};
+use railbus_wire::{Frame, Protocol, Settings};
 use serde_json::{Value, json};
 
 /// The name of the command.
@@ -201,7 +200,9 @@ pub(super) async fn change_at(
     let target = &there;
     let failed = |trouble: &Trouble| outcome::trouble(context, target, trouble);
     let planned = plan(&found, target, &wanted).map_err(|trouble| failed(&trouble))?;
-    follows_port(context, target, &planned)?;
+    for stage in &planned {
+        follows_port(context, target, driver, stage.to.serial)?;
+    }
     let before = found.kept();
     let number = driver.next_change();
     if planned.is_empty() {
@@ -282,34 +283,19 @@ pub(super) fn plan(found: &Found, target: &Target, wanted: &Wanted) -> Result<Ve
     Ok(stages(&target.setup, found.place, &known, &kept)?)
 }
 
-/// A serial server keeps its own speed: who changes the module's would lose it.
-fn follows_port(context: &Context, target: &Target, stages: &[Stage]) -> Result<(), Failure> {
-    let fixed = matches!(
-        target.port,
-        LineName::Tcp { .. } | LineName::ModbusTcp { .. }
-    );
-    if fixed
-        && stages
-            .iter()
-            .any(|stage| stage.from.serial != stage.to.serial)
-    {
-        let failure = Failure::of(context.lang, Code::PortSpeed);
-        return Err(failure.because(&target.port));
+/// A serial server keeps its own speed, and a pseudo-terminal knows no parity: who changes the
+/// module's would lose it.
+pub(super) fn follows_port(
+    context: &Context,
+    target: &Target,
+    driver: &Driver<'_>,
+    to: Settings,
+) -> Result<(), Failure> {
+    if driver.follows(target.setup.serial, to) {
+        return Ok(());
     }
-    Ok(())
-}
-
-/// The same before a module goes back to the speed of the factory.
-pub(super) fn follows_port_to_factory(context: &Context, target: &Target) -> Result<(), Failure> {
-    let fixed = matches!(
-        target.port,
-        LineName::Tcp { .. } | LineName::ModbusTcp { .. }
-    );
-    if fixed && target.setup.serial != railbus_wire::Settings::FACTORY {
-        let failure = Failure::of(context.lang, Code::PortSpeed);
-        return Err(failure.because(&target.port));
-    }
-    Ok(())
+    let failure = Failure::of(context.lang, Code::PortSpeed);
+    Err(failure.because(&target.port))
 }
 
 /// What would change, and the frames of it.

@@ -288,9 +288,11 @@ texts! {
     InPlace { en: "found in its place", zh: "在原位找到" }
     FoundElsewhere { en: "found in another place", zh: "在其他位置找到" }
     PartBoards {
-        en: "to part two boards: switch both off, then: railbus config set {module} \
-            address=FREE, and switch only one on when asked; then the other",
-        zh: "分开两块板：先都断电，执行 railbus config set {module} address=空闲地址，按提示只给其中一块上电；然后再给另一块上电",
+        en: "to part two boards: take one off the line; railbus config set {module} \
+            address=FREE, and switch the other off and on when asked; then connect the \
+            first again, it is alone at {address}",
+        zh: "分开两块板：将其中一块从总线断开；执行 railbus config set {module} address=空闲地址，\
+            按提示将另一块断电再上电；然后接回第一块，地址 {address} 上只剩它",
     }
     PartByPin {
         en: "to part two: ground INIT* of one of them, which then speaks lc02 and \
