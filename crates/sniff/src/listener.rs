@@ -289,6 +289,12 @@ impl Listener {
                 reading.role == Some(Role::Reply)
                     && pending.is_some_and(|asked| asked.protocol() == reading.protocol)
             });
+            let asks = readings.first().and_then(|reading| reading.role) == Some(Role::Request);
+            if asks && verdict == Verdict::Unknown {
+                // The master asks something else: it waits no longer.
+                self.give_up(self.time(0));
+                self.pending = None;
+            }
             self.tell(len, readings, verdict, answers);
             if let Some(pending) = &mut self.pending {
                 pending.spoiled = true;

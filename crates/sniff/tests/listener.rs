@@ -305,6 +305,23 @@ fn a_board_is_not_waited_for_as_long_as_for_a_frame_cut_short() {
 }
 
 #[test]
+fn a_request_that_is_not_known_ends_the_waiting_for_the_one_before() {
+    let mut ear = Ear::new();
+    ear.frame(b"$016\r");
+    ear.frame(&[0x4C, 0x57, 0x02, 0x09, 0x0B, 0x0D]);
+    ear.pass(Micros::from_millis(30));
+    ear.frame(b"!");
+    ear.pass(Micros::from_millis(30));
+    let expected = [
+        "ascii → 1 ok",
+        "ascii missing",
+        "lc02 → 2 unknown",
+        " bad foreign",
+    ];
+    assert_eq!(ear.words(), expected);
+}
+
+#[test]
 fn a_late_reply_is_a_reply_and_told_to_be_late() {
     let mut ear = Ear::new();
     ear.frame(b"$016\r");

@@ -48,7 +48,10 @@ crate::texts::texts! {
     Same { en: "same: {then}", zh: "相同：{then}" }
     Differs { en: "differs: {now}, recorded {then}", zh: "不同：{now}，记录为 {then}" }
     NowSilent { en: "differs: silence, recorded {then}", zh: "不同：无应答，记录为 {then}" }
-    Skipped { en: "not sent: no read, not known, or another protocol's command, too", zh: "未发送：不是读取、未知，或同时是其他协议的命令" }
+    Skipped {
+        en: "not sent: no read, not known, or another protocol's command, too",
+        zh: "未发送：不是读取、未知，或同时是其他协议的命令",
+    }
     Summary {
         en: "{same} the same, {differ} different, {skipped} not sent",
         zh: "{same} 个相同，{differ} 个不同，{skipped} 个未发送",
