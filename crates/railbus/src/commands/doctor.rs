@@ -6,6 +6,7 @@ mod finding;
 mod fix;
 mod line;
 mod port;
+mod served;
 mod show;
 mod system;
 mod texts;
@@ -111,7 +112,7 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     found.extend(port::adapters(machine, &user));
     let work = async {
         match Backend::daemon(&context.wanted).await {
-            Some(daemon) => line::through_daemon(context, &Backend::Daemon(daemon)).await,
+            Some(daemon) => served::examine(context, &Backend::Daemon(daemon)).await,
             None => here(context, machine, &user, &config).await,
         }
     };

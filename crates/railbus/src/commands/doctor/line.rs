@@ -4,8 +4,6 @@
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
 use super::{device_of, port};
-use crate::api::types::{LineInfo, ModuleInfo, ModuleState, PointInfo, PortState};
-use crate::backend::Backend;
 use crate::commands::Context;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
@@ -70,7 +68,8 @@ pub(super) fn chosen(context: &Context, config: &Config) -> Result<Vec<Chosen>, 
     Ok(chosen.collect())
 }
 
-fn no_line<'n>(
+/// The failure of naming a line that there is not.
+pub(super) fn no_line<'n>(
     context: &Context,
     wanted: &str,
     known: impl Iterator<Item = &'n String>,
@@ -293,110 +292,6 @@ fn verdicts(lang: Lang, line: &Chosen, ends: &[Option<Fault>], late: &[usize]) -
         ];
         let text = lang.fill(DoctorText::Answers, values);
         found.insert(0, Finding::good(Section::Modules, text));
-    }
-    found
-}
-
-/// The same as the daemon sees it, whose line nobody else may open.
-///
-/// # Errors
-/// Where there is no line of that name.
-pub(super) async fn through_daemon(
-    context: &Context,
-    backend: &Backend,
-) -> Result<Vec<Finding>, Failure> {
-    let (lines, modules) = (backend.lines().await, backend.modules().await);
-    let points = backend.points(&[], false).await;
-    let (lines, modules, points) = match (lines, modules, points) {
-        (Ok(lines), Ok(modules), Ok(points)) => (lines, modules, points),
-        (Err(why), ..) | (_, Err(why), _) | (.., Err(why)) => {
-            let why = context.failure(&why);
-            let detail = format!("{} {}", why.code().name(), why.message());
-            return Ok(vec![Finding::error(Section::Daemon, "D504", detail)]);
-        }
-    };
-    if let Some(wanted) = context.line.as_ref()
-        && !lines.iter().any(|line| line.line == *wanted)
-    {
-        let known = lines.iter().map(|line| &line.line);
-        return Err(no_line(context, wanted, known));
-    }
-    let wanted = |line: &str| context.line.as_deref().is_none_or(|wanted| wanted == line);
-    let mut found = Vec::new();
-    for line in lines.into_iter().filter(|line| wanted(&line.line)) {
-        found.extend(line_at_daemon(context.lang, &line));
-    }
-    let modules = modules.into_iter().filter(|module| wanted(&module.line));
-    found.extend(modules_at_daemon(context.lang, modules, &points));
-    Ok(found)
-}
-
-fn line_at_daemon(lang: Lang, line: &LineInfo) -> Vec<Finding> {
-    let mut found = Vec::new();
-    let detail = match &line.holder {
-        Some(holder) => format!("{}, {holder}", line.port),
-        None => line.port.clone(),
-    };
-    found.push(match (line.state, line.reason.as_deref()) {
-        (PortState::Up | PortState::Opening, _) => {
-            let text = lang.fill(DoctorText::LineUp, &[("line", &line.line)]);
-            Finding::good(Section::Port, text)
-        }
-        (PortState::Busy, _) => Finding::error(Section::Port, "D104", detail),
-        (_, Some("permission")) => Finding::error(Section::Port, "D102", detail),
-        (_, Some("missing")) => Finding::error(Section::Port, "D103", detail),
-        (_, Some("not_a_tty")) => Finding::error(Section::Port, "D111", detail),
-        (_, Some("refused" | "unreachable")) => Finding::error(Section::Port, "D112", detail),
-        _ => Finding::error(Section::Port, "D113", detail),
-    });
-    if line.babble {
-        found.push(Finding::error(Section::Line, "D204", line.line.clone()));
-    }
-    found
-}
-
-/// Who answers it, who does not, and since when.
-fn modules_at_daemon(
-    lang: Lang,
-    modules: impl Iterator<Item = ModuleInfo>,
-    points: &[PointInfo],
-) -> Vec<Finding> {
-    let mut found = Vec::new();
-    let mut answered = Vec::new();
-    for module in modules {
-        if module.late_1h > 0 {
-            let detail = format!("{} ({} / h)", module.module, module.late_1h);
-            found.push(Finding::warning(Section::Modules, "D304", detail));
-        }
-        if module.state == ModuleState::Online {
-            answered.push(module.module);
-            continue;
-        }
-        let address = railbus_wire::Address(module.address);
-        let at = format!("{} ({address}, {})", module.module, module.protocol);
-        let of_module = points.iter().filter(|point| point.module == module.module);
-        let last = of_module.filter_map(|point| point.time.as_deref()).max();
-        let detail = match last {
-            Some(last) => {
-                let clock = time::clock_of(Some(last));
-                let values: &[(&str, &dyn std::fmt::Display)] = &[("at", &at), ("time", &clock)];
-                lang.fill(DoctorText::LastGood, values)
-            }
-            None => at,
-        };
-        found.push(Finding::error(Section::Modules, "D301", detail));
-    }
-    if !answered.is_empty() {
-        let (count, modules) = (answered.len(), answered.join(" "));
-        let values: &[(&str, &dyn std::fmt::Display)] = &[
-            ("count", &count),
-            ("line", &"railbus serve"),
-            ("modules", &modules),
-        ];
-        found.push(Finding::good(
-            Section::Modules,
-            lang.fill(DoctorText::Answers, values),
-        ));
     }
     found
 }

@@ -1,0 +1,156 @@
+//! The lines and modules of a daemon, as it sees them: nobody else may open them.
+
+use super::finding::{Finding, Section};
+use super::line::no_line;
+use super::texts::DoctorText;
+use crate::api::types::{LineInfo, ModuleInfo, ModuleState, PointInfo, PortState};
+use crate::backend::Backend;
+use crate::commands::Context;
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use crate::render::time;
+
+/// What the daemon knows of its lines and modules.
+///
+/// # Errors
+/// Where there is no line of that name.
+pub(super) async fn examine(context: &Context, backend: &Backend) -> Result<Vec<Finding>, Failure> {
+    let (lines, modules) = (backend.lines().await, backend.modules().await);
+    let points = backend.points(&[], false).await;
+    let (lines, modules, points) = match (lines, modules, points) {
+        (Ok(lines), Ok(modules), Ok(points)) => (lines, modules, points),
+        (Err(why), ..) | (_, Err(why), _) | (.., Err(why)) => {
+            let why = context.failure(&why);
+            let detail = format!("{} {}", why.code().name(), why.message());
+            return Ok(vec![Finding::error(Section::Daemon, "D504", detail)]);
+        }
+    };
+    if let Some(wanted) = context.line.as_ref()
+        && !lines.iter().any(|line| line.line == *wanted)
+    {
+        let known = lines.iter().map(|line| &line.line);
+        return Err(no_line(context, wanted, known));
+    }
+    let wanted = |line: &str| context.line.as_deref().is_none_or(|wanted| wanted == line);
+    let mut found = Vec::new();
+    for line in lines.into_iter().filter(|line| wanted(&line.line)) {
+        found.extend(line_at_daemon(context.lang, &line));
+    }
+    let modules = modules.into_iter().filter(|module| wanted(&module.line));
+    found.extend(modules_at_daemon(context.lang, modules, &points));
+    Ok(found)
+}
+
+fn line_at_daemon(lang: Lang, line: &LineInfo) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let detail = match &line.holder {
+        Some(holder) => format!("{}, {holder}", line.port),
+        None => line.port.clone(),
+    };
+    found.push(match (line.state, line.reason.as_deref()) {
+        (PortState::Up | PortState::Opening, _) => {
+            let text = lang.fill(DoctorText::LineUp, &[("line", &line.line)]);
+            Finding::good(Section::Port, text)
+        }
+        (PortState::Busy, _) => Finding::error(Section::Port, "D104", detail),
+        (_, Some("permission")) => Finding::error(Section::Port, "D102", detail),
+        (_, Some("missing")) => Finding::error(Section::Port, "D103", detail),
+        (_, Some("not_a_tty")) => Finding::error(Section::Port, "D111", detail),
+        (_, Some("refused" | "unreachable")) => Finding::error(Section::Port, "D112", detail),
+        _ => Finding::error(Section::Port, "D113", detail),
+    });
+    if line.babble {
+        found.push(Finding::error(Section::Line, "D204", line.line.clone()));
+    }
+    found
+}
+
+/// Who answers it, who does not, and since when.
+fn modules_at_daemon(
+    lang: Lang,
+    modules: impl Iterator<Item = ModuleInfo>,
+    points: &[PointInfo],
+) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let mut answered = Vec::new();
+    for module in modules {
+        if module.late_1h > 0 {
+            let detail = format!("{} ({} / h)", module.module, module.late_1h);
+            found.push(Finding::warning(Section::Modules, "D304", detail));
+        }
+        if module.state == ModuleState::Online {
+            answered.push(module.module);
+            continue;
+        }
+        let address = railbus_wire::Address(module.address);
+        let at = format!("{} ({address}, {})", module.module, module.protocol);
+        let of_module = points.iter().filter(|point| point.module == module.module);
+        let last = of_module.filter_map(|point| point.time.as_deref()).max();
+        let detail = match last {
+            Some(last) => {
+                let clock = time::clock_of(Some(last));
+                let values: &[(&str, &dyn std::fmt::Display)] = &[("at", &at), ("time", &clock)];
+                lang.fill(DoctorText::LastGood, values)
+            }
+            None => at,
+        };
+        found.push(Finding::error(Section::Modules, "D301", detail));
+    }
+    if !answered.is_empty() {
+        let (count, modules) = (answered.len(), answered.join(" "));
+        let values: &[(&str, &dyn std::fmt::Display)] = &[
+            ("count", &count),
+            ("line", &"railbus serve"),
+            ("modules", &modules),
+        ];
+        found.push(Finding::good(
+            Section::Modules,
+            lang.fill(DoctorText::Answers, values),
+        ));
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_silent_module_is_told_with_the_time_of_its_last_value() {
+        let module = |name: &str, state: &str, late: u32| -> ModuleInfo {
+            serde_json::from_value(json!({
+                "module": name, "line": "main", "address": 5, "protocol": "rtu", "model": "erc8",
+                "title": "ERC-8", "state": state, "errors_1h": 0, "late_1h": late, "outputs": "",
+                "inputs": "",
+            }))
+            .unwrap()
+        };
+        let point = |module: &str, time: &str| -> PointInfo {
+            serde_json::from_value(json!({
+                "path": "p", "module": module, "label": "k1", "kind": "output", "index": 0,
+                "value": true, "quality": "offline", "time": time,
+            }))
+            .unwrap()
+        };
+        let points = [
+            point("tank", "2026-11-21T12:41:07.000Z"),
+            point("tank", "2026-11-21T12:40:00.000Z"),
+        ];
+        let modules = [
+            module("oven", "online", 0),
+            module("slow", "online", 2),
+            module("tank", "offline", 0),
+            module("shed", "unheard", 0),
+        ];
+        let found = modules_at_daemon(Lang::En, modules.into_iter(), &points);
+        let told: Vec<(Option<&str>, &str)> =
+            found.iter().map(|f| (f.code, f.detail.as_str())).collect();
+        let last = time::clock_of(Some("2026-11-21T12:41:07.000Z"));
+        assert_eq!(told[0], (Some("D304"), "slow (2 / h)"));
+        let tank = format!("tank (5 (05h), rtu), last good {last}");
+        assert_eq!(told[1], (Some("D301"), tank.as_str()));
+        assert_eq!(told[2], (Some("D301"), "shed (5 (05h), rtu)"));
+        assert_eq!(told[3], (None, "2 on railbus serve: oven slow"));
+    }
+}
