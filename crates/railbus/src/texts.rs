@@ -195,9 +195,11 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     }
     LsExamples {
         en: "  railbus ls                 the modules and their states
+  railbus ls points pump     the points of a module
   railbus ls points -o json  every point with its value
   railbus ls ports           the serial ports of this machine",
         zh: "  railbus ls                 模块及其状态
+  railbus ls points pump     某个模块的点
   railbus ls points -o json  所有点及其值
   railbus ls ports           本机串口",
     }
@@ -205,6 +207,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "modules (if not said), points, lines, models or ports",
         zh: "modules（默认）、points、lines、models 或 ports",
     }
+    LsModule { en: "Only the points of these modules", zh: "只列出这些模块的点" }
     LsModulesHead {
         en: "MODULE|LINE|ADDR|PROTOCOL|MODEL|STATE|RTT|ERRORS 1h|OUTPUTS|INPUTS",
         zh: "模块|总线|地址|协议|型号|状态|往返|1 小时错误|输出|输入",

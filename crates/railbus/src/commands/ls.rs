@@ -8,7 +8,7 @@ use crate::api::problem::Problem;
 use crate::api::types::{LineInfo, ModuleInfo, PortState};
 use crate::backend::Backend;
 use crate::cli;
-use crate::failure::Failure;
+use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::machine::Machine;
 use crate::render::records::Records;
@@ -25,7 +25,7 @@ const WHAT: [&str; 5] = ["modules", "points", "lines", "models", "ports"];
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus ls [modules|points|lines|models|ports]";
+    let usage = "railbus ls [modules|lines|models|ports] | railbus ls points [MODULE…]";
     cli::verb(lang, NAME, Text::LsAbout, usage)
         .alias("list")
         .before_help(cli::examples(lang, Text::LsExamples))
@@ -35,17 +35,32 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .value_parser(WHAT)
                 .hide_possible_values(true),
         )
+        .arg(
+            Arg::new("MODULE")
+                .help(lang.get(Text::LsModule))
+                .num_args(0..),
+        )
 }
 
 /// Prints the list.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let what = matches.get_one::<String>("WHAT").map(String::as_str);
+    let of: Vec<String> = matches
+        .get_many("MODULE")
+        .into_iter()
+        .flatten()
+        .cloned()
+        .collect();
+    if let (Some(name), false) = (of.first(), what == Some("points")) {
+        let message = lang.fill(Text::NoSuchArgument, &[("name", name)]);
+        return Err(Failure::new(Code::Usage, message).with_try("railbus ls points MODULE"));
+    }
     let records = match what {
         Some("models") => models::records(lang),
         Some("ports") => ports::records(lang, &Machine::this()),
         Some("points") => {
-            let points = ask(&context, async |backend| backend.points(&[], false).await)?;
+            let points = ask(&context, async |backend| backend.points(&of, false).await)?;
             super::get::records(lang, &points, false)
         }
         Some("lines") => lines(lang, &ask(&context, async |backend| backend.lines().await)?),

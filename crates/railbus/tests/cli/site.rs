@@ -111,7 +111,7 @@ impl Site {
     }
 
     /// Starts it and waits until it has said a word.
-    fn start(&mut self, arguments: &[&str], word: &str) {
+    pub fn start(&mut self, arguments: &[&str], word: &str) {
         let mut command = self.command();
         let mut child = command
             .args(arguments)

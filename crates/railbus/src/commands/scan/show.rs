@@ -53,11 +53,15 @@ impl<'c> Live<'c> {
             Depth::Deep => ScanText::DeepWord,
         });
         let time = about(lang, scanner.progress().left);
-        let (line, port, settings) = (&self.place.line, &self.place.port, &self.place.settings);
+        let port = self.place.port.to_string();
+        // A line that only a flag names is called by its port.
+        let line = match self.place.line == port {
+            true => port,
+            false => format!("{}  {port}", self.place.line),
+        };
         let values: &[(&str, &dyn Display)] = &[
-            ("line", line),
-            ("port", port),
-            ("settings", settings),
+            ("line", &line),
+            ("settings", &self.place.settings),
             ("depth", &depth),
             ("time", &time),
         ];

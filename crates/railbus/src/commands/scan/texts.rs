@@ -41,8 +41,8 @@ crate::texts::texts! {
     MaxTime { en: "Ends in time, and says what was left out", zh: "限时结束，并说明未扫描的部分" }
 
     Begin {
-        en: "line {line}  {port}  {settings}   read-only scan, {depth}, about {time}",
-        zh: "总线 {line}  {port}  {settings}   只读扫描，{depth}，约 {time}",
+        en: "line {line}  {settings}   read-only scan, {depth}, about {time}",
+        zh: "总线 {line}  {settings}   只读扫描，{depth}，约 {time}",
     }
     QuickWord { en: "quick", zh: "快速" }
     FullWord { en: "full", zh: "完整" }
