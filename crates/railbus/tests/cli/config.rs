@@ -294,6 +294,25 @@ fn a_backup_is_compared_and_written_back() {
     );
 }
 
+/// One module is off: the others are shown and backed up all the same, and that is told.
+#[test]
+fn a_silent_module_does_not_hide_the_others() {
+    let site = Site::demo("config-silent");
+    site.configure(&toml(&site).replace("address = 3", "address = 13"));
+    let ran = site.run("-q config show");
+    fails(&ran, "E1101", 11);
+    assert!(ran.err.contains("oven: E0301"), "{ran:?}");
+    assert!(ran.out.contains("pump    pulse_width  "), "{ran:?}");
+    let ran = site.run("-q config backup -O site.json");
+    fails(&ran, "E1101", 11);
+    let text = std::fs::read_to_string(site.folder.join("site.json")).expect("a file");
+    assert!(
+        text.contains("\"tank\"") && !text.contains("\"oven\""),
+        "{text}"
+    );
+    fails(&site.run("config show oven"), "E0301", 3);
+}
+
 #[test]
 fn a_plan_is_made_and_applied() {
     let site = Site::demo("config-plan");

@@ -6,7 +6,7 @@ use super::place::{Found, Kept, Place};
 use super::sight::{find, first_alone};
 use super::stages::{Stage, applied, stages};
 use super::{
-    Ended, Job, Procedure, Progress, Question, Record, Refused, Sight, Spot, State, Trouble, vacant,
+    Ended, Job, Procedure, Progress, Question, Record, Refused, Spot, State, Trouble, vacant,
 };
 use railbus_device::{Change, Family, Module, Op, Refusal, Seen, Setup};
 use railbus_wire::{Address, Frame, Micros};

@@ -91,7 +91,7 @@ fn the_new_speed_is_looked_at_before_it_is_taken() {
     let setup = Setup::new(Family::Erc8, Address(1));
     let mut bench = Bench::new(&setup, Options::default());
     let mut other = Setup::new(Family::Erc8, Address(1));
-    other.serial.baud = railbus_wire::Baud::B19200;
+    other.serial.baud = Baud::B19200;
     bench
         .line
         .add(

@@ -82,8 +82,11 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let ground = Ground::of(&context, matches)?;
     let targets = ground.targets(&context, &words(matches, "MODULE"))?;
-    let founds = context.block(read_all(&context, &targets))?;
-    let of_line = |name: &String| targets.iter().any(|target| target.line == *name);
+    let (founds, failed) = context.block(async { Ok(read_all(&context, targets).await) })?;
+    if founds.is_empty() {
+        return failed.map_or(Ok(()), Err);
+    }
+    let of_line = |name: &String| founds.iter().any(|(target, _)| target.line == *name);
     let lines = ground.config.lines.iter().filter(|(name, _)| of_line(name));
     let backup = Backup {
         kind: KIND.to_owned(),
@@ -99,16 +102,15 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
                 (name.clone(), kept)
             })
             .collect(),
-        modules: targets
+        modules: founds
             .iter()
-            .zip(&founds)
             .map(|(target, found)| (target.name.clone(), kept(target, found)))
             .collect(),
     };
     // A struct of texts and numbers is always JSON.
     let text = serde_json::to_string_pretty(&backup).unwrap_or_default() + "\n";
     match matches.get_one::<PathBuf>("file") {
-        None => out::result(lang, &text),
+        None => out::result(lang, &text)?,
         Some(file) => {
             write(file, &text).map_err(|error| {
                 Failure::of(lang, Code::Output).because(format!("{}: {error}", file.display()))
@@ -116,9 +118,10 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             let values: &[(&str, &dyn std::fmt::Display)] =
                 &[("count", &founds.len()), ("file", &file.display())];
             context.note(&lang.fill(ConfigText::BackedUp, values));
-            Ok(())
         }
     }
+    // What could not be read is not in it.
+    failed.map_or(Ok(()), Err)
 }
 
 /// An older file of that name is kept beside the new one.

@@ -243,7 +243,7 @@ pub(super) fn diff(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     for name in backup.modules.keys().filter(|name| only(name)) {
         targets.push(ground.target(&context, name)?);
     }
-    let founds = context.block(read_all(&context, &targets))?;
+    let (founds, failed) = context.block(async { Ok(read_all(&context, targets).await) })?;
     let head = [
         ConfigText::HeadModule,
         ConfigText::HeadSetting,
@@ -252,7 +252,7 @@ pub(super) fn diff(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     ];
     let mut table = Table::new(head.map(|text| lang.get(text)));
     let mut rows = Vec::new();
-    for (target, found) in targets.iter().zip(&founds) {
+    for (target, found) in &founds {
         let Some(then) = backup.modules.get(&target.name) else {
             continue;
         };
@@ -271,7 +271,7 @@ pub(super) fn diff(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         }
     }
     let count = rows.len();
-    if count == 0 {
+    if count == 0 && failed.is_none() {
         context.note(lang.get(ConfigText::NoDifference));
     }
     let columns = &["module", "setting", "backup", "now"];
@@ -284,6 +284,9 @@ pub(super) fn diff(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     };
     if count > 0 || context.format != crate::render::Format::Table {
         out::result(lang, &records.render(context.format))?;
+    }
+    if let Some(failure) = failed {
+        return Err(failure);
     }
     if count > 0 && matches.get_flag("exit-code") {
         return Err(Failure::of(lang, Code::Differs).with_fact("count", count));

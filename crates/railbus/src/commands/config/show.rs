@@ -6,11 +6,12 @@ use super::outcome;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::Failure;
+use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
+use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
 use railbus_site::commission::{Found, Kept, read};
 use railbus_site::settings::{Access, Key, range, settings, shown};
@@ -118,18 +119,19 @@ fn print(
     }
     let mut table = Table::new(head);
     let mut rows = Vec::new();
-    let founds = context.block(read_all(&context, &targets))?;
-    for (target, found) in targets.iter().zip(founds) {
+    let reading = async { Ok(read_all(&context, targets).await) };
+    let (founds, failed) = context.block(reading)?;
+    for (target, found) in &founds {
         for (key, access) in settings(&target.setup)
             .into_iter()
             .filter(|(key, _)| wanted(*key))
         {
-            let mut cells = cells(lang, target, &found, key, access);
+            let mut cells = cells(lang, target, found, key, access);
             if several {
                 cells.insert(0, target.name.clone());
             }
             table.add(cells);
-            rows.push(row(target, &found, key, access));
+            rows.push(row(target, found, key, access));
         }
     }
     let records = Records {
@@ -139,23 +141,64 @@ fn print(
         value: "value",
         table,
     };
-    out::result(lang, &records.render(context.format))
+    if !founds.is_empty() {
+        out::result(lang, &records.render(context.format))?;
+    }
+    failed.map_or(Ok(()), Err)
 }
 
-/// Reads modules, those of one line one after the other.
-pub(super) async fn read_all(context: &Context, targets: &[Target]) -> Result<Vec<Found>, Failure> {
+/// Reads modules, those of one line one after the other. Those that can't be read are told
+/// together, when the others have been shown.
+pub(super) async fn read_all(
+    context: &Context,
+    targets: Vec<Target>,
+) -> (Vec<(Target, Found)>, Option<Failure>) {
+    let count = targets.len();
     let mut founds = Vec::new();
-    for same_line in targets.chunk_by(|a, b| a.line == b.line) {
-        let Some(first) = same_line.first() else {
-            continue;
-        };
-        let mut driver = Driver::open(context, first, None).await?;
-        for target in same_line {
-            let found = driver.run(read(target.setup)).await;
-            founds.push(found.map_err(|trouble| outcome::trouble(context, target, &trouble))?);
+    let mut failures = Vec::new();
+    let mut targets = targets.into_iter().peekable();
+    while let Some(first) = targets.next() {
+        let mut same_line = vec![first];
+        while let Some(next) = targets.next_if(|next| next.line == same_line[0].line) {
+            same_line.push(next);
+        }
+        match Driver::open(context, &same_line[0], None).await {
+            Err(failure) => failures.push((same_line[0].line.clone(), failure)),
+            Ok(mut driver) => {
+                for target in same_line {
+                    match driver.run(read(target.setup)).await {
+                        Ok(found) => founds.push((target, found)),
+                        Err(trouble) => {
+                            let failure = outcome::trouble(context, &target, &trouble);
+                            failures.push((target.name, failure));
+                        }
+                    }
+                }
+            }
         }
     }
-    Ok(founds)
+    let failed = together(context, count, founds.is_empty(), failures);
+    (founds, failed)
+}
+
+/// What the failures amount to: the first of them where nothing was read at all.
+fn together(
+    context: &Context,
+    count: usize,
+    nothing: bool,
+    failures: Vec<(String, Failure)>,
+) -> Option<Failure> {
+    let failed = failures.len();
+    if nothing {
+        return failures.into_iter().next().map(|(_, failure)| failure);
+    }
+    let values: &[(&str, &dyn std::fmt::Display)] = &[("failed", &failed), ("count", &count)];
+    let message = context.lang.fill(Text::SomeFailed, values);
+    let partial = Failure::new(Code::Partial, message).with_try("railbus config recover MODULE");
+    let each = failures
+        .into_iter()
+        .map(|(name, failure)| format!("{name}: {} {}", failure.code().name(), failure.message()));
+    (failed > 0).then(|| each.fold(partial, Failure::because))
 }
 
 /// Whether the module said it, or it is plain from where it answers.
