@@ -208,6 +208,24 @@ fn what_was_cut_short_is_recovered() {
         ran.out, "oven  7 (07h)，9600 8N1  已找到；更改未执行  #2\n",
         "{ran:?}"
     );
+    // The host died before it had written the configuration.
+    let filed = journal(&site);
+    let done: Vec<&str> = filed
+        .lines()
+        .filter(|line| !line.contains("filed"))
+        .collect();
+    let done = done.iter().filter(|line| line.contains("\"change\":1,"));
+    let done: String = done.map(|line| format!("{line}\n")).collect();
+    std::fs::write(&path, done).expect("a file");
+    site.configure(&toml(&site).replace("address = 7", "address = 3"));
+    let ran = site.run("-q config recover");
+    assert!(
+        ran.out
+            .starts_with("oven  7 (07h), 9600 8N1  found in another place"),
+        "{ran:?}"
+    );
+    assert!(toml(&site).contains("address = 7"));
+
     // A module that is nowhere.
     let port = format!("-l pty:{}", site.folder.join("line").display());
     let gone = format!(

@@ -258,6 +258,16 @@ impl Log {
         self.last_words().into_values().filter(is_open).collect()
     }
 
+    /// Where a module was last known to be, where its last change has not reached the configuration
+    /// file: the host died between the two.
+    #[must_use]
+    pub fn unfiled(&self, module: &str) -> Option<Place> {
+        let mut of_module = self.records.iter().filter(|record| record.module == module);
+        let last = of_module.next_back()?;
+        let place = last.found.as_ref().and_then(Spot::place);
+        place.filter(|_| last.state == State::Done)
+    }
+
     /// What a journal keeps that has become too long: its newer half, and all of the changes that
     /// are open. Nothing where it is not too long.
     #[must_use]

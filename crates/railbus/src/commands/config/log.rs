@@ -227,6 +227,7 @@ pub(super) fn recover(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         let mut results = Vec::new();
         let store = ground.store(&context)?;
         let open: Vec<Record> = store.log().open().into_iter().cloned().collect();
+        let behind = behind(&ground, store.log());
         drop(store);
         let mut wanted: Vec<String> = names.clone();
         if let Some(address) = address {
@@ -242,8 +243,12 @@ pub(super) fn recover(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
                     .map(|(name, _)| name.clone()),
             );
         }
+        if wanted.is_empty() {
+            wanted = behind;
+        }
+        let all = names.is_empty() && address.is_none();
         for record in &open {
-            if wanted.is_empty() || wanted.contains(&record.module) {
+            if all || wanted.contains(&record.module) {
                 results.push(one_open(&context, &ground, record).await?);
             }
         }
@@ -270,6 +275,19 @@ pub(super) fn recover(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         return Ok(());
     }
     show_recovered(&context, results)
+}
+
+/// The modules that moved while the configuration file was not written any more.
+fn behind(ground: &Ground, log: &Log) -> Vec<String> {
+    if ground.file.is_none() {
+        return Vec::new();
+    }
+    let modules = ground.config.modules.iter();
+    let moved = modules.filter(|(name, module)| {
+        let known = log.unfiled(name);
+        known.is_some_and(|place| place != Place::of(&module.setup))
+    });
+    moved.map(|(name, _)| name.clone()).collect()
 }
 
 /// What became of one module.
@@ -334,9 +352,11 @@ async fn one_named(context: &Context, ground: &Ground, name: &str) -> Result<Tra
         .neighbours
         .iter()
         .filter(|other| other.protocol == target.setup.protocol);
+    let known = driver.store().and_then(|store| store.log().unfiled(name));
+    let here = Place::of(&target.setup);
     let search = Search {
         setup: target.setup,
-        first: vec![Place::of(&target.setup)],
+        first: [here].into_iter().chain(known).collect(),
         outwards: true,
         others: others.map(|other| other.place).collect(),
     };

@@ -215,6 +215,13 @@ pub(super) async fn change_at(
         }));
     }
     show(context, target, &found, &planned, terms.dry)?;
+    if let Some(open) = open_before(driver, &target.name) {
+        context.note(
+            &context
+                .lang
+                .fill(ConfigText::OpenBefore, &[("number", &open)]),
+        );
+    }
     if terms.dry {
         return Ok(None);
     }
@@ -250,6 +257,13 @@ pub(super) async fn change_at(
         // Everything else was told as a failure.
         _ => Ok(None),
     }
+}
+
+/// A change of the same module whose end is not known.
+fn open_before(driver: &mut Driver<'_>, module: &str) -> Option<u64> {
+    let open = driver.store()?.log().open();
+    let of_module = open.iter().find(|record| record.module == module);
+    of_module.map(|record| record.change)
 }
 
 /// The configuration's file follows the module wherever it was found, then its end is told.

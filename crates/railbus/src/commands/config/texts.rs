@@ -256,6 +256,10 @@ texts! {
         zh: "请在 [module.{module}] 中写明其位于 {place}",
     }
     NotThere { en: "the module is not in it, or not on a line of its own", zh: "其中没有该模块" }
+    OpenBefore {
+        en: "the end of change #{number} of this module is not known: railbus config recover",
+        zh: "该模块的更改 #{number} 结果未知：railbus config recover",
+    }
     Borrowed {
         en: "the daemon leaves line \"{line}\" to this command meanwhile",
         zh: "守护进程暂时让出总线 \"{line}\"",
