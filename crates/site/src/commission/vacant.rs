@@ -33,6 +33,18 @@ pub(crate) async fn check(
     serials: &[Settings],
     neighbours: &[Neighbour],
 ) -> Result<(), Trouble> {
+    // A neighbour may be switched off just now.
+    let absent = neighbours.iter().find(|neighbour| {
+        neighbour.protocol == setup.protocol && neighbour.place.address == address
+    });
+    if let Some(neighbour) = absent {
+        return Err(Trouble::Taken(Taken {
+            place: neighbour.place,
+            protocol: neighbour.protocol,
+            garbled: false,
+            module: Some(neighbour.name.clone()),
+        }));
+    }
     for serial in serials {
         let place = Place {
             address,

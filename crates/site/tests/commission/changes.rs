@@ -4,7 +4,7 @@ use crate::bench::{Bench, End};
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_sim::{Act, Faults, Input};
 use railbus_site::commission::{
-    By, Ended, Job, Place, Search, State, Trouble, Why, calibrate, change, look_up, read,
+    By, Ended, Job, Neighbour, Place, Search, State, Trouble, Why, calibrate, change, look_up, read,
 };
 use railbus_site::settings::Wanted;
 use railbus_wire::{Address, Baud, Character, Micros, Protocol};
@@ -84,6 +84,28 @@ fn an_address_where_somebody_answers_is_refused() {
         assert_eq!(bench.journal, "");
         assert_eq!(bench.eeprom(), Eeprom::of(&setup));
     }
+}
+
+/// The configuration has a module there that is switched off.
+#[test]
+fn the_address_of_a_module_that_is_off_is_taken() {
+    let setup = Setup::new(Family::Erc8, Address(1));
+    let other = Setup::new(Family::Emd2a2q, Address(9));
+    let mut bench = Bench::new(&setup, Options::default());
+    let neighbour = Neighbour {
+        name: "tank".to_owned(),
+        protocol: other.protocol,
+        place: Place::of(&other),
+    };
+    let job = Job {
+        neighbours: vec![neighbour],
+        ..job(setup, "address=9")
+    };
+    let Err(Trouble::Taken(taken)) = end(&mut bench, job) else {
+        panic!()
+    };
+    assert_eq!(taken.module.as_deref(), Some("tank"));
+    assert_eq!(bench.journal, "");
 }
 
 #[test]
