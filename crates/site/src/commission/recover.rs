@@ -8,7 +8,7 @@ use super::stages::Stage;
 use super::{By, Procedure, Progress, Record, Sight, State, Trouble};
 use crate::settings::Wanted;
 use railbus_device::{Change, Setup};
-use railbus_wire::{Address, Settings};
+use railbus_wire::{Address, Protocol, Settings};
 
 /// Where a module is looked for.
 #[derive(Clone, Debug)]
@@ -120,7 +120,10 @@ fn stage_of(intent: &Record, setup: &Setup, from: Place, to: Place) -> Stage {
             pulse: Some(unknown),
             ..Kept::default()
         };
-        wanted.over(&known).unwrap_or_default().or(Kept::at(place))
+        let mut kept = wanted.over(&known).unwrap_or_default().or(Kept::at(place));
+        // No other protocol shows in its place whether ASCII frames would carry one.
+        kept.checksum = kept.checksum.filter(|_| setup.protocol == Protocol::Ascii);
+        kept
     };
     stage.before = filled(side(0), from);
     stage.after = filled(side(1), to);

@@ -3,6 +3,7 @@
 
 use super::{Kept, Place};
 use railbus_device::{Change, Family, Module, Op, Setup, SetupError};
+use railbus_wire::Protocol;
 
 /// One write, and where the module is heard before and after it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,6 +42,12 @@ pub fn stages(
     known: &Kept,
     wanted: &Kept,
 ) -> Result<Vec<Stage>, Refused> {
+    let ascii = setup.protocol == Protocol::Ascii;
+    // Only ASCII frames carry a checksum, and only they change whether they do.
+    let wanted = &Kept {
+        checksum: wanted.checksum.filter(|_| ascii),
+        ..*wanted
+    };
     let target = wanted.place(place);
     let there = target.setup(setup);
     there.check().map_err(Refused::Setup)?;
@@ -62,8 +69,12 @@ pub fn stages(
             .map_or((known.or(Kept::at(place)), place), |last| {
                 (last.after, last.to)
             });
-        let after = applied(change, before);
-        let to = after.place(from);
+        let mut after = applied(change, before);
+        let mut to = after.place(from);
+        if !ascii {
+            after.checksum = before.checksum;
+            to.checksum = from.checksum;
+        }
         let module = Module::new(from.setup(setup)).map_err(Refused::Setup)?;
         module
             .exchange(&Op::Configure(change))
@@ -138,7 +149,7 @@ pub(crate) fn applied(change: Change, before: Kept) -> Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_wire::{Address, Baud, Character, Protocol};
+    use railbus_wire::{Address, Baud, Character};
 
     fn wanted() -> Kept {
         Kept {
@@ -204,10 +215,10 @@ mod tests {
         };
         let place = Place::of(&setup);
         let wanted = Kept {
-            checksum: Some(true),
+            character: Some(Character::E1),
             ..Kept::default()
         };
         let refused = stages(&setup, place, &Kept::at(place), &wanted);
-        assert_eq!(refused, Err(Refused::Setup(SetupError::Checksum)));
+        assert_eq!(refused, Err(Refused::Setup(SetupError::Character)));
     }
 }

@@ -4,7 +4,8 @@ use crate::bench::{Bench, End};
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_sim::{Act, Faults, Input};
 use railbus_site::commission::{
-    By, Ended, Job, Neighbour, Place, Search, State, Trouble, Why, calibrate, change, look_up, read,
+    By, Ended, Job, Neighbour, Place, Recovered, Search, State, Trouble, Why, calibrate, change,
+    look_up, read, recover,
 };
 use railbus_site::settings::Wanted;
 use railbus_wire::{Address, Baud, Character, Micros, Protocol};
@@ -312,4 +313,39 @@ fn a_lost_module_is_found_outwards() {
         panic!()
     };
     assert_eq!(found.map(|found| found.place), Some(Place::of(&there)));
+}
+
+/// A module that speaks Modbus now keeps an ASCII checksum state, too, which no Modbus frame
+/// changes.
+#[test]
+fn the_ascii_checksum_state_stays_while_modbus_is_spoken() {
+    for protocol in [Protocol::Rtu, Protocol::Lc02] {
+        let setup = Setup {
+            protocol,
+            ..Setup::new(Family::Eda9060a, Address(1))
+        };
+        let mut bench = Bench::new(&setup, Options::default());
+        let eeprom = Eeprom {
+            checksum: true,
+            ..Eeprom::of(&setup)
+        };
+        let rewrite = Act::Rewrite(eeprom);
+        bench
+            .line
+            .handle(bench.now, Input::Act(bench.module, rewrite));
+        bench.wait(Micros::from_secs(1));
+        let ended = end(&mut bench, job(setup, "address=9 baud=4800")).unwrap();
+        assert!(matches!(ended, Ended::Done(_)), "{protocol}: {ended:?}");
+        assert!(bench.eeprom().checksum && bench.eeprom().address == Address(9));
+        // Cut short, it is known again, too.
+        let intent = bench.log().records[0].clone();
+        let recovery = recover(intent, Vec::new(), setup, false, Vec::new());
+        let End::Done(recovered) = bench.run(recovery, None) else {
+            panic!()
+        };
+        assert!(
+            matches!(recovered, Ok(Recovered::New(_))),
+            "{protocol}: {recovered:?}"
+        );
+    }
 }

@@ -12,10 +12,10 @@ texts! {
     Examples {
         en: "  railbus config show pump\n\
             \x20\x20railbus config set pump address=9 baud=19200\n\
-            \x20\x20railbus config log\n",
+            \x20\x20railbus config log",
         zh: "  railbus config show pump\n\
             \x20\x20railbus config set pump address=9 baud=19200\n\
-            \x20\x20railbus config log\n",
+            \x20\x20railbus config log",
     }
     StateFlag {
         en: "The folder of the journal; .railbus beside the configuration if not said",
@@ -34,13 +34,13 @@ texts! {
 
     ShowAbout { en: "Shows the settings of modules, as they keep them now", zh: "显示模块当前保存的设置" }
     ShowExamples {
-        en: "  railbus config show pump\n  railbus -l /dev/ttyUSB0 -m erc8 -a 3 config show\n",
-        zh: "  railbus config show pump\n  railbus -l /dev/ttyUSB0 -m erc8 -a 3 config show\n",
+        en: "  railbus config show pump\n  railbus -l /dev/ttyUSB0 -m erc8 -a 3 config show",
+        zh: "  railbus config show pump\n  railbus -l /dev/ttyUSB0 -m erc8 -a 3 config show",
     }
     GetAbout { en: "Reads single settings of a module", zh: "读取模块的单项设置" }
     GetExamples {
-        en: "  railbus config get pump baud -o value\n",
-        zh: "  railbus config get pump baud -o value\n",
+        en: "  railbus config get pump baud -o value",
+        zh: "  railbus config get pump baud -o value",
     }
     SetAbout {
         en: "Changes settings of a module: shows them, asks, writes, reads back",
@@ -50,21 +50,21 @@ texts! {
         en: "  railbus config set pump address=9 baud=19200\n\
             \x20\x20railbus config set pump do3.mode=pulse pulse_width=0.7s\n\
             \x20\x20railbus config set -l main checksum=on\n\
-            \x20\x20railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3\n",
+            \x20\x20railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3",
         zh: "  railbus config set pump address=9 baud=19200\n\
             \x20\x20railbus config set pump do3.mode=pulse pulse_width=0.7s\n\
             \x20\x20railbus config set -l main checksum=on\n\
-            \x20\x20railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3\n",
+            \x20\x20railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3",
     }
     LogAbout { en: "Shows the journal of changes", zh: "显示更改日志" }
     LogExamples {
-        en: "  railbus config log\n  railbus config log -o json\n",
-        zh: "  railbus config log\n  railbus config log -o json\n",
+        en: "  railbus config log\n  railbus config log -o json",
+        zh: "  railbus config log\n  railbus config log -o json",
     }
     UndoAbout { en: "Writes the old values of a change back", zh: "写回某次更改前的原值" }
     UndoExamples {
-        en: "  railbus config undo\n  railbus config undo 14\n",
-        zh: "  railbus config undo\n  railbus config undo 14\n",
+        en: "  railbus config undo\n  railbus config undo 14",
+        zh: "  railbus config undo\n  railbus config undo 14",
     }
     RecoverAbout {
         en: "Finds a module whose change was cut short, or that is not in its place; only reads",
@@ -73,10 +73,10 @@ texts! {
     RecoverExamples {
         en: "  railbus config recover\n\
             \x20\x20railbus config recover pump\n\
-            \x20\x20railbus config recover --addr 7\n",
+            \x20\x20railbus config recover --addr 7",
         zh: "  railbus config recover\n\
             \x20\x20railbus config recover pump\n\
-            \x20\x20railbus config recover --addr 7\n",
+            \x20\x20railbus config recover --addr 7",
     }
     RecoverAddr {
         en: "The modules that the configuration has at this address",
@@ -88,8 +88,8 @@ texts! {
         zh: "将模块所有可读设置写入文件",
     }
     BackupExamples {
-        en: "  railbus config backup -O site.json\n  railbus config backup pump\n",
-        zh: "  railbus config backup -O site.json\n  railbus config backup pump\n",
+        en: "  railbus config backup -O site.json\n  railbus config backup pump",
+        zh: "  railbus config backup -O site.json\n  railbus config backup pump",
     }
     BackupTo {
         en: "The file; stdout if not said. An older one is kept as FILE.1",
@@ -105,17 +105,17 @@ texts! {
     RestoreExamples {
         en: "  railbus config restore site.json -n\n\
             \x20\x20railbus config restore site.json --module pump\n\
-            \x20\x20railbus config restore site.json --map pump=pump2\n",
+            \x20\x20railbus config restore site.json --map pump=pump2",
         zh: "  railbus config restore site.json -n\n\
             \x20\x20railbus config restore site.json --module pump\n\
-            \x20\x20railbus config restore site.json --map pump=pump2\n",
+            \x20\x20railbus config restore site.json --map pump=pump2",
     }
     RestoreModule { en: "Only this module; may be repeated", zh: "只恢复该模块；可重复" }
     RestoreMap { en: "What the backup calls OLD is NEW here", zh: "备份中的 OLD 在此为 NEW" }
     DiffAbout { en: "Compares modules with a backup of them", zh: "比较模块与其备份" }
     DiffExamples {
-        en: "  railbus config diff site.json\n  railbus config diff site.json pump --exit-code\n",
-        zh: "  railbus config diff site.json\n  railbus config diff site.json pump --exit-code\n",
+        en: "  railbus config diff site.json\n  railbus config diff site.json pump --exit-code",
+        zh: "  railbus config diff site.json\n  railbus config diff site.json pump --exit-code",
     }
     ExitCode { en: "Exits with 10 where something differs", zh: "有差异时退出码为 10" }
     NoDifference { en: "nothing differs", zh: "没有差异" }
@@ -127,8 +127,8 @@ texts! {
         zh: "比较模块与配置所期望的设置",
     }
     PlanExamples {
-        en: "  railbus plan\n  railbus plan --exit-code -o json\n",
-        zh: "  railbus plan\n  railbus plan --exit-code -o json\n",
+        en: "  railbus plan\n  railbus plan --exit-code -o json",
+        zh: "  railbus plan\n  railbus plan --exit-code -o json",
     }
     PlanMissing { en: "not found on line {line} ({place})", zh: "在总线 {line} 上找不到（{place}）" }
     PlanSum {
@@ -140,8 +140,8 @@ texts! {
         zh: "按配置设置各模块",
     }
     ApplyExamples {
-        en: "  railbus plan\n  railbus apply --yes -O report.json\n  railbus apply --only pump\n",
-        zh: "  railbus plan\n  railbus apply --yes -O report.json\n  railbus apply --only pump\n",
+        en: "  railbus plan\n  railbus apply --yes -O report.json\n  railbus apply --only pump",
+        zh: "  railbus plan\n  railbus apply --yes -O report.json\n  railbus apply --only pump",
     }
     ApplyOnly { en: "Only this module; may be repeated", zh: "只处理该模块；可重复" }
     ApplyReport { en: "Writes what was done into this file, as JSON", zh: "将执行结果以 JSON 写入该文件" }
@@ -151,8 +151,8 @@ texts! {
         zh: "逐步校准 EMD-2A2Q：先校零，再校满",
     }
     CalibrateExamples {
-        en: "  railbus config calibrate tank\n  railbus config calibrate tank --voltage 4.00V\n",
-        zh: "  railbus config calibrate tank\n  railbus config calibrate tank --voltage 4.00V\n",
+        en: "  railbus config calibrate tank\n  railbus config calibrate tank --voltage 4.00V",
+        zh: "  railbus config calibrate tank\n  railbus config calibrate tank --voltage 4.00V",
     }
     CalibrateVoltage {
         en: "The voltage of the span step; 5.00V if not said",
@@ -166,8 +166,8 @@ texts! {
         zh: "将 EMD-2A2Q 恢复出厂设置，并在地址 1、9600 8N1 处找到它",
     }
     FactoryExamples {
-        en: "  railbus config factory tank\n",
-        zh: "  railbus config factory tank\n",
+        en: "  railbus config factory tank",
+        zh: "  railbus config factory tank",
     }
     FactoryWarning {
         en: "{module} loses its calibration, which can't be brought back, and goes \
