@@ -671,3 +671,45 @@ fn a_board_that_is_waited_for_may_be_left_alone() {
     );
     assert!(toml(&site).contains("address = 9"));
 }
+
+/// The program is killed at one moment after another. A recovery finds the module each time, and
+/// the configuration says where it is.
+#[test]
+fn killed_at_any_moment_it_is_recovered() {
+    let site = Site::demo("config-killed");
+    let mut moved = 0;
+    for (round, millis) in (0..).zip([200, 1_200, 1_900, 2_200, 2_500, 2_800, 3_100, 15_000]) {
+        let address = format!("address={}", 7 + round % 2);
+        let mut child = site
+            .command()
+            .args(["-q", "config", "set", "oven", &address, "--yes"])
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .expect("railbus starts");
+        std::thread::sleep(std::time::Duration::from_millis(millis));
+        child.kill().expect("it is ours");
+        child.wait().expect("it ends");
+        let ran = site.run("-q config recover");
+        assert_eq!(ran.code, 0, "after {millis} ms: {ran:?}");
+        let shown = site.run("-q config get oven address -o value");
+        assert_eq!(shown.code, 0, "after {millis} ms: {shown:?}");
+        let said = format!("address = {}\n", shown.out.trim());
+        assert!(
+            toml(&site).contains(&said),
+            "after {millis} ms: {}",
+            toml(&site)
+        );
+        moved += usize::from(shown.out.trim() == address.trim_start_matches("address="));
+        let log = site.run("config log -o json").json();
+        for change in log["changes"].as_array().expect("a list") {
+            let state = change["state"].as_str().unwrap_or_default();
+            let known = ["done", "filed", "unchanged"].contains(&state);
+            assert!(known, "after {millis} ms: {change}");
+        }
+    }
+    assert!(
+        moved > 0,
+        "it was always killed before anything was written"
+    );
+}
