@@ -56,7 +56,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         End::Interrupted | End::TimeUp | End::Lost(_) => {
             keep.put(&report.scanner);
         }
-        End::Unread => {}
+        End::Noise | End::Unread => {}
     }
     if wanted.add {
         add::add(&context, &place, report.scanner.found(), wanted.yes)?;
@@ -161,6 +161,7 @@ fn verdict(context: &Context, place: &Place, report: Report) -> Result<(), Failu
         End::Unread => Ok(()),
         End::Interrupted => Err(stop::interrupted(context)),
         End::Lost(failure) => Err(failure),
+        End::Noise => Err(Failure::of(context.lang, Code::ScanNoise).with_fact("line", line)),
         End::TimeUp => Err(Failure::of(context.lang, Code::ScanTimeUp).with_fact("line", line)),
         End::Complete if nobody => {
             let failure = Failure::of(context.lang, Code::NoReply).with_fact("line", line);

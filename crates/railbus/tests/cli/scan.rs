@@ -319,6 +319,31 @@ fn two_modules_on_one_address_are_told_of() {
     assert_eq!(evidence, Some(3), "{json}");
 }
 
+/// In real time it takes what it says, and no less than the wire does; on a busy machine more.
+#[test]
+fn it_takes_about_as_long_as_it_says() {
+    let (site, port) = bare("scan-time");
+    let json = site.run(&format!("scan -l {port} -o json")).json();
+    let of = |key: &str| json[key].as_f64().expect("a number");
+    let (took, estimate) = (of("took_ms"), of("estimate_ms"));
+    assert!((8_000.0..10_000.0).contains(&estimate), "{estimate}");
+    assert!(
+        (0.9..4.0).contains(&(took / estimate)),
+        "{took} of {estimate}"
+    );
+}
+
+/// Who never stops sending is no module.
+#[test]
+fn a_line_that_is_never_silent_is_given_up() {
+    let site = Site::empty("scan-noise");
+    let port = liar(|_| vec![0xFE; 9]);
+    let ran = site.run(&format!("scan -l pty:{port} --proto rtu"));
+    assert_eq!((ran.code, ran.out.lines().count()), (5, 1), "{ran:?}");
+    assert!(ran.err.contains("error[E0570]: "), "{ran:?}");
+    assert!(ran.err.contains("left out: 9600 8N1 rtu "), "{ran:?}");
+}
+
 #[test]
 fn bad_input_is_told_of() {
     let site = Site::empty("scan-bad");

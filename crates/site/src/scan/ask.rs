@@ -21,6 +21,8 @@ pub(super) const QUIET: Micros = Micros::from_millis(120);
 const SLOW_ADDRESSES: std::ops::RangeInclusive<u8> = 1..=32;
 /// What an ERC-8 wants; an EMD-2A2Q is content with less [ERC-8 §1.6].
 const SLOW_GAP: Micros = Micros::from_millis(20);
+/// Between what is heard and what is sent next lies about so much of a machine and its adapter.
+const HANDLING: Micros = Micros::from_millis(1);
 /// What all others are given.
 const GAP: Micros = Micros::from_millis(5);
 
@@ -224,7 +226,7 @@ impl Question {
     pub(super) fn cost(&self, patience: Micros) -> Micros {
         let request = self.frame().map_or(0, |frame| frame.bytes().len());
         let wait = patience.max(self.reply_time());
-        self.settings.frame_time(request) + wait.max(self.gap())
+        self.settings.frame_time(request) + wait.max(self.gap()) + HANDLING
     }
 
     /// The probe that asks it, and waits so long for the reply to begin.

@@ -14,6 +14,10 @@ const LATE_MAX: Micros = Micros::from_millis(600);
 /// After so many late replies the scan waits as long as the slowest of them took.
 const LATE_MANY: usize = 3;
 
+/// After so many spoilt replies in a row, to questions for different modules, it is the line that
+/// is never silent.
+const NOISE: usize = 8;
+
 /// How far a scan is: a run of its scope, and an address of that run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place {
@@ -99,6 +103,8 @@ pub struct Scanner {
     twice: Vec<Question>,
     looks_beyond: bool,
     crowd: bool,
+    /// So many questions in a row met something spoilt.
+    spoilt: usize,
     late_count: usize,
     slowest: Micros,
     news: VecDeque<usize>,
@@ -155,6 +161,7 @@ impl Scanner {
             owes_closing: false,
             twice: Vec::new(),
             crowd: false,
+            spoilt: 0,
             late_count: 0,
             slowest: Micros::ZERO,
             news: VecDeque::new(),
@@ -192,6 +199,12 @@ impl Scanner {
     #[must_use]
     pub const fn is_crowded(&self) -> bool {
         self.crowd
+    }
+
+    /// The scan was given up, because the line is never silent.
+    #[must_use]
+    pub const fn is_noisy(&self) -> bool {
+        self.spoilt >= NOISE
     }
 
     /// The modules of the configuration that were asked and not found.
@@ -257,6 +270,11 @@ impl Scanner {
     /// What to do next.
     pub fn next(&mut self, now: Instant) -> Step {
         loop {
+            if self.is_noisy() {
+                // What is known only by spoilt bytes is nobody.
+                self.found.retain(|found| !found.answers.is_empty());
+                return Step::Done;
+            }
             if let Some(news) = self.news.pop_front() {
                 return Step::Found(news);
             }
@@ -313,6 +331,10 @@ impl Scanner {
         if why == Why::First && met.outcome == Probed::Silent {
             self.counts.silent += 1;
             self.unanswered.get_or_insert(question);
+        }
+        if matches!(why, Why::First | Why::Again) {
+            let spoilt = met.outcome == Probed::Garbled;
+            self.spoilt = if spoilt { self.spoilt + 1 } else { 0 };
         }
         self.owes_closing |= matches!(why, Why::First | Why::Again);
         let turn = match (why, met.outcome) {

@@ -155,6 +155,21 @@ fn a_lone_board_is_found_beyond_the_addresses() {
     assert!(ran.frames.iter().all(|frame| frame.get(1) != Some(&245)));
 }
 
+/// An adapter that gives back what is sent changes nothing.
+#[test]
+fn an_echo_is_nobody() {
+    let mut bench = Bench::new();
+    bench.line.set_echo(true);
+    bench.add(&at_9600(Family::Eda9060a, 7, Protocol::Ascii), 5);
+    bench.add(&at_9600(Family::Erc8, 3, Protocol::Rtu), 5);
+    let ran = bench.scan(quick());
+    let all = [
+        "9600 8N1 003 rtu ERC-8 ok",
+        "9600 8N1 007 ascii EDA9060A ok",
+    ];
+    assert_eq!(ran.found, all);
+}
+
 #[test]
 fn known_modules_come_first_and_are_compared() {
     let mut bench = Bench::new();

@@ -12,6 +12,9 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 use tokio::time::sleep_until;
 
+/// A question that takes so long to be sent and answered waits for a silence that never comes.
+const UNSENT_MAX: Duration = Duration::from_secs(10);
+
 /// How a scan ended.
 #[derive(Debug)]
 pub(super) enum End {
@@ -21,6 +24,8 @@ pub(super) enum End {
     Interrupted,
     /// Its time was up.
     TimeUp,
+    /// The line is never silent.
+    Noise,
     /// Who reads the results has heard enough.
     Unread,
     /// The line or the daemon was lost.
@@ -32,6 +37,8 @@ pub(super) enum End {
 pub(super) struct Report {
     pub(super) scanner: Scanner,
     pub(super) took: Micros,
+    /// What it was thought to take at its beginning.
+    pub(super) estimate: Micros,
     pub(super) end: End,
 }
 
@@ -44,6 +51,7 @@ pub(super) async fn scan(
     (stop, max_time): (&mut Stop, Option<Micros>),
     live: &mut Live<'_>,
 ) -> Result<Report, Failure> {
+    let estimate = scanner.progress().left;
     let start = tokio::time::Instant::now();
     let now = || Instant(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX));
     let time_up = async {
@@ -55,6 +63,7 @@ pub(super) async fn scan(
     let mut time_up = std::pin::pin!(time_up);
     let end = loop {
         match scanner.next(now()) {
+            Step::Done if scanner.is_noisy() => break End::Noise,
             Step::Done => break End::Complete,
             Step::Found(index) => {
                 let found = scanner.found().get(index);
@@ -70,6 +79,8 @@ pub(super) async fn scan(
                     met = asked.probe(context, place, probe) => met,
                     () = stop.requested() => break End::Interrupted,
                     () = &mut time_up => break End::TimeUp,
+                    // Nothing is sent before the line is silent.
+                    () = sleep_until(tokio::time::Instant::now() + UNSENT_MAX) => break End::Noise,
                 };
                 match met {
                     Ok(met) => scanner.met(now(), met),
@@ -81,5 +92,10 @@ pub(super) async fn scan(
     let took = Micros(now().0);
     live.clear();
     asked.close().await;
-    Ok(Report { scanner, took, end })
+    Ok(Report {
+        scanner,
+        took,
+        estimate,
+        end,
+    })
 }

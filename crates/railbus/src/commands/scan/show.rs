@@ -196,7 +196,7 @@ impl<'c> Live<'c> {
         if counts.skipped > 0 {
             note(&lang.fill(ScanText::Skipped, &[("count", &counts.skipped)]));
         }
-        if !matches!(report.end, End::Complete | End::Unread) {
+        if !matches!(report.end, End::Complete | End::Noise | End::Unread) {
             note(lang.get(ScanText::NextResume));
         }
         if found
@@ -240,6 +240,7 @@ fn summary(place: &Place, report: &Report) -> Value {
         "complete": matches!(report.end, End::Complete),
         "left_out": left_out,
         "took_ms": report.took.0 / 1_000,
+        "estimate_ms": report.estimate.0 / 1_000,
     })
 }
 

@@ -76,6 +76,12 @@ codes! {
         next: ["railbus config recover --addr N     says how to part two modules",
             "railbus config recover --addr N     说明如何分开两个模块"],
     }
+    ScanNoise = "E0570" {
+        title: ["scan given up: the line is never silent", "放弃扫描：总线上一直有干扰"],
+        likely: ["A/B swapped · no bias · a module that never stops sending · another master",
+            "A/B 接反 · 无偏置电阻 · 某模块不停发送 · 另有上位机"],
+        next: ["take modules off the line one by one, or swap A and B", "逐个断开模块，或对调 A、B"],
+    }
     NoSpeed = "E0580" {
         title: ["bytes were heard, but at no speed do they make frames",
             "听到字节，但任何波特率下都不成帧"],
