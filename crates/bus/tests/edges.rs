@@ -4,12 +4,12 @@ mod support;
 
 use railbus_bus::{
     Bus, Config, Confirmed, EchoMode, Event, Evidence, Fault, Input, ModuleId, Plan, Presence,
-    Terms,
+    Probe, Terms,
 };
 use railbus_device::{Bank, Change, Family, Module, Op, Refusal, Setup};
 use railbus_wire::{
-    Address, Baud, Channel, Instant, Malformed, Micros, Protocol, PulseWidth, Settings, crc16,
-    r55::U24,
+    Address, Baud, Channel, Exchange, Instant, Malformed, Micros, Protocol, PulseWidth, Settings,
+    ascii, crc16, r55::U24,
 };
 use support::{Drive, Happening, millis};
 
@@ -426,4 +426,39 @@ fn a_fault_says_whether_the_module_may_have_acted() {
     ];
     assert!(did_nothing.iter().all(|fault| !fault.may_have_acted()));
     assert!(may_have_acted.iter().all(Fault::may_have_acted));
+}
+
+/// A probe may be led by a lone CR, and a reply that comes when it is over is told of: late, and
+/// once more.
+#[test]
+fn replies_to_a_probe_that_is_over_are_told_of() {
+    let mut line = Line::new(EchoMode::Off, &[]);
+    let exchange = Exchange::ascii(Address(1), false, ascii::Request::ReadName);
+    let probe = Probe {
+        exchange,
+        settings: Settings::FACTORY,
+        gap: millis(5),
+        timeout: Micros::ZERO,
+        clear: true,
+    };
+    let reply = b"!019060\r";
+    for (at, again) in [(60, false), (7, true)] {
+        line.told.clear();
+        line.frames.clear();
+        assert!(line.drive.bus.submit_probe(line.drive.now, probe));
+        line.drive.touched();
+        if again {
+            line.run(millis(30), |_| Some(reply.to_vec()));
+        }
+        line.drive.hear_at(line.drive.now + millis(at), reply);
+        line.run(millis(600), |_| None);
+        assert_eq!(line.frames, [b"\r$01M\r"]);
+        let late = line.told.iter().filter_map(|(_, event)| match event {
+            Event::ProbedLate {
+                exchange, again, ..
+            } => Some((*exchange, *again)),
+            _ => None,
+        });
+        assert_eq!(late.collect::<Vec<_>>(), [(exchange, again)]);
+    }
 }

@@ -13,8 +13,6 @@ use railbus_wire::{
 const SECOND_LOOK: Micros = Micros::from_millis(15);
 /// How long a module is waited for that is there, or may be slow.
 pub(super) const PATIENCE: Micros = Micros::from_millis(300);
-/// The silence before a question where slow replies to the one before are looked for.
-pub(super) const QUIET: Micros = Micros::from_millis(120);
 
 /// The addresses that an ERC-8 or EMD-2A2Q can have [ERC-8 §1.2, EMD-2A2Q §1.2]: there the
 /// silence before a question is the long one that they want.
@@ -230,11 +228,11 @@ impl Question {
     }
 
     /// The probe that asks it, and waits so long for the reply to begin.
-    pub(super) fn probe(&self, patience: Micros, gap: Micros) -> Option<Probe> {
+    pub(super) fn probe(&self, patience: Micros) -> Option<Probe> {
         Some(Probe {
             exchange: self.exchange()?,
             settings: self.settings,
-            gap: self.gap().max(gap),
+            gap: self.gap(),
             timeout: patience,
             clear: self.clears(),
         })

@@ -1,6 +1,6 @@
 //! What to ask next.
 
-use super::ask::{Ask, PATIENCE, QUIET, Question};
+use super::ask::{Ask, PATIENCE, Question};
 use super::case::{Case, Turn};
 use super::identify;
 use super::{Found, Met, Scope, Step};
@@ -281,24 +281,16 @@ impl Scanner {
             let Some((question, patience, why)) = self.choose(now) else {
                 return Step::Done;
             };
-            let gap = match why {
-                Why::Again => QUIET,
-                _ => Micros::ZERO,
-            };
             let safe = question.safe(self.last.bytes());
             let probe = safe.and_then(|question| {
                 let patience = match why {
                     Why::First => question.begins_within(patience),
                     _ => patience,
                 };
-                Some((question, question.probe(patience, gap)?))
+                Some((question, question.probe(patience)?))
             });
             let Some((question, probe)) = probe else {
-                self.counts.skipped += 1;
-                if let Why::Case(index) = why {
-                    let turn = self.cases.remove(index).unasked();
-                    self.turn(Some(turn));
-                }
+                self.pass_over(question, why);
                 continue;
             };
             self.last = question.frame().unwrap_or_default();
@@ -307,6 +299,19 @@ impl Scanner {
             self.counts.probes += 1;
             self.asked_at = now;
             return Step::Ask(probe);
+        }
+    }
+
+    /// A question must not be sent now. One that is bad only after the frame before it has its
+    /// turn later.
+    fn pass_over(&mut self, question: Question, why: Why) {
+        if why == Why::First && question.safe(&[]).is_some() {
+            return self.ask_again(vec![question]);
+        }
+        self.counts.skipped += 1;
+        if let Why::Case(index) = why {
+            let turn = self.cases.remove(index).unasked();
+            self.turn(Some(turn));
         }
     }
 
@@ -343,8 +348,6 @@ impl Scanner {
                 self.meet_boards(question, outcome, &met.bytes);
                 None
             }
-            // It was looked for a second reply.
-            _ if self.knows(&question) => None,
             (_, Probed::Answered | Probed::Garbled) => {
                 let suspects = self.recent.iter().map(|(_, question)| *question);
                 Some(Case::open(now, question, met, suspects))
@@ -460,11 +463,10 @@ impl Scanner {
         self.cost_left = self.cost_left - cost;
     }
 
-    /// The next one that may be slow. One that was found is asked again only to hear whether two
-    /// reply; one under inspection is asked anyway.
+    /// The next one that may be slow, unless it was heard meanwhile.
     fn take_again(&mut self) -> Option<Question> {
         while let Some(question) = self.again.pop_front() {
-            if !self.cases.iter().any(|case| is_same(case, &question)) {
+            if !self.knows(&question) && !self.cases.iter().any(|case| is_same(case, &question)) {
                 return Some(question);
             }
         }

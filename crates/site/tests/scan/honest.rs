@@ -100,22 +100,28 @@ fn slow_modules_are_found_by_a_longer_wait() {
 /// Its reply comes a second time: the line doubles, or there are two.
 #[test]
 fn a_module_that_answers_twice_is_told_of() {
-    let mut bench = Bench::new();
-    bench.add(&at_9600(Family::Eda9060a, 4, Protocol::Lc02), 5);
-    let twice = bench.add(&at_9600(Family::Eda9060a, 7, Protocol::Rtu), 5);
-    let again = Faults {
-        again: Chance::ALWAYS,
-        again_after: Span::millis(2, 2),
-        ..Faults::NONE
-    };
-    bench.line.set_module_faults(twice, again);
-    let ran = bench.scan(quick());
-    let told = [
-        "9600 8N1 004 lc02 EDA9060A ok",
-        "9600 8N1 007 rtu EDA9060A garbled",
-    ];
-    assert_eq!(ran.found, told);
-    assert_eq!(ran.all[1].detail(), Detail::Twice);
+    for (protocol, pause) in [
+        (Protocol::Rtu, 2),
+        (Protocol::Rtu, 30),
+        (Protocol::Lc02, 20),
+    ] {
+        let mut bench = Bench::new();
+        bench.add(&at_9600(Family::Eda9060a, 4, Protocol::Lc02), 5);
+        let twice = bench.add(&at_9600(Family::Eda9060a, 7, protocol), 5);
+        let again = Faults {
+            again: Chance::ALWAYS,
+            again_after: Span::millis(pause, pause),
+            ..Faults::NONE
+        };
+        bench.line.set_module_faults(twice, again);
+        let ran = bench.scan(quick());
+        let told = [
+            "9600 8N1 004 lc02 EDA9060A ok".to_owned(),
+            format!("9600 8N1 007 {protocol} EDA9060A garbled"),
+        ];
+        assert_eq!(ran.found, told, "{pause} ms");
+        assert_eq!(ran.all[1].detail(), Detail::Twice);
+    }
 }
 
 #[test]
