@@ -296,8 +296,11 @@ impl Listener {
                 self.pending = None;
             }
             self.tell(len, readings, verdict, answers);
-            if let Some(pending) = &mut self.pending {
-                pending.spoiled = true;
+            match &mut self.pending {
+                // A refusal without its CRC is an answer all the same.
+                Some(_) if answers && verdict == Verdict::Refused => self.pending = None,
+                Some(pending) => pending.spoiled = true,
+                None => {}
             }
             left -= len;
         }

@@ -191,6 +191,9 @@ fn a_refusal_is_told_even_without_its_crc() {
     ear.frame(&ask);
     ear.frame(&[0x03, 0x81, 0x02]); // [ERC-8 §5.2]
     ear.pass(Micros::from_millis(30));
+    // Once, not twice.
+    ear.frame(&[0x03, 0x81, 0x02]);
+    ear.pass(Micros::from_millis(30));
     ear.frame(b"$016\r");
     ear.frame(b"?01\r");
     let expected = [
@@ -198,6 +201,7 @@ fn a_refusal_is_told_even_without_its_crc() {
         "rtu ← 3 refused",
         "rtu → 3 ok",
         "rtu ← 3 refused",
+        " bad foreign",
         "ascii → 1 ok",
         "ascii ← 1 refused",
     ];
