@@ -63,7 +63,7 @@ mod tests {
     use serde_json::Value;
 
     /// These print no document: text for people, scripts and pages, or they run until stopped.
-    const WITHOUT: [&str; 4] = ["sim", "completions", "man", "complete"];
+    const WITHOUT: [&str; 5] = ["sim", "extcap", "completions", "man", "complete"];
 
     #[test]
     fn every_command_has_a_schema_and_every_schema_a_command() {

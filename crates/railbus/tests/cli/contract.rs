@@ -43,13 +43,14 @@ fn keeps_to(site: &Site, line: &str, ran: &Ran) {
 }
 
 /// With which these lines begin to speak of a command.
-const COMMANDS: [&str; 18] = [
+const COMMANDS: [&str; 22] = [
     "scan", "ls", "get", "set", "pulse", "watch", "raw", "decode", "doctor", "config", "explain",
-    "schema", "help", "version", "error", "bench", "export", "serve",
+    "schema", "help", "version", "error", "bench", "export", "serve", "plan", "apply", "sniff",
+    "replay",
 ];
 
 /// What works on the demo line, with the exit code.
-const GOOD: [&str; 30] = [
+const GOOD: [&str; 37] = [
     "scan --addr 1-2",
     "ls",
     "ls points",
@@ -71,6 +72,13 @@ const GOOD: [&str; 30] = [
     "export mbpoll",
     "config check",
     "config path",
+    "config show pump",
+    "config set pump address=9 -n",
+    "config set pump pulse_width=700ms --yes",
+    "config log",
+    "config recover --addr 1",
+    "plan",
+    "apply --yes",
     "serve --check",
     "explain",
     "explain E0301",
