@@ -46,15 +46,19 @@ impl Page {
 
 /// A kind of failure.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Code {
+pub(crate) struct Code(&'static Row);
+
+/// A row of a table. A code leads to it, so that failures stay small.
+#[derive(PartialEq, Eq)]
+struct Row {
     /// The digits before the last two are its exit code.
     name: &'static str,
-    page: &'static Page,
+    page: Page,
 }
 
 impl fmt::Debug for Code {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name)
+        f.write_str(self.0.name)
     }
 }
 
@@ -67,10 +71,10 @@ macro_rules! codes {
         impl Code {
             $(
                 #[doc = $number]
-                pub(crate) const $name: Code = Code {
+                pub(crate) const $name: Code = Code(&super::Row {
                     name: $number,
-                    page: &super::Page { title: $title, likely: $likely, next: $next },
-                };
+                    page: super::Page { title: $title, likely: $likely, next: $next },
+                });
             )*
         }
 
@@ -87,22 +91,22 @@ impl Code {
 
     /// The code of this name.
     pub(crate) fn from_name(name: &str) -> Option<Code> {
-        Code::all().find(|code| code.name.eq_ignore_ascii_case(name))
+        Code::all().find(|code| code.0.name.eq_ignore_ascii_case(name))
     }
 
     /// As people and programs read it, such as `E0301`.
     pub(crate) const fn name(self) -> &'static str {
-        self.name
+        self.0.name
     }
 
     /// What the tables say of it.
     pub(crate) const fn page(self) -> Page {
-        *self.page
+        self.0.page
     }
 
     /// The exit code that goes with it.
     pub(crate) fn exit(self) -> u8 {
-        let digits = self.name.trim_start_matches('E');
+        let digits = self.0.name.trim_start_matches('E');
         let number: u16 = digits.parse().unwrap_or(100);
         u8::try_from(number / 100).unwrap_or(1)
     }
@@ -121,7 +125,7 @@ mod tests {
             assert!(known, "{exit}");
         }
         let names: Vec<_> = Code::all()
-            .map(|code| (code.name.len(), code.name))
+            .map(|code| (code.name().len(), code.name()))
             .collect();
         assert!(names.is_sorted_by(|a, b| a < b), "{names:?}");
     }
