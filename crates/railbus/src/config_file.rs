@@ -97,6 +97,26 @@ pub(crate) fn chosen(named: Option<&Path>) -> Result<(PathBuf, Why), Problem> {
     }
 }
 
+/// Where what is to be remembered of a site lies: beside its configuration; without one, where the
+/// user's programs keep such things. `RAILBUS_STATE` goes before both.
+pub(crate) fn state_folder(config: Option<&Path>) -> PathBuf {
+    if let Some(named) = std::env::var_os("RAILBUS_STATE").filter(|path| !path.is_empty()) {
+        return named.into();
+    }
+    match config {
+        Some(file) => file.parent().unwrap_or(Path::new("")).join(".railbus"),
+        None => {
+            let named = std::env::var_os("XDG_STATE_HOME").filter(|path| !path.is_empty());
+            let home = || {
+                std::env::home_dir()
+                    .unwrap_or_default()
+                    .join(".local/state")
+            };
+            named.map_or_else(home, PathBuf::from).join("railbus")
+        }
+    }
+}
+
 fn places() -> Vec<PathBuf> {
     let here = std::env::current_dir().unwrap_or_default();
     let of_user = std::env::var_os("XDG_CONFIG_HOME")

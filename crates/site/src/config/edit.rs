@@ -60,26 +60,41 @@ fn set(table: &mut dyn toml_edit::TableLike, key: &str, new: Value, needed: bool
     }
 }
 
-/// Puts a new text in the place of a file: at every moment, and after every loss of power, there
-/// is a whole one. The older ones are kept, as many as [`GENERATIONS`].
+/// Puts a new text in the place of a file, or makes it: at every moment, and after every loss of
+/// power, there is a whole one. The older ones are kept, as many as [`GENERATIONS`].
 ///
 /// # Errors
 /// Where the system refuses.
 pub fn replace(file: &Path, text: &str) -> io::Result<()> {
     // Through a link, the file itself is replaced.
-    let file = &std::fs::canonicalize(file)?;
-    let folder = file.parent().unwrap_or(Path::new("/"));
-    let before = std::fs::metadata(file)?;
+    let file = &std::fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
+    let folder = file.parent().filter(|path| !path.as_os_str().is_empty());
+    let before = match std::fs::metadata(file) {
+        Ok(before) => Some(before.mode() & 0o777),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        Err(error) => return Err(error),
+    };
     let new = beside(file, "new");
     let mut written = OpenOptions::new()
         .write(true)
         .create(true)
         .truncate(true)
-        .mode(before.mode() & 0o777)
+        .mode(before.unwrap_or(0o644))
         .open(&new)?;
-    written.set_permissions(std::fs::Permissions::from_mode(before.mode() & 0o777))?;
+    if let Some(mode) = before {
+        written.set_permissions(std::fs::Permissions::from_mode(mode))?;
+    }
     written.write_all(text.as_bytes())?;
     written.sync_all()?;
+    if before.is_some() {
+        keep(file)?;
+    }
+    std::fs::rename(&new, file)?;
+    File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
+}
+
+/// Keeps a copy of the file as the newest of its generations.
+fn keep(file: &Path) -> io::Result<()> {
     for generation in (1..GENERATIONS).rev() {
         let older = beside(file, &(generation + 1).to_string());
         match std::fs::rename(beside(file, &generation.to_string()), older) {
@@ -89,9 +104,7 @@ pub fn replace(file: &Path, text: &str) -> io::Result<()> {
     }
     let kept = beside(file, "1");
     std::fs::copy(file, &kept)?;
-    File::open(&kept)?.sync_all()?;
-    std::fs::rename(&new, file)?;
-    File::open(folder)?.sync_all()
+    File::open(&kept)?.sync_all()
 }
 
 fn beside(file: &Path, ending: &str) -> PathBuf {

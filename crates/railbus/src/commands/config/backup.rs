@@ -14,7 +14,7 @@ use railbus_site::config::edit;
 use railbus_site::settings::{Access, settings, shown};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The name of the command.
 pub(super) const NAME: &str = "backup";
@@ -112,7 +112,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     match matches.get_one::<PathBuf>("file") {
         None => out::result(lang, &text)?,
         Some(file) => {
-            write(file, &text).map_err(|error| {
+            edit::replace(file, &text).map_err(|error| {
                 Failure::of(lang, Code::Output).because(format!("{}: {error}", file.display()))
             })?;
             let values: &[(&str, &dyn std::fmt::Display)] =
@@ -122,14 +122,6 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     }
     // What could not be read is not in it.
     failed.map_or(Ok(()), Err)
-}
-
-/// An older file of that name is kept beside the new one.
-fn write(file: &Path, text: &str) -> std::io::Result<()> {
-    if !file.exists() {
-        std::fs::File::create_new(file)?.sync_all()?;
-    }
-    edit::replace(file, text)
 }
 
 /// What is known of a module.

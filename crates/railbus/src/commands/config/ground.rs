@@ -13,12 +13,9 @@ use railbus_host::LineName;
 use railbus_site::Config;
 use railbus_site::commission::{Log, Neighbour, Place, Store};
 use std::io::{ErrorKind, Read};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use super::texts::ConfigText;
-
-/// The folder of the journal, beside the configuration.
-const FOLDER: &str = ".railbus";
 
 /// What a command of the group stands on.
 #[derive(Debug)]
@@ -63,7 +60,7 @@ impl Ground {
             .ok()
             .flatten()
             .cloned();
-        let state = named.unwrap_or_else(|| state_folder(file.as_deref()));
+        let state = named.unwrap_or_else(|| config_file::state_folder(file.as_deref()));
         Ok(Ground {
             config,
             file,
@@ -172,24 +169,5 @@ impl Ground {
             let told = format!("{}: {error}", self.state.display());
             Failure::of(context.lang, Code::Journal).because(told)
         })
-    }
-}
-
-/// Beside the configuration; without one, where the user's programs keep such things.
-fn state_folder(config: Option<&Path>) -> PathBuf {
-    if let Some(named) = std::env::var_os("RAILBUS_STATE").filter(|path| !path.is_empty()) {
-        return named.into();
-    }
-    match config {
-        Some(file) => file.parent().unwrap_or(Path::new("")).join(FOLDER),
-        None => {
-            let named = std::env::var_os("XDG_STATE_HOME").filter(|path| !path.is_empty());
-            let home = || {
-                std::env::home_dir()
-                    .unwrap_or_default()
-                    .join(".local/state")
-            };
-            named.map_or_else(home, PathBuf::from).join("railbus")
-        }
     }
 }

@@ -9,8 +9,8 @@ use crate::render::out;
 use railbus_device::Setup;
 use railbus_site::Config;
 use railbus_site::config::add::{NewLine, free_name, with_modules};
+use railbus_site::config::edit;
 use railbus_site::scan::{Found, Verdict};
-use std::fs::File;
 use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
@@ -57,7 +57,7 @@ pub(super) fn add(
         context.note(lang.get(ScanText::NotWritten));
         return Ok(());
     }
-    replace(&file, &after).map_err(|error| failed(&file, &error))?;
+    edit::replace(&file, &after).map_err(|error| failed(&file, &error))?;
     let (count, file) = (modules.len(), file.display());
     context.note(&lang.fill(ScanText::Written, &[("count", &count), ("file", &file)]));
     Ok(())
@@ -141,24 +141,4 @@ fn confirmed(context: &Context, file: &Path, before: &str, after: &str) -> Resul
     let mut answer = String::new();
     let _ = io::stdin().lock().read_line(&mut answer);
     Ok(matches!(answer.trim(), "y" | "yes" | "是" | "好"))
-}
-
-/// Puts a new text in the place of a file: at every moment, and after every loss of power, there
-/// is a whole one.
-fn replace(file: &Path, text: &str) -> io::Result<()> {
-    // Through a link, the file itself is replaced.
-    let file = &std::fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
-    let folder = file
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty());
-    let mut draft = file.as_os_str().to_owned();
-    draft.push(".new");
-    let mut written = File::create(&draft)?;
-    if let Ok(before) = std::fs::metadata(file) {
-        written.set_permissions(before.permissions())?;
-    }
-    written.write_all(text.as_bytes())?;
-    written.sync_all()?;
-    std::fs::rename(&draft, file)?;
-    File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
 }

@@ -86,27 +86,13 @@ impl Keep {
     }
 }
 
-/// Beside the configuration; without one, where the user's programs keep such things.
+/// Where this line's scans are kept.
 fn folder(context: &Context) -> PathBuf {
-    if let Some(named) = std::env::var_os("RAILBUS_STATE").filter(|path| !path.is_empty()) {
-        return named.into();
-    }
     let config = match &context.wanted.ad_hoc {
         None => config_file::path(context.wanted.config.as_deref()).ok(),
         Some(_) => None,
     };
-    match config {
-        Some(file) => file.parent().unwrap_or(Path::new("")).join(".railbus"),
-        None => {
-            let named = std::env::var_os("XDG_STATE_HOME").filter(|path| !path.is_empty());
-            let home = || {
-                std::env::home_dir()
-                    .unwrap_or_default()
-                    .join(".local/state")
-            };
-            named.map_or_else(home, PathBuf::from).join("railbus")
-        }
-    }
+    config_file::state_folder(config.as_deref())
 }
 
 /// The line and what is asked for, in words that differ where these do.
