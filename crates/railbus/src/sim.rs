@@ -26,10 +26,11 @@ use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use pty::Pty;
 use railbus_sim::demo;
 use railbus_wire::Settings;
+use serde_json::{Value, json};
 use serve::{Clock, Scene, Served, line_config};
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use tcp::Tcp;
 use texts::SimText;
 
@@ -46,6 +47,7 @@ struct Wanted {
     tcp: SocketAddr,
     seed: u64,
     verbose: bool,
+    json: bool,
 }
 
 /// Its parser and help.
@@ -122,9 +124,7 @@ fn texts_of(matches: &ArgMatches, name: &str) -> Vec<String> {
     all.into_iter().flatten().cloned().collect()
 }
 
-fn plant_wanted(file: &std::path::Path, matches: &ArgMatches) -> plant::Wanted {
-    let format = matches.get_one::<String>("output");
-    let format = format.and_then(|name| Format::from_name(name));
+fn plant_wanted(file: &Path, matches: &ArgMatches) -> plant::Wanted {
     plant::Wanted {
         file: file.to_owned(),
         ptys: texts_of(matches, "pty"),
@@ -135,8 +135,40 @@ fn plant_wanted(file: &std::path::Path, matches: &ArgMatches) -> plant::Wanted {
         control: matches.get_one("control").cloned(),
         state: matches.get_one("state").cloned(),
         verbose: matches.get_count("verbose") > 0,
-        json: format.is_some_and(Format::is_json),
+        json: for_programs(matches),
     }
+}
+
+fn for_programs(matches: &ArgMatches) -> bool {
+    let format = matches.get_one::<String>("output");
+    let format = format.and_then(|name| Format::from_name(name));
+    format.is_some_and(Format::is_json)
+}
+
+/// A line that is served, for programs.
+fn line_row(
+    name: &str,
+    serial: Settings,
+    modules: usize,
+    pty: Option<&Path>,
+    tcp: Option<SocketAddr>,
+) -> Value {
+    json!({
+        "line": name,
+        "baud": serial.baud.rate(),
+        "format": serial.character.to_string(),
+        "modules": modules,
+        "pty": pty.map(|path| path.display().to_string()),
+        "tcp": tcp.map(|address| address.to_string()),
+    })
+}
+
+/// All that is served, and the socket of `sim ctl`, for programs.
+fn served_json(lines: &[Value], control: Option<&str>) -> String {
+    format!(
+        "{}\n",
+        json!({ "schema": 1, "lines": lines, "control": control })
+    )
 }
 
 fn demo_wanted(lang: Lang, matches: &ArgMatches) -> Result<Wanted, Failure> {
@@ -153,6 +185,7 @@ fn demo_wanted(lang: Lang, matches: &ArgMatches) -> Result<Wanted, Failure> {
         tcp,
         seed: matches.get_one("seed").copied().unwrap_or_default(),
         verbose: matches.get_count("verbose") > 0,
+        json: for_programs(matches),
     })
 }
 
@@ -210,6 +243,20 @@ fn system(lang: Lang, error: std::io::Error) -> Failure {
 /// Says what is served and how to connect. Who reads it may have gone; the line is served all
 /// the same.
 fn announce(lang: Lang, wanted: &Wanted, tcp: SocketAddr) {
+    let text = if wanted.json {
+        let (pty, modules) = (Some(wanted.pty.as_path()), demo::modules().len());
+        let line = line_row("main", Settings::FACTORY, modules, pty, Some(tcp));
+        served_json(&[line], None)
+    } else {
+        told(lang, wanted, tcp)
+    };
+    let mut stdout = std::io::stdout();
+    let _ = stdout
+        .write_all(text.as_bytes())
+        .and_then(|()| stdout.flush());
+}
+
+fn told(lang: Lang, wanted: &Wanted, tcp: SocketAddr) -> String {
     let mut text = format!(
         "{}\n  PTY  {}\n  TCP  {tcp}   {}\n\n{}\n  {}\n",
         lang.get(SimText::Served),
@@ -223,8 +270,5 @@ fn announce(lang: Lang, wanted: &Wanted, tcp: SocketAddr) {
         let address = setup.address.to_string();
         text += &format!("  {name:<7} {model:<12} {address:<9} {}\n", setup.protocol);
     }
-    let mut stdout = std::io::stdout();
-    let _ = stdout
-        .write_all(text.as_bytes())
-        .and_then(|()| stdout.flush());
+    text
 }

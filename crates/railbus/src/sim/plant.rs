@@ -9,7 +9,7 @@ use super::serve::{self, Clock, Job, Jobs, Scene, Served, Stop, line_config};
 use super::stage::{Stage, Whose};
 use super::tcp::Tcp;
 use super::texts::SimText;
-use super::{answers, ctl, frames, listen, system};
+use super::{answers, ctl, frames, line_row, listen, served_json, system};
 use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
@@ -17,7 +17,6 @@ use crate::render::table::Table;
 use crate::serve::socket::Socket;
 use railbus_site::Config;
 use railbus_wire::Instant;
-use serde_json::json;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -227,18 +226,11 @@ fn announce(
     let text = if wanted.json {
         let lines: Vec<_> = lines
             .map(|((name, line), (_, place))| {
-                json!({
-                    "line": name,
-                    "baud": line.serial.baud.rate(),
-                    "format": line.serial.character.to_string(),
-                    "modules": config.modules_of(name).count(),
-                    "pty": place.pty.as_ref().map(|path| path.display().to_string()),
-                    "tcp": place.tcp.map(|address| address.to_string()),
-                })
+                let modules = config.modules_of(name).count();
+                line_row(name, line.serial, modules, place.pty.as_deref(), place.tcp)
             })
             .collect();
-        let all = json!({ "schema": 1, "lines": lines, "control": control });
-        format!("{all}\n")
+        served_json(&lines, control.as_deref())
     } else {
         let mut table = Table::new(lang.get(SimText::LinesHead).split('|'));
         for ((name, line), (_, place)) in lines {
