@@ -9,6 +9,8 @@ mod help;
 mod liar;
 mod line;
 mod measure;
+mod outputs;
+mod published;
 mod replay;
 mod scan;
 mod shells;

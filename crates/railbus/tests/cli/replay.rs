@@ -1,12 +1,13 @@
 //! Captures played again: by one as the modules, by another as the host.
 
-use crate::site::Site;
+use crate::published::keeps_to;
+use crate::site::{Ran, Site};
 use crate::sniff::{Wire, captured, faulty, listening};
 use railbus_sniff::capture;
 use railbus_wire::{Instant, crc16};
 
 /// A file of requests and their replies, some of them writes.
-fn asked_of_the_demo(site: &Site) -> String {
+pub(crate) fn asked_of_the_demo(site: &Site) -> String {
     let rtu = |head: &[u8]| {
         let mut frame = head.to_vec();
         frame.extend(crc16(head).to_le_bytes());
@@ -140,6 +141,12 @@ fn as_module_every_byte_is_answered_as_it_was() {
         (Some(0), true),
         "{out}"
     );
+    let ran = Ran {
+        code: 0,
+        out,
+        err: String::new(),
+    };
+    keeps_to(&site, "replay", &ran);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Lines that are only listened to, and files of what was heard.
 
+use crate::published::{keeps_to, schema};
 use crate::site::{Ran, Site};
 use railbus_sniff::capture;
 use railbus_wire::{Instant, Settings, crc16};
@@ -344,6 +345,8 @@ fn the_speed_of_a_line_is_found_by_listening() {
         (told["baud"].as_u64(), told["sure"].as_bool()),
         (Some(19_200), Some(true))
     );
+    // What it found is told beside the frames, and published with them.
+    assert!(schema(&site, "sniff").is_valid(&told), "{told}");
 }
 
 #[test]
@@ -356,11 +359,7 @@ fn a_line_of_the_daemon_is_looked_at_without_touching_it() {
     assert_eq!(ran.code, 0, "{ran:?}");
     let said = "listening to line main through the daemon; the line is not touched";
     assert_eq!(ran.err.trim(), said);
-    let rows: Vec<serde_json::Value> = ran
-        .out
-        .lines()
-        .map(|line| serde_json::from_str(line).expect("JSON"))
-        .collect();
+    let rows = keeps_to(&site, "sniff", &ran);
     let replies: Vec<_> = rows.iter().filter(|row| row["role"] == "reply").collect();
     assert!(replies.len() > 5, "{ran:?}");
     for reply in replies.iter().skip(1) {
