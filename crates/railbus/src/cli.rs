@@ -7,6 +7,7 @@ use crate::failure::Failure;
 use crate::i18n::Lang;
 use crate::texts::{Phrase, Text};
 use crate::{serve, sim, usage};
+use clap::builder::StyledStr;
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use std::ffi::OsString;
@@ -153,6 +154,9 @@ const VERBS: &[Verb] = &[
     },
 ];
 
+/// No line of help is wider, however wide the terminal is.
+const WIDTH: usize = 80;
+
 /// Flags that every command has stand below its own.
 pub(crate) const LAST: usize = 1_000;
 
@@ -162,7 +166,7 @@ pub(crate) fn run(lang: Lang, arguments: Vec<OsString>) -> Result<(), Failure> {
         Ok(matches) => matches,
         Err(error) if is_answer(error.kind()) => {
             // Nothing is wrong where the reader has heard enough and closed the pipe.
-            let _ = write!(std::io::stdout(), "{}", error.render());
+            let _ = write!(std::io::stdout(), "{}", page(lang, &error.render()));
             return Ok(());
         }
         Err(error) => return Err(usage::failure(lang, &error)),
@@ -173,6 +177,17 @@ pub(crate) fn run(lang: Lang, arguments: Vec<OsString>) -> Result<(), Failure> {
     };
     let verb = VERBS.iter().find(|verb| verb.name == name);
     verb.map_or(Ok(()), |verb| (verb.run)(lang, matches))
+}
+
+/// Help as it is shown. The parser ends every heading with an ASCII colon.
+pub(crate) fn page(lang: Lang, help: &StyledStr) -> String {
+    let colon = lang.of([":", "："]);
+    let headings = [Text::Options, Text::Commands].map(|text| lang.get(text));
+    headings
+        .into_iter()
+        .fold(help.to_string(), |page, heading| {
+            page.replace(&format!("\n{heading}:\n"), &format!("\n{heading}{colon}\n"))
+        })
 }
 
 const fn is_answer(kind: ErrorKind) -> bool {
@@ -189,6 +204,7 @@ pub(crate) fn define(lang: Lang) -> Command {
     let root = verb(lang, "railbus", Text::About, "railbus COMMAND")
         .version(env!("CARGO_PKG_VERSION"))
         .subcommand_required(true)
+        .max_term_width(WIDTH)
         .subcommands(VERBS.iter().map(|verb| (verb.define)(lang)))
         .after_help(lang.get(Text::Environment));
     root.arg(

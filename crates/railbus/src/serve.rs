@@ -53,7 +53,7 @@ struct Wanted {
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus serve [--demo | --config FILE] [--listen ADDR] [--socket PATH] [--check]";
+    let usage = "railbus serve [--demo|--config FILE] [--listen ADDR] [--check]";
     let switch = |name, help| cli::flag(lang, name, help).action(ArgAction::SetTrue);
     cli::verb(lang, NAME, Text::ServeAbout, usage)
         .before_help(cli::examples(lang, Text::ServeExamples))

@@ -39,8 +39,8 @@ texts! {
 
     // Headings and flags of every command.
     About {
-        en: "Commands RS-485 I/O modules, and is such modules.",
-        zh: "控制 RS-485 输入输出模块，也可充当这些模块。",
+        en: "Commands RS-485 I/O modules, and simulates them.",
+        zh: "控制 RS-485 输入输出模块，也可模拟这些模块。",
     }
     Examples { en: "Examples:", zh: "示例：" }
     Usage { en: "Usage: ", zh: "用法：" }
@@ -53,7 +53,7 @@ texts! {
         zh: "使用英文 (en) 或中文 (zh)；也可用 RAILBUS_LANG 或 LANG 设定",
     }
     Environment {
-        en: "The environment may hold flags of every command: RAILBUS_LINE, RAILBUS_OUTPUT, ...
+        en: "The environment may hold the flags of all commands: RAILBUS_LINE and others.
 Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "每个命令都有的选项也可写入环境变量：RAILBUS_LINE、RAILBUS_OUTPUT 等。
 专题：railbus help exit-codes、addressing、units、protocols、safety",
@@ -112,7 +112,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
 
     AllBoards {
         en: "Switches every 0x55 board of the line on or off at once; with --confirm broadcast",
-        zh: "一次接通或断开总线上所有 0x55 板；须加 --confirm broadcast",
+        zh: "同时吸合或断开总线上所有 0x55 板；须加 --confirm broadcast",
     }
     Confirm {
         en: "The word broadcast, for what is meant for all modules",
@@ -184,6 +184,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     PortBusy { en: "busy", zh: "被占用" }
     PortClosed { en: "closed", zh: "已关闭" }
     Targets {
+        en: "Modules and points: pump, pump.do0, '*.di*'",
+        zh: "模块和点：pump、pump.do0、'*.di*'",
+    }
+    AllTargets {
         en: "Modules and points: pump, pump.do0, '*.di*'; all if none",
         zh: "模块和点：pump、pump.do0、'*.di*'；省略则为全部",
     }
@@ -263,7 +267,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
   railbus pulse oven.k1 2s           timed by the host: ERC-8 has no timer
   railbus pulse pump.do3             with the module's own width",
         zh: "  railbus pulse yard.k3 500ms
-  railbus pulse oven.k1 2s           由主机计时：ERC-8 没有定时器
+  railbus pulse oven.k1 2s           由上位机计时：ERC-8 没有定时器
   railbus pulse pump.do3             用模块自身的宽度",
     }
     PulsePoint { en: "The output", zh: "输出点" }
@@ -281,7 +285,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "由本程序计时：若被强行终止，输出将保持吸合",
     }
     PulseReleased { en: "{path} was released", zh: "{path} 已断开" }
-    TimedByHost { en: "timed by the host", zh: "主机计时" }
+    TimedByHost { en: "timed by the host", zh: "上位机计时" }
     TimedByDevice { en: "timed by the module", zh: "模块计时" }
 
     // watch
@@ -320,10 +324,12 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     DecodeExamples {
         en: "  railbus decode 6C 63 01 03 22 34 0D
   railbus decode '55 01 00 03 00 04 C0 1D' --all
-  railbus decode -                   one frame to a line, from stdin",
+  railbus decode -                   one frame to a line, from stdin
+  railbus decode -f night.pcapng     all that was captured",
         zh: "  railbus decode 6C 63 01 03 22 34 0D
   railbus decode '55 01 00 03 00 04 C0 1D' --all
-  railbus decode -                   从标准输入读取，每行一帧",
+  railbus decode -                   从标准输入读取，每行一帧
+  railbus decode -f night.pcapng     抓包文件中的所有帧",
     }
     DecodeHex {
         en: "The bytes in hexadecimal, or an ASCII frame such as '$016'",
@@ -382,7 +388,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
 
     // serve
     ServeAbout {
-        en: "Keeps the lines, and lets commands, programs and browsers of this machine use them.",
+        en: "Keeps the lines for the commands, programs and browsers of this machine.",
         zh: "管理各条总线，供本机的命令、程序和浏览器使用。",
     }
     ServeExamples {

@@ -544,15 +544,6 @@ fn what_is_wrong_is_told_with_its_place() {
 }
 
 #[test]
-fn help_tells_all_there_is_to_say() {
-    let plant = Plant::file("help", PLANT);
-    let en = plant.good(&["sim", "--help"]);
-    let zh = plant.good(&["sim", "--help", "--lang", "zh"]);
-    assert_eq!(en, include_str!("plant/help.en.txt"));
-    assert_eq!(zh, include_str!("plant/help.zh.txt"));
-}
-
-#[test]
 fn time_may_be_stretched() {
     let text = PLANT.replace(
         "\"pty:FOLDER/field\"",

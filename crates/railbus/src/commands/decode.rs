@@ -34,7 +34,7 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .conflicts_with("file"),
         )
         .arg(
-            cli::flag(lang, "file", sniff::SniffText::Read)
+            cli::flag(lang, "file", sniff::SniffText::DecodeFile)
                 .short('f')
                 .value_name("FILE")
                 .value_parser(value_parser!(PathBuf)),

@@ -69,5 +69,5 @@ fn of_command(lang: Lang, words: &[&str]) -> Result<String, Failure> {
             tries.fold(Failure::new(Code::Usage, message), Failure::with_try)
         })?;
     }
-    Ok(found.render_help().to_string())
+    Ok(cli::page(lang, &found.render_help()))
 }

@@ -32,8 +32,7 @@ pub(crate) const NAME: &str = "scan";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus scan [--quick|--full|--deep] [--addr 1-32] [--proto P,…] [--baud N,…] \
-        [--follow] [--add] [--resume] [--max-time TIME]";
+    let usage = "railbus scan [--quick|--full|--deep] [--addr 1-32] [--follow] [--add]";
     let verb = cli::verb(lang, NAME, ScanText::About, usage);
     wish::define(
         lang,

@@ -50,7 +50,7 @@ pub(crate) fn define(lang: Lang) -> Command {
             .value_parser(value_parser!(PathBuf))
     };
     cli::verb(lang, NAME, SniffText::SniffAbout, usage)
-        .visible_alias("monitor")
+        .alias("monitor")
         .before_help(cli::examples(lang, SniffText::SniffExamples))
         .arg(cli::flag(lang, "auto-baud", SniffText::AutoBaud).action(ArgAction::SetTrue))
         .arg(filter_flag(lang))

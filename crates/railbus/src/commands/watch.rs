@@ -19,7 +19,7 @@ pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus watch [TARGET…] [--plain]";
     cli::verb(lang, NAME, Text::WatchAbout, usage)
         .before_help(cli::examples(lang, Text::WatchExamples))
-        .arg(get::targets(lang))
+        .arg(get::targets(lang).help(lang.get(Text::AllTargets)))
         .arg(cli::flag(lang, "plain", Text::WatchPlain).action(ArgAction::SetTrue))
 }
 

@@ -23,25 +23,26 @@ texts! {
   railbus sim ctl ./ctl power yard cycle",
     }
     Guide {
-        en: "A plant is a configuration such as railbus.toml. It may say more for the simulation:
+        en: "A plant is a configuration such as railbus.toml, with more for the simulation:
   [sim]               seed, speed
   [line.NAME.sim]     pty, tcp, faults
-  [module.NAME.sim]   factory, power, dip, init, init_sampled, faults, inputs, turnaround,
-                      applies, refuse_aloud, lower_case, answer_bad_frames, insist_on_gap
+  [module.NAME.sim]   factory, power, dip, init, init_sampled, faults, inputs,
+                      turnaround, applies, refuse_aloud, lower_case,
+                      answer_bad_frames, insist_on_gap
   inputs = { di0 = 1, di1 = { every = \"10s\" } }
   inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
 
-Faults, several parted by commas, each with a time after which it ends if wanted (mute 10s):
-  mute            obeys, never answers      drop 5%              requests, replies are lost
-  deaf            hears nothing             flip 1e-4            bits of characters turn over
-  dead            has no power              skip 1e-4            characters are lost
-  echo            of a line: its adapter    noise 1e-4|2s        of a line: while it is idle
-  delay 200ms±50  late replies              glitch 10%           00 before, FF after a reply
-  duplicate 10%   replies come twice        split 20% 30ms       replies come in pieces
-  babble|5%       garbage, or as a reply    cuts 10m 2s          of power: how often, how long
+Faults, parted by commas; each may have a time after which it ends (mute 10s):
+  mute            obeys, never answers    drop 5%         requests, replies lost
+  deaf            hears nothing           flip 1e-4       bits turn over
+  dead            has no power            skip 1e-4       characters are lost
+  echo            of a line: its adapter  noise 1e-4|2s   of a line: while idle
+  delay 200ms±50  late replies            glitch 10%      00 before, FF after
+  duplicate 10%   replies come twice      split 20% 30ms  replies in pieces
+  babble|5%       garbage, or as a reply  cuts 10m 2s     no power: every, for
   dup-address 6   as if set so by mistake
 
-At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim ctl:
+At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
   pump.di1 = 1            power yard on|off|cycle     fault tank mute 10s
   tank.ai1 = 8.71 V       dip yard 3                  fault line main noise 1e-3
   show                    init gate on|off            fault tank clear
@@ -50,19 +51,20 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
         zh: "工厂文件即 railbus.toml 格式的配置，可另含模拟设置：
   [sim]               seed、speed
   [line.名称.sim]     pty、tcp、faults
-  [module.名称.sim]   factory、power、dip、init、init_sampled、faults、inputs、turnaround、
-                      applies、refuse_aloud、lower_case、answer_bad_frames、insist_on_gap
+  [module.名称.sim]   factory、power、dip、init、init_sampled、faults、inputs、
+                      turnaround、applies、refuse_aloud、lower_case、
+                      answer_bad_frames、insist_on_gap
   inputs = { di0 = 1, di1 = { every = \"10s\" } }
   inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
 
 故障，多个以逗号分隔，均可附加持续时间（mute 10s）：
-  mute            执行但从不应答      drop 5%              请求或应答丢失
-  deaf            听不到请求          flip 1e-4            字符位翻转
-  dead            断电                skip 1e-4            字符丢失
-  echo            总线：适配器回显    noise 1e-4|2s        总线：空闲时的干扰
-  delay 200ms±50  应答延迟            glitch 10%           应答前多 00、后多 FF
-  duplicate 10%   应答重复            split 20% 30ms       应答分段
-  babble|5%       持续乱码或以其应答  cuts 10m 2s          断电：平均间隔、时长
+  mute            执行但从不应答      drop 5%         请求或应答丢失
+  deaf            听不到请求          flip 1e-4       字符位翻转
+  dead            断电                skip 1e-4       字符丢失
+  echo            总线：适配器回显    noise 1e-4|2s   总线：空闲时的干扰
+  delay 200ms±50  应答延迟            glitch 10%      应答前多 00、后多 FF
+  duplicate 10%   应答重复            split 20% 30ms  应答分段
+  babble|5%       持续乱码或以其应答  cuts 10m 2s     断电：平均间隔、时长
   dup-address 6   如同误设了地址
 
 提示符下每行一条命令，也可经管道输入或用 railbus sim ctl 发送：
@@ -97,8 +99,8 @@ At the prompt, one order to a line; also on stdin of a pipe, and by railbus sim 
         zh: "将模块设置保存在此文件中，重启后保留",
     }
     CtlAbout {
-        en: "Sends orders to a running simulator. Without one, those on stdin, one to a line.",
-        zh: "向运行中的模拟器发送命令。未给出时从标准输入读取，每行一条。",
+        en: "Sends an order to a running simulator, or those on stdin, one to a line.",
+        zh: "向运行中的模拟器发送命令；未给出时从标准输入读取，每行一条。",
     }
     CtlExamples {
         en: "  railbus sim ctl ./ctl power yard cycle

@@ -4,6 +4,7 @@
 use crate::site::Site;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
+use unicode_width::UnicodeWidthStr;
 
 fn folder(lang: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
@@ -50,6 +51,8 @@ fn the_help_of_every_command_is_as_reviewed() {
                     .trim(),
             );
             assert_eq!((ran.code, ran.err.as_str()), (0, ""), "{command}");
+            let wide = ran.out.lines().find(|line| line.width() > 80);
+            assert_eq!(wide, None, "{lang} {command}: more than 80 columns");
             if update {
                 std::fs::write(&file, &ran.out).expect("a file");
             }
@@ -80,11 +83,7 @@ fn help_says_the_same_as_the_flag() {
     for topic in ["exit-codes", "addressing", "units", "protocols", "safety"] {
         for lang in ["en", "zh"] {
             let ran = site.run(&format!("--lang {lang} help {topic}"));
-            let widest = ran
-                .out
-                .lines()
-                .map(unicode_width::UnicodeWidthStr::width)
-                .max();
+            let widest = ran.out.lines().map(UnicodeWidthStr::width).max();
             assert!(
                 ran.code == 0 && widest <= Some(100),
                 "{topic}: {widest:?}: {ran:?}"

@@ -56,7 +56,7 @@ pub(super) fn define_recover(lang: Lang) -> Command {
         lang,
         RECOVER,
         ConfigText::RecoverAbout,
-        "railbus config recover [--addr N]",
+        "railbus config recover [MODULE…] [--addr N]",
     )
     .before_help(cli::examples(lang, ConfigText::RecoverExamples))
     .arg(

@@ -28,7 +28,7 @@ pub(super) fn define(lang: Lang) -> Command {
         lang,
         NAME,
         ConfigText::SetAbout,
-        "railbus config set MODULE SETTING=VALUE… | config set -l LINE SETTING=VALUE",
+        "railbus config set MODULE SETTING=VALUE… | set -l LINE SETTING=VALUE",
     )
     .before_help(cli::examples(lang, ConfigText::SetExamples))
     .arg(

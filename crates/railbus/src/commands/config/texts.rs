@@ -6,8 +6,8 @@ texts! {
     ConfigText;
 
     About {
-        en: "Shows and changes what modules keep: address, baud, pulses …",
-        zh: "查看和更改模块保存的设置：地址、波特率、脉冲等",
+        en: "Shows and changes what modules keep: address, baud, pulses and more.",
+        zh: "查看和更改模块保存的设置：地址、波特率、脉冲等。",
     }
     Examples {
         en: "  railbus config show pump\n\
@@ -32,19 +32,19 @@ texts! {
     DryRun { en: "Shows the frames and writes nothing", zh: "只显示帧，不写入" }
     Yes { en: "Does not ask", zh: "不再询问" }
 
-    ShowAbout { en: "Shows the settings of modules, as they keep them now", zh: "显示模块当前保存的设置" }
+    ShowAbout { en: "Shows the settings that modules keep now.", zh: "显示模块当前保存的设置。" }
     ShowExamples {
         en: "  railbus config show pump\n  railbus -l /dev/ttyUSB0 -m erc8 -a 3 config show",
         zh: "  railbus config show pump\n  railbus -l /dev/ttyUSB0 -m erc8 -a 3 config show",
     }
-    GetAbout { en: "Reads single settings of a module", zh: "读取模块的单项设置" }
+    GetAbout { en: "Reads single settings of a module.", zh: "读取模块的单项设置。" }
     GetExamples {
         en: "  railbus config get pump baud -o value",
         zh: "  railbus config get pump baud -o value",
     }
     SetAbout {
-        en: "Changes settings of a module: shows them, asks, writes, reads back",
-        zh: "更改模块设置：显示差异、询问、写入、回读",
+        en: "Changes settings of a module: shows them, asks, writes, reads back.",
+        zh: "更改模块设置：显示差异、询问、写入、回读。",
     }
     SetExamples {
         en: "  railbus config set pump address=9 baud=19200\n\
@@ -56,19 +56,19 @@ texts! {
             \x20\x20railbus config set -l main checksum=on\n\
             \x20\x20railbus -l /dev/ttyUSB0 -m erc8 -a 1 config set erc8 address=3",
     }
-    LogAbout { en: "Shows the journal of changes", zh: "显示更改日志" }
+    LogAbout { en: "Shows the journal of changes.", zh: "显示更改日志。" }
     LogExamples {
         en: "  railbus config log\n  railbus config log -o json",
         zh: "  railbus config log\n  railbus config log -o json",
     }
-    UndoAbout { en: "Writes the old values of a change back", zh: "写回某次更改前的原值" }
+    UndoAbout { en: "Writes the old values of a change back.", zh: "写回某次更改前的原值。" }
     UndoExamples {
         en: "  railbus config undo\n  railbus config undo 14",
         zh: "  railbus config undo\n  railbus config undo 14",
     }
     RecoverAbout {
-        en: "Finds a module whose change was cut short, or that is not in its place; only reads",
-        zh: "查找更改中断或不在原位的模块；只读取",
+        en: "Finds a module whose change was cut short, or that has moved. It only reads.",
+        zh: "查找更改中断或不在原位的模块，只读取。",
     }
     RecoverExamples {
         en: "  railbus config recover\n\
@@ -84,8 +84,8 @@ texts! {
     }
 
     BackupAbout {
-        en: "Writes everything readable of the modules into a file",
-        zh: "将模块所有可读设置写入文件",
+        en: "Writes everything readable of the modules into a file.",
+        zh: "将模块所有可读设置写入文件。",
     }
     BackupExamples {
         en: "  railbus config backup -O site.json\n  railbus config backup pump",
@@ -99,8 +99,8 @@ texts! {
     BackedUp { en: "{count} modules backed up into {file}", zh: "已将 {count} 个模块备份到 {file}" }
     OtherSite { en: "Takes a backup of another site, too", zh: "也接受其他站点的备份" }
     RestoreAbout {
-        en: "Writes a backup back; a new module is looked for at its factory address",
-        zh: "写回备份；新模块在出厂地址处查找",
+        en: "Writes a backup back, also to a new module at its factory address.",
+        zh: "写回备份；新模块在出厂地址处查找。",
     }
     RestoreExamples {
         en: "  railbus config restore site.json -n\n\
@@ -112,7 +112,7 @@ texts! {
     }
     RestoreModule { en: "Only this module; may be repeated", zh: "只恢复该模块；可重复" }
     RestoreMap { en: "What the backup calls OLD is NEW here", zh: "备份中的 OLD 在此为 NEW" }
-    DiffAbout { en: "Compares modules with a backup of them", zh: "比较模块与其备份" }
+    DiffAbout { en: "Compares modules with a backup of them.", zh: "比较模块与其备份。" }
     DiffExamples {
         en: "  railbus config diff site.json\n  railbus config diff site.json pump --exit-code",
         zh: "  railbus config diff site.json\n  railbus config diff site.json pump --exit-code",
@@ -123,8 +123,8 @@ texts! {
     HeadNow { en: "now", zh: "当前" }
 
     PlanAbout {
-        en: "Compares the modules with what the configuration wants of them",
-        zh: "比较模块与配置所期望的设置",
+        en: "Compares the modules with what the configuration wants of them.",
+        zh: "比较模块的设置与配置的要求。",
     }
     PlanExamples {
         en: "  railbus plan\n  railbus plan --exit-code -o json",
@@ -136,8 +136,8 @@ texts! {
         zh: "待更改 {change}，缺失 {missing}，不变 {same}，不明 {unclear}",
     }
     ApplyAbout {
-        en: "Gives the modules the settings that the configuration wants",
-        zh: "按配置设置各模块",
+        en: "Gives the modules the settings that the configuration wants.",
+        zh: "按配置设置各模块。",
     }
     ApplyExamples {
         en: "  railbus plan\n  railbus apply --yes -O report.json\n  railbus apply --only pump",
@@ -147,8 +147,8 @@ texts! {
     ApplyReport { en: "Writes what was done into this file, as JSON", zh: "将执行结果以 JSON 写入该文件" }
 
     CalibrateAbout {
-        en: "Calibrates an EMD-2A2Q, led step by step: zero, then span",
-        zh: "逐步校准 EMD-2A2Q：先校零，再校满",
+        en: "Calibrates an EMD-2A2Q step by step: zero, then span.",
+        zh: "逐步校准 EMD-2A2Q：先校零，再校满。",
     }
     CalibrateExamples {
         en: "  railbus config calibrate tank\n  railbus config calibrate tank --voltage 4.00V",
@@ -162,8 +162,8 @@ texts! {
     AfterZero { en: "after zero", zh: "校零后" }
     AfterSpan { en: "after span", zh: "校满后" }
     FactoryAbout {
-        en: "Brings an EMD-2A2Q back to its factory settings, and finds it at address 1, 9600 8N1",
-        zh: "将 EMD-2A2Q 恢复出厂设置，并在地址 1、9600 8N1 处找到它",
+        en: "Brings an EMD-2A2Q back to its factory settings: address 1, 9600 8N1.",
+        zh: "将 EMD-2A2Q 恢复出厂设置：地址 1，9600 8N1。",
     }
     FactoryExamples {
         en: "  railbus config factory tank",

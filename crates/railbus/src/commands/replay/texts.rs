@@ -5,7 +5,7 @@ crate::texts::texts! {
 
     ReplayAbout {
         en: "Plays a capture file again: its modules, or its host.",
-        zh: "重放抓包文件：充当其中的模块或主机。",
+        zh: "重放抓包文件：充当其中的模块或上位机。",
     }
     ReplayExamples {
         en: "  railbus replay night.pcapng --as-module -l pty:/tmp/v0
@@ -32,14 +32,17 @@ crate::texts::texts! {
     Count { en: "Ends after so many requests answered", zh: "应答若干请求后结束" }
     Writes {
         en: "As host: sends also what switches outputs; wants --yes",
-        zh: "作主机：也发送控制输出的请求；需加 --yes",
+        zh: "作上位机：也发送控制输出的请求；需加 --yes",
     }
     Yes { en: "Does not ask about writes", zh: "写入不再询问" }
     Confirm {
         en: "The word \"broadcast\" sends also what is for all modules, \"config\" what they keep",
         zh: "输入 broadcast 才发送广播，输入 config 才更改模块设置",
     }
-    ExitCode { en: "Ends with 10 where a reply is another than recorded", zh: "应答与记录不同时以 10 退出" }
+    ExitCode {
+        en: "Exits with 10 where a reply is another than recorded",
+        zh: "应答与记录不同时退出码为 10",
+    }
     Answering {
         en: "{count} different requests are answered on {port}",
         zh: "在 {port} 上应答 {count} 种请求",

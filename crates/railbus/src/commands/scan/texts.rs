@@ -7,7 +7,7 @@ crate::texts::texts! {
     Examples {
         en: "  railbus scan                            9600 baud, addresses 1-32, about 9 s
   railbus scan --full                     all addresses, about 77 s
-  railbus scan --deep --add               five speeds, about 7 min; writes what is found
+  railbus scan --deep --add               five speeds, about 7 min; adds what it finds
   railbus scan -l /dev/ttyUSB0 --addr 1-247 --proto rtu --parity n,e
   railbus scan --follow -o ndjson         each module as soon as it is found",
         zh: "  railbus scan                            9600 波特，地址 1-32，约 9 秒
@@ -28,7 +28,7 @@ crate::texts::texts! {
     AllBauds { en: "All speeds that modules have, 1200 to 38400", zh: "模块的所有波特率，1200 到 38400" }
     Parity { en: "Parity: n (if not said), e, o; Modbus only", zh: "校验位：n（默认）、e、o；仅限 Modbus" }
     Checksum {
-        en: "ASCII with checksum: auto (both, if not said), on or off",
+        en: "ASCII checksum: auto (both, if not said), on or off",
         zh: "ASCII 校验和：auto（默认，两种都试）、on 或 off",
     }
     Follow { en: "Shows each module as soon as it is found", zh: "每发现一个模块立即显示" }

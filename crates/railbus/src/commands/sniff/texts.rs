@@ -24,13 +24,14 @@ crate::texts::texts! {
         en: "Keeps the frames in a capture file, also those that the filter drops",
         zh: "将所有帧写入抓包文件，不受过滤影响",
     }
+    DecodeFile { en: "Reads a capture file instead of bytes", zh: "解释抓包文件中的各帧" }
     Read { en: "Reads a capture file instead of a line", zh: "读取抓包文件，不监听总线" }
     FilterFlag {
         en: "Shows only: addr=3, proto=rtu, module=pump, ok, bad, refused, unknown, missing, \
              late, request, reply, read, write, ambiguous, slow>50ms, gap>20ms; joined by and, \
              or, not, ( )",
-        zh: "只显示：addr=3、proto=rtu、module=pump、ok、bad、refused、unknown、missing、late、\
-             request、reply、read、write、ambiguous、slow>50ms、gap>20ms；用 and、or、not、( ) 组合",
+        zh: "只显示：addr=3 proto=rtu module=pump ok bad refused unknown missing late request \
+             reply read write ambiguous slow>50ms gap>20ms；用 and or not ( ) 组合",
     }
     Count { en: "Ends after so many frames shown", zh: "显示若干帧后结束" }
     Time { en: "Ends after so long: 10s, 8h", zh: "监听若干时间后结束：10s、8h" }
