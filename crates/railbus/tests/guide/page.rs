@@ -72,8 +72,8 @@ fn next_fence(text: &str) -> Option<(&str, &str, &str, &str)> {
     Some((before, head, body, after))
 }
 
-/// The same but for what differs from run to run: measured times, moments, and the width of the
-/// columns that hold them.
+/// The same but for what differs from run to run: measured times, moments, ports, and the width of
+/// the columns that hold them.
 pub(crate) fn calm(text: &str) -> String {
     let mut calm = String::new();
     for line in text.lines() {
@@ -94,6 +94,13 @@ pub(crate) fn calm(text: &str) -> String {
         calm.push('\n');
     }
     calm
+}
+
+/// `12.4`, as gaps stand in a column of their own.
+fn is_gap(word: &str) -> bool {
+    let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
+    let parts = word.split_once('.');
+    parts.is_some_and(|(whole, tenths)| digits(whole) && digits(tenths) && tenths.len() == 1)
 }
 
 /// `14:03:07.123`, or a date, alone or with a time.
