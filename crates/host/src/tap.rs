@@ -2,7 +2,7 @@
 //! it, and while nobody looks it costs nothing.
 
 use crate::clock::Clock;
-use railbus_wire::{Instant, Settings};
+use railbus_wire::{Instant, Micros, Settings};
 use std::sync::Arc;
 use tokio::sync::broadcast;
 
@@ -20,19 +20,39 @@ pub struct Passed {
     pub bytes: Arc<[u8]>,
 }
 
+/// What is heard so soon after a tap began, and before a frame was sent, may be the rest of a
+/// reply to an earlier one: half a frame, which would be told as a bad one.
+const BEGINNING: Micros = Micros::from_millis(500);
+
 /// The end of one who looks on.
 #[derive(Debug)]
-pub struct Tap(broadcast::Receiver<Passed>);
+pub struct Tap {
+    pieces: broadcast::Receiver<Passed>,
+    /// Until a frame is sent, what is heard before this is passed over.
+    begins: Option<Instant>,
+}
 
 impl Tap {
     /// What passes next, or how many pieces before that were lost because this receiver was too
     /// slow; none after the line was closed. To drop the future loses nothing.
     pub async fn next(&mut self) -> Option<Result<Passed, u64>> {
-        match self.0.recv().await {
-            Ok(passed) => Some(Ok(passed)),
-            Err(broadcast::error::RecvError::Lagged(count)) => Some(Err(count)),
-            Err(broadcast::error::RecvError::Closed) => None,
+        loop {
+            match self.pieces.recv().await {
+                Ok(passed) if self.is_too_early(&passed) => {}
+                Ok(passed) => return Some(Ok(passed)),
+                Err(broadcast::error::RecvError::Lagged(count)) => return Some(Err(count)),
+                Err(broadcast::error::RecvError::Closed) => return None,
+            }
         }
+    }
+
+    fn is_too_early(&mut self, passed: &Passed) -> bool {
+        let early = self.begins.is_some_and(|begins| passed.at < begins);
+        if early && passed.sent.is_none() {
+            return true;
+        }
+        self.begins = None;
+        false
     }
 }
 
@@ -55,7 +75,10 @@ impl Tapped {
     }
 
     pub(crate) fn tap(&self) -> Tap {
-        Tap(self.sender.subscribe())
+        Tap {
+            pieces: self.sender.subscribe(),
+            begins: Some(self.clock.now() + BEGINNING),
+        }
     }
 
     /// Tells a frame that is sent; false once nobody looks on any more.
@@ -122,9 +145,26 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn it_does_not_begin_within_a_reply() {
+        let mut tapped = Tapped::new(Alarm::new().unwrap().clock());
+        let mut tap = tapped.tap();
+        tapped.heard(&[9], false);
+        tapped.sent(&[1], Settings::FACTORY);
+        tapped.heard(&[2], false);
+        assert_eq!(rest(&mut tap).await, [1]);
+        assert_eq!(rest(&mut tap).await, [2]);
+        // On a line where nothing is sent, noise is shown all the same.
+        let mut tap = tapped.tap();
+        tap.begins = Some(Instant(0));
+        tapped.heard(&[9], false);
+        assert_eq!(rest(&mut tap).await, [9]);
+    }
+
+    #[tokio::test]
     async fn who_is_too_slow_is_told_so_and_nobody_is_missed() {
         let mut tapped = Tapped::new(Alarm::new().unwrap().clock());
         let mut tap = tapped.tap();
+        tap.begins = None;
         for _ in 0..PIECES_MAX + 2 {
             assert!(tapped.heard(&[1], false));
         }

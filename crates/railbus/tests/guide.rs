@@ -60,6 +60,24 @@ fn played(lang: &str, text: &str) -> String {
     whole
 }
 
+/// The first line that differs is all that one wants to see of a page.
+fn same(path: &Path, shown: &str, printed: &str) {
+    let page = path.display();
+    for (at, (shown, printed)) in shown.lines().zip(printed.lines()).enumerate() {
+        assert_eq!(
+            shown,
+            printed,
+            "{page}, line {} or so; UPDATE=1 writes it anew",
+            at + 1
+        );
+    }
+    assert_eq!(
+        shown.len(),
+        printed.len(),
+        "{page} ends early; UPDATE=1 writes it anew"
+    );
+}
+
 fn try_out(lang: &str) {
     let mut commands = 0;
     for path in pages(lang) {
@@ -70,12 +88,7 @@ fn try_out(lang: &str) {
             std::fs::write(&path, played).expect("the guide is ours");
             continue;
         }
-        let page = path.display();
-        assert_eq!(
-            calm(&text),
-            calm(&played),
-            "{page}: UPDATE=1 writes it anew"
-        );
+        same(&path, &calm(&text), &calm(&played));
     }
     assert!(commands > 20, "the guide shows hardly anything: {commands}");
 }

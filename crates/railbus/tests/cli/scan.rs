@@ -72,7 +72,7 @@ fn it_is_told_in_both_languages() {
         ],
     );
     let notes: Vec<&str> = ran.err.lines().collect();
-    let begin = format!("line {port} {port} 9600 8N1 read-only scan, quick, about # s");
+    let begin = format!("line {port} 9600 8N1 read-only scan, quick, about # s");
     assert_eq!(words(notes[0]), begin);
     assert!(notes[1].starts_with("5 found, 0 in conflict, "), "{ran:?}");
     assert!(notes[1].contains(" silent, complete; "), "{ran:?}");
