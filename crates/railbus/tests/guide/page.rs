@@ -84,10 +84,10 @@ pub(crate) fn calm(text: &str) -> String {
         };
         let masked = words.iter().enumerate().map(|(at, word)| {
             let measured = word.parse::<f64>().is_ok() && words.get(at + 1).is_some_and(is_unit);
-            if measured || is_moment(word) {
-                "#"
-            } else {
-                word
+            let is_port = word.contains("127.0.0.1:");
+            match measured || is_port || is_moment(word) || is_gap(word) {
+                true => "#",
+                false => *word,
             }
         });
         calm += &masked.collect::<Vec<_>>().join(" ");
