@@ -73,7 +73,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     // Flags of every command.
     LineFlag {
         en: "The line: its name, or a port: /dev/…, tcp:HOST:PORT, mbtcp:HOST, pty:/PATH",
-        zh: "总线：名称或端口 /dev/…、tcp:HOST:PORT、mbtcp:HOST、pty:/PATH",
+        zh: "总线：名称，或端口 /dev/… tcp:HOST:PORT mbtcp:HOST pty:/PATH",
     }
     OutputFlag {
         en: "How to print: table, json, ndjson, csv or value",
