@@ -198,8 +198,8 @@ async fn serve_demo(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         Pty::open(&wanted.pty).map_err(|error| error.into_failure(lang, &wanted.pty, elsewhere))?;
     announce(lang, wanted, tcp.address());
     let frames = wanted.verbose.then(|| {
-        frames::heading(lang, frames::WIDTH);
-        frames::Frames::new(None, frames::WIDTH)
+        frames::heading(lang, frames::WIDTH, wanted.json);
+        frames::Frames::new(None, frames::WIDTH, wanted.json)
     });
     let served = demo_line(wanted.seed, pty, Some(tcp), frames);
     let served = served.map_err(|error| system(lang, error))?;

@@ -15,6 +15,8 @@ pub(super) struct Frames {
     line: Option<String>,
     /// How wide the names are.
     width: usize,
+    /// On stderr: what stdout says is for a program.
+    aside: bool,
 }
 
 /// How wide names are at least.
@@ -22,9 +24,13 @@ pub(super) const WIDTH: usize = 8;
 
 impl Frames {
     /// The frames of the only line, or of one that is named.
-    pub(super) const fn new(line: Option<String>, width: usize) -> Frames {
-        let last = Instant(0);
-        Frames { last, line, width }
+    pub(super) const fn new(line: Option<String>, width: usize, aside: bool) -> Frames {
+        Frames {
+            last: Instant(0),
+            line,
+            width,
+            aside,
+        }
     }
 
     /// Takes all out of the trace, and shows what people want to see of it: who sends what, but
@@ -32,7 +38,7 @@ impl Frames {
     pub(super) fn show(&mut self, trace: &mut Trace) {
         while let Some(entry) = trace.take() {
             if !matches!(entry.direction(), Direction::In | Direction::Panel) {
-                say(&self.line(&entry));
+                say(&self.line(&entry), self.aside);
                 self.last = entry.at();
             }
         }
@@ -56,15 +62,16 @@ impl Frames {
 }
 
 /// Shows what the columns are.
-pub(super) fn heading(lang: Lang, width: usize) {
+pub(super) fn heading(lang: Lang, width: usize, aside: bool) {
     let who = width::pad(lang.get(SimText::Who), width);
-    say(&format!(
-        "\n{}",
-        lang.fill(SimText::FrameColumns, &[("who", &who)])
-    ));
+    let columns = lang.fill(SimText::FrameColumns, &[("who", &who)]);
+    say(&format!("\n{columns}"), aside);
 }
 
 /// Who reads it may have gone; the line is served all the same.
-fn say(line: &str) {
-    let _ = writeln!(std::io::stdout(), "{line}");
+fn say(line: &str, aside: bool) {
+    let _ = match aside {
+        true => writeln!(std::io::stderr(), "{line}"),
+        false => writeln!(std::io::stdout(), "{line}"),
+    };
 }

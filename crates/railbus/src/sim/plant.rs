@@ -187,7 +187,7 @@ async fn open(
             tcp,
             frames: wanted
                 .verbose
-                .then(|| frames::Frames::new(several.then(|| name.clone()), width)),
+                .then(|| frames::Frames::new(several.then(|| name.clone()), width, wanted.json)),
             jobs: None,
             keeper: store.clone().map(Keeper::new),
         };
@@ -258,6 +258,6 @@ fn announce(
         .write_all(text.as_bytes())
         .and_then(|()| stdout.flush());
     if wanted.verbose {
-        frames::heading(lang, width_of_names(directory));
+        frames::heading(lang, width_of_names(directory), wanted.json);
     }
 }

@@ -4,10 +4,8 @@ use crate::liar::liar;
 use crate::published::{Forms, keeps_to};
 use crate::replay::asked_of_the_demo;
 use crate::site::{Ran, Site};
-use crate::sniff::captured;
+use crate::sniff::{captured, listening};
 use serde_json::Value;
-use std::io::{BufRead, BufReader};
-use std::process::Stdio;
 
 /// Runs it for a program; its end and its words are as expected.
 #[track_caller]
@@ -175,39 +173,29 @@ fn every_form_of_set_is_as_published() {
     forms.all_seen();
 }
 
-/// Both run until they are stopped; what they serve is told first.
+/// Both run until they are stopped; what they serve is told first, and nothing else on stdout.
 #[test]
 fn what_a_simulator_serves_is_as_published() {
-    let site = Site::demo("outputs-sim");
-    let port = "port = \"pty:";
-    rewrite(&site, port, &format!("# {port}"));
-    rewrite(
-        &site,
-        "[module.pump]",
-        "port = \"/dev/ttyUSB0\"\n[module.pump]",
-    );
+    let site = Site::empty("outputs-sim");
+    let modules = include_str!("modules.toml");
+    site.configure(&format!("[line.main]\nport = \"/dev/none\"\n{modules}"));
+    let pty = site.folder.join("line").display().to_string();
     for what in ["--demo", "railbus.toml"] {
-        let pty = format!("main={}", site.folder.join("other").display());
-        let pty = pty.trim_start_matches(if what == "--demo" { "main=" } else { "" });
-        let mut command = site.command();
-        command.args(["sim", what, "-o", "json", "--pty", pty]);
-        if what == "--demo" {
-            command.args(["--tcp", "127.0.0.1:0"]);
-        }
-        let mut child = command.stdout(Stdio::piped()).spawn().expect("it starts");
-        let mut out = String::new();
-        let mut said = BufReader::new(child.stdout.take().expect("it is piped"));
-        said.read_line(&mut out).expect("text");
+        let arguments = ["sim", what, "-o", "json", "-v", "--pty", &pty];
+        let tcp = ["--tcp", "127.0.0.1:0"];
+        let (mut child, _) = listening(&site, &[&arguments[..], &tcp].concat(), "EVENT");
         child.kill().expect("it runs");
-        child.wait().expect("it ran");
+        let out = child.wait_with_output().expect("it ran").stdout;
         let ran = Ran {
             code: 0,
-            out,
+            out: String::from_utf8(out).expect("text"),
             err: String::new(),
         };
-        let told = &keeps_to(&site, "sim", &ran)[0]["lines"][0];
+        let told = keeps_to(&site, "sim", &ran);
+        assert_eq!(told.len(), 1, "{ran:?}");
+        let line = &told[0]["lines"][0];
         assert_eq!(
-            (&told["line"], &told["modules"]),
+            (&line["line"], &line["modules"]),
             (&"main".into(), &5.into())
         );
     }
