@@ -32,6 +32,7 @@ use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
@@ -92,6 +93,10 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         .map_err(|error| system(lang, error))?
         .block_on(open_and_serve(lang, &wanted))
 }
+
+/// How long ports may take to be tried before the daemon says that it serves: a network may take
+/// longer than people wait.
+const TRIED_WITHIN: Duration = Duration::from_secs(1);
 
 /// The system refuses what it always grants.
 fn system(lang: Lang, error: impl ToString) -> Failure {
@@ -164,6 +169,14 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let source = Source::open(lang, wanted)?;
     let service = Service::start(source.config.clone()).map_err(|error| system(lang, error))?;
 
+    // Who hears that it serves may ask at once: every port was tried by then.
+    let tried = async {
+        for line in source.config.lines.keys() {
+            // The reason why not is a part of the line's status.
+            let _ = service.opened(line).await;
+        }
+    };
+    let _ = tokio::time::timeout(TRIED_WITHIN, tried).await;
     announce(lang, &source, address, &socket);
     let (stop, stopped) = watch::channel(false);
     let site = Site {
