@@ -8,6 +8,7 @@ pub(crate) mod table;
 pub(crate) mod time;
 pub(crate) mod values;
 pub(crate) mod width;
+pub(crate) mod wire_words;
 
 use std::ffi::OsString;
 

@@ -133,6 +133,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "not verified: {module}.{point} was acknowledged but reads back otherwise",
         zh: "未证实：{module}.{point} 已应答，但回读不一致",
     }
+    ModbusException { en: "Modbus exception {why}", zh: "Modbus 异常码 {why}" }
     AtAddress { en: "address {address}", zh: "地址 {address}" }
     OnLine { en: "line {line}", zh: "总线 {line}" }
     HeardNothing {

@@ -127,14 +127,11 @@ fn of_fault(service: &Service, module: &str, fault: &Fault) -> Problem {
             problem.with_hint(format!("railbus scan -l {line}"))
         }
         Fault::Garbled(evidence) => with_evidence(problem, evidence),
-        Fault::Refused(refusal) => problem.with(
-            "refusal",
-            match refusal {
-                Refusal::Exception(why) => format!("Modbus exception {:02}: {why}", why.0),
-                Refusal::Invalid => "?AA".to_owned(),
-                Refusal::WatchdogTripped => "!AA".to_owned(),
-            },
-        ),
+        Fault::Refused(Refusal::Exception(why)) => problem
+            .with("exception", why.0)
+            .with("refusal", format!("Modbus exception {why}")),
+        Fault::Refused(Refusal::Invalid) => problem.with("refusal", "?AA"),
+        Fault::Refused(Refusal::WatchdogTripped) => problem.with("refusal", "!AA"),
         _ => problem,
     }
 }

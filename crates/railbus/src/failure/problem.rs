@@ -3,8 +3,10 @@
 use super::{Code, Failure};
 use crate::api::problem::Problem;
 use crate::i18n::Lang;
+use crate::render::wire_words;
 use crate::texts::Text;
 use railbus_wire::Address;
+use railbus_wire::rtu::Exception;
 
 impl Failure {
     /// The failure that a problem is.
@@ -137,9 +139,18 @@ fn reasons(lang: Lang, code: Code, problem: &Problem) -> Vec<String> {
     for key in ["why", "refusal", "reason"] {
         let text = problem.text(key);
         let is_code = code != Code::LineClosed && key == "reason" && problem.code == "E0710";
-        if !text.is_empty() && !is_code {
-            told.push(text);
+        if text.is_empty() || is_code {
+            continue;
         }
+        told.push(match (key, number("exception")) {
+            ("refusal", Some(exception)) => {
+                let why = Exception(u8::try_from(exception).unwrap_or_default());
+                let why = wire_words::exception(lang, why);
+                lang.fill(Text::ModbusException, &[("why", &why)])
+            }
+            ("why", _) => wire_words::malformed(lang, &text),
+            _ => text,
+        });
     }
     let holder = problem.text("holder");
     if !holder.is_empty() {

@@ -2,7 +2,7 @@
 //! calls its coils, only its model knows.
 
 use crate::i18n::{Lang, say};
-use crate::render::{hex, values};
+use crate::render::{hex, values, wire_words};
 use railbus_wire::{Bits, Exchange, PulseWidth, Response, ascii, lc02, r55, rtu};
 
 /// What a request asks for.
@@ -124,11 +124,8 @@ fn by_rtu(lang: Lang, asked: &rtu::Request<'_>, response: &rtu::Response<'_>) ->
             say!(lang, "acknowledged: {what}", "已应答：{what}")
         }
         rtu::Response::Exception(why) => {
-            let number = why.0;
-            match lang {
-                Lang::En => format!("refused: exception {why}"),
-                Lang::Zh => format!("被拒绝：异常码 {number:02X} {why}"),
-            }
+            let why = wire_words::exception(lang, *why);
+            say!(lang, "refused: exception {why}", "被拒绝：异常码 {why}")
         }
     }
 }
