@@ -68,7 +68,7 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "D104",
         ["another program has the port", "端口被其他程序占用"],
-        ["one line has one master", "一条总线只能有一个主机"],
+        ["one line has one master", "一条总线只能有一个上位机"],
         [
             "stop that program, or let it be the only one",
             "停止该程序，或只由它使用",
@@ -206,14 +206,14 @@ pub(crate) const ALL: &[Finding] = &[
     ),
     finding(
         "D202",
-        ["another master talks on the line", "总线上另有主机"],
+        ["another master talks on the line", "总线上另有上位机"],
         [
             "a PLC, another program or another adapter polls the same modules",
             "PLC、其他程序或其他转换器在轮询同一批模块",
         ],
         [
             "one line has one master: take the other one off, or only listen",
-            "一条总线只能有一个主机：断开另一个，或只监听",
+            "一条总线只能有一个上位机：断开另一个，或只监听",
         ],
     ),
     finding(
@@ -372,7 +372,7 @@ pub(crate) const ALL: &[Finding] = &[
         ["an address that Modbus reserves", "Modbus 保留的地址"],
         [
             "248 to 255: some modules take them, some masters do not ask them",
-            "248 至 255：部分模块可用，部分主机不会询问",
+            "248 至 255：部分模块可用，部分上位机不会询问",
         ],
         ["use 1 to 247", "使用 1 至 247"],
     ),

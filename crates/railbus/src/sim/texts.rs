@@ -48,7 +48,7 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
   show                    init gate on|off            fault tank clear
   show pump               reset tank                  fault clear
   help                    protocol pump rtu           quit",
-        zh: "工厂文件即 railbus.toml 格式的配置，可另含模拟设置：
+        zh: "仿真文件即 railbus.toml 格式的配置，可另含模拟设置：
   [sim]               seed、speed
   [line.名称.sim]     pty、tcp、faults
   [module.名称.sim]   factory、power、dip、init、init_sampled、faults、inputs、
@@ -74,7 +74,7 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
   show pump               reset tank                  fault clear
   help                    protocol pump rtu           quit",
     }
-    File { en: "The plant to simulate", zh: "要模拟的工厂文件" }
+    File { en: "The plant to simulate", zh: "要模拟的仿真文件" }
     Demo { en: "The demo line: one module of each of five kinds", zh: "演示总线：五种模块各一个" }
     Pty {
         en: "The link to a line's PTY; LINE= where there are several. Demo: /tmp/railbus-main",
@@ -138,11 +138,11 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
     NoLines { en: "{file} has no line to simulate", zh: "{file} 中没有可模拟的总线" }
     NoSuchLine {
         en: "there is no line \"{name}\" in the plant; there are: {names}",
-        zh: "工厂文件中没有总线 \"{name}\"，现有：{names}",
+        zh: "仿真文件中没有总线 \"{name}\"，现有：{names}",
     }
     NameLine {
         en: "the plant has several lines: name one, as {form}",
-        zh: "工厂文件中有多条总线，请指明，如 {form}",
+        zh: "仿真文件中有多条总线，请指明，如 {form}",
     }
     SamePlace { en: "two lines are to be served at {place}", zh: "两条总线使用同一位置 {place}" }
     BadAddress { en: "\"{value}\" is no TCP address", zh: "\"{value}\" 不是 TCP 地址" }

@@ -235,18 +235,18 @@ codes! {
     SimState = "E0891" {
         title: ["the settings kept of the simulated modules can't be used", "无法使用所保存的模拟模块设置"],
         likely: ["a file of something else, or of another plant · no right to it",
-            "文件属于其他用途或其他工厂文件 · 无权限"],
+            "文件属于其他用途或其他仿真文件 · 无权限"],
         next: ["choose another file with --state", "用 --state 换一个文件"],
     }
     SimPlant = "E0892" {
-        title: ["the plant can't be simulated so", "无法如此模拟该工厂文件"],
+        title: ["the plant can't be simulated so", "无法如此模拟该仿真文件"],
         likely: ["a flag names a line that is not there · there is nothing to simulate",
             "参数中的总线不存在 · 没有可模拟的总线"],
         next: ["railbus sim --help", "railbus sim --help"],
     }
     ConfigInput = "E0893" {
         title: ["a simulated level at a point that is no input", "模拟电平所在的点不是输入"],
-        likely: ["outputs and variables belong to the module and its master", "输出和变量由模块和主机控制"],
+        likely: ["outputs and variables belong to the module and its master", "输出和变量由模块和上位机控制"],
         next: ["name an input: di0, k1 of a board of inputs, ai1", "使用输入点：di0、输入板的点、ai1"],
     }
 }

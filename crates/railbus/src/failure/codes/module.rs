@@ -31,7 +31,7 @@ codes! {
     NothingHeard = "E0380" {
         title: ["nothing was heard on the line", "总线上没有任何通信"],
         likely: ["no master talks · A and B not connected · the adapter does not listen",
-            "没有主机通信 · A/B 未接 · 转换器未在接收"],
+            "没有上位机通信 · A/B 未接 · 转换器未在接收"],
         next: ["railbus doctor", "railbus doctor"],
     }
     Refused = "E0401" {

@@ -148,7 +148,7 @@ codes! {
     }
     SimOrder = "E0290" {
         title: ["the simulator does not understand this", "模拟器无法理解此命令"],
-        likely: ["a typing mistake · a module or point of another plant", "输入错误 · 属于其他工厂文件的模块或点"],
+        likely: ["a typing mistake · a module or point of another plant", "输入错误 · 属于其他仿真文件的模块或点"],
         next: ["type help at its prompt", "在提示符下输入 help"],
     }
 }
