@@ -345,7 +345,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     CheckWrong { en: "{is}  WRONG, should be {should}", zh: "{is}  错误，应为 {should}" }
     KnownLabel { en: "known", zh: "已知" }
     AlsoLabel { en: "also", zh: "另有" }
-    AlsoCount { en: "{count} other readings fit, see --all", zh: "{count} 种解释，见 --all" }
+    AlsoCount { en: "other readings: {count}, see --all", zh: "{count} 种解释，见 --all" }
 
     // explain
     ExplainAbout { en: "Says what an error code means.", zh: "解释错误代码。" }
@@ -438,7 +438,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     PageLine { en: "Line", zh: "总线" }
     PageBabble { en: "something never stops sending", zh: "有设备持续发送" }
     PageAddress { en: "address", zh: "地址" }
-    PageErrors { en: "errors in an hour", zh: "一小时内错误" }
+    PageErrors { en: "errors in an hour: {count}", zh: "一小时内错误：{count}" }
     PagePoint { en: "Point", zh: "点" }
     PageValue { en: "Value", zh: "值" }
     PageQuality { en: "Quality", zh: "质量" }

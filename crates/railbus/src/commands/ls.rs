@@ -13,7 +13,7 @@ use crate::i18n::Lang;
 use crate::machine::Machine;
 use crate::render::records::Records;
 use crate::render::table::Table;
-use crate::render::{out, values};
+use crate::render::{out, time, values};
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
 use railbus_wire::Address;
@@ -98,7 +98,9 @@ fn modules(lang: Lang, modules: &[ModuleInfo]) -> Records {
     let head = lang.get(Text::LsModulesHead).split('|');
     let mut table = Table::new(head);
     for module in modules {
-        let rtt = module.rtt_ms.map(|rtt| format!("{rtt:.0} ms"));
+        let rtt = module
+            .rtt_ms
+            .map(|rtt| time::duration(lang, rtt.round() as u64));
         let late = lang.fill(Text::Late, &[("late", &module.late_1h)]);
         let errors = match module.late_1h {
             0 => module.errors_1h.to_string(),

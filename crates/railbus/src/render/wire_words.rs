@@ -26,24 +26,39 @@ pub(crate) fn exception(lang: Lang, why: Exception) -> String {
 
 /// Why a reply is no good one, by the core's words for it; other words stay as they are.
 pub(crate) fn malformed(lang: Lang, why: &str) -> String {
-    let known = MALFORMED.iter().find(|(known, _)| known.to_string() == why);
+    let known = MALFORMED.iter().find(|known| known.to_string() == why);
     match (lang, known) {
-        (Lang::Zh, Some((_, text))) => (*text).to_owned(),
+        (Lang::Zh, Some(why)) => in_chinese(*why).to_owned(),
         _ => why.to_owned(),
     }
 }
 
-const MALFORMED: [(Malformed, &str); 9] = [
-    (Malformed::Start, "开头不是这种帧"),
-    (Malformed::Address, "是其他模块的地址"),
-    (Malformed::Function, "是其他功能"),
-    (Malformed::Length, "数据个数与所问不符"),
-    (Malformed::Checksum, "校验错误"),
-    (Malformed::Echo, "所确认的与命令不符"),
-    (Malformed::Syntax, "出现了不该有的字符"),
-    (Malformed::Value, "数值超出范围"),
-    (Malformed::End, "帧尾缺少结束符"),
+/// All of them: whoever adds one to the match below adds it here.
+const MALFORMED: [Malformed; 9] = [
+    Malformed::Start,
+    Malformed::Address,
+    Malformed::Function,
+    Malformed::Length,
+    Malformed::Checksum,
+    Malformed::Echo,
+    Malformed::Syntax,
+    Malformed::Value,
+    Malformed::End,
 ];
+
+const fn in_chinese(why: Malformed) -> &'static str {
+    match why {
+        Malformed::Start => "开头不是这种帧",
+        Malformed::Address => "是其他模块的地址",
+        Malformed::Function => "是其他功能",
+        Malformed::Length => "数据个数与所问不符",
+        Malformed::Checksum => "校验错误",
+        Malformed::Echo => "所确认的与命令不符",
+        Malformed::Syntax => "出现了不该有的字符",
+        Malformed::Value => "数值超出范围",
+        Malformed::End => "帧尾缺少结束符",
+    }
+}
 
 #[cfg(test)]
 mod tests {
@@ -57,17 +72,5 @@ mod tests {
         assert_eq!(malformed(Lang::Zh, "?AA"), "?AA");
         assert_eq!(exception(Lang::Zh, Exception(2)), "02 数据地址非法");
         assert_eq!(exception(Lang::En, Exception(2)), "02 illegal data address");
-    }
-
-    /// A new word of the core must not stay English unnoticed.
-    #[test]
-    fn every_word_has_its_like() {
-        for (why, _) in MALFORMED {
-            let _ = match why {
-                Malformed::Start | Malformed::Address | Malformed::Function => 0,
-                Malformed::Length | Malformed::Checksum | Malformed::Echo => 1,
-                Malformed::Syntax | Malformed::Value | Malformed::End => 2,
-            };
-        }
     }
 }

@@ -7,6 +7,7 @@ use crate::api::types::{
     Kind, LineInfo, ModuleInfo, ModuleState, PointInfo, PortState, Quality, Value,
 };
 use crate::i18n::Lang;
+use crate::render::time;
 use crate::texts::Text;
 use axum::body::Body;
 use axum::extract::{Query, State};
@@ -148,13 +149,14 @@ impl Page {
         };
         let rtt = module
             .rtt_ms
-            .map(|rtt| format!(" · {rtt:.0} ms"))
+            .map(|rtt| time::duration(self.lang, rtt.round() as u64))
+            .map(|rtt| format!(" · {rtt}"))
             .unwrap_or_default();
         push(
             html,
             format_args!(
                 "<article>\n<h3>{} <small>{}</small></h3>\n<p><b class=\"{class}\">{}</b>{rtt} · \
-                 {} {} · {} · {}: {}</p>\n<table>\n<thead><tr><th>{}<th>{}<th>{}<th>{}</tr>\
+                 {} {} · {} · {}</p>\n<table>\n<thead><tr><th>{}<th>{}<th>{}<th>{}</tr>\
                  </thead>\n<tbody>\n",
                 escaped(&module.module),
                 escaped(&module.title),
@@ -162,8 +164,8 @@ impl Page {
                 t(Text::PageAddress),
                 module.address,
                 escaped(&module.protocol),
-                t(Text::PageErrors),
-                module.errors_1h,
+                self.lang
+                    .fill(Text::PageErrors, &[("count", &module.errors_1h)]),
                 t(Text::PagePoint),
                 t(Text::PageValue),
                 t(Text::PageQuality),
@@ -193,7 +195,9 @@ impl Page {
             .get(self.lang.name())
             .or(point.name.values().next());
         let name = name.map(|name| format!(" <small>{}</small>", escaped(name)));
-        let age = point.age_ms.map_or_else(|| "–".to_owned(), age);
+        let age = point
+            .age_ms
+            .map_or_else(|| "–".to_owned(), |millis| age(self.lang, millis));
         push(
             html,
             format_args!(
@@ -229,11 +233,10 @@ fn push(html: &mut String, text: std::fmt::Arguments<'_>) {
     let _ = html.write_fmt(text);
 }
 
-fn age(millis: u64) -> String {
+fn age(lang: Lang, millis: u64) -> String {
     match millis {
-        0..10_000 => format!("{}.{} s", millis / 1_000, millis / 100 % 10),
-        10_000..600_000 => format!("{} s", millis / 1_000),
-        _ => format!("{} min", millis / 60_000),
+        0..60_000 => time::duration(lang, millis),
+        _ => time::span(lang, millis / 1_000),
     }
 }
 

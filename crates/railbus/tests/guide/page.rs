@@ -77,6 +77,11 @@ fn next_fence(text: &str) -> Option<(&str, &str, &str, &str)> {
 pub(crate) fn calm(text: &str) -> String {
     let mut calm = String::new();
     for line in text.lines() {
+        // Chinese leaves no blank between a mark and the number after it.
+        let line = line
+            .replace('；', "； ")
+            .replace('，', "， ")
+            .replace('：', "： ");
         let words: Vec<&str> = line.split_whitespace().collect();
         let is_unit = |word: &&str| {
             let word = word.trim_end_matches([',', '.', ';', '，', '。', '；']);
