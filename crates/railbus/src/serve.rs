@@ -1,6 +1,7 @@
 //! `railbus serve`: the daemon. It has the lines, and everyone else asks it: over HTTP on this
 //! machine, and over a Unix socket.
 
+mod access;
 mod answer;
 mod frames;
 mod guard;
@@ -8,6 +9,7 @@ mod keys;
 mod listen;
 mod loan;
 mod page;
+mod points;
 mod routes;
 pub(crate) mod socket;
 mod stream;

@@ -12,6 +12,33 @@ pub const AUDIT_MAX: usize = 1_024;
 /// Crockford's digits, which leave out what looks like another one.
 const DIGITS: &[u8; 32] = b"0123456789ABCDEFGHJKMNPQRSTVWXYZ";
 
+/// Who asked for something, and from where.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Origin {
+    /// The name of a user or of a part of the program: `li`, `pulse`, `rule:night`.
+    pub who: String,
+    /// The way it came: `cli`, `http 192.168.1.7`, `socket`, `program`.
+    pub via: String,
+}
+
+impl Origin {
+    /// A part of this program.
+    #[must_use]
+    pub fn program(part: &str) -> Origin {
+        Origin {
+            who: part.to_owned(),
+            via: "program".to_owned(),
+        }
+    }
+}
+
+/// What is written down of something before it is done.
+pub(crate) struct Note {
+    pub(crate) origin: Origin,
+    /// `do0=on do1=off`, `pulse k1 500ms`.
+    pub(crate) what: String,
+}
+
 /// Something that was done, or tried.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
@@ -19,6 +46,8 @@ pub struct Entry {
     pub id: String,
     /// When it was asked for.
     pub at: SystemTime,
+    /// Who asked for it.
+    pub origin: Origin,
     /// The module.
     pub module: String,
     /// What was asked of it: `do0=on do1=off`, `pulse k1 500ms`.
@@ -46,7 +75,7 @@ impl Audit {
     }
 
     /// Writes down what is about to be done; gives back its number.
-    pub(crate) fn begin(&mut self, module: &str, what: String) -> String {
+    pub(crate) fn begin(&mut self, module: &str, note: Note) -> String {
         let at = SystemTime::now();
         let id = self.number(at);
         if self.entries.len() >= AUDIT_MAX {
@@ -55,8 +84,9 @@ impl Audit {
         self.entries.push_back(Entry {
             id: id.clone(),
             at,
+            origin: note.origin,
             module: module.to_owned(),
-            what,
+            what: note.what,
             end: None,
         });
         id
@@ -92,12 +122,17 @@ impl Audit {
 mod tests {
     use super::*;
 
+    fn note(what: &str) -> Note {
+        Note {
+            origin: Origin::program("test"),
+            what: what.to_owned(),
+        }
+    }
+
     #[test]
     fn numbers_differ_and_sort() {
         let mut audit = Audit::new();
-        let ids: Vec<String> = (0..2_000)
-            .map(|_| audit.begin("pump", String::new()))
-            .collect();
+        let ids: Vec<String> = (0..2_000).map(|_| audit.begin("pump", note(""))).collect();
         assert!(ids.iter().all(|id| id.len() == 26));
         assert!(ids.windows(2).all(|pair| pair[0] < pair[1]));
         assert_eq!(audit.entries().len(), AUDIT_MAX);
@@ -106,8 +141,8 @@ mod tests {
     #[test]
     fn an_end_is_written_to_its_own_entry() {
         let mut audit = Audit::new();
-        let first = audit.begin("pump", "do0=on".to_owned());
-        audit.begin("oven", "k1=on".to_owned());
+        let first = audit.begin("pump", note("do0=on"));
+        audit.begin("oven", note("k1=on"));
         audit.end(&first, "readback");
         let ends: Vec<_> = audit.entries().iter().map(|entry| entry.end).collect();
         assert_eq!(ends, [Some("readback"), None]);

@@ -20,7 +20,7 @@ mod service;
 pub mod settings;
 mod truth;
 
-pub use audit::{AUDIT_MAX, Entry};
+pub use audit::{AUDIT_MAX, Entry, Origin};
 pub use config::Config;
 pub use failure::Failure;
 pub use frame::read_request;

@@ -15,7 +15,7 @@ pub use reload::Reloaded;
 pub use status::{LineStatus, ModuleStatus, PointStatus};
 pub use update::{Update, Updates};
 
-use crate::audit::{Audit, Entry};
+use crate::audit::{Audit, Entry, Note, Origin};
 use crate::{Config, Failure};
 use pulse::Timers;
 use railbus_device::{Module, SetupError};
@@ -61,6 +61,8 @@ impl std::error::Error for StartError {}
 #[derive(Clone, Debug)]
 pub struct Service {
     inner: Arc<Inner>,
+    /// For whom this handle acts.
+    origin: Arc<Origin>,
 }
 
 pub(crate) struct Inner {
@@ -124,11 +126,30 @@ impl Service {
                 start: std::time::Instant::now(),
                 polls,
             }),
+            origin: Arc::new(Origin::program("railbus")),
         };
         for (name, prepared) in names.into_iter().zip(prepared) {
             service.open(name, prepared).map_err(StartError::System)?;
         }
         Ok(service)
+    }
+
+    /// A handle of the same site that acts for somebody: what it does is written down under that
+    /// name.
+    #[must_use]
+    pub fn on_behalf_of(&self, origin: Origin) -> Service {
+        Service {
+            inner: Arc::clone(&self.inner),
+            origin: Arc::new(origin),
+        }
+    }
+
+    /// What is written down of something that this handle is about to do.
+    fn note(&self, what: String) -> Note {
+        Note {
+            origin: Origin::clone(&self.origin),
+            what,
+        }
     }
 
     /// Opens a line whose events the state hears of before anyone else.

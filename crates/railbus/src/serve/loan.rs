@@ -1,20 +1,30 @@
 //! A line lent to a command that changes what its modules keep. The loan lasts as long as the
 //! connection: whatever ends the command, ends it.
 
+use super::access::Need;
 use super::answer;
 use super::listen::ended;
-use super::routes::Site;
+use super::routes::{Route, Site};
 use crate::api::failures;
 use crate::config_file::text_of;
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::Response;
+use axum::routing::post;
 use hyper::body::Frame;
 use railbus_site::Loan;
 use std::convert::Infallible;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 use tokio::sync::oneshot;
+
+/// The routes of this file.
+pub(super) const ROUTES: &[Route] = &[Route::new(
+    "POST",
+    "/lines/{line}/loan",
+    Need::Owner,
+    || post(lend),
+)];
 
 /// `POST /api/v1/lines/{line}/loan`: an empty line when the port is free, and then nothing for as
 /// long as it is lent.

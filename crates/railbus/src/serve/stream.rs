@@ -2,7 +2,8 @@
 
 use super::answer;
 use super::listen::ended;
-use super::routes::{Site, selectors};
+use super::points::selectors;
+use super::routes::Site;
 use crate::api::types::WatchEvent;
 use crate::api::watching::Watching;
 use axum::body::{Body, Bytes};

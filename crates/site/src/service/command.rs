@@ -1,6 +1,7 @@
 //! Commands: what is checked before they go to the line, and what is told of their end.
 
 use super::{Inner, Service, lock};
+use crate::audit::Note;
 use crate::config::ModuleConfig;
 use crate::{Failure, Value};
 use railbus_device::{Bank, Module, Op, Point, PointKind, Seen};
@@ -96,10 +97,10 @@ impl Service {
         for point in &points {
             self.inner.timers.forget(module, *point);
         }
-        let what = self.inner.describe(module, set);
+        let note = self.note(self.inner.describe(module, set));
         let wanted = |point| bank_state(bank, point);
         self.inner
-            .command(module, &points, op, terms.verify, what, wanted)
+            .command(module, &points, op, terms.verify, note, wanted)
             .await
     }
 
@@ -117,11 +118,11 @@ impl Service {
         self.inner.writable(module, &[point])?;
         if raw {
             self.inner.timers.forget(module, point);
-            let what = format!("toggle {}", self.inner.label(module, point));
+            let note = self.note(format!("toggle {}", self.inner.label(module, point)));
             let op = Op::Toggle(channel(point)?.mask());
             return self
                 .inner
-                .command(module, &[point], op, true, what, |_| None)
+                .command(module, &[point], op, true, note, |_| None)
                 .await;
         }
         self.read_fresh(module).await?;
@@ -249,11 +250,11 @@ impl Inner {
         points: &[Point],
         op: Op,
         verify: bool,
-        what: String,
+        note: Note,
         wanted: impl Fn(Point) -> Option<bool>,
     ) -> Result<WriteDone, Failure> {
         let before: Vec<_> = points.iter().map(|p| self.output(module, *p)).collect();
-        let audit = lock(&self.audit).begin(module, what);
+        let audit = lock(&self.audit).begin(module, note);
         let end = self.run(module, op, verify).await;
         let told = match &end {
             Ok(done) => confirmed_name(done.confirmed),

@@ -3,7 +3,8 @@
 
 use super::command::channel;
 use super::{Inner, Service, lock};
-use crate::{Failure, Pulses, WriteDone};
+use crate::audit::Note;
+use crate::{Failure, Origin, Pulses, WriteDone};
 use railbus_device::{Bank, Family, Op, Point, Seen};
 use railbus_host::Confirmed;
 use railbus_wire::{Micros, r55::U24};
@@ -94,14 +95,14 @@ impl Service {
         let points = [point];
         let (begun, by, width) = match way {
             Way::Device(op, width) => {
-                let what = format!("pulse {label} {}ms by device", width.0 / 1_000);
+                let note = self.note(format!("pulse {label} {}ms by device", width.0 / 1_000));
                 let wanted = |_| Some(value);
-                let begun = self.inner.command(module, &points, op, true, what, wanted);
+                let begun = self.inner.command(module, &points, op, true, note, wanted);
                 (begun.await, By::Device, width)
             }
             Way::Host(width) => {
-                let what = format!("pulse {label} {}ms by host", width.0 / 1_000);
-                let begun = self.begin_timed(module, point, value, width, what);
+                let note = self.note(format!("pulse {label} {}ms by host", width.0 / 1_000));
+                let begun = self.begin_timed(module, point, value, width, note);
                 (begun.await, By::Host, width)
             }
         };
@@ -184,7 +185,7 @@ impl Service {
         point: Point,
         value: bool,
         width: Micros,
-        what: String,
+        note: Note,
     ) -> Result<WriteDone, Failure> {
         let (told, begun) = oneshot::channel();
         let timer = Timer {
@@ -194,7 +195,7 @@ impl Service {
             width: Duration::from_micros(width.0),
         };
         let turn = self.inner.timers.add(&timer.place);
-        tokio::spawn(timer.run(what, turn, told));
+        tokio::spawn(timer.run(note, turn, told));
         let lost = || Err(railbus_host::Fault::Unknown.into());
         begun.await.unwrap_or_else(|_| lost())
     }
@@ -230,11 +231,11 @@ struct Turn {
 impl Timer {
     async fn run(
         self,
-        what: String,
+        note: Note,
         mut turn: Turn,
         told: oneshot::Sender<Result<WriteDone, Failure>>,
     ) {
-        let begun = self.switch(self.value, what).await;
+        let begun = self.switch(self.value, note).await;
         let ended = begun
             .as_ref()
             .is_err_and(|failure| !failure.may_have_acted());
@@ -257,8 +258,11 @@ impl Timer {
         let (module, point) = &self.place;
         let mut tries_when_stopping = 0;
         loop {
-            let what = format!("end of pulse {}", self.inner.label(module, *point));
-            let done = self.switch(!self.value, what).await;
+            let note = Note {
+                origin: Origin::program("pulse"),
+                what: format!("end of pulse {}", self.inner.label(module, *point)),
+            };
+            let done = self.switch(!self.value, note).await;
             if done.is_ok() || self.inner.writable(module, &[*point]).is_err() {
                 return;
             }
@@ -277,12 +281,12 @@ impl Timer {
         }
     }
 
-    async fn switch(&self, on: bool, what: String) -> Result<WriteDone, Failure> {
+    async fn switch(&self, on: bool, note: Note) -> Result<WriteDone, Failure> {
         let (module, point) = &self.place;
         let op = Op::Write(Bank::one(channel(*point)?, on));
         let wanted = |_| Some(on);
         self.inner
-            .command(module, &[*point], op, true, what, wanted)
+            .command(module, &[*point], op, true, note, wanted)
             .await
     }
 }
