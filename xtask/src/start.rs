@@ -9,6 +9,10 @@ use crate::run::{self, Error, Result};
 
 /// Rounds in which each command runs once, so that load meets all of them alike.
 const ROUNDS: usize = 25;
+/// Rounds of the first read after a rest.
+const RESTED_ROUNDS: usize = 7;
+/// After so long without a frame it is known that no reply to anybody's request can come.
+const REST: Duration = Duration::from_secs(9);
 /// What one read of eight coils takes on the wire at 9600 8N1: 8 characters, the 3.5 characters
 /// of silence by which the module knows the end, and 6 characters.
 const WIRE: Duration = Duration::from_micros(18_229);
@@ -59,6 +63,12 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
             times.push(time(program, args)?);
         }
     }
+    let mut rested = Vec::with_capacity(RESTED_ROUNDS);
+    for _ in 0..RESTED_ROUNDS {
+        std::thread::sleep(REST);
+        rested.push(time(&own, &get)?);
+    }
+    let rested = median(rested);
     let [help, mbpoll_help, get, poll] = times.map(median);
     println!(
         "medians of {ROUNDS} interleaved rounds; on the wire {}",
@@ -67,14 +77,25 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     for ((name, ..), took) in jobs.iter().zip([help, mbpoll_help, get, poll]) {
         println!("  {name:<24} {}", millis(took));
     }
+    println!(
+        "  railbus get, after {} s    {}",
+        REST.as_secs(),
+        millis(rested)
+    );
     println!("over the wire's own time");
-    for (name, took) in [("railbus get", get), ("mbpoll", poll)] {
+    let reads = [
+        ("railbus get", get),
+        ("railbus get, line at rest", rested),
+        ("mbpoll", poll),
+    ];
+    for (name, took) in reads {
         println!("  {name:<24} {}", millis(took.saturating_sub(WIRE)));
     }
     println!(
-        "ratios to mbpoll: help {:.2}, read {:.2}",
+        "ratios to mbpoll: help {:.2}, read {:.2}, read at rest {:.2}",
         ratio(help, mbpoll_help),
-        ratio(get, poll)
+        ratio(get, poll),
+        ratio(rested, poll)
     );
     Ok(())
 }

@@ -101,6 +101,8 @@ pub struct Bus {
     settings: Settings,
     /// When the line was last busy: a character heard, or the end of what was sent.
     busy_until: Instant,
+    /// Nobody had sent anything lately when it was opened, nor since.
+    at_rest: bool,
     /// The time that one silent module may be probed again.
     probe_silent_at: Instant,
     next_silent: usize,
@@ -139,6 +141,7 @@ impl Bus {
             outgoing_taken: true,
             settings: Settings::FACTORY,
             busy_until: Instant(0),
+            at_rest: false,
             probe_silent_at: Instant(0),
             next_silent: 0,
             cycle: Micros::ZERO,
@@ -194,6 +197,13 @@ impl Bus {
     #[must_use]
     pub fn haunted_until(&self) -> Option<Instant> {
         self.ghosts.haunted_until()
+    }
+
+    /// Whether it is known, at the opening that follows, that nobody has sent anything lately:
+    /// then there is nothing to wait for, neither late replies to somebody else nor the silence
+    /// before a request.
+    pub const fn found_at_rest(&mut self, at_rest: bool) {
+        self.at_rest = at_rest;
     }
 
     /// Tells the line what happened, and when. Time never runs backwards.
@@ -254,13 +264,17 @@ impl Bus {
     }
 
     fn open(&mut self) {
-        self.state = State::Settling(self.now + self.config.settle);
+        let settle = match self.at_rest {
+            true => Micros::ZERO,
+            false => self.config.settle,
+        };
+        self.state = State::Settling(self.now + settle);
         self.ghosts.clear();
         self.ear = Ear::new(self.config.echo, self.config.probation);
         self.busy_until = self.now;
         self.probe_silent_at = self.now;
         let count = self.nodes.len();
-        let now = self.now + self.config.settle;
+        let now = self.now + settle;
         self.cycle = Micros::ZERO;
         for (nth, node) in self.nodes.iter_mut().enumerate() {
             node.start(now, nth, count);
@@ -302,6 +316,7 @@ impl Bus {
     fn overhear(&mut self, bytes: &[u8]) {
         let babbles = self.ear.overhear(self.now, self.busy_until, bytes);
         self.busy_until = self.now;
+        self.at_rest = false;
         if babbles {
             self.events.tell(Event::Babble);
         }
@@ -536,6 +551,7 @@ impl Bus {
             self.events.tell(Event::Quiet);
         }
         self.busy_until = sent;
+        self.at_rest = false;
         let deadline = if exchange.expects_reply() {
             sent + timeout + self.wire_time(&exchange)
         } else {

@@ -159,6 +159,9 @@ impl Bus {
 
     /// When the silence before this exchange will have been long enough.
     fn ready_at(&self, work: &Work) -> Instant {
+        if self.at_rest {
+            return self.now;
+        }
         let chained = self.last.chain && in_chain(&work.exchange);
         let gap = if chained { Micros::ZERO } else { work.gap };
         let gap = if work.settings == self.settings {

@@ -11,7 +11,7 @@
 //! - `adapter echoes`: every frame comes back when it ends.
 //! - `module NAME FAMILY PROTOCOL ADDRESS [KEY=VALUE…] [polled] [alive]`: without `polled` only
 //!   commands reach it; an `alive` one answers what no `answer` is left for.
-//! - `at TIME open|close`, `at TIME bytes HEX`, `at TIME dies|wakes NAME`,
+//! - `at TIME open [at rest]`, `at TIME close`, `at TIME bytes HEX`, `at TIME dies|wakes NAME`,
 //!   `at TIME submit NAME OP [unverified] [ttl=TIME]`, `at TIME probe NAME OP timeout=TIME`.
 //! - `from TIME to TIME every TIME bytes HEX`: noise.
 //! - `answer none`, or `answer DELAY HEX [+ DELAY HEX]…`: what comes back after the next frame,
@@ -89,7 +89,7 @@ enum Answer {
 
 /// Something that happens at a given moment.
 enum Action {
-    Open,
+    Open { at_rest: bool },
     Close,
     Bytes(Vec<u8>),
     Power(usize, bool),
@@ -253,7 +253,9 @@ impl Scenario {
     fn read_action(&self, text: &str) -> Action {
         let (word, rest) = text.split_once(' ').unwrap_or((text, ""));
         match word {
-            "open" => Action::Open,
+            "open" => Action::Open {
+                at_rest: rest == "at rest",
+            },
             "close" => Action::Close,
             "bytes" => Action::Bytes(hex(rest)),
             "dies" | "wakes" => Action::Power(self.module(rest), word == "wakes"),
@@ -350,8 +352,9 @@ impl Scenario {
     fn act(&mut self, action: Action) {
         let now = self.drive.now;
         match action {
-            Action::Open => {
-                self.note("call", "open");
+            Action::Open { at_rest } => {
+                self.note("call", if at_rest { "open at rest" } else { "open" });
+                self.drive.bus.found_at_rest(at_rest);
                 self.drive.input(Input::Opened);
             }
             Action::Close => {

@@ -20,6 +20,12 @@ pub trait Port: Send + 'static {
         None
     }
 
+    /// Whether it is certain that nobody sent anything through it within the last half second
+    /// before it was opened, so that no reply to somebody's earlier request can come.
+    fn rested(&self) -> bool {
+        false
+    }
+
     /// Opens it, or opens it anew. To drop the future ends the attempt.
     fn open(&mut self) -> impl Future<Output = Result<(), PortError>> + Send;
 
@@ -88,6 +94,14 @@ impl Port for AnyPort {
             AnyPort::Serial(port) => port.granted(),
             AnyPort::Tcp(port) => port.granted(),
             AnyPort::ModbusTcp(port) => port.granted(),
+        }
+    }
+
+    fn rested(&self) -> bool {
+        match self {
+            AnyPort::Serial(port) => port.rested(),
+            AnyPort::Tcp(port) => port.rested(),
+            AnyPort::ModbusTcp(port) => port.rested(),
         }
     }
 

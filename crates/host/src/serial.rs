@@ -3,6 +3,7 @@
 mod access;
 mod holder;
 mod mode;
+mod rest;
 mod tty;
 
 use crate::{LineName, Port, PortError};
@@ -136,6 +137,10 @@ impl Port for SerialPort {
 
     fn granted(&self) -> Option<Granted> {
         self.tty.as_ref().map(Tty::granted)
+    }
+
+    fn rested(&self) -> bool {
+        self.tty.as_ref().is_some_and(Tty::is_rested)
     }
 
     async fn open(&mut self) -> Result<(), PortError> {

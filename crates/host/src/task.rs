@@ -164,6 +164,7 @@ impl<P: Port> Task<P> {
         self.lag = Micros::ZERO;
         self.teller.grant(self.port.granted());
         self.teller.change(LineState::Up);
+        self.bus.found_at_rest(self.port.rested());
         self.handle(self.alarm.now(), Input::Opened);
         let stop = self.drive().await;
         if let Stop::Left = stop {

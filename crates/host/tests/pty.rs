@@ -9,9 +9,10 @@ use railbus_host::{
 };
 use railbus_wire::{Address, rtu};
 use rustix::termios::{ControlModes, Termios, tcgetattr};
+use std::fs::FileTimes;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 use support::{Player, config, pty, setup, soon, temporary};
 
 const FIRST: ModuleId = ModuleId(0);
@@ -275,6 +276,45 @@ async fn a_terminal_is_left_as_it_was_found() {
     // And not locked: it can be opened once more.
     let line = Line::open(config(serial(&path), &[erc8()], Plan::NEVER)).expect("a line");
     soon(line.opened()).await.expect("open");
+}
+
+/// Gives a terminal's device the time stamp of a write so long ago.
+fn written_ago(path: &Path, ago: Duration) {
+    let then = SystemTime::now() - ago;
+    let times = FileTimes::new().set_modified(then).set_accessed(then);
+    let device = std::fs::OpenOptions::new().write(true).open(path);
+    device
+        .and_then(|file| file.set_times(times))
+        .expect("the device's owner");
+}
+
+#[tokio::test]
+async fn a_terminal_that_was_written_to_lately_has_not_rested() {
+    let (_master, path) = pty();
+    let mut port = SerialPort::new(path.clone(), SerialOptions::default());
+    port.open().await.expect("a terminal");
+    assert!(!port.rested(), "it was made just now");
+    written_ago(&path, Duration::from_secs(20));
+    port.open().await.expect("a terminal");
+    assert!(port.rested());
+    port.send(b"\x03", Settings::FACTORY).expect("sent");
+    port.open().await.expect("a terminal");
+    assert!(!port.rested(), "the system notes a write");
+}
+
+#[tokio::test]
+async fn a_line_at_rest_is_asked_at_once() {
+    let settle = Micros::from_secs(3_600);
+    let (master, path) = pty();
+    written_ago(&path, Duration::from_secs(20));
+    let _player = Player::start(master, &[erc8()], false);
+    let mut config = config(serial(&path), &[erc8()], Plan::NEVER);
+    config.bus.settle = settle;
+    let line = Line::open(config).expect("a line");
+    soon(line.opened()).await.expect("open");
+    let read = soon(line.run(FIRST, Op::ReadOutputs, Terms::default())).await;
+    assert!(read.is_ok(), "an hour later otherwise: {read:?}");
+    soon(line.close()).await;
 }
 
 #[tokio::test]

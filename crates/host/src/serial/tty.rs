@@ -1,6 +1,6 @@
 //! An open terminal that is ours alone, and that is left as it was found.
 
-use super::{Granted, Rs485, SerialOptions, access, holder, mode};
+use super::{Granted, Rs485, SerialOptions, access, holder, mode, rest};
 use crate::{PortError, ioctl};
 use railbus_wire::Settings;
 use rustix::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
@@ -15,6 +15,7 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::task::{Context, Poll, ready};
+use std::time::SystemTime;
 use tokio::io::unix::AsyncFd;
 
 /// Pseudo-terminals have these major device numbers.
@@ -33,6 +34,7 @@ pub(crate) struct Tty {
     settings: Settings,
     pts: bool,
     granted: Granted,
+    rested: bool,
 }
 
 impl Tty {
@@ -59,6 +61,7 @@ impl Tty {
             before,
             rs485_before: None,
             settings: options.settings,
+            rested: rest::is_rested(SystemTime::now(), about.mtime()),
             pts,
             granted: Granted {
                 low_latency: false,
@@ -88,6 +91,11 @@ impl Tty {
     /// Whether this is a pseudo-terminal.
     pub(crate) const fn is_pts(&self) -> bool {
         self.pts
+    }
+
+    /// Whether nobody had sent anything through it for a while when it was opened.
+    pub(crate) const fn is_rested(&self) -> bool {
+        self.rested
     }
 
     /// The next bytes. A terminal that was hung up has an end.
