@@ -3,11 +3,13 @@
 
 mod access;
 mod answer;
+mod doc;
 mod frames;
 mod guard;
 mod keys;
 mod listen;
 mod loan;
+mod openapi;
 mod page;
 mod points;
 mod routes;

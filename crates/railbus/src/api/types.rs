@@ -4,12 +4,15 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
+use utoipa::openapi::schema::SchemaType;
+use utoipa::openapi::{ObjectBuilder, RefOr, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
 
 /// The version of everything here.
 pub(crate) const SCHEMA: u8 = 1;
 
 /// A line.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct LineInfo {
     /// Its name.
     pub(crate) line: String,
@@ -35,7 +38,7 @@ pub(crate) struct LineInfo {
 }
 
 /// How a line's port is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum PortState {
     /// It is being opened for the first time.
@@ -51,7 +54,7 @@ pub(crate) enum PortState {
 }
 
 /// A module.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct ModuleInfo {
     /// Its name.
     pub(crate) module: String,
@@ -90,7 +93,7 @@ pub(crate) struct ModuleInfo {
 }
 
 /// Whether a module is heard.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum ModuleState {
     /// It answers.
@@ -102,7 +105,7 @@ pub(crate) enum ModuleState {
 }
 
 /// A point.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct PointInfo {
     /// Its path: `pump.do0`.
     pub(crate) path: String,
@@ -145,7 +148,7 @@ pub(crate) struct PointInfo {
 }
 
 /// What a point is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Kind {
     /// A relay or transistor.
@@ -171,7 +174,7 @@ pub(crate) enum Value {
 }
 
 /// How far a value can be trusted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Quality {
     /// Read, and not older than the module's maximum age.
@@ -183,6 +186,18 @@ pub(crate) enum Quality {
     /// Never read.
     Unknown,
 }
+
+/// Said by hand: a whole number is both of the numbers, which "one of" forbids.
+impl PartialSchema for Value {
+    fn schema() -> RefOr<Schema> {
+        let types = SchemaType::from_iter([Type::Boolean, Type::Number]);
+        let about = "on or off, high or low; or a number";
+        let schema = ObjectBuilder::new().schema_type(types);
+        schema.description(Some(about)).into()
+    }
+}
+
+impl ToSchema for Value {}
 
 impl Quality {
     /// The name in JSON and tables.
@@ -197,28 +212,28 @@ impl Quality {
 }
 
 /// `GET /api/v1/lines`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Lines {
     pub(crate) schema: u8,
     pub(crate) lines: Vec<LineInfo>,
 }
 
 /// `GET /api/v1/modules`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Modules {
     pub(crate) schema: u8,
     pub(crate) modules: Vec<ModuleInfo>,
 }
 
 /// `GET /api/v1/points`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Points {
     pub(crate) schema: u8,
     pub(crate) points: Vec<PointInfo>,
 }
 
 /// `PUT /api/v1/points/{module}/{label}`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct WriteRequest {
     /// On or off.
     pub(crate) value: bool,
@@ -250,7 +265,7 @@ const fn yes() -> bool {
 }
 
 /// How an output was written.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Written {
     /// What it is now; none where nobody can know.
     pub(crate) value: Option<bool>,
@@ -268,7 +283,7 @@ pub(crate) struct Written {
 }
 
 /// How far it is certain that a command was carried out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Confirmed {
     /// Read again afterwards, and as commanded.
@@ -280,7 +295,7 @@ pub(crate) enum Confirmed {
 }
 
 /// `PUT /api/v1/modules/{module}/outputs`: several outputs of a module at once.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct OutputsRequest {
     /// The outputs by label.
     pub(crate) set: BTreeMap<String, bool>,
@@ -293,7 +308,7 @@ pub(crate) struct OutputsRequest {
 }
 
 /// How several outputs were written.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct OutputsWritten {
     /// Each of them by label.
     pub(crate) set: BTreeMap<String, OutputWritten>,
@@ -306,7 +321,7 @@ pub(crate) struct OutputsWritten {
 }
 
 /// How one of several outputs was written.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct OutputWritten {
     /// What it is now; none where nobody can know.
     pub(crate) value: Option<bool>,
@@ -315,7 +330,7 @@ pub(crate) struct OutputWritten {
 }
 
 /// `POST /api/v1/points/{module}/{label}/toggle`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct ToggleRequest {
     /// By the board's own command, which is never repeated; else read first, then set.
     #[serde(default)]
@@ -323,7 +338,7 @@ pub(crate) struct ToggleRequest {
 }
 
 /// `POST /api/v1/points/{module}/{label}/pulse`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct PulseRequest {
     /// How long; none is the module's own width.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -337,7 +352,7 @@ pub(crate) struct PulseRequest {
 }
 
 /// Who keeps the time of a pulse.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Timekeeper {
     /// The module where it can, else the host.
@@ -350,7 +365,7 @@ pub(crate) enum Timekeeper {
 }
 
 /// How a pulse was begun. One that the host times ends later, whoever waits for it or not.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Pulsed {
     /// The state during the pulse.
     pub(crate) value: bool,
@@ -370,7 +385,7 @@ pub(crate) struct Pulsed {
 
 /// `POST /api/v1/raw`: a frame of one's own. Only reads are taken: what changes something has
 /// its own command.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct RawRequest {
     /// The line; may be left out where there is only one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -397,7 +412,7 @@ pub(crate) struct RawRequest {
 }
 
 /// What came back to a frame of one's own.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct RawAnswer {
     pub(crate) schema: u8,
     /// The line it went to.
@@ -416,7 +431,7 @@ pub(crate) struct RawAnswer {
 }
 
 /// A reply that came too late.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct LateAnswer {
     /// The protocol of what was sent: `rtu`, `ascii`, `lc02`, `r55`.
     pub(crate) protocol: String,
@@ -429,7 +444,7 @@ pub(crate) struct LateAnswer {
 }
 
 /// What came back, in one word.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Outcome {
     /// A good reply, or a refusal.
@@ -443,7 +458,7 @@ pub(crate) enum Outcome {
 }
 
 /// What happens on a site: `GET /api/v1/watch`, one to a line.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "ev", rename_all = "snake_case")]
 pub(crate) enum WatchEvent {
     /// A point, as it is: once for each at the beginning, then whenever its value or quality
@@ -471,7 +486,7 @@ pub(crate) enum WatchEvent {
 
 /// What passes on a line: `GET /api/v1/frames/stream?line=main`, one to a line of text. Bytes as
 /// the line sends and receives them; what they are is for who reads them to find out.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "ev", rename_all = "snake_case")]
 pub(crate) enum FrameEvent {
     /// The line that is looked at, at the beginning.

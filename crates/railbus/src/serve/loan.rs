@@ -3,6 +3,7 @@
 
 use super::access::Need;
 use super::answer;
+use super::doc::Doc;
 use super::listen::ended;
 use super::routes::{Route, Site};
 use crate::api::failures;
@@ -19,12 +20,11 @@ use std::task::{Context, Poll};
 use tokio::sync::oneshot;
 
 /// The routes of this file.
-pub(super) const ROUTES: &[Route] = &[Route::new(
-    "POST",
-    "/lines/{line}/loan",
-    Need::Owner,
-    || post(lend),
-)];
+pub(super) const ROUTES: &[Route] =
+    &[
+        Route::new("POST", "/lines/{line}/loan", Need::Owner, || post(lend))
+            .doc(Doc::new("Have a line for as long as the connection lasts").media("text/plain")),
+    ];
 
 /// `POST /api/v1/lines/{line}/loan`: an empty line when the port is free, and then nothing for as
 /// long as it is lent.

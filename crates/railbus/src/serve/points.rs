@@ -1,12 +1,16 @@
 //! What there is to read and to switch: lines, modules and points.
 
 use super::access::{Caller, Need};
+use super::doc::Doc;
 use super::keys::{End, KEY_LEN_MAX};
 use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, frames, stream};
 use crate::api::ask;
 use crate::api::problem::{Problem, codes};
-use crate::api::types::{Lines, Modules, Points, SCHEMA};
+use crate::api::types::{
+    FrameEvent, Lines, Modules, OutputsRequest, OutputsWritten, PointInfo, Points, PulseRequest,
+    Pulsed, RawAnswer, RawRequest, SCHEMA, ToggleRequest, WatchEvent, WriteRequest, Written,
+};
 use axum::Extension;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
@@ -18,36 +22,85 @@ use serde::de::DeserializeOwned;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
-    Route::new("GET", "/lines", Need::VIEWER, || get(lines)),
-    Route::new("GET", "/modules", Need::VIEWER, || get(modules)),
+    Route::new("GET", "/lines", Need::VIEWER, || get(lines))
+        .doc(Doc::new("All lines").answers::<Lines>()),
+    Route::new("GET", "/modules", Need::VIEWER, || get(modules))
+        .doc(Doc::new("All modules").answers::<Modules>()),
     Route::new("PUT", "/modules/{module}/outputs", Need::OPERATOR, || {
         put(outputs)
-    }),
-    Route::new("GET", "/points", Need::VIEWER, || get(points)),
+    })
+    .doc(
+        Doc::new("Switch several outputs of a module at once")
+            .takes::<OutputsRequest>()
+            .answers::<OutputsWritten>(),
+    ),
+    Route::new("GET", "/points", Need::VIEWER, || get(points)).doc(
+        Doc::new("All points, or those that are named")
+            .query(&[SELECT, FRESH])
+            .answers::<Points>(),
+    ),
     Route::new("GET", "/points/{module}/{label}", Need::VIEWER, || {
         get(point)
-    }),
+    })
+    .doc(Doc::new("A point").query(&[FRESH]).answers::<PointInfo>()),
     Route::new("PUT", "/points/{module}/{label}", Need::OPERATOR, || {
         put(write)
-    }),
+    })
+    .doc(
+        Doc::new("Switch an output")
+            .takes::<WriteRequest>()
+            .answers::<Written>(),
+    ),
     Route::new(
         "POST",
         "/points/{module}/{label}/toggle",
         Need::OPERATOR,
         || post(toggle),
+    )
+    .doc(
+        Doc::new("Switch an output over")
+            .takes::<ToggleRequest>()
+            .answers::<Written>(),
     ),
     Route::new(
         "POST",
         "/points/{module}/{label}/pulse",
         Need::OPERATOR,
         || post(pulse),
+    )
+    .doc(
+        Doc::new("Switch an output for a time")
+            .takes::<PulseRequest>()
+            .answers::<Pulsed>(),
     ),
-    Route::new("POST", "/raw", Need::ENGINEER, || post(raw)),
+    Route::new("POST", "/raw", Need::ENGINEER, || post(raw)).doc(
+        Doc::new("Send a read of one's own")
+            .takes::<RawRequest>()
+            .answers::<RawAnswer>(),
+    ),
     Route::new("GET", "/frames/stream", Need::VIEWER, || {
         get(frames::stream)
-    }),
-    Route::new("GET", "/watch", Need::VIEWER, || get(stream::watch)),
+    })
+    .doc(
+        Doc::new("What passes on a line, as it passes")
+            .query(&[("line", "the line; may be left out where there is only one")])
+            .media("application/x-ndjson")
+            .answers::<FrameEvent>(),
+    ),
+    Route::new("GET", "/watch", Need::VIEWER, || get(stream::watch)).doc(
+        Doc::new("What changes, as it changes")
+            .query(&[SELECT])
+            .media("application/x-ndjson")
+            .answers::<WatchEvent>(),
+    ),
 ];
+
+/// How points are named in a query.
+const SELECT: (&str, &str) = (
+    "select",
+    "paths or modules, with `*` and `?`, divided by commas",
+);
+const FRESH: (&str, &str) = ("fresh", "1: read them now");
 
 async fn lines(State(site): State<Site>) -> Answer {
     let lines = ask::lines(&site.service);

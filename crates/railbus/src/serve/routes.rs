@@ -2,8 +2,9 @@
 //! routes; [`ALL`] is the list of tables, and nothing is served that is in none of them.
 
 use super::access::{Caller, Need, check};
+use super::doc::Doc;
 use super::keys::Keys;
-use super::{answer, guard, loan, page, points};
+use super::{answer, guard, loan, openapi, page, points};
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
 use axum::body::Body;
@@ -21,7 +22,7 @@ use tokio::sync::watch;
 const BODY_MAX: usize = 64 << 10;
 
 /// Where all routes of the API begin.
-const BASE: &str = "/api/v1";
+pub(super) const BASE: &str = "/api/v1";
 
 /// One method of one address of the API.
 pub(super) struct Route {
@@ -31,6 +32,8 @@ pub(super) struct Route {
     pub(super) path: &'static str,
     /// Who may use it.
     pub(super) need: Need,
+    /// What the API's document says of it.
+    pub(super) doc: Option<Doc>,
     /// What answers.
     handler: fn() -> MethodRouter<Site>,
 }
@@ -46,13 +49,22 @@ impl Route {
             method,
             path,
             need,
+            doc: None,
             handler,
+        }
+    }
+
+    /// Says what it is for. A route of which nothing is said fails a test.
+    pub(super) const fn doc(self, doc: Doc) -> Route {
+        Route {
+            doc: Some(doc),
+            ..self
         }
     }
 }
 
 /// Every route of the API.
-const ALL: &[&[Route]] = &[points::ROUTES, loan::ROUTES];
+pub(super) const ALL: &[&[Route]] = &[points::ROUTES, loan::ROUTES, openapi::ROUTES];
 
 /// What every handler needs.
 #[derive(Clone, Debug)]

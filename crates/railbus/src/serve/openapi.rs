@@ -1,0 +1,236 @@
+//! The API's own document [OpenAPI 3.1], made of the routes and the types they speak in.
+
+use super::access::{Need, Role};
+use super::answer;
+use super::doc::{Doc, Shapes};
+use super::routes::{ALL, Answer, BASE, Route};
+use crate::api::problem::Problem;
+use axum::http::StatusCode;
+use axum::routing::get;
+use std::sync::LazyLock;
+use utoipa::openapi::path::{
+    Operation, OperationBuilder, Parameter, ParameterBuilder, ParameterIn,
+};
+use utoipa::openapi::request_body::RequestBodyBuilder;
+use utoipa::openapi::security::{
+    ApiKey, ApiKeyValue, HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme,
+};
+use utoipa::openapi::{
+    ComponentsBuilder, ContentBuilder, HttpMethod, InfoBuilder, LicenseBuilder, ObjectBuilder,
+    OpenApi, OpenApiBuilder, PathItem, PathsBuilder, Ref, Required, ResponseBuilder, ServerBuilder,
+    Type,
+};
+use utoipa::{PartialSchema, ToSchema};
+
+/// The routes of this file.
+pub(super) const ROUTES: &[Route] =
+    &[
+        Route::new("GET", "/openapi.json", Need::Nothing, || get(document))
+            .doc(Doc::new("This document")),
+    ];
+
+/// The document does not change while the program runs.
+static TEXT: LazyLock<String> = LazyLock::new(|| make().to_json().unwrap_or_default());
+
+async fn document() -> Answer {
+    answer::with(StatusCode::OK, "application/json", TEXT.as_str())
+}
+
+/// The whole document.
+fn make() -> OpenApi {
+    let mut shapes = Shapes::new();
+    let mut paths = PathsBuilder::new();
+    for route in ALL.iter().copied().flatten() {
+        if let (Some(doc), Some(method)) = (&route.doc, method(route.method)) {
+            let item = PathItem::new(method, operation(route, doc, &mut shapes));
+            paths = paths.path(route.path, item);
+        }
+    }
+    Problem::schemas(&mut shapes);
+    shapes.push((Problem::name().into_owned(), Problem::schema()));
+    let problem = ContentBuilder::new().schema(Some(Ref::from_schema_name(Problem::name())));
+    let problem = ResponseBuilder::new()
+        .description("Why it was not done [RFC 9457]; `code` is stable")
+        .content("application/problem+json", problem.build());
+    let components = ComponentsBuilder::new()
+        .schemas_from_iter(shapes)
+        .response("Problem", problem.build())
+        .security_scheme("cookie", cookie())
+        .security_scheme("bearer", bearer());
+    OpenApiBuilder::new()
+        .info(
+            InfoBuilder::new()
+                .title("railbus")
+                .version(env!("CARGO_PKG_VERSION"))
+                .description(Some(ABOUT))
+                .license(Some(
+                    LicenseBuilder::new()
+                        .name("MIT OR Apache-2.0")
+                        .identifier(Some("MIT OR Apache-2.0"))
+                        .build(),
+                )),
+        )
+        .servers(Some([ServerBuilder::new().url(BASE).build()]))
+        .paths(paths)
+        .components(Some(components.build()))
+        .build()
+}
+
+const ABOUT: &str = "Lines, modules and points of a site, as they are, and commands to them. \
+                     Fields are only ever added; readers ignore what they do not know.";
+
+fn cookie() -> SecurityScheme {
+    let about = "A session; what changes something needs the header X-CSRF-Token as well";
+    SecurityScheme::ApiKey(ApiKey::Cookie(ApiKeyValue::with_description(
+        "railbus_session",
+        about,
+    )))
+}
+
+fn bearer() -> SecurityScheme {
+    let http = HttpBuilder::new().scheme(HttpAuthScheme::Bearer);
+    SecurityScheme::Http(http.description(Some("A token: `rb_…`")).build())
+}
+
+fn method(name: &str) -> Option<HttpMethod> {
+    Some(match name {
+        "GET" => HttpMethod::Get,
+        "PUT" => HttpMethod::Put,
+        "POST" => HttpMethod::Post,
+        "PATCH" => HttpMethod::Patch,
+        "DELETE" => HttpMethod::Delete,
+        _ => return None,
+    })
+}
+
+fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
+    let mut content = ContentBuilder::new();
+    if let Some(shape) = doc.answer {
+        content = content.schema(Some(shape(shapes)));
+    }
+    let done = ResponseBuilder::new().description(doc.summary);
+    let done = match doc.status {
+        "101" | "204" => done.build(),
+        _ => done.content(doc.media, content.build()).build(),
+    };
+    let mut operation = OperationBuilder::new()
+        .operation_id(Some(operation_id(route)))
+        .tag(tag(route.path))
+        .summary(Some(doc.summary))
+        .description(Some(role(route.need)))
+        .response(doc.status, done)
+        .response("default", Ref::from_response_name("Problem"));
+    for parameter in parameters(route.path, doc) {
+        operation = operation.parameter(parameter);
+    }
+    if let Some(shape) = doc.takes {
+        let content = ContentBuilder::new().schema(Some(shape(shapes)));
+        let body = RequestBodyBuilder::new()
+            .content("application/json", content.build())
+            .required(Some(Required::True));
+        operation = operation.request_body(Some(body.build()));
+    }
+    if route.need != Need::Nothing {
+        for scheme in ["cookie", "bearer"] {
+            operation = operation.security(SecurityRequirement::new(scheme, [""; 0]));
+        }
+    }
+    operation.build()
+}
+
+/// `get_points_module_label`.
+fn operation_id(route: &Route) -> String {
+    let words = route.path.split(|c: char| !c.is_ascii_alphanumeric());
+    let words = words.filter(|word| !word.is_empty());
+    words.fold(route.method.to_ascii_lowercase(), |id, word| {
+        id + "_" + word
+    })
+}
+
+/// The first word of the address.
+fn tag(path: &str) -> &str {
+    let path = path.trim_start_matches('/');
+    path.split(['/', '.']).next().unwrap_or(path)
+}
+
+const fn role(need: Need) -> &'static str {
+    match need {
+        Need::Nothing => "Anybody may.",
+        Need::Role(Role::Viewer) => "Viewers may.",
+        Need::Role(Role::Operator) => "Operators may.",
+        Need::Role(Role::Engineer) => "Engineers may.",
+        Need::Role(Role::Admin) => "Admins may.",
+        Need::Owner => "Only over the socket of the daemon's own user.",
+    }
+}
+
+fn parameters(path: &str, doc: &Doc) -> Vec<Parameter> {
+    let text = || Some(ObjectBuilder::new().schema_type(Type::String).build());
+    let named = path.split('/').filter_map(|part| {
+        let name = part.strip_prefix('{')?.strip_suffix('}')?;
+        let parameter = ParameterBuilder::new().name(name);
+        let parameter = parameter.parameter_in(ParameterIn::Path);
+        Some(parameter.required(Required::True).schema(text()).build())
+    });
+    let asked = doc.query.iter().map(|(name, about)| {
+        let parameter = ParameterBuilder::new().name(*name);
+        let parameter = parameter.parameter_in(ParameterIn::Query);
+        parameter.description(Some(*about)).schema(text()).build()
+    });
+    named.chain(asked).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::Value;
+    use std::collections::BTreeSet;
+
+    fn document() -> Value {
+        serde_json::from_str(&TEXT).unwrap()
+    }
+
+    #[test]
+    fn every_route_is_in_the_document_and_nothing_else_is() {
+        let document = document();
+        let mut told = BTreeSet::new();
+        for (path, item) in document["paths"].as_object().unwrap() {
+            for method in item.as_object().unwrap().keys() {
+                told.insert(format!("{} {path}", method.to_ascii_uppercase()));
+            }
+        }
+        let routes = ALL.iter().copied().flatten();
+        let served: BTreeSet<String> = routes
+            .map(|route| format!("{} {}", route.method, route.path))
+            .collect();
+        assert_eq!(told, served, "each Route needs its .doc(Doc::new(…))");
+    }
+
+    #[test]
+    fn every_shape_it_names_is_in_it() {
+        let document = document();
+        let text = document.to_string();
+        for name in text.split("\"#/components/").skip(1) {
+            let name = name.split('"').next().unwrap();
+            let found = document.pointer(&format!("/components/{name}"));
+            assert!(found.is_some_and(|shape| !shape.is_null()), "{name}");
+        }
+        assert_eq!(document["openapi"], "3.1.0");
+    }
+
+    #[test]
+    fn no_two_types_share_a_name() {
+        let mut shapes = Shapes::new();
+        for doc in ALL.iter().copied().flatten().filter_map(|route| route.doc) {
+            for shape in [doc.takes, doc.answer].into_iter().flatten() {
+                shape(&mut shapes);
+            }
+        }
+        let mut known = std::collections::BTreeMap::new();
+        for (name, shape) in shapes {
+            let shape = serde_json::to_value(shape).unwrap();
+            let before = known.insert(name.clone(), shape.clone());
+            assert!(before.is_none_or(|before| before == shape), "{name}");
+        }
+    }
+}
