@@ -141,6 +141,8 @@ pub(crate) mod codes {
         CONFIG_FILE = "E0824", 422, "the configuration can't be read";
         /// Also `reason`.
         FORBIDDEN = "E0901", 403, "not from there";
+        /// Also `module`, `point`.
+        POINT_RIGHT = "E0906", 403, "this point is none of those that the caller may switch";
     }
 }
 

@@ -1,11 +1,13 @@
 //! Who asks, and what each may do.
 
 use super::answer;
+use crate::api::paths;
 use crate::api::problem::{Problem, codes};
 use axum::extract::{Request, State};
 use axum::middleware::Next;
 use axum::response::Response;
 use railbus_site::Origin;
+use std::sync::Arc;
 
 /// What somebody may do; each may do what those before it may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -47,6 +49,8 @@ pub(super) struct Caller {
     pub(super) role: Option<Role>,
     /// From where: `http`, `socket`, an address.
     pub(super) via: String,
+    /// The points whose outputs may be switched, as patterns; empty for all of them.
+    pub(super) points: Arc<[String]>,
 }
 
 impl Caller {
@@ -56,6 +60,7 @@ impl Caller {
             name: "owner".to_owned(),
             role: Some(Role::Admin),
             via: "socket".to_owned(),
+            points: Arc::default(),
         }
     }
 
@@ -65,6 +70,7 @@ impl Caller {
             name: "local".to_owned(),
             role: Some(Role::Admin),
             via: "http".to_owned(),
+            points: Arc::default(),
         }
     }
 }
@@ -77,6 +83,22 @@ impl Caller {
             via: self.via.clone(),
         }
     }
+
+    /// Whether the output of this path, as `pump.do0`, may be switched. Every handler that
+    /// switches something asks this of every output before it begins.
+    pub(super) fn may_write(&self, path: &str) -> Result<(), Problem> {
+        let (module, label) = paths::split(path).unwrap_or((path, ""));
+        may_write(&self.points, module, label)
+    }
+}
+
+/// Whether these rights cover an output.
+pub(super) fn may_write(points: &[String], module: &str, label: &str) -> Result<(), Problem> {
+    if paths::selects(points, module, label) {
+        return Ok(());
+    }
+    let problem = Problem::new(codes::POINT_RIGHT).with("module", module);
+    Err(problem.with("point", label))
 }
 
 /// Lets through who may.

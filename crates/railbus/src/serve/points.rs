@@ -1,6 +1,6 @@
 //! What there is to read and to switch: lines, modules and points.
 
-use super::access::{Caller, Need};
+use super::access::{Caller, Need, may_write};
 use super::doc::Doc;
 use super::keys::{End, KEY_LEN_MAX};
 use super::routes::{Answer, Asked, Route, Site};
@@ -19,6 +19,7 @@ use axum::routing::{get, post, put};
 use railbus_site::Service;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::sync::Arc;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
@@ -144,6 +145,9 @@ async fn write(
     body: Bytes,
 ) -> Answer {
     let what = ("write", format!("{module}.{label}"));
+    if let Err(problem) = who.may_write(&what.1) {
+        return answer::problem(&problem);
+    }
     let run = |service: Service, path: String, wanted| async move {
         ask::write(&service, &path, wanted).await
     };
@@ -157,7 +161,12 @@ async fn outputs(
     headers: HeaderMap,
     body: Bytes,
 ) -> Answer {
-    let run = |service: Service, module: String, wanted| async move {
+    let rights = Arc::clone(&who.points);
+    let run = |service: Service, module: String, wanted: OutputsRequest| async move {
+        let labels = wanted.set.keys();
+        labels
+            .map(|label| may_write(&rights, &module, label))
+            .collect::<Result<(), _>>()?;
         ask::outputs(&service, &module, wanted).await
     };
     command(&site, &who, &headers, ("outputs", module), &body, run).await
@@ -171,6 +180,9 @@ async fn toggle(
     body: Bytes,
 ) -> Answer {
     let what = ("toggle", format!("{module}.{label}"));
+    if let Err(problem) = who.may_write(&what.1) {
+        return answer::problem(&problem);
+    }
     let run = |service: Service, path: String, wanted| async move {
         ask::toggle(&service, &path, wanted).await
     };
@@ -185,6 +197,9 @@ async fn pulse(
     body: Bytes,
 ) -> Answer {
     let what = ("pulse", format!("{module}.{label}"));
+    if let Err(problem) = who.may_write(&what.1) {
+        return answer::problem(&problem);
+    }
     let run = |service: Service, path: String, wanted| async move {
         ask::pulse(&service, &path, wanted).await
     };

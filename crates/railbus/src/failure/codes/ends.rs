@@ -14,6 +14,11 @@ codes! {
         likely: ["--listen names an address that others can reach", "--listen 的地址可被其他机器访问"],
         next: ["use 127.0.0.1 and a tunnel such as ssh -L", "使用 127.0.0.1，并通过 ssh -L 等隧道访问"],
     }
+    PointRight = "E0906" {
+        title: ["this point is none of those that you may switch", "您无权操作该点"],
+        likely: ["the user or the token is limited to some points", "该用户或令牌只限于部分点"],
+        next: ["ask an administrator: railbus user list", "请联系管理员：railbus user list"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not those wanted", "模块设置与期望不同"],
