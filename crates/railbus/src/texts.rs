@@ -167,8 +167,13 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     Off { en: "off", zh: "断开" }
     Good { en: "good", zh: "有效" }
     Stale { en: "stale", zh: "过期" }
+    Bad { en: "bad", zh: "无效" }
     OfflineValue { en: "offline", zh: "离线" }
     NeverRead { en: "never read", zh: "从未读到" }
+    LineAbsent { en: "its line is not there", zh: "总线端口不存在" }
+    LineBusy { en: "its line is held by another program", zh: "总线被其他程序占用" }
+    LineLent { en: "its line is lent", zh: "总线已借出" }
+    LineShut { en: "its line is closed", zh: "总线已关闭" }
     Online { en: "online", zh: "在线" }
     Offline { en: "offline", zh: "离线" }
     Unheard { en: "not heard yet", zh: "尚未应答" }

@@ -28,4 +28,4 @@ pub use service::{
     By, LineStatus, Loan, ModuleStatus, PULSE_MAX, PointStatus, Pulse, PulseDone, RawTerms,
     Reloaded, Service, StartError, Update, Updates, WriteDone, WriteTerms,
 };
-pub use truth::{Change, PointState, Pulses, Quality, Site, Value};
+pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

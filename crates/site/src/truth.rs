@@ -25,23 +25,25 @@ pub enum Quality {
     Good,
     /// Read, but too long ago.
     Stale,
-    /// Its module does not answer; the value is the last one read.
-    Offline,
-    /// Never read.
-    Unknown,
+    /// There is no value now; where there is one, it is the last that was read.
+    Bad(Reason),
 }
 
-impl Quality {
-    /// The name in JSON and tables.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Quality::Good => "good",
-            Quality::Stale => "stale",
-            Quality::Offline => "offline",
-            Quality::Unknown => "unknown",
-        }
-    }
+/// Why there is no value now.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reason {
+    /// It was never read.
+    NeverRead,
+    /// Its module does not answer.
+    Offline,
+    /// The port of its line can't be opened, or was lost.
+    LineAbsent,
+    /// Another program has the port of its line.
+    LineBusy,
+    /// Somebody has borrowed its line.
+    Lent,
+    /// Its line was closed.
+    LineClosed,
 }
 
 /// What is known of a point.
@@ -196,8 +198,9 @@ impl Site {
             .get(module)
             .map(|config| config.plan.max_age);
         let quality = match (known, self.presence(module), max_age) {
-            (None, ..) | (_, _, None) => Quality::Unknown,
-            (Some(_), Presence::Silent | Presence::Unheard, _) => Quality::Offline,
+            (None, Presence::Silent, Some(_)) => Quality::Bad(Reason::Offline),
+            (None, ..) | (_, _, None) => Quality::Bad(Reason::NeverRead),
+            (Some(_), Presence::Silent | Presence::Unheard, _) => Quality::Bad(Reason::Offline),
             (Some(state), Presence::Online, Some(max_age)) if now.since(state.read) > max_age => {
                 Quality::Stale
             }

@@ -2,7 +2,9 @@
 
 use railbus_device::{Point, PointKind};
 use railbus_host::{Confirmed, Fault, LineState};
-use railbus_site::{By, Config, Failure, Pulse, Quality, Service, Update, Value, WriteTerms};
+use railbus_site::{
+    By, Config, Failure, Pulse, Quality, Reason, Service, Update, Value, WriteTerms,
+};
 use railbus_wire::{Micros, crc16};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -216,7 +218,7 @@ async fn a_port_that_is_not_there_is_a_state() {
     assert_eq!(end, Err(Failure::Line(Fault::Closed)));
     assert_eq!(
         service.point("oven", k(1)).unwrap().quality,
-        Quality::Unknown
+        Quality::Bad(Reason::LineAbsent)
     );
 }
 

@@ -2,7 +2,7 @@
 
 use railbus_device::{Bank, Point, PointKind, Seen};
 use railbus_host::Presence;
-use railbus_site::{Config, Quality, Site, Value};
+use railbus_site::{Config, Quality, Reason, Site, Value};
 use railbus_wire::{Instant, Micros};
 
 const CONFIG: &str = r#"
@@ -36,23 +36,30 @@ fn outputs(on: u32) -> Seen {
 }
 
 #[test]
-fn a_value_is_good_then_stale_then_offline() {
+fn a_value_is_good_then_stale_then_bad() {
     let at = |millis| Instant(0) + Micros::from_millis(millis);
     let mut site = site();
     let quality = |site: &Site, millis| site.point("oven", K1, at(millis)).1;
-    assert_eq!(quality(&site, 0), Quality::Unknown);
+    assert_eq!(quality(&site, 0), Quality::Bad(Reason::NeverRead));
     site.heard("oven", Presence::Online);
-    assert_eq!(quality(&site, 0), Quality::Unknown, "heard, but never read");
+    assert_eq!(
+        quality(&site, 0),
+        Quality::Bad(Reason::NeverRead),
+        "heard, but never read"
+    );
     site.saw("oven", &outputs(1), at(100));
     assert_eq!(quality(&site, 2_100), Quality::Good);
     assert_eq!(quality(&site, 2_101), Quality::Stale);
     site.heard("oven", Presence::Silent);
-    assert_eq!(quality(&site, 200), Quality::Offline);
+    assert_eq!(quality(&site, 200), Quality::Bad(Reason::Offline));
     let (known, _) = site.point("oven", K1, at(200));
     assert_eq!(known.map(|known| known.value), Some(Value::Bool(true)));
     site.heard("oven", Presence::Online);
     assert_eq!(quality(&site, 200), Quality::Good);
-    assert_eq!(site.point("nobody", K1, at(0)).1, Quality::Unknown);
+    assert_eq!(
+        site.point("nobody", K1, at(0)).1,
+        Quality::Bad(Reason::NeverRead)
+    );
 }
 
 #[test]

@@ -4,8 +4,8 @@
 use super::problem::{Problem, codes};
 use super::types::{
     LateAnswer, LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten, PointInfo,
-    PulseRequest, Pulsed, Quality, RawAnswer, RawRequest, SCHEMA, ToggleRequest, WriteRequest,
-    Written,
+    PulseRequest, Pulsed, Quality, RawAnswer, RawRequest, Reason, SCHEMA, ToggleRequest,
+    WriteRequest, Written,
 };
 use super::{convert, failures, paths};
 use railbus_device::Point;
@@ -64,7 +64,8 @@ pub(crate) async fn fresh_points(
         _ => {
             let mut asked = points(service, selectors);
             for point in asked.iter_mut().filter(|p| silent.contains(&p.module)) {
-                point.quality = Quality::Offline;
+                point.quality = Quality::Bad;
+                point.reason.get_or_insert(Reason::Offline);
             }
             Ok(asked)
         }

@@ -2,7 +2,7 @@
 
 use super::types::{
     Confirmed, FrameEvent, Kind, LineInfo, ModuleInfo, ModuleState, Outcome, PointInfo, PortState,
-    Quality, Timekeeper, Value,
+    Quality, Reason, Timekeeper, Value,
 };
 use crate::render::time::rfc3339;
 use jiff::{SignedDuration, Timestamp};
@@ -122,13 +122,30 @@ pub(crate) fn point(status: PointStatus) -> PointInfo {
         quality: match status.quality {
             railbus_site::Quality::Good => Quality::Good,
             railbus_site::Quality::Stale => Quality::Stale,
-            railbus_site::Quality::Offline => Quality::Offline,
-            railbus_site::Quality::Unknown => Quality::Unknown,
+            railbus_site::Quality::Bad(_) => Quality::Bad,
+        },
+        reason: match status.quality {
+            railbus_site::Quality::Bad(why) => Some(reason(why)),
+            _ => None,
         },
         age_ms: status.age.map(millis),
+        max_age_ms: status.max_age.map(millis),
         time: read_at.map(rfc3339),
         locked: config.locked,
         pulse_ms: status.pulse.map(millis),
+    }
+}
+
+/// Why a value is bad.
+const fn reason(why: railbus_site::Reason) -> Reason {
+    use railbus_site::Reason as R;
+    match why {
+        R::NeverRead => Reason::NeverRead,
+        R::Offline => Reason::Offline,
+        R::LineAbsent => Reason::LineAbsent,
+        R::LineBusy => Reason::LineBusy,
+        R::Lent => Reason::Lent,
+        R::LineClosed => Reason::LineClosed,
     }
 }
 

@@ -133,9 +133,15 @@ pub(crate) struct PointInfo {
     pub(crate) decimals: Option<u8>,
     /// How far the value can be trusted.
     pub(crate) quality: Quality,
+    /// Why it is bad.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) reason: Option<Reason>,
     /// How long ago the value was read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) age_ms: Option<u64>,
+    /// From which age on it is stale.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) max_age_ms: Option<u64>,
     /// When the value was read, as RFC 3339 in UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) time: Option<String>,
@@ -181,10 +187,8 @@ pub(crate) enum Quality {
     Good,
     /// Read, but too long ago.
     Stale,
-    /// Its module does not answer; the value is the last one read.
-    Offline,
-    /// Never read.
-    Unknown,
+    /// There is no value now; where there is one, it is the last that was read.
+    Bad,
 }
 
 /// Said by hand: a whole number is both of the numbers, which "one of" forbids.
@@ -205,10 +209,30 @@ impl Quality {
         match self {
             Quality::Good => "good",
             Quality::Stale => "stale",
-            Quality::Offline => "offline",
-            Quality::Unknown => "unknown",
+            Quality::Bad => "bad",
         }
     }
+}
+
+/// Why a value is bad.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Reason {
+    /// It was never read.
+    NeverRead,
+    /// Its module does not answer.
+    Offline,
+    /// The port of its line can't be opened, or was lost.
+    LineAbsent,
+    /// Another program has the port of its line.
+    LineBusy,
+    /// Somebody has borrowed its line.
+    Lent,
+    /// Its line was closed.
+    LineClosed,
+    /// One that this program does not know yet.
+    #[serde(other)]
+    Other,
 }
 
 /// `GET /api/v1/lines`.

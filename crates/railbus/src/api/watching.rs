@@ -1,6 +1,6 @@
 //! What happens on a site, event by event, for one watcher.
 
-use super::types::{PointInfo, Quality, Value, WatchEvent};
+use super::types::{PointInfo, Quality, Reason, Value, WatchEvent};
 use super::{ask, convert, paths};
 use railbus_site::{Service, Update, Updates};
 use std::collections::{BTreeMap, VecDeque};
@@ -20,7 +20,7 @@ pub(crate) struct Watching {
     look: Interval,
     waiting: VecDeque<WatchEvent>,
     /// The value and quality last told, by path.
-    told: BTreeMap<String, (Option<Value>, Quality)>,
+    told: BTreeMap<String, (Option<Value>, Quality, Option<Reason>)>,
 }
 
 impl Watching {
@@ -98,10 +98,10 @@ impl Watching {
         if !paths::selects(&self.selectors, &point.module, &point.label) {
             return;
         }
-        let now = (point.value, point.quality);
+        let now = (point.value, point.quality, point.reason);
         let before = self.told.insert(point.path.clone(), now);
         if before != Some(now) {
-            let before = before.and_then(|(value, _)| value);
+            let before = before.and_then(|(value, ..)| value);
             self.waiting.push_back(WatchEvent::Point { point, before });
         }
     }

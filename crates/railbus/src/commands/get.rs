@@ -96,7 +96,7 @@ pub(super) fn records(lang: Lang, points: &[PointInfo], raw: bool) -> Records {
 fn notes(lang: Lang, point: &PointInfo) -> Vec<String> {
     let mut notes = Vec::new();
     if point.quality != Quality::Good {
-        notes.push(values::quality(lang, point.quality).to_owned());
+        notes.push(values::quality(lang, point).to_owned());
     }
     if let Some(age) = point.age_ms.filter(|age| *age > YOUNG_MS) {
         let age = time::duration(lang, age);

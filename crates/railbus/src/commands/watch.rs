@@ -108,11 +108,9 @@ fn changed(lang: Lang, point: &PointInfo, before: Option<String>) -> String {
     };
     match point.quality {
         Quality::Good => format!("{}  {value}", point.path),
-        quality => format!(
-            "{}  {value}  {}",
-            point.path,
-            values::quality(lang, quality)
-        ),
+        Quality::Stale | Quality::Bad => {
+            format!("{}  {value}  {}", point.path, values::quality(lang, point))
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Values of points in words.
 
-use crate::api::types::{Confirmed, Kind, ModuleState, PointInfo, Quality, Value};
+use crate::api::types::{Confirmed, Kind, ModuleState, PointInfo, Quality, Reason, Value};
 use crate::i18n::Lang;
 use crate::texts::Text;
 
@@ -36,13 +36,18 @@ pub(crate) fn state(lang: Lang, on: bool) -> &'static str {
     lang.get(if on { Text::On } else { Text::Off })
 }
 
-/// How good a value is, in a word.
-pub(crate) fn quality(lang: Lang, quality: Quality) -> &'static str {
-    lang.get(match quality {
-        Quality::Good => Text::Good,
-        Quality::Stale => Text::Stale,
-        Quality::Offline => Text::OfflineValue,
-        Quality::Unknown => Text::NeverRead,
+/// How good the value of a point is, in a word, and why.
+pub(crate) fn quality(lang: Lang, point: &PointInfo) -> &'static str {
+    lang.get(match (point.quality, point.reason) {
+        (Quality::Good, _) => Text::Good,
+        (Quality::Stale, _) => Text::Stale,
+        (Quality::Bad, Some(Reason::NeverRead)) => Text::NeverRead,
+        (Quality::Bad, Some(Reason::Offline)) => Text::OfflineValue,
+        (Quality::Bad, Some(Reason::LineAbsent)) => Text::LineAbsent,
+        (Quality::Bad, Some(Reason::LineBusy)) => Text::LineBusy,
+        (Quality::Bad, Some(Reason::Lent)) => Text::LineLent,
+        (Quality::Bad, Some(Reason::LineClosed)) => Text::LineShut,
+        (Quality::Bad, Some(Reason::Other) | None) => Text::Bad,
     })
 }
 

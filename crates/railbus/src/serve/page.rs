@@ -4,10 +4,10 @@ use super::answer;
 use super::routes::Site;
 use crate::api::ask;
 use crate::api::types::{
-    Kind, LineInfo, ModuleInfo, ModuleState, PointInfo, PortState, Quality, Value,
+    Kind, LineInfo, ModuleInfo, ModuleState, PointInfo, PortState, Quality, Reason, Value,
 };
 use crate::i18n::Lang;
-use crate::render::time;
+use crate::render::{time, values};
 use crate::texts::Text;
 use axum::body::Body;
 use axum::extract::{Query, State};
@@ -183,12 +183,10 @@ impl Page {
     }
 
     fn point(&self, html: &mut String, point: &PointInfo) {
-        let t = |text: Text| self.lang.get(text);
-        let (class, quality) = match point.quality {
-            Quality::Good => ("good", Text::Good),
-            Quality::Stale => ("bad", Text::Stale),
-            Quality::Offline => ("bad", Text::OfflineValue),
-            Quality::Unknown => ("unknown", Text::NeverRead),
+        let class = match (point.quality, point.reason) {
+            (Quality::Good, _) => "good",
+            (Quality::Bad, Some(Reason::NeverRead)) => "unknown",
+            (Quality::Stale | Quality::Bad, _) => "bad",
         };
         let name = point
             .name
@@ -206,7 +204,7 @@ impl Page {
                 name.unwrap_or_default(),
                 if point.locked { " 🔒" } else { "" },
                 escaped(&self.value(point)),
-                t(quality),
+                values::quality(self.lang, point),
             ),
         );
     }

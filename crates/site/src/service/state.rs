@@ -2,8 +2,8 @@
 
 use super::{Inner, Update, lock};
 use crate::health::Health;
-use crate::{Config, Site};
-use railbus_host::{Event, LineEvent, LineState, ModuleId};
+use crate::{Config, Reason, Site};
+use railbus_host::{Event, LineEvent, LineState, ModuleId, PortError};
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
 
@@ -66,6 +66,22 @@ impl State {
         let config = self.site.config().modules.get(module);
         let line = config.and_then(|config| self.lines.get(&config.line));
         line.is_some_and(|line| line.state == LineState::Up)
+    }
+
+    /// Why nothing can be known over a line now. One that is only just being opened may have
+    /// nothing to tell yet, but is no fault.
+    pub(super) fn line_fault(&self, line: &str) -> Option<Reason> {
+        let line = self.lines.get(line)?;
+        match &line.state {
+            _ if line.lent => Some(Reason::Lent),
+            LineState::Up | LineState::Opening => None,
+            LineState::Absent(why) => Some(match **why {
+                PortError::Busy { .. } => Reason::LineBusy,
+                PortError::Lent => Reason::Lent,
+                _ => Reason::LineAbsent,
+            }),
+            LineState::Closed => Some(Reason::LineClosed),
+        }
     }
 
     /// An exchange with a module failed.

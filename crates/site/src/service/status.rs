@@ -61,6 +61,8 @@ pub struct PointStatus {
     pub quality: Quality,
     /// How old it is at most.
     pub age: Option<Micros>,
+    /// From which age on it is stale; none where it never is.
+    pub max_age: Option<Micros>,
     /// What an analog input measures.
     pub range: Option<Range>,
     /// The width of its pulses, where it is an output that gives some.
@@ -181,10 +183,7 @@ impl State {
         now: Instant,
     ) -> PointStatus {
         let (known, quality) = self.site.point(module, point, now);
-        let quality = match quality {
-            Quality::Good | Quality::Stale if !self.is_up(module) => Quality::Offline,
-            quality => quality,
-        };
+        let quality = self.line_fault(&config.line).map_or(quality, Quality::Bad);
         let (letters, number) = config.setup.label(point);
         let pulses = self.site.pulses(module);
         PointStatus {
@@ -195,6 +194,7 @@ impl State {
             value: known.map(|known| known.value),
             quality,
             age: known.map(|known| now.since(known.read)),
+            max_age: config.plan.enabled.then_some(config.plan.max_age),
             range: (point.kind == PointKind::Analog).then(|| config.range.clone()),
             pulse: pulses
                 .and_then(|pulses| pulses.of(point))

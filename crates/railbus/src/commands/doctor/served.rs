@@ -129,7 +129,7 @@ mod tests {
         let point = |module: &str, time: &str| -> PointInfo {
             serde_json::from_value(json!({
                 "path": "p", "module": module, "label": "k1", "kind": "output", "index": 0,
-                "value": true, "quality": "offline", "time": time,
+                "value": true, "quality": "bad", "reason": "offline", "time": time,
             }))
             .unwrap()
         };
