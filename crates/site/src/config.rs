@@ -4,6 +4,7 @@
 //! its line and column, and nothing is half taken.
 
 pub mod add;
+mod control;
 mod desired;
 pub mod edit;
 mod faults;
@@ -13,6 +14,9 @@ mod problem;
 mod read;
 mod units;
 
+pub use control::{
+    Confirm, Group, MEMBERS_MAX, Name, Policy, SAFETY_MAX, SCENE_MAX, Safety, Scene, Step,
+};
 pub use faults::{FAULTS, Fault, FaultError, FaultOrder, Millionths, Noise, parse_faults};
 pub use lint::{Unwise, Warning, lint, load_percent, wire_time};
 pub use plant::{Plant, Signal, SimLine, SimModule};
@@ -33,8 +37,21 @@ pub struct Config {
     pub lines: BTreeMap<String, LineConfig>,
     /// Its modules, by name.
     pub modules: BTreeMap<String, ModuleConfig>,
+    /// Outputs that are switched together, by the group's name.
+    pub groups: BTreeMap<String, Group>,
+    /// What is done step by step, by the scene's name.
+    pub scenes: BTreeMap<String, Scene>,
     /// What is said of their simulation.
     pub plant: Plant,
+}
+
+/// A point of the site.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    /// Its module.
+    pub module: String,
+    /// Which of its points.
+    pub point: Point,
 }
 
 /// A line.
@@ -74,6 +91,8 @@ pub struct PointConfig {
     pub name_zh: Option<String>,
     /// It must not be written.
     pub locked: bool,
+    /// What makes switching it safe.
+    pub safety: Safety,
 }
 
 impl Config {
@@ -83,6 +102,23 @@ impl Config {
     /// Every problem found, in the order of the text.
     pub fn parse(text: &str) -> Result<Config, Vec<Problem>> {
         read::read(text)
+    }
+
+    /// What is said of the safety of an output.
+    #[must_use]
+    pub fn safety(&self, place: &Place) -> Option<&Safety> {
+        let module = self.modules.get(&place.module)?;
+        module.points.get(&place.point).map(|point| &point.safety)
+    }
+
+    /// The name of a point: `pump.do0`.
+    #[must_use]
+    pub fn path(&self, place: &Place) -> String {
+        let label = self.modules.get(&place.module).map(|module| {
+            let (letters, number) = module.setup.label(place.point);
+            format!("{letters}{number}")
+        });
+        format!("{}.{}", place.module, label.unwrap_or_default())
     }
 
     /// The modules of a line, in the order of their names: their numbers on the line count so.

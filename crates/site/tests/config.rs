@@ -1,7 +1,7 @@
 //! What is wrong with a configuration is told all at once, each with its place.
 
 use railbus_site::Config;
-use railbus_site::config::{Kind, Signal};
+use railbus_site::config::{Confirm, Kind, Place, Policy, Signal, Step};
 use railbus_wire::Micros;
 
 const GOOD: &str = r#"
@@ -343,4 +343,96 @@ fn what_is_wrong_with_the_simulation_has_its_place() {
     );
     // The tables are for these places alone.
     wrong("[sim]", "[simu]", "E0812", 2, 2, "simu");
+}
+
+const SAFE: &str = r#"
+[line.main]
+port = "/dev/ttyUSB0"
+[module.oven]
+line = "main"
+model = "erc8"
+address = 3
+[module.oven.point.k1]
+confirm = "hold"
+interlock = ["oven.k2", "pump.do0"]
+max_on = "30m"
+min_off = "5s"
+on_exit = "off"
+on_return = "on"
+[module.pump]
+line = "main"
+model = "eda9060a"
+address = 1
+[group.night]
+name = { en = "Night", zh = "夜间" }
+members = ["oven.k1", "pump.do1"]
+[scene.evening]
+steps = [{ set = "oven.k1", to = true }, { wait = "2s" }, { set = "oven.k2", to = false }]
+"#;
+
+#[test]
+fn what_makes_switching_safe_is_read() {
+    let config = Config::parse(SAFE).expect("it is good");
+    let place = |path: &str| {
+        let (module, label) = path.split_once('.').expect("a path");
+        let point = config.modules[module].setup.point(label);
+        Place::new(module, point.expect("a point"))
+    };
+    let k1 = config.safety(&place("oven.k1")).expect("it says so");
+    assert_eq!(k1.confirm, Some(Confirm::Hold));
+    assert_eq!(k1.max_on, Some(Micros::from_secs(1_800)));
+    assert_eq!(k1.min_off, Some(Micros::from_secs(5)));
+    assert_eq!((k1.on_exit, k1.on_offline), (Policy::Off, None));
+    assert_eq!(k1.on_return, Policy::On);
+    for other in ["oven.k2", "pump.do0"] {
+        assert!(k1.interlock.contains(&place(other)));
+        let back = config.safety(&place(other)).expect("it holds both ways");
+        assert!(back.interlock.contains(&place("oven.k1")));
+    }
+    let night = &config.groups["night"];
+    assert_eq!(night.members, [place("oven.k1"), place("pump.do1")]);
+    assert_eq!(night.name.zh.as_deref(), Some("夜间"));
+    let steps = [
+        Step::Set(place("oven.k1"), true),
+        Step::Wait(Micros::from_secs(2)),
+        Step::Set(place("oven.k2"), false),
+    ];
+    assert_eq!(config.scenes["evening"].steps, steps);
+}
+
+#[test]
+fn what_makes_switching_unsafe_is_refused_with_its_place() {
+    let of = |from: &str, to: &str| {
+        let (code, line, column, path) = problem(&SAFE.replace(from, to));
+        (code, (line, column), path)
+    };
+    let locks = "module.oven.point.k1.interlock".to_owned();
+    let lock = |to: &str| of("\"oven.k2\", \"pump", &format!("\"{to}\", \"pump"));
+    assert_eq!(lock("oven.k9"), ("E0821", (10, 14), locks.clone()));
+    assert_eq!(lock("shed.k1"), ("E0821", (10, 14), locks.clone()));
+    assert_eq!(lock("oven.k1"), ("E0866", (10, 14), locks.clone()));
+    assert_eq!(lock("pump.di0"), ("E0865", (10, 14), locks));
+    let max_on = "module.oven.point.k1.max_on".to_owned();
+    assert_eq!(of("30m", "0s"), ("E0868", (11, 10), max_on));
+    let confirm = "module.oven.point.k1.confirm".to_owned();
+    assert_eq!(of("\"hold\"", "1"), ("E0815", (9, 11), confirm));
+    let exit = "module.oven.point.k1.on_exit".to_owned();
+    assert_eq!(
+        of("exit = \"off\"", "exit = \"out\""),
+        ("E0815", (13, 11), exit)
+    );
+    let members = "group.night.members".to_owned();
+    let again = of("\"pump.do1\"", "\"oven.k1\"");
+    assert_eq!(again, ("E0867", (21, 23), members.clone()));
+    assert_eq!(of("pump.do1", "pump.ai0"), ("E0821", (21, 23), members));
+    let steps = "scene.evening.steps".to_owned();
+    let step = of("to = true", "wait = \"1s\"");
+    assert_eq!(step, ("E0869", (23, 10), steps.clone()));
+    assert_eq!(of("\"2s\"", "\"6m\""), ("E0868", (23, 9), steps));
+    let input = SAFE.replace("[module.oven.point.k1]", "[module.pump.point.di0]");
+    let codes: Vec<_> = problems(&input).into_iter().map(|told| told.0).collect();
+    assert_eq!(codes, ["E0865"; 6]);
+    // What can't be read makes no second problem of those who name it.
+    let (code, ..) = problem(&SAFE.replace("address = 1", "address = 999"));
+    assert_eq!(code, "E0816");
 }

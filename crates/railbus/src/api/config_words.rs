@@ -65,6 +65,28 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
             format!("the setting can be: {possible}"),
             format!("该设置可为：{possible}"),
         ),
+        Kind::NoSuchPath => fixed([
+            "there is no such point; write MODULE.POINT, as \"oven.k1\"",
+            "没有此点；应写为 模块.点，如 \"oven.k1\"",
+        ]),
+        Kind::NotAnOutput => fixed(["this is about outputs only", "仅适用于输出点"]),
+        Kind::InterlockSelf => fixed(["an output can't exclude itself", "输出不能与自身互锁"]),
+        Kind::NamedTwice => fixed(["it was named before", "重复列出"]),
+        Kind::TooMany(most) => both(
+            format!("more than {most} of them"),
+            format!("多于 {most} 个"),
+        ),
+        Kind::TooLong(longest) => {
+            let seconds = longest.0 / 1_000_000;
+            both(
+                format!("must be more than nothing, and {seconds} s at most"),
+                format!("应大于 0，且不超过 {seconds} 秒"),
+            )
+        }
+        Kind::BadStep => fixed([
+            "a step is { set = \"oven.k1\", to = true } or { wait = \"2s\" }",
+            "步骤应为 { set = \"oven.k1\", to = true } 或 { wait = \"2s\" }",
+        ]),
         Kind::NotAnInput => fixed([
             "this is no input; only inputs are moved from outside",
             "不是输入点；只能从外部改变输入",

@@ -3,6 +3,7 @@
 use super::FaultError;
 use railbus_device::SetupError;
 use railbus_host::NameError;
+use railbus_wire::Micros;
 
 /// A problem and its place.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,6 +48,20 @@ pub enum Kind {
     NoSuchLine,
     /// A point that the module does not have.
     NoSuchPoint,
+    /// A point, named with its module, that is not there.
+    NoSuchPath,
+    /// A point that is no output.
+    NotAnOutput,
+    /// An output that is to exclude itself.
+    InterlockSelf,
+    /// A point that was named before in the same list.
+    NamedTwice,
+    /// A list longer than this.
+    TooMany(usize),
+    /// No time at all, or a longer one than this.
+    TooLong(Micros),
+    /// Neither `{ set = …, to = … }` nor `{ wait = … }`.
+    BadStep,
     /// A point that is no input.
     NotAnInput,
     /// What the family says to the module.
@@ -84,6 +99,12 @@ impl Kind {
             Kind::BadPort(_) => "E0825",
             Kind::PortTaken(_) => "E0826",
             Kind::BadFault(_) => "E0890",
+            Kind::NoSuchPath => "E0821",
+            Kind::NotAnOutput => "E0865",
+            Kind::InterlockSelf => "E0866",
+            Kind::NamedTwice => "E0867",
+            Kind::TooMany(_) | Kind::TooLong(_) => "E0868",
+            Kind::BadStep => "E0869",
             Kind::NotAnInput => "E0893",
         }
     }

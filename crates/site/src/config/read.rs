@@ -1,7 +1,9 @@
 //! From TOML to a configuration, with the place of everything that is wrong.
 
+use super::control::{Name, Pending};
 use super::{
-    Config, Kind, LineConfig, ModuleConfig, PointConfig, Problem, Range, SimModule, parse_duration,
+    Config, Kind, LineConfig, ModuleConfig, Place, PointConfig, Problem, Range, SimModule,
+    parse_duration,
 };
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Family, Layout, Setup, SetupError};
@@ -34,7 +36,17 @@ const MODULE_KEYS: [&str; 19] = [
     "sim",
     "settings",
 ];
-const POINT_KEYS: [&str; 2] = ["name", "locked"];
+const POINT_KEYS: [&str; 9] = [
+    "name",
+    "locked",
+    "confirm",
+    "interlock",
+    "max_on",
+    "min_off",
+    "on_exit",
+    "on_offline",
+    "on_return",
+];
 const NAME_KEYS: [&str; 2] = ["en", "zh"];
 const RANGE_KEYS: [&str; 4] = ["low", "high", "unit", "decimals"];
 
@@ -64,6 +76,7 @@ pub(super) fn read(text: &str) -> Result<Config, Vec<Problem>> {
     let mut reader = Reader {
         text,
         problems: Vec::new(),
+        pending: Vec::new(),
     };
     let config = match DeTable::parse(text) {
         Ok(root) => reader.root(root.get_ref()),
@@ -113,6 +126,7 @@ fn line_and_column(text: &str, span: &Span<usize>) -> (usize, usize) {
 pub(super) struct Reader<'t> {
     text: &'t str,
     problems: Vec<Problem>,
+    pub(super) pending: Vec<Pending>,
 }
 
 /// One table, its keys all known.
@@ -171,13 +185,14 @@ impl<'t> Reader<'t> {
                         }
                     });
                 }
-                "module" => {}
+                // Read when the lines are known, and these when the modules are.
+                "module" | "group" | "scene" => {}
                 "sim" => {
                     // What is wrong with it was told.
                     let _ = self.sim(value, &mut config.plant);
                 }
                 other => {
-                    let meant = closest(other, &["line", "module", "sim"]);
+                    let meant = closest(other, &["line", "module", "group", "scene", "sim"]);
                     self.problem(key.span(), other, Kind::UnknownKey(meant));
                 }
             }
@@ -201,11 +216,12 @@ impl<'t> Reader<'t> {
                 }
             });
         }
+        self.control(root, &mut config);
         config
     }
 
     /// The tables `[kind.name]`.
-    fn named(
+    pub(super) fn named(
         &mut self,
         value: &Value<'t>,
         kind: &str,
@@ -428,7 +444,9 @@ impl<'t> Reader<'t> {
                     span: value.span(),
                     table,
                 };
-                if let Some(config) = self.point(&section) {
+                let module = section.path.split('.').nth(1).unwrap_or_default();
+                let place = Place::new(module, point);
+                if let Some(config) = self.point(&section, place) {
                     points.insert(point, config);
                 }
             }
@@ -436,32 +454,37 @@ impl<'t> Reader<'t> {
         points
     }
 
-    fn point(&mut self, section: &Section<'_, 't>) -> Option<PointConfig> {
+    fn point(&mut self, section: &Section<'_, 't>, place: Place) -> Option<PointConfig> {
         self.check_keys(section, &POINT_KEYS);
         let locked = self.boolean(section, "locked")?;
-        let (name_en, name_zh) = match section.table.get("name").map(|v| (v, v.get_ref())) {
-            None => (None, None),
-            Some((_, DeValue::String(name))) => (Some(name.to_string()), Some(name.to_string())),
+        let Name { en, zh } = self.name(section)?;
+        Some(PointConfig {
+            name_en: en,
+            name_zh: zh,
+            locked,
+            safety: self.safety(section, place)?,
+        })
+    }
+
+    /// What something is called: in one language, or in both alike.
+    pub(super) fn name(&mut self, section: &Section<'_, 't>) -> Option<Name> {
+        match section.table.get("name").map(|v| (v, v.get_ref())) {
+            None => Some(Name::default()),
+            Some((_, DeValue::String(name))) => Some(Name {
+                en: Some(name.to_string()),
+                zh: Some(name.to_string()),
+            }),
             Some((value, _)) => {
                 let path = format!("{}.name", section.path);
                 let table = self.table(value, &path)?;
-                let names = Section {
-                    path,
-                    span: value.span(),
-                    table,
-                };
+                let names = Section::of(path, value, table);
                 self.check_keys(&names, &NAME_KEYS);
-                (
-                    self.optional(&names, "en", Self::string)?,
-                    self.optional(&names, "zh", Self::string)?,
-                )
+                Some(Name {
+                    en: self.optional(&names, "en", Self::string)?,
+                    zh: self.optional(&names, "zh", Self::string)?,
+                })
             }
-        };
-        Some(PointConfig {
-            name_en,
-            name_zh,
-            locked,
-        })
+        }
     }
 
     fn range(&mut self, section: &Section<'_, 't>) -> Option<Range> {

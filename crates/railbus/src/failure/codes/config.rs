@@ -221,6 +221,32 @@ codes! {
             "总线有误 · 配置中没有该系列的模块"],
         next: ["railbus ls", "railbus ls"],
     }
+    ConfigOutput = "E0865" {
+        title: ["a key or a list of the configuration is for outputs only", "配置的该项仅适用于输出点"],
+        likely: ["an input or analog value is named", "指定的是输入点或模拟量"],
+        next: ["railbus ls points", "railbus ls points"],
+    }
+    ConfigSelf = "E0866" {
+        title: ["an output is to exclude itself", "输出与自身互锁"],
+        likely: ["another output is meant", "应为另一个输出"],
+        next: ["name the other output", "写另一个输出的名称"],
+    }
+    ConfigAgain = "E0867" {
+        title: ["a point is named twice in a list", "列表中某点重复"],
+        likely: ["copied and not changed", "复制后未修改"],
+        next: ["take one of them out", "删去其中一个"],
+    }
+    ConfigTooMuch = "E0868" {
+        title: ["a time or a list of the configuration is out of bounds", "配置中的时间或列表超出范围"],
+        likely: ["another unit is meant", "单位有误"],
+        next: ["read the bounds in the message", "查看提示中的范围"],
+    }
+    ConfigStep = "E0869" {
+        title: ["a step of a scene can't be read", "无法理解场景的步骤"],
+        likely: ["\"set\" without \"to\", or together with \"wait\"", "只有 \"set\" 没有 \"to\"，或与 \"wait\" 并用"],
+        next: ["write { set = \"oven.k1\", to = true } or { wait = \"2s\" }",
+            "应写为 { set = \"oven.k1\", to = true } 或 { wait = \"2s\" }"],
+    }
     ScanNotWritten = "E0870" {
         title: ["the modules found can't be written to the configuration", "无法将发现的模块写入配置"],
         likely: ["no right to the file or its folder · no room · a table written in one line",

@@ -1,0 +1,392 @@
+//! Groups, scenes, and what makes switching an output safe.
+
+use super::problem::Kind;
+use super::read::{Reader, Section, Value};
+use super::{Config, Place};
+use railbus_device::{Point, PointKind};
+use railbus_wire::Micros;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range as Span;
+use toml::de::{DeTable, DeValue};
+
+/// The most members of a group, and steps of a scene.
+pub const MEMBERS_MAX: usize = 256;
+/// The longest time that all the pauses of a scene may take.
+pub const SCENE_MAX: Micros = Micros::from_secs(300);
+/// The longest time that an output's safety can be about.
+pub const SAFETY_MAX: Micros = Micros::from_secs(7 * 24 * 3_600);
+
+const GROUP_KEYS: [&str; 2] = ["name", "members"];
+const SCENE_KEYS: [&str; 2] = ["name", "steps"];
+const STEP_KEYS: [&str; 3] = ["set", "to", "wait"];
+const POLICIES: [(&str, Policy); 3] = [
+    ("hold", Policy::Hold),
+    ("off", Policy::Off),
+    ("on", Policy::On),
+];
+
+/// What people call something.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Name {
+    /// In English.
+    pub en: Option<String>,
+    /// In Chinese.
+    pub zh: Option<String>,
+}
+
+/// Outputs that are switched together.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Group {
+    /// What it is called.
+    pub name: Name,
+    /// Its outputs, in the order given.
+    pub members: Vec<Place>,
+}
+
+/// Steps that are done one after the other.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Scene {
+    /// What it is called.
+    pub name: Name,
+    /// What it does.
+    pub steps: Vec<Step>,
+}
+
+/// A step of a scene.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// An output is brought into a state.
+    Set(Place, bool),
+    /// Nothing happens for so long.
+    Wait(Micros),
+}
+
+/// How it is asked whether an output is really to be switched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Confirm {
+    /// By a question.
+    Ask,
+    /// By holding the switch.
+    Hold,
+}
+
+/// What becomes of an output when something is lost or comes back.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Policy {
+    /// It stays as it is.
+    #[default]
+    Hold,
+    /// It is switched off.
+    Off,
+    /// It is switched on.
+    On,
+}
+
+impl Policy {
+    /// The state to bring the output into.
+    #[must_use]
+    pub const fn state(self) -> Option<bool> {
+        match self {
+            Policy::Hold => None,
+            Policy::Off => Some(false),
+            Policy::On => Some(true),
+        }
+    }
+}
+
+/// What makes switching an output safe.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Safety {
+    /// It is asked whether it is really meant.
+    pub confirm: Option<Confirm>,
+    /// Outputs that must not be on while this one is. It holds both ways.
+    pub interlock: BTreeSet<Place>,
+    /// It is switched off when it has been on for so long.
+    pub max_on: Option<Micros>,
+    /// Once off, it stays so at least so long.
+    pub min_off: Option<Micros>,
+    /// When the site is closed.
+    pub on_exit: Policy,
+    /// When who commands it is lost; nothing said of it holds, but for a lease, which then ends
+    /// in the other state.
+    pub on_offline: Option<Policy>,
+    /// When its module is heard again.
+    pub on_return: Policy,
+}
+
+impl Safety {
+    /// The keys of a point that are about outputs only.
+    pub(super) const KEYS: [&'static str; 7] = [
+        "confirm",
+        "interlock",
+        "max_on",
+        "min_off",
+        "on_exit",
+        "on_offline",
+        "on_return",
+    ];
+}
+
+/// A name of an output in the text that can be understood once all modules are known.
+pub(super) struct Pending {
+    path: String,
+    span: Span<usize>,
+    of: Place,
+    other: String,
+}
+
+impl<'t> Reader<'t> {
+    /// What a point's table says of safety. What it excludes is noted for later.
+    pub(super) fn safety(&mut self, section: &Section<'_, 't>, of: Place) -> Option<Safety> {
+        if of.point.kind != PointKind::Output {
+            for key in Safety::KEYS {
+                if let Some(value) = section.table.get(key) {
+                    let path = format!("{}.{key}", section.path);
+                    self.problem(value.span(), &path, Kind::NotAnOutput);
+                }
+            }
+            return Some(Safety::default());
+        }
+        self.interlock(section, of)?;
+        Some(Safety {
+            confirm: self.optional(section, "confirm", Self::confirm)?.flatten(),
+            interlock: BTreeSet::new(),
+            max_on: self.limit(section, "max_on")?,
+            min_off: self.limit(section, "min_off")?,
+            on_exit: self.policy(section, "on_exit")?.unwrap_or_default(),
+            on_offline: self.policy(section, "on_offline")?,
+            on_return: self.policy(section, "on_return")?.unwrap_or_default(),
+        })
+    }
+
+    fn confirm(&mut self, value: &Value<'t>, path: &str) -> Option<Option<Confirm>> {
+        match value.get_ref() {
+            DeValue::Boolean(asks) => Some(asks.then_some(Confirm::Ask)),
+            DeValue::String(word) if word == "hold" => Some(Some(Confirm::Hold)),
+            _ => {
+                let choices = vec!["true", "false", "\"hold\""];
+                self.problem(value.span(), path, Kind::NotOneOf(choices));
+                None
+            }
+        }
+    }
+
+    fn policy(&mut self, section: &Section<'_, 't>, key: &str) -> Option<Option<Policy>> {
+        self.one_of(section, key, &POLICIES)
+    }
+
+    fn limit(&mut self, section: &Section<'_, 't>, key: &str) -> Option<Option<Micros>> {
+        let found = self.duration(section, key)?;
+        if let Some(time) = found
+            && (time.0 == 0 || time > SAFETY_MAX)
+        {
+            let path = format!("{}.{key}", section.path);
+            self.problem(section.place_of(key), &path, Kind::TooLong(SAFETY_MAX));
+            return None;
+        }
+        Some(found)
+    }
+
+    fn interlock(&mut self, section: &Section<'_, 't>, of: Place) -> Option<()> {
+        let Some(value) = section.table.get("interlock") else {
+            return Some(());
+        };
+        let path = format!("{}.interlock", section.path);
+        for (span, other) in self.names(value, &path)? {
+            self.pending.push(Pending {
+                path: path.clone(),
+                span,
+                of: of.clone(),
+                other,
+            });
+        }
+        Some(())
+    }
+
+    /// A list of names, each with its place.
+    fn names(&mut self, value: &Value<'t>, path: &str) -> Option<Vec<(Span<usize>, String)>> {
+        let Some(list) = value.get_ref().as_array() else {
+            self.problem(value.span(), path, Kind::WrongType("list of points"));
+            return None;
+        };
+        if list.len() > MEMBERS_MAX {
+            self.problem(value.span(), path, Kind::TooMany(MEMBERS_MAX));
+            return None;
+        }
+        let mut names = Vec::with_capacity(list.len());
+        for each in list.iter() {
+            names.push((each.span(), self.string(each, path)?));
+        }
+        Some(names)
+    }
+
+    /// Everything that names outputs of modules: to be read when these are known.
+    pub(super) fn control(&mut self, root: &DeTable<'t>, config: &mut Config) {
+        for pending in std::mem::take(&mut self.pending) {
+            let found = self.output(root, config, (&pending.span, &pending.path), &pending.other);
+            match found {
+                Some(other) if other == pending.of => {
+                    self.problem(pending.span, &pending.path, Kind::InterlockSelf);
+                }
+                Some(other) => exclude(config, &pending.of, &other),
+                None => {}
+            }
+        }
+        if let Some(groups) = root.get("group") {
+            let mut read = BTreeMap::new();
+            self.named(groups, "group", |reader, name, section| {
+                if let Some(group) = reader.group(root, config, &section) {
+                    read.insert(name, group);
+                }
+            });
+            config.groups = read;
+        }
+        if let Some(scenes) = root.get("scene") {
+            let mut read = BTreeMap::new();
+            self.named(scenes, "scene", |reader, name, section| {
+                if let Some(scene) = reader.scene(root, config, &section) {
+                    read.insert(name, scene);
+                }
+            });
+            config.scenes = read;
+        }
+    }
+
+    fn group(
+        &mut self,
+        root: &DeTable<'t>,
+        config: &Config,
+        section: &Section<'_, 't>,
+    ) -> Option<Group> {
+        self.check_keys(section, &GROUP_KEYS);
+        let name = self.name(section)?;
+        let named = self.required(section, "members", Self::names)?;
+        let path = format!("{}.members", section.path);
+        let mut members = Vec::with_capacity(named.len());
+        for (span, other) in named {
+            let Some(place) = self.output(root, config, (&span, &path), &other) else {
+                continue;
+            };
+            if members.contains(&place) {
+                self.problem(span, &path, Kind::NamedTwice);
+            } else {
+                members.push(place);
+            }
+        }
+        Some(Group { name, members })
+    }
+
+    fn scene(
+        &mut self,
+        root: &DeTable<'t>,
+        config: &Config,
+        section: &Section<'_, 't>,
+    ) -> Option<Scene> {
+        self.check_keys(section, &SCENE_KEYS);
+        let name = self.name(section)?;
+        let path = format!("{}.steps", section.path);
+        let Some(value) = section.table.get("steps") else {
+            self.problem(
+                section.place_of("steps"),
+                &section.path,
+                Kind::MissingKey("steps"),
+            );
+            return None;
+        };
+        let Some(list) = value.get_ref().as_array() else {
+            self.problem(value.span(), &path, Kind::WrongType("list of steps"));
+            return None;
+        };
+        if list.len() > MEMBERS_MAX {
+            self.problem(value.span(), &path, Kind::TooMany(MEMBERS_MAX));
+            return None;
+        }
+        let mut steps = Vec::with_capacity(list.len());
+        for each in list.iter() {
+            steps.push(self.step(root, config, each, &path)?);
+        }
+        let waits = steps.iter().map(|step| match step {
+            Step::Wait(time) => time.0,
+            Step::Set(..) => 0,
+        });
+        if waits.fold(0, u64::saturating_add) > SCENE_MAX.0 {
+            self.problem(value.span(), &path, Kind::TooLong(SCENE_MAX));
+            return None;
+        }
+        Some(Scene { name, steps })
+    }
+
+    fn step(
+        &mut self,
+        root: &DeTable<'t>,
+        config: &Config,
+        value: &Value<'t>,
+        path: &str,
+    ) -> Option<Step> {
+        let table = self.table(value, path)?;
+        let section = Section::of(path.to_owned(), value, table);
+        self.check_keys(&section, &STEP_KEYS);
+        let set = self.optional(&section, "set", Self::string)?;
+        let to = self.optional(&section, "to", Self::truth)?;
+        match (set, to, self.duration(&section, "wait")?) {
+            (Some(name), Some(to), None) => {
+                let span = section.place_of("set");
+                let place = self.output(root, config, (&span, path), &name)?;
+                Some(Step::Set(place, to))
+            }
+            (None, None, Some(time)) => Some(Step::Wait(time)),
+            _ => {
+                self.problem(value.span(), path, Kind::BadStep);
+                None
+            }
+        }
+    }
+
+    /// The output of a name such as `oven.k1`. Of a module that could not be read nothing is
+    /// said: what is wrong with it was told.
+    fn output(
+        &mut self,
+        root: &DeTable<'t>,
+        config: &Config,
+        (span, path): (&Span<usize>, &str),
+        name: &str,
+    ) -> Option<Place> {
+        let (module, label) = name.split_once('.').unwrap_or((name, ""));
+        let Some(known) = config.modules.get(module) else {
+            let modules = root.get("module").and_then(|all| all.get_ref().as_table());
+            if modules.is_none_or(|modules| !modules.contains_key(module)) {
+                self.problem(span.clone(), path, Kind::NoSuchPath);
+            }
+            return None;
+        };
+        match known.setup.point(label) {
+            None => self.problem(span.clone(), path, Kind::NoSuchPath),
+            Some(point) if point.kind != PointKind::Output => {
+                self.problem(span.clone(), path, Kind::NotAnOutput);
+            }
+            Some(point) => return Some(Place::new(module, point)),
+        }
+        None
+    }
+}
+
+/// Two outputs exclude each other, whichever of them says so.
+fn exclude(config: &mut Config, one: &Place, other: &Place) {
+    for (of, excluded) in [(one, other), (other, one)] {
+        if let Some(module) = config.modules.get_mut(&of.module) {
+            let point = module.points.entry(of.point).or_default();
+            point.safety.interlock.insert(excluded.clone());
+        }
+    }
+}
+
+impl Place {
+    /// An output by its module's name.
+    #[must_use]
+    pub fn new(module: &str, point: Point) -> Place {
+        Place {
+            module: module.to_owned(),
+            point,
+        }
+    }
+}
