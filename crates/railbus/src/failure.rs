@@ -80,6 +80,11 @@ impl Failure {
         &self.message
     }
 
+    /// What the case at hand adds to it.
+    pub(crate) fn why(&self) -> &[String] {
+        &self.why
+    }
+
     pub(crate) fn exit_code(&self) -> ExitCode {
         ExitCode::from(self.code.exit())
     }

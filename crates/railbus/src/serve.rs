@@ -10,11 +10,12 @@ mod keys;
 mod listen;
 mod loan;
 mod openapi;
-mod page;
 mod points;
 mod routes;
 pub(crate) mod socket;
+mod spoken;
 mod stream;
+mod web;
 
 use crate::api::failures::bad_config;
 use crate::api::problem::Problem;

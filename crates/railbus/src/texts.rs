@@ -438,16 +438,18 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     NotReloaded { en: "nothing was changed", zh: "未作任何更改" }
 
     // The status page.
-    PageDemo { en: "A demo: nothing is real.", zh: "演示：均非真实设备。" }
-    PageRefresh { en: "Loads again every 5 s", zh: "每 5 秒刷新" }
-    PageLine { en: "Line", zh: "总线" }
-    PageBabble { en: "something never stops sending", zh: "有设备持续发送" }
-    PageAddress { en: "address", zh: "地址" }
-    PageErrors { en: "errors in an hour: {count}", zh: "一小时内错误：{count}" }
-    PagePoint { en: "Point", zh: "点" }
-    PageValue { en: "Value", zh: "值" }
-    PageQuality { en: "Quality", zh: "质量" }
-    PageAge { en: "Age", zh: "时效" }
+    PageMissing {
+        en: "This railbus was built without its web pages.",
+        zh: "此 railbus 构建时未包含网页。",
+    }
+    PageBuild {
+        en: "To have them, build it with this command (it needs Node 20.19 or newer, or Python):",
+        zh: "要包含网页，请用以下命令构建（需要 Node 20.19 以上版本，或 Python）：",
+    }
+    PageWorks {
+        en: "Everything else works: the API, and the command line, which asks this daemon:",
+        zh: "其余功能均可用：API，以及通过本守护进程工作的命令行：",
+    }
 }
 
 #[cfg(test)]

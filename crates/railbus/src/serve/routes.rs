@@ -4,7 +4,7 @@
 use super::access::{Caller, Need, check};
 use super::doc::Doc;
 use super::keys::Keys;
-use super::{answer, guard, loan, openapi, page, points};
+use super::{answer, guard, loan, openapi, points, spoken, web};
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
 use axum::body::Body;
@@ -97,11 +97,11 @@ pub(super) fn router(site: Site, tcp_port: Option<u16>) -> Router {
     }
     let router = Router::new()
         .nest(BASE, api)
-        .route("/", get(page::status))
-        .route("/style.css", get(page::style))
+        .route("/style.css", get(web::style))
         .route("/healthz", get(async || "ok\n"))
-        .fallback(nothing)
+        .fallback(web::page)
         .method_not_allowed_fallback(not_so)
+        .layer(from_fn_with_state(site.lang, spoken::problems))
         .with_state(site)
         .layer(DefaultBodyLimit::max(BODY_MAX));
     let router = match tcp_port {
@@ -111,10 +111,6 @@ pub(super) fn router(site: Site, tcp_port: Option<u16>) -> Router {
         None => router.layer(Extension(Caller::owner())),
     };
     router.layer(from_fn(guard::headers))
-}
-
-async fn nothing() -> Answer {
-    answer::problem(&Problem::new(codes::NO_SUCH_PAGE))
 }
 
 async fn not_so() -> Answer {

@@ -1,0 +1,80 @@
+//! Problems in the language of who asked. Codes and keys are the same in every language; who
+//! says `Accept-Language` gets words of it, too: `detail` says what happened, `help` what it
+//! usually comes from and what to do.
+
+use super::answer;
+use super::web::spoken;
+use crate::api::problem::{Problem, codes};
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use axum::body::to_bytes;
+use axum::extract::{Request, State};
+use axum::http::header::{ACCEPT_LANGUAGE, CONTENT_LENGTH, CONTENT_TYPE};
+use axum::middleware::Next;
+use axum::response::Response;
+
+/// Problems are short: a longer body is none of ours.
+const PROBLEM_MAX: usize = 64 << 10;
+
+/// Adds the words to each problem that goes out.
+pub(super) async fn problems(State(lang): State<Lang>, request: Request, next: Next) -> Response {
+    let lang = request
+        .headers()
+        .contains_key(ACCEPT_LANGUAGE)
+        .then(|| spoken(request.headers(), lang));
+    let response = next.run(request).await;
+    let kind = response.headers().get(CONTENT_TYPE);
+    let is_problem = kind.is_some_and(|kind| kind == "application/problem+json");
+    match lang {
+        Some(lang) if is_problem => in_words(lang, response).await,
+        _ => response,
+    }
+}
+
+async fn in_words(lang: Lang, response: Response) -> Response {
+    let (head, body) = response.into_parts();
+    let read = to_bytes(body, PROBLEM_MAX).await.ok();
+    let problem = read.and_then(|body| serde_json::from_slice::<Problem>(&body).ok());
+    let Some(problem) = problem else {
+        return answer::problem(&Problem::new(codes::INTERNAL));
+    };
+    let mut response = answer::problem(&told(lang, problem));
+    for (name, value) in &head.headers {
+        // `Retry-After` and the like; what describes the body is of the new one.
+        if name != CONTENT_LENGTH && name != CONTENT_TYPE {
+            response.headers_mut().append(name, value.clone());
+        }
+    }
+    response
+}
+
+/// A problem and what it says to people.
+fn told(lang: Lang, problem: Problem) -> Problem {
+    let failure = Failure::of_problem(lang, &problem);
+    let mut help: Vec<&str> = failure.why().iter().map(String::as_str).collect();
+    help.extend([
+        failure.code().page().likely(lang),
+        failure.code().page().next(lang),
+    ]);
+    let detail = failure.message();
+    problem.with("detail", detail).with("help", help)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_problem_is_told_in_the_language_asked_for() {
+        let problem = || {
+            let problem = Problem::new(codes::NO_SUCH_POINT);
+            problem.with("module", "pump").with("name", "do9")
+        };
+        let english = told(Lang::En, problem());
+        assert!(english.text("detail").contains("pump.do9"));
+        let chinese = told(Lang::Zh, problem());
+        assert_ne!(english.text("detail"), chinese.text("detail"));
+        assert_eq!((english.code, english.title), (chinese.code, chinese.title));
+        assert!(chinese.with.get("help").is_some_and(|help| help[1] != ""));
+    }
+}

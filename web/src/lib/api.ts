@@ -1,0 +1,76 @@
+// The daemon's API. What fails is thrown as a `Refusal`, which carries the problem.
+import { language, t } from "../i18n/index.svelte";
+import type { Problem } from "./types";
+
+const BASE = "/api/v1";
+/** After so long an answer is not waited for any more. */
+const PATIENCE_MS = 15_000;
+
+export class Refusal extends Error {
+  constructor(readonly problem: Problem) {
+    super(problem.detail ?? problem.title);
+  }
+}
+
+/** Set by the session: proof that a write comes from this page. */
+let csrf: string | null = null;
+/** Called where the session has ended. */
+let ended: () => void = () => {};
+
+export function trust(token: string | null): void {
+  csrf = token;
+}
+
+export function token(): string | null {
+  return csrf;
+}
+
+export function whenEnded(then: () => void): void {
+  ended = then;
+}
+
+async function ask(method: string, path: string, body?: unknown, more?: HeadersInit): Promise<Response> {
+  const headers = new Headers(more);
+  headers.set("Accept-Language", language());
+  if (body !== undefined) headers.set("Content-Type", "application/json");
+  if (csrf && method !== "GET") headers.set("X-CSRF-Token", csrf);
+  const request: RequestInit = { method, headers, signal: AbortSignal.timeout(PATIENCE_MS) };
+  if (body !== undefined) request.body = JSON.stringify(body);
+  let response: Response;
+  try {
+    response = await fetch(BASE + path, request);
+  } catch {
+    throw new Refusal({ code: "", title: t("no_daemon"), status: 0 });
+  }
+  if (response.ok) return response;
+  const problem = await problemOf(response);
+  if (response.status === 401 && path !== "/login") ended();
+  throw new Refusal(problem);
+}
+
+async function problemOf(response: Response): Promise<Problem> {
+  try {
+    return (await response.json()) as Problem;
+  } catch {
+    const { status } = response;
+    return { code: "", title: t("failed", { status }), status };
+  }
+}
+
+async function json<T>(response: Promise<Response>): Promise<T> {
+  const answer = await response;
+  return (answer.status === 204 ? undefined : await answer.json()) as T;
+}
+
+export const get = <T>(path: string): Promise<T> => json(ask("GET", path));
+export const put = <T>(path: string, body?: unknown, more?: HeadersInit): Promise<T> =>
+  json(ask("PUT", path, body, more));
+export const post = <T>(path: string, body?: unknown): Promise<T> => json(ask("POST", path, body));
+export const patch = <T>(path: string, body: unknown): Promise<T> => json(ask("PATCH", path, body));
+export const remove = <T>(path: string): Promise<T> => json(ask("DELETE", path));
+
+/** The problem of whatever was thrown. */
+export function problem(thrown: unknown): Problem {
+  if (thrown instanceof Refusal) return thrown.problem;
+  return { code: "", title: String(thrown), status: 0 };
+}

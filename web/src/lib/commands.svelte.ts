@@ -1,0 +1,63 @@
+// What was commanded from this page and what came of it, by point.
+import { SvelteMap } from "svelte/reactivity";
+import { post, problem, put } from "./api";
+import { points, refresh } from "./live.svelte";
+import { complain } from "./toasts.svelte";
+import type { PointInfo, Problem, Written } from "./types";
+
+export type Command =
+  | { state: "pending"; want: boolean }
+  | { state: "confirmed"; how: Written["confirmed"]; ms: number }
+  | { state: "not_verified" | "not_done"; why: Problem };
+
+/** How long it is shown that a command was confirmed. */
+const CONFIRMED_MS = 4_000;
+/** The code of a write that reads back otherwise. */
+const NOT_VERIFIED = "E0601";
+
+const commands = new SvelteMap<string, Command>();
+
+export function commandOf(path: string): Command | undefined {
+  return commands.get(path);
+}
+
+export function forget(path: string): void {
+  commands.delete(path);
+}
+
+const address = (path: string): string => `/points/${path.replace(".", "/")}`;
+
+/** Switches an output. */
+export function write(point: PointInfo, value: boolean): Promise<void> {
+  const confirm = point.confirm ? { confirm: true } : {};
+  return run(point, value, () => put<Written>(address(point.path), { value, ...confirm }));
+}
+
+/** Switches an output on for a while. */
+export function pulse(point: PointInfo, ms?: number): Promise<void> {
+  const confirm = point.confirm ? { confirm: true } : {};
+  const wanted = ms === undefined ? confirm : { ms, ...confirm };
+  return run(point, true, () => post<Written>(`${address(point.path)}/pulse`, wanted));
+}
+
+async function run(point: PointInfo, want: boolean, ask: () => Promise<Written>): Promise<void> {
+  const { path } = point;
+  if (commands.get(path)?.state === "pending") return;
+  commands.set(path, { state: "pending", want });
+  try {
+    const done = await ask();
+    const now = points.get(path);
+    if (now && done.value !== null) {
+      refresh({ ...now, value: done.value, quality: "good", time: new Date().toISOString(), age_ms: 0 });
+    }
+    const end: Command = { state: "confirmed", how: done.confirmed, ms: done.took_ms };
+    commands.set(path, end);
+    setTimeout(() => {
+      if (commands.get(path) === end) commands.delete(path);
+    }, CONFIRMED_MS);
+  } catch (thrown) {
+    const why = problem(thrown);
+    commands.set(path, { state: why.code === NOT_VERIFIED ? "not_verified" : "not_done", why });
+    complain(thrown);
+  }
+}

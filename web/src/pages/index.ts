@@ -1,0 +1,28 @@
+// The table of pages. What is not in it does not exist: the rail, the bottom bar, the search and
+// the router are all made of it.
+import type { Component } from "svelte";
+import type { IconName } from "../components/icons";
+import type { Key } from "../i18n/index.svelte";
+import type { Role } from "../lib/types";
+import Overview from "./Overview.svelte";
+
+export interface Page {
+  /** The address, as `/module/:name/:tab?`; its parameters become properties of the component. */
+  path: string;
+  title: Key;
+  component: Component<any>;
+  /** Its picture in the rail; pages without one are reached through others. */
+  icon?: IconName;
+  /** The group in the rail: the first is what is used daily. */
+  group?: 0 | 1 | 2;
+  /** The least role that may use it. */
+  role: Role;
+  /** Stands in the bottom bar of phones, which holds four. */
+  daily?: true;
+  /** Only where a line is simulated. */
+  simulated?: true;
+}
+
+export const PAGES: readonly Page[] = [
+  { path: "/", title: "nav_overview", component: Overview, icon: "overview", group: 0, role: "viewer", daily: true },
+];
