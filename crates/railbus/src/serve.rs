@@ -1,7 +1,7 @@
 //! `railbus serve`: the daemon. It has the lines, and everyone else asks it: over HTTP on this
 //! machine, and over a Unix socket.
 
-mod access;
+pub(crate) mod access;
 mod answer;
 mod doc;
 mod frames;
@@ -26,6 +26,8 @@ use crate::i18n::Lang;
 use crate::render::{Format, out, records};
 use crate::sim::background::Background;
 use crate::texts::Text;
+use access::Access;
+use access::secret::{hex, random};
 use clap::{ArgAction, ArgMatches, Command, value_parser};
 use keys::Keys;
 use listen::Room;
@@ -35,6 +37,7 @@ use serde_json::json;
 use socket::Socket;
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -129,10 +132,33 @@ fn check(lang: Lang, wanted: &Wanted, format: Format) -> Result<(), Failure> {
 /// The site, and where it comes from.
 struct Source {
     config: Config,
+    /// What is to be remembered lies here.
+    state: PathBuf,
     /// None for the demo.
     file: Option<PathBuf>,
     /// Ends with the daemon, after the lines.
     _demo: Option<Background>,
+    /// Goes away with the demo.
+    _folder: Option<Temporary>,
+}
+
+/// A folder that goes away with this.
+struct Temporary(PathBuf);
+
+impl Temporary {
+    fn make(lang: Lang) -> Result<Temporary, Failure> {
+        let name = random::<8>().map_err(|error| system(lang, error))?;
+        let path = std::env::temp_dir().join(format!("railbus-demo-{}", hex(&name)));
+        let made = std::fs::DirBuilder::new().mode(0o700).create(&path);
+        made.map_err(|error| system(lang, error))?;
+        Ok(Temporary(path))
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
 }
 
 impl Source {
@@ -145,17 +171,22 @@ impl Source {
             let text = include_str!("serve/demo.toml").replace("PORT", &port);
             let config = Config::parse(&text)
                 .map_err(|problems| refused(bad_config(lang, "demo.toml", &problems)))?;
+            let folder = Temporary::make(lang)?;
             return Ok(Source {
                 config,
+                state: folder.0.clone(),
                 file: None,
                 _demo: Some(demo),
+                _folder: Some(folder),
             });
         }
         let found = config_file::read(lang, wanted.config.as_deref()).map_err(refused)?;
         Ok(Source {
             config: found.config,
+            state: config_file::state_folder(Some(&found.path)),
             file: Some(found.path),
             _demo: None,
+            _folder: None,
         })
     }
 }
@@ -172,6 +203,8 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let address = tcp.local_addr().map_err(|error| system(lang, error))?;
     let socket = listen_on_socket(lang, wanted)?;
     let source = Source::open(lang, wanted)?;
+    let access = Access::open(&source.state);
+    let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
     let service = Service::start(source.config.clone()).map_err(|error| system(lang, error))?;
 
     // Who hears that it serves may ask at once: every port was tried by then.
@@ -182,7 +215,8 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         }
     };
     let _ = tokio::time::timeout(TRIED_WITHIN, tried).await;
-    announce(lang, &source, address, &socket);
+    let origin = format!("http://{address}");
+    announce(lang, &source, &access, &origin, &socket);
     let (stop, stopped) = watch::channel(false);
     let site = Site {
         service: service.clone(),
@@ -191,6 +225,9 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         stop: stopped.clone(),
         keys: Arc::new(Keys::default()),
         file: source.file.as_deref().map(Arc::from),
+        access: Arc::new(access),
+        origin: origin.into(),
+        is_tls: false,
     };
     let room = Room::new();
     let over_tcp = routes::router(site.clone(), Some(address.port()));
@@ -276,7 +313,8 @@ async fn reload(lang: Lang, service: &Service, file: Option<&Path>) {
 fn announce(
     lang: Lang,
     source: &Source,
-    address: SocketAddr,
+    access: &Access,
+    origin: &str,
     socket: &Result<Socket, (PathBuf, std::io::Error)>,
 ) {
     let version = env!("CARGO_PKG_VERSION");
@@ -288,9 +326,15 @@ fn announce(
         Ok(socket) => socket.path().display().to_string(),
         Err((path, error)) => format!("– ({}: {error})", path.display()),
     };
+    // Where there is a user already there is no link.
+    let setup = access.setup_link(origin).map(|link| {
+        let once = lang.get(Text::ServeSetup);
+        format!("\n  setup   {link}   {once}")
+    });
     say(&format!(
-        "railbus {version}  {what}\n  web     http://{address}/\n  api     \
-         http://{address}/api/v1\n  socket  {socket}\n  {}",
+        "railbus {version}  {what}\n  web     {origin}/{}\n  api     {origin}/api/v1\n  \
+         socket  {socket}\n  {}",
+        setup.unwrap_or_default(),
         lang.get(Text::ServeStop)
     ));
 }

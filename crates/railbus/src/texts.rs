@@ -401,11 +401,11 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "  railbus serve --demo                  five simulated modules, nothing is real
   railbus serve --config railbus.toml   the site of a configuration
   railbus serve --check                 reads the configuration and says what is wrong
-  curl http://127.0.0.1:7485/api/v1/points/pump/do0",
+  curl -H 'Authorization: Bearer rb_…' http://127.0.0.1:7485/api/v1/points/pump/do0",
         zh: "  railbus serve --demo                  五个模拟模块，均非真实设备
   railbus serve --config railbus.toml   按配置文件运行
   railbus serve --check                 检查配置文件
-  curl http://127.0.0.1:7485/api/v1/points/pump/do0",
+  curl -H 'Authorization: Bearer rb_…' http://127.0.0.1:7485/api/v1/points/pump/do0",
     }
     ServeDemo {
         en: "A simulated line with five modules, instead of a configuration",
@@ -437,7 +437,9 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     }
     NotReloaded { en: "nothing was changed", zh: "未作任何更改" }
 
-    // The status page.
+    ServeSetup { en: "(one-time link, 15 min)", zh: "（一次性链接，15 分钟内有效）" }
+
+    // The page that stands where no web UI was built in.
     PageMissing {
         en: "This railbus was built without its web pages.",
         zh: "此 railbus 构建时未包含网页。",

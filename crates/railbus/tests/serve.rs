@@ -15,6 +15,8 @@ use std::time::{Duration, Instant};
 struct Daemon {
     child: Child,
     address: String,
+    /// The header of one who may everything.
+    token: String,
     folder: PathBuf,
     stdout: BufReader<std::process::ChildStdout>,
 }
@@ -65,12 +67,28 @@ impl Daemon {
                 break;
             }
         }
-        Daemon {
+        let mut daemon = Daemon {
             child,
             address,
+            token: String::new(),
             folder,
             stdout,
-        }
+        };
+        let made = daemon.as_owner(
+            "POST",
+            "/api/v1/tokens",
+            r#"{"name":"test","role":"admin"}"#,
+        );
+        let made = made.json()["token"].as_str().expect("a token").to_owned();
+        daemon.token = format!("Authorization: Bearer {made}\r\n");
+        daemon
+    }
+
+    /// Over the socket, where nobody has to log in.
+    fn as_owner(&self, method: &str, path: &str, body: &str) -> Answer {
+        let socket = UnixStream::connect(self.folder.join("socket")).expect("it listens");
+        let headers = format!("Host: any\r\nContent-Length: {}\r\n", body.len());
+        exchange(socket, method, path, &headers, body)
     }
 
     fn ask(&self, method: &str, path: &str, headers: &str, body: &str) -> Answer {
@@ -85,8 +103,8 @@ impl Daemon {
     }
 
     fn send(&self, method: &str, path: &str, body: &str) -> Answer {
-        let host = format!("Host: {}\r\n", self.address);
-        self.ask(method, path, &host, body)
+        let headers = format!("Host: {}\r\n{}", self.address, self.token);
+        self.ask(method, path, &headers, body)
     }
 
     fn get(&self, path: &str) -> Answer {
@@ -218,7 +236,11 @@ fn outputs_are_switched_and_read_back() {
 fn a_command_under_a_key_is_done_once() {
     let daemon = Daemon::demo("key");
     let toggle = |body: &str| {
-        let headers = format!("Host: {}\r\nIdempotency-Key: one\r\n", daemon.address);
+        let token = &daemon.token;
+        let headers = format!(
+            "Host: {}\r\n{token}Idempotency-Key: one\r\n",
+            daemon.address
+        );
         daemon.ask("POST", "/api/v1/points/yard/k1/toggle", &headers, body)
     };
     let (first, again) = (toggle(""), toggle(""));
@@ -290,6 +312,7 @@ fn a_page_of_another_site_gets_nothing() {
     }
     let here = format!("Host: localhost:{port}\r\n");
     assert_eq!(daemon.ask("GET", "/", &here, "").status, 200);
+    let here = format!("{here}{}", daemon.token);
     let cross = format!("{here}Origin: http://evil.example\r\n");
     let refused = daemon.ask("PUT", path, &cross, on);
     assert_eq!(

@@ -141,8 +141,35 @@ pub(crate) mod codes {
         CONFIG_FILE = "E0824", 422, "the configuration can't be read";
         /// Also `reason`.
         FORBIDDEN = "E0901", 403, "not from there";
+        /// Nobody knows who asks.
+        UNAUTHENTICATED = "E0902", 401, "log in first, or show a token";
+        WRONG_LOGIN = "E0904", 401, "name or password is wrong, or the user is locked";
+        /// Also `role`, `need`.
+        ROLE = "E0905", 403, "the caller's role does not allow this";
         /// Also `module`, `point`.
         POINT_RIGHT = "E0906", 403, "this point is none of those that the caller may switch";
+        /// Also `retry_after_ms`.
+        TRIES = "E0907", 429, "too many tries; wait a while";
+        CSRF = "E0908", 403, "the request lacks the X-CSRF-Token of its session";
+        /// Also `reason`.
+        SETUP = "E0909", 403, "the setup link is not good, or not any more";
+        /// Also `name`.
+        NO_SUCH_USER = "E0910", 404, "there is no such user";
+        /// Also `name`.
+        NAME_TAKEN = "E0911", 409, "the name is taken";
+        LAST_ADMIN = "E0912", 409, "one administrator must be left who is not locked";
+        /// Also `why_weak`: `short`, `long` or `simple`; `letters_min`, `bytes_max`.
+        WEAK_PASSWORD = "E0913", 422, "the password is too short, too long or too simple";
+        /// Also `name`.
+        NO_SUCH_TOKEN = "E0914", 404, "there is no such token";
+        /// Also `most`.
+        TOO_MANY = "E0915", 409, "there are as many as there may be";
+        /// Also `path`, `reason`.
+        ACCOUNTS_FILE = "E0916", 500, "the accounts can't be read or kept";
+        /// Also `path`.
+        ACCOUNTS_HELD = "E0917", 409, "another program holds the accounts";
+        /// Also `name`.
+        NO_SUCH_SESSION = "E0918", 404, "there is no such session";
     }
 }
 

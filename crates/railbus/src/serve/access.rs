@@ -1,17 +1,40 @@
 //! Who asks, and what each may do.
 
+pub(crate) mod accounts;
+mod gate;
+pub(crate) mod password;
+pub(crate) mod secret;
+mod session_routes;
+mod sessions;
+pub(crate) mod setup;
+pub(crate) mod store;
+mod tries;
+mod user_routes;
+
+pub(crate) use gate::Access;
+pub(super) use gate::{Peer, identify};
+pub(super) use session_routes::ROUTES as SESSION_ROUTES;
+pub(super) use user_routes::ROUTES as USER_ROUTES;
+
 use super::answer;
+use super::routes::Site;
 use crate::api::paths;
 use crate::api::problem::{Problem, codes};
+use crate::render::out;
 use axum::extract::{Request, State};
+use axum::http::Method;
+use axum::http::header::{HeaderValue, WWW_AUTHENTICATE};
 use axum::middleware::Next;
 use axum::response::Response;
 use railbus_site::Origin;
+use secret::Fingerprint;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// What somebody may do; each may do what those before it may.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Role {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Role {
     /// Look.
     Viewer,
     /// Switch outputs.
@@ -20,6 +43,26 @@ pub(super) enum Role {
     Engineer,
     /// Say who may what.
     Admin,
+}
+
+impl Role {
+    /// All of them, the least first.
+    pub(crate) const ALL: [Role; 4] = [Role::Viewer, Role::Operator, Role::Engineer, Role::Admin];
+
+    /// As it is written.
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Role::Viewer => "viewer",
+            Role::Operator => "operator",
+            Role::Engineer => "engineer",
+            Role::Admin => "admin",
+        }
+    }
+
+    /// The role of this name.
+    pub(crate) fn from_name(name: &str) -> Option<Role> {
+        Role::ALL.into_iter().find(|role| role.name() == name)
+    }
 }
 
 /// What a route asks of those who use it.
@@ -40,6 +83,23 @@ impl Need {
     pub(super) const ADMIN: Need = Need::Role(Role::Admin);
 }
 
+/// How a caller is known.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Known {
+    /// Not at all.
+    Not,
+    /// By the socket, which only the owner can open.
+    Owner,
+    /// By a session's cookie.
+    Session {
+        key: Fingerprint,
+        /// The request carries what only pages of ours know.
+        is_ours: bool,
+    },
+    /// By a token of this id.
+    Token(String),
+}
+
 /// Who asks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Caller {
@@ -47,10 +107,11 @@ pub(super) struct Caller {
     pub(super) name: String,
     /// None for somebody unknown.
     pub(super) role: Option<Role>,
-    /// From where: `http`, `socket`, an address.
+    /// From where: `socket`; `http` for this machine, and with an address for another.
     pub(super) via: String,
     /// The points whose outputs may be switched, as patterns; empty for all of them.
     pub(super) points: Arc<[String]>,
+    pub(super) known: Known,
 }
 
 impl Caller {
@@ -61,21 +122,10 @@ impl Caller {
             role: Some(Role::Admin),
             via: "socket".to_owned(),
             points: Arc::default(),
+            known: Known::Owner,
         }
     }
 
-    /// Whoever runs a program on this machine.
-    pub(super) fn local() -> Caller {
-        Caller {
-            name: "local".to_owned(),
-            role: Some(Role::Admin),
-            via: "http".to_owned(),
-            points: Arc::default(),
-        }
-    }
-}
-
-impl Caller {
     /// As it is written down.
     pub(super) fn origin(&self) -> Origin {
         Origin {
@@ -90,6 +140,24 @@ impl Caller {
         let (module, label) = paths::split(path).unwrap_or((path, ""));
         may_write(&self.points, module, label)
     }
+
+    /// Why this caller may not do what needs this.
+    fn refused(&self, need: Need, method: &Method, is_upgrade: bool) -> Option<Problem> {
+        // Routes for the owner alone are not there for others.
+        let (Need::Role(least), Some(role)) = (need, self.role) else {
+            let is_unknown = matches!(need, Need::Role(_));
+            return is_unknown.then(|| Problem::new(codes::UNAUTHENTICATED));
+        };
+        if role < least {
+            let problem = Problem::new(codes::ROLE).with("role", role.name());
+            return Some(problem.with("need", least.name()));
+        }
+        let reads = matches!(*method, Method::GET | Method::HEAD) && !is_upgrade;
+        match self.known {
+            Known::Session { is_ours: false, .. } if !reads => Some(Problem::new(codes::CSRF)),
+            _ => None,
+        }
+    }
 }
 
 /// Whether these rights cover an output.
@@ -103,18 +171,107 @@ pub(super) fn may_write(points: &[String], module: &str, label: &str) -> Result<
 
 /// Lets through who may.
 pub(super) async fn check(State(need): State<Need>, request: Request, next: Next) -> Response {
-    let role = request
-        .extensions()
-        .get::<Caller>()
-        .and_then(|caller| caller.role);
-    let may = match need {
-        Need::Nothing => true,
-        Need::Role(least) => role >= Some(least),
-        // Such routes are not there for others.
-        Need::Owner => true,
+    let is_upgrade = gate::is_upgrade(request.headers());
+    let refused = match request.extensions().get::<Caller>() {
+        Some(caller) => caller.refused(need, request.method(), is_upgrade),
+        // Nobody said who asks: nobody is let through.
+        None => Some(Problem::new(codes::UNAUTHENTICATED)),
     };
-    if may {
+    let Some(problem) = refused else {
         return next.run(request).await;
+    };
+    let mut response = answer::problem(&problem);
+    if problem.code == codes::UNAUTHENTICATED.code {
+        let how = HeaderValue::from_static("Bearer realm=\"railbus\"");
+        response.headers_mut().insert(WWW_AUTHENTICATE, how);
     }
-    answer::problem(&Problem::new(codes::FORBIDDEN).with("reason", "the role does not allow it"))
+    response
+}
+
+/// Notes a try to log in: the one place that does. A name that there is not may be a password
+/// that somebody typed into the wrong field, and so it is not written down.
+fn note_login(site: &Site, name: Option<&str>, via: &str, refused: Option<&Problem>) {
+    let known = |name: &&str| site.access.read(|accounts| accounts.user(name).is_some());
+    let name = name.filter(known).unwrap_or("an unknown name");
+    let end = refused.map_or("logged in", |problem| problem.title.as_str());
+    out::note(&format!("login: {name} via {via}: {end}"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn caller(role: Option<Role>, known: Known) -> Caller {
+        Caller {
+            role,
+            known,
+            ..Caller::owner()
+        }
+    }
+
+    #[test]
+    fn roles_rise_and_have_names() {
+        assert!(Role::ALL.is_sorted());
+        for role in Role::ALL {
+            assert_eq!(Role::from_name(role.name()), Some(role));
+            let json = serde_json::to_value(role).unwrap();
+            assert_eq!(json, role.name());
+        }
+    }
+
+    #[test]
+    fn each_need_is_met_by_those_who_may() {
+        let code = |role, need| {
+            let refused = caller(role, Known::Owner).refused(need, &Method::PUT, false);
+            refused.map(|problem| (problem.status, problem.code))
+        };
+        assert_eq!(code(None, Need::Nothing), None);
+        assert_eq!(code(None, Need::VIEWER), Some((401, "E0902".to_owned())));
+        for (at, role) in Role::ALL.into_iter().enumerate() {
+            for (least_at, least) in Role::ALL.into_iter().enumerate() {
+                let refused = (at < least_at).then(|| (403, "E0905".to_owned()));
+                assert_eq!(code(Some(role), Need::Role(least)), refused);
+            }
+        }
+    }
+
+    #[test]
+    fn a_cookie_alone_changes_nothing() {
+        let session = |is_ours| Known::Session {
+            key: Fingerprint::default(),
+            is_ours,
+        };
+        let code = |known, method: Method, is_upgrade| {
+            let admin = caller(Some(Role::Admin), known);
+            let refused = admin.refused(Need::VIEWER, &method, is_upgrade);
+            refused.map(|problem| problem.code)
+        };
+        for method in [Method::POST, Method::PUT, Method::PATCH, Method::DELETE] {
+            let refused = Some("E0908".to_owned());
+            assert_eq!(code(session(false), method.clone(), false), refused);
+            assert_eq!(code(session(true), method.clone(), false), None);
+            assert_eq!(code(Known::Token(String::new()), method, false), None);
+        }
+        assert_eq!(code(session(false), Method::GET, false), None);
+        let upgrade = code(session(false), Method::GET, true);
+        assert_eq!(upgrade, Some("E0908".to_owned()));
+        assert_eq!(code(session(true), Method::GET, true), None);
+    }
+
+    #[test]
+    fn points_limit_what_may_be_switched() {
+        let limited = Caller {
+            points: ["pump.*".to_owned(), "oven.k1".to_owned()].into(),
+            ..Caller::owner()
+        };
+        for allowed in ["pump.do0", "pump.do1", "oven.k1"] {
+            assert!(limited.may_write(allowed).is_ok(), "{allowed}");
+        }
+        for other in ["oven.k2", "yard.k1", ""] {
+            let refused = limited.may_write(other);
+            let code = refused.err().map(|problem| problem.code);
+            assert_eq!(code.as_deref(), Some("E0906"), "{other}");
+        }
+        assert!(Caller::owner().may_write("yard.k1").is_ok());
+    }
 }

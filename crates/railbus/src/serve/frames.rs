@@ -1,12 +1,13 @@
 //! What passes on a line, for those who look on: JSON line by line. The line is not touched, and
 //! while nobody looks on it does no work for this.
 
+use super::access::Caller;
 use super::answer;
-use super::listen::ended;
 use super::routes::Site;
 use crate::api::problem::Problem;
 use crate::api::types::FrameEvent;
 use crate::api::{ask, convert, failures};
+use axum::Extension;
 use axum::body::{Body, Bytes};
 use axum::extract::{Query, State};
 use axum::http::Response;
@@ -16,7 +17,6 @@ use railbus_host::Tap;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::time::Duration;
-use tokio::sync::watch;
 
 /// How many pieces wait for a slow reader; more wait at the line, which drops the oldest.
 const PIECES_MAX: usize = 64;
@@ -27,8 +27,9 @@ const ALIVE: Duration = Duration::from_secs(15);
 pub(super) async fn stream(
     State(site): State<Site>,
     asked: Query<BTreeMap<String, String>>,
+    who: Extension<Caller>,
 ) -> Response<Body> {
-    match begin(&site, asked.get("line")).await {
+    match begin(&site, &who, asked.get("line")).await {
         Ok(body) => {
             let mut response = Response::new(body);
             let kind = HeaderValue::from_static("application/x-ndjson");
@@ -39,7 +40,7 @@ pub(super) async fn stream(
     }
 }
 
-async fn begin(site: &Site, line: Option<&String>) -> Result<Body, Problem> {
+async fn begin(site: &Site, who: &Caller, line: Option<&String>) -> Result<Body, Problem> {
     let line = match line {
         Some(line) => line.clone(),
         None => ask::only_line(&site.service)?,
@@ -54,29 +55,30 @@ async fn begin(site: &Site, line: Option<&String>) -> Result<Body, Problem> {
     let first = site.service.line(&line).map(|status| FrameEvent::Line {
         line: convert::line(status),
     });
-    tokio::spawn(send(first, tap, start, sender, site.stop.clone()));
+    tokio::spawn(send(first, tap, start, sender, site.over(who)));
     Ok(Body::new(body))
 }
 
-/// Sends until the reader has gone, or the line or the daemon ends.
+/// Sends until the reader has gone, or may no longer look, or the line or the daemon ends.
 async fn send(
     first: Option<FrameEvent>,
     mut tap: Tap,
     start: u64,
     mut sender: Sender<Bytes, Infallible>,
-    mut stop: watch::Receiver<bool>,
+    over: impl Future<Output = ()>,
 ) {
+    let mut over = std::pin::pin!(over);
     let mut piece = first.map(|event| as_line(&event)).unwrap_or_default();
     loop {
         let sent = tokio::select! {
-            () = ended(&mut stop) => return,
+            () = &mut over => return,
             sent = sender.send_data(piece) => sent,
         };
         if sent.is_err() {
             return;
         }
         piece = tokio::select! {
-            () = ended(&mut stop) => return,
+            () = &mut over => return,
             passed = tokio::time::timeout(ALIVE, tap.next()) => match passed {
                 Ok(Some(passed)) => as_line(&convert::passed(start, passed)),
                 Ok(None) => return,

@@ -1,20 +1,20 @@
-//! Who may ask what, before there are users: over TCP whoever runs a program on this machine,
-//! but no web page of anywhere else, which a browser on this machine would gladly ask for.
+//! What is refused whoever asks: web pages of anywhere else, for which a browser that is logged
+//! in here would gladly ask, and names that were made to lead here.
 
 use super::answer;
 use crate::api::problem::{Problem, codes};
 use axum::extract::{Request, State};
 use axum::http::header::{
     CACHE_CONTROL, CONTENT_SECURITY_POLICY, HOST, HeaderName, HeaderValue, ORIGIN, REFERRER_POLICY,
-    X_CONTENT_TYPE_OPTIONS,
+    UPGRADE, X_CONTENT_TYPE_OPTIONS,
 };
 use axum::http::{HeaderMap, Method};
 use axum::middleware::Next;
 use axum::response::Response;
 
-/// What a page of ours may do: be looked at, with our own style.
-const POLICY: &str = "default-src 'none'; style-src 'self'; base-uri 'none'; form-action 'none'; \
-                      frame-ancestors 'none'";
+/// What a page of ours may do: use what comes from here, and nothing that stands in the page.
+const POLICY: &str = "default-src 'self'; img-src 'self' data:; object-src 'none'; \
+                      base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// What every answer carries.
 const HEADERS: [(HeaderName, &str); 4] = [
@@ -54,7 +54,8 @@ fn refused(method: &Method, headers: &HeaderMap, port: u16) -> Option<&'static s
     if headers.get_all(HOST).iter().count() != 1 || !is_here(host, port) {
         return Some("the Host header does not name this machine");
     }
-    let reads = matches!(*method, Method::GET | Method::HEAD);
+    // A WebSocket begins as a GET, and browsers let any page open one.
+    let reads = matches!(*method, Method::GET | Method::HEAD) && !headers.contains_key(UPGRADE);
     let from_here = |origin: &str| {
         let host = origin.strip_prefix("http://");
         host.is_some_and(|host| is_here(host, port))
@@ -119,5 +120,9 @@ mod tests {
         headers.insert(ORIGIN, HeaderValue::from_static("http://localhost:7485"));
         assert_eq!(refused(&Method::POST, &headers, 7485), None);
         assert!(refused(&Method::GET, &HeaderMap::new(), 7485).is_some());
+        headers.insert(UPGRADE, HeaderValue::from_static("websocket"));
+        assert_eq!(refused(&Method::GET, &headers, 7485), None);
+        headers.insert(ORIGIN, HeaderValue::from_static("http://evil.example"));
+        assert!(refused(&Method::GET, &headers, 7485).is_some());
     }
 }

@@ -1,8 +1,12 @@
 //! Connections: who is let in, for how long, and how they end.
 
+use super::access::Peer;
 use super::socket::Socket;
 use axum::Router;
+use hyper::Request;
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use std::sync::Arc;
@@ -61,13 +65,14 @@ pub(super) async fn tcp(
             () = ended(&mut stop) => return,
             accepted = async { (room.place().await, listener.accept().await) } => accepted,
         };
-        let (Some(place), Ok((stream, _))) = accepted else {
+        let (Some(place), Ok((stream, peer))) = accepted else {
             // One client's own error, or a lack of file handles, which takes time to pass.
             tokio::time::sleep(PAUSE).await;
             continue;
         };
         let _ = stream.set_nodelay(true);
-        tokio::spawn(serve(stream, router.clone(), place, stop.clone()));
+        let peer = Some(Peer(peer.ip()));
+        tokio::spawn(serve(stream, peer, router.clone(), place, stop.clone()));
     }
 }
 
@@ -87,22 +92,30 @@ pub(super) async fn unix(
             tokio::time::sleep(PAUSE).await;
             continue;
         };
-        tokio::spawn(serve(stream, router.clone(), place, stop.clone()));
+        tokio::spawn(serve(stream, None, router.clone(), place, stop.clone()));
     }
 }
 
 /// Serves one connection. Whatever ends it is the client's business alone.
 async fn serve(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    peer: Option<Peer>,
     router: Router,
     place: OwnedSemaphorePermit,
     mut stop: watch::Receiver<bool>,
 ) {
+    let router = TowerToHyperService::new(router);
+    let from_peer = service_fn(move |mut request: Request<Incoming>| {
+        if let Some(peer) = peer {
+            request.extensions_mut().insert(peer);
+        }
+        router.call(request)
+    });
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEAD_MAX)
         .max_buf_size(HEAD_LEN_MAX)
-        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+        .serve_connection(TokioIo::new(stream), from_peer);
     let mut connection = std::pin::pin!(connection);
     tokio::select! {
         _ = &mut connection => {}

@@ -235,7 +235,7 @@ where
     let slot = match headers.get("idempotency-key").map(|key| key.to_str()) {
         None => None,
         Some(Ok(key)) if (1..=KEY_LEN_MAX).contains(&key.len()) => {
-            match site.keys.slot(key, (&what, &body[..])) {
+            match site.keys.slot(key, (&who.name, &what, &body[..])) {
                 Some(slot) => Some(slot),
                 None => return bad_request("this Idempotency-Key stands for another command"),
             }

@@ -1,9 +1,10 @@
 //! The addresses of the API, and who may use each. Every file of handlers brings a table of its
 //! routes; [`ALL`] is the list of tables, and nothing is served that is in none of them.
 
-use super::access::{Caller, Need, check};
+use super::access::{Access, Caller, Need, SESSION_ROUTES, USER_ROUTES, check, identify};
 use super::doc::Doc;
 use super::keys::Keys;
+use super::listen::ended;
 use super::{answer, guard, loan, openapi, points, spoken, web};
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
@@ -64,7 +65,13 @@ impl Route {
 }
 
 /// Every route of the API.
-pub(super) const ALL: &[&[Route]] = &[points::ROUTES, loan::ROUTES, openapi::ROUTES];
+pub(super) const ALL: &[&[Route]] = &[
+    points::ROUTES,
+    loan::ROUTES,
+    openapi::ROUTES,
+    SESSION_ROUTES,
+    USER_ROUTES,
+];
 
 /// What every handler needs.
 #[derive(Clone, Debug)]
@@ -79,6 +86,37 @@ pub(super) struct Site {
     pub(super) keys: Arc<Keys>,
     /// The configuration's file; none for the demo.
     pub(super) file: Option<Arc<std::path::Path>>,
+    /// Who may what.
+    pub(super) access: Arc<Access>,
+    /// Where its pages are found: `http://127.0.0.1:7485`.
+    pub(super) origin: Arc<str>,
+    /// Browsers come by TLS.
+    pub(super) is_tls: bool,
+}
+
+impl Site {
+    /// Comes when what streams to somebody must end: the daemon does, or the caller's rights do.
+    pub(super) fn over(&self, caller: &Caller) -> impl Future<Output = ()> + Send + use<> {
+        let (mut stop, access, caller) =
+            (self.stop.clone(), Arc::clone(&self.access), caller.clone());
+        async move {
+            tokio::select! {
+                () = ended(&mut stop) => {}
+                () = access.gone(&caller) => {}
+            }
+        }
+    }
+
+    /// What it is called: as the folder of its configuration.
+    pub(super) fn name(&self) -> String {
+        let folder = self
+            .file
+            .as_deref()
+            .and_then(|file| file.parent()?.file_name());
+        let name = folder.map(|name| name.to_string_lossy().into_owned());
+        name.filter(|_| !self.demo)
+            .unwrap_or_else(|| "demo".to_owned())
+    }
 }
 
 pub(super) type Answer = Response<Body>;
@@ -86,6 +124,7 @@ pub(super) type Asked = Query<BTreeMap<String, String>>;
 
 /// All addresses; over TCP those who ask must be of this machine.
 pub(super) fn router(site: Site, tcp_port: Option<u16>) -> Router {
+    let access = Arc::clone(&site.access);
     let mut api = Router::new();
     for route in ALL.iter().copied().flatten() {
         // What only the daemon's own user may ask for is not there for anybody else.
@@ -106,7 +145,7 @@ pub(super) fn router(site: Site, tcp_port: Option<u16>) -> Router {
         .layer(DefaultBodyLimit::max(BODY_MAX));
     let router = match tcp_port {
         Some(port) => router
-            .layer(Extension(Caller::local()))
+            .layer(from_fn_with_state(access, identify))
             .layer(from_fn_with_state(port, guard::loopback)),
         None => router.layer(Extension(Caller::owner())),
     };

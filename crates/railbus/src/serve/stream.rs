@@ -1,11 +1,12 @@
 //! What happens, as it happens: JSON line by line, or events for a browser.
 
+use super::access::Caller;
 use super::answer;
-use super::listen::ended;
 use super::points::selectors;
 use super::routes::Site;
 use crate::api::types::WatchEvent;
 use crate::api::watching::Watching;
+use axum::Extension;
 use axum::body::{Body, Bytes};
 use axum::extract::{Query, State};
 use axum::http::header::{ACCEPT, CONTENT_TYPE, HeaderValue};
@@ -14,7 +15,6 @@ use http_body_util::channel::{Channel, Sender};
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::time::Duration;
-use tokio::sync::watch;
 
 /// How many pieces wait for a slow reader; what happens meanwhile waits at the site, which
 /// drops the oldest and says how many.
@@ -33,6 +33,7 @@ enum Form {
 pub(super) async fn watch(
     State(site): State<Site>,
     asked: Query<BTreeMap<String, String>>,
+    who: Extension<Caller>,
     headers: HeaderMap,
 ) -> Response<Body> {
     let selectors = match selectors(&site.service, &asked) {
@@ -47,7 +48,7 @@ pub(super) async fn watch(
     };
     let (sender, body) = Channel::<Bytes, Infallible>::new(PIECES_MAX);
     let watching = Watching::new(site.service.clone(), &selectors);
-    tokio::spawn(send(form, watching, sender, site.stop.clone()));
+    tokio::spawn(send(form, watching, sender, site.over(&who)));
     let mut response = Response::new(Body::new(body));
     let content_type = HeaderValue::from_static(match form {
         Form::Ndjson => "application/x-ndjson",
@@ -57,16 +58,17 @@ pub(super) async fn watch(
     response
 }
 
-/// Sends until the reader has gone, or the daemon ends.
+/// Sends until the reader has gone, or may no longer look, or the daemon ends.
 async fn send(
     form: Form,
     mut watching: Watching,
     mut sender: Sender<Bytes, Infallible>,
-    mut stop: watch::Receiver<bool>,
+    over: impl Future<Output = ()>,
 ) {
+    let mut over = std::pin::pin!(over);
     loop {
         let piece = tokio::select! {
-            () = ended(&mut stop) => return,
+            () = &mut over => return,
             event = tokio::time::timeout(ALIVE, watching.next()) => match event {
                 Ok(Some(event)) => piece(form, &event),
                 Ok(None) => return,
@@ -77,7 +79,7 @@ async fn send(
             },
         };
         let sent = tokio::select! {
-            () = ended(&mut stop) => return,
+            () = &mut over => return,
             sent = sender.send_data(piece) => sent,
         };
         if sent.is_err() {

@@ -8,16 +8,97 @@ codes! {
         likely: ["a request from another machine or page", "请求来自其他机器或网页"],
         next: ["ask on the daemon's own machine", "请在守护进程所在机器上操作"],
     }
+    Unauthenticated = "E0902" {
+        title: ["log in first, or show a token", "请先登录，或出示令牌"],
+        likely: ["no cookie and no Authorization header · the session or token has ended",
+            "没有 Cookie 或 Authorization 头 · 会话或令牌已失效"],
+        next: ["railbus token create NAME --role viewer", "railbus token create 名称 --role viewer"],
+    }
     NotLoopback = "E0903" {
         title: ["will not listen beyond this machine without TLS and a user",
             "没有 TLS 和用户时不向其他机器开放"],
         likely: ["--listen names an address that others can reach", "--listen 的地址可被其他机器访问"],
         next: ["use 127.0.0.1 and a tunnel such as ssh -L", "使用 127.0.0.1，并通过 ssh -L 等隧道访问"],
     }
+    WrongLogin = "E0904" {
+        title: ["name or password is wrong, or the user is locked", "用户名或密码错误，或该用户已锁定"],
+        likely: ["a typing mistake · another daemon than meant", "输入错误 · 连接了别的守护进程"],
+        next: ["railbus user passwd NAME", "railbus user passwd 用户名"],
+    }
+    RoleTooLow = "E0905" {
+        title: ["your role does not allow this", "您的角色无权执行此操作"],
+        likely: ["viewers look, operators switch, engineers configure, admins manage users",
+            "viewer 可查看，operator 可操作，engineer 可配置，admin 可管理用户"],
+        next: ["ask an administrator: railbus user list", "请联系管理员：railbus user list"],
+    }
     PointRight = "E0906" {
         title: ["this point is none of those that you may switch", "您无权操作该点"],
         likely: ["the user or the token is limited to some points", "该用户或令牌只限于部分点"],
         next: ["ask an administrator: railbus user list", "请联系管理员：railbus user list"],
+    }
+    TooManyTries = "E0907" {
+        title: ["too many tries; wait a while", "尝试次数过多，请稍候"],
+        likely: ["five wrong tries in a minute, of one account or from one address",
+            "一分钟内同一账户或同一地址五次输入错误"],
+        next: ["wait a minute, or railbus user passwd NAME", "等待一分钟，或 railbus user passwd 用户名"],
+    }
+    Csrf = "E0908" {
+        title: ["the request lacks the X-CSRF-Token of its session", "请求缺少会话的 X-CSRF-Token"],
+        likely: ["a page of another site · a page older than the session", "来自其他网站的网页 · 网页早于会话"],
+        next: ["load the page again; programs use a token instead of a cookie",
+            "重新加载网页；程序请改用令牌"],
+    }
+    SetupLink = "E0909" {
+        title: ["the setup link is not good, or not any more", "设置链接无效或已失效"],
+        likely: ["it is older than 15 min, was used, or a newer one was made",
+            "已超过 15 分钟、已使用，或已生成新链接"],
+        next: ["railbus user setup-link", "railbus user setup-link"],
+    }
+    NoUser = "E0910" {
+        title: ["there is no such user", "没有该用户"],
+        likely: ["a typing mistake · another daemon or configuration", "输入错误 · 别的守护进程或配置"],
+        next: ["railbus user list", "railbus user list"],
+    }
+    NameTaken = "E0911" {
+        title: ["the name is taken", "名称已被使用"],
+        likely: ["there is a user or a token of this name", "已有同名用户或令牌"],
+        next: ["railbus user list, or railbus token list", "railbus user list 或 railbus token list"],
+    }
+    LastAdmin = "E0912" {
+        title: ["one administrator must be left who is not locked", "至少须保留一名未锁定的管理员"],
+        likely: ["this is the last one", "这是最后一名管理员"],
+        next: ["railbus user add NAME --role admin", "railbus user add 用户名 --role admin"],
+    }
+    WeakPassword = "E0913" {
+        title: ["the password is too short, too long or too simple", "密码过短、过长或过于简单"],
+        likely: ["fewer than 10 letters, more than 256 bytes, one letter only, or the name itself",
+            "少于 10 个字符、超过 256 字节、只有一种字符，或与用户名相同"],
+        next: ["take a few words that nobody else would", "请使用几个他人想不到的词"],
+    }
+    NoToken = "E0914" {
+        title: ["there is no such token", "没有该令牌"],
+        likely: ["a typing mistake · it was revoked", "输入错误 · 已被撤销"],
+        next: ["railbus token list", "railbus token list"],
+    }
+    TooManyAccounts = "E0915" {
+        title: ["there are as many as there may be", "数量已达上限"],
+        likely: ["64 users and 64 tokens are the most", "最多 64 个用户和 64 个令牌"],
+        next: ["railbus token revoke NAME", "railbus token revoke 名称"],
+    }
+    AccountsFile = "E0916" {
+        title: ["the accounts can't be read or kept", "无法读取或保存账户"],
+        likely: ["the state folder may not be written · the disk is full", "状态文件夹不可写 · 磁盘已满"],
+        next: ["name another folder with RAILBUS_STATE", "用 RAILBUS_STATE 指定其他文件夹"],
+    }
+    AccountsHeld = "E0917" {
+        title: ["another program holds the accounts", "账户正由其他程序使用"],
+        likely: ["a daemon runs with them, at another socket", "有守护进程在别的套接字上使用它们"],
+        next: ["name its socket with --socket", "用 --socket 指定其套接字"],
+    }
+    NoSession = "E0918" {
+        title: ["there is no such session", "没有该会话"],
+        likely: ["it has ended", "会话已结束"],
+        next: ["load the list again", "重新加载列表"],
     }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],

@@ -1,0 +1,280 @@
+//! Logging in and out, and the first user.
+
+use super::accounts::{User, UserChange};
+use super::gate::{Access, COOKIE_NAME, Peer, cookie};
+use super::secret::Secret;
+use super::sessions::csrf;
+use super::tries::Who;
+use super::{Caller, Known, Need, Role, note_login, password};
+use crate::api::problem::{Problem, codes};
+use crate::serve::answer;
+use crate::serve::routes::{Answer, Route, Site};
+use axum::Extension;
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::http::header::{HeaderValue, RETRY_AFTER, SET_COOKIE};
+use axum::routing::{get, post};
+use jiff::Timestamp;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::json;
+use std::net::IpAddr;
+use std::time::Instant;
+
+/// The routes of this file.
+pub(in crate::serve) const ROUTES: &[Route] = &[
+    Route::new("GET", "/session", Need::Nothing, || get(session)),
+    Route::new("POST", "/setup", Need::Nothing, || post(set_up)),
+    Route::new("POST", "/login", Need::Nothing, || post(log_in)),
+    Route::new("POST", "/logout", Need::VIEWER, || post(log_out)),
+    Route::new("POST", "/password", Need::VIEWER, || post(new_password)),
+    Route::new("POST", "/setup-link", Need::Owner, || post(setup_link)),
+];
+
+#[derive(Deserialize)]
+struct SetupRequest {
+    key: Secret,
+    name: String,
+    password: Secret,
+    #[serde(default)]
+    lang: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct LoginRequest {
+    name: String,
+    password: Secret,
+}
+
+#[derive(Deserialize)]
+struct PasswordRequest {
+    old: Secret,
+    new: Secret,
+}
+
+/// The body as one of these.
+pub(super) fn read<T: DeserializeOwned>(body: &Bytes) -> Result<T, Problem> {
+    // What a parser met could be a secret, and so only where it met it is told.
+    serde_json::from_slice(body).map_err(|error| {
+        let place = format!(
+            "no such request: line {} column {}",
+            error.line(),
+            error.column()
+        );
+        Problem::new(codes::BAD_REQUEST).with("reason", place)
+    })
+}
+
+/// `GET /session`.
+async fn session(State(site): State<Site>, who: Extension<Caller>, headers: HeaderMap) -> Answer {
+    let csrf = match who.known {
+        Known::Session { .. } => cookie(&headers).map(csrf),
+        _ => None,
+    };
+    answer::json(Ok(told(&site, &who, csrf)))
+}
+
+/// A session as its owner sees it.
+fn told(site: &Site, who: &Caller, csrf: Option<String>) -> serde_json::Value {
+    let user = who
+        .role
+        .map(|role| json!({ "name": who.name, "role": role, "points": &who.points[..] }));
+    let chosen = site.access.read(|accounts| {
+        let user = accounts.user(&who.name);
+        user.and_then(|user| user.lang.clone())
+    });
+    json!({
+        "user": user,
+        "setup": site.access.is_new(),
+        "csrf": csrf,
+        "demo": site.demo,
+        "version": env!("CARGO_PKG_VERSION"),
+        "lang": chosen.as_deref().unwrap_or(site.lang.name()),
+        "site": site.name(),
+    })
+}
+
+/// `POST /setup`: the first user, who may do everything.
+async fn set_up(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    peer: Option<Extension<Peer>>,
+    body: Bytes,
+) -> Answer {
+    let end = first_user(&site, address(peer), &body).await;
+    let name = end.as_ref().ok().map(|(name, _)| name.as_str());
+    note_login(&site, name, &who.via, end.as_ref().err());
+    begun(&site, &who, end)
+}
+
+async fn first_user(
+    site: &Site,
+    address: IpAddr,
+    body: &Bytes,
+) -> Result<(String, Secret), Problem> {
+    let wanted: SetupRequest = read(body)?;
+    let access = &site.access;
+    let whose = [Who::address(address)];
+    access.take_try(&whose)?;
+    let refused = |reason: &str| Problem::new(codes::SETUP).with("reason", reason);
+    if !access.is_new() {
+        return Err(refused("there is a user already"));
+    }
+    if !access.setup.fits(&wanted.key, Instant::now()) {
+        return Err(refused("the link is no longer good"));
+    }
+    access.forget_tries(&whose);
+    password::check(&wanted.name, &wanted.password)?;
+    let user = User {
+        name: wanted.name.clone(),
+        role: Role::Admin,
+        points: Vec::new(),
+        password: access.hashers.hash(wanted.password).await?,
+        locked: false,
+        lang: wanted
+            .lang
+            .filter(|lang| ["en", "zh"].contains(&lang.as_str())),
+        created: Timestamp::now(),
+    };
+    let key = wanted.key;
+    let add = |accounts: &mut super::accounts::Accounts| {
+        // Two may have come this far at once.
+        if !accounts.is_empty() || !access.setup.fits(&key, Instant::now()) {
+            return Err(refused("there is a user already"));
+        }
+        accounts.add_user(user)
+    };
+    access.change(add).await?;
+    access.setup.close();
+    let secret = access.begin_session(&wanted.name, address)?;
+    Ok((wanted.name, secret))
+}
+
+/// `POST /login`.
+async fn log_in(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    peer: Option<Extension<Peer>>,
+    body: Bytes,
+) -> Answer {
+    let wanted: LoginRequest = match read(&body) {
+        Ok(wanted) => wanted,
+        Err(problem) => return answer::problem(&problem),
+    };
+    let LoginRequest { name, password } = wanted;
+    let end = site.access.log_in(&name, password, address(peer)).await;
+    note_login(&site, Some(&name), &who.via, end.as_ref().err());
+    begun(&site, &who, end.map(|secret| (name, secret)))
+}
+
+/// The answer to a login: the session, and the cookie that carries it from now on.
+fn begun(site: &Site, who: &Caller, end: Result<(String, Secret), Problem>) -> Answer {
+    let (name, secret) = match end {
+        Ok(begun) => begun,
+        Err(problem) => return refused(&problem),
+    };
+    let user = site.access.read(|accounts| accounts.user(&name).cloned());
+    let who = Caller {
+        role: user.as_ref().map(|user| user.role),
+        points: user.map(|user| user.points.into()).unwrap_or_default(),
+        name,
+        ..who.clone()
+    };
+    let told = told(site, &who, Some(csrf(secret.expose())));
+    with_cookie(answer::json(Ok(told)), site, secret.expose(), None)
+}
+
+/// A refusal that says when to try again.
+fn refused(problem: &Problem) -> Answer {
+    let mut response = answer::problem(problem);
+    let wait = problem
+        .with
+        .get("retry_after_ms")
+        .and_then(serde_json::Value::as_u64);
+    if let Some(wait) = wait {
+        let seconds = HeaderValue::from(wait.div_ceil(1_000));
+        response.headers_mut().insert(RETRY_AFTER, seconds);
+    }
+    response
+}
+
+fn with_cookie(mut response: Answer, site: &Site, value: &str, age: Option<u32>) -> Answer {
+    let secure = if site.is_tls { "; Secure" } else { "" };
+    let age = age
+        .map(|age| format!("; Max-Age={age}"))
+        .unwrap_or_default();
+    let cookie = format!("{COOKIE_NAME}={value}; HttpOnly; SameSite=Strict; Path=/{secure}{age}");
+    // It is all ASCII.
+    if let Ok(mut value) = HeaderValue::from_str(&cookie) {
+        value.set_sensitive(true);
+        response.headers_mut().insert(SET_COOKIE, value);
+    }
+    response
+}
+
+/// `POST /logout`.
+async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
+    if let Some(key) = Access::session_of(&who) {
+        site.access.sessions.end(key);
+        site.access.changed();
+    }
+    let nobody = Caller {
+        role: None,
+        ..who.0
+    };
+    let told = told(&site, &nobody, None);
+    with_cookie(answer::json(Ok(told)), &site, "", Some(0))
+}
+
+/// `POST /password`: a new one for oneself. All other sessions of the user end.
+async fn new_password(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    peer: Option<Extension<Peer>>,
+    body: Bytes,
+) -> Answer {
+    match change_password(&site, &who, address(peer), &body).await {
+        Ok(()) => answer::json(Ok(json!({ "changed": who.name }))),
+        Err(problem) => refused(&problem),
+    }
+}
+
+async fn change_password(
+    site: &Site,
+    who: &Caller,
+    address: IpAddr,
+    body: &Bytes,
+) -> Result<(), Problem> {
+    let wanted: PasswordRequest = read(body)?;
+    let access = &site.access;
+    let Some(key) = Access::session_of(who) else {
+        let reason = "only a user who has logged in has a password";
+        return Err(Problem::new(codes::FORBIDDEN).with("reason", reason));
+    };
+    password::check(&who.name, &wanted.new)?;
+    access.confirm(&who.name, wanted.old, address).await?;
+    let change = UserChange {
+        password: Some(access.hashers.hash(wanted.new).await?),
+        ..UserChange::default()
+    };
+    access
+        .change(|accounts| accounts.change_user(&who.name, change))
+        .await?;
+    access.sessions.end_of_user(&who.name, Some(key));
+    access.changed();
+    Ok(())
+}
+
+/// `POST /setup-link`, for the owner: another link for the first user.
+async fn setup_link(State(site): State<Site>) -> Answer {
+    let link = site.access.setup_link(&site.origin);
+    let minutes = super::setup::LIFE.as_secs() / 60;
+    answer::json(link.map(|link| json!({ "link": link, "minutes": minutes })))
+}
+
+/// Where a request comes from; over the socket, from this machine.
+fn address(peer: Option<Extension<Peer>>) -> IpAddr {
+    let here = IpAddr::V4(std::net::Ipv4Addr::LOCALHOST);
+    peer.map_or(here, |Extension(Peer(address))| address)
+}
