@@ -32,4 +32,5 @@ mod risk;
 mod stop;
 mod wireshark;
 
+pub(crate) use config_check::warnings;
 pub(crate) use context::{Context, address, global_flags};

@@ -3,6 +3,7 @@
 
 pub(crate) mod access;
 mod answer;
+mod config;
 mod doc;
 mod frames;
 mod guard;
@@ -11,6 +12,7 @@ mod listen;
 mod loan;
 mod openapi;
 mod points;
+mod ports;
 mod routes;
 pub(crate) mod socket;
 mod spoken;
@@ -27,8 +29,8 @@ use crate::render::{Format, out, records};
 use crate::sim::background::Background;
 use crate::texts::Text;
 use access::Access;
-use access::secret::{hex, random};
 use clap::{ArgAction, ArgMatches, Command, value_parser};
+use config::Desk;
 use keys::Keys;
 use listen::Room;
 use railbus_site::{Config, Service};
@@ -106,6 +108,9 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
 /// longer than people wait.
 const TRIED_WITHIN: Duration = Duration::from_secs(1);
 
+/// How many names are tried for the demo's folder.
+const OWN_FOLDERS_MAX: u32 = 16;
+
 /// The system refuses what it always grants.
 fn system(lang: Lang, error: impl ToString) -> Failure {
     Failure::new(Code::System, lang.get(Text::CantServeSite).to_owned()).because(error)
@@ -132,30 +137,21 @@ fn check(lang: Lang, wanted: &Wanted, format: Format) -> Result<(), Failure> {
 /// The site, and where it comes from.
 struct Source {
     config: Config,
-    /// What is to be remembered lies here.
-    state: PathBuf,
-    /// None for the demo.
-    file: Option<PathBuf>,
+    file: PathBuf,
     /// Ends with the daemon, after the lines.
-    _demo: Option<Background>,
-    /// Goes away with the demo.
-    _folder: Option<Temporary>,
+    demo: Option<Demo>,
 }
 
-/// A folder that goes away with this.
-struct Temporary(PathBuf);
-
-impl Temporary {
-    fn make(lang: Lang) -> Result<Temporary, Failure> {
-        let name = random::<8>().map_err(|error| system(lang, error))?;
-        let path = std::env::temp_dir().join(format!("railbus-demo-{}", hex(&name)));
-        let made = std::fs::DirBuilder::new().mode(0o700).create(&path);
-        made.map_err(|error| system(lang, error))?;
-        Ok(Temporary(path))
-    }
+/// The demo line, and the folder of its site, which goes last.
+struct Demo {
+    _line: Background,
+    _folder: OwnFolder,
 }
 
-impl Drop for Temporary {
+/// A folder of this daemon alone, for as long as it runs.
+struct OwnFolder(PathBuf);
+
+impl Drop for OwnFolder {
     fn drop(&mut self) {
         let _ = std::fs::remove_dir_all(&self.0);
     }
@@ -165,29 +161,62 @@ impl Source {
     fn open(lang: Lang, wanted: &Wanted) -> Result<Source, Failure> {
         let refused = |problem: Problem| Failure::of_problem(lang, &problem);
         if wanted.demo {
-            let link = format!("railbus-demo-{}", std::process::id());
-            let demo = Background::start(lang, std::env::temp_dir().join(link))?;
-            let port = demo.path().display().to_string();
-            let text = include_str!("serve/demo.toml").replace("PORT", &port);
-            let config = Config::parse(&text)
-                .map_err(|problems| refused(bad_config(lang, "demo.toml", &problems)))?;
-            let folder = Temporary::make(lang)?;
-            return Ok(Source {
-                config,
-                state: folder.0.clone(),
-                file: None,
-                _demo: Some(demo),
-                _folder: Some(folder),
-            });
+            return Source::demo(lang);
         }
-        let found = config_file::read(lang, wanted.config.as_deref()).map_err(refused)?;
+        let file = config_file::path(wanted.config.as_deref()).map_err(|problem| {
+            refused(problem.with_hint(format!("railbus serve --config {}", config_file::NAME)))
+        })?;
+        // A site may begin with nothing: its first line is added in the browser.
+        let config = match file.exists() {
+            true => {
+                config_file::read(lang, Some(&file))
+                    .map_err(refused)?
+                    .config
+            }
+            false => Config::default(),
+        };
         Ok(Source {
-            config: found.config,
-            state: config_file::state_folder(Some(&found.path)),
-            file: Some(found.path),
-            _demo: None,
-            _folder: None,
+            config,
+            file,
+            demo: None,
         })
+    }
+
+    fn demo(lang: Lang) -> Result<Source, Failure> {
+        let folder = OwnFolder::make().map_err(|error| system(lang, error))?;
+        let line = Background::start(lang, folder.0.join("line"))?;
+        let port = line.path().display().to_string();
+        let text = include_str!("serve/demo.toml").replace("PORT", &port);
+        let file = folder.0.join(config_file::NAME);
+        std::fs::write(&file, &text).map_err(|error| system(lang, error))?;
+        let config = Config::parse(&text).map_err(|problems| {
+            Failure::of_problem(lang, &bad_config(lang, config_file::NAME, &problems))
+        })?;
+        let demo = Demo {
+            _line: line,
+            _folder: folder,
+        };
+        Ok(Source {
+            config,
+            file,
+            demo: Some(demo),
+        })
+    }
+}
+
+impl OwnFolder {
+    /// One that is there already is somebody else's.
+    fn make() -> std::io::Result<OwnFolder> {
+        let mut refused = std::io::ErrorKind::AlreadyExists.into();
+        for number in 0..OWN_FOLDERS_MAX {
+            let name = format!("railbus-demo-{}-{number}", std::process::id());
+            let folder = std::env::temp_dir().join(name);
+            match std::fs::DirBuilder::new().mode(0o700).create(&folder) {
+                Ok(()) => return Ok(OwnFolder(folder)),
+                Err(error) => refused = error,
+            }
+        }
+        Err(refused)
     }
 }
 
@@ -203,7 +232,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let address = tcp.local_addr().map_err(|error| system(lang, error))?;
     let socket = listen_on_socket(lang, wanted)?;
     let source = Source::open(lang, wanted)?;
-    let access = Access::open(&source.state);
+    let access = Access::open(&config_file::state_folder(Some(&source.file)));
     let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
     let service = Service::start(source.config.clone()).map_err(|error| system(lang, error))?;
 
@@ -217,14 +246,15 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let _ = tokio::time::timeout(TRIED_WITHIN, tried).await;
     let origin = format!("http://{address}");
     announce(lang, &source, &access, &origin, &socket);
+    let desk = Arc::new(Desk::new(&source.file));
     let (stop, stopped) = watch::channel(false);
     let site = Site {
         service: service.clone(),
         lang,
-        demo: source.file.is_none(),
+        demo: source.demo.is_some(),
         stop: stopped.clone(),
         keys: Arc::new(Keys::default()),
-        file: source.file.as_deref().map(Arc::from),
+        desk: Arc::clone(&desk),
         access: Arc::new(access),
         origin: origin.into(),
         is_tls: false,
@@ -244,7 +274,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     }
 
     while signals.next().await == Asked::Reload {
-        reload(lang, &service, source.file.as_deref()).await;
+        reload(lang, &service, &desk).await;
     }
     // Fails where nobody listens any more.
     let _ = stop.send(true);
@@ -281,17 +311,9 @@ fn listen_on_socket(
 }
 
 /// Takes the configuration again. Where it has problems they are told, and all stays as it was.
-async fn reload(lang: Lang, service: &Service, file: Option<&Path>) {
-    let Some(path) = file else {
-        return complain(lang.get(Text::NoReload));
-    };
-    let name = path.display().to_string();
-    let read = match config_file::text_of(path) {
-        Ok(text) => service.reload(&text).await,
-        Err(problem) => return complain(&Failure::of_problem(lang, &problem).render(lang)),
-    };
-    match read {
-        Ok(done) => {
+async fn reload(lang: Lang, service: &Service, desk: &Desk) {
+    match desk.reload(service, lang).await {
+        Ok(config::Changed { reloaded: done, .. }) => {
             let lists = [&done.kept, &done.opened, &done.closed];
             let [kept, opened, closed] = lists.map(|lines| match lines.as_slice() {
                 [] => "–".to_owned(),
@@ -301,8 +323,7 @@ async fn reload(lang: Lang, service: &Service, file: Option<&Path>) {
                 &[("kept", &kept), ("opened", &opened), ("closed", &closed)];
             say(&lang.fill(Text::Reloaded, values));
         }
-        Err(problems) => {
-            let problem = bad_config(lang, &name, &problems);
+        Err(problem) => {
             complain(&Failure::of_problem(lang, &problem).render(lang));
             complain(lang.get(Text::NotReloaded));
         }
@@ -318,9 +339,11 @@ fn announce(
     socket: &Result<Socket, (PathBuf, std::io::Error)>,
 ) {
     let version = env!("CARGO_PKG_VERSION");
-    let what = match &source.file {
-        None => lang.get(Text::ServesDemo).to_owned(),
-        Some(file) => file.display().to_string(),
+    let file = source.file.display().to_string();
+    let what = match &source.demo {
+        Some(_) => lang.get(Text::ServesDemo).to_owned(),
+        None if source.file.exists() => file,
+        None => lang.fill(Text::ServesNew, &[("file", &file)]),
     };
     let socket = match socket {
         Ok(socket) => socket.path().display().to_string(),

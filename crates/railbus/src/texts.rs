@@ -430,7 +430,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     }
     CantServeSite { en: "can't serve the site", zh: "无法提供服务" }
     NoSocket { en: "can't listen on the socket {path}", zh: "无法监听套接字 {path}" }
-    NoReload { en: "the demo has no configuration to read again", zh: "演示总线没有可重新读取的配置" }
+    ServesNew {
+        en: "{file}: not there yet; it is made with the first line or module",
+        zh: "{file}：尚不存在，添加第一条总线或模块时创建"
+    }
     Reloaded {
         en: "configuration read again; lines kept: {kept}; opened: {opened}; closed: {closed}",
         zh: "已重新读取配置；保留的总线：{kept}；打开：{opened}；关闭：{closed}",

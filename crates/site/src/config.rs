@@ -4,10 +4,12 @@
 //! its line and column, and nothing is half taken.
 
 pub mod add;
+pub mod change;
 mod control;
 mod desired;
 pub mod edit;
 mod faults;
+pub mod keeper;
 mod lint;
 mod plant;
 mod problem;

@@ -139,6 +139,18 @@ pub(crate) mod codes {
         BAD_CONFIG = "E0810", 422, "the configuration has problems";
         /// Also `file`, `reason`.
         CONFIG_FILE = "E0824", 422, "the configuration can't be read";
+        /// Also `file`, `etag`: that of the text there is now.
+        CONFIG_CHANGED = "E0827", 412, "the configuration was changed meanwhile";
+        /// Also `name`.
+        NOT_EDITABLE = "E0828", 422, "this part of the configuration can only be changed by hand";
+        /// Also `kind`, `name`.
+        ALREADY_THERE = "E0829", 409, "there is one of that name already";
+        /// Also `file`, `reason`.
+        CONFIG_NOT_WRITTEN = "E0830", 500, "the configuration can't be written; all is as it was";
+        /// No such text is kept.
+        NO_GENERATION = "E0831", 404, "no such generation of the configuration is kept";
+        /// A whole text came without saying which one it replaces.
+        NO_IF_MATCH = "E0832", 428, "say with If-Match which text is to be replaced";
         /// Also `reason`.
         FORBIDDEN = "E0901", 403, "not from there";
         /// Nobody knows who asks.

@@ -110,6 +110,13 @@ pub(super) fn lints(machine: &Machine, config: &Config) -> Vec<Warning> {
     })
 }
 
+/// The same as the API tells them.
+pub(crate) fn warnings(lang: Lang, file: &str, text: &str, config: &Config) -> Vec<Value> {
+    let warnings = lints(&Machine::this(), config);
+    let told = |warning| Shown::of(lang, text, warning).json(file);
+    warnings.iter().map(told).collect()
+}
+
 /// How much of each line's time the polls take at least.
 pub(super) fn loads(lang: Lang, config: &Config) -> String {
     let of_line = |name: &String| {

@@ -16,6 +16,8 @@ pub(crate) struct Adapter {
     pub(crate) latency_ms: Option<u32>,
     /// Vendor and product on USB.
     pub(crate) usb: Option<(u16, u16)>,
+    /// What it calls itself on USB.
+    pub(crate) product: Option<String>,
     /// The name that stays the same wherever it is plugged in.
     pub(crate) stable: Option<String>,
     /// The name of the socket it is plugged into: for adapters without a serial number.
@@ -47,6 +49,7 @@ pub(crate) fn adapters(machine: &Machine) -> Vec<Adapter> {
                 &format!("/sys/class/tty/{name}/device/latency_timer"),
             ),
             usb: usb(machine, &name),
+            product: product(machine, &name),
             stable: stable.get(&name).cloned(),
             socket: sockets.get(&name).cloned(),
             holders: holders.remove(&device).unwrap_or_default(),
@@ -81,21 +84,28 @@ fn number(machine: &Machine, path: &str) -> Option<u32> {
     machine.text(path)?.trim().parse().ok()
 }
 
-/// Vendor and product: they stand some folders above the port, how many differs by driver.
+/// Vendor and product.
 fn usb(machine: &Machine, name: &str) -> Option<(u16, u16)> {
+    let number = |key| u16::from_str_radix(&of_usb(machine, name, key)?, 16).ok();
+    Some((number("idVendor")?, number("idProduct")?))
+}
+
+/// What its maker wrote into it.
+fn product(machine: &Machine, name: &str) -> Option<String> {
+    let product = of_usb(machine, name, "product")?;
+    // It may be anything; the longest that USB allows is 126 characters.
+    let shown = product.chars().filter(|c| !c.is_control()).take(126);
+    Some(shown.collect())
+}
+
+/// What the USB device says: it stands some folders above the port, how many differs by driver.
+fn of_usb(machine: &Machine, name: &str, key: &str) -> Option<String> {
     let device = machine.path(format!("/sys/class/tty/{name}/device"));
     let device = device.canonicalize().ok()?;
-    let read = |path: std::path::PathBuf| {
-        let text = std::fs::read_to_string(path).ok()?;
-        u16::from_str_radix(text.trim(), 16).ok()
-    };
     let mut folders = device.ancestors().take(5);
-    folders.find_map(|folder| {
-        Some((
-            read(folder.join("idVendor"))?,
-            read(folder.join("idProduct"))?,
-        ))
-    })
+    let device = folders.find(|folder| folder.join("idVendor").exists())?;
+    let text = std::fs::read_to_string(device.join(key)).ok()?;
+    Some(text.trim().to_owned())
 }
 
 /// Who has which terminal open.
@@ -149,6 +159,7 @@ mod tests {
             driver: Some("ftdi_sio".to_owned()),
             latency_ms: Some(16),
             usb: Some((0x0403, 0x6001)),
+            product: None,
             stable: Some(stable.to_owned()),
             socket: None,
             holders: vec![(812, "mbusd".to_owned())],

@@ -47,7 +47,8 @@ async fn take_back(mut site: Site, loan: Loan, gone: oneshot::Receiver<()>) {
         () = ended(&mut site.stop) => return,
         _ = gone => {}
     }
-    let text = site.file.as_deref().and_then(|file| text_of(file).ok());
+    let _turn = site.desk.turn().await;
+    let text = text_of(site.desk.file()).ok();
     loan.end(text.as_deref()).await;
 }
 

@@ -2,10 +2,11 @@
 //! routes; [`ALL`] is the list of tables, and nothing is served that is in none of them.
 
 use super::access::{Access, Caller, Need, SESSION_ROUTES, USER_ROUTES, check, identify};
+use super::config::{self, Desk};
 use super::doc::Doc;
 use super::keys::Keys;
 use super::listen::ended;
-use super::{answer, guard, loan, openapi, points, spoken, web};
+use super::{answer, guard, loan, openapi, points, ports, spoken, web};
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
 use axum::body::Body;
@@ -68,6 +69,8 @@ impl Route {
 pub(super) const ALL: &[&[Route]] = &[
     points::ROUTES,
     loan::ROUTES,
+    config::ROUTES,
+    ports::ROUTES,
     openapi::ROUTES,
     SESSION_ROUTES,
     USER_ROUTES,
@@ -84,8 +87,8 @@ pub(super) struct Site {
     /// Streams end when the daemon does.
     pub(super) stop: watch::Receiver<bool>,
     pub(super) keys: Arc<Keys>,
-    /// The configuration's file; none for the demo.
-    pub(super) file: Option<Arc<std::path::Path>>,
+    /// The configuration's file, and who may change it when.
+    pub(super) desk: Arc<Desk>,
     /// Who may what.
     pub(super) access: Arc<Access>,
     /// Where its pages are found: `http://127.0.0.1:7485`.
@@ -109,13 +112,18 @@ impl Site {
 
     /// What it is called: as the folder of its configuration.
     pub(super) fn name(&self) -> String {
+        if self.demo {
+            return "demo".to_owned();
+        }
         let folder = self
-            .file
-            .as_deref()
-            .and_then(|file| file.parent()?.file_name());
-        let name = folder.map(|name| name.to_string_lossy().into_owned());
-        name.filter(|_| !self.demo)
-            .unwrap_or_else(|| "demo".to_owned())
+            .desk
+            .file()
+            .parent()
+            .and_then(|folder| folder.file_name());
+        folder.map_or_else(
+            || "railbus".to_owned(),
+            |name| name.to_string_lossy().into_owned(),
+        )
     }
 }
 

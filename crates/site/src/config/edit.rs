@@ -2,9 +2,11 @@
 //! blanks included.
 
 use super::Config;
+use super::keeper::{TEXT_MAX, too_long};
 use crate::commission::Place;
+use std::fmt;
 use std::fs::{File, OpenOptions};
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use toml_edit::{DocumentMut, Item, Value, value};
@@ -60,15 +62,87 @@ fn set(table: &mut dyn toml_edit::TableLike, key: &str, new: Value, needed: bool
     }
 }
 
-/// Puts a new text in the place of a file, or makes it: at every moment, and after every loss of
-/// power, there is a whole one. The older ones are kept, as many as [`GENERATIONS`].
+/// Why a text was not written.
+#[derive(Debug)]
+pub enum WriteError {
+    /// The file says something else than what the writer has seen.
+    Changed,
+    /// The system refuses.
+    Io(io::Error),
+}
+
+impl fmt::Display for WriteError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            WriteError::Changed => f.write_str("the file was changed meanwhile"),
+            WriteError::Io(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for WriteError {}
+
+impl From<io::Error> for WriteError {
+    fn from(error: io::Error) -> WriteError {
+        WriteError::Io(error)
+    }
+}
+
+/// Puts a new text in the place of a file, or makes it; where the writer has seen what it says,
+/// in the place of that only. The older ones are kept beside it, as many as [`GENERATIONS`].
 ///
 /// # Errors
-/// Where the system refuses.
-pub fn replace(file: &Path, text: &str) -> io::Result<()> {
-    // Through a link, the file itself is replaced.
-    let file = &std::fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
+/// Where the file says something else by now, or the system refuses.
+pub fn replace(file: &Path, seen: Option<&str>, text: &str) -> Result<(), WriteError> {
+    let _held = hold(file)?;
+    if let Some(seen) = seen
+        && text_of(file)? != seen
+    {
+        return Err(WriteError::Changed);
+    }
+    if file.exists() {
+        keep(&real(file))?;
+    }
+    Ok(put(file, text)?)
+}
+
+/// Nobody else of this program's kind changes a file of this folder until that is dropped.
+pub(super) fn hold(file: &Path) -> io::Result<File> {
+    let folder = File::open(folder_of(&real(file)))?;
+    folder.lock()?;
+    Ok(folder)
+}
+
+/// What a file says; nothing where there is none.
+pub(super) fn text_of(file: &Path) -> io::Result<String> {
+    let opened = match File::open(file) {
+        Ok(opened) => opened,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(String::new()),
+        Err(error) => return Err(error),
+    };
+    let mut text = String::new();
+    let most = TEXT_MAX as u64 + 1;
+    opened.take(most).read_to_string(&mut text)?;
+    if text.len() > TEXT_MAX {
+        return Err(too_long());
+    }
+    Ok(text)
+}
+
+/// Through a link, the file itself is replaced.
+fn real(file: &Path) -> PathBuf {
+    std::fs::canonicalize(file).unwrap_or_else(|_| file.to_owned())
+}
+
+fn folder_of(file: &Path) -> &Path {
     let folder = file.parent().filter(|path| !path.as_os_str().is_empty());
+    folder.unwrap_or(Path::new("."))
+}
+
+/// Puts a text in the place of a file, or makes it: at every moment, and after every loss of
+/// power, there is a whole one.
+pub(super) fn put(file: &Path, text: &str) -> io::Result<()> {
+    let file = &real(file);
     let before = match std::fs::metadata(file) {
         Ok(before) => Some(before.mode() & 0o777),
         Err(error) if error.kind() == io::ErrorKind::NotFound => None,
@@ -86,11 +160,8 @@ pub fn replace(file: &Path, text: &str) -> io::Result<()> {
     }
     written.write_all(text.as_bytes())?;
     written.sync_all()?;
-    if before.is_some() {
-        keep(file)?;
-    }
     std::fs::rename(&new, file)?;
-    File::open(folder.unwrap_or(Path::new(".")))?.sync_all()
+    File::open(folder_of(file))?.sync_all()
 }
 
 /// Keeps a copy of the file as the newest of its generations.
@@ -163,8 +234,10 @@ mod tests {
         let file = folder.join("railbus.toml");
         std::fs::write(&file, "0").unwrap();
         for text in 1..=7 {
-            replace(&file, &text.to_string()).unwrap();
+            replace(&file, Some(&(text - 1).to_string()), &text.to_string()).unwrap();
         }
+        let unseen = replace(&file, Some("6"), "8");
+        assert!(matches!(unseen, Err(WriteError::Changed)), "{unseen:?}");
         let read = |file: &Path| std::fs::read_to_string(file).unwrap();
         assert_eq!(read(&file), "7");
         for (generation, text) in (1..=GENERATIONS).zip(["6", "5", "4", "3", "2"]) {

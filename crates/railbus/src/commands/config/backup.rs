@@ -112,7 +112,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     match matches.get_one::<PathBuf>("file") {
         None => out::result(lang, &text)?,
         Some(file) => {
-            edit::replace(file, &text).map_err(|error| {
+            edit::replace(file, None, &text).map_err(|error| {
                 Failure::of(lang, Code::Output).because(format!("{}: {error}", file.display()))
             })?;
             let values: &[(&str, &dyn std::fmt::Display)] =

@@ -43,10 +43,10 @@ pub(super) fn follow(
                 ],
             ))
     };
-    let text = text_of(file).map_err(|problem| failed(problem.text("reason")))?;
-    let text = edit::moved(&text, module, place);
+    let before = text_of(file).map_err(|problem| failed(problem.text("reason")))?;
+    let text = edit::moved(&before, module, place);
     let text = text.ok_or_else(|| failed(lang.get(ConfigText::NotThere).to_owned()))?;
-    edit::replace(file, &text).map_err(|error| failed(error.to_string()))?;
+    edit::replace(file, Some(&before), &text).map_err(|error| failed(error.to_string()))?;
     context.note(&lang.fill(ConfigText::Filed, &[("file", &file.display())]));
     if let Some(record) = record {
         // The file is right already: should this fail, a recovery only finds that it is.

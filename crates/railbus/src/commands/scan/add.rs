@@ -57,7 +57,7 @@ pub(super) fn add(
         context.note(lang.get(ScanText::NotWritten));
         return Ok(());
     }
-    edit::replace(&file, &after).map_err(|error| failed(&file, &error))?;
+    edit::replace(&file, Some(&before), &after).map_err(|error| failed(&file, &error))?;
     let (count, file) = (modules.len(), file.display());
     context.note(&lang.fill(ScanText::Written, &[("count", &count), ("file", &file)]));
     Ok(())

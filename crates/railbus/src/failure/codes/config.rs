@@ -148,6 +148,41 @@ codes! {
         likely: ["copied without a change", "复制后未修改"],
         next: ["put the modules of both on one line", "将两者的模块放在一条总线下"],
     }
+    ConfigChanged = "E0827" {
+        title: ["the configuration was changed meanwhile", "配置已被他人更改"],
+        likely: ["somebody else, or another program, wrote the file", "其他人或程序写入了该文件"],
+        next: ["read it again and repeat the change", "重新读取后再次更改"],
+    }
+    ConfigByHand = "E0828" {
+        title: ["this part of the configuration can only be changed by hand",
+            "配置的这一部分只能手动更改"],
+        likely: ["it is written in a form that can't be edited in place", "其写法无法就地编辑"],
+        next: ["edit the file as a whole", "直接编辑整个文件"],
+    }
+    ConfigNameTaken = "E0829" {
+        title: ["there is one of that name already", "名称已被使用"],
+        likely: ["lines and modules have names of their own", "各总线和模块的名称不得重复"],
+        next: ["choose another name", "换用其他名称"],
+    }
+    ConfigUnwritten = "E0830" {
+        title: ["the configuration can't be written; nothing was changed",
+            "无法写入配置；未作任何更改"],
+        likely: ["no right to the file or its folder · the disk is full",
+            "文件或目录无写入权限 · 磁盘已满"],
+        next: ["railbus doctor", "railbus doctor"],
+    }
+    NoGeneration = "E0831" {
+        title: ["no such generation of the configuration is kept", "没有保留该配置版本"],
+        likely: ["nothing was changed yet · only the last 20 are kept", "尚未更改 · 仅保留最近 20 个版本"],
+        next: ["GET /api/v1/config/generations lists those that are",
+            "GET /api/v1/config/generations 列出所保留的版本"],
+    }
+    NoIfMatch = "E0832" {
+        title: ["say which text is to be replaced", "须说明要替换的文本"],
+        likely: ["the request has no If-Match header", "请求缺少 If-Match 头"],
+        next: ["send the ETag of GET /api/v1/config as If-Match",
+            "以 GET /api/v1/config 的 ETag 作为 If-Match 发送"],
+    }
     NoSetting = "E0840" {
         title: ["the module has no such setting", "模块没有该设置"],
         likely: ["a typing mistake · another model", "输入错误 · 型号不同"],

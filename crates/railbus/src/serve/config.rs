@@ -1,0 +1,316 @@
+//! The configuration over HTTP: the file as a text, and changes of single lines, modules and
+//! points, which keep its comments.
+
+mod desk;
+mod edits;
+
+use super::access::{Caller, Need};
+use super::routes::{Answer, Asked, Route, Site};
+use super::{answer, web};
+use crate::api::failures::bad_config;
+use crate::api::problem::{Problem, codes};
+use crate::commands::warnings;
+use crate::i18n::Lang;
+use crate::render::time;
+use axum::Extension;
+use axum::body::Bytes;
+use axum::extract::{DefaultBodyLimit, Path, State};
+use axum::http::HeaderMap;
+use axum::http::header::{ETAG, HeaderValue, IF_MATCH};
+use axum::routing::{MethodRouter, delete, get, patch, post, put};
+pub(super) use desk::{Asks, Changed, Desk};
+use jiff::Timestamp;
+use railbus_site::Config;
+use railbus_site::config::keeper::{Generation, TEXT_MAX, etag};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+
+/// The longest body that brings a whole configuration: each of its bytes may be escaped.
+const BODY_MAX: usize = 2 * TEXT_MAX;
+
+/// The routes of this file.
+pub(super) const ROUTES: &[Route] = &[
+    Route::new("GET", "/config", Need::ENGINEER, || get(show)),
+    Route::new("PUT", "/config", Need::ENGINEER, || whole(put(replace))),
+    Route::new("POST", "/config/check", Need::ENGINEER, || {
+        whole(post(check))
+    }),
+    Route::new("GET", "/config/generations", Need::ENGINEER, || {
+        get(generations)
+    }),
+    Route::new("GET", "/config/generations/{id}", Need::ENGINEER, || {
+        get(generation)
+    }),
+    Route::new("POST", "/config/undo", Need::ENGINEER, || post(undo)),
+    Route::new("POST", "/config/lines", Need::ENGINEER, || post(add_line)),
+    Route::new("PATCH", "/config/lines/{line}", Need::ENGINEER, || {
+        patch(change_line)
+    }),
+    Route::new("DELETE", "/config/lines/{line}", Need::ENGINEER, || {
+        delete(remove_line)
+    }),
+    Route::new("POST", "/config/modules", Need::ENGINEER, || {
+        post(add_modules)
+    }),
+    Route::new("PATCH", "/config/modules/{module}", Need::ENGINEER, || {
+        patch(change_module)
+    }),
+    Route::new("DELETE", "/config/modules/{module}", Need::ENGINEER, || {
+        delete(remove_module)
+    }),
+    Route::new(
+        "PATCH",
+        "/config/points/{module}/{label}",
+        Need::ENGINEER,
+        || patch(change_point),
+    ),
+];
+
+fn whole(handler: MethodRouter<Site>) -> MethodRouter<Site> {
+    handler.layer(DefaultBodyLimit::max(BODY_MAX))
+}
+
+async fn show(State(site): State<Site>) -> Answer {
+    let text = match site.desk.text().await {
+        Ok(text) => text,
+        Err(problem) => return answer::problem(&problem),
+    };
+    let tag = etag(&text);
+    let in_force = Config::parse(&text).is_ok_and(|config| config == site.service.config());
+    let file = site.desk.file().display().to_string();
+    let told = json!({
+        "schema": 1, "file": file, "text": text, "etag": tag, "in_force": in_force,
+    });
+    tagged(answer::json(Ok(told)), &tag)
+}
+
+#[derive(Deserialize)]
+struct Text {
+    text: String,
+}
+
+async fn replace(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    if !headers.contains_key(IF_MATCH) {
+        return answer::problem(&Problem::new(codes::NO_IF_MATCH));
+    }
+    edit(&site, &who, &headers, |_| {
+        read::<Text>(&body).map(|body| body.text)
+    })
+    .await
+}
+
+async fn check(State(site): State<Site>, headers: HeaderMap, body: Bytes) -> Answer {
+    let text = match read::<Text>(&body) {
+        Ok(body) => body.text,
+        Err(problem) => return answer::problem(&problem),
+    };
+    let lang = web::spoken(&headers, site.lang);
+    let file = site.desk.file().display().to_string();
+    // What the adapters are called is a matter of the disk.
+    let told = tokio::task::spawn_blocking(move || checked(lang, &file, &text)).await;
+    answer::json(told.map_err(broken))
+}
+
+fn checked(lang: Lang, file: &str, text: &str) -> Value {
+    match Config::parse(text) {
+        Ok(config) => {
+            let warnings = warnings(lang, file, text, &config);
+            let (lines, modules) = (config.lines.len(), config.modules.len());
+            json!({
+                "schema": 1, "problems": [], "warnings": warnings,
+                "lines": lines, "modules": modules,
+            })
+        }
+        Err(problems) => {
+            let problem = bad_config(lang, file, &problems);
+            json!({ "schema": 1, "problems": problem.with["problems"], "warnings": [] })
+        }
+    }
+}
+
+async fn generations(State(site): State<Site>) -> Answer {
+    let kept = site.desk.generations().await;
+    let rows = kept.map(|kept| kept.iter().rev().map(about).collect::<Vec<_>>());
+    answer::json(rows.map(|rows| json!({ "schema": 1, "generations": rows })))
+}
+
+async fn generation(State(site): State<Site>, Path(id): Path<u64>) -> Answer {
+    let found = site.desk.generation(Some(id)).await;
+    answer::json(found.map(|found| {
+        let mut told = about(&found);
+        told["text"] = found.text.into();
+        told
+    }))
+}
+
+fn about(kept: &Generation) -> Value {
+    let at = Timestamp::try_from(kept.at()).unwrap_or(Timestamp::UNIX_EPOCH);
+    json!({
+        "id": kept.id, "at": time::rfc3339(at), "who": kept.who, "bytes": kept.text.len(),
+        "etag": etag(&kept.text),
+    })
+}
+
+#[derive(Deserialize)]
+struct Undo {
+    to: Option<u64>,
+}
+
+async fn undo(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let text: &[u8] = if body.is_empty() { b"{}" } else { &body };
+    let found = match read::<Undo>(text) {
+        Ok(undo) => site.desk.generation(undo.to).await,
+        Err(problem) => Err(problem),
+    };
+    match found {
+        Ok(found) => edit(&site, &who, &headers, |_| Ok(found.text)).await,
+        Err(problem) => answer::problem(&problem),
+    }
+}
+
+async fn add_line(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    edit(&site, &who, &headers, |text| {
+        edits::add_line(text, read(&body)?)
+    })
+    .await
+}
+
+async fn change_line(
+    State(site): State<Site>,
+    Path(line): Path<String>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let change = |text: &str| edits::change(text, "line", &line, read(&body)?);
+    edit(&site, &who, &headers, change).await
+}
+
+async fn remove_line(
+    State(site): State<Site>,
+    Path(line): Path<String>,
+    asked: Asked,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+) -> Answer {
+    let with_modules = asked.get("modules").is_some_and(|value| value == "1");
+    let change = |text: &str| edits::remove_line(text, &line, with_modules);
+    edit(&site, &who, &headers, change).await
+}
+
+#[derive(Deserialize)]
+struct Modules {
+    modules: Vec<edits::Keys>,
+}
+
+async fn add_modules(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let change = |text: &str| edits::add_modules(text, read::<Modules>(&body)?.modules);
+    edit(&site, &who, &headers, change).await
+}
+
+async fn change_module(
+    State(site): State<Site>,
+    Path(module): Path<String>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let change = |text: &str| edits::change(text, "module", &module, read(&body)?);
+    edit(&site, &who, &headers, change).await
+}
+
+async fn remove_module(
+    State(site): State<Site>,
+    Path(module): Path<String>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+) -> Answer {
+    let change = |text: &str| edits::remove(text, "module", &module);
+    edit(&site, &who, &headers, change).await
+}
+
+async fn change_point(
+    State(site): State<Site>,
+    Path((module, label)): Path<(String, String)>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let change = |text: &str| edits::change_point(text, &module, &label, &read(&body)?);
+    edit(&site, &who, &headers, change).await
+}
+
+/// Changes the file for somebody, and says what came of it.
+async fn edit(
+    site: &Site,
+    who: &Caller,
+    headers: &HeaderMap,
+    change: impl FnOnce(&str) -> Result<String, Problem>,
+) -> Answer {
+    let service = site.service.on_behalf_of(who.origin());
+    let asks = Asks {
+        service: &service,
+        lang: web::spoken(headers, site.lang),
+        who: &who.name,
+        seen: seen(headers),
+    };
+    match site.desk.change(&asks, change).await {
+        Ok(changed) => tagged(answer::json(Ok(told(&changed))), &changed.etag),
+        Err(problem) => answer::problem(&problem),
+    }
+}
+
+fn told(changed: &Changed) -> Value {
+    let done = &changed.reloaded;
+    json!({
+        "schema": 1, "etag": changed.etag, "kept": done.kept, "opened": done.opened,
+        "closed": done.closed,
+    })
+}
+
+/// The texts that the caller may have seen; none where he does not say, or means any.
+fn seen(headers: &HeaderMap) -> Option<Vec<String>> {
+    let said = headers.get(IF_MATCH)?.to_str().unwrap_or_default();
+    if said.trim() == "*" {
+        return None;
+    }
+    let tags = said.split(',').map(|tag| tag.trim().trim_matches('"'));
+    Some(tags.map(str::to_owned).collect())
+}
+
+fn tagged(mut answer: Answer, etag: &str) -> Answer {
+    if let Ok(tag) = HeaderValue::from_str(&format!("\"{etag}\"")) {
+        answer.headers_mut().insert(ETAG, tag);
+    }
+    answer
+}
+
+fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
+    serde_json::from_slice(body)
+        .map_err(|error| Problem::new(codes::BAD_REQUEST).with("reason", error.to_string()))
+}
+
+fn broken(error: tokio::task::JoinError) -> Problem {
+    Problem::new(codes::INTERNAL).with("reason", error.to_string())
+}

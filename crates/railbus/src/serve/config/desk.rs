@@ -1,0 +1,186 @@
+//! Where the configuration is changed, one change at a time, and always the same way: text, edit,
+//! check, write, reload.
+
+use crate::api::failures::bad_config;
+use crate::api::problem::{Problem, codes};
+use crate::config_file;
+use crate::i18n::Lang;
+use railbus_site::config::edit::WriteError;
+use railbus_site::config::keeper::{Generation, Keeper, etag};
+use railbus_site::{Config, Reloaded, Service};
+use std::io;
+use std::path::Path;
+use tokio::sync::{Mutex, MutexGuard};
+
+/// The desk of a daemon's configuration.
+#[derive(Debug)]
+pub(in crate::serve) struct Desk {
+    keeper: Keeper,
+    /// Whose turn it is to change the file, or to bring it into force.
+    turn: Mutex<()>,
+}
+
+/// Who changes it, and what they have seen of it.
+#[derive(Debug)]
+pub(in crate::serve) struct Asks<'a> {
+    pub(in crate::serve) service: &'a Service,
+    pub(in crate::serve) lang: Lang,
+    /// The name that is written down with the change.
+    pub(in crate::serve) who: &'a str,
+    /// The marks of the texts that may be changed; none where any may.
+    pub(in crate::serve) seen: Option<Vec<String>>,
+}
+
+/// What came of a change.
+#[derive(Debug)]
+pub(in crate::serve) struct Changed {
+    /// The mark of the text in force now.
+    pub(in crate::serve) etag: String,
+    pub(in crate::serve) reloaded: Reloaded,
+}
+
+impl Desk {
+    pub(in crate::serve) fn new(file: &Path) -> Desk {
+        let state = config_file::state_folder(Some(file));
+        Desk {
+            keeper: Keeper::new(file.to_owned(), &state),
+            turn: Mutex::new(()),
+        }
+    }
+
+    pub(in crate::serve) fn file(&self) -> &Path {
+        self.keeper.file()
+    }
+
+    /// Nobody else changes the file or what is in force meanwhile.
+    pub(in crate::serve) async fn turn(&self) -> MutexGuard<'_, ()> {
+        self.turn.lock().await
+    }
+
+    /// What the file says.
+    pub(in crate::serve) async fn text(&self) -> Result<String, Problem> {
+        let read = self.at_disk(|keeper| keeper.read()).await;
+        read.and_then(|text| text)
+            .map_err(|error| self.unreadable(&error))
+    }
+
+    /// Every generation, oldest first.
+    pub(in crate::serve) async fn generations(&self) -> Result<Vec<Generation>, Problem> {
+        let kept = self.at_disk(|keeper| keeper.generations()).await;
+        kept.map_err(|error| self.unreadable(&error))
+    }
+
+    /// One of them; without a number the text before the one that the file has.
+    pub(in crate::serve) async fn generation(
+        &self,
+        id: Option<u64>,
+    ) -> Result<Generation, Problem> {
+        let found = match id {
+            Some(id) => self.at_disk(move |keeper| keeper.generation(id)).await,
+            None => {
+                let now = self.text().await?;
+                self.at_disk(move |keeper| keeper.before(&now)).await
+            }
+        };
+        let found = found.map_err(|error| self.unreadable(&error))?;
+        found.ok_or_else(|| Problem::new(codes::NO_GENERATION))
+    }
+
+    /// Changes the text, and brings it into force. Where anything is wrong, nothing changes.
+    pub(in crate::serve) async fn change(
+        &self,
+        asks: &Asks<'_>,
+        change: impl FnOnce(&str) -> Result<String, Problem>,
+    ) -> Result<Changed, Problem> {
+        let _turn = self.turn().await;
+        let before = self.text().await?;
+        if let Some(seen) = &asks.seen
+            && !seen.contains(&etag(&before))
+        {
+            return Err(self.changed_meanwhile(&before));
+        }
+        if asks.seen.is_none() && before.is_empty() {
+            self.must_be_new(asks.service)?;
+        }
+        let text = change(&before)?;
+        let name = self.file().display().to_string();
+        Config::parse(&text).map_err(|problems| bad_config(asks.lang, &name, &problems))?;
+        if text != before {
+            self.write(before, text.clone(), asks.who.to_owned())
+                .await?;
+        }
+        self.bring_into_force(asks.service, asks.lang, &text).await
+    }
+
+    /// Brings into force what the file says.
+    pub(in crate::serve) async fn reload(
+        &self,
+        service: &Service,
+        lang: Lang,
+    ) -> Result<Changed, Problem> {
+        let _turn = self.turn().await;
+        let text = config_file::text_of(self.file())?;
+        self.bring_into_force(service, lang, &text).await
+    }
+
+    async fn bring_into_force(
+        &self,
+        service: &Service,
+        lang: Lang,
+        text: &str,
+    ) -> Result<Changed, Problem> {
+        let name = self.file().display().to_string();
+        let done = service.reload(text).await;
+        let reloaded = done.map_err(|problems| bad_config(lang, &name, &problems))?;
+        let etag = etag(text);
+        Ok(Changed { etag, reloaded })
+    }
+
+    async fn write(&self, seen: String, text: String, who: String) -> Result<(), Problem> {
+        let written = self
+            .at_disk(move |keeper| match keeper.write(&seen, &text, &who) {
+                Err(WriteError::Changed) => Err(Err(keeper.read().unwrap_or_default())),
+                Err(WriteError::Io(error)) => Err(Ok(error)),
+                Ok(()) => Ok(()),
+            })
+            .await;
+        match written {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(Err(now))) => Err(self.changed_meanwhile(&now)),
+            Ok(Err(Ok(error))) | Err(error) => Err(Problem::new(codes::CONFIG_NOT_WRITTEN)
+                .with("file", self.file().display().to_string())
+                .with("reason", error.to_string())),
+        }
+    }
+
+    /// A file that is gone is not begun anew over the lines at work.
+    fn must_be_new(&self, service: &Service) -> Result<(), Problem> {
+        let is_gone = !self.file().exists() && service.config() != Config::default();
+        match is_gone {
+            true => Err(self.unreadable(&io::ErrorKind::NotFound.into())),
+            false => Ok(()),
+        }
+    }
+
+    /// Disks may be slow, and the lines are not to wait for them.
+    async fn at_disk<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Keeper) -> T + Send + 'static,
+    ) -> io::Result<T> {
+        let keeper = self.keeper.clone();
+        let done = tokio::task::spawn_blocking(move || work(&keeper)).await;
+        done.map_err(io::Error::other)
+    }
+
+    fn unreadable(&self, error: &io::Error) -> Problem {
+        Problem::new(codes::CONFIG_FILE)
+            .with("file", self.file().display().to_string())
+            .with("reason", error.to_string())
+    }
+
+    fn changed_meanwhile(&self, now: &str) -> Problem {
+        Problem::new(codes::CONFIG_CHANGED)
+            .with("file", self.file().display().to_string())
+            .with("etag", etag(now))
+    }
+}

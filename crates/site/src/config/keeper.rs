@@ -1,0 +1,290 @@
+//! The file of a configuration while a site is at work: it is changed only by those who have seen
+//! what it says, and what it said before stays at hand, with who changed it and when.
+
+use super::edit::{self, WriteError};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::fmt::Write as _;
+use std::fs::{DirBuilder, File};
+use std::io::{self, Read};
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+/// How many generations are kept.
+pub const KEPT_MAX: usize = 20;
+/// The longest text of a configuration.
+pub const TEXT_MAX: usize = 1 << 20;
+/// The longest file of a generation: its text with every character escaped.
+const GENERATION_MAX: u64 = 8 << 20;
+/// The folder of the generations, in that of the site's state.
+const FOLDER: &str = "config";
+
+/// A text that the file had, or has.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Generation {
+    /// Its number; newer ones have greater numbers.
+    pub id: u64,
+    /// When it was written, or found, in milliseconds since 1970.
+    pub at_ms: u64,
+    /// Who wrote it; none where it was found so, written by another program.
+    pub who: Option<String>,
+    /// What it says.
+    pub text: String,
+}
+
+impl Generation {
+    /// When it was written, or found.
+    #[must_use]
+    pub fn at(&self) -> SystemTime {
+        SystemTime::UNIX_EPOCH + Duration::from_millis(self.at_ms)
+    }
+}
+
+/// The keeper of a file. All of it waits for the disk.
+#[derive(Clone, Debug)]
+pub struct Keeper {
+    file: PathBuf,
+    folder: PathBuf,
+}
+
+impl Keeper {
+    /// The keeper of this file, and the folder of what is remembered of the site. Neither has to
+    /// be there yet.
+    #[must_use]
+    pub fn new(file: PathBuf, state: &Path) -> Keeper {
+        let folder = state.join(FOLDER);
+        Keeper { file, folder }
+    }
+
+    /// The file.
+    #[must_use]
+    pub fn file(&self) -> &Path {
+        &self.file
+    }
+
+    /// What the file says now; nothing where there is none.
+    ///
+    /// # Errors
+    /// Where the system refuses, and where it is no text or too long.
+    pub fn read(&self) -> io::Result<String> {
+        edit::text_of(&self.file)
+    }
+
+    /// Puts another text in the place of the one that the writer has seen.
+    ///
+    /// # Errors
+    /// [`WriteError::Changed`] where the file says something else by now. After an error nothing
+    /// has changed.
+    pub fn write(&self, seen: &str, text: &str, who: &str) -> Result<(), WriteError> {
+        if text.len() > TEXT_MAX {
+            return Err(too_long().into());
+        }
+        let _held = edit::hold(&self.file)?;
+        if self.read()? != seen {
+            return Err(WriteError::Changed);
+        }
+        let mut kept = self.generations();
+        let newest = kept.last();
+        if newest.map_or(!seen.is_empty(), |newest| newest.text != seen) {
+            let found = generation(newest, None, seen);
+            self.keep(&found)?;
+            kept.push(found);
+        }
+        let new = generation(kept.last(), Some(who.to_owned()), text);
+        self.keep(&new)?;
+        if let Err(error) = edit::put(&self.file, text) {
+            let _ = std::fs::remove_file(self.place(new.id));
+            return Err(error.into());
+        }
+        self.forget(&kept);
+        Ok(())
+    }
+
+    /// All generations that are kept, oldest first. One that can't be read is passed over.
+    #[must_use]
+    pub fn generations(&self) -> Vec<Generation> {
+        let entries = std::fs::read_dir(&self.folder)
+            .into_iter()
+            .flatten()
+            .flatten();
+        let paths = entries.map(|entry| entry.path());
+        let mut found: Vec<Generation> = paths
+            .filter(|path| path.extension().is_some_and(|ending| ending == "json"))
+            .filter_map(|path| read_generation(&path))
+            .collect();
+        found.sort_by_key(|generation| generation.id);
+        found
+    }
+
+    /// One of them.
+    #[must_use]
+    pub fn generation(&self, id: u64) -> Option<Generation> {
+        read_generation(&self.place(id)).filter(|found| found.id == id)
+    }
+
+    /// What the file said before its last change. To go back there, and back again from there, is
+    /// to be where one was.
+    #[must_use]
+    pub fn before(&self, now: &str) -> Option<Generation> {
+        let kept = self.generations();
+        kept.into_iter().rev().find(|kept| kept.text != now)
+    }
+
+    fn place(&self, id: u64) -> PathBuf {
+        self.folder.join(format!("{id:08}.json"))
+    }
+
+    fn keep(&self, generation: &Generation) -> io::Result<()> {
+        let mut folder = DirBuilder::new();
+        folder.recursive(true).mode(0o700).create(&self.folder)?;
+        let text = serde_json::to_string(generation)?;
+        edit::put(&self.place(generation.id), &text)
+    }
+
+    /// The oldest go, once the newest was written.
+    fn forget(&self, kept: &[Generation]) {
+        let surplus = (kept.len() + 1).saturating_sub(KEPT_MAX);
+        for old in kept.iter().take(surplus) {
+            // What stays goes the next time.
+            let _ = std::fs::remove_file(self.place(old.id));
+        }
+    }
+}
+
+/// The mark of a text by which its readers say which one they have seen.
+#[must_use]
+pub fn etag(text: &str) -> String {
+    let hash = Sha256::digest(text.as_bytes());
+    let mut tag = String::with_capacity(32);
+    for byte in hash.iter().take(16) {
+        // A string takes all that is written.
+        let _ = write!(tag, "{byte:02x}");
+    }
+    tag
+}
+
+pub(super) fn too_long() -> io::Error {
+    let words = format!("longer than {TEXT_MAX} bytes");
+    io::Error::new(io::ErrorKind::FileTooLarge, words)
+}
+
+fn generation(newest: Option<&Generation>, who: Option<String>, text: &str) -> Generation {
+    let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    let millis = now.unwrap_or_default().as_millis();
+    Generation {
+        id: newest.map_or(1, |newest| newest.id.saturating_add(1)),
+        at_ms: u64::try_from(millis).unwrap_or(u64::MAX),
+        who,
+        text: text.to_owned(),
+    }
+}
+
+fn read_generation(path: &Path) -> Option<Generation> {
+    let mut text = String::new();
+    let file = File::open(path).ok()?;
+    file.take(GENERATION_MAX).read_to_string(&mut text).ok()?;
+    serde_json::from_str(&text).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Folder {
+            let unique = format!("railbus-keeper-{}-{name}", std::process::id());
+            let folder = std::env::temp_dir().join(unique);
+            std::fs::create_dir_all(&folder).unwrap();
+            Folder(folder)
+        }
+
+        fn keeper(&self) -> Keeper {
+            Keeper::new(self.0.join("railbus.toml"), &self.0.join("state"))
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn told(keeper: &Keeper) -> Vec<(u64, Option<String>, String)> {
+        let kept = keeper.generations().into_iter();
+        kept.map(|kept| (kept.id, kept.who, kept.text)).collect()
+    }
+
+    #[test]
+    fn what_it_said_before_stays_at_hand() {
+        let folder = Folder::new("generations");
+        let keeper = folder.keeper();
+        assert_eq!(keeper.read().unwrap(), "");
+        keeper.write("", "a", "li").unwrap();
+        keeper.write("a", "b", "mo").unwrap();
+        let by = |who: &str| Some(who.to_owned());
+        let (first, second) = ((1, by("li"), "a".to_owned()), (2, by("mo"), "b".to_owned()));
+        assert_eq!(told(&keeper), [first, second]);
+        assert_eq!(keeper.before("b").unwrap().text, "a");
+        keeper.write("b", "a", "mo").unwrap();
+        assert_eq!(keeper.before("a").unwrap().text, "b");
+        assert_eq!(keeper.generation(2).unwrap().text, "b");
+        assert_eq!(keeper.generation(9), None);
+    }
+
+    #[test]
+    fn a_change_by_another_program_is_seen_and_kept() {
+        let folder = Folder::new("outside");
+        let keeper = folder.keeper();
+        keeper.write("", "a", "li").unwrap();
+        std::fs::write(keeper.file(), "by hand").unwrap();
+        let refused = keeper.write("a", "b", "li");
+        assert!(matches!(refused, Err(WriteError::Changed)), "{refused:?}");
+        assert_eq!(keeper.read().unwrap(), "by hand");
+        keeper.write("by hand", "b", "li").unwrap();
+        let found = &told(&keeper)[1];
+        assert_eq!(*found, (2, None, "by hand".to_owned()));
+    }
+
+    #[test]
+    fn only_the_last_are_kept() {
+        let folder = Folder::new("last");
+        let keeper = folder.keeper();
+        let mut before = String::new();
+        for number in 0..KEPT_MAX + 5 {
+            let text = format!("# {number}");
+            keeper.write(&before, &text, "li").unwrap();
+            before = text;
+        }
+        let kept = keeper.generations();
+        assert_eq!(kept.len(), KEPT_MAX);
+        assert_eq!(kept.last().unwrap().text, before);
+        let long = " ".repeat(TEXT_MAX + 1);
+        assert!(keeper.write(&before, &long, "li").is_err());
+        assert_eq!(keeper.read().unwrap(), before);
+    }
+
+    #[test]
+    fn what_can_not_be_written_changes_nothing() {
+        let folder = Folder::new("refused");
+        let keeper = folder.keeper();
+        keeper.write("", "a", "li").unwrap();
+        // Where the new file would be made, something is in its way.
+        std::fs::create_dir(folder.0.join("railbus.toml.new")).unwrap();
+        assert!(matches!(
+            keeper.write("a", "b", "li"),
+            Err(WriteError::Io(_))
+        ));
+        assert_eq!(keeper.read().unwrap(), "a");
+        assert_eq!(told(&keeper).len(), 1);
+    }
+
+    #[test]
+    fn each_text_has_a_mark_of_its_own() {
+        assert_eq!(etag("a"), etag("a"));
+        assert_ne!(etag("a"), etag("b"));
+        assert_eq!(etag("").len(), 32);
+    }
+}
