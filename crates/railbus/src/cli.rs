@@ -2,7 +2,7 @@
 
 use crate::commands::{bench, complete, completions, config, doctor, explain, export, extcap};
 use crate::commands::{decode, get, global_flags, help, ls, man, pulse, raw, replay, scan};
-use crate::commands::{schema, set, sniff, version, watch};
+use crate::commands::{schema, set, sniff, token, user, version, watch};
 use crate::failure::Failure;
 use crate::i18n::Lang;
 use crate::texts::{Phrase, Text};
@@ -106,6 +106,16 @@ const VERBS: &[Verb] = &[
         name: serve::NAME,
         define: serve::define,
         run: serve::run,
+    },
+    Verb {
+        name: user::NAME,
+        define: user::define,
+        run: user::run,
+    },
+    Verb {
+        name: token::NAME,
+        define: token::define,
+        run: token::run,
     },
     Verb {
         name: export::NAME,

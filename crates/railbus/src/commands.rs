@@ -20,12 +20,16 @@ pub(crate) mod scan;
 pub(crate) mod schema;
 pub(crate) mod set;
 pub(crate) mod sniff;
+pub(crate) mod token;
+pub(crate) mod user;
 pub(crate) mod version;
 pub(crate) mod watch;
 
+mod accounts_table;
 mod config_check;
 mod context;
 mod install;
+mod keeper;
 mod look;
 mod place;
 mod risk;

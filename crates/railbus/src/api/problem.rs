@@ -163,7 +163,6 @@ pub(crate) mod codes {
         /// Also `retry_after_ms`.
         TRIES = "E0907", 429, "too many tries; wait a while";
         CSRF = "E0908", 403, "the request lacks the X-CSRF-Token of its session";
-        /// Also `reason`.
         SETUP = "E0909", 403, "the setup link is not good, or not any more";
         /// Also `name`.
         NO_SUCH_USER = "E0910", 404, "there is no such user";
@@ -182,6 +181,11 @@ pub(crate) mod codes {
         ACCOUNTS_HELD = "E0917", 409, "another program holds the accounts";
         /// Also `name`.
         NO_SUCH_SESSION = "E0918", 404, "there is no such session";
+        HAS_USER = "E0919", 409, "there is a user already, who may add others";
+        /// Also `name`.
+        BAD_NAME = "E0920", 422, "the name is none: 1 to 32 letters, digits, and . _ - @ within";
+        /// Also `most`.
+        BAD_POINTS = "E0921", 422, "points are up to 32 patterns such as pump, pump.* or *.do0";
     }
 }
 

@@ -13,6 +13,7 @@ use http::{Lines as TextLines, send};
 use hyper::Method;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// The daemon behind a socket.
@@ -157,6 +158,18 @@ impl Remote {
             Some(Err(problem)) => Err(problem),
             None => Err(Problem::new(codes::DAEMON)),
         }
+    }
+
+    /// Asks for something else, at a path below the API's own.
+    pub(crate) async fn order(
+        &self,
+        method: Method,
+        path: &[&str],
+        body: &Value,
+    ) -> Result<Value, Problem> {
+        let path: Vec<String> = path.iter().map(|part| encoded(part)).collect();
+        let path = format!("/api/v1/{}", path.join("/"));
+        self.send(method, &path, body).await
     }
 
     async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, Problem> {

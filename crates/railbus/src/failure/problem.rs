@@ -73,7 +73,13 @@ fn message(lang: Lang, code: Code, problem: &Problem) -> String {
                 &[("module", &module), ("point", &point)],
             )
         }
-        Code::NoModule | Code::NoLine => with_name(lang, title, &text("name")),
+        Code::NoModule
+        | Code::NoLine
+        | Code::NoUser
+        | Code::NameTaken
+        | Code::NoToken
+        | Code::BadName => with_name(lang, title, &text("name")),
+        Code::AccountsFile | Code::AccountsHeld => with_name(lang, title, &text("path")),
         Code::NoPoint if !module.is_empty() => {
             with_name(lang, title, &format!("{module}.{}", text("name")))
         }

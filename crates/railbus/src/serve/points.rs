@@ -163,10 +163,8 @@ async fn outputs(
 ) -> Answer {
     let rights = Arc::clone(&who.points);
     let run = |service: Service, module: String, wanted: OutputsRequest| async move {
-        let labels = wanted.set.keys();
-        labels
-            .map(|label| may_write(&rights, &module, label))
-            .collect::<Result<(), _>>()?;
+        let mut labels = wanted.set.keys();
+        labels.try_for_each(|label| may_write(&rights, &module, label))?;
         ask::outputs(&service, &module, wanted).await
     };
     command(&site, &who, &headers, ("outputs", module), &body, run).await

@@ -43,7 +43,9 @@ const GOOD: [&str; 30] = [
 ];
 
 /// Of these, the streams and the commands with many forms have tests of their own.
-const ELSEWHERE: [&str; 7] = ["apply", "error", "plan", "replay", "sim", "sniff", "watch"];
+const ELSEWHERE: [&str; 9] = [
+    "apply", "error", "plan", "replay", "sim", "sniff", "token", "user", "watch",
+];
 
 #[test]
 fn no_schema_goes_untried() {

@@ -17,5 +17,6 @@ mod shells;
 mod site;
 mod sniff;
 mod terminal;
+mod users;
 mod wireshark;
 mod words;

@@ -44,7 +44,8 @@ codes! {
     }
     Csrf = "E0908" {
         title: ["the request lacks the X-CSRF-Token of its session", "请求缺少会话的 X-CSRF-Token"],
-        likely: ["a page of another site · a page older than the session", "来自其他网站的网页 · 网页早于会话"],
+        likely: ["a page of another site · a page older than the session",
+            "来自其他网站的网页 · 网页早于会话"],
         next: ["load the page again; programs use a token instead of a cookie",
             "重新加载网页；程序请改用令牌"],
     }
@@ -99,6 +100,23 @@ codes! {
         title: ["there is no such session", "没有该会话"],
         likely: ["it has ended", "会话已结束"],
         next: ["load the list again", "重新加载列表"],
+    }
+    HasUser = "E0919" {
+        title: ["there is a user already, who may add others", "已有用户，可由其添加其他用户"],
+        likely: ["the setup link makes the first user only", "设置链接只用于创建首个用户"],
+        next: ["railbus user add NAME --role admin", "railbus user add 用户名 --role admin"],
+    }
+    BadName = "E0920" {
+        title: ["this can't be a name", "名称无效"],
+        likely: ["names are 1 to 32 letters or digits, and . _ - @ after the first; owner is taken",
+            "名称为 1 至 32 个字母、汉字或数字，首字符之后可用 . _ - @；owner 为保留名"],
+        next: ["choose another name", "换一个名称"],
+    }
+    BadPoints = "E0921" {
+        title: ["these are no patterns of points", "点的匹配模式无效"],
+        likely: ["patterns are such as pump, pump.* or *.do0, and 32 at most",
+            "模式如 pump、pump.* 或 *.do0，最多 32 个"],
+        next: ["railbus ls points", "railbus ls points"],
     }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],

@@ -110,7 +110,7 @@ impl Access {
     /// A new link for the first user, on this daemon's own page.
     pub(crate) fn setup_link(&self, origin: &str) -> Result<String, Problem> {
         if !self.is_new() {
-            return Err(Problem::new(codes::SETUP).with("reason", "there is a user already"));
+            return Err(Problem::new(codes::HAS_USER));
         }
         let key = self.setup.key(Instant::now());
         let key =

@@ -54,7 +54,7 @@ struct PasswordRequest {
 }
 
 /// The body as one of these.
-pub(super) fn read<T: DeserializeOwned>(body: &Bytes) -> Result<T, Problem> {
+pub(super) fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
     // What a parser met could be a secret, and so only where it met it is told.
     serde_json::from_slice(body).map_err(|error| {
         let place = format!(
@@ -111,18 +111,17 @@ async fn set_up(
 async fn first_user(
     site: &Site,
     address: IpAddr,
-    body: &Bytes,
+    body: &[u8],
 ) -> Result<(String, Secret), Problem> {
     let wanted: SetupRequest = read(body)?;
     let access = &site.access;
     let whose = [Who::address(address)];
     access.take_try(&whose)?;
-    let refused = |reason: &str| Problem::new(codes::SETUP).with("reason", reason);
     if !access.is_new() {
-        return Err(refused("there is a user already"));
+        return Err(Problem::new(codes::HAS_USER));
     }
     if !access.setup.fits(&wanted.key, Instant::now()) {
-        return Err(refused("the link is no longer good"));
+        return Err(Problem::new(codes::SETUP));
     }
     access.forget_tries(&whose);
     password::check(&wanted.name, &wanted.password)?;
@@ -141,7 +140,7 @@ async fn first_user(
     let add = |accounts: &mut super::accounts::Accounts| {
         // Two may have come this far at once.
         if !accounts.is_empty() || !access.setup.fits(&key, Instant::now()) {
-            return Err(refused("there is a user already"));
+            return Err(Problem::new(codes::HAS_USER));
         }
         accounts.add_user(user)
     };
@@ -244,7 +243,7 @@ async fn change_password(
     site: &Site,
     who: &Caller,
     address: IpAddr,
-    body: &Bytes,
+    body: &[u8],
 ) -> Result<(), Problem> {
     let wanted: PasswordRequest = read(body)?;
     let access = &site.access;
@@ -270,7 +269,7 @@ async fn change_password(
 async fn setup_link(State(site): State<Site>) -> Answer {
     let link = site.access.setup_link(&site.origin);
     let minutes = super::setup::LIFE.as_secs() / 60;
-    answer::json(link.map(|link| json!({ "link": link, "minutes": minutes })))
+    answer::json(link.map(|link| json!({ "setup_link": link, "minutes": minutes })))
 }
 
 /// Where a request comes from; over the socket, from this machine.

@@ -116,7 +116,7 @@ mod tests {
         }
         tries.give_back(&[account("4"), address.clone()]);
         assert!(
-            tries.take(&[address.clone()], now).is_ok(),
+            tries.take(std::slice::from_ref(&address), now).is_ok(),
             "one of its own"
         );
         assert!(tries.take(&[address], now).is_err());

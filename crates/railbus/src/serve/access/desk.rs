@@ -1,0 +1,139 @@
+//! What may be asked of the accounts, for the daemon's API and for commands where no daemon runs:
+//! both read the same requests and give the same answers.
+
+use super::accounts::{Accounts, TokenWish, User, UserChange};
+use super::gate::Access;
+use super::password;
+use super::secret::{Fingerprint, Secret};
+use super::{Role, session_routes::read};
+use crate::api::problem::Problem;
+use jiff::Timestamp;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+#[derive(Deserialize)]
+struct AddUser {
+    name: String,
+    role: Role,
+    #[serde(default)]
+    points: Vec<String>,
+    password: Secret,
+}
+
+#[derive(Deserialize)]
+struct ChangeUser {
+    role: Option<Role>,
+    points: Option<Vec<String>>,
+    password: Option<Secret>,
+    locked: Option<bool>,
+}
+
+#[derive(Deserialize)]
+struct AddToken {
+    name: String,
+    role: Role,
+    #[serde(default)]
+    points: Vec<String>,
+    #[serde(default = "usual_days")]
+    expires_days: u32,
+}
+
+/// Tokens live for a season unless told otherwise.
+const fn usual_days() -> u32 {
+    90
+}
+
+/// All users.
+pub(crate) fn users(access: &Access) -> Value {
+    let users = access.read(|accounts| accounts.users());
+    json!({ "schema": 1, "users": users })
+}
+
+/// Adds a user.
+pub(crate) async fn add_user(access: &Access, body: &[u8]) -> Result<Value, Problem> {
+    let wanted: AddUser = read(body)?;
+    password::check(&wanted.name, &wanted.password)?;
+    let user = User {
+        name: wanted.name,
+        role: wanted.role,
+        points: wanted.points,
+        password: access.hashers.hash(wanted.password).await?,
+        locked: false,
+        lang: None,
+        created: Timestamp::now(),
+    };
+    let info = access.change(|accounts| accounts.add_user(user)).await?;
+    access.setup.close();
+    Ok(json!(info))
+}
+
+/// Changes a user. Another password, or none any more, ends all sessions but the one that asks.
+pub(crate) async fn change_user(
+    access: &Access,
+    name: &str,
+    own: Option<&Fingerprint>,
+    body: &[u8],
+) -> Result<Value, Problem> {
+    let wanted: ChangeUser = read(body)?;
+    let password = match wanted.password {
+        None => None,
+        Some(new) => {
+            password::check(name, &new)?;
+            Some(access.hashers.hash(new).await?)
+        }
+    };
+    let logs_out = password.is_some() || wanted.locked == Some(true);
+    let change = UserChange {
+        role: wanted.role,
+        points: wanted.points,
+        password,
+        locked: wanted.locked,
+    };
+    let change = |accounts: &mut Accounts| accounts.change_user(name, change);
+    let info = access.change(change).await?;
+    if logs_out {
+        let own = own.filter(|_| !info.locked);
+        access.sessions.end_of_user(name, own);
+        access.changed();
+    }
+    Ok(json!(info))
+}
+
+/// Removes a user.
+pub(crate) async fn remove_user(access: &Access, name: &str) -> Result<Value, Problem> {
+    access.change(|accounts| accounts.remove_user(name)).await?;
+    access.sessions.end_of_user(name, None);
+    access.changed();
+    Ok(json!({ "removed": name }))
+}
+
+/// All tokens.
+pub(crate) fn tokens(access: &Access) -> Value {
+    let now = Timestamp::now();
+    let tokens = access.read(|accounts| accounts.tokens(now));
+    json!({ "schema": 1, "tokens": tokens })
+}
+
+/// Makes a token, which is told this once.
+pub(crate) async fn add_token(access: &Access, by: &str, body: &[u8]) -> Result<Value, Problem> {
+    let wanted: AddToken = read(body)?;
+    let wish = TokenWish {
+        name: wanted.name,
+        role: wanted.role,
+        points: wanted.points,
+        days: wanted.expires_days,
+    };
+    let make = |accounts: &mut Accounts| accounts.add_token(wish, by, Timestamp::now());
+    let (info, secret) = access.change(make).await?;
+    let mut told = json!(info);
+    if let Some(told) = told.as_object_mut() {
+        told.insert("token".to_owned(), secret.expose().into());
+    }
+    Ok(told)
+}
+
+/// Removes a token, by its id or its name.
+pub(crate) async fn remove_token(access: &Access, named: &str) -> Result<Value, Problem> {
+    let remove = access.change(|accounts| accounts.remove_token(named));
+    remove.await.map(|()| json!({ "removed": named }))
+}
