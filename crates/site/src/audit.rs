@@ -1,16 +1,25 @@
-//! What was done, lately. Kept in memory and bounded: an answer can name its entry, and the
-//! newest can be looked at. A log that outlives the process, with who did it and with a chain
-//! of hashes, comes with accounts.
+//! What was done, by whom, and how it ended. The newest entries are kept in memory; all of them
+//! in a log on the disk where there is one, and then nothing is sent before it was written down.
 
+mod chain;
+mod log;
+mod read;
+mod tail;
+
+pub use chain::{Numbered, Record};
+pub use log::AuditLog;
+pub use read::{Exported, Filter, Logged, Page, Verified, verify_folder};
+pub use tail::Found;
+
+use crate::ulid::Ulids;
+pub(crate) use log::NotWritten;
 use std::collections::VecDeque;
-use std::hash::{BuildHasher, RandomState};
-use std::time::{Duration, SystemTime};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::SystemTime;
 
-/// How many entries are kept.
+/// How many entries are kept in memory.
 pub const AUDIT_MAX: usize = 1_024;
-
-/// Crockford's digits, which leave out what looks like another one.
-const DIGITS: &[u8; 32] = b"0123456789ABCDEFGHJKMNPQRSTVWXYZ";
 
 /// Who asked for something, and from where.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -57,31 +66,62 @@ pub struct Entry {
     pub end: Option<&'static str>,
 }
 
-/// The newest entries.
-#[derive(Debug)]
+/// The newest entries, and the log of all.
+#[derive(Debug, Default)]
 pub(crate) struct Audit {
-    entries: VecDeque<Entry>,
-    random: RandomState,
-    count: u16,
+    entries: Mutex<VecDeque<Entry>>,
+    ulids: Ulids,
+    log: OnceLock<AuditLog>,
+    /// There should be a log, and is none.
+    missing: AtomicBool,
 }
 
 impl Audit {
-    pub(crate) fn new() -> Audit {
-        Audit {
-            entries: VecDeque::with_capacity(AUDIT_MAX),
-            random: RandomState::new(),
-            count: 0,
-        }
+    /// From now on everything is written into this log, too.
+    pub(crate) fn keep(&self, log: AuditLog) {
+        // A site has one log; the first stays.
+        let _ = self.log.set(log);
     }
 
-    /// Writes down what is about to be done; gives back its number.
-    pub(crate) fn begin(&mut self, module: &str, note: Note) -> String {
+    /// Nothing may be done from now on, unless there is a log.
+    pub(crate) fn miss(&self) {
+        self.missing.store(true, Ordering::Relaxed);
+    }
+
+    pub(crate) fn log(&self) -> Option<&AuditLog> {
+        self.log.get()
+    }
+
+    /// Writes down what is about to be done, with what is known to be before it; gives back its
+    /// number. Where there is a log, it is durable when this returns.
+    pub(crate) async fn begin(
+        &self,
+        module: &str,
+        note: Note,
+        before: String,
+    ) -> (String, Result<(), NotWritten>) {
         let at = SystemTime::now();
-        let id = self.number(at);
-        if self.entries.len() >= AUDIT_MAX {
-            self.entries.pop_front();
+        let id = self.ulids.next(at);
+        let written = match self.log.get() {
+            None if self.missing.load(Ordering::Relaxed) => Err(NotWritten),
+            None => Ok(()),
+            Some(log) => {
+                let record = Record::Begin {
+                    id: id.clone(),
+                    who: note.origin.who.clone(),
+                    via: note.origin.via.clone(),
+                    module: module.to_owned(),
+                    what: note.what.clone(),
+                    before,
+                };
+                log.write(record, true).await
+            }
+        };
+        let mut entries = self.entries();
+        if entries.len() >= AUDIT_MAX {
+            entries.pop_front();
         }
-        self.entries.push_back(Entry {
+        entries.push_back(Entry {
             id: id.clone(),
             at,
             origin: note.origin,
@@ -89,32 +129,33 @@ impl Audit {
             what: note.what,
             end: None,
         });
-        id
+        (id, written)
     }
 
-    /// Writes down how it ended.
-    pub(crate) fn end(&mut self, id: &str, end: &'static str) {
-        if let Some(entry) = self.entries.iter_mut().rev().find(|entry| entry.id == id) {
+    /// Writes down how it ended, and what is known to be after it. The log has it when this
+    /// returns, though it may still be on its way to the disk.
+    pub(crate) async fn end(&self, id: &str, end: &'static str, after: String) {
+        if let Some(entry) = self.entries().iter_mut().rev().find(|entry| entry.id == id) {
             entry.end = Some(end);
+        }
+        if let Some(log) = self.log.get() {
+            let record = Record::End {
+                id: id.to_owned(),
+                end: end.to_owned(),
+                after,
+            };
+            // What is lost is counted in the log itself.
+            let _ = log.write(record, false).await;
         }
     }
 
-    /// The entries, oldest first.
-    pub(crate) fn entries(&self) -> Vec<Entry> {
-        self.entries.iter().cloned().collect()
+    /// The entries in memory, oldest first.
+    pub(crate) fn newest(&self) -> Vec<Entry> {
+        self.entries().iter().cloned().collect()
     }
 
-    /// 48 bits of milliseconds, 16 bits that count up, 64 bits of chance.
-    fn number(&mut self, at: SystemTime) -> String {
-        let since = at.duration_since(SystemTime::UNIX_EPOCH);
-        let since = since.unwrap_or(Duration::ZERO);
-        self.count = self.count.wrapping_add(1);
-        let chance = self.random.hash_one((since, self.count));
-        let number = (since.as_millis() & 0xFFFF_FFFF_FFFF) << 80
-            | u128::from(self.count) << 64
-            | u128::from(chance);
-        let digit = |place: u32| DIGITS[(number >> (place * 5) & 31) as usize] as char;
-        (0..26).rev().map(digit).collect()
+    fn entries(&self) -> MutexGuard<'_, VecDeque<Entry>> {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -129,22 +170,23 @@ mod tests {
         }
     }
 
-    #[test]
-    fn numbers_differ_and_sort() {
-        let mut audit = Audit::new();
-        let ids: Vec<String> = (0..2_000).map(|_| audit.begin("pump", note(""))).collect();
-        assert!(ids.iter().all(|id| id.len() == 26));
-        assert!(ids.windows(2).all(|pair| pair[0] < pair[1]));
-        assert_eq!(audit.entries().len(), AUDIT_MAX);
+    #[tokio::test]
+    async fn the_newest_are_kept() {
+        let audit = Audit::default();
+        for _ in 0..AUDIT_MAX + 5 {
+            let (_, written) = audit.begin("pump", note(""), String::new()).await;
+            assert!(written.is_ok());
+        }
+        assert_eq!(audit.newest().len(), AUDIT_MAX);
     }
 
-    #[test]
-    fn an_end_is_written_to_its_own_entry() {
-        let mut audit = Audit::new();
-        let first = audit.begin("pump", note("do0=on"));
-        audit.begin("oven", note("k1=on"));
-        audit.end(&first, "readback");
-        let ends: Vec<_> = audit.entries().iter().map(|entry| entry.end).collect();
+    #[tokio::test]
+    async fn an_end_is_written_to_its_own_entry() {
+        let audit = Audit::default();
+        let (first, _) = audit.begin("pump", note("do0=on"), String::new()).await;
+        let _ = audit.begin("oven", note("k1=on"), String::new()).await;
+        audit.end(&first, "readback", String::new()).await;
+        let ends: Vec<_> = audit.newest().iter().map(|entry| entry.end).collect();
         assert_eq!(ends, [Some("readback"), None]);
     }
 }

@@ -9,6 +9,7 @@ mod control;
 mod desired;
 pub mod edit;
 mod faults;
+mod keep;
 pub mod keeper;
 mod lint;
 mod plant;
@@ -20,6 +21,7 @@ pub use control::{
     Confirm, Group, MEMBERS_MAX, Name, Policy, SAFETY_MAX, SCENE_MAX, Safety, Scene, Step,
 };
 pub use faults::{FAULTS, Fault, FaultError, FaultOrder, Millionths, Noise, parse_faults};
+pub use keep::Kept;
 pub use lint::{Unwise, Warning, lint, load_percent, wire_time};
 pub use plant::{Plant, Signal, SimLine, SimModule};
 pub use problem::{Kind, Problem};
@@ -45,6 +47,8 @@ pub struct Config {
     pub scenes: BTreeMap<String, Scene>,
     /// What is said of their simulation.
     pub plant: Plant,
+    /// How much of the past is kept.
+    pub keep: Kept,
 }
 
 /// A point of the site.

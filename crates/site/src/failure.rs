@@ -35,6 +35,8 @@ pub enum Failure {
         /// The output is in pulse mode.
         pulse_mode: bool,
     },
+    /// It can't be written down, and the configuration wants that first. Nothing was sent.
+    NotAudited,
     /// What the line said.
     Line(Fault),
 }
@@ -52,6 +54,7 @@ impl Failure {
             Failure::Locked(_) => Fault::Locked.name(),
             Failure::NotAsAsked(..) => "not_as_asked",
             Failure::PulseWidth { .. } => "pulse_width",
+            Failure::NotAudited => "not_audited",
             Failure::Line(fault) => fault.name(),
         }
     }

@@ -9,23 +9,25 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
-mod audit;
+pub mod audit;
 pub mod commission;
 pub mod config;
 mod failure;
 mod frame;
 mod health;
+pub mod history;
 pub mod scan;
 mod service;
 pub mod settings;
 mod truth;
+mod ulid;
 
 pub use audit::{AUDIT_MAX, Entry, Origin};
 pub use config::Config;
 pub use failure::Failure;
 pub use frame::read_request;
 pub use service::{
-    By, LineStatus, Loan, ModuleStatus, PULSE_MAX, PointStatus, Pulse, PulseDone, RawTerms,
+    By, Events, LineStatus, Loan, ModuleStatus, PULSE_MAX, PointStatus, Pulse, PulseDone, RawTerms,
     Reloaded, Service, StartError, Update, Updates, WriteDone, WriteTerms,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

@@ -3,6 +3,7 @@
 mod command;
 mod loan;
 mod pulse;
+mod record;
 mod reload;
 mod state;
 mod status;
@@ -11,6 +12,7 @@ mod update;
 pub use command::{RawTerms, WriteDone, WriteTerms};
 pub use loan::Loan;
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
+pub use record::Events;
 pub use reload::Reloaded;
 pub use status::{LineStatus, ModuleStatus, PointStatus};
 pub use update::{Update, Updates};
@@ -21,6 +23,7 @@ use pulse::Timers;
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, Plan, PortError};
 use railbus_wire::Micros;
+use record::Journal;
 use state::State;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -68,7 +71,8 @@ pub struct Service {
 pub(crate) struct Inner {
     state: Mutex<State>,
     lines: Mutex<BTreeMap<String, Line>>,
-    audit: Mutex<Audit>,
+    audit: Audit,
+    journal: Journal,
     timers: Timers,
     updates: broadcast::Sender<Update>,
     /// Only one at a time may change the configuration.
@@ -119,7 +123,8 @@ impl Service {
             inner: Arc::new(Inner {
                 state: Mutex::new(State::new(config)),
                 lines: Mutex::new(BTreeMap::new()),
-                audit: Mutex::new(Audit::new()),
+                audit: Audit::default(),
+                journal: Journal::default(),
                 timers: Timers::default(),
                 updates: broadcast::Sender::new(UPDATES_MAX),
                 reloading: tokio::sync::Mutex::new(()),
@@ -177,7 +182,7 @@ impl Service {
     /// What was done lately, oldest first.
     #[must_use]
     pub fn audit(&self) -> Vec<Entry> {
-        lock(&self.inner.audit).entries()
+        self.inner.audit.newest()
     }
 
     /// Waits until the port of a line is open, or could not be opened once.

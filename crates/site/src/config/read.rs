@@ -191,8 +191,17 @@ impl<'t> Reader<'t> {
                     // What is wrong with it was told.
                     let _ = self.sim(value, &mut config.plant);
                 }
+                "history" => {
+                    let _ = self.history(value, &mut config.keep);
+                }
+                "audit" => {
+                    let _ = self.audit(value, &mut config.keep);
+                }
                 other => {
-                    let meant = closest(other, &["line", "module", "group", "scene", "sim"]);
+                    let known = [
+                        "line", "module", "group", "scene", "sim", "history", "audit",
+                    ];
+                    let meant = closest(other, &known);
                     self.problem(key.span(), other, Kind::UnknownKey(meant));
                 }
             }

@@ -253,27 +253,35 @@ impl Inner {
         note: Note,
         wanted: impl Fn(Point) -> Option<bool>,
     ) -> Result<WriteDone, Failure> {
-        let before: Vec<_> = points.iter().map(|p| self.output(module, *p)).collect();
-        let audit = lock(&self.audit).begin(module, note);
+        let before = |p: &Point| (*p, self.output(module, *p));
+        let before: Vec<_> = points.iter().map(before).collect();
+        let begun = self.begin(module, &before, note).await?;
+        let audit = begun.id.clone();
         let end = self.run(module, op, verify).await;
         let told = match &end {
             Ok(done) => confirmed_name(done.confirmed),
             Err(fault) => fault.name(),
         };
-        lock(&self.audit).end(&audit, told);
-        let done = end?;
-        let after = |point: Point| match (done.confirmed, done.seen) {
-            (Confirmed::Sent, _) => None,
-            (Confirmed::Readback, Some(Seen::Channels { outputs, .. })) => {
-                bank_state(outputs, point)
+        let after = |point: &Point| {
+            let done = end.as_ref().ok()?;
+            match (done.confirmed, done.seen) {
+                (Confirmed::Sent, _) => None,
+                (Confirmed::Readback, Some(Seen::Channels { outputs, .. })) => {
+                    bank_state(outputs, *point)
+                }
+                // A toggle is read back too, and what was read is known by now.
+                (Confirmed::Reply, _) => wanted(*point).or_else(|| self.output(module, *point)),
+                (Confirmed::Readback, _) => wanted(*point),
             }
-            // A toggle is read back too, and what was read is known by now.
-            (Confirmed::Reply, _) => wanted(point).or_else(|| self.output(module, point)),
-            (Confirmed::Readback, _) => wanted(point),
         };
-        let outputs = points.iter().zip(before);
+        let after: Vec<_> = points.iter().map(|point| (*point, after(point))).collect();
+        self.end(begun, told, &after).await;
+        let done = end?;
+        let outputs = after.into_iter().zip(before);
         Ok(WriteDone {
-            outputs: outputs.map(|(p, before)| (*p, after(*p), before)).collect(),
+            outputs: outputs
+                .map(|((point, after), (_, before))| (point, after, before))
+                .collect(),
             confirmed: done.confirmed,
             took: done.took,
             audit,

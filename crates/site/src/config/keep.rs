@@ -1,0 +1,101 @@
+//! How much of the past is kept: the tables `[history]` and `[audit]`.
+
+use super::read::{Reader, Section, Value};
+use super::{Kind, parse_duration};
+use crate::history::Keep;
+
+const HISTORY_KEYS: [&str; 2] = ["keep", "max_bytes"];
+const AUDIT_KEYS: [&str; 1] = ["required"];
+/// The shortest time and the least room that something can be kept in.
+const AGE_MIN_MS: i64 = 3_600_000;
+const BYTES_MIN: u64 = 10_000_000;
+const UNITS: [(&str, u64); 4] = [
+    ("TB", 1_000_000_000_000),
+    ("GB", 1_000_000_000),
+    ("MB", 1_000_000),
+    ("kB", 1_000),
+];
+
+/// What is kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Kept {
+    /// How much history.
+    pub history: Keep,
+    /// Nothing is switched that can't be written down first.
+    pub audit_required: bool,
+}
+
+impl<'t> Reader<'t> {
+    /// `[history]`.
+    pub(super) fn history(&mut self, value: &Value<'t>, kept: &mut Kept) -> Option<()> {
+        let table = self.table(value, "history")?;
+        let section = Section::of("history".to_owned(), value, table);
+        self.check_keys(&section, &HISTORY_KEYS);
+        let age = self.optional(&section, "keep", |reader, value, path| {
+            let age = age(&reader.string(value, path)?);
+            if age.is_none() {
+                reader.problem(value.span(), path, Kind::WrongType("\"90d\""));
+            }
+            age
+        });
+        let bytes = self.optional(&section, "max_bytes", |reader, value, path| {
+            let bytes = bytes(&reader.string(value, path)?);
+            if bytes.is_none() {
+                reader.problem(value.span(), path, Kind::WrongType("\"2GB\""));
+            }
+            bytes
+        });
+        let standard = Keep::default();
+        kept.history = Keep {
+            age_ms: age?.unwrap_or(standard.age_ms),
+            bytes: bytes?.unwrap_or(standard.bytes),
+        };
+        Some(())
+    }
+
+    /// `[audit]`.
+    pub(super) fn audit(&mut self, value: &Value<'t>, kept: &mut Kept) -> Option<()> {
+        let table = self.table(value, "audit")?;
+        let section = Section::of("audit".to_owned(), value, table);
+        self.check_keys(&section, &AUDIT_KEYS);
+        kept.audit_required = self.boolean(&section, "required")?;
+        Some(())
+    }
+}
+
+/// `90d`, `12h`, in milliseconds: an hour at least.
+fn age(text: &str) -> Option<i64> {
+    let millis = match text.strip_suffix('d') {
+        Some(days) => days.parse::<u32>().ok().map(i64::from)? * 86_400_000,
+        None => i64::try_from(parse_duration(text)?.0 / 1_000).ok()?,
+    };
+    (millis >= AGE_MIN_MS).then_some(millis)
+}
+
+/// `2GB`, `500MB`: ten megabytes at least.
+fn bytes(text: &str) -> Option<u64> {
+    let (number, unit) = UNITS
+        .iter()
+        .find_map(|(name, unit)| Some((text.strip_suffix(name)?, *unit)))?;
+    let bytes = number.trim().parse::<u64>().ok()?.checked_mul(unit)?;
+    (bytes >= BYTES_MIN).then_some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_are_read_with_their_units() {
+        assert_eq!(age("90d"), Some(90 * 86_400_000));
+        assert_eq!(age("12h"), Some(12 * 3_600_000));
+        assert_eq!(bytes("2GB"), Some(2_000_000_000));
+        assert_eq!(bytes("500 MB"), Some(500_000_000));
+        for wrong in ["90", "", "-1d", "59m"] {
+            assert_eq!(age(wrong), None, "{wrong}");
+        }
+        for wrong in ["2", "2gb", "1MB", "-2GB", "99999999999TB"] {
+            assert_eq!(bytes(wrong), None, "{wrong}");
+        }
+    }
+}

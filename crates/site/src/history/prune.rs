@@ -1,0 +1,140 @@
+//! What is forgotten: what is too old, and then what is oldest while there is too much.
+
+use rusqlite::{Connection, params};
+
+/// A day, in milliseconds.
+const DAY_MS: i64 = 86_400_000;
+/// So many rows are forgotten in one transaction.
+const ROWS_MAX: i64 = 20_000;
+/// So many transactions are made of it in one go; the rest waits for the next.
+const STEPS_MAX: usize = 20;
+/// So many events are kept at most.
+const EVENTS_MAX: i64 = 200_000;
+/// So many free pages are given back to the system in one go.
+const PAGES_MAX: i64 = 2_000;
+
+/// How much is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Keep {
+    /// For so long, in milliseconds.
+    pub age_ms: i64,
+    /// So much of it.
+    pub bytes: u64,
+}
+
+impl Default for Keep {
+    /// 90 days and 2 GB, whichever is less.
+    fn default() -> Keep {
+        Keep {
+            age_ms: 90 * DAY_MS,
+            bytes: 2_000_000_000,
+        }
+    }
+}
+
+/// Forgets what is too old or too much; tells whether there may be more of that.
+pub(super) fn prune(db: &Connection, keep: Keep, now: i64) -> rusqlite::Result<bool> {
+    let mut steps = STEPS_MAX;
+    forget_before(db, now.saturating_sub(keep.age_ms), &mut steps)?;
+    forget_events(db, now.saturating_sub(keep.age_ms))?;
+    while used_bytes(db)? > keep.bytes && steps > 0 {
+        let Some(oldest) = oldest(db)? else {
+            break;
+        };
+        // A twentieth of the time that is left.
+        let cutoff = oldest + (now - oldest).max(20) / 20;
+        steps -= 1;
+        forget_before(db, cutoff, &mut steps)?;
+        forget_events(db, cutoff)?;
+    }
+    if free_pages(db)? > PAGES_MAX {
+        db.execute_batch(&format!("PRAGMA incremental_vacuum({PAGES_MAX})"))?;
+    }
+    Ok(steps == 0)
+}
+
+/// Forgets the samples before a time, but for the one of each point that was in force then.
+fn forget_before(db: &Connection, cutoff: i64, steps: &mut usize) -> rusqlite::Result<()> {
+    let mut points = db.prepare("SELECT id FROM points")?;
+    let points: Vec<i64> = points
+        .query_map([], |row| row.get(0))?
+        .collect::<Result<_, _>>()?;
+    for point in points {
+        let in_force: Option<i64> = db
+            .prepare_cached("SELECT max(t) FROM samples WHERE point = ?1 AND t <= ?2")?
+            .query_row([point, cutoff], |row| row.get(0))?;
+        let Some(in_force) = in_force else {
+            continue;
+        };
+        while *steps > 0 && forget_some(db, point, in_force)? {
+            *steps -= 1;
+        }
+    }
+    Ok(())
+}
+
+/// Forgets some samples of a point before a time; tells whether there may be more.
+fn forget_some(db: &Connection, point: i64, before: i64) -> rusqlite::Result<bool> {
+    let until: Option<i64> = db
+        .prepare_cached(
+            "SELECT max(t) FROM (SELECT t FROM samples WHERE point = ?1 AND t < ?2
+             ORDER BY t LIMIT ?3)",
+        )?
+        .query_row([point, before, ROWS_MAX], |row| row.get(0))?;
+    let Some(until) = until else {
+        return Ok(false);
+    };
+    let gone = db
+        .prepare_cached("DELETE FROM samples WHERE point = ?1 AND t <= ?2")?
+        .execute([point, until])?;
+    count(db, -(gone as i64))?;
+    Ok(gone as i64 >= ROWS_MAX)
+}
+
+/// So many samples came, or went.
+pub(super) fn count(db: &Connection, samples: i64) -> rusqlite::Result<()> {
+    db.prepare_cached(
+        "INSERT INTO meta VALUES ('samples', ?1)
+         ON CONFLICT (key) DO UPDATE SET value = max(value + ?1, 0)",
+    )?
+    .execute([samples])?;
+    Ok(())
+}
+
+/// Forgets events before a time, and the oldest of too many.
+fn forget_events(db: &Connection, cutoff: i64) -> rusqlite::Result<()> {
+    db.execute(
+        "DELETE FROM events WHERE id IN
+         (SELECT id FROM events WHERE t < ?1 ORDER BY id LIMIT ?2)",
+        [cutoff, ROWS_MAX],
+    )?;
+    db.execute(
+        "DELETE FROM events WHERE id <= coalesce(
+         (SELECT id FROM events ORDER BY id DESC LIMIT 1 OFFSET ?1), '')",
+        params![EVENTS_MAX],
+    )?;
+    Ok(())
+}
+
+/// When the oldest sample was that is not still in force; none where there is none.
+fn oldest(db: &Connection) -> rusqlite::Result<Option<i64>> {
+    db.query_row(
+        "SELECT min((SELECT t FROM samples WHERE point = id AND t <
+            (SELECT max(t) FROM samples WHERE point = id) ORDER BY t LIMIT 1)) FROM points",
+        [],
+        |row| row.get(0),
+    )
+}
+
+/// How many bytes of the file hold something.
+pub(super) fn used_bytes(db: &Connection) -> rusqlite::Result<u64> {
+    let number = |name: &str| -> rusqlite::Result<i64> {
+        db.pragma_query_value(None, name, |row| row.get(0))
+    };
+    let used = (number("page_count")? - number("freelist_count")?) * number("page_size")?;
+    Ok(u64::try_from(used).unwrap_or_default())
+}
+
+fn free_pages(db: &Connection) -> rusqlite::Result<i64> {
+    db.pragma_query_value(None, "freelist_count", |row| row.get(0))
+}

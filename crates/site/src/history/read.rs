@@ -1,0 +1,394 @@
+//! How the database is read: by connections of their own, a few at a time.
+
+use super::chart::Plotter;
+use super::db;
+use super::{Ack, Chart, Counters, Event, EventKind, Grade, History, Sample, Severity};
+use super::{millis, prune};
+use rusqlite::types::Value;
+use rusqlite::{Connection, OptionalExtension, Row, params, params_from_iter};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
+use tokio::sync::Semaphore;
+
+/// How many read at the same time; others wait.
+const READERS_MAX: usize = 4;
+/// A chart that takes longer is given up.
+const CHART_MAX: Duration = Duration::from_secs(5);
+/// How often that is looked at.
+const LOOK_EVERY: u32 = 8_192;
+/// How many samples an export takes at a time: no reader holds the write-ahead log for long.
+pub const PIECE_MAX: usize = 4_096;
+/// How many events one question looks through.
+const EVENTS_SEEN_MAX: i64 = 20_000;
+
+/// Why there is no answer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum HistoryError {
+    /// Nothing is known of a point of this name.
+    NoSuchPoint,
+    /// It takes too long: ask for less.
+    TooLong,
+    /// Too much is waiting.
+    Busy,
+    /// The history was closed, or can't be opened.
+    Closed,
+    /// What the database says.
+    Database(String),
+}
+
+impl fmt::Display for HistoryError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            HistoryError::NoSuchPoint => "nothing is known of this point",
+            HistoryError::TooLong => "it takes too long",
+            HistoryError::Busy => "too much is waiting",
+            HistoryError::Closed => "the history is closed",
+            HistoryError::Database(why) => why,
+        })
+    }
+}
+
+impl std::error::Error for HistoryError {}
+
+impl From<rusqlite::Error> for HistoryError {
+    fn from(error: rusqlite::Error) -> HistoryError {
+        match error {
+            rusqlite::Error::QueryReturnedNoRows => HistoryError::NoSuchPoint,
+            error => HistoryError::Database(error.to_string()),
+        }
+    }
+}
+
+/// Which events are wanted.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Asked {
+    /// Those before the one with this number.
+    pub before: Option<String>,
+    /// So many.
+    pub limit: usize,
+    /// Those of this kind.
+    pub kind: Option<EventKind>,
+    /// Those of this module.
+    pub module: Option<String>,
+    /// Those of the point with this label.
+    pub point: Option<String>,
+}
+
+/// An event as it was kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Kept {
+    /// The event.
+    pub event: Event,
+    /// Who has seen it.
+    pub acked: Option<Ack>,
+}
+
+/// Some events.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct KeptEvents {
+    /// The newest first.
+    pub events: Vec<Kept>,
+    /// Before which number to go on; none where there are no more.
+    pub next: Option<String>,
+}
+
+/// How much is kept.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Storage {
+    /// Bytes of the file that hold something.
+    pub bytes: u64,
+    /// Bytes of the write-ahead log.
+    pub wal_bytes: u64,
+    /// When the oldest event or sample was, in milliseconds since 1970.
+    pub oldest_ms: Option<i64>,
+    /// How many points it knows.
+    pub points: u64,
+    /// How many samples were written and not forgotten since.
+    pub samples: u64,
+    /// Samples and events that were not kept since the program began.
+    pub dropped: u64,
+    /// There is no room on the disk.
+    pub disk_full: bool,
+    /// The last transaction failed.
+    pub failing: bool,
+}
+
+/// The connections of those who read.
+#[derive(Debug)]
+pub(super) struct Readers {
+    folder: PathBuf,
+    counters: Arc<Counters>,
+    /// Those that nobody uses just now, each with the number of the file it reads.
+    idle: Mutex<Vec<(u64, Connection)>>,
+    turns: Semaphore,
+}
+
+impl Readers {
+    pub(super) fn new(folder: &Path, counters: Arc<Counters>) -> Readers {
+        Readers {
+            folder: folder.to_owned(),
+            counters,
+            idle: Mutex::default(),
+            turns: Semaphore::new(READERS_MAX),
+        }
+    }
+
+    /// Reads with a connection that nobody else uses meanwhile.
+    async fn read<T, F>(self: &Arc<Readers>, question: F) -> Result<T, HistoryError>
+    where
+        T: Send + 'static,
+        F: FnOnce(&Connection) -> Result<T, HistoryError> + Send + 'static,
+    {
+        let _turn = self.turns.acquire().await;
+        let readers = Arc::clone(self);
+        let task = tokio::task::spawn_blocking(move || {
+            let (generation, db) = readers.connection()?;
+            let answer = question(&db);
+            readers.give_back(generation, db);
+            answer
+        });
+        let broken = |error: tokio::task::JoinError| Err(HistoryError::Database(error.to_string()));
+        task.await.unwrap_or_else(broken)
+    }
+
+    fn connection(&self) -> Result<(u64, Connection), HistoryError> {
+        let generation = self.counters.generation.load(Ordering::Relaxed);
+        let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        idle.retain(|(of, _)| *of == generation);
+        if let Some(known) = idle.pop() {
+            return Ok(known);
+        }
+        drop(idle);
+        Ok((generation, db::open_to_read(&self.folder)?))
+    }
+
+    fn give_back(&self, generation: u64, db: Connection) {
+        let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        if idle.len() < READERS_MAX {
+            idle.push((generation, db));
+        }
+    }
+}
+
+impl History {
+    /// The chart of a point from one time to before another, both in milliseconds since 1970.
+    ///
+    /// # Errors
+    /// [`HistoryError`].
+    pub async fn chart(
+        &self,
+        path: &str,
+        from: i64,
+        to: i64,
+        buckets: usize,
+    ) -> Result<Chart, HistoryError> {
+        self.written().await;
+        let path = path.to_owned();
+        let question = move |db: &Connection| chart(db, &path, from, to, buckets);
+        self.readers.read(question).await
+    }
+
+    /// Samples of a point from one time to before another, at most [`PIECE_MAX`] of them.
+    ///
+    /// # Errors
+    /// [`HistoryError`].
+    pub async fn samples(
+        &self,
+        path: &str,
+        from: i64,
+        to: i64,
+    ) -> Result<Vec<Sample>, HistoryError> {
+        self.written().await;
+        let path = path.to_owned();
+        let question = move |db: &Connection| {
+            let point = number_of(db, &path)?;
+            let mut statement = db.prepare_cached(
+                "SELECT t, v, q FROM samples WHERE point = ?1 AND t >= ?2 AND t < ?3
+                 ORDER BY t LIMIT ?4",
+            )?;
+            let samples =
+                statement.query_map(params![point, from, to, PIECE_MAX as i64], sample)?;
+            Ok(samples.collect::<Result<_, _>>()?)
+        };
+        self.readers.read(question).await
+    }
+
+    /// Events, the newest first.
+    ///
+    /// # Errors
+    /// [`HistoryError`].
+    pub async fn events(&self, asked: Asked) -> Result<KeptEvents, HistoryError> {
+        self.written().await;
+        self.readers.read(move |db| events(db, &asked)).await
+    }
+
+    /// An event by its number.
+    ///
+    /// # Errors
+    /// [`HistoryError`].
+    pub async fn kept_event(&self, id: &str) -> Result<Option<Kept>, HistoryError> {
+        self.written().await;
+        let id = id.to_owned();
+        let question = move |db: &Connection| {
+            let sql = format!("SELECT {COLUMNS} FROM events WHERE id = ?1");
+            let found = db.prepare_cached(&sql)?.query_row([id], kept).optional();
+            Ok(found?)
+        };
+        self.readers.read(question).await
+    }
+
+    /// How much is kept, and how that goes.
+    pub async fn storage(&self) -> Storage {
+        self.written().await;
+        let wal = format!("{}-wal", db::file_of(&self.readers.folder).display());
+        let mut storage = self.readers.read(storage).await.unwrap_or_default();
+        storage.wal_bytes = std::fs::metadata(wal).map_or(0, |wal| wal.len());
+        storage.dropped = self.dropped();
+        storage.disk_full = self.counters.full.load(Ordering::Relaxed);
+        storage.failing = self.counters.failing.load(Ordering::Relaxed);
+        storage
+    }
+}
+
+fn number_of(db: &Connection, path: &str) -> rusqlite::Result<i64> {
+    db.prepare_cached("SELECT id FROM points WHERE path = ?1")?
+        .query_row([path], |row| row.get(0))
+}
+
+fn sample(row: &Row<'_>) -> rusqlite::Result<Sample> {
+    Ok(Sample {
+        t: row.get(0)?,
+        value: row.get(1)?,
+        grade: Grade::of_number(row.get(2)?),
+    })
+}
+
+fn chart(
+    db: &Connection,
+    path: &str,
+    from: i64,
+    to: i64,
+    buckets: usize,
+) -> Result<Chart, HistoryError> {
+    let begun = Instant::now();
+    let point = number_of(db, path)?;
+    let mut plotter = Plotter::new(from, to, buckets);
+    let in_force = db
+        .prepare_cached(
+            "SELECT t, v, q FROM samples WHERE point = ?1 AND t < ?2 ORDER BY t DESC LIMIT 1",
+        )?
+        .query_row([point, from], sample)
+        .optional()?;
+    if let Some(in_force) = in_force {
+        plotter.take(in_force);
+    }
+    let mut statement = db.prepare_cached(
+        "SELECT t, v, q FROM samples WHERE point = ?1 AND t >= ?2 AND t < ?3 ORDER BY t",
+    )?;
+    let mut rows = statement.query([point, from, to])?;
+    let mut count: u32 = 0;
+    while let Some(row) = rows.next()? {
+        plotter.take(sample(row)?);
+        count = count.wrapping_add(1);
+        if count.is_multiple_of(LOOK_EVERY) && begun.elapsed() > CHART_MAX {
+            return Err(HistoryError::TooLong);
+        }
+    }
+    Ok(plotter.end(millis(SystemTime::now())))
+}
+
+const COLUMNS: &str = "id, t, kind, severity, module, point, line, who, via, what, before, after, \
+                       \"end\", code, text, ack_who, ack_t, ack_comment";
+
+fn events(db: &Connection, asked: &Asked) -> Result<KeptEvents, HistoryError> {
+    let mut sql = format!("SELECT {COLUMNS} FROM events WHERE id < ?1");
+    let newest = asked.before.clone().unwrap_or_else(|| "~".to_owned());
+    let mut values = vec![Value::Text(newest)];
+    let kind = asked.kind.map(|kind| kind.name().to_owned());
+    let wanted = [
+        ("kind", kind.as_ref()),
+        ("module", asked.module.as_ref()),
+        ("point", asked.point.as_ref()),
+    ];
+    for (column, value) in wanted {
+        if let Some(value) = value {
+            values.push(Value::Text(value.clone()));
+            // Writing into a String does not fail.
+            let _ =
+                fmt::Write::write_fmt(&mut sql, format_args!(" AND {column} = ?{}", values.len()));
+        }
+    }
+    // One more than is wanted tells whether there are more.
+    let limit = i64::try_from(asked.limit)
+        .unwrap_or(EVENTS_SEEN_MAX)
+        .min(EVENTS_SEEN_MAX);
+    values.push(Value::Integer(limit + 1));
+    let _ = fmt::Write::write_fmt(
+        &mut sql,
+        format_args!(" ORDER BY id DESC LIMIT ?{}", values.len()),
+    );
+    let mut statement = db.prepare_cached(&sql)?;
+    let rows = statement.query_map(params_from_iter(values), kept)?;
+    let mut events: Vec<Kept> = rows.collect::<Result<_, _>>()?;
+    let more = events.len() as i64 > limit;
+    events.truncate(usize::try_from(limit).unwrap_or_default());
+    let last = events.last().map(|kept| kept.event.id.clone());
+    let next = last.filter(|_| more);
+    Ok(KeptEvents { events, next })
+}
+
+fn kept(row: &Row<'_>) -> rusqlite::Result<Kept> {
+    let kind: String = row.get(2)?;
+    let severity: String = row.get(3)?;
+    let at: i64 = row.get(1)?;
+    let event = Event {
+        id: row.get(0)?,
+        at: SystemTime::UNIX_EPOCH + Duration::from_millis(at.unsigned_abs()),
+        kind: EventKind::from_name(&kind).unwrap_or(EventKind::System),
+        severity: Severity::from_name(&severity).unwrap_or(Severity::Info),
+        module: row.get(4)?,
+        point: row.get(5)?,
+        line: row.get(6)?,
+        who: row.get(7)?,
+        via: row.get(8)?,
+        what: row.get(9)?,
+        before: row.get(10)?,
+        after: row.get(11)?,
+        end: row.get(12)?,
+        code: row.get(13)?,
+        text: row.get(14)?,
+    };
+    let acked = match (row.get(15)?, row.get(16)?) {
+        (Some(who), Some(at_ms)) => Some(Ack {
+            who,
+            at_ms,
+            comment: row.get::<_, Option<String>>(17)?.unwrap_or_default(),
+        }),
+        _ => None,
+    };
+    Ok(Kept { event, acked })
+}
+
+fn storage(db: &Connection) -> Result<Storage, HistoryError> {
+    let points: i64 = db.query_row("SELECT count(*) FROM points", [], |row| row.get(0))?;
+    let samples: i64 = db.query_row(
+        "SELECT coalesce((SELECT value FROM meta WHERE key = 'samples'), 0)",
+        [],
+        |row| row.get(0),
+    )?;
+    let oldest_ms = db.query_row(
+        "SELECT min((SELECT t FROM samples WHERE point = id ORDER BY t LIMIT 1)) FROM points",
+        [],
+        |row| row.get(0),
+    )?;
+    Ok(Storage {
+        bytes: prune::used_bytes(db)?,
+        oldest_ms,
+        points: u64::try_from(points).unwrap_or_default(),
+        samples: u64::try_from(samples).unwrap_or_default(),
+        ..Storage::default()
+    })
+}

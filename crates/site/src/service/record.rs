@@ -1,0 +1,426 @@
+//! What is kept of what happens: who wrote what, when a line or module came or went, and which
+//! value every point had.
+
+use super::{Inner, Service, Update, Updates, lock};
+use crate::audit::{AuditLog, NotWritten, Note, Origin};
+use crate::history::{Event, EventKind, Grade, History, Sample, Severity, millis};
+use crate::{Failure, Quality, Value};
+use railbus_device::Point;
+use railbus_host::{LineState, Presence};
+use std::collections::BTreeMap;
+use std::sync::{Arc, OnceLock, Weak};
+use std::time::{Duration, SystemTime};
+use tokio::sync::{broadcast, mpsc};
+
+/// How many events wait for a listener before the oldest are dropped.
+const EVENTS_MAX: usize = 256;
+/// How often the quality of every point is looked at: values grow stale by themselves.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+
+/// Where events go.
+#[derive(Debug)]
+pub(super) struct Journal {
+    ulids: crate::ulid::Ulids,
+    told: broadcast::Sender<Event>,
+    history: OnceLock<History>,
+}
+
+impl Default for Journal {
+    fn default() -> Journal {
+        Journal {
+            ulids: crate::ulid::Ulids::default(),
+            told: broadcast::Sender::new(EVENTS_MAX),
+            history: OnceLock::new(),
+        }
+    }
+}
+
+/// A listener's end: what happens from now on.
+#[derive(Debug)]
+pub struct Events(broadcast::Receiver<Event>);
+
+impl Events {
+    /// The next event, or how many were missed before the next one; none once the site has gone.
+    /// Can be dropped and called again without losing anything.
+    pub async fn next(&mut self) -> Option<Result<Event, u64>> {
+        match self.0.recv().await {
+            Ok(event) => Some(Ok(event)),
+            Err(broadcast::error::RecvError::Lagged(count)) => Some(Err(count)),
+            Err(broadcast::error::RecvError::Closed) => None,
+        }
+    }
+}
+
+impl Service {
+    /// From now on all samples and events are kept in this history. To be called inside the
+    /// runtime; a site has one history, the first.
+    pub fn keep_history(&self, history: History) {
+        let journal = &self.inner.journal;
+        if journal.history.set(history.clone()).is_err() {
+            return;
+        }
+        let recorder = Recorder::new(Arc::downgrade(&self.inner), history.clone());
+        tokio::spawn(recorder.run(self.subscribe(), history.notices()));
+    }
+
+    /// From now on nothing is written to a module that is not durable in this log before.
+    pub fn keep_audit(&self, log: AuditLog) {
+        self.inner.audit.keep(log);
+    }
+
+    /// The log that should be there can't be had: nothing is written to a module any more.
+    pub fn miss_audit(&self) {
+        self.inner.audit.miss();
+    }
+
+    /// The history, where one is kept.
+    #[must_use]
+    pub fn history(&self) -> Option<&History> {
+        self.inner.journal.history.get()
+    }
+
+    /// The log of all that was done, where one is kept.
+    #[must_use]
+    pub fn audit_log(&self) -> Option<&AuditLog> {
+        self.inner.audit.log()
+    }
+
+    /// Tells of something that happened: to the history, and to all who follow.
+    pub fn tell_event(&self, event: Event) {
+        self.inner.tell_event(event);
+    }
+
+    /// What happens from now on.
+    #[must_use]
+    pub fn follow_events(&self) -> Events {
+        Events(self.inner.journal.told.subscribe())
+    }
+
+    /// For whom this handle acts.
+    #[must_use]
+    pub fn origin(&self) -> &Origin {
+        &self.origin
+    }
+}
+
+/// Something that was written down and is under way.
+pub(super) struct Begun {
+    pub(super) id: String,
+    event: Event,
+}
+
+impl Inner {
+    pub(super) fn tell_event(&self, mut event: Event) {
+        if event.id.is_empty() {
+            event.id = self.journal.ulids.next(event.at);
+        }
+        if let Some(history) = self.journal.history.get() {
+            history.event(event.clone());
+        }
+        // Fails where nobody listens, which does not matter.
+        let _ = self.journal.told.send(event);
+    }
+
+    /// Writes down what is about to be done with outputs, and how they are known to be now.
+    pub(super) async fn begin(
+        &self,
+        module: &str,
+        points: &[(Point, Option<bool>)],
+        note: Note,
+    ) -> Result<Begun, Failure> {
+        let before = self.states(module, points);
+        let mut event = Event::new(EventKind::Write, Severity::Info, "write").module(module);
+        event = event.by(&note.origin).what(&note.what);
+        event.before = Some(before.clone()).filter(|text| !text.is_empty());
+        if let [(point, _)] = points {
+            event = event.point(&self.label(module, *point));
+        }
+        let (id, written) = self.audit.begin(module, note, before).await;
+        self.written(written)?;
+        event.id.clone_from(&id);
+        Ok(Begun { id, event })
+    }
+
+    /// Whether a command may go on that was written down, or could not be.
+    fn written(&self, written: Result<(), NotWritten>) -> Result<(), Failure> {
+        let Some(log) = self.audit.log() else {
+            return written.map_err(|NotWritten| Failure::NotAudited);
+        };
+        if log.works(written.is_ok()) {
+            self.tell_event(match written {
+                Ok(()) => Event::new(EventKind::System, Severity::Info, "audit_works"),
+                Err(NotWritten) => Event::new(EventKind::System, Severity::Error, "audit_fails"),
+            });
+        }
+        match written {
+            Err(NotWritten) if log.is_required() => Err(Failure::NotAudited),
+            _ => Ok(()),
+        }
+    }
+
+    /// Writes down how it ended, and how the outputs are known to be after it.
+    pub(super) async fn end(
+        &self,
+        begun: Begun,
+        end: &'static str,
+        points: &[(Point, Option<bool>)],
+    ) {
+        let Begun { id, mut event } = begun;
+        let module = event.module.clone().unwrap_or_default();
+        let after = self.states(&module, points);
+        self.audit.end(&id, end, after.clone()).await;
+        event.after = Some(after).filter(|text| !text.is_empty());
+        event.end = Some(end.to_owned());
+        if !matches!(end, "readback" | "reply" | "sent") {
+            event.severity = Severity::Warning;
+        }
+        self.tell_event(event);
+    }
+
+    /// `do0=on do1=off`, as far as it is known.
+    fn states(&self, module: &str, points: &[(Point, Option<bool>)]) -> String {
+        let known = points.iter().filter_map(|(point, on)| {
+            let on = if (*on)? { "on" } else { "off" };
+            Some(format!("{}={on}", self.label(module, *point)))
+        });
+        known.collect::<Vec<_>>().join(" ")
+    }
+}
+
+/// What was last recorded of a point.
+#[derive(Debug)]
+struct Recorded {
+    path: Arc<str>,
+    value: Option<f64>,
+    grade: Grade,
+}
+
+/// Records the values of all points, and what becomes of lines and modules.
+struct Recorder {
+    site: Weak<Inner>,
+    history: History,
+    /// By module.
+    points: BTreeMap<String, BTreeMap<Point, Recorded>>,
+    presence: BTreeMap<String, Presence>,
+    lines: BTreeMap<String, (LineState, bool)>,
+    /// Which opening of the database knows what was recorded.
+    generation: u64,
+}
+
+impl Recorder {
+    fn new(site: Weak<Inner>, history: History) -> Recorder {
+        Recorder {
+            site,
+            history,
+            points: BTreeMap::new(),
+            presence: BTreeMap::new(),
+            lines: BTreeMap::new(),
+            generation: 0,
+        }
+    }
+
+    fn site(&self) -> Option<Service> {
+        Some(Service {
+            inner: self.site.upgrade()?,
+            origin: Arc::new(Origin::program("history")),
+        })
+    }
+
+    /// Works until the site has gone.
+    async fn run(mut self, mut updates: Updates, notices: Option<mpsc::Receiver<Event>>) {
+        let mut notices = notices;
+        let mut look = tokio::time::interval(LOOK_EVERY);
+        look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        if let Some(site) = self.site() {
+            self.modules_changed(&site);
+        }
+        loop {
+            tokio::select! {
+                biased;
+                update = updates.next() => match (update, self.site()) {
+                    (Some(update), Some(site)) => self.take(&site, update).await,
+                    _ => return,
+                },
+                notice = next_notice(&mut notices) => match self.site() {
+                    Some(site) => site.tell_event(notice),
+                    None => return,
+                },
+                _ = look.tick() => match self.site() {
+                    Some(site) => self.look(&site).await,
+                    None => return,
+                },
+            }
+        }
+    }
+
+    async fn take(&mut self, site: &Service, update: Update) {
+        match update {
+            Update::Point(change) => {
+                let value = Some(number(change.value));
+                self.record(site, &change.module, change.point, value, Grade::Good);
+            }
+            Update::Module(module) => {
+                self.module(site, &module);
+                self.look_at(site, &module);
+            }
+            Update::Line(line) => {
+                self.line(site, &line);
+                let status = site.line(&line);
+                for module in status.map(|status| status.modules).unwrap_or_default() {
+                    self.look_at(site, &module);
+                }
+            }
+            Update::Reloaded => {
+                self.modules_changed(site);
+                let keep = site.config().keep;
+                self.history.keep(keep.history);
+                if let Some(log) = site.audit_log() {
+                    log.require(keep.audit_required);
+                }
+                let event = Event::new(EventKind::Config, Severity::Info, "config_reloaded");
+                site.tell_event(event);
+            }
+            Update::Gap(_) => self.look(site).await,
+        }
+    }
+
+    /// Looks at every point; others have their turn meanwhile.
+    async fn look(&mut self, site: &Service) {
+        let generation = self.history.generation();
+        if std::mem::replace(&mut self.generation, generation) != generation {
+            self.points.values_mut().for_each(BTreeMap::clear);
+        }
+        let modules: Vec<String> = self.points.keys().cloned().collect();
+        for module in modules {
+            self.look_at(site, &module);
+            tokio::task::yield_now().await;
+        }
+    }
+
+    fn look_at(&mut self, site: &Service, module: &str) {
+        for status in site.points(module) {
+            let grade = match status.quality {
+                Quality::Good => Grade::Good,
+                Quality::Stale => Grade::Stale,
+                _ => Grade::Bad,
+            };
+            let value = status.value.map(number);
+            let value = value.filter(|_| grade != Grade::Bad);
+            self.record(site, module, status.point, value, grade);
+        }
+    }
+
+    /// Records what is new.
+    fn record(
+        &mut self,
+        site: &Service,
+        module: &str,
+        point: Point,
+        value: Option<f64>,
+        grade: Grade,
+    ) {
+        let Some(points) = self.points.get_mut(module) else {
+            return;
+        };
+        let known = points.entry(point).or_insert_with(|| Recorded {
+            path: Arc::from(format!("{module}.{}", site.inner.label(module, point))),
+            value: None,
+            grade: Grade::Bad,
+        });
+        if (known.value, known.grade) == (value, grade) {
+            return;
+        }
+        let t = millis(SystemTime::now());
+        let sample = Sample { t, value, grade };
+        if self.history.sample(Arc::clone(&known.path), sample) {
+            (known.value, known.grade) = (value, grade);
+        }
+    }
+
+    /// There are other modules; of those that are no more, nothing is known from now on.
+    fn modules_changed(&mut self, site: &Service) {
+        let mut before = std::mem::take(&mut self.points);
+        for module in site.config().modules.keys() {
+            let known = before.remove(module).unwrap_or_default();
+            self.points.insert(module.clone(), known);
+        }
+        let t = millis(SystemTime::now());
+        for gone in before.into_values().flat_map(BTreeMap::into_values) {
+            let (value, grade) = (None, Grade::Bad);
+            // Where there is no room for it, the last value seems to last.
+            let _ = self.history.sample(gone.path, Sample { t, value, grade });
+        }
+        self.presence
+            .retain(|name, _| self.points.contains_key(name));
+        let names = site.config().lines;
+        self.lines.retain(|name, _| names.contains_key(name));
+    }
+
+    /// A module is heard, or no longer.
+    fn module(&mut self, site: &Service, name: &str) {
+        let presence = lock(&site.inner.state).site.presence(name);
+        let before = self.presence.insert(name.to_owned(), presence);
+        let (severity, code) = match (before.unwrap_or(Presence::Unheard), presence) {
+            (Presence::Silent, Presence::Online) => (Severity::Info, "module_online"),
+            (Presence::Online | Presence::Unheard, Presence::Silent) => {
+                (Severity::Warning, "module_offline")
+            }
+            // That it is there when the program begins is as it should be.
+            _ => return,
+        };
+        let event = Event::new(EventKind::Module, severity, code).module(name);
+        site.tell_event(match site.module(name) {
+            Some(status) => event.line(&status.line),
+            None => event,
+        });
+    }
+
+    /// A line's port was opened or lost, or a babble began or ended.
+    fn line(&mut self, site: &Service, name: &str) {
+        let Some(status) = site.line(name) else {
+            return;
+        };
+        let now = (status.state, status.babble);
+        let before = self.lines.insert(name.to_owned(), now.clone());
+        let (state_before, babble_before) = before.unwrap_or((LineState::Opening, false));
+        let tell = |severity, code: &str, text: Option<String>| {
+            let mut event = Event::new(EventKind::Line, severity, code).line(name);
+            event.text = text;
+            site.tell_event(event);
+        };
+        let (state, babble) = now;
+        if state != state_before {
+            match state {
+                LineState::Up => tell(Severity::Info, "line_up", None),
+                LineState::Absent(why) => {
+                    tell(Severity::Warning, "line_down", Some(why.name().to_owned()));
+                }
+                LineState::Opening | LineState::Closed => {}
+            }
+        }
+        match (babble_before, babble) {
+            (false, true) => tell(Severity::Warning, "line_babble", None),
+            (true, false) => tell(Severity::Info, "line_quiet", None),
+            _ => {}
+        }
+    }
+}
+
+/// What the history itself has to tell; never, where somebody else was told already.
+async fn next_notice(notices: &mut Option<mpsc::Receiver<Event>>) -> Event {
+    if let Some(listening) = notices {
+        if let Some(event) = listening.recv().await {
+            return event;
+        }
+        *notices = None;
+    }
+    std::future::pending().await
+}
+
+fn number(value: Value) -> f64 {
+    match value {
+        Value::Bool(on) => f64::from(u8::from(on)),
+        Value::Analog(value, _) => value,
+        Value::Number(number) => f64::from(number),
+    }
+}
