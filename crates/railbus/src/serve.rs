@@ -5,8 +5,11 @@ pub(crate) mod access;
 mod answer;
 mod config;
 mod doc;
+mod events;
+mod export;
 mod frames;
 mod guard;
+mod history;
 mod keys;
 mod listen;
 mod loan;
@@ -16,6 +19,7 @@ mod ports;
 mod routes;
 pub(crate) mod socket;
 mod spoken;
+mod stores;
 mod stream;
 mod web;
 
@@ -43,6 +47,7 @@ use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
+use stores::Stores;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
@@ -138,6 +143,8 @@ fn check(lang: Lang, wanted: &Wanted, format: Format) -> Result<(), Failure> {
 struct Source {
     config: Config,
     file: PathBuf,
+    /// What is to be remembered lies here.
+    state: PathBuf,
     /// Ends with the daemon, after the lines.
     demo: Option<Demo>,
 }
@@ -177,6 +184,7 @@ impl Source {
         };
         Ok(Source {
             config,
+            state: config_file::state_folder(Some(&file)),
             file,
             demo: None,
         })
@@ -192,6 +200,8 @@ impl Source {
         let config = Config::parse(&text).map_err(|problems| {
             Failure::of_problem(lang, &bad_config(lang, config_file::NAME, &problems))
         })?;
+        // Its own, whatever the state of real sites is said to be.
+        let state = folder.0.join(".railbus");
         let demo = Demo {
             _line: line,
             _folder: folder,
@@ -199,6 +209,7 @@ impl Source {
         Ok(Source {
             config,
             file,
+            state,
             demo: Some(demo),
         })
     }
@@ -232,9 +243,10 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let address = tcp.local_addr().map_err(|error| system(lang, error))?;
     let socket = listen_on_socket(lang, wanted)?;
     let source = Source::open(lang, wanted)?;
-    let access = Access::open(&config_file::state_folder(Some(&source.file)));
+    let access = Access::open(&source.state);
     let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
     let service = Service::start(source.config.clone()).map_err(|error| system(lang, error))?;
+    let stores = Stores::open(&service, &source.state);
 
     // Who hears that it serves may ask at once: every port was tried by then.
     let tried = async {
@@ -284,6 +296,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     }
     room.emptied().await;
     service.close().await;
+    stores.close(&service).await;
     Ok(())
 }
 

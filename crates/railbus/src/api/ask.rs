@@ -281,7 +281,7 @@ fn written(done: WriteDone) -> Written {
 }
 
 /// The module and the point of a path.
-fn find(service: &Service, path: &str) -> Result<(String, Point), Problem> {
+pub(crate) fn find(service: &Service, path: &str) -> Result<(String, Point), Problem> {
     let (module, label) = paths::split(path).unwrap_or((path, ""));
     let Some(status) = service.module(module) else {
         return Err(failures::no_such_module(service, module));

@@ -29,6 +29,7 @@ pub(crate) fn problem(
         Failure::NotAnOutput(point) => of_point(codes::NOT_AN_OUTPUT, point),
         Failure::Locked(point) => of_point(codes::LOCKED, point),
         Failure::NotAsAsked(point, is) => of_point(codes::NOT_AS_ASKED, point).with("value", *is),
+        Failure::NotAudited => about(service, Problem::new(codes::NOT_AUDITED), module),
         Failure::PulseWidth {
             point,
             asked,

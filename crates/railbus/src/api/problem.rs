@@ -103,6 +103,16 @@ pub(crate) mod codes {
         DAEMON = "E0109", 502, "the daemon's answer can't be understood";
         /// Also `path`.
         NO_SUCH_PAGE = "E0110", 404, "there is nothing at this address";
+        /// There is no history and no audit log here.
+        NO_HISTORY = "E0170", 503, "nothing is kept here";
+        /// Also `reason`.
+        HISTORY_FAILS = "E0171", 503, "what is kept can't be read";
+        /// Also `module`.
+        NOT_AUDITED = "E0172", 503, "it can't be written into the audit log; nothing was sent";
+        /// Also `name`.
+        NO_SUCH_EVENT = "E0173", 404, "there is no such event";
+        /// A shorter time may go.
+        TOO_MUCH_ASKED = "E0174", 422, "that is too much for one answer";
         /// Also `module`, `line`, `address`, `protocol`, `model`, `attempts`, `rx_bytes`, `baud`,
         /// `format`.
         NO_REPLY = "E0301", 504, "the module did not answer";

@@ -6,7 +6,7 @@ use super::config::{self, Desk};
 use super::doc::Doc;
 use super::keys::Keys;
 use super::listen::ended;
-use super::{answer, guard, loan, openapi, points, ports, spoken, web};
+use super::{answer, events, guard, history, loan, openapi, points, ports, spoken, web};
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
 use axum::body::Body;
@@ -68,6 +68,8 @@ impl Route {
 /// Every route of the API.
 pub(super) const ALL: &[&[Route]] = &[
     points::ROUTES,
+    history::ROUTES,
+    events::ROUTES,
     loan::ROUTES,
     config::ROUTES,
     ports::ROUTES,

@@ -65,6 +65,34 @@ codes! {
         likely: ["the question was answered with no", "对提问回答了否"],
         next: ["repeat the command and answer y, or add --yes", "重新执行并回答 y，或加 --yes"],
     }
+    NoHistory = "E0170" {
+        title: ["nothing is kept here", "此处未保存任何记录"],
+        likely: ["the daemon could not open its stores · no daemon was asked",
+            "守护进程无法打开存储 · 未通过守护进程查询"],
+        next: ["railbus serve", "railbus serve"],
+    }
+    HistoryFails = "E0171" {
+        title: ["what is kept can't be read", "无法读取已保存的记录"],
+        likely: ["the disk is full or broken · no right to the folder",
+            "磁盘已满或损坏 · 文件夹无权限"],
+        next: ["look at the events of the daemon", "查看守护进程的事件"],
+    }
+    NotAudited = "E0172" {
+        title: ["not sent: it can't be written into the audit log", "未发送：无法写入审计日志"],
+        likely: ["the disk is full · the configuration says [audit] required = true",
+            "磁盘已满 · 配置中有 [audit] required = true"],
+        next: ["make room on the disk", "腾出磁盘空间"],
+    }
+    NoEvent = "E0173" {
+        title: ["there is no such event", "没有此事件"],
+        likely: ["it is too old and was forgotten", "已超过保留期限并被清除"],
+        next: ["list the events again", "重新列出事件"],
+    }
+    TooMuch = "E0174" {
+        title: ["that is too much for one answer", "一次查询的内容过多"],
+        likely: ["a long time of a point that changes often", "时间跨度长且该点变化频繁"],
+        next: ["ask for a shorter time", "缩短查询时间"],
+    }
     Capture = "E0180" {
         title: ["the capture file can't be read", "无法读取抓包文件"],
         likely: ["it is no pcapng file · it was cut off while it was written",

@@ -1,0 +1,353 @@
+//! What was, as the API tells it: samples, events and the log of what was done.
+
+use super::problem::{Problem, codes};
+use jiff::Timestamp;
+use railbus_site::audit::{Logged, Numbered, Record};
+use railbus_site::history::{
+    Bucket, Chart, Event, HistoryError, Kept, Sample, Severity, Storage, millis,
+};
+use serde::{Deserialize, Serialize};
+
+/// A chart of a point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct HistoryInfo {
+    pub(crate) schema: u8,
+    /// The path of the point.
+    pub(crate) point: String,
+    /// From when to when.
+    pub(crate) from: String,
+    pub(crate) to: String,
+    /// The unit of the values.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) unit: Option<String>,
+    /// Whether these are all samples.
+    pub(crate) raw: bool,
+    /// Where `raw`: from when on the point had which value. The first may be older than `from`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) samples: Option<Vec<SampleInfo>>,
+    /// Else: stretches of time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) buckets: Option<Vec<BucketInfo>>,
+}
+
+/// From when on a point had which value.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct SampleInfo {
+    /// Milliseconds since 1970.
+    pub(crate) t: i64,
+    /// The value; null where nothing is known.
+    pub(crate) v: Option<f64>,
+    /// How good it is.
+    pub(crate) q: String,
+}
+
+/// A stretch of time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct BucketInfo {
+    /// When it begins, in milliseconds since 1970.
+    pub(crate) t: i64,
+    /// The least and the greatest value, and the mean over time; null where nothing is known.
+    pub(crate) min: Option<f64>,
+    pub(crate) max: Option<f64>,
+    pub(crate) mean: Option<f64>,
+    /// How many samples fell into it.
+    pub(crate) n: u32,
+    /// The worst quality in it.
+    pub(crate) q: String,
+}
+
+/// An event.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct EventInfo {
+    /// Its number; numbers sort by time.
+    pub(crate) id: String,
+    pub(crate) at: String,
+    pub(crate) kind: String,
+    pub(crate) severity: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) module: Option<String>,
+    /// The path of a point: `pump.do0`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) point: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) line: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) who: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) via: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) what: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) before: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) after: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) end: Option<String>,
+    /// What happened: `module_offline`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) code: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) text: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) acked: Option<AckInfo>,
+}
+
+/// Who has seen an event.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct AckInfo {
+    pub(crate) who: String,
+    pub(crate) at: String,
+    pub(crate) comment: String,
+}
+
+/// An entry of the audit log.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct AuditInfo {
+    pub(crate) id: String,
+    pub(crate) at: String,
+    pub(crate) who: String,
+    pub(crate) via: String,
+    pub(crate) module: String,
+    pub(crate) what: String,
+    pub(crate) before: String,
+    pub(crate) after: String,
+    /// How it ended; null while it is under way.
+    pub(crate) end: Option<String>,
+    /// The hash of its first record.
+    pub(crate) hash: String,
+}
+
+/// A page of a list.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct PageInfo<T> {
+    pub(crate) schema: u8,
+    /// The newest first.
+    pub(crate) items: Vec<T>,
+    /// The cursor of the next page; null on the last one.
+    pub(crate) next: Option<String>,
+}
+
+/// How much is kept.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct StorageInfo {
+    pub(crate) schema: u8,
+    pub(crate) history_bytes: u64,
+    pub(crate) wal_bytes: u64,
+    pub(crate) points: u64,
+    pub(crate) samples: u64,
+    /// When the oldest sample was.
+    pub(crate) oldest: Option<String>,
+    /// Samples and events that were not kept.
+    pub(crate) dropped: u64,
+    pub(crate) disk_full: bool,
+    /// The last transaction failed.
+    pub(crate) failing: bool,
+    /// The last entry of the audit log could not be written.
+    pub(crate) audit_failing: bool,
+    /// How much is kept at most.
+    pub(crate) keep_ms: i64,
+    pub(crate) max_bytes: u64,
+}
+
+/// A moment of the database as RFC 3339.
+pub(crate) fn moment(millis: i64) -> String {
+    let moment = Timestamp::from_millisecond(millis);
+    crate::render::time::rfc3339(moment.unwrap_or(Timestamp::UNIX_EPOCH))
+}
+
+impl HistoryInfo {
+    pub(crate) fn new(
+        point: &str,
+        (from, to): (i64, i64),
+        unit: Option<String>,
+        chart: Chart,
+    ) -> HistoryInfo {
+        let (samples, buckets) = match chart {
+            Chart::Samples(samples) => (Some(samples.into_iter().map(of_sample).collect()), None),
+            Chart::Buckets(buckets) => (None, Some(buckets.into_iter().map(of_bucket).collect())),
+        };
+        HistoryInfo {
+            schema: super::types::SCHEMA,
+            point: point.to_owned(),
+            from: moment(from),
+            to: moment(to),
+            unit,
+            raw: samples.is_some(),
+            samples,
+            buckets,
+        }
+    }
+}
+
+pub(crate) fn of_sample(sample: Sample) -> SampleInfo {
+    SampleInfo {
+        t: sample.t,
+        v: sample.value,
+        q: sample.grade.name().to_owned(),
+    }
+}
+
+fn of_bucket(bucket: Bucket) -> BucketInfo {
+    BucketInfo {
+        t: bucket.t,
+        min: bucket.values.map(|values| values.min),
+        max: bucket.values.map(|values| values.max),
+        mean: bucket.values.map(|values| values.mean),
+        n: bucket.n,
+        q: bucket.grade.name().to_owned(),
+    }
+}
+
+/// An event as it is told while it happens.
+pub(crate) fn of_event(event: Event) -> EventInfo {
+    let point = match (&event.module, event.point) {
+        (Some(module), Some(label)) => Some(format!("{module}.{label}")),
+        _ => None,
+    };
+    EventInfo {
+        at: moment(millis(event.at)),
+        id: event.id,
+        kind: event.kind.name().to_owned(),
+        severity: Severity::name(event.severity).to_owned(),
+        module: event.module,
+        point,
+        line: event.line,
+        who: event.who,
+        via: event.via,
+        what: event.what,
+        before: event.before,
+        after: event.after,
+        end: event.end,
+        code: event.code,
+        text: event.text,
+        acked: None,
+    }
+}
+
+/// An event as it was kept.
+pub(crate) fn of_kept(kept: Kept) -> EventInfo {
+    EventInfo {
+        acked: kept.acked.map(|ack| AckInfo {
+            who: ack.who,
+            at: moment(ack.at_ms),
+            comment: ack.comment,
+        }),
+        ..of_event(kept.event)
+    }
+}
+
+pub(crate) fn of_logged(entry: Logged) -> AuditInfo {
+    AuditInfo {
+        id: entry.id,
+        at: of_millis(entry.at_ms),
+        who: entry.who,
+        via: entry.via,
+        module: entry.module,
+        what: entry.what,
+        before: entry.before,
+        after: entry.after,
+        end: entry.end,
+        hash: entry.hash,
+    }
+}
+
+fn of_millis(millis: u64) -> String {
+    moment(i64::try_from(millis).unwrap_or(i64::MAX))
+}
+
+/// The columns of the exported log.
+pub(crate) const AUDIT_COLUMNS: [&str; 12] = [
+    "seq", "at", "kind", "id", "who", "via", "module", "what", "before", "after", "end", "hash",
+];
+
+/// A record of the log as a row of a table.
+pub(crate) fn audit_row(hash: &str, numbered: &Numbered) -> [String; AUDIT_COLUMNS.len()] {
+    let own = String::clone;
+    let none = String::new;
+    let [kind, id, who, via, module, what, before, after, end] = match &numbered.record {
+        Record::Begin {
+            id,
+            who,
+            via,
+            module,
+            what,
+            before,
+        } => [
+            "begin".to_owned(),
+            own(id),
+            own(who),
+            own(via),
+            own(module),
+            own(what),
+            own(before),
+            none(),
+            none(),
+        ],
+        Record::End { id, end, after } => {
+            let [who, via, module, what, before] = [(); 5].map(|()| none());
+            let (id, after, end) = (own(id), own(after), own(end));
+            [
+                "end".to_owned(),
+                id,
+                who,
+                via,
+                module,
+                what,
+                before,
+                after,
+                end,
+            ]
+        }
+        Record::Start { version } => system_row("start", own(version)),
+        Record::Lost { records } => system_row("lost", records.to_string()),
+        Record::Cut { seq, .. } => system_row("cut", seq.to_string()),
+    };
+    let (seq, at, hash) = (
+        numbered.seq.to_string(),
+        of_millis(numbered.at_ms),
+        hash.to_owned(),
+    );
+    [
+        seq, at, kind, id, who, via, module, what, before, after, end, hash,
+    ]
+}
+
+/// What the log says of itself.
+fn system_row(kind: &str, what: String) -> [String; 9] {
+    let mut row: [String; 9] = Default::default();
+    row[0] = kind.to_owned();
+    row[5] = what;
+    row
+}
+
+impl StorageInfo {
+    pub(crate) fn new(storage: Storage, audit_failing: bool, keep: (i64, u64)) -> StorageInfo {
+        StorageInfo {
+            schema: super::types::SCHEMA,
+            history_bytes: storage.bytes,
+            wal_bytes: storage.wal_bytes,
+            points: storage.points,
+            samples: storage.samples,
+            oldest: storage.oldest_ms.map(moment),
+            dropped: storage.dropped,
+            disk_full: storage.disk_full,
+            failing: storage.failing,
+            audit_failing,
+            keep_ms: keep.0,
+            max_bytes: keep.1,
+        }
+    }
+}
+
+/// Why there is no answer about the past.
+pub(crate) fn problem(error: &HistoryError) -> Problem {
+    match error {
+        HistoryError::NoSuchPoint => Problem::new(codes::NO_SUCH_POINT),
+        HistoryError::TooLong => Problem::new(codes::TOO_MUCH_ASKED),
+        HistoryError::Busy => Problem::new(codes::HISTORY_FAILS).with("reason", "busy"),
+        HistoryError::Closed => Problem::new(codes::NO_HISTORY),
+        HistoryError::Database(why) => {
+            Problem::new(codes::HISTORY_FAILS).with("reason", why.as_str())
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! What happened, and what was done by whom.
+
+use super::access::{Caller, Need};
+use super::answer;
+use super::export::{self, File};
+use super::history::kept;
+use super::points::bad_request;
+use super::routes::{Answer, Asked, Route, Site};
+use crate::api::past::{self, AUDIT_COLUMNS, AuditInfo, EventInfo, PageInfo, audit_row};
+use crate::api::paths::split;
+use crate::api::problem::{Problem, codes};
+use crate::api::types::SCHEMA;
+use axum::Extension;
+use axum::body::Bytes;
+use axum::extract::{Path, State};
+use axum::http::HeaderMap;
+use axum::routing::{get, post};
+use railbus_site::audit::{AuditLog, Filter};
+use railbus_site::history::{Ack, Asked as Wanted, EventKind, millis};
+use serde::Deserialize;
+use serde_json::json;
+use std::time::SystemTime;
+
+/// The routes of this file.
+pub(super) const ROUTES: &[Route] = &[
+    Route::new("GET", "/events", Need::VIEWER, || get(events)),
+    Route::new("POST", "/events/{id}/ack", Need::OPERATOR, || {
+        post(acknowledge)
+    }),
+    Route::new("GET", "/audit", Need::ENGINEER, || get(audit)),
+    Route::new("GET", "/audit/verify", Need::ADMIN, || get(verify)),
+    Route::new("GET", "/audit/export", Need::ADMIN, || get(save)),
+];
+
+/// How many items a page has, where nobody says, and at most.
+const PAGE: usize = 50;
+const PAGE_MAX: usize = 500;
+/// The longest comment, in characters.
+const COMMENT_MAX: usize = 500;
+
+async fn events(State(site): State<Site>, asked: Asked) -> Answer {
+    answer::json(page(&site, &asked).await)
+}
+
+async fn page(site: &Site, asked: &Asked) -> Result<PageInfo<EventInfo>, Problem> {
+    let kind = match asked.get("kind") {
+        None => None,
+        Some(name) => Some(EventKind::from_name(name).ok_or_else(|| unreadable("kind"))?),
+    };
+    let filter = filter(asked)?;
+    let wanted = Wanted {
+        before: asked.get("cursor").cloned(),
+        limit: limit(asked)?,
+        kind,
+        module: filter.module,
+        point: filter.label,
+    };
+    let found = kept(site)?.events(wanted).await;
+    let found = found.map_err(|error| past::problem(&error))?;
+    Ok(PageInfo {
+        schema: SCHEMA,
+        items: found.events.into_iter().map(past::of_kept).collect(),
+        next: found.next,
+    })
+}
+
+fn limit(asked: &Asked) -> Result<usize, Problem> {
+    match asked.get("limit").map(|limit| limit.parse()) {
+        None => Ok(PAGE),
+        Some(Ok(limit)) if (1..=PAGE_MAX).contains(&limit) => Ok(limit),
+        Some(_) => Err(unreadable("limit")),
+    }
+}
+
+/// What `point` and `module` name.
+fn filter(asked: &Asked) -> Result<Filter, Problem> {
+    let Some(path) = asked.get("point") else {
+        return Ok(Filter {
+            module: asked.get("module").cloned(),
+            label: None,
+        });
+    };
+    let (module, label) = split(path).ok_or_else(|| unreadable("point"))?;
+    Ok(Filter {
+        module: Some(module.to_owned()),
+        label: Some(label.to_owned()),
+    })
+}
+
+fn unreadable(key: &str) -> Problem {
+    let reason = format!("\"{key}\" can't be read");
+    Problem::new(codes::BAD_REQUEST).with("reason", reason)
+}
+
+/// What somebody says of an event.
+#[derive(Deserialize)]
+struct Comment {
+    #[serde(default)]
+    comment: String,
+}
+
+async fn acknowledge(
+    State(site): State<Site>,
+    Path(id): Path<String>,
+    who: Extension<Caller>,
+    body: Bytes,
+) -> Answer {
+    let text: &[u8] = if body.is_empty() { b"{}" } else { &body };
+    let comment: Comment = match serde_json::from_slice(text) {
+        Ok(comment) => comment,
+        Err(error) => return bad_request(&error.to_string()),
+    };
+    if comment.comment.chars().count() > COMMENT_MAX {
+        return bad_request("a comment has at most 500 characters");
+    }
+    let ack = Ack {
+        who: who.name.clone(),
+        at_ms: millis(SystemTime::now()),
+        comment: comment.comment,
+    };
+    answer::json(seen(&site, &id, ack).await)
+}
+
+async fn seen(site: &Site, id: &str, ack: Ack) -> Result<EventInfo, Problem> {
+    let history = kept(site)?;
+    let found = match history.acknowledge(id, ack).await {
+        Ok(true) => history.kept_event(id).await,
+        Ok(false) => Ok(None),
+        Err(error) => Err(error),
+    };
+    let found = found.map_err(|error| past::problem(&error))?;
+    let missing = || Problem::new(codes::NO_SUCH_EVENT).with("name", id);
+    found.map(past::of_kept).ok_or_else(missing)
+}
+
+/// The log, or why there is none.
+fn log(site: &Site) -> Result<&AuditLog, Problem> {
+    let log = site.service.audit_log();
+    log.ok_or_else(|| Problem::new(codes::NO_HISTORY))
+}
+
+fn unread(error: &std::io::Error) -> Problem {
+    Problem::new(codes::HISTORY_FAILS).with("reason", error.to_string())
+}
+
+async fn audit(State(site): State<Site>, asked: Asked) -> Answer {
+    answer::json(entries(&site, &asked).await)
+}
+
+async fn entries(site: &Site, asked: &Asked) -> Result<PageInfo<AuditInfo>, Problem> {
+    let before = match asked.get("cursor").map(|cursor| cursor.parse()) {
+        None => None,
+        Some(Ok(place)) => Some(place),
+        Some(Err(_)) => return Err(unreadable("cursor")),
+    };
+    let found = log(site)?.page(before, limit(asked)?, filter(asked)?).await;
+    let found = found.map_err(|error| unread(&error))?;
+    Ok(PageInfo {
+        schema: SCHEMA,
+        items: found.entries.into_iter().map(past::of_logged).collect(),
+        next: found.next.map(|place| place.to_string()),
+    })
+}
+
+async fn verify(State(site): State<Site>) -> Answer {
+    let log = match log(&site) {
+        Ok(log) => log,
+        Err(problem) => return answer::problem(&problem),
+    };
+    answer::json(match log.verify().await {
+        Err(error) => Err(unread(&error)),
+        Ok(found) => {
+            let mut told = json!({
+                "schema": SCHEMA,
+                "entries": found.entries,
+                "records": found.records,
+                "ok": found.broken_at.is_none(),
+            });
+            if let Some(number) = found.broken_at {
+                told["broken_at"] = number.into();
+            }
+            Ok(told)
+        }
+    })
+}
+
+/// `GET /api/v1/audit/export`: every record of the log as it is, with its hash.
+async fn save(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> Answer {
+    let log = match log(&site) {
+        Ok(log) => log.clone(),
+        Err(problem) => return answer::problem(&problem),
+    };
+    let Some(file) = File::asked(&asked, &headers, site.lang, "audit") else {
+        return bad_request("\"format\" is csv or ndjson");
+    };
+    let (answer, mut sink) = export::stream(&site, &file);
+    tokio::spawn(async move {
+        let mut from = 0;
+        let mut head = file.head(&AUDIT_COLUMNS);
+        while let Ok(piece) = log.export(from).await {
+            for (hash, numbered) in &piece.records {
+                if file.is_csv() {
+                    let row = audit_row(hash, numbered);
+                    head += &export::csv(&row.each_ref().map(String::as_str));
+                } else {
+                    let mut told = serde_json::to_value(numbered).unwrap_or_default();
+                    told["hash"] = hash.as_str().into();
+                    head += &format!("{told}\n");
+                }
+            }
+            let more = piece.next > from;
+            from = piece.next;
+            if !sink.send(std::mem::take(&mut head)).await || !more {
+                return;
+            }
+        }
+    });
+    answer
+}

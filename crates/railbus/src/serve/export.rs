@@ -1,0 +1,135 @@
+//! Tables that are sent row by row: nothing is held but what is under way.
+
+use super::listen::ended;
+use super::routes::{Answer, Asked, Site};
+use crate::i18n::Lang;
+use axum::body::{Body, Bytes};
+use axum::http::header::{ACCEPT_LANGUAGE, CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue};
+use axum::http::{HeaderMap, Response};
+use http_body_util::channel::{Channel, Sender};
+use std::convert::Infallible;
+use tokio::sync::watch;
+
+/// How many pieces wait for a slow reader.
+const PIECES_MAX: usize = 4;
+/// What tells a spreadsheet that a file is UTF-8.
+const MARK: &str = "\u{FEFF}";
+
+/// The form of a file.
+pub(super) struct File {
+    csv: bool,
+    /// Spreadsheets of Chinese systems take a file for GBK without it.
+    mark: bool,
+    name: &'static str,
+}
+
+impl File {
+    /// What is asked for; none where there is no such format.
+    pub(super) fn asked(
+        asked: &Asked,
+        headers: &HeaderMap,
+        lang: Lang,
+        name: &'static str,
+    ) -> Option<File> {
+        let csv = match asked.get("format").map(String::as_str) {
+            None | Some("csv") => true,
+            Some("ndjson") => false,
+            Some(_) => return None,
+        };
+        let accepted = headers.get(ACCEPT_LANGUAGE);
+        let accepted = accepted.and_then(|value| value.to_str().ok());
+        let chinese = match (asked.get("lang"), accepted) {
+            (Some(named), _) => named == "zh",
+            (None, Some(accepted)) => accepted.trim_start().starts_with("zh"),
+            (None, None) => matches!(lang, Lang::Zh),
+        };
+        Some(File {
+            csv,
+            mark: csv && chinese,
+            name,
+        })
+    }
+
+    pub(super) const fn is_csv(&self) -> bool {
+        self.csv
+    }
+
+    /// What stands before the rows.
+    pub(super) fn head(&self, columns: &[&str]) -> String {
+        let mark = if self.mark { MARK } else { "" };
+        match self.csv {
+            true => format!("{mark}{}", csv(columns)),
+            false => String::new(),
+        }
+    }
+}
+
+/// Where rows are sent to.
+pub(super) struct Sink {
+    sender: Sender<Bytes, Infallible>,
+    stop: watch::Receiver<bool>,
+}
+
+impl Sink {
+    /// Sends some rows; false where nobody reads any more, or the daemon ends.
+    pub(super) async fn send(&mut self, rows: String) -> bool {
+        if rows.is_empty() {
+            return true;
+        }
+        tokio::select! {
+            () = ended(&mut self.stop) => false,
+            sent = self.sender.send_data(Bytes::from(rows)) => sent.is_ok(),
+        }
+    }
+}
+
+/// An answer that is sent piece by piece.
+pub(super) fn stream(site: &Site, file: &File) -> (Answer, Sink) {
+    let (sender, body) = Channel::<Bytes, Infallible>::new(PIECES_MAX);
+    let mut response = Response::new(Body::new(body));
+    let (content_type, ending) = match file.csv {
+        true => ("text/csv; charset=utf-8", "csv"),
+        false => ("application/x-ndjson", "ndjson"),
+    };
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static(content_type));
+    let name = format!("attachment; filename=\"{}.{ending}\"", file.name);
+    if let Ok(name) = HeaderValue::from_str(&name) {
+        headers.insert(CONTENT_DISPOSITION, name);
+    }
+    let stop = site.stop.clone();
+    (response, Sink { sender, stop })
+}
+
+/// A row with its end [RFC 4180]. A cell that a spreadsheet would take for a formula is made
+/// text.
+pub(super) fn csv(cells: &[&str]) -> String {
+    let mut row = String::new();
+    for (index, cell) in cells.iter().enumerate() {
+        if index > 0 {
+            row.push(',');
+        }
+        let number = cell.parse::<f64>().is_ok();
+        let formula = !number && cell.starts_with(['=', '+', '-', '@', '\t', '\r']);
+        let mark = if formula { "'" } else { "" };
+        if cell.contains([',', '"', '\n', '\r']) {
+            row += &format!("\"{mark}{}\"", cell.replace('"', "\"\""));
+        } else {
+            row += mark;
+            row += cell;
+        }
+    }
+    row.push_str("\r\n");
+    row
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_stay_what_they_are() {
+        assert_eq!(csv(&["a", "b,c", "d\"e"]), "a,\"b,c\",\"d\"\"e\"\r\n");
+        assert_eq!(csv(&["-1.5", "=1+1", "-x"]), "-1.5,'=1+1,'-x\r\n");
+    }
+}

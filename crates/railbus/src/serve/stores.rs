@@ -1,0 +1,69 @@
+//! What outlives the daemon: history and audit log, in the folder of the site's state.
+
+use railbus_site::Service;
+use railbus_site::audit::{AuditLog, Found};
+use railbus_site::history::{Event, EventKind, History, Severity};
+use std::path::Path;
+
+/// The stores of a site at work.
+pub(super) struct Stores {
+    history: Option<History>,
+}
+
+impl Stores {
+    /// Opens them for a site. What is wrong with them is told as events: the site is served all
+    /// the same.
+    pub(super) fn open(service: &Service, folder: &Path) -> Stores {
+        let keep = service.config().keep;
+        let history = History::open(folder, keep.history);
+        match &history {
+            Ok(history) => service.keep_history(history.clone()),
+            Err(error) => tell(service, Severity::Error, "history_fails", error),
+        }
+        match AuditLog::open(folder) {
+            Ok((log, found)) => {
+                log.require(keep.audit_required);
+                service.keep_audit(log);
+                tell_found(service, &found);
+            }
+            Err(error) => {
+                if keep.audit_required {
+                    service.miss_audit();
+                }
+                tell(service, Severity::Error, "audit_fails", error);
+            }
+        }
+        service.tell_event(Event::new(EventKind::System, Severity::Info, "started"));
+        Stores {
+            history: history.ok(),
+        }
+    }
+
+    /// Writes what is left. The site was closed before.
+    pub(super) async fn close(self, service: &Service) {
+        service.tell_event(Event::new(EventKind::System, Severity::Info, "stopped"));
+        if let Some(history) = self.history {
+            history.close().await;
+        }
+    }
+}
+
+fn tell(service: &Service, severity: Severity, code: &str, text: impl ToString) {
+    let event = Event::new(EventKind::System, severity, code);
+    service.tell_event(event.text(text.to_string()));
+}
+
+/// What was found when the log was opened.
+fn tell_found(service: &Service, found: &Found) {
+    if let Some(aside) = &found.put_aside {
+        tell(service, Severity::Error, "audit_put_aside", aside.display());
+    } else if found.cut {
+        tell(service, Severity::Error, "audit_cut", "");
+    }
+    if found.torn > 0 {
+        tell(service, Severity::Warning, "audit_torn", found.torn);
+    }
+    for id in &found.unfinished {
+        tell(service, Severity::Warning, "audit_unfinished", id);
+    }
+}
