@@ -11,6 +11,7 @@ mod frames;
 mod guard;
 mod history;
 mod keys;
+mod language;
 mod listen;
 mod loan;
 mod openapi;
@@ -22,6 +23,7 @@ mod spoken;
 mod stores;
 mod stream;
 mod web;
+mod ws;
 
 use crate::api::failures::bad_config;
 use crate::api::problem::Problem;
@@ -266,6 +268,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         demo: source.demo.is_some(),
         stop: stopped.clone(),
         keys: Arc::new(Keys::default()),
+        sockets: ws::Room::new(),
         desk: Arc::clone(&desk),
         access: Arc::new(access),
         origin: origin.into(),

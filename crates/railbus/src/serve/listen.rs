@@ -16,7 +16,8 @@ use tokio::net::TcpListener;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 /// How many connections there may be, over TCP and the socket together; more wait to be let in.
-const CONNECTIONS_MAX: usize = 32;
+/// A browser opens six; WebSockets have a room of their own.
+const CONNECTIONS_MAX: usize = 128;
 /// A request's head must have come after this time; an idle connection is closed then.
 const HEAD_MAX: Duration = Duration::from_secs(10);
 /// The longest head.
@@ -115,7 +116,8 @@ async fn serve(
         .timer(TokioTimer::new())
         .header_read_timeout(HEAD_MAX)
         .max_buf_size(HEAD_LEN_MAX)
-        .serve_connection(TokioIo::new(stream), from_peer);
+        .serve_connection(TokioIo::new(stream), from_peer)
+        .with_upgrades();
     let mut connection = std::pin::pin!(connection);
     tokio::select! {
         _ = &mut connection => {}

@@ -6,7 +6,7 @@ use super::config::{self, Desk};
 use super::doc::Doc;
 use super::keys::Keys;
 use super::listen::ended;
-use super::{answer, events, guard, history, loan, openapi, points, ports, spoken, web};
+use super::{answer, events, guard, history, loan, openapi, points, ports, spoken, web, ws};
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
 use axum::body::Body;
@@ -76,6 +76,7 @@ pub(super) const ALL: &[&[Route]] = &[
     openapi::ROUTES,
     SESSION_ROUTES,
     USER_ROUTES,
+    ws::ROUTES,
 ];
 
 /// What every handler needs.
@@ -89,6 +90,8 @@ pub(super) struct Site {
     /// Streams end when the daemon does.
     pub(super) stop: watch::Receiver<bool>,
     pub(super) keys: Arc<Keys>,
+    /// The room for WebSockets.
+    pub(super) sockets: ws::Room,
     /// The configuration's file, and who may change it when.
     pub(super) desk: Arc<Desk>,
     /// Who may what.

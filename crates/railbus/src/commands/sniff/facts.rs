@@ -7,15 +7,15 @@ use railbus_wire::{Address, Exchange, Micros, Protocol};
 
 /// A module by what tells it apart on a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(in crate::commands) struct Named {
-    pub(in crate::commands) name: String,
-    pub(in crate::commands) protocol: Protocol,
-    pub(in crate::commands) address: u8,
+pub(crate) struct Named {
+    pub(crate) name: String,
+    pub(crate) protocol: Protocol,
+    pub(crate) address: u8,
 }
 
 impl Named {
     /// A module of the daemon.
-    pub(in crate::commands) fn of(module: ModuleInfo) -> Option<Named> {
+    pub(crate) fn of(module: ModuleInfo) -> Option<Named> {
         let known = Protocol::ALL.into_iter();
         let protocol = known
             .into_iter()
@@ -30,23 +30,23 @@ impl Named {
 
 /// What can be said of something heard.
 #[derive(Debug)]
-pub(in crate::commands) struct Facts<'a> {
-    pub(in crate::commands) protocols: Vec<Protocol>,
-    pub(in crate::commands) address: Option<u8>,
-    pub(in crate::commands) module: Option<&'a str>,
-    pub(in crate::commands) role: Option<Role>,
+pub(crate) struct Facts<'a> {
+    pub(crate) protocols: Vec<Protocol>,
+    pub(crate) address: Option<u8>,
+    pub(crate) module: Option<&'a str>,
+    pub(crate) role: Option<Role>,
     /// None for a request that nobody answered.
-    pub(in crate::commands) verdict: Option<Verdict>,
+    pub(crate) verdict: Option<Verdict>,
     /// It is a write, or belongs to one; nothing where that can't be told.
-    pub(in crate::commands) write: Option<bool>,
-    pub(in crate::commands) late: bool,
+    pub(crate) write: Option<bool>,
+    pub(crate) late: bool,
     /// From the request to its reply, or to the end of the waiting.
-    pub(in crate::commands) after: Option<Micros>,
-    pub(in crate::commands) gap: Option<Micros>,
+    pub(crate) after: Option<Micros>,
+    pub(crate) gap: Option<Micros>,
 }
 
 impl<'a> Facts<'a> {
-    pub(in crate::commands) fn of(heard: &Heard, modules: &'a [Named]) -> Facts<'a> {
+    pub(crate) fn of(heard: &Heard, modules: &'a [Named]) -> Facts<'a> {
         let mut facts = match heard {
             Heard::Missing(missing) => Facts {
                 protocols: vec![missing.asked.protocol()],

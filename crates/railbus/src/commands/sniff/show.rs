@@ -120,7 +120,8 @@ fn readable(bytes: &[u8], reading: Option<&Reading>) -> String {
     text.collect()
 }
 
-fn as_json(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Value {
+/// One thing heard, for programs.
+pub(crate) fn as_json(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Value {
     let millis = |time: Option<Micros>| time.map(|time| time.0 as f64 / 1_000.0);
     let mut json = json!({
         "event": "frame",

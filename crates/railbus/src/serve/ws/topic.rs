@@ -1,0 +1,72 @@
+//! What one can subscribe to.
+
+use super::{Out, frames, news};
+use crate::api::problem::{Problem, codes};
+use crate::api::{ask, failures};
+use crate::i18n::Lang;
+use crate::serve::routes::Site;
+
+/// What one can subscribe to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Topic {
+    /// `points/#`, `points/pump/#`, `points/pump/do0`: those that are selected, or all.
+    Points(Vec<String>),
+    /// `modules`.
+    Modules,
+    /// `lines`.
+    Lines,
+    /// `frames/main`.
+    Frames(String),
+}
+
+impl Topic {
+    /// By its name. What it names must be there.
+    pub(super) fn parse(site: &Site, name: &str) -> Result<Topic, Problem> {
+        let parts: Vec<&str> = name.split('/').collect();
+        let topic = match parts.as_slice() {
+            ["points", "#"] => Topic::Points(Vec::new()),
+            ["points", module, "#"] => Topic::Points(vec![(*module).to_owned()]),
+            ["points", module, label] => Topic::Points(vec![format!("{module}.{label}")]),
+            ["modules"] => Topic::Modules,
+            ["lines"] => Topic::Lines,
+            ["frames", line] => Topic::Frames((*line).to_owned()),
+            _ => {
+                let known = [
+                    "points/#",
+                    "points/MODULE/#",
+                    "points/MODULE/LABEL",
+                    "modules",
+                    "lines",
+                    "frames/LINE",
+                ];
+                let problem = Problem::new(codes::BAD_REQUEST).with("reason", "no such topic");
+                return Err(problem.with("known", known.to_vec()));
+            }
+        };
+        match &topic {
+            Topic::Points(selectors) => {
+                for selector in selectors {
+                    ask::check_selector(&site.service, selector)?;
+                }
+            }
+            Topic::Frames(line) if site.service.line(line).is_none() => {
+                return Err(failures::no_such_line(&site.service, line));
+            }
+            _ => {}
+        }
+        Ok(topic)
+    }
+
+    /// Tells what there is to tell until the client has gone, or what it is about.
+    pub(super) async fn run(self, site: Site, lang: Lang, out: Out) {
+        // Who has gone needs to be told nothing.
+        let _ = match self {
+            Topic::Points(selectors) => {
+                news::follow(site.service, news::View::Points(selectors), out).await
+            }
+            Topic::Modules => news::follow(site.service, news::View::Modules, out).await,
+            Topic::Lines => news::follow(site.service, news::View::Lines, out).await,
+            Topic::Frames(line) => frames::follow(site.service, line, lang, out).await,
+        };
+    }
+}

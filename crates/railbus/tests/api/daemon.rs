@@ -1,0 +1,193 @@
+//! A daemon, and how it is asked.
+
+use serde_json::Value;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A daemon that is stopped at the end of the test, however that comes.
+pub(crate) struct Daemon {
+    child: Child,
+    pub(crate) address: String,
+    folder: PathBuf,
+    token: Option<String>,
+    _stdout: BufReader<std::process::ChildStdout>,
+}
+
+/// What came back.
+pub(crate) struct Answer {
+    pub(crate) status: u16,
+    pub(crate) head: String,
+    pub(crate) body: Vec<u8>,
+}
+
+impl Answer {
+    pub(crate) fn text(&self) -> &str {
+        std::str::from_utf8(&self.body).expect("text")
+    }
+
+    pub(crate) fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).expect("JSON")
+    }
+}
+
+impl Daemon {
+    /// The demo, once every point of it is good.
+    pub(crate) fn demo(name: &str) -> Daemon {
+        let daemon = Daemon::start(name, &["--demo"]);
+        daemon.until("every point is good", |daemon| {
+            let points = daemon.get("/api/v1/points").json();
+            let points = points["points"].as_array().expect("a list").clone();
+            !points.is_empty() && points.iter().all(|point| point["quality"] == "good")
+        });
+        daemon
+    }
+
+    pub(crate) fn start(name: &str, arguments: &[&str]) -> Daemon {
+        let folder = std::env::temp_dir();
+        let folder = folder.join(format!("railbus-api-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let mut child = Command::new(env!("CARGO_BIN_EXE_railbus"))
+            .env("RAILBUS_LANG", "en")
+            .env("RAILBUS_STATE", folder.join("state"))
+            .env_remove("RAILBUS_CONFIG")
+            .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
+            .arg(folder.join("socket"))
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .stderr(std::fs::File::create(folder.join("stderr")).expect("a file"))
+            .spawn()
+            .expect("railbus starts");
+        let mut stdout = BufReader::new(child.stdout.take().expect("it is piped"));
+        let mut address = String::new();
+        loop {
+            let mut line = String::new();
+            assert_ne!(stdout.read_line(&mut line).expect("text"), 0, "it ended");
+            if let Some(web) = line.trim().strip_prefix("web     http://") {
+                address = web.split('/').next().unwrap_or_default().to_owned();
+            }
+            if line.contains("Ctrl-C") {
+                break;
+            }
+        }
+        let mut daemon = Daemon {
+            child,
+            address,
+            folder,
+            token: None,
+            _stdout: stdout,
+        };
+        daemon.token = daemon.own_token();
+        daemon
+    }
+
+    /// A token of the daemon's own user, who may ask for one over its socket; none where the
+    /// daemon knows no tokens.
+    fn own_token(&self) -> Option<String> {
+        let socket = self.connect_to_socket();
+        let body = r#"{"name":"test","role":"admin","points":[],"expires_days":1}"#;
+        let head = "Host: railbus\r\nContent-Type: application/json\r\n";
+        let answer = exchange(socket, "POST", "/api/v1/tokens", head, body);
+        if answer.status == 404 {
+            return None;
+        }
+        let token = answer.json()["token"].as_str().map(str::to_owned);
+        Some(token.expect("a token"))
+    }
+
+    /// The lines of a request's head that say who asks, and whom.
+    pub(crate) fn head(&self) -> String {
+        let host = format!("Host: {}\r\n", self.address);
+        match &self.token {
+            Some(token) => format!("{host}Authorization: Bearer {token}\r\n"),
+            None => host,
+        }
+    }
+
+    pub(crate) fn connect(&self) -> TcpStream {
+        TcpStream::connect(&self.address).expect("it listens")
+    }
+
+    pub(crate) fn connect_to_socket(&self) -> UnixStream {
+        UnixStream::connect(self.folder.join("socket")).expect("it listens")
+    }
+
+    pub(crate) fn send(&self, method: &str, path: &str, body: &str) -> Answer {
+        let head = format!("{}Content-Type: application/json\r\n", self.head());
+        exchange(self.connect(), method, path, &head, body)
+    }
+
+    pub(crate) fn get(&self, path: &str) -> Answer {
+        self.send("GET", path, "")
+    }
+
+    pub(crate) fn until(&self, what: &str, done: impl Fn(&Daemon) -> bool) {
+        let start = Instant::now();
+        while !done(self) {
+            let passed = start.elapsed();
+            assert!(passed < Duration::from_secs(60), "{what}: it never came");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// One request, and all that comes back until the connection is closed.
+pub(crate) fn exchange(
+    mut stream: impl Read + Write,
+    method: &str,
+    path: &str,
+    head: &str,
+    body: &str,
+) -> Answer {
+    let length = body.len();
+    write!(
+        stream,
+        "{method} {path} HTTP/1.1\r\nConnection: close\r\n{head}Content-Length: {length}\r\n\r\n\
+         {body}"
+    )
+    .expect("it takes bytes");
+    let mut bytes = Vec::new();
+    stream.read_to_end(&mut bytes).expect("bytes");
+    let end = bytes.windows(4).position(|four| four == b"\r\n\r\n");
+    let end = end.expect("a head");
+    let head = String::from_utf8(bytes[..end].to_vec()).expect("text");
+    let head = head.to_ascii_lowercase();
+    let status = head
+        .split(' ')
+        .nth(1)
+        .and_then(|status| status.parse().ok());
+    let body = bytes[end + 4..].to_vec();
+    let chunked = head.contains("transfer-encoding: chunked");
+    Answer {
+        status: status.expect("a status"),
+        body: if chunked { joined(&body) } else { body },
+        head,
+    }
+}
+
+/// The chunks of a body put together.
+fn joined(mut chunks: &[u8]) -> Vec<u8> {
+    let mut whole = Vec::new();
+    loop {
+        let end = chunks.windows(2).position(|two| two == b"\r\n");
+        let end = end.expect("the length of a chunk");
+        let length = std::str::from_utf8(&chunks[..end]).expect("digits");
+        let length = usize::from_str_radix(length, 16).expect("digits");
+        if length == 0 {
+            return whole;
+        }
+        whole.extend_from_slice(&chunks[end + 2..end + 2 + length]);
+        chunks = &chunks[end + 2 + length + 2..];
+    }
+}

@@ -1,0 +1,6 @@
+//! The streams and the operations of the daemon's API, as a program meets them that knows
+//! nothing of railbus but its HTTP.
+
+mod daemon;
+mod streams;
+mod websocket;
