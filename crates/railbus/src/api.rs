@@ -5,6 +5,7 @@ pub(crate) mod ask;
 pub(crate) mod config_words;
 pub(crate) mod convert;
 pub(crate) mod failures;
+pub(crate) mod ops;
 pub(crate) mod past;
 pub(crate) mod paths;
 pub(crate) mod problem;

@@ -15,9 +15,11 @@ mod language;
 mod listen;
 mod loan;
 mod openapi;
+mod ops;
 mod points;
 mod ports;
 mod routes;
+mod scans;
 pub(crate) mod socket;
 mod spoken;
 mod stores;
@@ -269,6 +271,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         stop: stopped.clone(),
         keys: Arc::new(Keys::default()),
         sockets: ws::Room::new(),
+        ops: Arc::new(ops::Ops::default()),
         desk: Arc::clone(&desk),
         access: Arc::new(access),
         origin: origin.into(),

@@ -113,6 +113,8 @@ pub(crate) mod codes {
         NO_SUCH_EVENT = "E0173", 404, "there is no such event";
         /// A shorter time may go.
         TOO_MUCH_ASKED = "E0174", 422, "that is too much for one answer";
+        /// Also `line`, `op`: the one that runs.
+        SCAN_RUNS = "E0210", 409, "a scan of this line runs already";
         /// Also `module`, `line`, `address`, `protocol`, `model`, `attempts`, `rx_bytes`, `baud`,
         /// `format`.
         NO_REPLY = "E0301", 504, "the module did not answer";
@@ -122,6 +124,8 @@ pub(crate) mod codes {
         REFUSED = "E0401", 502, "the module answered no";
         /// Also `module`, `line`, ..., `attempts`, `rx_bytes`, `why`.
         GARBLED = "E0501", 502, "something came back that is no reply";
+        /// Also `line`.
+        SCAN_NOISE = "E0570", 503, "the line is never silent";
         /// Also `module`, `line`, ..., `point`, `value`: what was wanted.
         NOT_VERIFIED = "E0601", 409, "acknowledged, but read back otherwise";
         /// Also `line`, `port`, `reason`, `holder`, `group`.

@@ -15,6 +15,7 @@ use crate::cli;
 use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
+pub(crate) use add::setup;
 use asked::Asked;
 use clap::{ArgMatches, Command};
 use keep::Keep;
@@ -24,8 +25,10 @@ use railbus_site::scan::{Known, Scanner, Scope};
 use railbus_wire::{Address, Protocol};
 use run::{End, Report};
 use show::Live;
+pub(crate) use show::{evidence, ranges};
 use texts::ScanText;
 use wish::Wanted;
+pub(crate) use wish::addresses;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "scan";

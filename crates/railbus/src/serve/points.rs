@@ -216,7 +216,7 @@ async fn raw(
 
 /// Reads the body, and carries a command out on a task of its own: who asked may go away, the
 /// command still ends as it should. Under an `Idempotency-Key` it is carried out once.
-async fn command<T, R, F, Fut>(
+pub(super) async fn command<T, R, F, Fut>(
     site: &Site,
     who: &Caller,
     headers: &HeaderMap,

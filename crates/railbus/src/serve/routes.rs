@@ -6,7 +6,9 @@ use super::config::{self, Desk};
 use super::doc::Doc;
 use super::keys::Keys;
 use super::listen::ended;
-use super::{answer, events, guard, history, loan, openapi, points, ports, spoken, web, ws};
+use super::{
+    answer, events, guard, history, loan, openapi, ops, points, ports, scans, spoken, web, ws,
+};
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
 use axum::body::Body;
@@ -76,6 +78,8 @@ pub(super) const ALL: &[&[Route]] = &[
     openapi::ROUTES,
     SESSION_ROUTES,
     USER_ROUTES,
+    ops::ROUTES,
+    scans::ROUTES,
     ws::ROUTES,
 ];
 
@@ -92,6 +96,7 @@ pub(super) struct Site {
     pub(super) keys: Arc<Keys>,
     /// The room for WebSockets.
     pub(super) sockets: ws::Room,
+    pub(super) ops: Arc<ops::Ops>,
     /// The configuration's file, and who may change it when.
     pub(super) desk: Arc<Desk>,
     /// Who may what.

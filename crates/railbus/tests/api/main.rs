@@ -2,5 +2,6 @@
 //! nothing of railbus but its HTTP.
 
 mod daemon;
+mod scans;
 mod streams;
 mod websocket;

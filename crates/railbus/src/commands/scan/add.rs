@@ -112,7 +112,7 @@ fn new_modules(config: &Config, line: &str, found: &[Found]) -> Vec<(String, Set
 }
 
 /// What the configuration would say of it.
-fn setup(found: &Found) -> Option<Setup> {
+pub(crate) fn setup(found: &Found) -> Option<Setup> {
     let family = found
         .identity
         .family

@@ -255,10 +255,6 @@ fn left_out(left: &LeftOut) -> Value {
 }
 
 fn row(place: &Place, found: &Found) -> Value {
-    let tried = |bytes: &Vec<u8>| evidence(found.asked, &(found.asked.ask, bytes.clone()));
-    let garbled = found.garbled.iter().map(tried);
-    let answers = found.answers.iter();
-    let answers = answers.map(|answer| evidence(found.asked, answer));
     let format = found.asked.settings.character.to_string();
     json!({
         "line": place.line,
@@ -274,12 +270,21 @@ fn row(place: &Place, found: &Found) -> Value {
         "verdict": found.verdict().name(),
         "module": found.known,
         "differs": found.differs,
-        "evidence": garbled.chain(answers).collect::<Vec<String>>(),
+        "evidence": evidence(found),
     })
 }
 
+/// What it was asked, and what came back.
+pub(crate) fn evidence(found: &Found) -> Vec<String> {
+    let tried = |bytes: &Vec<u8>| question(found.asked, &(found.asked.ask, bytes.clone()));
+    let garbled = found.garbled.iter().map(tried);
+    let answers = found.answers.iter();
+    let answers = answers.map(|answer| question(found.asked, answer));
+    garbled.chain(answers).collect()
+}
+
 /// A question and its answer.
-fn evidence(asked: Question, (ask, bytes): &Answer) -> String {
+fn question(asked: Question, (ask, bytes): &Answer) -> String {
     let mut frame = Frame::new();
     if let Some(exchange) = asked.with(*ask).exchange() {
         exchange.encode(&mut frame);
@@ -401,7 +406,7 @@ fn left_part(lang: Lang, left: &LeftOut) -> String {
 }
 
 /// `1-32,64`
-fn ranges(addresses: &[u8]) -> String {
+pub(crate) fn ranges(addresses: &[u8]) -> String {
     let mut parts: Vec<(u8, u8)> = Vec::new();
     for address in addresses {
         match parts.last_mut() {

@@ -44,7 +44,10 @@ pub(super) fn define(lang: Lang, command: Command) -> Command {
         .arg(switch("full", ScanText::Full))
         .arg(switch("deep", ScanText::Deep))
         .group(ArgGroup::new("depth").args(["quick", "full", "deep"]))
-        .arg(one("addr", ScanText::Addr, "RANGE").value_parser(addresses))
+        .arg(
+            one("addr", ScanText::Addr, "RANGE")
+                .value_parser(|text: &str| addresses(text).map(Addresses)),
+        )
         .arg(list(
             "proto",
             ScanText::Proto,
@@ -159,8 +162,8 @@ fn in_order<T: PartialEq>(named: impl Iterator<Item = T>) -> Vec<T> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Addresses(Vec<u8>);
 
-/// Reads `1-32,0x40`.
-fn addresses(text: &str) -> Result<Addresses, String> {
+/// Reads `1-32,0x40`; gives back the part that is none.
+pub(crate) fn addresses(text: &str) -> Result<Vec<u8>, String> {
     let mut all = Vec::new();
     for part in text.split(',') {
         let (low, high) = part.split_once('-').unwrap_or((part, part));
@@ -172,7 +175,7 @@ fn addresses(text: &str) -> Result<Addresses, String> {
     }
     all.sort_unstable();
     all.dedup();
-    Ok(Addresses(all))
+    Ok(all)
 }
 
 #[cfg(test)]
@@ -181,7 +184,7 @@ mod tests {
 
     #[test]
     fn addresses_are_read_as_ranges() {
-        assert_eq!(addresses("1-3,0x40,2"), Ok(Addresses(vec![1, 2, 3, 64])));
+        assert_eq!(addresses("1-3,0x40,2"), Ok(vec![1, 2, 3, 64]));
         for wrong in ["", "3-1", "1-", "256", "x"] {
             assert!(addresses(wrong).is_err(), "{wrong}");
         }

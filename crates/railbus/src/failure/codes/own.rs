@@ -139,6 +139,11 @@ codes! {
             "广播会动作所有模块；设置会写入 EEPROM"],
         next: ["repeat it with --yes if that is what you want", "确认无误后加 --yes 重试"],
     }
+    ScanRuns = "E0210" {
+        title: ["not begun: a scan of this line runs already", "未开始：该总线上已有扫描在进行"],
+        likely: ["another page or program began one", "其他页面或程序已启动扫描"],
+        next: ["wait for it, or cancel it", "等待其结束，或取消该扫描"],
+    }
     NeedsAnswer = "E0240" {
         title: ["nobody can be asked: this is no terminal", "无法提问：当前不是终端"],
         likely: ["run from a script or with its input redirected", "在脚本中运行，或输入已重定向"],

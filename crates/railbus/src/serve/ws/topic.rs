@@ -1,13 +1,15 @@
 //! What one can subscribe to.
 
-use super::{Out, frames, news};
+use super::{Gone, Out, frames, news};
+use crate::api::ops::OpState;
 use crate::api::problem::{Problem, codes};
 use crate::api::{ask, failures};
 use crate::i18n::Lang;
+use crate::serve::ops::Op;
 use crate::serve::routes::Site;
 
 /// What one can subscribe to.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub(super) enum Topic {
     /// `points/#`, `points/pump/#`, `points/pump/do0`: those that are selected, or all.
     Points(Vec<String>),
@@ -17,6 +19,8 @@ pub(super) enum Topic {
     Lines,
     /// `frames/main`.
     Frames(String),
+    /// `ops/ID`.
+    Op(Box<Op>),
 }
 
 impl Topic {
@@ -30,6 +34,7 @@ impl Topic {
             ["modules"] => Topic::Modules,
             ["lines"] => Topic::Lines,
             ["frames", line] => Topic::Frames((*line).to_owned()),
+            ["ops", number] => Topic::Op(Box::new(site.ops.get(number)?)),
             _ => {
                 let known = [
                     "points/#",
@@ -38,6 +43,7 @@ impl Topic {
                     "modules",
                     "lines",
                     "frames/LINE",
+                    "ops/ID",
                 ];
                 let problem = Problem::new(codes::BAD_REQUEST).with("reason", "no such topic");
                 return Err(problem.with("known", known.to_vec()));
@@ -66,7 +72,22 @@ impl Topic {
             }
             Topic::Modules => news::follow(site.service, news::View::Modules, out).await,
             Topic::Lines => news::follow(site.service, news::View::Lines, out).await,
+            Topic::Op(op) => follow_op(&op, out).await,
             Topic::Frames(line) => frames::follow(site.service, line, lang, out).await,
         };
     }
+}
+
+/// Tells how an operation is, until it has ended.
+async fn follow_op(op: &Op, mut out: Out) -> Result<(), Gone> {
+    let mut told = op.follow();
+    let mut info = told.borrow_and_update().clone();
+    out.snapshot(&info).await?;
+    while info.state == OpState::Running && told.changed().await.is_ok() {
+        // What changes meanwhile is in what is told then.
+        out.paced().await;
+        info = told.borrow_and_update().clone();
+        out.delta("op", &info).await?;
+    }
+    Ok(())
 }

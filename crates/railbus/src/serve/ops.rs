@@ -1,0 +1,188 @@
+//! What takes its time: begun by one request, looked at and ended by others.
+
+use super::access::Need;
+use super::answer;
+use super::doc::Doc;
+use super::routes::{Answer, Route, Site};
+use crate::api::ops::{OpInfo, OpState, Ops as OpList};
+use crate::api::problem::{Problem, codes};
+use crate::api::types::SCHEMA;
+use axum::extract::{Path, State};
+use axum::routing::{delete, get};
+use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tokio::sync::watch;
+
+/// The routes of this file.
+pub(super) const ROUTES: &[Route] = &[
+    Route::new("GET", "/ops", Need::VIEWER, || get(list))
+        .doc(Doc::new("What runs, and what ended lately").answers::<OpList>()),
+    Route::new("GET", "/ops/{op}", Need::VIEWER, || get(look))
+        .doc(Doc::new("How something is that takes its time").answers::<OpInfo>()),
+    Route::new("DELETE", "/ops/{op}", Need::ENGINEER, || delete(cancel))
+        .doc(Doc::new("End it; what was found stays").answers::<OpInfo>()),
+];
+
+/// How many are remembered.
+const OPS_MAX: usize = 32;
+
+/// One of them: how it is, and whether it shall end.
+#[derive(Clone, Debug)]
+pub(super) struct Op {
+    told: watch::Sender<OpInfo>,
+    cancel: watch::Sender<bool>,
+}
+
+impl Op {
+    /// How it is.
+    pub(super) fn info(&self) -> OpInfo {
+        self.told.borrow().clone()
+    }
+
+    /// How it is, whenever that changes.
+    pub(super) fn follow(&self) -> watch::Receiver<OpInfo> {
+        self.told.subscribe()
+    }
+
+    /// Says how it is now.
+    pub(super) fn tell(&self, change: impl FnOnce(&mut OpInfo)) {
+        self.told.send_modify(change);
+    }
+
+    /// Until somebody wants it to end.
+    pub(super) async fn cancelled(&self) {
+        // The sender is this very handle's.
+        let _ = self.cancel.subscribe().wait_for(|cancel| *cancel).await;
+    }
+
+    fn is_running(&self) -> bool {
+        self.told.borrow().state == OpState::Running
+    }
+}
+
+/// What runs, and what ended lately.
+#[derive(Debug, Default)]
+pub(super) struct Ops(Mutex<VecDeque<Op>>);
+
+impl Ops {
+    fn all(&self) -> MutexGuard<'_, VecDeque<Op>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// One by its number.
+    pub(super) fn get(&self, number: &str) -> Result<Op, Problem> {
+        let all = self.all();
+        let found = all.iter().find(|op| op.told.borrow().op == number);
+        let unknown = || Problem::new(codes::NO_SUCH_PAGE).with("reason", "no such operation");
+        found.cloned().ok_or_else(unknown)
+    }
+
+    /// Takes note of a new one. There is only one on a line at a time.
+    pub(super) fn begin(&self, info: OpInfo) -> Result<Op, Problem> {
+        let mut all = self.all();
+        for running in all.iter().filter(|op| op.is_running()) {
+            let told = running.told.borrow();
+            if let Some(line) = told.lines.iter().find(|line| info.lines.contains(line)) {
+                let problem = Problem::new(codes::SCAN_RUNS).with("line", line.as_str());
+                return Err(problem.with("op", told.op.as_str()));
+            }
+        }
+        if all.len() >= OPS_MAX {
+            let oldest = all.iter().position(|op| !op.is_running());
+            let oldest = oldest.ok_or_else(|| Problem::new(codes::OVERLOADED))?;
+            all.remove(oldest);
+        }
+        let op = Op {
+            told: watch::Sender::new(info),
+            cancel: watch::Sender::new(false),
+        };
+        all.push_back(op.clone());
+        Ok(op)
+    }
+}
+
+/// A new number: a ULID, so that numbers sort by time.
+pub(super) fn number() -> Result<String, Problem> {
+    const DIGITS: &[u8; 32] = b"0123456789ABCDEFGHJKMNPQRSTVWXYZ";
+    let mut random = [0; 16];
+    getrandom::fill(&mut random)
+        .map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))?;
+    let millis = jiff::Timestamp::now().as_millisecond();
+    let time = u128::try_from(millis).unwrap_or_default() << 80;
+    let number = time | (u128::from_be_bytes(random) >> 48);
+    let digit = |place: u32| DIGITS.get((number >> (5 * place)) as usize & 31);
+    let digits = (0..26).rev().filter_map(digit);
+    Ok(digits.map(|digit| char::from(*digit)).collect())
+}
+
+async fn list(State(site): State<Site>) -> Answer {
+    let ops = site.ops.all().iter().map(Op::info).collect();
+    let schema = SCHEMA;
+    answer::json(Ok(OpList { schema, ops }))
+}
+
+async fn look(State(site): State<Site>, Path(op): Path<String>) -> Answer {
+    answer::json(site.ops.get(&op).map(|op| op.info()))
+}
+
+async fn cancel(State(site): State<Site>, Path(op): Path<String>) -> Answer {
+    let op = match site.ops.get(&op) {
+        Ok(op) => op,
+        Err(problem) => return answer::problem(&problem),
+    };
+    op.cancel.send_replace(true);
+    let mut told = op.follow();
+    let ended = told.wait_for(|info| info.state != OpState::Running).await;
+    let info = ended.map(|info| info.clone());
+    answer::json(info.map_err(|_| Problem::new(codes::INTERNAL)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::api::ops::ScanResult;
+
+    fn info(line: &str) -> OpInfo {
+        OpInfo {
+            op: number().unwrap(),
+            kind: "scan".to_owned(),
+            lines: vec![line.to_owned()],
+            who: "li".to_owned(),
+            started: String::new(),
+            state: OpState::Running,
+            done: 0,
+            total: 1,
+            percent: 0.0,
+            found: 0,
+            left_ms: 0,
+            estimate_ms: 0,
+            result: ScanResult::default(),
+            error: None,
+        }
+    }
+
+    #[test]
+    fn a_line_is_scanned_once_at_a_time_and_old_ends_are_forgotten() {
+        let ops = Ops::default();
+        let first = ops.begin(info("main")).unwrap();
+        let refused = ops.begin(info("main")).unwrap_err();
+        assert_eq!((refused.code.as_str(), refused.status), ("E0210", 409));
+        let other = ops.begin(info("other")).unwrap();
+        for _ in 0..OPS_MAX {
+            first.tell(|info| info.state = OpState::Done);
+            let next = ops.begin(info("main")).unwrap();
+            next.tell(|info| info.state = OpState::Done);
+        }
+        assert_eq!(ops.all().len(), OPS_MAX);
+        assert!(ops.get(&first.info().op).is_err(), "the oldest that ended");
+        assert!(ops.get(&other.info().op).is_ok(), "it runs");
+    }
+
+    #[test]
+    fn numbers_sort_by_time() {
+        let one = number().unwrap();
+        assert_eq!(one.len(), 26);
+        assert!(one.as_str() > "01" && one.as_str() < "02", "{one}");
+        assert_ne!(one, number().unwrap());
+    }
+}
