@@ -34,8 +34,6 @@ export const frame = {
   close: ["Close", "关闭"],
   cancel: ["Cancel", "取消"],
   save: ["Save", "保存"],
-  retry: ["Try again", "重试"],
-  back: ["Back", "返回"],
   next: ["Next", "下一步"],
   loading: ["Loading…", "加载中…"],
   not_found: ["There is nothing at this address", "此地址没有内容"],

@@ -72,5 +72,6 @@ export const remove = <T>(path: string): Promise<T> => json(ask("DELETE", path))
 /** The problem of whatever was thrown. */
 export function problem(thrown: unknown): Problem {
   if (thrown instanceof Refusal) return thrown.problem;
+  if (thrown && typeof thrown === "object" && "code" in thrown && "title" in thrown) return thrown as Problem;
   return { code: "", title: String(thrown), status: 0 };
 }

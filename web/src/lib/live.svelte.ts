@@ -1,6 +1,7 @@
 // The site as it is now: one store, fed by the WebSocket. Where no WebSocket comes through, the
 // same values are asked for once a second.
 import { SvelteMap } from "svelte/reactivity";
+import { language } from "../i18n/index.svelte";
 import { get, token } from "./api";
 import { clock } from "./clock.svelte";
 import type { LineInfo, ModuleInfo, PointInfo } from "./types";
@@ -118,8 +119,8 @@ function send(message: object): void {
 function connect(): void {
   if (!running) return;
   const scheme = location.protocol === "https:" ? "wss" : "ws";
-  const proof = token() ? `?csrf=${encodeURIComponent(token() ?? "")}` : "";
-  const mine = new WebSocket(`${scheme}://${location.host}/api/v1/ws${proof}`);
+  const asked = new URLSearchParams({ lang: language(), ...(token() ? { csrf: token() ?? "" } : {}) });
+  const mine = new WebSocket(`${scheme}://${location.host}/api/v1/ws?${asked}`);
   socket = mine;
   mine.onopen = () => {
     failures = 0;

@@ -90,3 +90,86 @@ export interface Problem {
   may_have_acted?: boolean;
   [more: string]: unknown;
 }
+
+/** A frame on a line, or a reply that did not come: as `railbus sniff -o json` tells it. */
+export interface FrameRecord {
+  event: "frame" | "no_reply";
+  time: string;
+  line: string;
+  role: "request" | "reply" | null;
+  protocol: string | null;
+  address: number | null;
+  module: string | null;
+  meaning: string;
+  verdict: "good" | "refused" | "bad" | "unknown" | "missing";
+  bytes: string;
+  gap_ms?: number | null;
+  after_ms?: number | null;
+  late?: boolean;
+}
+
+/** Something that takes longer than an answer may: a scan. */
+export interface Operation {
+  op: string;
+  kind: string;
+  state: "running" | "done" | "cancelled" | "failed";
+  done: number;
+  total: number;
+  percent: number;
+  found: number;
+  left_ms?: number;
+  estimate_ms?: number;
+  result?: ScanResult;
+  error?: Problem;
+}
+
+export interface ScanResult {
+  modules: Found[];
+  complete: boolean;
+  conflicts: unknown[];
+}
+
+export interface Found {
+  line: string;
+  address: number;
+  protocol: string;
+  model: string | null;
+  title: string;
+  baud: number;
+  format: string;
+  checksum: boolean;
+  rtt_ms?: number;
+  verdict: "ok" | "refused" | "odd" | "garbled" | "silent";
+  evidence: string[];
+  /** Its name where the configuration has it. */
+  name?: string;
+  suggest?: string;
+}
+
+export interface PortInfo {
+  path: string;
+  stable?: string;
+  by_id?: string;
+  driver?: string;
+  description?: string;
+  in_use_by?: string;
+  line?: string;
+}
+
+export interface Load {
+  busy_percent: number;
+  polls: { module: string; share_percent: number; max_age_ms: number }[];
+  exchanges: number;
+  errors: Record<string, number>;
+  queue: number;
+}
+
+export interface Simulated {
+  module: string;
+  line: string;
+  family: string;
+  powered: boolean;
+  inputs: Record<string, boolean>;
+  analogs: Record<string, number>;
+  faults: string[];
+}

@@ -4,7 +4,12 @@ import type { Component } from "svelte";
 import type { IconName } from "../components/icons";
 import type { Key } from "../i18n/index.svelte";
 import type { Role } from "../lib/types";
+import Discover from "./Discover.svelte";
+import Lines from "./Lines.svelte";
+import Module from "./Module.svelte";
 import Overview from "./Overview.svelte";
+import Scope from "./Scope.svelte";
+import Simulator from "./Simulator.svelte";
 
 export interface Page {
   /** The address, as `/module/:name/:tab?`; its parameters become properties of the component. */
@@ -25,4 +30,17 @@ export interface Page {
 
 export const PAGES: readonly Page[] = [
   { path: "/", title: "nav_overview", component: Overview, icon: "overview", group: 0, role: "viewer", daily: true },
+  { path: "/module/:name/:tab?", title: "module", component: Module, role: "viewer" },
+  { path: "/lines", title: "nav_lines", component: Lines, icon: "lines", group: 0, role: "viewer", daily: true },
+  { path: "/lines/:name/scope", title: "scope", component: Scope, role: "viewer" },
+  { path: "/discover", title: "nav_discover", component: Discover, icon: "discover", group: 0, role: "engineer" },
+  {
+    path: "/simulator",
+    title: "nav_sim",
+    component: Simulator,
+    icon: "sim",
+    group: 2,
+    role: "engineer",
+    simulated: true,
+  },
 ];
