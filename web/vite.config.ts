@@ -11,7 +11,9 @@ export default defineConfig({
     // The page's policy allows no `data:` addresses.
     assetsInlineLimit: 0,
     cssCodeSplit: false,
-    modulePreload: { polyfill: false },
+    modulePreload: false,
+    // Says which files belong to which page: the budget is reckoned by it.
+    manifest: "manifest.json",
     reportCompressedSize: false,
   },
   server: { proxy: { "/api": { target: daemon, changeOrigin: true, ws: true } } },

@@ -36,6 +36,8 @@ export const frame = {
   save: ["Save", "保存"],
   next: ["Next", "下一步"],
   loading: ["Loading…", "加载中…"],
+  page_old: ["This page is of an older version.", "此页面已过期。"],
+  reload: ["Load again", "重新加载"],
   not_found: ["There is nothing at this address", "此地址没有内容"],
   not_found_next: ["Go to the overview", "前往总览"],
   no_daemon: ["The daemon does not answer", "守护进程没有应答"],

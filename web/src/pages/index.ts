@@ -1,21 +1,15 @@
 // The table of pages. What is not in it does not exist: the rail, the bottom bar, the search and
-// the router are all made of it.
+// the router are all made of it. A page is loaded when it is first shown.
 import type { Component } from "svelte";
 import type { IconName } from "../components/icons";
 import type { Key } from "../i18n/index.svelte";
 import type { Role } from "../lib/types";
-import Discover from "./Discover.svelte";
-import Lines from "./Lines.svelte";
-import Module from "./Module.svelte";
-import Overview from "./Overview.svelte";
-import Scope from "./Scope.svelte";
-import Simulator from "./Simulator.svelte";
 
 export interface Page {
   /** The address, as `/module/:name/:tab?`; its parameters become properties of the component. */
   path: string;
   title: Key;
-  component: Component<any>;
+  load: () => Promise<{ default: Component<any> }>;
   /** Its picture in the rail; pages without one are reached through others. */
   icon?: IconName;
   /** The group in the rail: the first is what is used daily. */
@@ -29,15 +23,15 @@ export interface Page {
 }
 
 export const PAGES: readonly Page[] = [
-  { path: "/", title: "nav_overview", component: Overview, icon: "overview", group: 0, role: "viewer", daily: true },
-  { path: "/module/:name/:tab?", title: "module", component: Module, role: "viewer" },
-  { path: "/lines", title: "nav_lines", component: Lines, icon: "lines", group: 0, role: "viewer", daily: true },
-  { path: "/lines/:name/scope", title: "scope", component: Scope, role: "viewer" },
-  { path: "/discover", title: "nav_discover", component: Discover, icon: "discover", group: 0, role: "engineer" },
+  { path: "/", title: "nav_overview", load: () => import("./Overview.svelte"), icon: "overview", group: 0, role: "viewer", daily: true },
+  { path: "/module/:name/:tab?", title: "module", load: () => import("./Module.svelte"), role: "viewer" },
+  { path: "/lines", title: "nav_lines", load: () => import("./Lines.svelte"), icon: "lines", group: 0, role: "viewer", daily: true },
+  { path: "/lines/:name/scope", title: "scope", load: () => import("./Scope.svelte"), role: "viewer" },
+  { path: "/discover", title: "nav_discover", load: () => import("./Discover.svelte"), icon: "discover", group: 0, role: "engineer" },
   {
     path: "/simulator",
     title: "nav_sim",
-    component: Simulator,
+    load: () => import("./Simulator.svelte"),
     icon: "sim",
     group: 2,
     role: "engineer",
