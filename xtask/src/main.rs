@@ -16,6 +16,7 @@ mod start;
 mod steps;
 mod test;
 mod tidy;
+mod web;
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -51,6 +52,11 @@ const COMMANDS: &[Command] = &[
         name: "tidy",
         help: "check the project's invariants",
         run: tidy::run,
+    },
+    Command {
+        name: "web",
+        help: "check and build the web pages that the program has inside",
+        run: web::run,
     },
     Command {
         name: "soak",

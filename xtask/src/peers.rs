@@ -19,14 +19,16 @@ struct Packages {
 const DEBIAN: &[Packages] = &[
     Packages {
         names: &[
-            "gcc",           // compiles the small libmodbus peers
-            "libmodbus-dev", // foreign Modbus master and slave in C
-            "mbpoll",        // foreign Modbus master, command line
-            "pkg-config",    // finds libmodbus
-            "python3-venv",  // holds the Python peers below
-            "socat",         // pairs of pseudo terminals
-            "tshark",        // dissects what we capture
-            "valgrind",      // counts instructions
+            "chromium",       // looks at the web pages
+            "fonts-noto-cjk", // Chinese in its pictures
+            "gcc",            // compiles the small libmodbus peers
+            "libmodbus-dev",  // foreign Modbus master and slave in C
+            "mbpoll",         // foreign Modbus master, command line
+            "pkg-config",     // finds libmodbus
+            "python3-venv",   // holds the Python peers below
+            "socat",          // pairs of pseudo terminals
+            "tshark",         // dissects what we capture
+            "valgrind",       // counts instructions
         ],
         needed: |_| true,
     },

@@ -94,6 +94,7 @@ impl Program {
 
 /// Shows what there is to see, until it is stopped.
 pub(crate) fn demo(root: &Path, args: &[String]) -> Result<()> {
+    crate::web::build_or_tell(root);
     run::run_attended(&mut DEMO.command(root, args)?)
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::programs::{BENCH, FUZZ, Program, SOAK};
 use crate::run::{self, Error, Result, cargo};
 use crate::steps::Summary;
-use crate::{firmware, peers, tidy};
+use crate::{firmware, peers, tidy, web};
 
 /// One step of the run.
 struct Step {
@@ -31,6 +31,13 @@ const STEPS: &[Step] = &[
         skip: always,
         run: |root| tidy::run(root, &[]),
     },
+    // Before anything is built, so that what is built has the pages inside.
+    Step {
+        name: "web",
+        needs_peers: false,
+        skip: always,
+        run: |root| web::run(root, &[]),
+    },
     Step {
         name: "clippy",
         needs_peers: false,
@@ -54,6 +61,12 @@ const STEPS: &[Step] = &[
         needs_peers: false,
         skip: always,
         run: |root| run::run(&mut cargo(root, &["test", "--doc", "--workspace"])),
+    },
+    Step {
+        name: "browser",
+        needs_peers: true,
+        skip: always,
+        run: web::test,
     },
     Step {
         name: "interop",
