@@ -13,6 +13,9 @@ export function sources(folder) {
 
 const PAIR = /^ {2}(\w+): \[\s*"((?:[^"\\]|\\.)*)",\s*"((?:[^"\\]|\\.)*)",?\s*\],?/gm;
 
+/** The pairs of a catalogue. */
+export const pairs = (text) => [...text.matchAll(PAIR)].map(([, key, en, zh]) => ({ key, en, zh }));
+
 /** What is wrong with the texts, a line each. */
 export function faults(catalogues, users) {
   const found = [];
@@ -21,7 +24,7 @@ export function faults(catalogues, users) {
   const code = users.map((user) => user.text.replace(PAIR, "")).join("\n");
   const beginnings = [...code.matchAll(/`([a-z_]+_)\$\{/g)].map((match) => match[1]);
   for (const { path, text } of catalogues) {
-    for (const [, key, en, zh] of text.matchAll(PAIR)) {
+    for (const { key, en, zh } of pairs(text)) {
       if (seen.has(key)) found.push(`${path}: ${key} stands in ${seen.get(key)}, too`);
       seen.set(key, path);
       if (gaps(en) !== gaps(zh)) found.push(`${path}: ${key} has other placeholders in Chinese`);

@@ -2,7 +2,7 @@ import type { Pair } from "./index.svelte";
 
 export const lines = {
   line_name: ["Name of the line", "总线名称"],
-  line_add: ["Add the line", "添加总线"],
+  line_add: ["Add line", "添加总线"],
   lines_there: ["There already: {lines}", "已有总线：{lines}"],
   port: ["Port", "端口"],
   port_other: ["Another port, or one in the network", "其他端口或网络端口"],

@@ -1,0 +1,118 @@
+// The real daemon with its demo line, and a real browser in front of it.
+import { spawn } from "node:child_process";
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { createInterface } from "node:readline";
+import { fileURLToPath } from "node:url";
+import { chromium } from "playwright-core";
+import { pairs, sources } from "../scripts/texts.js";
+
+const root = fileURLToPath(new URL("../..", import.meta.url));
+const built = join(process.env.CARGO_TARGET_DIR ?? join(root, "target"), "debug/railbus");
+
+/** Only guards against hanging. */
+export const PATIENCE_MS = 60_000;
+
+/** `railbus serve --demo`, and the link that it prints. */
+export async function serve() {
+  const folder = mkdtempSync(join(tmpdir(), "railbus-web-"));
+  const args = ["serve", "--demo", "--listen", "127.0.0.1:0", "--socket", join(folder, "socket")];
+  const env = { ...process.env, LANG: "C.UTF-8", RAILBUS_LANG: "en" };
+  const child = spawn(built, args, { env, stdio: ["ignore", "pipe", "inherit"] });
+  const ended = new Promise((resolve) => child.once("exit", resolve));
+  let link;
+  for await (const line of createInterface({ input: child.stdout })) {
+    link ??= /^\s*web\s+(https?:\/\/\S+)/.exec(line)?.[1];
+    if (line.includes("Ctrl-C")) break;
+  }
+  if (!link) throw new Error("the daemon printed no link");
+  child.stdout.resume();
+  return {
+    link,
+    origin: new URL(link).origin,
+    async stop() {
+      child.kill("SIGTERM");
+      await ended;
+      rmSync(folder, { recursive: true, force: true });
+    },
+  };
+}
+
+/** Both languages, phone and desk, light and dark. */
+export const LOOKS = ["en", "zh"].flatMap((lang) =>
+  [360, 1280].flatMap((width) => ["light", "dark"].map((scheme) => ({ lang, width, scheme }))),
+);
+
+export const browse = () =>
+  chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox"] });
+
+/** A page that writes down what goes wrong in it. */
+export async function open(browser, { lang, width, scheme }) {
+  const context = await browser.newContext({
+    viewport: { width, height: width < 900 ? 740 : 800 },
+    colorScheme: scheme,
+    locale: lang === "zh" ? "zh-CN" : "en-US",
+    reducedMotion: "reduce",
+  });
+  context.setDefaultTimeout(PATIENCE_MS);
+  const page = await context.newPage();
+  const wrong = [];
+  page.on("console", (message) => message.type() === "error" && wrong.push(`console: ${message.text()}`));
+  page.on("pageerror", (error) => wrong.push(`error: ${error.message}`));
+  await page.exposeFunction("reportPolicy", (what) => wrong.push(`policy: ${what}`));
+  await page.addInitScript(() => {
+    document.addEventListener("securitypolicyviolation", (event) =>
+      window.reportPolicy(`${event.violatedDirective} ${event.blockedURI}`),
+    );
+  });
+  return { context, page, wrong };
+}
+
+const catalogue = Object.fromEntries(
+  sources(fileURLToPath(new URL("../src/i18n", import.meta.url)))
+    .flatMap(({ text }) => pairs(text))
+    .map(({ key, en, zh }) => [key, { en, zh }]),
+);
+
+/** A text of the page. */
+export const words = (lang) => (key) => {
+  const text = catalogue[key]?.[lang];
+  if (!text) throw new Error(`there is no text ${key}`);
+  return text;
+};
+
+const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+
+/** What is wrong with a page as it is now: for readers of the screen, for fingers, for phones. */
+export async function faults(page) {
+  await page.evaluate(axe);
+  const violations = await page.evaluate(async () => {
+    const { violations } = await window.axe.run(document, {
+      runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"],
+    });
+    return violations.flatMap((one) => one.nodes.map((node) => `axe ${one.id}: ${node.html} ${node.failureSummary}`));
+  });
+  const shape = await page.evaluate(() => {
+    const found = [];
+    const { scrollWidth, clientWidth } = document.documentElement;
+    if (scrollWidth > clientWidth) found.push(`it scrolls sideways: ${scrollWidth} > ${clientWidth}`);
+    const targets = "a[href], button, input, select, textarea, summary, [role=switch], [role=option]";
+    for (const element of document.querySelectorAll(targets)) {
+      // A box and its words are one target; a link within a sentence is as high as its line.
+      const target = element.closest("label") ?? element;
+      const { width, height } = target.getBoundingClientRect();
+      const inText = element.matches("p a, li > p a") && getComputedStyle(element).display === "inline";
+      const hidden = !element.checkVisibility({ opacityProperty: true, visibilityProperty: true });
+      // Rows of the scope are one list to the keyboard, and dense by their nature.
+      const inList = element.closest("[role=listbox]:not(#search-hits)");
+      if (hidden || inText || inList || element.matches(".skip") || width === 0) continue;
+      if (width < 43.9 || height < 43.9) {
+        found.push(`too small: ${Math.round(width)} x ${Math.round(height)} ${element.outerHTML.slice(0, 120)}`);
+      }
+    }
+    return found;
+  });
+  return [...violations, ...shape];
+}

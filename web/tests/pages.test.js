@@ -1,0 +1,70 @@
+// Every page in both languages, on a phone and on a desk, light and dark.
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { browse, faults, LOOKS, open, serve } from "./daemon.js";
+
+const PASSWORD = "correct horse battery";
+const PAGES = [
+  "/",
+  "/module/pump",
+  "/module/tank",
+  "/module/pump/about",
+  "/module/pump/frames",
+  "/lines",
+  "/lines/main/scope",
+  "/discover",
+  "/simulator",
+  "/no/such/page",
+];
+
+let daemon, browser, cookies;
+
+before(async () => {
+  daemon = await serve();
+  browser = await browse();
+  const { context, page } = await open(browser, LOOKS[0]);
+  await page.goto(daemon.link);
+  const key = new URL(daemon.link).hash.slice(3);
+  const made = await context.request.post(`${daemon.origin}/api/v1/setup`, {
+    data: { key, name: "admin", password: PASSWORD, lang: "en" },
+  });
+  assert.equal(made.status(), 200, await made.text());
+  cookies = await context.cookies();
+  await context.close();
+});
+
+after(async () => {
+  await browser?.close();
+  await daemon?.stop();
+});
+
+for (const look of LOOKS) {
+  test(`pages: ${look.lang} ${look.width} ${look.scheme}`, async () => {
+    const { context, page, wrong } = await open(browser, look);
+    await context.addCookies(cookies);
+    for (const path of PAGES) {
+      await page.goto(daemon.origin + path);
+      await page.locator("main h1").waitFor();
+      // Values have come, and so has the first answer of what is asked again and again.
+      await page.locator(".connection.live").waitFor({ state: "attached" });
+      await page.waitForLoadState("networkidle");
+      assert.deepEqual(await faults(page), [], path);
+    }
+    assert.deepEqual(wrong, []);
+    await context.close();
+  });
+}
+
+test("signing in: a wrong password is told, the right one opens the site", async () => {
+  const { context, page } = await open(browser, LOOKS[0]);
+  await page.goto(`${daemon.origin}/lines`);
+  await page.locator("#name").fill("admin");
+  await page.locator("#password").fill("wrong password");
+  assert.deepEqual(await faults(page), []);
+  await page.locator("form button").click();
+  await page.locator(".fault", { hasText: /\S/ }).waitFor();
+  await page.locator("#password").fill(PASSWORD);
+  await page.locator("form button").click();
+  await page.locator("main h1", { hasText: "Lines" }).waitFor();
+  await context.close();
+});

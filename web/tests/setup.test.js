@@ -1,0 +1,55 @@
+// What a new user does with the link that the daemon prints: language, password, scan, names,
+// and then a relay is switched and seen to be confirmed. Nothing is edited by hand.
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { browse, faults, LOOKS, open, serve, words } from "./daemon.js";
+
+let browser;
+before(async () => (browser = await browse()));
+after(() => browser?.close());
+
+for (const look of LOOKS) {
+  test(`setup: ${look.lang} ${look.width} ${look.scheme}`, async () => {
+    const daemon = await serve();
+    const { context, page, wrong } = await open(browser, look);
+    const t = words(look.lang);
+    const press = (key) => page.getByRole("button", { name: t(key), exact: true }).click();
+    const sound = async (where) => assert.deepEqual(await faults(page), [], where);
+    try {
+      await page.goto(daemon.link);
+      await page.getByRole("button", { name: look.lang === "zh" ? "中文" : "English", exact: true }).last().click();
+      await sound("language");
+      await press("next");
+      await page.locator("#admin").waitFor();
+      await sound("password");
+      await page.getByLabel(t("password"), { exact: true }).fill("correct horse battery");
+      await press("next");
+      await page.getByText(/main/).first().waitFor();
+      await sound("line");
+      await press("next");
+      await press("scan_start");
+      await page.getByText(t("op_done"), { exact: true }).waitFor();
+      const pump = page.locator("li", { hasText: "EDA9060A" }).getByRole("textbox");
+      await pump.fill("pump_house");
+      await sound("scan");
+      await press("next");
+      await page.getByText(t("setup_done")).waitFor();
+      await sound("done");
+      await page.getByRole("link", { name: t("nav_overview") }).click();
+
+      const relay = page.getByRole("switch", { name: /^pump_house\.do0/ });
+      await relay.waitFor();
+      assert.equal(await relay.getAttribute("aria-checked"), "false");
+      await relay.click();
+      await page.getByText(t("confirmed_readback"), { exact: true }).waitFor();
+      assert.equal(await relay.getAttribute("aria-checked"), "true");
+      assert.match(await relay.innerText(), new RegExp(t("on")));
+      await sound("overview");
+      assert.deepEqual(wrong, []);
+      assert.ok(!page.url().includes("#k="), "the key does not stay in the address");
+    } finally {
+      await context.close();
+      await daemon.stop();
+    }
+  });
+}
