@@ -24,7 +24,7 @@ export async function serve() {
   const ended = new Promise((resolve) => child.once("exit", resolve));
   let link;
   for await (const line of createInterface({ input: child.stdout })) {
-    link ??= /^\s*web\s+(https?:\/\/\S+)/.exec(line)?.[1];
+    link ??= /^\s*setup\s+(https?:\/\/\S+)/.exec(line)?.[1];
     if (line.includes("Ctrl-C")) break;
   }
   if (!link) throw new Error("the daemon printed no link");

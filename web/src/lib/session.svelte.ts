@@ -1,5 +1,5 @@
 // Who uses the page, and what the daemon says of itself.
-import { get, post, problem, trust, whenEnded } from "./api";
+import { get, post, trust, whenEnded } from "./api";
 import type { Role, Session } from "./types";
 
 const RANK: Record<Role, number> = { viewer: 0, operator: 1, engineer: 2, admin: 3 };
@@ -42,16 +42,9 @@ export async function load(): Promise<void> {
   try {
     enter(await get<Session>("/session"));
     down = false;
-  } catch (thrown) {
-    if (problem(thrown).status === 404) enter(everybody());
-    else down = session === null;
+  } catch {
+    down = session === null;
   }
-}
-
-/** Of a daemon without accounts. */
-function everybody(): Session {
-  const user = { name: "local", role: "admin" as const, points: [] };
-  return { user, setup: false, csrf: null, demo: false, version: "", lang: "en" };
 }
 
 export async function leave(): Promise<void> {
