@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
+use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 /// A daemon that is stopped at the end of the test, however that comes.
 struct Daemon {
     child: Child,
-    address: String,
     folder: PathBuf,
 }
 
@@ -20,12 +19,8 @@ impl Daemon {
         let unique = format!("railbus-past-{}-{name}", std::process::id());
         let folder = std::env::temp_dir().join(unique);
         std::fs::create_dir_all(&folder).expect("a folder");
-        let (child, address) = start(&folder);
-        let daemon = Daemon {
-            child,
-            address,
-            folder,
-        };
+        let child = start(&folder);
+        let daemon = Daemon { child, folder };
         daemon.until("all are good", |daemon| {
             let points = daemon.get("/api/v1/points").json();
             let points = points["points"].as_array().expect("a list").clone();
@@ -35,11 +30,12 @@ impl Daemon {
     }
 
     fn send(&self, method: &str, path: &str, headers: &str, body: &str) -> Answer {
-        let mut stream = TcpStream::connect(&self.address).expect("it listens");
-        let (host, len) = (&self.address, body.len());
+        let socket = self.folder.join("socket");
+        let mut stream = UnixStream::connect(socket).expect("it listens");
+        let len = body.len();
         write!(
             stream,
-            "{method} {path} HTTP/1.1\r\nConnection: close\r\nHost: {host}\r\n{headers}\
+            "{method} {path} HTTP/1.1\r\nConnection: close\r\nHost: localhost\r\n{headers}\
              Content-Length: {len}\r\n\r\n{body}"
         )
         .expect("it takes bytes");
@@ -72,7 +68,7 @@ impl Daemon {
 }
 
 /// The state lies where the test can look at it.
-fn start(folder: &std::path::Path) -> (Child, String) {
+fn start(folder: &std::path::Path) -> Child {
     let mut child = Command::new(env!("CARGO_BIN_EXE_railbus"))
         .env("RAILBUS_LANG", "en")
         .env("RAILBUS_STATE", folder.join("state"))
@@ -84,15 +80,11 @@ fn start(folder: &std::path::Path) -> (Child, String) {
         .spawn()
         .expect("railbus starts");
     let mut stdout = BufReader::new(child.stdout.take().expect("it is piped"));
-    let mut address = String::new();
     loop {
         let mut line = String::new();
         assert_ne!(stdout.read_line(&mut line).expect("text"), 0, "it ended");
-        if let Some(web) = line.trim().strip_prefix("web     http://") {
-            address = web.trim_end_matches('/').to_owned();
-        }
         if line.contains("Ctrl-C") {
-            return (child, address);
+            return child;
         }
     }
 }
@@ -135,7 +127,7 @@ fn a_write_is_in_the_history_the_events_and_the_audit_log() {
     let entry = &audit["items"][0];
     let told = ["id", "who", "module", "what", "before", "after", "end"].map(|key| &entry[key]);
     let wanted = [
-        &id, "local", "pump", "do0=on", "do0=off", "do0=on", "readback",
+        &id, "owner", "pump", "do0=on", "do0=off", "do0=on", "readback",
     ];
     assert_eq!(told.map(|text| text.as_str().unwrap_or_default()), wanted);
     let verified = daemon.get("/api/v1/audit/verify").json();
@@ -152,7 +144,7 @@ fn a_write_is_in_the_history_the_events_and_the_audit_log() {
     );
     assert_eq!(
         (&event["who"], &event["end"]),
-        (&json!("local"), &json!("readback"))
+        (&json!("owner"), &json!("readback"))
     );
     let ack = format!("/api/v1/events/{id}/ack");
     let acked = daemon.send("POST", &ack, "", r#"{"comment":"好"}"#).json();
@@ -229,8 +221,7 @@ fn files_are_exported_and_kept_over_a_restart() {
     // As if the power had failed.
     daemon.child.kill().expect("it runs");
     daemon.child.wait().expect("it ends");
-    let (child, address) = start(&daemon.folder);
-    (daemon.child, daemon.address) = (child, address);
+    daemon.child = start(&daemon.folder);
     let audit = daemon.get("/api/v1/audit").json();
     assert_eq!(audit["items"].as_array().map(Vec::len), Some(1));
     assert_eq!(audit["items"][0]["end"], "readback");

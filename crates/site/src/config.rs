@@ -9,9 +9,9 @@ mod control;
 mod desired;
 pub mod edit;
 mod faults;
-mod keep;
 pub mod keeper;
 mod lint;
+mod past;
 mod plant;
 mod problem;
 mod read;
@@ -21,8 +21,8 @@ pub use control::{
     Confirm, Group, MEMBERS_MAX, Name, Policy, SAFETY_MAX, SCENE_MAX, Safety, Scene, Step,
 };
 pub use faults::{FAULTS, Fault, FaultError, FaultOrder, Millionths, Noise, parse_faults};
-pub use keep::Kept;
 pub use lint::{Unwise, Warning, lint, load_percent, wire_time};
+pub use past::Past;
 pub use plant::{Plant, Signal, SimLine, SimModule};
 pub use problem::{Kind, Problem};
 pub use read::place_of;
@@ -48,7 +48,7 @@ pub struct Config {
     /// What is said of their simulation.
     pub plant: Plant,
     /// How much of the past is kept.
-    pub keep: Kept,
+    pub past: Past,
 }
 
 /// A point of the site.

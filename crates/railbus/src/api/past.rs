@@ -7,9 +7,10 @@ use railbus_site::history::{
     Bucket, Chart, Event, HistoryError, Kept, Sample, Severity, Storage, millis,
 };
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// A chart of a point.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct HistoryInfo {
     pub(crate) schema: u8,
     /// The path of the point.
@@ -31,7 +32,7 @@ pub(crate) struct HistoryInfo {
 }
 
 /// From when on a point had which value.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct SampleInfo {
     /// Milliseconds since 1970.
     pub(crate) t: i64,
@@ -42,7 +43,7 @@ pub(crate) struct SampleInfo {
 }
 
 /// A stretch of time.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct BucketInfo {
     /// When it begins, in milliseconds since 1970.
     pub(crate) t: i64,
@@ -57,7 +58,7 @@ pub(crate) struct BucketInfo {
 }
 
 /// An event.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct EventInfo {
     /// Its number; numbers sort by time.
     pub(crate) id: String,
@@ -93,7 +94,7 @@ pub(crate) struct EventInfo {
 }
 
 /// Who has seen an event.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct AckInfo {
     pub(crate) who: String,
     pub(crate) at: String,
@@ -101,7 +102,7 @@ pub(crate) struct AckInfo {
 }
 
 /// An entry of the audit log.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct AuditInfo {
     pub(crate) id: String,
     pub(crate) at: String,
@@ -117,18 +118,48 @@ pub(crate) struct AuditInfo {
     pub(crate) hash: String,
 }
 
-/// A page of a list.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct PageInfo<T> {
+/// A page of events.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct EventPage {
     pub(crate) schema: u8,
     /// The newest first.
-    pub(crate) items: Vec<T>,
+    pub(crate) items: Vec<EventInfo>,
     /// The cursor of the next page; null on the last one.
     pub(crate) next: Option<String>,
 }
 
+/// A page of the audit log.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct AuditPage {
+    pub(crate) schema: u8,
+    /// The newest first.
+    pub(crate) items: Vec<AuditInfo>,
+    /// The cursor of the next page; null on the last one.
+    pub(crate) next: Option<String>,
+}
+
+/// What was found along the chain of the audit log.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct VerifiedInfo {
+    pub(crate) schema: u8,
+    /// How many entries and records follow upon each other.
+    pub(crate) entries: u64,
+    pub(crate) records: u64,
+    pub(crate) ok: bool,
+    /// The number of the first record that is not as it was written, or that is missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) broken_at: Option<u64>,
+}
+
+/// What somebody says of an event.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct AckRequest {
+    #[serde(default)]
+    pub(crate) comment: String,
+}
+
 /// How much is kept.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct StorageInfo {
     pub(crate) schema: u8,
     pub(crate) history_bytes: u64,

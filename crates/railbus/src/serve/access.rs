@@ -28,6 +28,7 @@ use axum::http::header::{HeaderValue, WWW_AUTHENTICATE};
 use axum::middleware::Next;
 use axum::response::Response;
 use railbus_site::Origin;
+use railbus_site::history::{Event, EventKind, Severity};
 use secret::Fingerprint;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -191,6 +192,17 @@ fn note_login(site: &Site, name: Option<&str>, via: &str, refused: Option<&Probl
     let name = name.filter(known).unwrap_or("an unknown name");
     let end = refused.map_or("logged in", |problem| problem.title.as_str());
     out::note(&format!("login: {name} via {via}: {end}"));
+    let origin = Origin {
+        who: name.to_owned(),
+        via: via.to_owned(),
+    };
+    let event = match refused {
+        None => Event::new(EventKind::Login, Severity::Info, "logged_in"),
+        Some(why) => {
+            Event::new(EventKind::Login, Severity::Warning, "login_refused").text(&why.code)
+        }
+    };
+    site.service.tell_event(event.by(&origin));
 }
 
 #[cfg(test)]

@@ -2,11 +2,14 @@
 
 use super::access::{Caller, Need};
 use super::answer;
+use super::doc::Doc;
 use super::export::{self, File};
 use super::history::kept;
 use super::points::bad_request;
 use super::routes::{Answer, Asked, Route, Site};
-use crate::api::past::{self, AUDIT_COLUMNS, AuditInfo, EventInfo, PageInfo, audit_row};
+use crate::api::past::{
+    self, AUDIT_COLUMNS, AckRequest, AuditPage, EventInfo, EventPage, VerifiedInfo, audit_row,
+};
 use crate::api::paths::split;
 use crate::api::problem::{Problem, codes};
 use crate::api::types::SCHEMA;
@@ -17,20 +20,47 @@ use axum::http::HeaderMap;
 use axum::routing::{get, post};
 use railbus_site::audit::{AuditLog, Filter};
 use railbus_site::history::{Ack, Asked as Wanted, EventKind, millis};
-use serde::Deserialize;
-use serde_json::json;
 use std::time::SystemTime;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
-    Route::new("GET", "/events", Need::VIEWER, || get(events)),
+    Route::new("GET", "/events", Need::VIEWER, || get(events)).doc(
+        Doc::new("What happened, the newest first")
+            .query(&[KIND, MODULE, POINT, LIMIT, CURSOR])
+            .answers::<EventPage>(),
+    ),
     Route::new("POST", "/events/{id}/ack", Need::OPERATOR, || {
         post(acknowledge)
-    }),
-    Route::new("GET", "/audit", Need::ENGINEER, || get(audit)),
-    Route::new("GET", "/audit/verify", Need::ADMIN, || get(verify)),
-    Route::new("GET", "/audit/export", Need::ADMIN, || get(save)),
+    })
+    .doc(
+        Doc::new("Say that an event was seen")
+            .takes::<AckRequest>()
+            .answers::<EventInfo>(),
+    ),
+    Route::new("GET", "/audit", Need::ENGINEER, || get(audit)).doc(
+        Doc::new("What was done and by whom, the newest first")
+            .query(&[MODULE, POINT, LIMIT, CURSOR])
+            .answers::<AuditPage>(),
+    ),
+    Route::new("GET", "/audit/verify", Need::ADMIN, || get(verify))
+        .doc(Doc::new("Whether the audit log is as it was written").answers::<VerifiedInfo>()),
+    Route::new("GET", "/audit/export", Need::ADMIN, || get(save)).doc(
+        Doc::new("Every record of the audit log, with its hash")
+            .query(&[FORMAT, LANG])
+            .media("text/csv"),
+    ),
 ];
+
+const KIND: (&str, &str) = (
+    "kind",
+    "write, module, line, config, login, alarm, rule or system",
+);
+const MODULE: (&str, &str) = ("module", "those of this module");
+const POINT: (&str, &str) = ("point", "those of this point, as pump.do0");
+const LIMIT: (&str, &str) = ("limit", "how many, 1 to 500; 50 where it is not said");
+const CURSOR: (&str, &str) = ("cursor", "what the page before says as its `next`");
+pub(super) const FORMAT: (&str, &str) = ("format", "csv or ndjson");
+pub(super) const LANG: (&str, &str) = ("lang", "zh: a CSV file begins with the mark of UTF-8");
 
 /// How many items a page has, where nobody says, and at most.
 const PAGE: usize = 50;
@@ -42,7 +72,7 @@ async fn events(State(site): State<Site>, asked: Asked) -> Answer {
     answer::json(page(&site, &asked).await)
 }
 
-async fn page(site: &Site, asked: &Asked) -> Result<PageInfo<EventInfo>, Problem> {
+async fn page(site: &Site, asked: &Asked) -> Result<EventPage, Problem> {
     let kind = match asked.get("kind") {
         None => None,
         Some(name) => Some(EventKind::from_name(name).ok_or_else(|| unreadable("kind"))?),
@@ -57,7 +87,7 @@ async fn page(site: &Site, asked: &Asked) -> Result<PageInfo<EventInfo>, Problem
     };
     let found = kept(site)?.events(wanted).await;
     let found = found.map_err(|error| past::problem(&error))?;
-    Ok(PageInfo {
+    Ok(EventPage {
         schema: SCHEMA,
         items: found.events.into_iter().map(past::of_kept).collect(),
         next: found.next,
@@ -92,13 +122,6 @@ fn unreadable(key: &str) -> Problem {
     Problem::new(codes::BAD_REQUEST).with("reason", reason)
 }
 
-/// What somebody says of an event.
-#[derive(Deserialize)]
-struct Comment {
-    #[serde(default)]
-    comment: String,
-}
-
 async fn acknowledge(
     State(site): State<Site>,
     Path(id): Path<String>,
@@ -106,7 +129,7 @@ async fn acknowledge(
     body: Bytes,
 ) -> Answer {
     let text: &[u8] = if body.is_empty() { b"{}" } else { &body };
-    let comment: Comment = match serde_json::from_slice(text) {
+    let comment: AckRequest = match serde_json::from_slice(text) {
         Ok(comment) => comment,
         Err(error) => return bad_request(&error.to_string()),
     };
@@ -147,7 +170,7 @@ async fn audit(State(site): State<Site>, asked: Asked) -> Answer {
     answer::json(entries(&site, &asked).await)
 }
 
-async fn entries(site: &Site, asked: &Asked) -> Result<PageInfo<AuditInfo>, Problem> {
+async fn entries(site: &Site, asked: &Asked) -> Result<AuditPage, Problem> {
     let before = match asked.get("cursor").map(|cursor| cursor.parse()) {
         None => None,
         Some(Ok(place)) => Some(place),
@@ -155,7 +178,7 @@ async fn entries(site: &Site, asked: &Asked) -> Result<PageInfo<AuditInfo>, Prob
     };
     let found = log(site)?.page(before, limit(asked)?, filter(asked)?).await;
     let found = found.map_err(|error| unread(&error))?;
-    Ok(PageInfo {
+    Ok(AuditPage {
         schema: SCHEMA,
         items: found.entries.into_iter().map(past::of_logged).collect(),
         next: found.next.map(|place| place.to_string()),
@@ -167,25 +190,23 @@ async fn verify(State(site): State<Site>) -> Answer {
         Ok(log) => log,
         Err(problem) => return answer::problem(&problem),
     };
-    answer::json(match log.verify().await {
-        Err(error) => Err(unread(&error)),
-        Ok(found) => {
-            let mut told = json!({
-                "schema": SCHEMA,
-                "entries": found.entries,
-                "records": found.records,
-                "ok": found.broken_at.is_none(),
-            });
-            if let Some(number) = found.broken_at {
-                told["broken_at"] = number.into();
-            }
-            Ok(told)
-        }
-    })
+    let found = log.verify().await.map_err(|error| unread(&error));
+    answer::json(found.map(|found| VerifiedInfo {
+        schema: SCHEMA,
+        entries: found.entries,
+        records: found.records,
+        ok: found.broken_at.is_none(),
+        broken_at: found.broken_at,
+    }))
 }
 
 /// `GET /api/v1/audit/export`: every record of the log as it is, with its hash.
-async fn save(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> Answer {
+async fn save(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    asked: Asked,
+    headers: HeaderMap,
+) -> Answer {
     let log = match log(&site) {
         Ok(log) => log.clone(),
         Err(problem) => return answer::problem(&problem),
@@ -193,7 +214,7 @@ async fn save(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> Ans
     let Some(file) = File::asked(&asked, &headers, site.lang, "audit") else {
         return bad_request("\"format\" is csv or ndjson");
     };
-    let (answer, mut sink) = export::stream(&site, &file);
+    let (answer, mut sink) = export::stream(&site, &who, &file);
     tokio::spawn(async move {
         let mut from = 0;
         let mut head = file.head(&AUDIT_COLUMNS);

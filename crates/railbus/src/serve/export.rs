@@ -1,6 +1,6 @@
 //! Tables that are sent row by row: nothing is held but what is under way.
 
-use super::listen::ended;
+use super::access::Caller;
 use super::routes::{Answer, Asked, Site};
 use crate::i18n::Lang;
 use axum::body::{Body, Bytes};
@@ -8,7 +8,7 @@ use axum::http::header::{ACCEPT_LANGUAGE, CONTENT_DISPOSITION, CONTENT_TYPE, Hea
 use axum::http::{HeaderMap, Response};
 use http_body_util::channel::{Channel, Sender};
 use std::convert::Infallible;
-use tokio::sync::watch;
+use std::pin::Pin;
 
 /// How many pieces wait for a slow reader.
 const PIECES_MAX: usize = 4;
@@ -67,7 +67,8 @@ impl File {
 /// Where rows are sent to.
 pub(super) struct Sink {
     sender: Sender<Bytes, Infallible>,
-    stop: watch::Receiver<bool>,
+    /// Comes when nobody may read any more.
+    over: Pin<Box<dyn Future<Output = ()> + Send>>,
 }
 
 impl Sink {
@@ -77,14 +78,14 @@ impl Sink {
             return true;
         }
         tokio::select! {
-            () = ended(&mut self.stop) => false,
+            () = &mut self.over => false,
             sent = self.sender.send_data(Bytes::from(rows)) => sent.is_ok(),
         }
     }
 }
 
 /// An answer that is sent piece by piece.
-pub(super) fn stream(site: &Site, file: &File) -> (Answer, Sink) {
+pub(super) fn stream(site: &Site, who: &Caller, file: &File) -> (Answer, Sink) {
     let (sender, body) = Channel::<Bytes, Infallible>::new(PIECES_MAX);
     let mut response = Response::new(Body::new(body));
     let (content_type, ending) = match file.csv {
@@ -97,8 +98,8 @@ pub(super) fn stream(site: &Site, file: &File) -> (Answer, Sink) {
     if let Ok(name) = HeaderValue::from_str(&name) {
         headers.insert(CONTENT_DISPOSITION, name);
     }
-    let stop = site.stop.clone();
-    (response, Sink { sender, stop })
+    let over = Box::pin(site.over(who));
+    (response, Sink { sender, over })
 }
 
 /// A row with its end [RFC 4180]. A cell that a spreadsheet would take for a formula is made

@@ -1,13 +1,16 @@
 //! What was: charts of points, their samples as a file, and how much is kept.
 
-use super::access::Need;
+use super::access::{Caller, Need};
 use super::answer;
+use super::doc::Doc;
+use super::events::{FORMAT, LANG};
 use super::export::{self, File};
 use super::points::bad_request;
 use super::routes::{Answer, Asked, Route, Site};
 use crate::api::ask;
 use crate::api::past::{self, HistoryInfo, StorageInfo};
 use crate::api::problem::{Problem, codes};
+use axum::Extension;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::routing::get;
@@ -19,10 +22,36 @@ use std::time::SystemTime;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
-    Route::new("GET", "/history", Need::VIEWER, || get(chart)),
-    Route::new("GET", "/history/export", Need::VIEWER, || get(save)),
-    Route::new("GET", "/storage", Need::VIEWER, || get(storage)),
+    Route::new("GET", "/history", Need::VIEWER, || get(chart)).doc(
+        Doc::new("The values that a point had")
+            .query(&[POINT, FROM, TO, STRETCHES])
+            .answers::<HistoryInfo>(),
+    ),
+    Route::new("GET", "/history/export", Need::VIEWER, || get(save)).doc(
+        Doc::new("The samples of points, as a file")
+            .query(&[
+                ("point", "paths, divided by commas"),
+                FROM,
+                TO,
+                FORMAT,
+                LANG,
+            ])
+            .media("text/csv"),
+    ),
+    Route::new("GET", "/storage", Need::VIEWER, || get(storage))
+        .doc(Doc::new("How much is kept").answers::<StorageInfo>()),
 ];
+
+const POINT: (&str, &str) = ("point", "its path, as pump.do0");
+const FROM: (&str, &str) = (
+    "from",
+    "since when: RFC 3339, or milliseconds since 1970; an hour before `to` if not said",
+);
+const TO: (&str, &str) = ("to", "before when, in the same way; now if not said");
+const STRETCHES: (&str, &str) = (
+    "buckets",
+    "into how many stretches of time many samples are made; 600 if not said",
+);
 
 /// Into how many stretches of time a chart is parted, where nobody says.
 const BUCKETS: usize = 600;
@@ -104,7 +133,12 @@ fn unreadable(key: &str) -> Problem {
 }
 
 /// `GET /api/v1/history/export`: the samples of one point or several, one after the other.
-async fn save(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> Answer {
+async fn save(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    asked: Asked,
+    headers: HeaderMap,
+) -> Answer {
     let (history, (from, to)) = match kept(&site).and_then(|kept| Ok((kept.clone(), span(&asked)?)))
     {
         Ok(wanted) => wanted,
@@ -122,7 +156,7 @@ async fn save(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> Ans
     let Some(file) = File::asked(&asked, &headers, site.lang, "history") else {
         return bad_request("\"format\" is csv or ndjson");
     };
-    let (answer, mut sink) = export::stream(&site, &file);
+    let (answer, mut sink) = export::stream(&site, &who, &file);
     tokio::spawn(async move {
         if !sink
             .send(file.head(&["time", "point", "value", "quality"]))
@@ -166,7 +200,7 @@ async fn storage(State(site): State<Site>) -> Answer {
         Ok(history) => history,
         Err(problem) => return answer::problem(&problem),
     };
-    let keep = site.service.config().keep.history;
+    let keep = site.service.config().past.history;
     let failing = site.service.audit_log().is_none_or(|log| log.is_failing());
     let storage = history.storage().await;
     let told = StorageInfo::new(storage, failing, (keep.age_ms, keep.bytes));

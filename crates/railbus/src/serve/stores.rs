@@ -11,23 +11,23 @@ pub(super) struct Stores {
 }
 
 impl Stores {
-    /// Opens them for a site. What is wrong with them is told as events: the site is served all
-    /// the same.
+    /// Opens them for a site, in a folder. What is wrong with them is told as events: the site
+    /// is served all the same.
     pub(super) fn open(service: &Service, folder: &Path) -> Stores {
-        let keep = service.config().keep;
-        let history = History::open(folder, keep.history);
+        let past = service.config().past;
+        let history = History::open(folder, past.history);
         match &history {
             Ok(history) => service.keep_history(history.clone()),
             Err(error) => tell(service, Severity::Error, "history_fails", error),
         }
         match AuditLog::open(folder) {
             Ok((log, found)) => {
-                log.require(keep.audit_required);
+                log.require(past.audit_required);
                 service.keep_audit(log);
                 tell_found(service, &found);
             }
             Err(error) => {
-                if keep.audit_required {
+                if past.audit_required {
                     service.miss_audit();
                 }
                 tell(service, Severity::Error, "audit_fails", error);

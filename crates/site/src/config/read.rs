@@ -192,10 +192,10 @@ impl<'t> Reader<'t> {
                     let _ = self.sim(value, &mut config.plant);
                 }
                 "history" => {
-                    let _ = self.history(value, &mut config.keep);
+                    let _ = self.history(value, &mut config.past);
                 }
                 "audit" => {
-                    let _ = self.audit(value, &mut config.keep);
+                    let _ = self.audit(value, &mut config.past);
                 }
                 other => {
                     let known = [

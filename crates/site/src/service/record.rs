@@ -272,10 +272,10 @@ impl Recorder {
             }
             Update::Reloaded => {
                 self.modules_changed(site);
-                let keep = site.config().keep;
-                self.history.keep(keep.history);
+                let past = site.config().past;
+                self.history.keep(past.history);
                 if let Some(log) = site.audit_log() {
-                    log.require(keep.audit_required);
+                    log.require(past.audit_required);
                 }
                 let event = Event::new(EventKind::Config, Severity::Info, "config_reloaded");
                 site.tell_event(event);

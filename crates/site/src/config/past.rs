@@ -16,9 +16,9 @@ const UNITS: [(&str, u64); 4] = [
     ("kB", 1_000),
 ];
 
-/// What is kept.
+/// What is past.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Kept {
+pub struct Past {
     /// How much history.
     pub history: Keep,
     /// Nothing is switched that can't be written down first.
@@ -27,7 +27,7 @@ pub struct Kept {
 
 impl<'t> Reader<'t> {
     /// `[history]`.
-    pub(super) fn history(&mut self, value: &Value<'t>, kept: &mut Kept) -> Option<()> {
+    pub(super) fn history(&mut self, value: &Value<'t>, past: &mut Past) -> Option<()> {
         let table = self.table(value, "history")?;
         let section = Section::of("history".to_owned(), value, table);
         self.check_keys(&section, &HISTORY_KEYS);
@@ -46,7 +46,7 @@ impl<'t> Reader<'t> {
             bytes
         });
         let standard = Keep::default();
-        kept.history = Keep {
+        past.history = Keep {
             age_ms: age?.unwrap_or(standard.age_ms),
             bytes: bytes?.unwrap_or(standard.bytes),
         };
@@ -54,11 +54,11 @@ impl<'t> Reader<'t> {
     }
 
     /// `[audit]`.
-    pub(super) fn audit(&mut self, value: &Value<'t>, kept: &mut Kept) -> Option<()> {
+    pub(super) fn audit(&mut self, value: &Value<'t>, past: &mut Past) -> Option<()> {
         let table = self.table(value, "audit")?;
         let section = Section::of("audit".to_owned(), value, table);
         self.check_keys(&section, &AUDIT_KEYS);
-        kept.audit_required = self.boolean(&section, "required")?;
+        past.audit_required = self.boolean(&section, "required")?;
         Some(())
     }
 }
