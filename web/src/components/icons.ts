@@ -35,6 +35,7 @@ export const ICONS = {
   trash: "M5 7h14M10 7V4h4v3M7 7l1 13h8l1-13M10.500 11v5M13.500 11v5",
   copy: "M9 9h11v11H9zM5 15H4V4h11v1",
   plus: "M12 5v14M5 12h14",
+  minus: "M5 12h14",
   refresh: "M20 11a8 8 0 1 0-1 5M20 5v6h-6",
 } as const;
 

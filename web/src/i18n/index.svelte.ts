@@ -1,15 +1,25 @@
 // Texts in the language of who looks. Catalogues are pairs, both languages side by side, one
 // file an area; a key that does not exist is a type error.
 import { demo } from "./demo";
+import { events } from "./events";
 import { frame } from "./frame";
 import { lines } from "./lines";
 import { points } from "./points";
 import { start } from "./start";
+import { trends } from "./trends";
 
 /** One text: English, Chinese. */
 export type Pair = readonly [string, string];
 
-const all = { ...frame, ...points, ...lines, ...demo, ...start };
+const all = {
+  ...frame,
+  ...points,
+  ...lines,
+  ...demo,
+  ...start,
+  ...trends,
+  ...events,
+};
 
 export type Key = keyof typeof all;
 export type Lang = "en" | "zh";

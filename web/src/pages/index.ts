@@ -28,6 +28,8 @@ export const PAGES: readonly Page[] = [
   { path: "/lines", title: "nav_lines", load: () => import("./Lines.svelte"), icon: "lines", group: 0, role: "viewer", daily: true },
   { path: "/lines/:name/scope", title: "scope", load: () => import("./Scope.svelte"), role: "viewer" },
   { path: "/discover", title: "nav_discover", load: () => import("./Discover.svelte"), icon: "discover", group: 0, role: "engineer" },
+  { path: "/trends", title: "nav_trends", load: () => import("./Trends.svelte"), icon: "trends", group: 0, role: "viewer", daily: true },
+  { path: "/events/:tab?", title: "nav_events", load: () => import("./Events.svelte"), icon: "events", group: 0, role: "viewer", daily: true },
   {
     path: "/simulator",
     title: "nav_sim",

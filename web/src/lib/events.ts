@@ -1,0 +1,89 @@
+// What happened, as `/events` and `/audit` tell it.
+import { t, type Key } from "../i18n/index.svelte";
+
+export const KINDS = ["write", "alarm", "module", "line", "config", "login", "rule", "system"] as const;
+export type Kind = (typeof KINDS)[number];
+
+export interface SiteEvent {
+  id: string;
+  at: string;
+  kind: Kind;
+  severity: "info" | "warning" | "error";
+  module?: string;
+  point?: string;
+  line?: string;
+  who?: string;
+  via?: string;
+  what?: string;
+  before?: string;
+  after?: string;
+  end?: string;
+  code?: string;
+  text?: string;
+  acked?: { who: string; at: string; comment: string };
+}
+
+/** An entry of the chain in which every write stands. */
+export interface Entry {
+  id: string;
+  at: string;
+  who: string;
+  via: string;
+  module: string;
+  what: string;
+  before?: string;
+  after?: string;
+  end?: string | null;
+  hash: string;
+}
+
+export interface Page<T> {
+  items: T[];
+  next: string | null;
+}
+
+const CODES: Record<string, Key> = {
+  module_online: "code_module_online",
+  module_offline: "code_module_offline",
+  line_up: "code_line_up",
+  line_down: "code_line_down",
+  line_babble: "code_line_babble",
+  line_quiet: "code_line_quiet",
+  config_reloaded: "code_config_reloaded",
+  audit_fails: "code_audit_fails",
+  audit_works: "code_audit_works",
+};
+
+const ENDS: Record<string, Key> = {
+  readback: "end_readback",
+  reply: "end_reply",
+  sent: "end_sent",
+  refused: "end_refused",
+  expired: "end_expired",
+  not_verified: "end_not_verified",
+  unknown: "end_unknown",
+};
+
+/** How a command ended, in words where there are some. */
+export function endText(end: string): string {
+  const key = ENDS[end];
+  return key ? t(key) : end;
+}
+
+export function endedWell(end: string | null | undefined): boolean {
+  return end === "readback" || end === "reply" || end === "sent";
+}
+
+/** What an event is about: `pump.do0`, `pump`, `main`. */
+export function about(event: SiteEvent): string {
+  if (event.module) return event.point ? `${event.module}.${event.point}` : event.module;
+  return event.line ?? "";
+}
+
+/** What happened, in a few words. */
+export function eventText(event: SiteEvent): string {
+  if (event.kind === "write") return event.what ?? "";
+  const key = event.code ? CODES[event.code] : undefined;
+  const said = key ? t(key) : (event.what ?? event.code?.replaceAll("_", " ") ?? "");
+  return event.text && !(key && event.text === said) ? `${said}${said ? ": " : ""}${event.text}` : said;
+}
