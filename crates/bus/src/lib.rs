@@ -37,7 +37,7 @@ pub use schedule::COMMANDS_MAX;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
-use command::{Command, decide};
+use command::{Command, Stage, decide};
 use ear::Ear;
 pub use flight::Probe;
 use flight::{Flight, Job, write_frame};
@@ -162,6 +162,42 @@ impl Bus {
             .any(|other| other.module.setup().protocol != protocol);
         self.nodes.push(node);
         id
+    }
+
+    /// Adds a module to a line at work: its polls begin now, those of the others go on.
+    pub fn join(&mut self, now: Instant, module: Module, plan: Plan) -> ModuleId {
+        self.now = now;
+        let id = self.add(module, plan);
+        self.measure();
+        id
+    }
+
+    /// Takes a module off a line at work. Commands for it that wait end now, one on the wire when
+    /// its reply has come; its number is not given again.
+    pub fn leave(&mut self, now: Instant, id: ModuleId) {
+        self.now = now;
+        let Some(node) = self.nodes.get_mut(id.0) else {
+            return;
+        };
+        node.retire();
+        decide(&mut self.commands, &mut self.events, now, |command| {
+            let waits = command.module == id && command.stage != Stage::Sent;
+            waits.then(|| match command.is_unsent() {
+                true => Err(Fault::Closed),
+                false => command.end_by_time(),
+            })
+        });
+        self.measure();
+    }
+
+    /// What the modules that are there make of the line.
+    fn measure(&mut self) {
+        let there = self.nodes.iter().filter(|node| !node.retired);
+        let mut protocols = there.map(|node| node.module.setup().protocol);
+        let first = protocols.next();
+        self.mixed = protocols.any(|protocol| Some(protocol) != first);
+        let cycles = self.nodes.iter().map(Node::cycle);
+        self.cycle = cycles.fold(Micros::ZERO, |sum, cycle| sum + cycle);
     }
 
     /// The module of this number.

@@ -36,6 +36,8 @@ pub(crate) struct Node {
     /// How many of the greeting's ops were done since the module was last heard anew.
     pub(crate) greeted: usize,
     pub(crate) plan: Plan,
+    /// It was taken off the line; only its number is left.
+    pub(crate) retired: bool,
 }
 
 /// A read of the poll plan.
@@ -91,7 +93,16 @@ impl Node {
             polls,
             greeted: 0,
             plan,
+            retired: false,
         }
+    }
+
+    /// It is not asked any more.
+    pub(crate) fn retire(&mut self) {
+        self.retired = true;
+        self.plan = Plan::NEVER;
+        self.polls = Vec::new();
+        self.misses = 0;
     }
 
     /// Spreads the polls over the plan's interval, this module being the `nth` of `count`.

@@ -62,7 +62,8 @@ impl Bus {
         if matches!(self.state, State::Closed) {
             return Err(Fault::Closed);
         }
-        let node = self.nodes.get(module.0).ok_or(Fault::Unsupported)?;
+        let node = self.nodes.get(module.0).filter(|node| !node.retired);
+        let node = node.ok_or(Fault::Unsupported)?;
         let first = match bank_of(&op) {
             Some(bank) => Op::Write(node.module.group(bank)),
             None => op,
@@ -456,7 +457,7 @@ impl Bus {
                 && self
                     .nodes
                     .iter()
-                    .any(|node| node.module.setup().protocol == other)
+                    .any(|node| !node.retired && node.module.setup().protocol == other)
                 && carries_command(frame.bytes(), other)
         })
     }

@@ -105,6 +105,15 @@ pub struct LateReply {
 /// The most late replies that are kept for the next probe.
 pub const LATE_MAX: usize = 16;
 
+/// Other modules for a line at work.
+#[derive(Debug, Default)]
+pub struct Membership {
+    /// These are not asked any more. Their numbers are not given again.
+    pub leave: Vec<ModuleId>,
+    /// These are asked from now on; their numbers follow the highest one given.
+    pub join: Vec<(Module, Plan)>,
+}
+
 /// What the line's task is asked for.
 #[derive(Debug)]
 pub(crate) enum Job {
@@ -121,6 +130,7 @@ pub(crate) enum Job {
     Tap {
         reply: oneshot::Sender<Tap>,
     },
+    Change(Membership),
     Close {
         reply: oneshot::Sender<()>,
     },
@@ -263,6 +273,16 @@ impl Line {
         let (reply, tap) = oneshot::channel();
         self.hand_in(Job::Tap { reply })?;
         tap.await.map_err(|_| Fault::Closed)
+    }
+
+    /// Changes the modules of the line, between its exchanges: those that stay are asked on as if
+    /// nothing had been. What is handed in after this meets the modules that joined.
+    ///
+    /// # Errors
+    /// [`Fault::Closed`]: the line is no more.
+    pub async fn change(&self, change: Membership) -> Result<(), Fault> {
+        let handed = self.jobs.send(Job::Change(change)).await;
+        handed.map_err(|_| Fault::Closed)
     }
 
     fn hand_in(&self, job: Job) -> Result<(), Fault> {

@@ -4,9 +4,9 @@ use crate::backoff::Backoff;
 use crate::clock::Alarm;
 use crate::desk::{Desk, Run};
 use crate::event::Teller;
-use crate::line::{Job, LateReply};
+use crate::line::{Job, LateReply, Membership};
 use crate::{LineState, Port, PortError};
-use railbus_bus::{Bus, Config, Event, Fault, Input, Medium, Output, Plan};
+use railbus_bus::{Bus, Config, Event, Fault, Input, Medium, ModuleId, Output, Plan};
 use railbus_device::Module;
 use railbus_wire::{Instant, Micros, Settings};
 use std::future::{Future, poll_fn};
@@ -27,7 +27,7 @@ pub(crate) struct Task<P> {
     port: P,
     bus: Bus,
     config: Config,
-    modules: Vec<(Module, Plan)>,
+    members: Members,
     jobs: mpsc::Receiver<Job>,
     desk: Desk,
     teller: Teller,
@@ -40,6 +40,38 @@ pub(crate) struct Task<P> {
     lag: Micros,
     last: LastFrame,
     leaving: Option<Leaving>,
+}
+
+/// The modules of a line by their numbers.
+#[derive(Debug)]
+struct Members {
+    modules: Vec<(Module, Plan)>,
+    /// Those that left.
+    left: Vec<ModuleId>,
+}
+
+impl Members {
+    fn change(&mut self, bus: &mut Bus, now: Instant, change: Membership) {
+        for id in change.leave {
+            bus.leave(now, id);
+            self.left.push(id);
+        }
+        for (module, plan) in change.join {
+            bus.join(now, module.clone(), plan);
+            self.modules.push((module, plan));
+        }
+    }
+
+    fn build(&self, config: Config) -> Bus {
+        let mut bus = Bus::new(config);
+        for (module, plan) in &self.modules {
+            bus.add(module.clone(), *plan);
+        }
+        for id in &self.left {
+            bus.leave(Instant(0), *id);
+        }
+        bus
+    }
 }
 
 /// When the frame sent last was sent, and what is needed to say when it will have left.
@@ -89,11 +121,15 @@ impl<P: Port> Task<P> {
         alarm: Alarm,
     ) -> Task<P> {
         let config = with_medium(config, port.medium());
+        let members = Members {
+            modules,
+            left: Vec::new(),
+        };
         Task {
-            bus: build(config, &modules),
+            bus: members.build(config),
             port,
             config,
-            modules,
+            members,
             jobs,
             desk: Desk::new(),
             teller,
@@ -136,7 +172,9 @@ impl<P: Port> Task<P> {
 
     /// Opens the port; nothing when the line was closed meanwhile.
     async fn open(&mut self) -> Option<Result<(), PortError>> {
-        match without_port(&mut self.jobs, self.port.open()).await {
+        let (members, bus, told) = (&mut self.members, &mut self.bus, self.told);
+        let change = |change| members.change(bus, told, change);
+        match without_port(&mut self.jobs, change, self.port.open()).await {
             Ok(end) => Some(end),
             Err(closed) => {
                 self.leave(closed);
@@ -147,8 +185,10 @@ impl<P: Port> Task<P> {
 
     /// Waits until it is worth while to look for the port again.
     async fn pause(&mut self, pause: Micros) {
+        let (members, bus, told) = (&mut self.members, &mut self.bus, self.told);
+        let change = |change| members.change(bus, told, change);
         let wait = self.alarm.sleep(pause);
-        if let Err(closed) = without_port(&mut self.jobs, wait).await {
+        if let Err(closed) = without_port(&mut self.jobs, change, wait).await {
             self.leave(closed);
         }
     }
@@ -159,7 +199,7 @@ impl<P: Port> Task<P> {
         if config.medium != self.config.medium {
             // What the port is shows only now. No command was taken yet.
             self.config = config;
-            self.bus = build(config, &self.modules);
+            self.bus = self.members.build(config);
         }
         self.lag = Micros::ZERO;
         self.teller.grant(self.port.granted());
@@ -337,6 +377,9 @@ impl<P: Port> Task<P> {
             Some(Job::Tap { reply }) => {
                 let _ = reply.send(self.desk.tap(self.alarm.clock()));
             }
+            Some(Job::Change(change)) => {
+                self.members.change(&mut self.bus, self.told, change);
+            }
             Some(Job::Close { reply }) => self.leave(Some(reply)),
             None => self.leave(None),
         }
@@ -389,15 +432,17 @@ impl Job {
             Job::Probe { reply, .. } => drop(reply.send(Err(Fault::Closed))),
             // Who waits for it is told by its end.
             Job::Tap { reply } => drop(reply),
+            Job::Change(_) => {}
             Job::Close { reply } => drop(reply.send(())),
         }
     }
 }
 
-/// Waits for something while there is no port and jobs can't be done. Where the line is closed
-/// meanwhile, the error says who did it.
+/// Waits for something while there is no port: modules can change, other jobs can't be done.
+/// Where the line is closed meanwhile, the error says who did it.
 async fn without_port<T>(
     jobs: &mut mpsc::Receiver<Job>,
+    mut change: impl FnMut(Membership),
     work: impl Future<Output = T>,
 ) -> Result<T, Option<oneshot::Sender<()>>> {
     let mut work = pin!(work);
@@ -406,6 +451,7 @@ async fn without_port<T>(
             match job {
                 None => return Poll::Ready(Err(None)),
                 Some(Job::Close { reply }) => return Poll::Ready(Err(Some(reply))),
+                Some(Job::Change(wanted)) => change(wanted),
                 Some(job) => job.refuse(),
             }
         }
@@ -423,12 +469,4 @@ const fn with_medium(config: Config, medium: Medium) -> Config {
         },
         ..config
     }
-}
-
-fn build(config: Config, modules: &[(Module, Plan)]) -> Bus {
-    let mut bus = Bus::new(config);
-    for (module, plan) in modules {
-        bus.add(module.clone(), *plan);
-    }
-    bus
 }

@@ -445,7 +445,7 @@ fn a_bad_configuration_is_refused_and_changes_nothing() {
     daemon.signal(Signal::HUP);
     let mut told = String::new();
     daemon.stdout.read_line(&mut told).expect("text");
-    assert!(told.contains("opened: main"), "{told}");
+    assert!(told.contains("kept: main"), "{told}");
     assert_eq!(oven(&daemon)["module"], "kiln");
     let check = railbus()
         .args(["serve", "--check", "--config", path])

@@ -272,7 +272,54 @@ async fn a_refused_configuration_changes_nothing() {
     assert_eq!(refused, Err(Failure::Locked(k(1))));
     let renamed = text(&port).replace("module.oven", "module.kiln");
     let done = service.reload(&renamed).await.unwrap();
-    assert_eq!((done.kept.len(), done.opened.len()), (0, 1));
+    assert_eq!((done.kept.len(), done.opened.len()), (1, 0));
+    assert!(done.modules_kept.is_empty());
     assert!(service.module("oven").is_none());
     until(|| service.point("kiln", k(1)).unwrap().quality == Quality::Good).await;
+}
+
+#[tokio::test]
+async fn modules_come_and_go_and_the_others_notice_nothing() {
+    let (port, _) = board().await;
+    let service = start(&port);
+    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    let mut updates = service.subscribe();
+    let more = format!(
+        "{}[module.attic]\nline = \"main\"\nmodel = \"erc8\"\naddress = 9\n",
+        text(&port)
+    );
+    for (text, kept) in [(&more, 1), (&text(&port), 1), (&more, 1), (&more, 2)] {
+        let done = service.reload(text).await.unwrap();
+        assert_eq!((done.kept.len(), done.opened.len()), (1, 0));
+        assert_eq!(done.modules_kept.len(), kept);
+        let oven = service.point("oven", k(1)).unwrap();
+        assert_eq!(
+            (oven.quality, oven.value),
+            (Quality::Good, Some(Value::Bool(false)))
+        );
+    }
+    assert_eq!(service.line("main").unwrap().modules, ["attic", "oven"]);
+    // The board answers for the oven alone, and what it says is not taken for the attic's.
+    let terms = WriteTerms::default();
+    let done = service.write("oven", &[(k(2), true)], terms).await.unwrap();
+    assert_eq!(done.confirmed, Confirmed::Readback);
+    assert_eq!(service.point("attic", k(2)).unwrap().value, None);
+
+    // Another way of reading it makes a module begin anew, and nothing else.
+    let slower = more.replace("address = 3\n", "address = 3\npoll = \"300ms\"\n");
+    let done = service.reload(&slower).await.unwrap();
+    assert_eq!(done.modules_kept, ["attic"]);
+    until(|| service.point("oven", k(2)).unwrap().quality == Quality::Good).await;
+    assert_eq!(
+        service.point("oven", k(2)).unwrap().value,
+        Some(Value::Bool(true))
+    );
+    let told = async {
+        while let Some(update) = updates.next().await {
+            assert!(!matches!(update, Update::Line(_)), "the line went on");
+        }
+    };
+    let told = tokio::time::timeout(Duration::from_millis(50), told);
+    assert!(told.await.is_err(), "the site is at work");
+    service.close().await;
 }

@@ -285,7 +285,7 @@ fn told(changed: &Changed) -> Value {
     let done = &changed.reloaded;
     json!({
         "schema": 1, "etag": changed.etag, "kept": done.kept, "opened": done.opened,
-        "closed": done.closed,
+        "closed": done.closed, "modules_kept": done.modules_kept,
     })
 }
 

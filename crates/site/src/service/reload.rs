@@ -4,23 +4,30 @@ use super::state::LineNow;
 use super::{Service, Update, close_all, lock, prepare};
 use crate::Config;
 use crate::config::Problem;
-use railbus_host::{LineState, PortError};
+use railbus_device::Module;
+use railbus_host::{LineState, Membership, ModuleId, Plan, PortError};
 use std::collections::BTreeSet;
 use std::sync::Arc;
+
+/// How many modules a line may have had before it is opened anew rather than changed once more.
+const SLOTS_MAX: usize = 512;
 
 /// What another configuration changed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Reloaded {
-    /// Lines that go on as they were, with all that is known of their modules.
+    /// Lines that go on, with all that is known of the modules that are as they were.
     pub kept: Vec<String>,
     /// Lines that were opened, or closed and opened again.
     pub opened: Vec<String>,
     /// Lines that are no more.
     pub closed: Vec<String>,
+    /// Modules that are as they were to their lines.
+    pub modules_kept: Vec<String>,
 }
 
 impl Service {
-    /// Takes another configuration. Lines that it leaves as they are go on; the others are
+    /// Takes another configuration. Lines that stay where they are go on: of their modules, those
+    /// that changed begin anew, and the others notice nothing. Lines that changed themselves are
     /// closed and opened anew.
     ///
     /// # Errors
@@ -29,10 +36,15 @@ impl Service {
         let config = Config::parse(text)?;
         let _one_at_a_time = self.inner.reloading.lock().await;
         let old = self.config();
-        let same = |line: &String| same_line(&old, &config, line);
-        let kept: BTreeSet<String> = config.lines.keys().filter(|l| same(l)).cloned().collect();
+        let goes_on = |line: &&String| self.goes_on(&old, &config, line);
+        let kept: BTreeSet<String> = config.lines.keys().filter(goes_on).cloned().collect();
         let changed = |line: &&String| !kept.contains(*line);
+        let keep = |module: &str| {
+            let line = config.modules.get(module).map(|module| &module.line);
+            line.is_some_and(|line| kept.contains(line)) && same_module(&old, &config, module)
+        };
         let reloaded = Reloaded {
+            modules_kept: config.modules.keys().filter(|m| keep(m)).cloned().collect(),
             kept: kept.iter().cloned().collect(),
             opened: config.lines.keys().filter(changed).cloned().collect(),
             closed: old
@@ -50,7 +62,7 @@ impl Service {
         };
         close_all(gone.into_iter()).await;
 
-        {
+        let memberships = {
             let mut state = lock(&self.inner.state);
             for line in &reloaded.closed {
                 state.lines.remove(line);
@@ -64,12 +76,25 @@ impl Service {
                 }
                 state.lines.insert(line.clone(), now);
             }
-            let keep = |module: &str| {
-                let line = config.modules.get(module).map(|module| &module.line);
-                line.is_some_and(|line| kept.contains(line))
-            };
+            let lines = state.lines.iter_mut();
+            let lines = lines.filter(|(line, _)| kept.contains(*line));
+            let memberships: Vec<_> = lines
+                .map(|(line, now)| {
+                    let change = membership(&config, line, now, self.inner.polls, keep);
+                    (line.clone(), change)
+                })
+                .collect();
             state.site.reconfigure(config.clone(), keep);
             state.health.retain(|module, _| keep(module));
+            memberships
+        };
+        for (line, change) in memberships {
+            if let Some(handle) = self.inner.handle(&line)
+                && (!change.leave.is_empty() || !change.join.is_empty())
+            {
+                // Fails where the whole site is being closed.
+                let _ = handle.change(change).await;
+            }
         }
         for line in &reloaded.opened {
             // Who has it gives it back.
@@ -100,15 +125,57 @@ impl Service {
     }
 }
 
-/// Whether a line and its modules are the same to the line's task. What points are called and
-/// which are locked is no business of it.
-fn same_line(old: &Config, new: &Config, line: &str) -> bool {
-    let modules = |config: &Config| {
-        let modules = config.modules_of(line);
-        modules
-            .map(|(name, module)| (name.clone(), module.setup, module.plan))
-            .collect::<Vec<_>>()
-    };
-    let both = (old.lines.get(line), new.lines.get(line));
-    matches!(both, (Some(a), Some(b)) if a == b) && modules(old) == modules(new)
+/// Which modules of a line that goes on leave it, and which join it. The numbers of those that
+/// join are theirs from now on: the line gives them in the same order.
+fn membership(
+    config: &Config,
+    line: &str,
+    now: &mut LineNow,
+    polls: bool,
+    keep: impl Fn(&str) -> bool,
+) -> Membership {
+    let mut change = Membership::default();
+    for (number, slot) in now.modules.iter_mut().enumerate() {
+        if !slot.is_empty() && !keep(slot) {
+            change.leave.push(ModuleId(number));
+            slot.clear();
+        }
+    }
+    for (name, described) in config.modules_of(line).filter(|(name, _)| !keep(name)) {
+        let plan = if polls { described.plan } else { Plan::NEVER };
+        // A configuration that was read has no module that can't be.
+        if let Ok(module) = Module::new(described.setup) {
+            now.modules.push(name.clone());
+            change.join.push((module, plan));
+        }
+    }
+    change
+}
+
+impl Service {
+    /// Whether a line goes on: its port is the same, and it is here where its modules change.
+    fn goes_on(&self, old: &Config, new: &Config, line: &str) -> bool {
+        let both = (old.lines.get(line), new.lines.get(line));
+        if !matches!(both, (Some(a), Some(b)) if a == b) {
+            return false;
+        }
+        let mut names = old.modules_of(line).chain(new.modules_of(line));
+        if names.all(|(name, _)| same_module(old, new, name)) {
+            return true;
+        }
+        let slots = lock(&self.inner.state)
+            .lines
+            .get(line)
+            .map_or(0, |now| now.modules.len());
+        let room = slots + new.modules_of(line).count() <= SLOTS_MAX;
+        room && self.inner.handle(line).is_some()
+    }
+}
+
+/// Whether a module is the same to its line. What its points are called and which are locked is
+/// no business of that.
+fn same_module(old: &Config, new: &Config, module: &str) -> bool {
+    let both = (old.modules.get(module), new.modules.get(module));
+    matches!(both, (Some(a), Some(b))
+        if a.line == b.line && a.setup == b.setup && a.plan == b.plan)
 }

@@ -22,7 +22,7 @@ pub(super) struct LineNow {
     pub(super) babble: bool,
     /// Somebody else has it for a while.
     pub(super) lent: bool,
-    /// The names of its modules, by their numbers on the line.
+    /// The names of its modules, by their numbers on the line; empty for those that left.
     pub(super) modules: Vec<String>,
 }
 
@@ -110,6 +110,10 @@ impl State {
             LineEvent::Lagged(_) => return Vec::new(),
         };
         let name = |id: ModuleId| known.modules.get(id.0).cloned().unwrap_or_default();
+        if module_of(event).is_some_and(|id| name(id).is_empty()) {
+            // Of a module that left, an exchange may still have been under way.
+            return Vec::new();
+        }
         match event {
             Event::Seen {
                 module,
@@ -145,6 +149,17 @@ impl State {
             Event::Echo | Event::Duplicates | Event::Done { .. } => Vec::new(),
             Event::Probed { .. } | Event::ProbedLate { .. } => Vec::new(),
         }
+    }
+}
+
+/// The module that an event is about.
+const fn module_of(event: &Event) -> Option<ModuleId> {
+    match event {
+        Event::Seen { module, .. }
+        | Event::Missed { module, .. }
+        | Event::Presence { module, .. }
+        | Event::Late { module, .. } => Some(*module),
+        _ => None,
     }
 }
 

@@ -142,6 +142,14 @@ impl Inner {
     }
 }
 
+/// The modules of a line by name; those that left have none.
+fn named(modules: &[String]) -> Vec<String> {
+    let mut named: Vec<String> = modules.to_vec();
+    named.retain(|module| !module.is_empty());
+    named.sort();
+    named
+}
+
 impl State {
     fn line(&self, name: &str) -> Option<LineStatus> {
         let config = self.site.config().lines.get(name)?;
@@ -152,7 +160,7 @@ impl State {
             serial: config.serial,
             state: now.state.clone(),
             babble: now.babble,
-            modules: now.modules.clone(),
+            modules: named(&now.modules),
         })
     }
 

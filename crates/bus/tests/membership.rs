@@ -1,0 +1,141 @@
+//! Modules join and leave a line at work, and those that stay notice nothing of it.
+
+mod support;
+
+use railbus_bus::{Bus, Config, EchoMode, Event, Fault, Input, ModuleId, Plan, Presence, Terms};
+use railbus_device::{Eeprom, Engine, Family, Module, Op, Options, Setup};
+use railbus_wire::{Address, Instant, Micros};
+use support::{Drive, Happening, millis};
+
+/// How often each module is read.
+const INTERVAL: Micros = millis(100);
+
+fn plan() -> Plan {
+    Plan {
+        interval: INTERVAL,
+        ..Plan::default()
+    }
+}
+
+fn relays(address: u8) -> Module {
+    Module::new(Setup::new(Family::Erc8, Address(address))).expect("a possible module")
+}
+
+/// A line of relay boards at these addresses, of which the line knows the first `known`.
+fn line(addresses: &[u8], known: usize) -> Drive {
+    let mut bus = Bus::new(Config {
+        echo: EchoMode::Off,
+        ..Config::default()
+    });
+    for address in &addresses[..known] {
+        bus.add(relays(*address), plan());
+    }
+    let mut drive = Drive::new(bus);
+    for address in addresses {
+        let setup = Setup::new(Family::Erc8, Address(*address));
+        let options = Options {
+            turnaround: millis(5),
+            ..Options::default()
+        };
+        let engine = Engine::new(&setup, Eeprom::of(&setup), options, Instant(0));
+        drive.play(engine.expect("a possible module"));
+    }
+    drive.input(Input::Opened);
+    drive
+}
+
+/// What happened within a time: the addresses that were asked, and what was told.
+fn run(drive: &mut Drive, span: Micros) -> (Vec<(Instant, u8)>, Vec<Event>) {
+    let until = drive.now + span;
+    let (mut asked, mut told) = (Vec::new(), Vec::new());
+    while let Some(happening) = drive.step(until) {
+        match happening {
+            Happening::Frame { bytes, end, .. } => {
+                asked.push((drive.now, bytes[0]));
+                drive.ask_players(end, &bytes);
+            }
+            Happening::Told(event) => told.push(event),
+            Happening::Heard(_) => {}
+        }
+    }
+    (asked, told)
+}
+
+fn is_seen(event: &Event, id: usize) -> bool {
+    matches!(event, Event::Seen { module, .. } if *module == ModuleId(id))
+}
+
+#[test]
+fn those_that_stay_are_asked_on_as_if_nothing_had_been() {
+    let mut drive = line(&[3, 4, 5], 2);
+    let (before, _) = run(&mut drive, Micros::from_secs(2));
+    assert!(before.iter().any(|(_, address)| *address == 4));
+
+    let now = drive.now;
+    drive.bus.leave(now, ModuleId(1));
+    assert_eq!(drive.bus.join(now, relays(5), plan()), ModuleId(2));
+    drive.touched();
+    let (after, told) = run(&mut drive, Micros::from_secs(2));
+    assert!(
+        after.iter().all(|(_, address)| [3, 5].contains(address)),
+        "{after:?}"
+    );
+    assert!(told.iter().any(|event| is_seen(event, 2)));
+    assert_eq!(drive.bus.presence(ModuleId(2)), Presence::Online);
+    assert!(!told.iter().any(|event| is_seen(event, 1)));
+    let goes = |event: &&Event| matches!(event, Event::Presence { .. });
+    assert_eq!(
+        told.iter().filter(goes).count(),
+        1,
+        "only the new one is news: {told:?}"
+    );
+
+    let polls = before.into_iter().chain(after);
+    let of_first: Vec<Instant> = polls.filter(|(_, at)| *at == 3).map(|(at, _)| at).collect();
+    let settled = of_first.windows(2).skip(5);
+    let longest = settled.map(|pair| pair[1].since(pair[0])).max();
+    let most = INTERVAL + millis(60);
+    assert!(
+        longest.is_some_and(|longest| longest <= most),
+        "{longest:?}"
+    );
+}
+
+#[test]
+fn commands_for_a_module_that_leaves_end() {
+    let mut drive = line(&[3, 4], 2);
+    run(&mut drive, Micros::from_secs(2));
+    let now = drive.now;
+    for _ in 0..2 {
+        let taken = drive
+            .bus
+            .submit(now, ModuleId(1), Op::ReadOutputs, Terms::default());
+        taken.expect("taken");
+    }
+    drive.bus.leave(now, ModuleId(1));
+    drive.touched();
+    let refused = drive
+        .bus
+        .submit(now, ModuleId(1), Op::ReadOutputs, Terms::default());
+    assert_eq!(refused, Err(Fault::Unsupported));
+    let (asked, told) = run(&mut drive, Micros::from_secs(3));
+    let ends = told.iter().filter(|event| match event {
+        Event::Done { end, .. } => *end == Err(Fault::Closed),
+        _ => false,
+    });
+    assert_eq!(ends.count(), 2, "{told:?}");
+    assert!(asked.iter().all(|(_, address)| *address == 3));
+}
+
+#[test]
+fn a_module_that_left_is_gone_when_the_port_comes_back() {
+    let mut drive = line(&[3, 4], 2);
+    run(&mut drive, Micros::from_secs(1));
+    let now = drive.now;
+    drive.bus.leave(now, ModuleId(0));
+    drive.input(Input::Closed);
+    run(&mut drive, Micros::from_secs(1));
+    drive.input(Input::Opened);
+    let (asked, _) = run(&mut drive, Micros::from_secs(2));
+    assert!(!asked.is_empty() && asked.iter().all(|(_, address)| *address == 4));
+}
