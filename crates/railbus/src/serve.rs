@@ -249,7 +249,8 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let source = Source::open(lang, wanted)?;
     let access = Access::open(&source.state);
     let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
-    let service = Service::start(source.config.clone()).map_err(|error| system(lang, error))?;
+    let service = Service::start_in(source.config.clone(), &source.state);
+    let service = service.map_err(|error| system(lang, error))?;
     let stores = Stores::open(&service, &source.state);
 
     // Who hears that it serves may ask at once: every port was tried by then.

@@ -319,6 +319,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     RawAscii { en: "A frame of the ASCII protocol without its end", zh: "ASCII 协议的帧，不含结束符" }
     RawCrc { en: "Adds the CRC of Modbus RTU", zh: "添加 Modbus RTU 的 CRC" }
     RawProto { en: "Adds the checksum of rtu, lc02 or r55", zh: "添加 rtu、lc02 或 r55 的校验和" }
+    MeantYes {
+        en: "it is meant, also where an output wants to be told so",
+        zh: "确认执行，用于需要确认的输出",
+    }
     RawYes {
         en: "Sends also what is for all modules, changes settings, or is unknown",
         zh: "广播、更改设置或未知的帧也发送",

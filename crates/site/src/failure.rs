@@ -4,6 +4,7 @@ use railbus_device::Point;
 use railbus_host::Fault;
 use railbus_wire::Micros;
 use std::fmt;
+use std::io::ErrorKind;
 
 /// Why a command was not done, or is not known to be. Data without sentences: whoever shows it
 /// finds the words.
@@ -37,6 +38,39 @@ pub enum Failure {
     },
     /// It can't be written down, and the configuration wants that first. Nothing was sent.
     NotAudited,
+    /// The output wants to be told that it is really meant.
+    Confirm(Point),
+    /// The output must not be on while another one is, which is on or may be.
+    Interlock {
+        /// Which output.
+        point: Point,
+        /// The path of the other one.
+        by: String,
+    },
+    /// The output must stay off for a while yet.
+    MinOff {
+        /// Which output.
+        point: Point,
+        /// How long.
+        left: Micros,
+    },
+    /// The output may be on for so long only, and nobody would switch it off then: only what
+    /// runs day and night does so.
+    Unwatched(Point),
+    /// Nobody holds the output.
+    NoLease(Point),
+    /// A lease can't be so long.
+    LeaseTime(Point),
+    /// What is to be done later can't be written down.
+    NotKept(ErrorKind),
+    /// Not done, because another part of the same command was not.
+    NotTried,
+    /// Done, and taken back, because another part of the same command failed.
+    Undone,
+    /// Done, and could not be taken back, though another part of the same command failed.
+    NotUndone,
+    /// The scene is being played already.
+    Playing,
     /// What the line said.
     Line(Fault),
 }
@@ -55,6 +89,17 @@ impl Failure {
             Failure::NotAsAsked(..) => "not_as_asked",
             Failure::PulseWidth { .. } => "pulse_width",
             Failure::NotAudited => "not_audited",
+            Failure::Confirm(_) => "confirm",
+            Failure::Interlock { .. } => "interlock",
+            Failure::MinOff { .. } => "min_off",
+            Failure::Unwatched(_) => "unwatched",
+            Failure::NoLease(_) => "no_lease",
+            Failure::LeaseTime(_) => "lease_time",
+            Failure::NotKept(_) => "not_kept",
+            Failure::NotTried => "not_tried",
+            Failure::Undone => "undone",
+            Failure::NotUndone => "not_undone",
+            Failure::Playing => "playing",
             Failure::Line(fault) => fault.name(),
         }
     }
@@ -64,6 +109,7 @@ impl Failure {
     pub const fn may_have_acted(&self) -> bool {
         match self {
             Failure::Line(fault) => fault.may_have_acted(),
+            Failure::NotUndone => true,
             _ => false,
         }
     }

@@ -27,7 +27,8 @@ pub use config::Config;
 pub use failure::Failure;
 pub use frame::read_request;
 pub use service::{
-    By, Events, LineStatus, Loan, ModuleStatus, PULSE_MAX, PointStatus, Pulse, PulseDone, RawTerms,
-    Reloaded, Service, StartError, Update, Updates, WriteDone, WriteTerms,
+    By, COMMANDS_KEPT, Command, Events, Left, LineStatus, Loan, ModuleStatus, PULSE_MAX,
+    PointStatus, Pulse, PulseDone, RawTerms, Reloaded, Service, StartError, ToggleTerms, Update,
+    Updates, WriteDone, WriteTerms,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

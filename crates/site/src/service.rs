@@ -1,25 +1,31 @@
 //! A site at work: its lines opened, its truth kept, its commands carried out.
 
 mod command;
+mod guard;
 mod loan;
+mod policy;
+mod promises;
 mod pulse;
 mod record;
 mod reload;
 mod state;
 mod status;
+mod timer;
+mod underway;
 mod update;
 
-pub use command::{RawTerms, WriteDone, WriteTerms};
+pub use command::{RawTerms, ToggleTerms, WriteDone, WriteTerms};
 pub use loan::Loan;
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
 pub use record::Events;
 pub use reload::Reloaded;
-pub use status::{LineStatus, ModuleStatus, PointStatus};
+pub use status::{Left, LineStatus, ModuleStatus, PointStatus};
+pub use underway::{COMMANDS_KEPT, Command};
 pub use update::{Update, Updates};
 
 use crate::audit::{Audit, Entry, Note, Origin};
 use crate::{Config, Failure};
-use pulse::Timers;
+use promises::Promises;
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, Plan, PortError};
 use railbus_wire::Micros;
@@ -27,8 +33,11 @@ use record::Journal;
 use state::State;
 use std::collections::BTreeMap;
 use std::fmt;
+use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use timer::Timers;
 use tokio::sync::broadcast;
+use underway::Commands;
 
 /// How many updates wait for a subscriber before the oldest are dropped.
 const UPDATES_MAX: usize = 256;
@@ -40,6 +49,8 @@ pub enum StartError {
     Port(String, NameError),
     /// A module can't be as described.
     Setup(String, SetupError),
+    /// The folder of the site's state can't be used.
+    Folder(std::io::ErrorKind),
     /// The system refuses what it always grants.
     System(PortError),
 }
@@ -49,6 +60,7 @@ impl fmt::Display for StartError {
         match self {
             StartError::Port(line, why) => write!(f, "line {line}: {why}"),
             StartError::Setup(module, why) => write!(f, "module {module}: {why}"),
+            StartError::Folder(why) => write!(f, "the folder of the state: {why}"),
             StartError::System(why) => why.fmt(f),
         }
     }
@@ -73,7 +85,9 @@ pub(crate) struct Inner {
     lines: Mutex<BTreeMap<String, Line>>,
     audit: Audit,
     journal: Journal,
+    commands: Commands,
     timers: Timers,
+    promises: Promises,
     updates: broadcast::Sender<Update>,
     /// Only one at a time may change the configuration.
     reloading: tokio::sync::Mutex<()>,
@@ -102,7 +116,17 @@ impl Service {
     /// # Errors
     /// [`StartError`]. A port that can't be opened is none: it is looked for until it is there.
     pub fn start(config: Config) -> Result<Service, StartError> {
-        Service::start_with(config, true)
+        Service::start_with(config, true, Promises::default())
+    }
+
+    /// The same with a folder for what must outlive the process: pulses that are timed here end
+    /// after a restart too, and outputs stay off for as long as they must.
+    ///
+    /// # Errors
+    /// As [`Service::start`]; also where the folder can't be used.
+    pub fn start_in(config: Config, folder: &Path) -> Result<Service, StartError> {
+        let promises = Promises::open(folder).map_err(|why| StartError::Folder(why.kind()))?;
+        Service::start_with(config, true, promises)
     }
 
     /// The same, but only what is asked for is read: for a single command.
@@ -110,10 +134,10 @@ impl Service {
     /// # Errors
     /// As [`Service::start`].
     pub fn start_quiet(config: Config) -> Result<Service, StartError> {
-        Service::start_with(config, false)
+        Service::start_with(config, false, Promises::default())
     }
 
-    fn start_with(config: Config, polls: bool) -> Result<Service, StartError> {
+    fn start_with(config: Config, polls: bool, promises: Promises) -> Result<Service, StartError> {
         let names: Vec<String> = config.lines.keys().cloned().collect();
         let prepared: Vec<LineConfig> = names
             .iter()
@@ -121,11 +145,13 @@ impl Service {
             .collect::<Result<_, _>>()?;
         let service = Service {
             inner: Arc::new(Inner {
-                state: Mutex::new(State::new(config)),
+                state: Mutex::new(State::new(config, polls)),
                 lines: Mutex::new(BTreeMap::new()),
                 audit: Audit::default(),
                 journal: Journal::default(),
+                commands: Commands::default(),
                 timers: Timers::default(),
+                promises,
                 updates: broadcast::Sender::new(UPDATES_MAX),
                 reloading: tokio::sync::Mutex::new(()),
                 start: std::time::Instant::now(),
@@ -136,6 +162,7 @@ impl Service {
         for (name, prepared) in names.into_iter().zip(prepared) {
             service.open(name, prepared).map_err(StartError::System)?;
         }
+        service.inner.take_up();
         Ok(service)
     }
 
@@ -185,6 +212,12 @@ impl Service {
         self.inner.audit.newest()
     }
 
+    /// A command that was given lately, by its number.
+    #[must_use]
+    pub fn command(&self, id: &str) -> Option<Command> {
+        self.inner.commands.find(id)
+    }
+
     /// Waits until the port of a line is open, or could not be opened once.
     ///
     /// # Errors
@@ -196,10 +229,12 @@ impl Service {
         Ok(())
     }
 
-    /// Ends the site: outputs of pulses that are timed here are released, commands under way
-    /// get a second to end, the frames on the wire leave, the ports are closed.
+    /// Ends the site: outputs of pulses and leases are released, those with a policy for the end
+    /// are switched, commands under way get a second to end, the frames on the wire leave, the
+    /// ports are closed. New commands are refused from the beginning on.
     pub async fn close(&self) {
         self.inner.timers.stop_all().await;
+        self.exit_policy().await;
         let lines = std::mem::take(&mut *lock(&self.inner.lines));
         close_all(lines.into_values()).await;
     }

@@ -184,6 +184,13 @@ impl Site {
         }
     }
 
+    /// What was known of these modules is not known any more.
+    pub fn forget(&mut self, of: impl Fn(&str) -> bool) {
+        for (_, state) in self.modules.iter_mut().filter(|(name, _)| of(name)) {
+            *state = ModuleState::default();
+        }
+    }
+
     /// What is known of a point, and how good that is now.
     #[must_use]
     pub fn point(&self, module: &str, point: Point, now: Instant) -> (Option<PointState>, Quality) {

@@ -3,14 +3,16 @@
 
 use super::problem::{Problem, codes};
 use super::types::{
-    LateAnswer, LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten, PointInfo,
-    PulseRequest, Pulsed, Quality, RawAnswer, RawRequest, Reason, SCHEMA, ToggleRequest,
+    CommandInfo, LateAnswer, LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten,
+    PointInfo, PulseRequest, Pulsed, Quality, RawAnswer, RawRequest, Reason, SCHEMA, ToggleRequest,
     WriteRequest, Written,
 };
 use super::{convert, failures, paths};
 use railbus_device::Point;
 use railbus_host::LateReply;
-use railbus_site::{Failure, Pulse, RawTerms, Service, WriteDone, WriteTerms, read_request};
+use railbus_site::{
+    Failure, Pulse, RawTerms, Service, ToggleTerms, WriteDone, WriteTerms, read_request,
+};
 use railbus_wire::{Baud, Character, Frame, Micros, Protocol, Settings};
 
 /// The most digits of a frame of one's own.
@@ -113,6 +115,7 @@ pub(crate) async fn write(
         verify: wanted.verify,
         silent: wanted.no_reply,
         only_if: wanted.only_if,
+        confirm: wanted.confirm,
     };
     let done = service
         .write(&module, &[(point, wanted.value)], terms)
@@ -140,6 +143,7 @@ pub(crate) async fn outputs(
         verify: wanted.verify,
         silent: wanted.no_reply,
         only_if: None,
+        confirm: wanted.confirm,
     };
     let done = service.write(module, &set, terms).await;
     let done = done.map_err(|failure| failures::problem(service, module, None, &failure))?;
@@ -166,7 +170,11 @@ pub(crate) async fn toggle(
     wanted: ToggleRequest,
 ) -> Result<Written, Problem> {
     let (module, point) = find(service, path)?;
-    let done = service.toggle(&module, point, wanted.raw).await;
+    let terms = ToggleTerms {
+        raw: wanted.raw,
+        confirm: wanted.confirm,
+    };
+    let done = service.toggle(&module, point, terms).await;
     done.map(written)
         .map_err(|failure| failures::problem(service, &module, Some(point), &failure))
 }
@@ -182,6 +190,7 @@ pub(crate) async fn pulse(
         width: wanted.ms.map(|ms| Micros(ms.saturating_mul(1_000))),
         by: convert::by(wanted.by),
         off: wanted.off,
+        confirm: wanted.confirm,
     };
     let done = service.pulse(&module, point, pulse).await;
     let done =
@@ -195,6 +204,12 @@ pub(crate) async fn pulse(
         took_ms: convert::millis(done.took),
         audit: done.audit,
     })
+}
+
+/// A command that was given lately.
+pub(crate) fn command(service: &Service, id: &str) -> Result<CommandInfo, Problem> {
+    let known = service.command(id).map(convert::command);
+    known.ok_or_else(|| Problem::new(codes::NO_SUCH_COMMAND).with("name", id))
 }
 
 /// Sends a read of one's own.

@@ -1,16 +1,18 @@
 //! From what the site knows to what the API says.
 
 use super::types::{
-    Confirmed, FrameEvent, Kind, LineInfo, ModuleInfo, ModuleState, Outcome, PointInfo, PortState,
-    Quality, Reason, Timekeeper, Value,
+    CommandInfo, Confirmed, FrameEvent, Kind, LeaseInfo, LineInfo, ModuleInfo, ModuleState,
+    Outcome, PointInfo, PortState, Quality, Reason, Timekeeper, Value,
 };
 use crate::render::time::rfc3339;
 use jiff::{SignedDuration, Timestamp};
 use railbus_device::PointKind;
 use railbus_host::{LineState, Passed, PortError, Presence, Probed};
+use railbus_site::config::Confirm;
 use railbus_site::{By, LineStatus, ModuleStatus, PointStatus, Service};
 use railbus_wire::{Instant, Micros};
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 /// Milliseconds, rounded.
 pub(crate) const fn millis(time: Micros) -> u64 {
@@ -89,6 +91,7 @@ pub(crate) fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
 /// A point.
 pub(crate) fn point(status: PointStatus) -> PointInfo {
     let config = status.config;
+    let safety = config.safety;
     let names = [("en", config.name_en), ("zh", config.name_zh)];
     let named = |(lang, name): (&str, Option<String>)| Some((lang.to_owned(), name?));
     let read_at = status.age.and_then(|age| {
@@ -132,8 +135,26 @@ pub(crate) fn point(status: PointStatus) -> PointInfo {
         max_age_ms: status.max_age.map(millis),
         time: read_at.map(rfc3339),
         locked: config.locked,
+        confirm: safety.confirm.is_some(),
+        hold: safety.confirm == Some(Confirm::Hold),
+        interlock: status.interlock,
+        max_on_ms: safety.max_on.map(millis),
+        min_off_ms: safety.min_off.map(millis),
+        on_until: status.left.max_on.and_then(from_now),
+        pulse_until: status.left.pulse.and_then(from_now),
+        lease: status
+            .left
+            .lease
+            .and_then(from_now)
+            .map(|until| LeaseInfo { until }),
         pulse_ms: status.pulse.map(millis),
     }
+}
+
+/// The moment so long from now.
+pub(crate) fn from_now(left: Duration) -> Option<String> {
+    let left = SignedDuration::try_from(left).ok()?;
+    Timestamp::now().checked_add(left).ok().map(rfc3339)
 }
 
 /// Why a value is bad.
@@ -146,6 +167,21 @@ const fn reason(why: railbus_site::Reason) -> Reason {
         R::LineBusy => Reason::LineBusy,
         R::Lent => Reason::Lent,
         R::LineClosed => Reason::LineClosed,
+    }
+}
+
+/// A command that was given.
+pub(crate) fn command(command: railbus_site::Command) -> CommandInfo {
+    CommandInfo {
+        id: command.id,
+        module: command.module,
+        what: command.what,
+        who: command.origin.who,
+        via: command.origin.via,
+        at: Timestamp::try_from(command.at)
+            .map(rfc3339)
+            .unwrap_or_default(),
+        end: command.end.map(str::to_owned),
     }
 }
 

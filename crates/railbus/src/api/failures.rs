@@ -40,6 +40,23 @@ pub(crate) fn problem(
             let path = format!("{module}.{}", label(service, module, *point));
             pulse_hints(problem, &path, *asked, *own)
         }
+        Failure::Confirm(point) => of_point(codes::CONFIRM, point),
+        Failure::Interlock { point, by } => {
+            let problem = of_point(codes::INTERLOCK, point).with("by", by.clone());
+            problem.with_hint(format!("railbus set {by} off"))
+        }
+        Failure::MinOff { point, left } => {
+            let left = left.0.div_ceil(1_000);
+            of_point(codes::MIN_OFF, point).with("retry_after_ms", left)
+        }
+        Failure::Unwatched(point) => of_point(codes::UNWATCHED, point),
+        Failure::NoLease(point) => of_point(codes::NO_LEASE, point),
+        Failure::LeaseTime(point) => of_point(codes::BAD_REQUEST, point).with("reason", "ttl_ms"),
+        Failure::NotKept(why) => Problem::new(codes::NOT_KEPT).with("reason", why.to_string()),
+        Failure::NotTried => about(service, Problem::new(codes::NOT_TRIED), module),
+        Failure::Undone => about(service, Problem::new(codes::UNDONE), module),
+        Failure::NotUndone => about(service, Problem::new(codes::NOT_UNDONE), module),
+        Failure::Playing => Problem::new(codes::PLAYING),
         Failure::Line(fault) => {
             let problem = of_fault(service, module, fault);
             match point {

@@ -103,6 +103,10 @@ pub(crate) mod codes {
         DAEMON = "E0109", 502, "the daemon's answer can't be understood";
         /// Also `path`.
         NO_SUCH_PAGE = "E0110", 404, "there is nothing at this address";
+        /// Also `reason`.
+        NOT_KEPT = "E0150", 503, "what is to be done later can't be written down; nothing was sent";
+        /// Also `name`.
+        NO_SUCH_COMMAND = "E0151", 404, "no command of that number is remembered";
         /// There is no history and no audit log here.
         NO_HISTORY = "E0170", 503, "nothing is kept here";
         /// Also `reason`.
@@ -122,12 +126,30 @@ pub(crate) mod codes {
         UNKNOWN = "E0302", 504, "the line was lost during the command; nobody knows how it ended";
         /// Also `module`, `line`, ..., `refusal`.
         REFUSED = "E0401", 502, "the module answered no";
+        /// Also `module`, `point`. To be repeated with `"confirm": true`.
+        CONFIRM = "E0450", 409, "the output wants to be told that this is meant";
+        /// Also `module`, `point`, `by`: the path of the other output.
+        INTERLOCK = "E0451", 409, "an output that excludes this one is on, or may be";
+        /// Also `module`, `point`, `retry_after_ms`.
+        MIN_OFF = "E0452", 409, "the output must stay off for a while yet";
+        /// Also `module`, `point`.
+        UNWATCHED = "E0453", 409, "nobody would switch the output off when its time is over";
+        /// Also `module`, `point`.
+        NO_LEASE = "E0454", 409, "nobody holds the output";
+        /// Also `module`.
+        NOT_TRIED = "E0455", 409, "not done, because another part was not";
+        /// Also `module`.
+        UNDONE = "E0456", 409, "done and taken back, because another part failed";
+        /// Also `scene`.
+        PLAYING = "E0457", 409, "the scene is being played already";
         /// Also `module`, `line`, ..., `attempts`, `rx_bytes`, `why`.
         GARBLED = "E0501", 502, "something came back that is no reply";
         /// Also `line`.
         SCAN_NOISE = "E0570", 503, "the line is never silent";
         /// Also `module`, `line`, ..., `point`, `value`: what was wanted.
         NOT_VERIFIED = "E0601", 409, "acknowledged, but read back otherwise";
+        /// Also `module`.
+        NOT_UNDONE = "E0650", 409, "done, and could not be taken back though another part failed";
         /// Also `line`, `port`, `reason`, `holder`, `group`.
         LINE_CLOSED = "E0710", 503, "the line is not open";
         /// Also `name`, `known`.

@@ -148,9 +148,40 @@ pub(crate) struct PointInfo {
     /// It must not be written.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub(crate) locked: bool,
+    /// To be switched, it wants to be told that this is meant.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) confirm: bool,
+    /// That is said by holding the switch.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) hold: bool,
+    /// The outputs that must not be on while this one is.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) interlock: Vec<String>,
+    /// It is switched off when it has been on for so long.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) max_on_ms: Option<u64>,
+    /// Once off, it stays so for so long.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) min_off_ms: Option<u64>,
+    /// When it is switched off because it was on for so long, as RFC 3339 in UTC.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) on_until: Option<String>,
+    /// When a pulse that the host times ends.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) pulse_until: Option<String>,
+    /// Somebody holds it, and must say so again by then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) lease: Option<LeaseInfo>,
     /// Switched on, it goes off by itself after this time (pulse mode).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) pulse_ms: Option<u64>,
+}
+
+/// Somebody holds an output.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct LeaseInfo {
+    /// Until when, unless that is said again; as RFC 3339 in UTC.
+    pub(crate) until: String,
 }
 
 /// What a point is.
@@ -270,6 +301,9 @@ pub(crate) struct WriteRequest {
     /// In the form that no module answers (0x55 boards): fastest, and nobody can know.
     #[serde(default)]
     pub(crate) no_reply: bool,
+    /// Who asks means it, also where an output wants that to be said.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) confirm: bool,
 }
 
 impl WriteRequest {
@@ -280,6 +314,7 @@ impl WriteRequest {
             verify: true,
             only_if: None,
             no_reply: false,
+            confirm: false,
         }
     }
 }
@@ -318,6 +353,26 @@ pub(crate) enum Confirmed {
     Sent,
 }
 
+/// `GET /api/v1/commands/{id}`: a command that was given lately.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct CommandInfo {
+    /// Its number, which is that of its entry in the list of what was done.
+    pub(crate) id: String,
+    /// The module it was given to.
+    pub(crate) module: String,
+    /// What was asked: `do0=on do1=off`, `pulse k1 500ms by host`.
+    pub(crate) what: String,
+    /// Who asked for it.
+    pub(crate) who: String,
+    /// From where.
+    pub(crate) via: String,
+    /// When, as RFC 3339 in UTC.
+    pub(crate) at: String,
+    /// How it ended: `readback`, `reply`, `sent`, or the name of what went wrong; none while it
+    /// is under way.
+    pub(crate) end: Option<String>,
+}
+
 /// `PUT /api/v1/modules/{module}/outputs`: several outputs of a module at once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct OutputsRequest {
@@ -329,6 +384,9 @@ pub(crate) struct OutputsRequest {
     /// In the form that no module answers.
     #[serde(default)]
     pub(crate) no_reply: bool,
+    /// Who asks means it, also where an output wants that to be said.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) confirm: bool,
 }
 
 /// How several outputs were written.
@@ -359,6 +417,9 @@ pub(crate) struct ToggleRequest {
     /// By the board's own command, which is never repeated; else read first, then set.
     #[serde(default)]
     pub(crate) raw: bool,
+    /// Who asks means it, also where an output wants that to be said.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) confirm: bool,
 }
 
 /// `POST /api/v1/points/{module}/{label}/pulse`.
@@ -373,6 +434,9 @@ pub(crate) struct PulseRequest {
     /// Release first and pull in after the time, instead of the reverse.
     #[serde(default)]
     pub(crate) off: bool,
+    /// Who asks means it, also where an output wants that to be said.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) confirm: bool,
 }
 
 /// Who keeps the time of a pulse.

@@ -39,6 +39,7 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .hide_possible_values(true),
         )
         .arg(cli::flag(lang, "off", Text::PulseOff).action(ArgAction::SetTrue))
+        .arg(cli::flag(lang, "yes", Text::MeantYes).action(ArgAction::SetTrue))
 }
 
 /// Gives the pulse, and waits for its end where it is timed here.
@@ -58,6 +59,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         ms: duration.map(|duration| duration.0.div_ceil(1_000)),
         by,
         off: matches.get_flag("off"),
+        confirm: matches.get_flag("yes"),
     };
     context.block(give(&context, &path, wanted))
 }

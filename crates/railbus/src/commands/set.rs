@@ -47,6 +47,14 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .action(ArgAction::SetTrue),
         )
         .arg(cli::flag(lang, "no-verify", Text::NoVerify).action(ArgAction::SetTrue))
+        .arg(cli::flag(lang, "yes", Text::MeantYes).action(ArgAction::SetTrue))
+}
+
+/// On what terms outputs are switched.
+#[derive(Clone, Copy)]
+struct Terms {
+    verify: bool,
+    confirm: bool,
 }
 
 /// What came of one output.
@@ -62,7 +70,10 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         return boards::run(&context, matches);
     }
     let words = super::get::selected(matches);
-    let verify = !matches.get_flag("no-verify");
+    let terms = Terms {
+        verify: !matches.get_flag("no-verify"),
+        confirm: matches.get_flag("yes"),
+    };
     let dry = matches.get_flag("dry-run");
     let outcomes = context.block(async {
         let mut stop = stop::Stop::new(&context)?;
@@ -80,7 +91,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             backend.finish(true).await;
             return frames.map(Err);
         }
-        let outcomes = carry_out(&context, &backend, &orders, verify, &mut stop).await;
+        let outcomes = carry_out(&context, &backend, &orders, terms, &mut stop).await;
         backend.finish(true).await;
         Ok(Ok(outcomes))
     })?;
@@ -131,7 +142,7 @@ async fn carry_out(
     context: &Context,
     backend: &Backend,
     orders: &[Order],
-    verify: bool,
+    terms: Terms,
     stop: &mut stop::Stop,
 ) -> (Vec<Outcome>, bool) {
     let mut outcomes = Vec::new();
@@ -140,7 +151,7 @@ async fn carry_out(
         a.module == b.module && plain(a) && plain(b)
     };
     for group in orders.chunk_by(together) {
-        let work = switch(context, backend, group, verify);
+        let work = switch(context, backend, group, terms);
         tokio::pin!(work);
         let stopped = stop.or(&mut work).await.map_or_else(
             || true,
@@ -161,15 +172,22 @@ async fn switch(
     context: &Context,
     backend: &Backend,
     group: &[Order],
-    verify: bool,
+    terms: Terms,
 ) -> Vec<Outcome> {
     if let [order] = group {
         let path = order.path();
         let written = match order.state {
-            State::Toggle => backend.toggle(&path, ToggleRequest::default()).await,
+            State::Toggle => {
+                let wanted = ToggleRequest {
+                    confirm: terms.confirm,
+                    ..ToggleRequest::default()
+                };
+                backend.toggle(&path, wanted).await
+            }
             state => {
                 let wanted = WriteRequest {
-                    verify,
+                    verify: terms.verify,
+                    confirm: terms.confirm,
                     ..WriteRequest::to(state == State::On)
                 };
                 backend.write(&path, wanted).await
@@ -187,8 +205,9 @@ async fn switch(
         .map(|order| (order.point.clone(), order.state == State::On));
     let wanted = OutputsRequest {
         set: set.collect(),
-        verify,
+        verify: terms.verify,
         no_reply: false,
+        confirm: terms.confirm,
     };
     let written = backend.outputs(&module, wanted).await;
     let each = |order: &Order| Outcome {

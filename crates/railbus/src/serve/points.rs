@@ -8,8 +8,9 @@ use super::{answer, frames, stream};
 use crate::api::ask;
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{
-    FrameEvent, Lines, Modules, OutputsRequest, OutputsWritten, PointInfo, Points, PulseRequest,
-    Pulsed, RawAnswer, RawRequest, SCHEMA, ToggleRequest, WatchEvent, WriteRequest, Written,
+    CommandInfo, FrameEvent, Lines, Modules, OutputsRequest, OutputsWritten, PointInfo, Points,
+    PulseRequest, Pulsed, RawAnswer, RawRequest, SCHEMA, ToggleRequest, WatchEvent, WriteRequest,
+    Written,
 };
 use axum::Extension;
 use axum::body::Bytes;
@@ -78,6 +79,9 @@ pub(super) const ROUTES: &[Route] = &[
         Doc::new("Send a read of one's own")
             .takes::<RawRequest>()
             .answers::<RawAnswer>(),
+    ),
+    Route::new("GET", "/commands/{id}", Need::VIEWER, || get(given)).doc(
+        Doc::new("A command that was given lately, and how it ended").answers::<CommandInfo>(),
     ),
     Route::new("GET", "/frames/stream", Need::VIEWER, || {
         get(frames::stream)
@@ -202,6 +206,10 @@ async fn pulse(
         ask::pulse(&service, &path, wanted).await
     };
     command(&site, &who, &headers, what, &body, run).await
+}
+
+async fn given(State(site): State<Site>, Path(id): Path<String>) -> Answer {
+    answer::json(ask::command(&site.service, &id))
 }
 
 async fn raw(

@@ -1,16 +1,23 @@
 //! Commands: what is checked before they go to the line, and what is told of their end.
 
+use super::underway::Underway;
 use super::{Inner, Service, lock};
 use crate::audit::Note;
-use crate::config::ModuleConfig;
+use crate::config::{ModuleConfig, Place};
 use crate::{Failure, Value};
 use railbus_device::{Bank, Module, Op, Point, PointKind, Seen};
 use railbus_host::{Confirmed, Done, Fault, Probe, ProbeResult, Tap, Terms};
-use railbus_wire::{Channel, Exchange, Instant, Micros, Settings};
+use railbus_wire::{Channel, Exchange, Micros, Settings};
 use std::fmt::Write;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::Instant;
 
 /// How long a frame of one's own waits for the reply to begin, where nobody says.
 const RAW_TIMEOUT: Micros = Micros::from_millis(300);
+
+/// How long after it was asked for a command may still be sent.
+const COMMAND_TTL: Duration = Duration::from_secs(5);
 
 /// On what terms outputs are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +28,8 @@ pub struct WriteTerms {
     pub silent: bool,
     /// Only where every one of the outputs is in this state now, for which they are read first.
     pub only_if: Option<bool>,
+    /// Who asks means it, also for outputs that want that to be said.
+    pub confirm: bool,
 }
 
 impl Default for WriteTerms {
@@ -29,8 +38,18 @@ impl Default for WriteTerms {
             verify: true,
             silent: false,
             only_if: None,
+            confirm: false,
         }
     }
+}
+
+/// On what terms an output is switched over.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ToggleTerms {
+    /// By the board's own command, which is never repeated; else it is read first and then set.
+    pub raw: bool,
+    /// Who asks means it, also for outputs that want that to be said.
+    pub confirm: bool,
 }
 
 /// How outputs were written.
@@ -75,7 +94,7 @@ impl Service {
         terms: WriteTerms,
     ) -> Result<WriteDone, Failure> {
         let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
-        self.inner.writable(module, &points)?;
+        self.inner.may_command(module, &points, terms.confirm)?;
         if let Some(wanted) = terms.only_if {
             self.read_fresh(module).await?;
             let known = |point| self.inner.output(module, point);
@@ -84,6 +103,20 @@ impl Service {
                 return Err(Failure::NotAsAsked(*point, !wanted));
             }
         }
+        let on = set.iter().filter(|(_, on)| *on).map(|(point, _)| *point);
+        self.inner.watched(module, on)?;
+        self.write_for_itself(module, set, terms).await
+    }
+
+    /// The same without the questions that somebody outside is asked.
+    pub(super) async fn write_for_itself(
+        &self,
+        module: &str,
+        set: &[(Point, bool)],
+        terms: WriteTerms,
+    ) -> Result<WriteDone, Failure> {
+        let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+        self.inner.writable(module, &points)?;
         let mut bank = Bank::default();
         for (point, on) in set {
             let one = Bank::one(channel(*point)?, *on);
@@ -104,8 +137,8 @@ impl Service {
             .await
     }
 
-    /// Switches an output over: `raw` by the board's own command, which is never repeated;
-    /// else it is read first and then set, and someone else may come between.
+    /// Switches an output over. Where it is read first and then set, someone else may come
+    /// between.
     ///
     /// # Errors
     /// As [`Service::write`]; [`Fault::Unsupported`] where the model has no such command.
@@ -113,10 +146,12 @@ impl Service {
         &self,
         module: &str,
         point: Point,
-        raw: bool,
+        terms: ToggleTerms,
     ) -> Result<WriteDone, Failure> {
-        self.inner.writable(module, &[point])?;
+        let ToggleTerms { raw, confirm } = terms;
+        self.inner.may_command(module, &[point], confirm)?;
         if raw {
+            self.inner.watched(module, [point])?;
             self.inner.timers.forget(module, point);
             let note = self.note(format!("toggle {}", self.inner.label(module, point)));
             let op = Op::Toggle(channel(point)?.mask());
@@ -127,8 +162,11 @@ impl Service {
         }
         self.read_fresh(module).await?;
         let now = self.inner.output(module, point).ok_or(Fault::Unknown)?;
-        let set = [(point, !now)];
-        let done = self.write(module, &set, WriteTerms::default()).await?;
+        let terms = WriteTerms {
+            confirm,
+            ..WriteTerms::default()
+        };
+        let done = self.write(module, &[(point, !now)], terms).await?;
         Ok(WriteDone {
             read_then_set: true,
             ..done
@@ -140,12 +178,7 @@ impl Service {
     /// # Errors
     /// [`Failure::NoSuchModule`], or what the line said.
     pub async fn read_fresh(&self, module: &str) -> Result<(), Failure> {
-        let setup = self.inner.described(module)?.setup;
-        let module_ops = Module::new(setup).map_err(|_| Fault::Unsupported)?;
-        for op in module_ops.full_poll() {
-            self.inner.run(module, op, false).await?;
-        }
-        Ok(())
+        self.inner.read_all(module).await
     }
 
     /// Sends a read of one's own between the line's own exchanges.
@@ -178,7 +211,7 @@ impl Service {
     ///
     /// # Errors
     /// [`Failure::NoSuchLine`], or [`Fault::Closed`] while the line has no port.
-    pub async fn tap(&self, line: &str) -> Result<(Instant, Tap), Failure> {
+    pub async fn tap(&self, line: &str) -> Result<(railbus_wire::Instant, Tap), Failure> {
         let handle = self.inner.handle(line).ok_or(Failure::NoSuchLine)?;
         // A line that is only just being opened will have a port in a moment.
         let _ = handle.opened().await;
@@ -192,6 +225,51 @@ impl Inner {
         let state = lock(&self.state);
         let config = state.site.config().modules.get(module);
         config.cloned().ok_or(Failure::NoSuchModule)
+    }
+
+    /// Asks a module for everything now.
+    pub(super) async fn read_all(&self, module: &str) -> Result<(), Failure> {
+        let setup = self.described(module)?.setup;
+        let described = Module::new(setup).map_err(|_| Fault::Unsupported)?;
+        for op in described.full_poll() {
+            self.run(module, op, false).await?;
+        }
+        Ok(())
+    }
+
+    /// Whether somebody may switch these points now.
+    pub(super) fn may_command(
+        &self,
+        module: &str,
+        points: &[Point],
+        confirm: bool,
+    ) -> Result<(), Failure> {
+        self.writable(module, points)?;
+        if self.timers.are_stopping() {
+            return Err(Fault::Closed.into());
+        }
+        let state = lock(&self.state);
+        let config = state.site.config();
+        let safety = |point: &Point| config.safety(&Place::new(module, *point));
+        let asks = |point: &&Point| safety(point).is_some_and(|safety| safety.confirm.is_some());
+        match points.iter().find(asks) {
+            Some(point) if !confirm => Err(Failure::Confirm(*point)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Somebody sees to it that these outputs are switched off when they have been on for as
+    /// long as they may.
+    fn watched(&self, module: &str, on: impl IntoIterator<Item = Point>) -> Result<(), Failure> {
+        let state = lock(&self.state);
+        let limited = |point: &Point| {
+            let safety = state.site.config().safety(&Place::new(module, *point));
+            safety.is_some_and(|safety| safety.max_on.is_some())
+        };
+        match on.into_iter().find(limited) {
+            Some(point) if !self.polls => Err(Failure::Unwatched(point)),
+            _ => Ok(()),
+        }
     }
 
     /// Whether these points are outputs that may be written.
@@ -217,7 +295,7 @@ impl Inner {
     /// What an output was when it was last read.
     pub(super) fn output(&self, module: &str, point: Point) -> Option<bool> {
         let state = lock(&self.state);
-        let (known, _) = state.site.point(module, point, Instant(0));
+        let (known, _) = state.site.point(module, point, railbus_wire::Instant(0));
         match known?.value {
             Value::Bool(on) => Some(on),
             Value::Analog(..) | Value::Number(_) => None,
@@ -243,9 +321,10 @@ impl Inner {
         text
     }
 
-    /// One command of the line, with its audit entry and the states before and after.
+    /// One command of the line: what it is allowed to do, its audit entry, and the states before
+    /// and after. Every switching of an output comes through here.
     pub(super) async fn command(
-        &self,
+        self: &Arc<Inner>,
         module: &str,
         points: &[Point],
         op: Op,
@@ -253,15 +332,12 @@ impl Inner {
         note: Note,
         wanted: impl Fn(Point) -> Option<bool>,
     ) -> Result<WriteDone, Failure> {
-        let before = |p: &Point| (*p, self.output(module, *p));
-        let before: Vec<_> = points.iter().map(before).collect();
-        let begun = self.begin(module, &before, note).await?;
-        let audit = begun.id.clone();
-        let end = self.run(module, op, verify).await;
-        let told = match &end {
-            Ok(done) => confirmed_name(done.confirmed),
-            Err(fault) => fault.name(),
-        };
+        let expires = Instant::now() + COMMAND_TTL;
+        let effect = self.effect(module, points, &op);
+        self.ask_excluded(&effect.rising).await;
+        let underway = Underway::begin(self, module, points, note, effect).await?;
+        underway.limit().await;
+        let end = self.run_until(module, op, verify, expires).await;
         let after = |point: &Point| {
             let done = end.as_ref().ok()?;
             match (done.confirmed, done.seen) {
@@ -275,7 +351,7 @@ impl Inner {
             }
         };
         let after: Vec<_> = points.iter().map(|point| (*point, after(point))).collect();
-        self.end(begun, told, &after).await;
+        let (audit, before) = underway.end(&end, &after).await;
         let done = end?;
         let outputs = after.into_iter().zip(before);
         Ok(WriteDone {
@@ -289,12 +365,27 @@ impl Inner {
         })
     }
 
-    /// Does an op with a module; counts what the module or the line did wrong.
+    /// Does an op with a module, within the time that a command has.
     pub(super) async fn run(&self, module: &str, op: Op, verify: bool) -> Result<Done, Fault> {
+        self.run_until(module, op, verify, Instant::now() + COMMAND_TTL)
+            .await
+    }
+
+    /// Does an op with a module; counts what the module or the line did wrong. What was not sent
+    /// by then is not sent any more.
+    async fn run_until(
+        &self,
+        module: &str,
+        op: Op,
+        verify: bool,
+        expires: Instant,
+    ) -> Result<Done, Fault> {
         let (line, id) = self.place(module).ok_or(Fault::Closed)?;
+        let left = expires.saturating_duration_since(Instant::now());
+        let left = Micros(u64::try_from(left.as_micros()).unwrap_or(u64::MAX));
         let terms = Terms {
             verify,
-            ..Terms::default()
+            expires: Some(line.now() + left),
         };
         let end = line.run(id, op, terms).await;
         if let Err(Fault::NoReply(_) | Fault::Garbled(_) | Fault::Refused(_) | Fault::NotVerified) =
@@ -307,7 +398,7 @@ impl Inner {
     }
 }
 
-const fn confirmed_name(confirmed: Confirmed) -> &'static str {
+pub(super) const fn confirmed_name(confirmed: Confirmed) -> &'static str {
     match confirmed {
         Confirmed::Readback => "readback",
         Confirmed::Reply => "reply",
@@ -319,6 +410,6 @@ pub(super) fn channel(point: Point) -> Result<Channel, Failure> {
     Channel::new(point.index).ok_or(Failure::NoSuchPoint)
 }
 
-fn bank_state(bank: Bank, point: Point) -> Option<bool> {
+pub(super) fn bank_state(bank: Bank, point: Point) -> Option<bool> {
     bank.get(Channel::new(point.index)?)
 }

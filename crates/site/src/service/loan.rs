@@ -57,6 +57,16 @@ impl Loan {
         let config = service.config();
         let is_open = lock(&service.inner.lines).contains_key(&line);
         if !is_open && config.lines.contains_key(&line) {
+            // Who had it may have done anything, and the line's clock begins anew.
+            let of_line = |module: &str| {
+                let config = config.modules.get(module);
+                config.is_some_and(|config| config.line == line)
+            };
+            {
+                let mut state = lock(&service.inner.state);
+                state.site.forget(of_line);
+                state.guard.forget_doubts(of_line);
+            }
             service.open_again(&config, &line);
             service.inner.tell(Update::Line(line));
         }

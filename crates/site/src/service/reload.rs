@@ -3,7 +3,7 @@
 use super::state::LineNow;
 use super::{Service, Update, close_all, lock, prepare};
 use crate::Config;
-use crate::config::Problem;
+use crate::config::{Place, Problem};
 use railbus_device::Module;
 use railbus_host::{LineState, Membership, ModuleId, Plan, PortError};
 use std::collections::BTreeSet;
@@ -86,6 +86,10 @@ impl Service {
                 .collect();
             state.site.reconfigure(config.clone(), keep);
             state.health.retain(|module, _| keep(module));
+            // The clocks of the other lines begin anew.
+            state.guard.forget_doubts(|module| !keep(module));
+            let outputs = |place: &Place| config.safety(place).is_some();
+            state.guard.retain(outputs);
             memberships
         };
         for (line, change) in memberships {
@@ -106,6 +110,7 @@ impl Service {
                 self.open_again(&config, line);
             }
         }
+        self.inner.limit_anew();
         self.inner.tell(Update::Reloaded);
         Ok(reloaded)
     }

@@ -1,11 +1,14 @@
 //! All that is known of a site, and the only place where events change it.
 
+use super::guard::Guard;
 use super::{Inner, Update, lock};
 use crate::health::Health;
 use crate::{Config, Reason, Site};
-use railbus_host::{Event, LineEvent, LineState, ModuleId, PortError};
+use railbus_device::PointKind;
+use railbus_host::{Event, LineEvent, LineState, ModuleId, PortError, Presence};
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// All that is known of a site.
 #[derive(Debug)]
@@ -13,6 +16,9 @@ pub(super) struct State {
     pub(super) site: Site,
     pub(super) lines: BTreeMap<String, LineNow>,
     pub(super) health: BTreeMap<String, Health>,
+    pub(super) guard: Guard,
+    /// Modules that are heard again by the event that is being applied.
+    returned: Vec<String>,
 }
 
 /// How a line is.
@@ -41,7 +47,7 @@ impl LineNow {
 }
 
 impl State {
-    pub(super) fn new(config: Config) -> State {
+    pub(super) fn new(config: Config, polls: bool) -> State {
         let lines = config.lines.keys();
         let lines = lines
             .map(|name| (name.clone(), LineNow::new(&config, name)))
@@ -50,6 +56,8 @@ impl State {
             site: Site::new(config),
             lines,
             health: BTreeMap::new(),
+            guard: Guard::new(polls),
+            returned: Vec::new(),
         }
     }
 
@@ -125,6 +133,9 @@ impl State {
                 let module = name(*module);
                 self.health_of(&module).replied(heard.since(*asked));
                 let changes = self.site.saw(&module, seen, *asked);
+                for change in &changes {
+                    self.watch_off(change, now);
+                }
                 changes.into_iter().map(Update::Point).collect()
             }
             Event::Missed { module, .. } => {
@@ -134,7 +145,11 @@ impl State {
             }
             Event::Presence { module, presence } => {
                 let module = name(*module);
+                let before = self.site.presence(&module);
                 self.site.heard(&module, *presence);
+                if (before, *presence) == (Presence::Silent, Presence::Online) {
+                    self.returned.push(module.clone());
+                }
                 vec![Update::Module(module)]
             }
             Event::Late { module, .. } => {
@@ -166,10 +181,23 @@ const fn module_of(event: &Event) -> Option<ModuleId> {
 impl Inner {
     /// Called in the line's task, before a command's caller is answered: who has written and
     /// then reads, reads what was written.
-    pub(super) fn observe(&self, line: &str, event: &LineEvent) {
-        let updates = lock(&self.state).apply(line, event, self.now());
+    pub(super) fn observe(self: &Arc<Inner>, line: &str, event: &LineEvent) {
+        let (updates, returned) = {
+            let mut state = lock(&self.state);
+            let updates = state.apply(line, event, self.now());
+            (updates, std::mem::take(&mut state.returned))
+        };
         for update in updates {
+            if let Update::Point(change) = &update
+                && change.point.kind == PointKind::Output
+            {
+                self.watch_on(change);
+                self.keep_min_off(change);
+            }
             self.tell(update);
+        }
+        for module in returned {
+            self.returned(module);
         }
     }
 }

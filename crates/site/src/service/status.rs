@@ -1,12 +1,14 @@
 //! What is known, for whoever asks.
 
 use super::state::State;
+use super::timer::Timers;
 use super::{Inner, Service, lock};
-use crate::config::{ModuleConfig, PointConfig, Range};
+use crate::config::{ModuleConfig, Place, PointConfig, Range};
 use crate::{Config, Quality, Value};
 use railbus_device::{Point, PointKind, Setup};
 use railbus_host::{LineState, Presence};
 use railbus_wire::{Instant, Micros, Settings};
+use std::time::Duration;
 
 /// A line, as it is.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,10 +65,25 @@ pub struct PointStatus {
     pub age: Option<Micros>,
     /// From which age on it is stale; none where it never is.
     pub max_age: Option<Micros>,
+    /// The paths of the outputs that must not be on while this one is.
+    pub interlock: Vec<String>,
+    /// How long it is until something is done to it.
+    pub left: Left,
     /// What an analog input measures.
     pub range: Option<Range>,
     /// The width of its pulses, where it is an output that gives some.
     pub pulse: Option<Micros>,
+}
+
+/// How long it is until something is done to an output.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Left {
+    /// A pulse that is timed here ends.
+    pub pulse: Option<Duration>,
+    /// Who holds it must say so again.
+    pub lease: Option<Duration>,
+    /// It has been on for as long as it may.
+    pub max_on: Option<Duration>,
 }
 
 impl Service {
@@ -119,7 +136,7 @@ impl Service {
         };
         let points = config.setup.points();
         points
-            .map(|point| state.point(module, config, point, now))
+            .map(|point| state.point(&self.inner.timers, module, config, point, now))
             .collect()
     }
 
@@ -130,13 +147,13 @@ impl Service {
         let state = lock(&self.inner.state);
         let config = state.site.config().modules.get(module)?;
         (point.index < config.setup.count(point.kind))
-            .then(|| state.point(module, config, point, now))
+            .then(|| state.point(&self.inner.timers, module, config, point, now))
     }
 }
 
 impl Inner {
     /// The time in which readings of a module are told.
-    fn line_time(&self, module: &str) -> Instant {
+    pub(super) fn line_time(&self, module: &str) -> Instant {
         let place = self.place(module);
         place.map_or(Instant(0), |(line, _)| line.now())
     }
@@ -185,6 +202,7 @@ impl State {
 
     fn point(
         &self,
+        timers: &Timers,
         module: &str,
         config: &ModuleConfig,
         point: Point,
@@ -194,7 +212,14 @@ impl State {
         let quality = self.line_fault(&config.line).map_or(quality, Quality::Bad);
         let (letters, number) = config.setup.label(point);
         let pulses = self.site.pulses(module);
+        let place = Place::new(module, point);
+        let safety = config.points.get(&point).map(|point| &point.safety);
+        let interlock = safety.into_iter().flat_map(|safety| &safety.interlock);
         PointStatus {
+            interlock: interlock
+                .map(|other| self.site.config().path(other))
+                .collect(),
+            left: timers.left(&place),
             module: module.to_owned(),
             point,
             label: format!("{letters}{number}"),

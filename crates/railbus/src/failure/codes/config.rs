@@ -278,7 +278,8 @@ codes! {
     }
     ConfigStep = "E0869" {
         title: ["a step of a scene can't be read", "无法理解场景的步骤"],
-        likely: ["\"set\" without \"to\", or together with \"wait\"", "只有 \"set\" 没有 \"to\"，或与 \"wait\" 并用"],
+        likely: ["\"set\" without \"to\", or together with \"wait\"",
+            "只有 \"set\" 没有 \"to\"，或与 \"wait\" 并用"],
         next: ["write { set = \"oven.k1\", to = true } or { wait = \"2s\" }",
             "应写为 { set = \"oven.k1\", to = true } 或 { wait = \"2s\" }"],
     }

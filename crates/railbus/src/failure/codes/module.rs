@@ -57,6 +57,50 @@ codes! {
             "配置的型号不对 · 该地址上是另一模块"],
         next: ["railbus scan", "railbus scan"],
     }
+    Confirm = "E0450" {
+        title: ["not sent: the output wants to be told that this is meant", "未发送：该输出需要确认"],
+        likely: ["confirm is set for it in the configuration", "配置中为其设置了 confirm"],
+        next: ["repeat the command with --yes", "加 --yes 重新执行"],
+    }
+    Interlock = "E0451" {
+        title: ["not sent: an output that excludes this one is on, or may be",
+            "未发送：与其互锁的输出已接通，或可能已接通"],
+        likely: ["the other one is on · its module does not answer, so nobody knows",
+            "另一输出已接通 · 其模块无应答，状态未知"],
+        next: ["switch the other one off first", "先断开另一输出"],
+    }
+    MinOff = "E0452" {
+        title: ["not sent: the output must stay off for a while yet", "未发送：该输出尚须保持断开"],
+        likely: ["min_off of the configuration · after a start the time counts from there",
+            "配置中有 min_off · 启动后从头计时"],
+        next: ["wait a moment, then repeat the command", "稍候再试"],
+    }
+    Unwatched = "E0453" {
+        title: ["not sent: nobody would switch the output off when its time is over",
+            "未发送：到时没有程序断开该输出"],
+        likely: ["max_on is kept by the daemon only", "max_on 只能由守护进程执行"],
+        next: ["railbus serve, then without --direct", "railbus serve，然后不带 --direct"],
+    }
+    NoLease = "E0454" {
+        title: ["nobody holds the output", "该输出未被租用"],
+        likely: ["the lease ran out · another command took it over", "租约已到期 · 被其他命令接管"],
+        next: ["railbus get", "railbus get"],
+    }
+    NotTried = "E0455" {
+        title: ["not done, because another part was not", "未执行：其他部分未成功"],
+        likely: ["see the part that failed", "见失败的部分"],
+        next: ["repeat the command when that is mended", "排除后重新执行"],
+    }
+    Undone = "E0456" {
+        title: ["done and taken back, because another part failed", "已执行并恢复：其他部分失败"],
+        likely: ["all or nothing was asked for", "要求全部成功或全不执行"],
+        next: ["see the part that failed", "见失败的部分"],
+    }
+    Playing = "E0457" {
+        title: ["the scene is being played already", "该场景正在执行"],
+        likely: ["somebody else has just started it", "刚由他人启动"],
+        next: ["wait until it has ended", "等待其结束"],
+    }
     Garbled = "E0501" {
         title: ["garbled: bytes came back that are no reply", "应答损坏：收到的字节不是有效应答"],
         likely: ["other baud or parity · two modules on one address · noise, bias or termination",
@@ -128,6 +172,13 @@ codes! {
             "未及时断电再上电 · 拨码开关不为 0"],
         next: ["set the DIP switch to 0, repeat, and switch it off and on when asked",
             "将拨码开关拨到 0，重新执行，并在提示时断电再上电"],
+    }
+    NotUndone = "E0650" {
+        title: ["done, and could not be taken back though another part failed",
+            "已执行且无法恢复，尽管其他部分失败"],
+        likely: ["its state before is not known · the module does not answer any more",
+            "原状态未知 · 模块已无应答"],
+        next: ["railbus get --fresh", "railbus get --fresh"],
     }
     NotCalibrated = "E0645" {
         title: ["the calibration was not finished", "校准未完成"],

@@ -65,6 +65,18 @@ codes! {
         likely: ["the question was answered with no", "对提问回答了否"],
         next: ["repeat the command and answer y, or add --yes", "重新执行并回答 y，或加 --yes"],
     }
+    NotKept = "E0150" {
+        title: ["not sent: what is to be done later can't be written down",
+            "未发送：无法记录稍后要执行的动作"],
+        likely: ["the disk is full · no right to the folder of the state", "磁盘已满 · 状态文件夹无写权限"],
+        next: ["make room, or set RAILBUS_STATE to another folder",
+            "腾出空间，或用 RAILBUS_STATE 指定其他文件夹"],
+    }
+    NoCommand = "E0151" {
+        title: ["no command of that number is remembered", "没有此编号的命令记录"],
+        likely: ["it was long ago · the daemon was started since", "时间已久 · 守护进程已重新启动"],
+        next: ["look into the audit log", "查看操作记录"],
+    }
     NoHistory = "E0170" {
         title: ["nothing is kept here", "此处未保存任何记录"],
         likely: ["the daemon could not open its stores · no daemon was asked",

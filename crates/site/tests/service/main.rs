@@ -1,67 +1,15 @@
-//! A site at work, over TCP with a relay board of a few lines.
+//! A site at work, over TCP with relay boards of a few lines.
 
-use railbus_device::{Point, PointKind};
+mod board;
+mod safety;
+
+use board::{k, until};
 use railbus_host::{Confirmed, Fault, LineState};
 use railbus_site::{
-    By, Config, Failure, Pulse, Quality, Reason, Service, Update, Value, WriteTerms,
+    By, Config, Failure, Pulse, Quality, Reason, Service, ToggleTerms, Update, Value, WriteTerms,
 };
-use railbus_wire::{Micros, crc16};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
+use railbus_wire::Micros;
 use std::time::Duration;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::TcpListener;
-
-const fn k(number: u8) -> Point {
-    Point {
-        kind: PointKind::Output,
-        index: number - 1,
-    }
-}
-
-/// An ERC-8 at address 3: coils from 60 on, functions 01, 05 and 0F.
-async fn board() -> (String, Arc<AtomicU8>) {
-    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let port = format!("tcp:{}", listener.local_addr().unwrap());
-    let relays = Arc::new(AtomicU8::new(0));
-    let state = Arc::clone(&relays);
-    tokio::spawn(async move {
-        while let Ok((mut stream, _)) = listener.accept().await {
-            let mut request = [0; 64];
-            while let Ok(len @ 8..) = stream.read(&mut request).await {
-                let reply = answer(&request[..len], &state);
-                let _ = stream.write_all(&reply).await;
-            }
-        }
-    });
-    (port, relays)
-}
-
-fn answer(request: &[u8], relays: &AtomicU8) -> Vec<u8> {
-    let coil = request[3] - 60;
-    let mut reply = match request[1] {
-        1 => vec![3, 1, 1, relays.load(Ordering::SeqCst) >> coil],
-        5 => {
-            let bit = 1 << coil;
-            if request[4] == 0xFF {
-                relays.fetch_or(bit, Ordering::SeqCst);
-            } else {
-                relays.fetch_and(!bit, Ordering::SeqCst);
-            }
-            request[..6].to_vec()
-        }
-        15 => {
-            let mask = ((1_u16 << request[5]) - 1) as u8;
-            let on = (request[7] & mask) << coil;
-            let keep = !(mask << coil);
-            relays.store(relays.load(Ordering::SeqCst) & keep | on, Ordering::SeqCst);
-            request[..6].to_vec()
-        }
-        other => vec![3, other | 0x80, 1],
-    };
-    reply.extend(crc16(&reply).to_le_bytes());
-    reply
-}
 
 fn text(port: &str) -> String {
     format!(
@@ -80,19 +28,9 @@ fn start_absent() -> Service {
     start("/dev/railbus-test-nothing-here")
 }
 
-async fn until(what: impl Fn() -> bool) {
-    for _ in 0..1_000 {
-        if what() {
-            return;
-        }
-        tokio::time::sleep(Duration::from_millis(10)).await;
-    }
-    panic!("it never came");
-}
-
 #[tokio::test]
 async fn a_write_tells_before_and_after_and_is_known_at_once() {
-    let (port, relays) = board().await;
+    let (port, relays) = board::start().await;
     let service = start(&port);
     let mut updates = service.subscribe();
     until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
@@ -108,7 +46,7 @@ async fn a_write_tells_before_and_after_and_is_known_at_once() {
         (k(3), Some(true), Some(false)),
     ];
     assert_eq!(done.outputs, told);
-    assert_eq!(relays.load(Ordering::SeqCst), 0b101);
+    assert_eq!(relays.relays(3), 0b101);
     let known = service.point("oven", k(3)).unwrap();
     assert_eq!(known.value, Some(Value::Bool(true)));
     assert!(service.module("oven").unwrap().rtt.is_some());
@@ -131,7 +69,7 @@ async fn a_write_tells_before_and_after_and_is_known_at_once() {
 
 #[tokio::test]
 async fn compare_and_set_and_toggle() {
-    let (port, relays) = board().await;
+    let (port, relays) = board::start().await;
     let service = start(&port);
     service.opened("main").await.unwrap();
     let if_on = WriteTerms {
@@ -140,17 +78,24 @@ async fn compare_and_set_and_toggle() {
     };
     let refused = service.write("oven", &[(k(2), false)], if_on).await;
     assert_eq!(refused, Err(Failure::NotAsAsked(k(2), false)));
-    let done = service.toggle("oven", k(2), false).await.unwrap();
+    let done = service
+        .toggle("oven", k(2), ToggleTerms::default())
+        .await
+        .unwrap();
     assert!(done.read_then_set);
     assert_eq!(done.outputs, [(k(2), Some(true), Some(false))]);
-    assert_eq!(relays.load(Ordering::SeqCst), 0b10);
-    let raw = service.toggle("oven", k(2), true).await;
+    assert_eq!(relays.relays(3), 0b10);
+    let raw = ToggleTerms {
+        raw: true,
+        ..ToggleTerms::default()
+    };
+    let raw = service.toggle("oven", k(2), raw).await;
     assert_eq!(raw, Err(Failure::Line(Fault::Unsupported)));
 }
 
 #[tokio::test]
 async fn a_pulse_is_released_though_the_caller_has_gone() {
-    let (port, relays) = board().await;
+    let (port, relays) = board::start().await;
     let service = start(&port);
     service.opened("main").await.unwrap();
     let pulse = Pulse {
@@ -159,15 +104,15 @@ async fn a_pulse_is_released_though_the_caller_has_gone() {
     };
     let asking = service.clone();
     let caller = tokio::spawn(async move { asking.pulse("oven", k(4), pulse).await });
-    until(|| relays.load(Ordering::SeqCst) == 0b1000).await;
+    until(|| relays.relays(3) == 0b1000).await;
     caller.abort();
-    until(|| relays.load(Ordering::SeqCst) == 0).await;
+    until(|| relays.relays(3) == 0).await;
     service.pulses_ended().await;
 }
 
 #[tokio::test]
 async fn the_end_of_the_site_releases_pulses_and_a_command_takes_them_over() {
-    let (port, relays) = board().await;
+    let (port, relays) = board::start().await;
     let service = start(&port);
     service.opened("main").await.unwrap();
     let long = Pulse {
@@ -184,7 +129,7 @@ async fn the_end_of_the_site_releases_pulses_and_a_command_takes_them_over() {
         .await
         .unwrap();
     service.close().await;
-    assert_eq!(relays.load(Ordering::SeqCst), 0b01);
+    assert_eq!(relays.relays(3), 0b01);
 }
 
 #[tokio::test]
@@ -251,7 +196,7 @@ async fn pulses_that_can_not_be_are_refused() {
 
 #[tokio::test]
 async fn a_refused_configuration_changes_nothing() {
-    let (port, _) = board().await;
+    let (port, _) = board::start().await;
     let service = start(&port);
     until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
     let before = service.config();

@@ -1,0 +1,227 @@
+//! What keeps outputs safe below whoever commands them: outputs that exclude each other, and
+//! times that an output stays off. All of it is decided under the one lock of the site's state,
+//! so that of two commands at once the second one sees what the first one is about to do.
+
+use super::state::State;
+use crate::config::Place;
+use crate::{Change, Failure, Quality, Value};
+use railbus_wire::{Instant, Micros};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+/// What is known of outputs beside their values.
+#[derive(Debug, Default)]
+pub(super) struct Guard {
+    outputs: BTreeMap<Place, Output>,
+    /// The site is read again and again, so that what was never seen to go off went off before
+    /// its start.
+    polls: bool,
+}
+
+#[derive(Debug, Default)]
+struct Output {
+    /// Commands under way that may switch it on.
+    rising: u32,
+    /// Only a reading that began at this time of its line, or later, says that it is off.
+    doubt: Option<Instant>,
+    /// From when on it may be switched on, in the time of the site; none where it is on, or was
+    /// never seen to go off.
+    free_at: Option<Micros>,
+}
+
+/// The time, of the site and of the lines of the modules that matter.
+#[derive(Debug, Default)]
+pub(super) struct Now {
+    pub(super) site: Micros,
+    pub(super) lines: BTreeMap<String, Instant>,
+}
+
+impl Now {
+    fn of(&self, module: &str) -> Instant {
+        self.lines.get(module).copied().unwrap_or(Instant(0))
+    }
+}
+
+impl State {
+    /// Takes note that a command is about to switch these outputs on, and refuses it where that
+    /// is not safe. What was noted ends with [`Guard::ended`].
+    pub(super) fn rise(&mut self, rising: &[Place], now: &Now) -> Result<(), Failure> {
+        for place in rising {
+            self.check_interlock(place, rising, now)?;
+            self.check_min_off(place, now)?;
+        }
+        for place in rising {
+            self.guard.output(place).rising += 1;
+        }
+        Ok(())
+    }
+
+    /// No output that this one excludes is on, or may be.
+    fn check_interlock(&self, place: &Place, rising: &[Place], now: &Now) -> Result<(), Failure> {
+        let config = self.site.config();
+        let excluded = config.safety(place).map(|safety| &safety.interlock);
+        let on = excluded
+            .into_iter()
+            .flatten()
+            .find(|other| rising.contains(other) || self.may_be_on(other, now.of(&other.module)));
+        match on {
+            None => Ok(()),
+            Some(other) => Err(Failure::Interlock {
+                point: place.point,
+                by: config.path(other),
+            }),
+        }
+    }
+
+    /// It has been off for long enough, or is on.
+    fn check_min_off(&self, place: &Place, now: &Now) -> Result<(), Failure> {
+        let safety = self.site.config().safety(place);
+        let Some(min_off) = safety.and_then(|safety| safety.min_off) else {
+            return Ok(());
+        };
+        if self.is(place, true, now.of(&place.module)) {
+            return Ok(());
+        }
+        let known = self.guard.outputs.get(place);
+        let free_at = known.and_then(|output| output.free_at);
+        let free_at = free_at.or(self.guard.polls.then_some(min_off));
+        match free_at.map(|free_at| free_at - now.site) {
+            None | Some(Micros::ZERO) => Ok(()),
+            Some(left) => Err(Failure::MinOff {
+                point: place.point,
+                left,
+            }),
+        }
+    }
+
+    /// Whether an output may be on. Only a good reading that says off, of a time after whatever
+    /// was done to it, says that it is not.
+    pub(super) fn may_be_on(&self, place: &Place, now: Instant) -> bool {
+        let rising = self.guard.outputs.get(place).map_or(0, |out| out.rising);
+        rising > 0 || !self.is(place, false, now)
+    }
+
+    /// Whether an output is in this state beyond doubt.
+    fn is(&self, place: &Place, wanted: bool, now: Instant) -> bool {
+        let (known, quality) = self.site.point(&place.module, place.point, now);
+        let doubt = self.guard.outputs.get(place).and_then(|out| out.doubt);
+        known.is_some_and(|known| {
+            let after = doubt.is_none_or(|doubt| known.read >= doubt);
+            quality == Quality::Good && after && known.value == Value::Bool(wanted)
+        })
+    }
+
+    /// Takes note of a value that was read.
+    pub(super) fn watch_off(&mut self, change: &Change, now: Micros) {
+        let place = Place::new(&change.module, change.point);
+        match (change.value, change.before) {
+            (Value::Bool(true), _) => {
+                if let Some(output) = self.guard.outputs.get_mut(&place) {
+                    output.free_at = None;
+                }
+            }
+            // First seen: what is known from before the start goes on.
+            (Value::Bool(false), None) => {
+                let known = self.guard.outputs.get(&place);
+                let free_at = known.and_then(|output| output.free_at);
+                if free_at.is_none() && self.guard.polls {
+                    self.went_off(&place, now);
+                }
+            }
+            (Value::Bool(false), Some(_)) => self.went_off(&place, now),
+            (Value::Analog(..) | Value::Number(_), _) => {}
+        }
+    }
+
+    /// An output goes off at this time of the site.
+    pub(super) fn went_off(&mut self, place: &Place, at: Micros) {
+        let safety = self.site.config().safety(place);
+        if let Some(min_off) = safety.and_then(|safety| safety.min_off) {
+            self.guard.free_at(place, at + min_off);
+        }
+    }
+
+    /// How long each output must stay off yet that was seen to go off.
+    pub(super) fn must_stay_off(&self, now: Micros) -> Vec<(Place, Duration)> {
+        let outputs = self.guard.outputs.iter();
+        let left = outputs.filter_map(|(place, output)| {
+            let left = output.free_at? - now;
+            Some((place.clone(), Duration::from_micros(left.0)))
+        });
+        left.collect()
+    }
+
+    /// The modules that must be asked before it is known whether these outputs may be switched
+    /// on.
+    pub(super) fn to_be_asked(&self, rising: &[Place], now: &Now) -> BTreeSet<String> {
+        let safety = rising
+            .iter()
+            .filter_map(|place| self.site.config().safety(place));
+        let excluded = safety.flat_map(|safety| &safety.interlock);
+        let unsure = |place: &&Place| {
+            let now = now.of(&place.module);
+            !self.is(place, true, now) && !self.is(place, false, now)
+        };
+        excluded
+            .filter(unsure)
+            .map(|place| place.module.clone())
+            .collect()
+    }
+
+    /// The modules of these outputs and of those that they exclude.
+    pub(super) fn concerned(&self, places: &[Place]) -> BTreeSet<String> {
+        let of = |place: &Place| {
+            let safety = self.site.config().safety(place);
+            let excluded = safety.into_iter().flat_map(|safety| &safety.interlock);
+            let excluded = excluded.map(|place| place.module.clone());
+            excluded.chain([place.module.clone()]).collect::<Vec<_>>()
+        };
+        places.iter().flat_map(of).collect()
+    }
+
+    /// Of these outputs, those that are not off beyond doubt.
+    pub(super) fn not_off(&self, places: Vec<Place>, now: &Now) -> Vec<Place> {
+        let off = |place: &Place| self.is(place, false, now.of(&place.module));
+        places.into_iter().filter(|place| !off(place)).collect()
+    }
+}
+
+impl Guard {
+    pub(super) fn new(polls: bool) -> Guard {
+        Guard {
+            outputs: BTreeMap::new(),
+            polls,
+        }
+    }
+
+    fn output(&mut self, place: &Place) -> &mut Output {
+        self.outputs.entry(place.clone()).or_default()
+    }
+
+    /// A command that may have switched an output on has ended. Where it is not known what
+    /// became of it, only a reading from `doubt` on says that the output is off.
+    pub(super) fn ended(&mut self, place: &Place, doubt: Option<Instant>) {
+        let output = self.output(place);
+        output.rising = output.rising.saturating_sub(1);
+        output.doubt = output.doubt.max(doubt);
+    }
+
+    /// An output must not be switched on before this time of the site.
+    pub(super) fn free_at(&mut self, place: &Place, at: Micros) {
+        let output = self.output(place);
+        output.free_at = output.free_at.max(Some(at));
+    }
+
+    /// The clocks of these modules' lines begin anew, and nothing is known of their outputs.
+    pub(super) fn forget_doubts(&mut self, of: impl Fn(&str) -> bool) {
+        for (_, output) in self.outputs.iter_mut().filter(|(at, _)| of(&at.module)) {
+            output.doubt = None;
+        }
+    }
+
+    /// Leaves out what is no output any more and has nothing under way.
+    pub(super) fn retain(&mut self, there: impl Fn(&Place) -> bool) {
+        self.outputs
+            .retain(|place, output| output.rising > 0 || there(place));
+    }
+}

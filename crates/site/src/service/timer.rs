@@ -1,0 +1,417 @@
+//! What is done to an output later: the end of a pulse, of a lease, or of the longest time that
+//! it may be on. Nothing of it depends on who asked for it.
+
+use super::command::channel;
+use super::promises::{Key, Promise, Why};
+use super::status::Left;
+use super::{Inner, lock};
+use crate::audit::Note;
+use crate::config::Place;
+use crate::{Change, Failure, Origin, Value, WriteDone};
+use railbus_device::{Bank, Op, Point, PointKind};
+use railbus_host::Fault;
+use std::collections::BTreeMap;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::sync::{oneshot, watch};
+use tokio::time::Instant;
+
+/// An output that could not be released is tried again after this time.
+const RETRY: Duration = Duration::from_secs(1);
+/// When the site ends, its pulses have this time to be released.
+const STOP_MAX: Duration = Duration::from_millis(2_000);
+/// How often a release is tried then.
+const STOP_TRIES: u8 = 3;
+
+/// Something that is done to an output later.
+pub(super) struct Timer {
+    inner: Arc<Inner>,
+    key: Key,
+    promise: Promise,
+    turn: Turn,
+}
+
+/// How an output is switched now, of which the end comes later.
+pub(super) struct Begin {
+    pub(super) value: bool,
+    pub(super) note: Note,
+    pub(super) told: oneshot::Sender<Result<WriteDone, Failure>>,
+}
+
+impl Timer {
+    /// One of its own, in place of an older one of the same kind.
+    pub(super) fn new(inner: &Arc<Inner>, key: Key, promise: Promise) -> Timer {
+        let turn = inner.timers.add(&key, Instant::now() + promise.left());
+        Timer {
+            inner: Arc::clone(inner),
+            key,
+            promise,
+            turn,
+        }
+    }
+
+    /// Switches the output, which is promised to end before the first frame goes out, and ends
+    /// it. Once that frame may have gone, nothing depends on the caller any more.
+    pub(super) async fn begin(self, begin: Begin) {
+        let kept = self.inner.promises.make(&self.key, self.promise).await;
+        let begun = match kept {
+            Ok(()) => self.switch(begin.value, begin.note).await,
+            Err(why) => Err(Failure::NotKept(why.kind())),
+        };
+        let did_nothing = begun
+            .as_ref()
+            .is_err_and(|failure| !failure.may_have_acted());
+        // From now on: that it was asked for long before does not make it shorter.
+        self.inner.timers.put_off(&self.key, self.promise.length);
+        // Fails where the caller has gone away.
+        let _ = begin.told.send(begun);
+        if did_nothing {
+            return self.end().await;
+        }
+        self.wait().await;
+    }
+
+    /// Runs from when it is promised on. What the disk refuses holds as long as the process does.
+    pub(super) async fn promised(self) {
+        let _ = self.inner.promises.make(&self.key, self.promise).await;
+        tokio::spawn(self.waiting());
+    }
+
+    /// [`Timer::wait`], which ends in a command that may begin another timer.
+    fn waiting(self) -> Pin<Box<dyn Future<Output = ()> + Send>> {
+        Box::pin(self.wait())
+    }
+
+    /// Waits until the time has come, and does what was promised.
+    async fn wait(mut self) {
+        let due = loop {
+            let at = *self.turn.at.borrow_and_update();
+            tokio::select! {
+                _ = &mut self.turn.taken_over => break false,
+                () = tokio::time::sleep_until(at) => break true,
+                Ok(()) = self.turn.at.changed() => {}
+                _ = self.turn.stop.wait_for(|stop| *stop) => {
+                    if self.key.1 == Why::MaxOn {
+                        // It goes on when the site does.
+                        self.inner.timers.ended(&self.key, self.turn.number);
+                        return;
+                    }
+                    break true;
+                }
+            }
+        };
+        if due && !self.release().await {
+            // It is promised still, and done when the site starts again.
+            self.inner.timers.ended(&self.key, self.turn.number);
+            return;
+        }
+        self.end().await;
+    }
+
+    async fn end(self) {
+        if self.inner.timers.ended(&self.key, self.turn.number) {
+            self.inner.promises.drop(&self.key).await;
+        }
+    }
+
+    /// Brings the output back, however often that takes; says whether there is nothing left to
+    /// be done.
+    async fn release(&mut self) -> bool {
+        let Some(end) = self.promise.end else {
+            return true;
+        };
+        let mut tries_when_stopping = 0;
+        loop {
+            let done = self.switch(end, self.note_of_end()).await;
+            let (Place { module, point }, _) = &self.key;
+            if done.is_ok() || self.inner.writable(module, &[*point]).is_err() {
+                return true;
+            }
+            let stopping = *self.turn.stop.borrow();
+            if stopping {
+                tries_when_stopping += 1;
+                if tries_when_stopping >= STOP_TRIES {
+                    return false;
+                }
+            }
+            tokio::select! {
+                _ = &mut self.turn.taken_over => return true,
+                () = tokio::time::sleep(RETRY) => {}
+                _ = self.turn.stop.wait_for(|stop| *stop), if !stopping => {}
+            }
+        }
+    }
+
+    fn note_of_end(&self) -> Note {
+        let (place, why) = &self.key;
+        let label = self.inner.label(&place.module, place.point);
+        let (part, what) = match why {
+            Why::Pulse => ("pulse", format!("end of pulse {label}")),
+            Why::Lease => ("lease", format!("end of lease {label}")),
+            Why::MaxOn | Why::MinOff => {
+                let longest = self.promise.length.as_millis();
+                ("max_on", format!("{label}=off after {longest}ms"))
+            }
+        };
+        Note {
+            origin: Origin::program(part),
+            what,
+        }
+    }
+
+    async fn switch(&self, on: bool, note: Note) -> Result<WriteDone, Failure> {
+        let (Place { module, point }, _) = &self.key;
+        let op = Op::Write(Bank::one(channel(*point)?, on));
+        let wanted = |_| Some(on);
+        self.inner
+            .command(module, &[*point], op, true, note, wanted)
+            .await
+    }
+}
+
+impl Inner {
+    /// Begins something whose end comes later, and waits until it has begun.
+    pub(super) async fn begin_timed(
+        self: &Arc<Inner>,
+        key: Key,
+        (value, end): (bool, Option<bool>),
+        length: Duration,
+        note: Note,
+    ) -> Result<WriteDone, Failure> {
+        let (told, begun) = oneshot::channel();
+        let timer = Timer::new(self, key, Promise::after(length, end));
+        tokio::spawn(timer.begin(Begin { value, note, told }));
+        let lost = || Err(Fault::Unknown.into());
+        begun.await.unwrap_or_else(|_| lost())
+    }
+
+    /// An output was seen in another state: it may be on for so long only.
+    pub(super) fn watch_on(self: &Arc<Inner>, change: &Change) {
+        let place = Place::new(&change.module, change.point);
+        match change.value {
+            Value::Bool(true) => {
+                if let Some(timer) = self.limit_on(&place) {
+                    tokio::spawn(timer.promised());
+                }
+            }
+            Value::Bool(false) => self.timers.take_over(&(place, Why::MaxOn)),
+            Value::Analog(..) | Value::Number(_) => {}
+        }
+    }
+
+    /// The timer of an output that may be on for so long only, where none runs.
+    pub(super) fn limit_on(self: &Arc<Inner>, place: &Place) -> Option<Timer> {
+        let longest = {
+            let state = lock(&self.state);
+            state.site.config().safety(place)?.max_on?
+        };
+        let key = (place.clone(), Why::MaxOn);
+        let runs = !self.polls || self.timers.due(&key).is_some();
+        let promise = Promise::after(Duration::from_micros(longest.0), Some(false));
+        (!runs).then(|| Timer::new(self, key, promise))
+    }
+
+    /// There is another configuration: outputs that are on are limited as it says.
+    pub(super) fn limit_anew(self: &Arc<Inner>) {
+        let (limited, free) = {
+            let state = lock(&self.state);
+            let on = |place: &Place| {
+                let (known, _) =
+                    state
+                        .site
+                        .point(&place.module, place.point, railbus_wire::Instant(0));
+                known.is_some_and(|known| known.value == Value::Bool(true))
+            };
+            let modules = state.site.config().modules.iter();
+            let outputs = modules.flat_map(|(module, config)| {
+                let outputs = 0..config.setup.count(PointKind::Output);
+                outputs.map(move |index| {
+                    let kind = PointKind::Output;
+                    Place::new(module, Point { kind, index })
+                })
+            });
+            let is_limited = |place: &Place| {
+                let safety = state.site.config().safety(place);
+                safety.is_some_and(|safety| safety.max_on.is_some())
+            };
+            let (limited, free): (Vec<_>, Vec<_>) = outputs.partition(is_limited);
+            (limited.into_iter().filter(on).collect::<Vec<_>>(), free)
+        };
+        for place in free {
+            self.timers.take_over(&(place, Why::MaxOn));
+        }
+        for place in limited {
+            if let Some(timer) = self.limit_on(&place) {
+                tokio::spawn(timer.promised());
+            }
+        }
+    }
+
+    /// Takes up what was promised before the process began.
+    pub(super) fn take_up(self: &Arc<Inner>) {
+        for ((place, why), mut promise) in self.promises.all() {
+            match why {
+                Why::Pulse | Why::MaxOn => {}
+                // Who holds it has as long to say so as at the beginning.
+                Why::Lease => promise = Promise::after(promise.length, promise.end),
+                Why::MinOff => {
+                    let left = u64::try_from(promise.left().as_micros()).unwrap_or(u64::MAX);
+                    lock(&self.state)
+                        .guard
+                        .free_at(&place, railbus_wire::Micros(left));
+                    continue;
+                }
+            }
+            let timer = Timer::new(self, (place, why), promise);
+            tokio::spawn(async move {
+                let module = &timer.key.0.module;
+                if let Some((line, _)) = timer.inner.place(module) {
+                    // Why it could not be opened, its status says.
+                    let _ = line.opened().await;
+                }
+                timer.wait().await;
+            });
+        }
+    }
+}
+
+/// A timer's own end of its entry among the [`Timers`].
+struct Turn {
+    number: u64,
+    at: watch::Receiver<Instant>,
+    taken_over: oneshot::Receiver<()>,
+    stop: watch::Receiver<bool>,
+}
+
+/// What runs: at most one of each kind for an output.
+#[derive(Debug)]
+pub(super) struct Timers {
+    running: Mutex<Running>,
+    count: watch::Sender<usize>,
+    stop: watch::Sender<bool>,
+}
+
+#[derive(Debug, Default)]
+struct Running {
+    newest: u64,
+    by_key: BTreeMap<Key, Entry>,
+    /// Those that run, the ones that were taken over included.
+    count: usize,
+}
+
+#[derive(Debug)]
+struct Entry {
+    number: u64,
+    at: watch::Sender<Instant>,
+    take_over: oneshot::Sender<()>,
+}
+
+impl Default for Timers {
+    fn default() -> Timers {
+        Timers {
+            running: Mutex::default(),
+            count: watch::Sender::new(0),
+            stop: watch::Sender::new(false),
+        }
+    }
+}
+
+impl Timers {
+    fn add(&self, key: &Key, at: Instant) -> Turn {
+        let (take_over, taken_over) = oneshot::channel();
+        let (put_off, at) = watch::channel(at);
+        let mut running = lock(&self.running);
+        running.newest += 1;
+        let number = running.newest;
+        let entry = Entry {
+            number,
+            at: put_off,
+            take_over,
+        };
+        if let Some(older) = running.by_key.insert(key.clone(), entry) {
+            // Fails where that one has just ended.
+            let _ = older.take_over.send(());
+        }
+        running.count += 1;
+        self.count.send_replace(running.count);
+        Turn {
+            number,
+            at,
+            taken_over,
+            stop: self.stop.subscribe(),
+        }
+    }
+
+    /// One has ended; says whether none came in its place.
+    fn ended(&self, key: &Key, number: u64) -> bool {
+        let mut running = lock(&self.running);
+        let newest = running.by_key.get(key).map(|entry| entry.number);
+        if newest == Some(number) {
+            running.by_key.remove(key);
+        }
+        running.count = running.count.saturating_sub(1);
+        self.count.send_replace(running.count);
+        newest.is_none_or(|newest| newest == number)
+    }
+
+    /// Another command takes an output over: its pulse or lease, if any, will not be ended from
+    /// here.
+    pub(super) fn forget(&self, module: &str, point: Point) {
+        for why in [Why::Pulse, Why::Lease] {
+            self.take_over(&(Place::new(module, point), why));
+        }
+    }
+
+    /// One is not to be done any more.
+    pub(super) fn take_over(&self, key: &Key) {
+        if let Some(older) = lock(&self.running).by_key.remove(key) {
+            let _ = older.take_over.send(());
+        }
+    }
+
+    /// From now on it is so long until it is done; says whether there is one.
+    pub(super) fn put_off(&self, key: &Key, length: Duration) -> bool {
+        let running = lock(&self.running);
+        let entry = running.by_key.get(key);
+        entry.is_some_and(|entry| entry.at.send(Instant::now() + length).is_ok())
+    }
+
+    /// How long it is until it is done, where there is one.
+    pub(super) fn due(&self, key: &Key) -> Option<Duration> {
+        let running = lock(&self.running);
+        let at = *running.by_key.get(key)?.at.borrow();
+        Some(at.saturating_duration_since(Instant::now()))
+    }
+
+    /// How long it is until anything is done to an output.
+    pub(super) fn left(&self, place: &Place) -> Left {
+        if place.point.kind != PointKind::Output {
+            return Left::default();
+        }
+        let due = |why| self.due(&(place.clone(), why));
+        Left {
+            pulse: due(Why::Pulse),
+            lease: due(Why::Lease),
+            max_on: due(Why::MaxOn),
+        }
+    }
+
+    /// Whether the site is being closed.
+    pub(super) fn are_stopping(&self) -> bool {
+        *self.stop.borrow()
+    }
+
+    /// Waits until none runs.
+    pub(super) async fn all_ended(&self) {
+        let mut count = self.count.subscribe();
+        // Fails only where the site has gone.
+        let _ = count.wait_for(|count| *count == 0).await;
+    }
+
+    /// Ends all of them now, and waits for that as long as may be.
+    pub(super) async fn stop_all(&self) {
+        self.stop.send_replace(true);
+        let _ = tokio::time::timeout(STOP_MAX, self.all_ended()).await;
+    }
+}

@@ -1,0 +1,115 @@
+//! Relay boards of a few lines, over TCP: ERC-8 with coils from 60 on, functions 01, 05 and 0F.
+
+use railbus_device::{Point, PointKind};
+use railbus_wire::crc16;
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpListener;
+
+/// What hangs on the line.
+#[derive(Debug, Default)]
+pub(crate) struct Boards {
+    /// The relays of each address.
+    relays: [AtomicU8; 8],
+    /// These addresses do not answer, and do nothing.
+    mute: [AtomicBool; 8],
+    /// Every state that there was, as the relays of all addresses.
+    states: Mutex<Vec<[u8; 8]>>,
+}
+
+impl Boards {
+    /// The relays of an address.
+    pub(crate) fn relays(&self, address: usize) -> u8 {
+        self.relays[address].load(Ordering::SeqCst)
+    }
+
+    /// Switches a board off its line, or on again.
+    pub(crate) fn mute(&self, address: usize, mute: bool) {
+        self.mute[address].store(mute, Ordering::SeqCst);
+    }
+
+    /// Moves relays by hand.
+    pub(crate) fn set(&self, address: usize, relays: u8) {
+        self.relays[address].store(relays, Ordering::SeqCst);
+    }
+
+    /// Every state that commands have made, in their order.
+    pub(crate) fn states(&self) -> Vec<[u8; 8]> {
+        self.states.lock().unwrap().clone()
+    }
+
+    fn answer(&self, request: &[u8]) -> Option<Vec<u8>> {
+        let address = usize::from(request[0] & 7);
+        if self.mute[address].load(Ordering::SeqCst) {
+            return None;
+        }
+        let relays = &self.relays[address];
+        let coil = request[3] - 60;
+        let mut reply = match request[1] {
+            1 => vec![request[0], 1, 1, self.relays(address) >> coil],
+            5 => {
+                let bit = 1 << coil;
+                if request[4] == 0xFF {
+                    relays.fetch_or(bit, Ordering::SeqCst);
+                } else {
+                    relays.fetch_and(!bit, Ordering::SeqCst);
+                }
+                request[..6].to_vec()
+            }
+            15 => {
+                let mask = ((1_u16 << request[5]) - 1) as u8;
+                let on = (request[7] & mask) << coil;
+                let keep = !(mask << coil);
+                relays.store(self.relays(address) & keep | on, Ordering::SeqCst);
+                request[..6].to_vec()
+            }
+            other => vec![request[0], other | 0x80, 1],
+        };
+        if request[1] != 1 {
+            let state = std::array::from_fn(|address| self.relays(address));
+            self.states.lock().unwrap().push(state);
+        }
+        reply.extend(crc16(&reply).to_le_bytes());
+        Some(reply)
+    }
+}
+
+/// Starts them; gives back the name of their port.
+pub(crate) async fn start() -> (String, Arc<Boards>) {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = format!("tcp:{}", listener.local_addr().unwrap());
+    let boards = Arc::new(Boards::default());
+    let state = Arc::clone(&boards);
+    tokio::spawn(async move {
+        while let Ok((mut stream, _)) = listener.accept().await {
+            let mut request = [0; 64];
+            while let Ok(len @ 8..) = stream.read(&mut request).await {
+                if let Some(reply) = state.answer(&request[..len]) {
+                    let _ = stream.write_all(&reply).await;
+                }
+            }
+        }
+    });
+    (port, boards)
+}
+
+/// A relay by its number as printed.
+pub(crate) const fn k(number: u8) -> Point {
+    Point {
+        kind: PointKind::Output,
+        index: number - 1,
+    }
+}
+
+/// Waits until something is so.
+pub(crate) async fn until(what: impl Fn() -> bool) {
+    for _ in 0..1_000 {
+        if what() {
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    panic!("it never came");
+}
