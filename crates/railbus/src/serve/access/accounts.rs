@@ -8,6 +8,7 @@ use crate::api::problem::{Problem, codes};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
+use utoipa::ToSchema;
 
 /// So many users, tokens, and patterns of one of them there may be.
 const USERS_MAX: usize = 64;
@@ -54,7 +55,7 @@ pub(crate) struct Token {
 }
 
 /// A user for all to see who may.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub(crate) struct UserInfo {
     pub(crate) name: String,
     pub(crate) role: Role,
@@ -64,7 +65,7 @@ pub(crate) struct UserInfo {
 }
 
 /// A token for all to see who may.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub(crate) struct TokenInfo {
     pub(crate) id: String,
     pub(crate) name: String,

@@ -1,41 +1,75 @@
 //! What may be asked of the accounts, for the daemon's API and for commands where no daemon runs:
 //! both read the same requests and give the same answers.
 
-use super::accounts::{Accounts, TokenWish, User, UserChange};
+use super::accounts::{Accounts, TokenInfo, TokenWish, User, UserChange, UserInfo};
 use super::gate::Access;
 use super::password;
 use super::secret::{Fingerprint, Secret};
 use super::{Role, session_routes::read};
 use crate::api::problem::Problem;
 use jiff::Timestamp;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use utoipa::ToSchema;
 
-#[derive(Deserialize)]
-struct AddUser {
+/// A user that is wished for.
+#[derive(Deserialize, ToSchema)]
+pub(super) struct AddUser {
     name: String,
     role: Role,
     #[serde(default)]
     points: Vec<String>,
+    #[schema(value_type = String)]
     password: Secret,
 }
 
-#[derive(Deserialize)]
-struct ChangeUser {
+/// What is to change of a user; what is not there stays.
+#[derive(Deserialize, ToSchema)]
+pub(super) struct ChangeUser {
     role: Option<Role>,
     points: Option<Vec<String>>,
+    #[schema(value_type = Option<String>)]
     password: Option<Secret>,
     locked: Option<bool>,
 }
 
-#[derive(Deserialize)]
-struct AddToken {
+/// A token that is wished for.
+#[derive(Deserialize, ToSchema)]
+pub(super) struct AddToken {
     name: String,
     role: Role,
     #[serde(default)]
     points: Vec<String>,
     #[serde(default = "usual_days")]
     expires_days: u32,
+}
+
+/// All users.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Users {
+    schema: u8,
+    users: Vec<UserInfo>,
+}
+
+/// All tokens.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Tokens {
+    schema: u8,
+    tokens: Vec<TokenInfo>,
+}
+
+/// A token that was made: the only time that it is told itself.
+#[derive(Serialize, ToSchema)]
+pub(super) struct MadeToken {
+    #[serde(flatten)]
+    info: TokenInfo,
+    token: String,
+}
+
+/// What is no longer there.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Removed {
+    pub(super) removed: String,
 }
 
 /// Tokens live for a season unless told otherwise.
@@ -45,8 +79,8 @@ const fn usual_days() -> u32 {
 
 /// All users.
 pub(crate) fn users(access: &Access) -> Value {
-    let users = access.read(|accounts| accounts.users());
-    json!({ "schema": 1, "users": users })
+    let users = access.read(Accounts::users);
+    json!(Users { schema: 1, users })
 }
 
 /// Adds a user.
@@ -104,14 +138,15 @@ pub(crate) async fn remove_user(access: &Access, name: &str) -> Result<Value, Pr
     access.change(|accounts| accounts.remove_user(name)).await?;
     access.sessions.end_of_user(name, None);
     access.changed();
-    Ok(json!({ "removed": name }))
+    let removed = name.to_owned();
+    Ok(json!(Removed { removed }))
 }
 
 /// All tokens.
 pub(crate) fn tokens(access: &Access) -> Value {
     let now = Timestamp::now();
     let tokens = access.read(|accounts| accounts.tokens(now));
-    json!({ "schema": 1, "tokens": tokens })
+    json!(Tokens { schema: 1, tokens })
 }
 
 /// Makes a token, which is told this once.
@@ -125,15 +160,13 @@ pub(crate) async fn add_token(access: &Access, by: &str, body: &[u8]) -> Result<
     };
     let make = |accounts: &mut Accounts| accounts.add_token(wish, by, Timestamp::now());
     let (info, secret) = access.change(make).await?;
-    let mut told = json!(info);
-    if let Some(told) = told.as_object_mut() {
-        told.insert("token".to_owned(), secret.expose().into());
-    }
-    Ok(told)
+    let token = secret.expose().to_owned();
+    Ok(json!(MadeToken { info, token }))
 }
 
 /// Removes a token, by its id or its name.
 pub(crate) async fn remove_token(access: &Access, named: &str) -> Result<Value, Problem> {
     let remove = access.change(|accounts| accounts.remove_token(named));
-    remove.await.map(|()| json!({ "removed": named }))
+    let removed = named.to_owned();
+    remove.await.map(|()| json!(Removed { removed }))
 }

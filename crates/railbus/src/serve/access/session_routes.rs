@@ -8,6 +8,7 @@ use super::tries::Who;
 use super::{Caller, Known, Need, Role, note_login, password};
 use crate::api::problem::{Problem, codes};
 use crate::serve::answer;
+use crate::serve::doc::Doc;
 use crate::serve::routes::{Answer, Route, Site};
 use axum::Extension;
 use axum::body::Bytes;
@@ -16,41 +17,100 @@ use axum::http::HeaderMap;
 use axum::http::header::{HeaderValue, RETRY_AFTER, SET_COOKIE};
 use axum::routing::{get, post};
 use jiff::Timestamp;
-use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use serde_json::json;
+use serde::{Deserialize, Serialize};
 use std::net::IpAddr;
 use std::time::Instant;
+use utoipa::ToSchema;
 
 /// The routes of this file.
 pub(in crate::serve) const ROUTES: &[Route] = &[
-    Route::new("GET", "/session", Need::Nothing, || get(session)),
-    Route::new("POST", "/setup", Need::Nothing, || post(set_up)),
-    Route::new("POST", "/login", Need::Nothing, || post(log_in)),
-    Route::new("POST", "/logout", Need::VIEWER, || post(log_out)),
-    Route::new("POST", "/password", Need::VIEWER, || post(new_password)),
-    Route::new("POST", "/setup-link", Need::Owner, || post(setup_link)),
+    Route::new("GET", "/session", Need::Nothing, || get(session))
+        .doc(Doc::new("Who asks, and what there is to know before").answers::<SessionTold>()),
+    Route::new("POST", "/setup", Need::Nothing, || post(set_up)).doc(
+        Doc::new("Make the first user, with the key of the one-time link")
+            .takes::<SetupRequest>()
+            .answers::<SessionTold>(),
+    ),
+    Route::new("POST", "/login", Need::Nothing, || post(log_in)).doc(
+        Doc::new("Begin a session, which its cookie carries")
+            .takes::<LoginRequest>()
+            .answers::<SessionTold>(),
+    ),
+    Route::new("POST", "/logout", Need::VIEWER, || post(log_out))
+        .doc(Doc::new("End one's session").answers::<SessionTold>()),
+    Route::new("POST", "/password", Need::VIEWER, || post(new_password)).doc(
+        Doc::new("Change one's password; one's other sessions end")
+            .takes::<PasswordRequest>()
+            .answers::<Changed>(),
+    ),
+    Route::new("POST", "/setup-link", Need::Owner, || post(setup_link))
+        .doc(Doc::new("Another link for the first user").answers::<SetupLink>()),
 ];
 
-#[derive(Deserialize)]
+/// The first user, and the key that allows it.
+#[derive(Deserialize, ToSchema)]
 struct SetupRequest {
+    #[schema(value_type = String)]
     key: Secret,
     name: String,
+    #[schema(value_type = String)]
     password: Secret,
     #[serde(default)]
     lang: Option<String>,
 }
 
-#[derive(Deserialize)]
+/// Name and password.
+#[derive(Deserialize, ToSchema)]
 struct LoginRequest {
     name: String,
+    #[schema(value_type = String)]
     password: Secret,
 }
 
-#[derive(Deserialize)]
+/// The password so far, and the one from now on.
+#[derive(Deserialize, ToSchema)]
 struct PasswordRequest {
+    #[schema(value_type = String)]
     old: Secret,
+    #[schema(value_type = String)]
     new: Secret,
+}
+
+/// Who asks, and what there is to know before one has logged in.
+#[derive(Serialize, ToSchema)]
+struct SessionTold {
+    /// None for somebody unknown.
+    user: Option<WhoTold>,
+    /// There is no user yet.
+    setup: bool,
+    /// What mutating requests of this session carry as `X-CSRF-Token`.
+    csrf: Option<String>,
+    demo: bool,
+    version: &'static str,
+    lang: String,
+    site: String,
+}
+
+/// A caller as such.
+#[derive(Serialize, ToSchema)]
+struct WhoTold {
+    name: String,
+    role: Role,
+    points: Vec<String>,
+}
+
+/// Whose password was changed.
+#[derive(Serialize, ToSchema)]
+struct Changed {
+    changed: String,
+}
+
+/// A one-time link for the first user, and how long it is good.
+#[derive(Serialize, ToSchema)]
+struct SetupLink {
+    setup_link: String,
+    minutes: u64,
 }
 
 /// The body as one of these.
@@ -76,23 +136,24 @@ async fn session(State(site): State<Site>, who: Extension<Caller>, headers: Head
 }
 
 /// A session as its owner sees it.
-fn told(site: &Site, who: &Caller, csrf: Option<String>) -> serde_json::Value {
-    let user = who
-        .role
-        .map(|role| json!({ "name": who.name, "role": role, "points": &who.points[..] }));
+fn told(site: &Site, who: &Caller, csrf: Option<String>) -> SessionTold {
     let chosen = site.access.read(|accounts| {
         let user = accounts.user(&who.name);
         user.and_then(|user| user.lang.clone())
     });
-    json!({
-        "user": user,
-        "setup": site.access.is_new(),
-        "csrf": csrf,
-        "demo": site.demo,
-        "version": env!("CARGO_PKG_VERSION"),
-        "lang": chosen.as_deref().unwrap_or(site.lang.name()),
-        "site": site.name(),
-    })
+    SessionTold {
+        user: who.role.map(|role| WhoTold {
+            name: who.name.clone(),
+            role,
+            points: who.points.to_vec(),
+        }),
+        setup: site.access.is_new(),
+        csrf,
+        demo: site.demo,
+        version: env!("CARGO_PKG_VERSION"),
+        lang: chosen.unwrap_or_else(|| site.lang.name().to_owned()),
+        site: site.name(),
+    }
 }
 
 /// `POST /setup`: the first user, who may do everything.
@@ -234,7 +295,9 @@ async fn new_password(
     body: Bytes,
 ) -> Answer {
     match change_password(&site, &who, address(peer), &body).await {
-        Ok(()) => answer::json(Ok(json!({ "changed": who.name }))),
+        Ok(()) => answer::json(Ok(Changed {
+            changed: who.0.name,
+        })),
         Err(problem) => refused(&problem),
     }
 }
@@ -269,7 +332,10 @@ async fn change_password(
 async fn setup_link(State(site): State<Site>) -> Answer {
     let link = site.access.setup_link(&site.origin);
     let minutes = super::setup::LIFE.as_secs() / 60;
-    answer::json(link.map(|link| json!({ "setup_link": link, "minutes": minutes })))
+    answer::json(link.map(|setup_link| SetupLink {
+        setup_link,
+        minutes,
+    }))
 }
 
 /// Where a request comes from; over the socket, from this machine.

@@ -7,6 +7,7 @@ use serde::Serialize;
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use utoipa::ToSchema;
 
 /// A session nobody used for so long ends.
 const IDLE_MAX: Duration = Duration::from_secs(12 * 3_600);
@@ -34,7 +35,7 @@ impl Session {
 }
 
 /// A session as administrators see it.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct SessionInfo {
     pub(crate) id: String,
     pub(crate) user: String,

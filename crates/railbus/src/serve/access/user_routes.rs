@@ -1,35 +1,65 @@
 //! Users, tokens and sessions, for those who say who may what.
 
+use super::accounts::UserInfo;
+use super::desk::{AddToken, AddUser, ChangeUser, MadeToken, Removed, Tokens, Users};
 use super::gate::Access;
+use super::sessions::SessionInfo;
 use super::{Caller, Need, desk};
 use crate::api::problem::{Problem, codes};
 use crate::serve::answer;
+use crate::serve::doc::Doc;
 use crate::serve::routes::{Answer, Route, Site};
 use axum::Extension;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, patch, post};
-use serde_json::json;
+use serde::Serialize;
 use std::time::Instant;
+use utoipa::ToSchema;
 
 /// The routes of this file.
 pub(in crate::serve) const ROUTES: &[Route] = &[
-    Route::new("GET", "/users", Need::ADMIN, || get(users)),
-    Route::new("POST", "/users", Need::ADMIN, || post(add_user)),
-    Route::new("PATCH", "/users/{name}", Need::ADMIN, || patch(change_user)),
+    Route::new("GET", "/users", Need::ADMIN, || get(users))
+        .doc(Doc::new("All users").answers::<Users>()),
+    Route::new("POST", "/users", Need::ADMIN, || post(add_user)).doc(
+        Doc::new("Add a user")
+            .takes::<AddUser>()
+            .answers::<UserInfo>(),
+    ),
+    Route::new("PATCH", "/users/{name}", Need::ADMIN, || patch(change_user)).doc(
+        Doc::new("Change a user")
+            .takes::<ChangeUser>()
+            .answers::<UserInfo>(),
+    ),
     Route::new("DELETE", "/users/{name}", Need::ADMIN, || {
         delete(remove_user)
-    }),
-    Route::new("GET", "/tokens", Need::ADMIN, || get(tokens)),
-    Route::new("POST", "/tokens", Need::ADMIN, || post(add_token)),
+    })
+    .doc(Doc::new("Remove a user").answers::<Removed>()),
+    Route::new("GET", "/tokens", Need::ADMIN, || get(tokens))
+        .doc(Doc::new("All tokens, without themselves").answers::<Tokens>()),
+    Route::new("POST", "/tokens", Need::ADMIN, || post(add_token)).doc(
+        Doc::new("Make a token, which is told this once")
+            .takes::<AddToken>()
+            .answers::<MadeToken>(),
+    ),
     Route::new("DELETE", "/tokens/{id}", Need::ADMIN, || {
         delete(remove_token)
-    }),
-    Route::new("GET", "/sessions", Need::ADMIN, || get(sessions)),
+    })
+    .doc(Doc::new("Revoke a token, by its id or its name").answers::<Removed>()),
+    Route::new("GET", "/sessions", Need::ADMIN, || get(sessions))
+        .doc(Doc::new("Who is logged in").answers::<Sessions>()),
     Route::new("DELETE", "/sessions/{id}", Need::ADMIN, || {
         delete(end_session)
-    }),
+    })
+    .doc(Doc::new("End a session").answers::<Removed>()),
 ];
+
+/// Who is logged in.
+#[derive(Serialize, ToSchema)]
+struct Sessions {
+    schema: u8,
+    sessions: Vec<SessionInfo>,
+}
 
 async fn users(State(site): State<Site>) -> Answer {
     answer::json(Ok(desk::users(&site.access)))
@@ -68,7 +98,10 @@ async fn remove_token(State(site): State<Site>, Path(id): Path<String>) -> Answe
 async fn sessions(State(site): State<Site>, who: Extension<Caller>) -> Answer {
     let current = Access::session_of(&who);
     let sessions = site.access.sessions.list(current, Instant::now());
-    answer::json(Ok(json!({ "schema": 1, "sessions": sessions })))
+    answer::json(Ok(Sessions {
+        schema: 1,
+        sessions,
+    }))
 }
 
 async fn end_session(State(site): State<Site>, Path(id): Path<String>) -> Answer {
@@ -76,5 +109,5 @@ async fn end_session(State(site): State<Site>, Path(id): Path<String>) -> Answer
         return answer::problem(&Problem::new(codes::NO_SUCH_SESSION).with("name", id));
     }
     site.access.changed();
-    answer::json(Ok(json!({ "removed": id })))
+    answer::json(Ok(Removed { removed: id }))
 }
