@@ -63,7 +63,8 @@ codes! {
     NameTaken = "E0911" {
         title: ["the name is taken", "名称已被使用"],
         likely: ["there is a user or a token of this name", "已有同名用户或令牌"],
-        next: ["railbus user list, or railbus token list", "railbus user list 或 railbus token list"],
+        next: ["railbus user list, or railbus token list",
+            "railbus user list 或 railbus token list"],
     }
     LastAdmin = "E0912" {
         title: ["one administrator must be left who is not locked", "至少须保留一名未锁定的管理员"],
