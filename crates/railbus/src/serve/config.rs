@@ -5,6 +5,7 @@ mod desk;
 mod edits;
 
 use super::access::{Caller, Need};
+use super::doc::Doc;
 use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, web};
 use crate::api::failures::bad_config;
@@ -25,46 +26,60 @@ use railbus_site::config::keeper::{Generation, TEXT_MAX, etag};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
+use utoipa::ToSchema;
 
 /// The longest body that brings a whole configuration: each of its bytes may be escaped.
 const BODY_MAX: usize = 2 * TEXT_MAX;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
-    Route::new("GET", "/config", Need::ENGINEER, || get(show)),
-    Route::new("PUT", "/config", Need::ENGINEER, || whole(put(replace))),
+    Route::new("GET", "/config", Need::ENGINEER, || get(show))
+        .doc(Doc::new("The configuration as a text, with its ETag")),
+    Route::new("PUT", "/config", Need::ENGINEER, || whole(put(replace)))
+        .doc(Doc::new("Replace the configuration; If-Match is needed").takes::<Text>()),
     Route::new("POST", "/config/check", Need::ENGINEER, || {
         whole(post(check))
-    }),
+    })
+    .doc(Doc::new("What would be wrong or unwise with a configuration").takes::<Text>()),
     Route::new("GET", "/config/generations", Need::ENGINEER, || {
         get(generations)
-    }),
+    })
+    .doc(Doc::new("The texts that the configuration had before")),
     Route::new("GET", "/config/generations/{id}", Need::ENGINEER, || {
         get(generation)
-    }),
-    Route::new("POST", "/config/undo", Need::ENGINEER, || post(undo)),
-    Route::new("POST", "/config/lines", Need::ENGINEER, || post(add_line)),
+    })
+    .doc(Doc::new("One of them")),
+    Route::new("POST", "/config/undo", Need::ENGINEER, || post(undo))
+        .doc(Doc::new("Bring an earlier text back").takes::<Undo>()),
+    Route::new("POST", "/config/lines", Need::ENGINEER, || post(add_line))
+        .doc(Doc::new("Add a line").takes_object()),
     Route::new("PATCH", "/config/lines/{line}", Need::ENGINEER, || {
         patch(change_line)
-    }),
+    })
+    .doc(Doc::new("Change keys of a line").takes_object()),
     Route::new("DELETE", "/config/lines/{line}", Need::ENGINEER, || {
         delete(remove_line)
-    }),
+    })
+    .doc(Doc::new("Take a line out")),
     Route::new("POST", "/config/modules", Need::ENGINEER, || {
         post(add_modules)
-    }),
+    })
+    .doc(Doc::new("Add modules, such as a scan found").takes_object()),
     Route::new("PATCH", "/config/modules/{module}", Need::ENGINEER, || {
         patch(change_module)
-    }),
+    })
+    .doc(Doc::new("Change keys of a module, or its name").takes_object()),
     Route::new("DELETE", "/config/modules/{module}", Need::ENGINEER, || {
         delete(remove_module)
-    }),
+    })
+    .doc(Doc::new("Take a module out")),
     Route::new(
         "PATCH",
         "/config/points/{module}/{label}",
         Need::ENGINEER,
         || patch(change_point),
-    ),
+    )
+    .doc(Doc::new("Change keys of a point").takes_object()),
 ];
 
 fn whole(handler: MethodRouter<Site>) -> MethodRouter<Site> {
@@ -85,7 +100,8 @@ async fn show(State(site): State<Site>) -> Answer {
     tagged(answer::json(Ok(told)), &tag)
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, ToSchema)]
+#[schema(as = ConfigText)]
 struct Text {
     text: String,
 }
@@ -157,7 +173,8 @@ fn about(kept: &Generation) -> Value {
     })
 }
 
-#[derive(Deserialize)]
+#[derive(Deserialize, ToSchema)]
+#[schema(as = ConfigUndo)]
 struct Undo {
     to: Option<u64>,
 }

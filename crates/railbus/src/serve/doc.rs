@@ -1,7 +1,7 @@
 //! What the API's own document says of a route: written beside the route, as data.
 
 use utoipa::ToSchema;
-use utoipa::openapi::{Ref, RefOr, Schema};
+use utoipa::openapi::{ObjectBuilder, Ref, RefOr, Schema, Type};
 
 /// The shapes of values, by name.
 pub(super) type Shapes = Vec<(String, RefOr<Schema>)>;
@@ -45,6 +45,12 @@ impl Doc {
         self
     }
 
+    /// Takes a JSON body whose keys are told elsewhere: those of a table of the configuration.
+    pub(super) const fn takes_object(mut self) -> Doc {
+        self.takes = Some(object);
+        self
+    }
+
     /// Answers with JSON of this shape; of a stream it is the shape of each event.
     pub(super) const fn answers<T: ToSchema>(mut self) -> Doc {
         self.answer = Some(shape::<T>);
@@ -68,6 +74,10 @@ impl Doc {
         self.query = query;
         self
     }
+}
+
+fn object(_: &mut Shapes) -> RefOr<Schema> {
+    ObjectBuilder::new().schema_type(Type::Object).into()
 }
 
 fn shape<T: ToSchema>(shapes: &mut Shapes) -> RefOr<Schema> {

@@ -2,6 +2,7 @@
 
 use super::access::Need;
 use super::answer;
+use super::doc::Doc;
 use super::routes::{Answer, Route, Site};
 use crate::api::problem::{Problem, codes};
 use crate::machine::Machine;
@@ -14,7 +15,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The routes of this file.
-pub(super) const ROUTES: &[Route] = &[Route::new("GET", "/ports", Need::ENGINEER, || get(ports))];
+pub(super) const ROUTES: &[Route] = &[Route::new("GET", "/ports", Need::ENGINEER, || get(ports))
+    .doc(Doc::new("The serial ports of this machine; none is opened"))];
 
 async fn ports(State(site): State<Site>) -> Answer {
     let config = site.service.config();
