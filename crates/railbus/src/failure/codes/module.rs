@@ -173,13 +173,6 @@ codes! {
         next: ["set the DIP switch to 0, repeat, and switch it off and on when asked",
             "将拨码开关拨到 0，重新执行，并在提示时断电再上电"],
     }
-    NotUndone = "E0650" {
-        title: ["done, and could not be taken back though another part failed",
-            "已执行且无法恢复，尽管其他部分失败"],
-        likely: ["its state before is not known · the module does not answer any more",
-            "原状态未知 · 模块已无应答"],
-        next: ["railbus get --fresh", "railbus get --fresh"],
-    }
     NotCalibrated = "E0645" {
         title: ["the calibration was not finished", "校准未完成"],
         likely: ["the module was switched off, or its inputs are out of range",
@@ -192,5 +185,12 @@ codes! {
         likely: ["the write was lost · it acts at the next power-up", "写入丢失 · 下次上电时生效"],
         next: ["switch the module off and on, then: railbus config recover MODULE",
             "断电再上电，然后执行：railbus config recover MODULE"],
+    }
+    NotUndone = "E0650" {
+        title: ["done, and could not be taken back though another part failed",
+            "已执行且无法恢复，尽管其他部分失败"],
+        likely: ["its state before is not known · the module does not answer any more",
+            "原状态未知 · 模块已无应答"],
+        next: ["railbus get --fresh", "railbus get --fresh"],
     }
 }
