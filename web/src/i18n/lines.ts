@@ -56,6 +56,10 @@ export const lines = {
   verdict_silent: ["silent", "无应答"],
   scope: ["Scope", "报文"],
   scope_of: ["Frames on line {line}", "总线 {line} 的报文"],
+  activity: [
+    "Activity of the last 10 s: up to {n} frames in a quarter of a second, {bad} bad",
+    "最近 10 秒的活动：每 1/4 秒最多 {n} 条，其中 {bad} 条异常",
+  ],
   pause: ["Pause", "暂停"],
   resume: ["Go on", "继续"],
   clear: ["Clear", "清空"],

@@ -10,6 +10,17 @@ export const FRAMES_MOST = 100_000;
 /** Old frames are let go this many at a time, so that it costs nothing a frame. */
 const CHUNK = 5_000;
 
+/** ASCII frames as text, all else as hexadecimal digits. */
+export function readable(frame: FrameRecord): string {
+  if (frame.protocol !== "ascii") return frame.bytes;
+  const letters = frame.bytes.split(" ").map((byte) => {
+    const code = Number.parseInt(byte, 16);
+    if (code === 13) return "<CR>";
+    return code > 31 && code < 127 ? String.fromCharCode(code) : `<${byte}>`;
+  });
+  return letters.join("");
+}
+
 type Test = (frame: FrameRecord) => boolean;
 
 /** `addr=3 and (bad or missing)` without the brackets: words that must all fit, `or` between. */
