@@ -1,11 +1,16 @@
 // Texts in the language of who looks. Catalogues are pairs, both languages side by side, one
 // file an area; a key that does not exist is a type error.
+import { admin } from "./admin";
+import { api } from "./api";
+import { backup } from "./backup";
 import { demo } from "./demo";
 import { events } from "./events";
 import { frame } from "./frame";
+import { groups } from "./groups";
 import { lines } from "./lines";
 import { points } from "./points";
 import { start } from "./start";
+import { system } from "./system";
 import { trends } from "./trends";
 
 /** One text: English, Chinese. */
@@ -19,6 +24,11 @@ const all = {
   ...start,
   ...trends,
   ...events,
+  ...groups,
+  ...backup,
+  ...admin,
+  ...system,
+  ...api,
 };
 
 export type Key = keyof typeof all;

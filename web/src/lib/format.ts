@@ -54,3 +54,11 @@ export function valueText(point: PointInfo): string {
 export function addressText(address: number): string {
   return `${address} (${address.toString(16).toUpperCase().padStart(2, "0")}h)`;
 }
+
+/** An amount of bytes, in the unit that fits. */
+export function bytes(n: number): string {
+  const units = ["B", "kB", "MB", "GB", "TB"];
+  let power = 0;
+  for (; n >= 1_000 && power < units.length - 1; power++) n /= 1_000;
+  return `${round(n, n < 10 && power > 0 ? 1 : 0)} ${units[power]}`;
+}

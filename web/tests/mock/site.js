@@ -68,22 +68,119 @@ export function history(path, from, to, buckets) {
 }
 
 const id = (n) => `01JD${String(n).padStart(22, "0")}`;
-const write = (n, ago, who, after, end = "readback") => ({
+const written = (n, ago, who, after, end = "readback") => ({
   id: id(n), at: iso(ago), kind: "write", severity: end === "readback" ? "info" : "warning", module: "pump", point: "do0",
   who, via: "http 192.168.1.7", what: after, before: after.endsWith("on") ? "do0=off" : "do0=on", after, end, code: "write",
 });
 export const events = [
   { id: id(120), at: iso(9_000), kind: "module", severity: "info", module: "tank", line: "main", code: "module_online" },
-  write(119, 61_000, "anna", "do0=off"),
+  written(119, 61_000, "anna", "do0=off"),
   { id: id(118), at: iso(90_000), kind: "module", severity: "warning", module: "tank", line: "main", code: "module_offline" },
-  write(117, 180_000, "li", "do0=on", "not_verified"),
+  written(117, 180_000, "li", "do0=on", "not_verified"),
   { id: id(116), at: iso(240_000), kind: "line", severity: "error", line: "main", code: "line_down", text: "unplugged",
     acked: { who: "li", at: iso(200_000), comment: "adapter replaced" } },
   { id: id(115), at: iso(300_000), kind: "config", severity: "info", who: "anna", via: "http 192.168.1.7", code: "config_reloaded" },
-  ...Array.from({ length: 90 }, (_, i) => write(114 - i, 400_000 + i * 1_900_000, i % 3 ? "anna" : "rule:night", i % 2 ? "do0=on" : "do0=off")),
+  ...Array.from({ length: 90 }, (_, i) => written(114 - i, 400_000 + i * 1_900_000, i % 3 ? "anna" : "rule:night", i % 2 ? "do0=on" : "do0=off")),
 ];
 
 export const audit = events.filter((event) => event.kind === "write").map((event) => ({
   id: event.id, at: event.at, who: event.who, via: event.via, module: event.module, what: event.what,
   before: event.before, after: event.after, end: event.end, hash: Buffer.from(event.id).toString("hex").slice(0, 64),
 }));
+
+export const users = [
+  { name: "anna", role: "admin", points: [], locked: false, created: iso(86_400_000 * 30) },
+  { name: "li", role: "operator", points: ["pump.*"], locked: false, created: iso(86_400_000 * 9) },
+  { name: "guest", role: "viewer", points: [], locked: true, created: iso(86_400_000) },
+];
+export const tokens = [
+  { id: "t1", name: "grafana", role: "viewer", points: [], by: "anna", created: iso(9e8), expires: iso(-5e9) },
+  { id: "t2", name: "old script", role: "operator", points: ["pump.do1"], by: "li", created: iso(9e9), expires: iso(1e6), expired: true },
+];
+export const sessions = [
+  { id: "s1", user: "anna", address: "192.168.1.7", began: iso(4e6), used: iso(500), current: true },
+  { id: "s2", user: "li", address: "192.168.1.12", began: iso(9e6), used: iso(6e5), current: false },
+];
+
+export const groups = [
+  { group: "night", name: { en: "Night", zh: "夜间" }, members: ["pump.do0", "pump.do1"], frames: 1 },
+];
+export const scenes = [
+  {
+    scene: "evening", name: { en: "Evening", zh: "傍晚" },
+    steps: [{ path: "pump.do0", value: true }, { wait_ms: 2_000 }, { path: "pump.do1", value: false }],
+  },
+];
+points[0].confirm = true;
+
+const TEXT = `# Pump house
+[line.main]
+port = "/dev/serial/by-id/usb-FTDI_A50285BI"
+baud = 9600
+
+[module.pump]
+line = "main"
+model = "eda9060a"
+address = 3
+
+[module.pump.point.do0]
+name = { en = "Pump 1", zh = "一号水泵" }
+`;
+export const generations = [
+  { id: 3, at: iso(3e5), who: "anna", bytes: TEXT.length, text: TEXT },
+  { id: 2, at: iso(9e7), who: "li", bytes: TEXT.length - 10, text: TEXT.replace("9600", "4800") },
+  { id: 1, at: iso(3e8), who: "anna", bytes: 90, text: TEXT.split("\n").slice(0, 9).join("\n") + "\n" },
+];
+export const config = () => ({ text: generations[0].text, etag: `e${generations[0].id}` });
+export function write(text) {
+  const id = generations[0].id + 1;
+  generations.unshift({ id, at: new Date().toISOString(), who: "anna", bytes: text.length, text });
+  return { schema: 1, etag: `e${id}`, kept: ["main"], opened: [], closed: [] };
+}
+
+export const system = {
+  schema: 1, version: "0.1.0", commit: "1a99d3f", uptime_ms: 93_000_000, started: iso(93_000_000),
+  rss_bytes: 23_400_000, lines: 1, modules: 2, points: 5,
+};
+export const storage = { schema: 1, history_bytes: 48_200_000, samples: 910_000, oldest: iso(86_400_000 * 12), disk_full: false };
+export const doctor = {
+  schema: 1, errors: 1, warnings: 1,
+  findings: [
+    { section: "system", state: "ok", code: null, message: "clock 2026-11-21, locale C.UTF-8", likely: null, hint: [], fix: [] },
+    { section: "port", state: "warning", code: "D212", message: "/dev/ttyUSB0: latency timer 16 ms", likely: "every reply takes up to 16 ms longer", hint: [], fix: ["echo 1 > /sys/bus/usb-serial/devices/ttyUSB0/latency_timer"] },
+    { section: "line", state: "error", code: "L101", message: "tank does not answer", likely: "A and B are swapped", hint: ["railbus scan main"], fix: [] },
+  ],
+};
+
+const schema = (name) => ({ content: { "application/json": { schema: { $ref: `#/components/schemas/${name}` } } } });
+export const document = {
+  openapi: "3.1.0",
+  info: { title: "railbus", version: "0.1.0" },
+  paths: {
+    "/points/{module}/{label}": {
+      get: {
+        tags: ["points"], summary: "One point", description: "For a viewer and above",
+        parameters: [{ name: "module", in: "path", required: true }, { name: "label", in: "path", required: true }],
+        responses: { 200: schema("PointInfo") },
+      },
+      put: {
+        tags: ["points"], summary: "Switches an output",
+        parameters: [{ name: "module", in: "path", required: true }, { name: "label", in: "path", required: true }],
+        requestBody: schema("SetRequest"), responses: { 200: schema("PointInfo") },
+      },
+    },
+    "/system": { get: { tags: ["system"], summary: "The program itself", responses: { 200: { content: {} } } } },
+  },
+  components: {
+    schemas: {
+      PointInfo: {
+        type: "object", required: ["path", "value"],
+        properties: {
+          path: { type: "string", description: "`pump.do0`" }, value: { type: ["boolean", "null"] },
+          quality: { enum: ["good", "stale", "bad"] }, twin: { $ref: "#/components/schemas/PointInfo" },
+        },
+      },
+      SetRequest: { type: "object", required: ["value"], properties: { value: { type: "boolean" }, confirm: { type: "boolean" } } },
+    },
+  },
+};

@@ -1,0 +1,37 @@
+import type { Pair } from "./index.svelte";
+
+/** The program itself, and what it is connected with. */
+export const system = {
+  nav_system: ["System", "系统"],
+  version: ["Version", "版本"],
+  uptime: ["Runs for", "已运行"],
+  memory: ["Memory", "内存"],
+  contains: ["Site", "站点"],
+  contains_n: ["{lines} lines, {modules} modules, {points} points", "{lines} 条总线，{modules} 个模块，{points} 个点"],
+  storage: ["History", "历史存储"],
+  storage_size: ["{size}, since {oldest}", "{size}，自 {oldest} 起"],
+  storage_full: ["The disk is full: nothing more is kept. Switching goes on.", "磁盘已满：不再保存历史，控制不受影响。"],
+  doctor: ["Examination", "诊断"],
+  doctor_again: ["Examine again", "重新诊断"],
+  doctor_well: ["Nothing is wrong.", "一切正常。"],
+  state_ok: ["well", "正常"],
+  state_warning: ["look at it", "需注意"],
+  state_error: ["does not work", "故障"],
+  doctor_likely: ["Likely: {why}", "可能原因：{why}"],
+  doctor_fix: ["Run this", "可执行"],
+  nav_integrations: ["Integrations", "集成"],
+  metrics: ["Metrics", "指标"],
+  metrics_why: [
+    "Prometheus and what understands it read the figures here. Make a token with the role viewer, and put it into a file.",
+    "Prometheus 等可在此读取指标。请创建查看者令牌并存入文件。",
+  ],
+  metrics_address: ["Address", "地址"],
+  metrics_config: ["For prometheus.yml", "用于 prometheus.yml"],
+  metrics_sample: ["Show what it says now", "查看当前内容"],
+  http_api: ["HTTP and WebSocket", "HTTP 与 WebSocket"],
+  http_api_why: ["Everything that these pages do, programs can do.", "本页面的所有功能均可由程序调用。"],
+  later_version: ["in a later version", "将在后续版本提供"],
+  mqtt_why: ["State and commands by a broker; Home Assistant finds the points by itself.", "通过代理收发状态与命令，Home Assistant 可自动发现。"],
+  modbus_why: ["One Modbus server for all modules, for SCADA and PLCs.", "为 SCADA 与 PLC 提供统一的 Modbus 服务器。"],
+  opcua_why: ["Points as nodes, for plants that speak OPC UA.", "以 OPC UA 节点形式提供各点。"],
+} as const satisfies Record<string, Pair>;

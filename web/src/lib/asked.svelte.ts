@@ -1,0 +1,55 @@
+// Something asked of the API for as long as a page shows it.
+import { get, problem } from "./api";
+import type { Problem } from "./types";
+
+export interface Asked<T> {
+  /** The last answer; it stays while it is asked again. */
+  readonly data: T | null;
+  /** Why there is none. */
+  readonly why: Problem | null;
+  readonly busy: boolean;
+  again: () => Promise<void>;
+}
+
+/** Asks at once, again when the path changes, and every so often. */
+export function asked<T>(path: () => string | null, every?: number): Asked<T> {
+  let data = $state.raw<T | null>(null);
+  let why = $state.raw<Problem | null>(null);
+  let busy = $state(false);
+  let turn = 0;
+
+  async function ask(what: string | null): Promise<void> {
+    const mine = ++turn;
+    if (what === null) return;
+    busy = true;
+    try {
+      const answer = await get<T>(what);
+      if (mine === turn) [data, why] = [answer, null];
+    } catch (thrown) {
+      if (mine === turn) why = problem(thrown);
+    } finally {
+      if (mine === turn) busy = false;
+    }
+  }
+
+  $effect(() => {
+    const what = path();
+    void ask(what);
+    if (!every) return;
+    const timer = setInterval(() => void ask(what), every);
+    return () => clearInterval(timer);
+  });
+
+  return {
+    get data() {
+      return data;
+    },
+    get why() {
+      return why;
+    },
+    get busy() {
+      return busy;
+    },
+    again: () => ask(path()),
+  };
+}
