@@ -14,6 +14,14 @@ const PAGES = [
   "/lines/main/scope",
   "/discover",
   "/simulator",
+  "/module/tank/trend",
+  "/trends",
+  "/events",
+  "/events/audit",
+  "/backup",
+  "/integrations",
+  "/users",
+  "/reference",
   "/no/such/page",
 ];
 

@@ -59,5 +59,9 @@ export const events = {
   code_line_quiet: ["nobody sends unasked any more", "异常发送已停止"],
   code_config_reloaded: ["the configuration was loaded anew", "配置已重新加载"],
   code_audit_fails: ["the audit can't be written", "审计记录无法写入"],
+  code_started: ["the program began", "程序已启动"],
+  code_stopped: ["the program ended", "程序已停止"],
+  code_logged_in: ["signed in", "已登录"],
+  code_login_refused: ["was not let in", "登录被拒绝"],
   code_audit_works: ["the audit is written again", "审计记录已恢复写入"],
 } as const satisfies Record<string, Pair>;

@@ -7,7 +7,7 @@ export const system = {
   uptime: ["Runs for", "已运行"],
   memory: ["Memory", "内存"],
   contains: ["Site", "站点"],
-  contains_n: ["{lines} lines, {modules} modules, {points} points", "{lines} 条总线，{modules} 个模块，{points} 个点"],
+  contains_n: ["lines: {lines}, modules: {modules}, points: {points}", "{lines} 条总线，{modules} 个模块，{points} 个点"],
   storage: ["History", "历史存储"],
   storage_size: ["{size}, since {oldest}", "{size}，自 {oldest} 起"],
   storage_full: ["The disk is full: nothing more is kept. Switching goes on.", "磁盘已满：不再保存历史，控制不受影响。"],

@@ -10,6 +10,7 @@ export interface SiteEvent {
   kind: Kind;
   severity: "info" | "warning" | "error";
   module?: string;
+  /** Its path: `pump.do0`. */
   point?: string;
   line?: string;
   who?: string;
@@ -52,6 +53,10 @@ const CODES: Record<string, Key> = {
   config_reloaded: "code_config_reloaded",
   audit_fails: "code_audit_fails",
   audit_works: "code_audit_works",
+  started: "code_started",
+  stopped: "code_stopped",
+  logged_in: "code_logged_in",
+  login_refused: "code_login_refused",
 };
 
 const ENDS: Record<string, Key> = {
@@ -76,8 +81,7 @@ export function endedWell(end: string | null | undefined): boolean {
 
 /** What an event is about: `pump.do0`, `pump`, `main`. */
 export function about(event: SiteEvent): string {
-  if (event.module) return event.point ? `${event.module}.${event.point}` : event.module;
-  return event.line ?? "";
+  return event.point ?? event.module ?? event.line ?? "";
 }
 
 /** What happened, in a few words. */

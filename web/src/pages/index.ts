@@ -1,5 +1,5 @@
 // The table of pages. What is not in it does not exist: the rail, the bottom bar, the search and
-// the router are all made of it. A page is loaded when it is first shown.
+// the router are all made of it. What the first page does not need is loaded when it is wanted.
 import type { Component } from "svelte";
 import type { IconName } from "../components/icons";
 import type { Key } from "../i18n/index.svelte";
@@ -22,31 +22,33 @@ export interface Page {
   simulated?: true;
 }
 
+const later = (name: keyof typeof import("./later")) => async () => ({ default: (await import("./later"))[name] });
+
 export const PAGES: readonly Page[] = [
   { path: "/", title: "nav_overview", load: () => import("./Overview.svelte"), icon: "overview", group: 0, role: "viewer", daily: true },
-  { path: "/module/:name/:tab?", title: "module", load: () => import("./Module.svelte"), role: "viewer" },
-  { path: "/lines", title: "nav_lines", load: () => import("./Lines.svelte"), icon: "lines", group: 0, role: "viewer", daily: true },
-  { path: "/lines/:name/scope", title: "scope", load: () => import("./Scope.svelte"), role: "viewer" },
-  { path: "/discover", title: "nav_discover", load: () => import("./Discover.svelte"), icon: "discover", group: 0, role: "engineer" },
-  { path: "/trends", title: "nav_trends", load: () => import("./Trends.svelte"), icon: "trends", group: 0, role: "viewer", daily: true },
-  { path: "/events/:tab?", title: "nav_events", load: () => import("./Events.svelte"), icon: "events", group: 0, role: "viewer", daily: true },
-  { path: "/groups", title: "nav_groups", load: () => import("./Groups.svelte"), icon: "groups", group: 0, role: "viewer" },
-  { path: "/backup", title: "nav_backup", load: () => import("./Backup.svelte"), icon: "backup", group: 2, role: "engineer" },
+  { path: "/module/:name/:tab?", title: "module", load: later("Module"), role: "viewer" },
+  { path: "/lines", title: "nav_lines", load: later("Lines"), icon: "lines", group: 0, role: "viewer", daily: true },
+  { path: "/lines/:name/scope", title: "scope", load: later("Scope"), role: "viewer" },
+  { path: "/discover", title: "nav_discover", load: later("Discover"), icon: "discover", group: 0, role: "engineer" },
+  { path: "/trends", title: "nav_trends", load: later("Trends"), icon: "trends", group: 0, role: "viewer", daily: true },
+  { path: "/events/:tab?", title: "nav_events", load: later("Events"), icon: "events", group: 0, role: "viewer", daily: true },
+  { path: "/groups", title: "nav_groups", load: later("Groups"), icon: "groups", group: 0, role: "viewer" },
+  { path: "/backup", title: "nav_backup", load: later("Backup"), icon: "backup", group: 2, role: "engineer" },
   {
     path: "/integrations",
     title: "nav_integrations",
-    load: () => import("./Integrations.svelte"),
+    load: later("Integrations"),
     icon: "plug",
     group: 2,
     role: "viewer",
   },
-  { path: "/users", title: "nav_users", load: () => import("./Users.svelte"), icon: "users", group: 2, role: "admin" },
-  { path: "/system", title: "nav_system", load: () => import("./System.svelte"), icon: "system", group: 2, role: "viewer" },
-  { path: "/reference", title: "nav_api", load: () => import("./Api.svelte"), icon: "api", group: 2, role: "viewer" },
+  { path: "/users", title: "nav_users", load: later("Users"), icon: "users", group: 2, role: "admin" },
+  { path: "/system", title: "nav_system", load: later("System"), icon: "system", group: 2, role: "viewer" },
+  { path: "/reference", title: "nav_api", load: later("Api"), icon: "api", group: 2, role: "viewer" },
   {
     path: "/simulator",
     title: "nav_sim",
-    load: () => import("./Simulator.svelte"),
+    load: later("Simulator"),
     icon: "sim",
     group: 2,
     role: "engineer",

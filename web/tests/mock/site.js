@@ -69,7 +69,7 @@ export function history(path, from, to, buckets) {
 
 const id = (n) => `01JD${String(n).padStart(22, "0")}`;
 const written = (n, ago, who, after, end = "readback") => ({
-  id: id(n), at: iso(ago), kind: "write", severity: end === "readback" ? "info" : "warning", module: "pump", point: "do0",
+  id: id(n), at: iso(ago), kind: "write", severity: end === "readback" ? "info" : "warning", module: "pump", point: "pump.do0",
   who, via: "http 192.168.1.7", what: after, before: after.endsWith("on") ? "do0=off" : "do0=on", after, end, code: "write",
 });
 export const events = [

@@ -1,0 +1,93 @@
+// Pages against a mock that speaks the contract of the API: what the demo has none of, or what
+// would take long there.
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { browse, faults, LOOKS, open, words } from "./daemon.js";
+import { start } from "./mock/server.js";
+
+let server, browser;
+before(async () => {
+  server = await start();
+  browser = await browse();
+});
+after(async () => {
+  await browser?.close();
+  server?.stop();
+});
+
+const PAGES = ["/groups", "/system", "/users", "/events", "/trends", "/backup"];
+
+for (const look of LOOKS) {
+  test(`contract: ${look.lang} ${look.width} ${look.scheme}`, async () => {
+    const { context, page, wrong } = await open(browser, look);
+    for (const path of PAGES) {
+      await page.goto(server.address + path);
+      await page.locator("main h1").waitFor();
+      await page.waitForLoadState("networkidle");
+      wrong.push(...(await faults(page)).map((fault) => `${path} ${fault}`));
+    }
+    assert.deepEqual(wrong, []);
+    await context.close();
+  });
+}
+
+test("a group with a guarded output asks first, and tells what was not done", async () => {
+  const t = words("en");
+  const { context, page } = await open(browser, LOOKS[0]);
+  await page.goto(`${server.address}/groups`);
+  await page.getByRole("button", { name: t("group_on") }).click();
+  await page.getByRole("dialog").getByText(/pump\.do0/).waitFor();
+  assert.deepEqual(await faults(page), []);
+  await page.getByRole("dialog").getByRole("button", { name: t("group_on") }).click();
+  const told = page.getByRole("alert");
+  await told.waitFor();
+  assert.match(await told.innerText(), /pump\.do1 E0301/);
+  await context.close();
+});
+
+test("an event is acknowledged with a comment", async () => {
+  const t = words("en");
+  const { context, page } = await open(browser, LOOKS[0]);
+  await page.goto(`${server.address}/events`);
+  const event = page.locator(".event", { hasText: "does not answer" });
+  await event.getByRole("button", { name: t("ack") }).click();
+  await page.getByLabel(t("ack_comment")).fill("fuse replaced");
+  await page.getByRole("dialog").getByRole("button", { name: t("ack") }).click();
+  await event.getByText(/seen by anna “fuse replaced”/).waitFor();
+  assert.equal(await event.getByRole("button").count(), 0);
+  await context.close();
+});
+
+test("a long list comes page by page, and a filter begins anew", async () => {
+  const t = words("en");
+  const { context, page } = await open(browser, LOOKS[0]);
+  await page.goto(`${server.address}/events`);
+  const events = page.locator(".event");
+  await page.getByRole("button", { name: t("more_events") }).click();
+  await page.getByText(t("events_end")).waitFor();
+  assert.equal(await events.count(), 96);
+  await page.getByLabel(t("kind"), { exact: true }).selectOption("module");
+  await page.waitForFunction(() => document.querySelectorAll(".event").length === 2);
+  assert.match(page.url(), /kind=module/);
+  await context.close();
+});
+
+test("a configuration that somebody else has changed is not overwritten", async () => {
+  const t = words("en");
+  const { context, page } = await open(browser, LOOKS[0]);
+  await page.goto(`${server.address}/backup`);
+  const field = page.getByLabel(t("config_text"));
+  const text = await field.inputValue();
+  const other = await context.request.put(`${server.address}/api/v1/config`, {
+    data: { text: `${text}# theirs\n` },
+    headers: { "If-Match": '"e3"', "X-CSRF-Token": "proof" },
+  });
+  assert.equal(other.status(), 200);
+  await field.fill(`${text}# mine\n`);
+  await page.getByRole("button", { name: t("config_save") }).click();
+  await page.getByText(t("config_conflict")).waitFor();
+  assert.match(await field.inputValue(), /# mine/);
+  await page.getByRole("button", { name: t("config_reload") }).click();
+  await page.waitForFunction(() => document.querySelector("textarea").value.endsWith("# theirs\n"));
+  await context.close();
+});
