@@ -45,6 +45,15 @@ for (const look of LOOKS) {
       assert.equal(await relay.getAttribute("aria-checked"), "true");
       assert.match(await relay.innerText(), new RegExp(t("on")));
       await sound("overview");
+      await page.goto(`${daemon.origin}/events/audit`);
+      await page.getByText("pump_house.do0").first().waitFor();
+      await sound("audit");
+      await page.goto(`${daemon.origin}/trends?points=pump_house.do0`);
+      await page.locator("canvas").first().waitFor();
+      const past = await context.request.get(`${daemon.origin}/api/v1/history?point=pump_house.do0`);
+      assert.match(await past.text(), /"v":1/, "the switching is in the history");
+      await sound("trend");
+
       assert.deepEqual(wrong, []);
       assert.ok(!page.url().includes("#k="), "the key does not stay in the address");
     } finally {
