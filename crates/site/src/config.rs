@@ -10,6 +10,7 @@ mod desired;
 pub mod edit;
 mod faults;
 pub mod keeper;
+mod keys;
 mod lint;
 mod past;
 mod plant;
@@ -21,6 +22,7 @@ pub use control::{
     Confirm, Group, MEMBERS_MAX, Name, Policy, SAFETY_MAX, SCENE_MAX, Safety, Scene, Step,
 };
 pub use faults::{FAULTS, Fault, FaultError, FaultOrder, Millionths, Noise, parse_faults};
+pub use keys::{SCHEMA, TABLES};
 pub use lint::{Unwise, Warning, lint, load_percent, wire_time};
 pub use past::Past;
 pub use plant::{Plant, Signal, SimLine, SimModule};

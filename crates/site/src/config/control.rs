@@ -16,9 +16,9 @@ pub const SCENE_MAX: Micros = Micros::from_secs(300);
 /// The longest time that an output's safety can be about.
 pub const SAFETY_MAX: Micros = Micros::from_secs(7 * 24 * 3_600);
 
-const GROUP_KEYS: [&str; 2] = ["name", "members"];
-const SCENE_KEYS: [&str; 2] = ["name", "steps"];
-const STEP_KEYS: [&str; 3] = ["set", "to", "wait"];
+pub(super) const GROUP_KEYS: [&str; 2] = ["name", "members"];
+pub(super) const SCENE_KEYS: [&str; 2] = ["name", "steps"];
+pub(super) const STEP_KEYS: [&str; 3] = ["set", "to", "wait"];
 const POLICIES: [(&str, Policy); 3] = [
     ("hold", Policy::Hold),
     ("off", Policy::Off),

@@ -4,8 +4,8 @@ use super::read::{Reader, Section, Value};
 use super::{Kind, parse_duration};
 use crate::history::Keep;
 
-const HISTORY_KEYS: [&str; 2] = ["keep", "max_bytes"];
-const AUDIT_KEYS: [&str; 1] = ["required"];
+pub(super) const HISTORY_KEYS: [&str; 2] = ["keep", "max_bytes"];
+pub(super) const AUDIT_KEYS: [&str; 1] = ["required"];
 /// The shortest time and the least room that something can be kept in.
 const AGE_MIN_MS: i64 = 3_600_000;
 const BYTES_MIN: u64 = 10_000_000;

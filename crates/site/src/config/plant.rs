@@ -9,9 +9,9 @@ use railbus_wire::Micros;
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 
-const SIM_KEYS: [&str; 2] = ["seed", "speed"];
-const LINE_KEYS: [&str; 3] = ["pty", "tcp", "faults"];
-const MODULE_KEYS: [&str; 13] = [
+pub(super) const SIM_KEYS: [&str; 2] = ["seed", "speed"];
+pub(super) const LINE_KEYS: [&str; 3] = ["pty", "tcp", "faults"];
+pub(super) const MODULE_KEYS: [&str; 13] = [
     "factory",
     "power",
     "dip",
@@ -26,7 +26,7 @@ const MODULE_KEYS: [&str; 13] = [
     "answer_bad_frames",
     "insist_on_gap",
 ];
-const SIGNAL_KEYS: [&str; 3] = ["from", "to", "every"];
+pub(super) const SIGNAL_KEYS: [&str; 3] = ["from", "to", "every"];
 const POWERS: [(&str, bool); 2] = [("on", true), ("off", false)];
 const SAMPLED: [(&str, bool); 2] = [("continuously", false), ("at-power-up", true)];
 const APPLIES: [(&str, Applies); 3] = [

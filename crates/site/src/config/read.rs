@@ -14,8 +14,11 @@ use std::ops::Range as Span;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-const LINE_KEYS: [&str; 5] = ["port", "baud", "format", "echo", "sim"];
-const MODULE_KEYS: [&str; 19] = [
+pub(super) const ROOT_KEYS: [&str; 7] = [
+    "line", "module", "group", "scene", "sim", "history", "audit",
+];
+pub(super) const LINE_KEYS: [&str; 5] = ["port", "baud", "format", "echo", "sim"];
+pub(super) const MODULE_KEYS: [&str; 19] = [
     "line",
     "model",
     "address",
@@ -36,7 +39,7 @@ const MODULE_KEYS: [&str; 19] = [
     "sim",
     "settings",
 ];
-const POINT_KEYS: [&str; 9] = [
+pub(super) const POINT_KEYS: [&str; 9] = [
     "name",
     "locked",
     "confirm",
@@ -47,8 +50,8 @@ const POINT_KEYS: [&str; 9] = [
     "on_offline",
     "on_return",
 ];
-const NAME_KEYS: [&str; 2] = ["en", "zh"];
-const RANGE_KEYS: [&str; 4] = ["low", "high", "unit", "decimals"];
+pub(super) const NAME_KEYS: [&str; 2] = ["en", "zh"];
+pub(super) const RANGE_KEYS: [&str; 4] = ["low", "high", "unit", "decimals"];
 
 const BAUDS: [&str; 8] = [
     "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
@@ -198,10 +201,7 @@ impl<'t> Reader<'t> {
                     let _ = self.audit(value, &mut config.past);
                 }
                 other => {
-                    let known = [
-                        "line", "module", "group", "scene", "sim", "history", "audit",
-                    ];
-                    let meant = closest(other, &known);
+                    let meant = closest(other, &ROOT_KEYS);
                     self.problem(key.span(), other, Kind::UnknownKey(meant));
                 }
             }

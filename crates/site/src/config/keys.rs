@@ -1,0 +1,25 @@
+//! Every table of a configuration and the keys that it can have: those that the reader knows, and
+//! those of the published schema, which a test holds against each other.
+
+use super::{control, past, plant, read};
+
+/// The published JSON Schema of a configuration.
+pub const SCHEMA: &str = include_str!("schema.json");
+
+/// The keys of each table, under the table's name in [`SCHEMA`]; the file as a whole has none.
+pub const TABLES: [(&str, &[&str]); 14] = [
+    ("", &read::ROOT_KEYS),
+    ("line", &read::LINE_KEYS),
+    ("module", &read::MODULE_KEYS),
+    ("point", &read::POINT_KEYS),
+    ("names", &read::NAME_KEYS),
+    ("scale", &read::RANGE_KEYS),
+    ("group", &control::GROUP_KEYS),
+    ("scene", &control::SCENE_KEYS),
+    ("step", &control::STEP_KEYS),
+    ("history", &past::HISTORY_KEYS),
+    ("audit", &past::AUDIT_KEYS),
+    ("sim", &plant::SIM_KEYS),
+    ("line_sim", &plant::LINE_KEYS),
+    ("module_sim", &plant::MODULE_KEYS),
+];
