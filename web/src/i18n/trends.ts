@@ -2,7 +2,6 @@ import type { Pair } from "./index.svelte";
 
 /** Trends and their chart. */
 export const trends = {
-  tab_trend: ["Trend", "趋势"],
   nav_trends: ["Trends", "趋势"],
   chart_label: ["Chart of {points}", "{points} 的趋势图"],
   chart_keys: [
