@@ -49,6 +49,11 @@ const COMMANDS: &[Command] = &[
         run: test::run,
     },
     Command {
+        name: "screenshots",
+        help: "the README's pictures, taken of the demo in a browser",
+        run: web::screenshots,
+    },
+    Command {
         name: "tidy",
         help: "check the project's invariants",
         run: tidy::run,

@@ -139,10 +139,21 @@ pub(crate) fn build_or_tell(root: &Path) {
 
 /// The pages in a browser, against the real daemon.
 pub(crate) fn test(root: &Path) -> Result<()> {
+    against_the_daemon(root, "test")
+}
+
+/// `cargo xtask screenshots`: the README's pictures, of the program as it is.
+pub(crate) fn screenshots(root: &Path, args: &[String]) -> Result<()> {
+    crate::no_arguments(args)?;
+    build_or_tell(root);
+    against_the_daemon(root, "screenshots")
+}
+
+fn against_the_daemon(root: &Path, script: &str) -> Result<()> {
     run::run(&mut run::cargo(root, &["build", "-p", "railbus"]))?;
     let node = Node::find(root)?;
     node.packages(root)?;
-    node.npm(root, &["run", "test"])
+    node.npm(root, &["run", script])
 }
 
 #[cfg(test)]
