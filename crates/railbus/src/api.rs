@@ -3,6 +3,8 @@
 
 pub(crate) mod ask;
 pub(crate) mod config_words;
+pub(crate) mod control;
+pub(crate) mod control_types;
 pub(crate) mod convert;
 pub(crate) mod failures;
 pub(crate) mod ops;

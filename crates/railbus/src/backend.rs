@@ -5,6 +5,7 @@
 mod local;
 mod remote;
 
+use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest};
 use crate::api::convert;
 use crate::api::problem::Problem;
 use crate::api::types::{
@@ -208,6 +209,20 @@ impl Backend {
         wanted: OutputsRequest,
     ) -> Result<OutputsWritten, Problem> {
         either!(self.outputs(module, wanted))
+    }
+
+    /// All groups.
+    pub(crate) async fn groups(&self) -> Result<Vec<GroupInfo>, Problem> {
+        either!(self.groups())
+    }
+
+    /// Switches a group.
+    pub(crate) async fn set_group(
+        &self,
+        group: &str,
+        wanted: GroupRequest,
+    ) -> Result<BatchAnswer, Problem> {
+        either!(self.set_group(group, wanted))
     }
 
     /// Switches an output over.

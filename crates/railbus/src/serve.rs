@@ -4,6 +4,7 @@
 pub(crate) mod access;
 mod answer;
 mod config;
+mod control;
 mod doc;
 mod events;
 mod export;

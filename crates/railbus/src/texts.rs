@@ -214,14 +214,15 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
   railbus ls ports           本机串口",
     }
     LsWhat {
-        en: "modules (if not said), points, lines, models or ports",
-        zh: "modules（默认）、points、lines、models 或 ports",
+        en: "modules (if not said), points, lines, groups, models or ports",
+        zh: "modules（默认）、points、lines、groups、models 或 ports",
     }
     LsModule { en: "Only the points of these modules", zh: "只列出这些模块的点" }
     LsModulesHead {
         en: "MODULE|LINE|ADDR|PROTOCOL|MODEL|STATE|RTT|ERRORS 1h|OUTPUTS|INPUTS",
         zh: "模块|总线|地址|协议|型号|状态|往返|1 小时错误|输出|输入",
     }
+    LsGroupsHead { en: "GROUP|NAME|FRAMES|MEMBERS", zh: "分组|名称|帧数|成员" }
     LsLinesHead { en: "LINE|PORT|SETTINGS|STATE|MODULES", zh: "总线|端口|参数|状态|模块" }
     LsModelsHead {
         en: "MODEL|TITLE|OUTPUTS|INPUTS|ANALOGS|ADDRESSES|PROTOCOLS|BAUD",
@@ -252,10 +253,12 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "  railbus set pump.do0 on
   railbus set yard 1,3=on                    by the numbers at the terminals
   railbus set oven k1=on k2=off k5=toggle
+  railbus set '@night' off                   a group of the configuration
   railbus set oven all=off -n                only shows the frames",
         zh: "  railbus set pump.do0 on
   railbus set yard 1,3=on                    按端子编号
   railbus set oven k1=on k2=off k5=toggle
+  railbus set '@night' off                   配置中的分组
   railbus set oven all=off -n                只显示帧",
     }
     SetTargets {

@@ -454,3 +454,63 @@ fn a_bad_configuration_is_refused_and_changes_nothing() {
     assert!(check.status.success());
     let _ = std::fs::remove_dir_all(&folder);
 }
+
+#[test]
+fn several_outputs_are_switched_at_once() {
+    let daemon = Daemon::demo("several");
+    let post = |path: &str, body: &str| daemon.send("POST", &format!("/api/v1/{path}"), body);
+    let code = |answer: Answer| (answer.status, answer.json()["code"].clone());
+    let both = r#"{"set":[{"path":"oven.k1","value":true},{"path":"gate.do0","value":true}]}"#;
+    let done = post("batch", both).json();
+    assert_eq!(done["results"].as_array().map(Vec::len), Some(2), "{done}");
+    for result in done["results"].as_array().expect("a list") {
+        assert_eq!(result["value"], true, "{result}");
+        assert_eq!(result["confirmed"], "readback", "{result}");
+    }
+    let id = done["results"][0]["audit"].as_str().expect("a number");
+    let command = daemon.get(&format!("/api/v1/commands/{id}")).json();
+    assert_eq!(
+        (&command["end"], &command["what"]),
+        (&json!("readback"), &json!("k1=on"))
+    );
+    let twice = r#"{"set":[{"path":"oven.k1","value":true},{"path":"oven.k1","value":false}]}"#;
+    assert_eq!(code(post("batch", twice)), (422, json!("E0806")));
+    let unknown = r#"{"set":[{"path":"oven.k9","value":true}]}"#;
+    assert_eq!(code(post("batch", unknown)), (404, json!("E0802")));
+
+    let groups = daemon.get("/api/v1/groups").json();
+    assert_eq!(groups["groups"][0]["group"], "night");
+    assert_eq!(groups["groups"][0]["frames"], 3);
+    let off = post("groups/night/set", r#"{"value":"toggle"}"#).json();
+    let is_off = |result: &Value| result["value"] == false;
+    assert!(
+        off["results"]
+            .as_array()
+            .expect("a list")
+            .iter()
+            .all(is_off),
+        "{off}"
+    );
+    assert_eq!(
+        code(post("groups/day/set", r#"{"value":true}"#)),
+        (404, json!("E0860"))
+    );
+    let played = post("scenes/evening/run", "").json();
+    assert_eq!(played["results"][1]["value"], true, "{played}");
+    assert_eq!(code(post("scenes/morning/run", "")), (404, json!("E0861")));
+
+    let lease = "/api/v1/points/oven/k3/lease";
+    let held = daemon.put(lease, r#"{"value":true,"ttl_ms":60000}"#).json();
+    let until = daemon.get("/api/v1/points/oven/k3").json()["lease"]["until"].clone();
+    assert!(
+        held["until"].is_string() && until.is_string(),
+        "{held} {until}"
+    );
+    assert_eq!(daemon.send("DELETE", lease, "").json()["value"], false);
+    assert_eq!(
+        code(daemon.send("DELETE", lease, "")),
+        (409, json!("E0454"))
+    );
+    let short = daemon.put(lease, r#"{"value":true,"ttl_ms":1}"#);
+    assert_eq!(code(short), (422, json!("E0806")));
+}

@@ -69,6 +69,10 @@ pub enum Failure {
     Undone,
     /// Done, and could not be taken back, though another part of the same command failed.
     NotUndone,
+    /// There is no such group.
+    NoSuchGroup,
+    /// There is no such scene.
+    NoSuchScene,
     /// The scene is being played already.
     Playing,
     /// What the line said.
@@ -99,6 +103,8 @@ impl Failure {
             Failure::NotTried => "not_tried",
             Failure::Undone => "undone",
             Failure::NotUndone => "not_undone",
+            Failure::NoSuchGroup => "no_such_group",
+            Failure::NoSuchScene => "no_such_scene",
             Failure::Playing => "playing",
             Failure::Line(fault) => fault.name(),
         }

@@ -1,20 +1,25 @@
 //! A site at work: its lines opened, its truth kept, its commands carried out.
 
+mod batch;
 mod command;
 mod guard;
+mod lease;
 mod loan;
 mod policy;
 mod promises;
 mod pulse;
 mod record;
 mod reload;
+mod scene;
 mod state;
 mod status;
 mod timer;
 mod underway;
 mod update;
 
+pub use batch::{BatchDone, BatchTerms, GroupState, Part, PartDone};
 pub use command::{RawTerms, ToggleTerms, WriteDone, WriteTerms};
+pub use lease::{LEASE_MAX, LEASE_MIN, Leased};
 pub use loan::Loan;
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
 pub use record::Events;
@@ -31,7 +36,7 @@ use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, Plan, PortEr
 use railbus_wire::Micros;
 use record::Journal;
 use state::State;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -88,6 +93,8 @@ pub(crate) struct Inner {
     commands: Commands,
     timers: Timers,
     promises: Promises,
+    /// The scenes that are being played.
+    playing: Mutex<BTreeSet<String>>,
     updates: broadcast::Sender<Update>,
     /// Only one at a time may change the configuration.
     reloading: tokio::sync::Mutex<()>,
@@ -152,6 +159,7 @@ impl Service {
                 commands: Commands::default(),
                 timers: Timers::default(),
                 promises,
+                playing: Mutex::default(),
                 updates: broadcast::Sender::new(UPDATES_MAX),
                 reloading: tokio::sync::Mutex::new(()),
                 start: std::time::Instant::now(),

@@ -56,6 +56,8 @@ pub(crate) fn problem(
         Failure::NotTried => about(service, Problem::new(codes::NOT_TRIED), module),
         Failure::Undone => about(service, Problem::new(codes::UNDONE), module),
         Failure::NotUndone => about(service, Problem::new(codes::NOT_UNDONE), module),
+        Failure::NoSuchGroup => Problem::new(codes::NO_SUCH_GROUP),
+        Failure::NoSuchScene => Problem::new(codes::NO_SUCH_SCENE),
         Failure::Playing => Problem::new(codes::PLAYING),
         Failure::Line(fault) => {
             let problem = of_fault(service, module, fault);

@@ -187,6 +187,10 @@ pub(crate) mod codes {
         NO_GENERATION = "E0831", 404, "no such generation of the configuration is kept";
         /// A whole text came without saying which one it replaces.
         NO_IF_MATCH = "E0832", 428, "say with If-Match which text is to be replaced";
+        /// Also `name`, `known`.
+        NO_SUCH_GROUP = "E0860", 404, "there is no such group";
+        /// Also `name`, `known`.
+        NO_SUCH_SCENE = "E0861", 404, "there is no such scene";
         /// Also `reason`.
         FORBIDDEN = "E0901", 403, "not from there";
         /// Nobody knows who asks.

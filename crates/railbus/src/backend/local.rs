@@ -1,13 +1,14 @@
 //! A site opened here and now, for one command.
 
 use super::{AdHoc, Wanted};
+use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest};
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{
     LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest, Pulsed,
     RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
 use crate::api::watching::Watching;
-use crate::api::{ask, failures, paths};
+use crate::api::{ask, control, failures, paths};
 use crate::config_file;
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Layout, Setup};
@@ -109,6 +110,24 @@ impl Local {
     ) -> Result<OutputsWritten, Problem> {
         self.read_before(module).await?;
         ask::outputs(&self.service, module, wanted).await
+    }
+
+    pub(super) async fn groups(&self) -> Result<Vec<GroupInfo>, Problem> {
+        Ok(control::groups(&self.service))
+    }
+
+    pub(super) async fn set_group(
+        &self,
+        group: &str,
+        wanted: GroupRequest,
+    ) -> Result<BatchAnswer, Problem> {
+        let mut members = control::members(&self.service, group)?;
+        members.dedup_by_key(|path| paths::split(path).map(|(module, _)| module.to_owned()));
+        for path in members {
+            // A line that is not open fails for its own members alone, and says so there.
+            let _ = self.read_before(&path).await;
+        }
+        control::set_group(&self.service, group, wanted).await
     }
 
     pub(super) async fn toggle(

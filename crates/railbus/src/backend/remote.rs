@@ -2,6 +2,7 @@
 
 mod http;
 
+use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest, Groups};
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{
     FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
@@ -114,6 +115,20 @@ impl Remote {
     ) -> Result<OutputsWritten, Problem> {
         let path = format!("/api/v1/modules/{}/outputs", encoded(module));
         self.send(Method::PUT, &path, &wanted).await
+    }
+
+    pub(super) async fn groups(&self) -> Result<Vec<GroupInfo>, Problem> {
+        let groups: Groups = self.get("/api/v1/groups").await?;
+        Ok(groups.groups)
+    }
+
+    pub(super) async fn set_group(
+        &self,
+        group: &str,
+        wanted: GroupRequest,
+    ) -> Result<BatchAnswer, Problem> {
+        let path = format!("/api/v1/groups/{}/set", encoded(group));
+        self.send(Method::POST, &path, &wanted).await
     }
 
     pub(super) async fn toggle(

@@ -1,5 +1,6 @@
 //! `railbus ls`: modules, points, lines, models, ports.
 
+mod groups;
 mod models;
 mod ports;
 
@@ -21,11 +22,11 @@ use railbus_wire::Address;
 /// The name of the command.
 pub(crate) const NAME: &str = "ls";
 
-const WHAT: [&str; 5] = ["modules", "points", "lines", "models", "ports"];
+const WHAT: [&str; 6] = ["modules", "points", "lines", "groups", "models", "ports"];
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus ls [modules|lines|models|ports] | railbus ls points [MODULE…]";
+    let usage = "railbus ls [modules|lines|groups|models|ports] | railbus ls points [MODULE…]";
     cli::verb(lang, NAME, Text::LsAbout, usage)
         .alias("list")
         .before_help(cli::examples(lang, Text::LsExamples))
@@ -62,6 +63,10 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         Some("points") => {
             let points = ask(&context, async |backend| backend.points(&of, false).await)?;
             super::get::records(lang, &points, false)
+        }
+        Some("groups") => {
+            let groups = ask(&context, async |backend| backend.groups().await)?;
+            groups::records(lang, &groups)
         }
         Some("lines") => lines(lang, &ask(&context, async |backend| backend.lines().await)?),
         _ => {

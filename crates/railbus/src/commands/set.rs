@@ -2,6 +2,7 @@
 
 mod boards;
 mod frames;
+mod group;
 mod orders;
 
 use super::{Context, stop};
@@ -74,6 +75,9 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         verify: !matches.get_flag("no-verify"),
         confirm: matches.get_flag("yes"),
     };
+    if words.first().is_some_and(|word| word.starts_with('@')) {
+        return group::run(&context, &words, terms, matches.get_flag("dry-run"));
+    }
     let dry = matches.get_flag("dry-run");
     let outcomes = context.block(async {
         let mut stop = stop::Stop::new(&context)?;

@@ -7,7 +7,8 @@ use super::doc::Doc;
 use super::keys::Keys;
 use super::listen::ended;
 use super::{
-    answer, events, guard, history, loan, openapi, ops, points, ports, scans, spoken, web, ws,
+    answer, control, events, guard, history, loan, openapi, ops, points, ports, scans, spoken, web,
+    ws,
 };
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
@@ -70,6 +71,7 @@ impl Route {
 /// Every route of the API.
 pub(super) const ALL: &[&[Route]] = &[
     points::ROUTES,
+    control::ROUTES,
     history::ROUTES,
     events::ROUTES,
     loan::ROUTES,

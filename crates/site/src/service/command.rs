@@ -137,6 +137,21 @@ impl Service {
             .await
     }
 
+    /// Switches one output, and leaves what was promised of it as it is.
+    pub(super) async fn release_now(
+        &self,
+        module: &str,
+        point: Point,
+        on: bool,
+    ) -> Result<WriteDone, Failure> {
+        let op = Op::Write(Bank::one(channel(point)?, on));
+        let note = self.note(self.inner.describe(module, &[(point, on)]));
+        let wanted = |_| Some(on);
+        self.inner
+            .command(module, &[point], op, true, note, wanted)
+            .await
+    }
+
     /// Switches an output over. Where it is read first and then set, someone else may come
     /// between.
     ///
@@ -260,7 +275,11 @@ impl Inner {
 
     /// Somebody sees to it that these outputs are switched off when they have been on for as
     /// long as they may.
-    fn watched(&self, module: &str, on: impl IntoIterator<Item = Point>) -> Result<(), Failure> {
+    pub(super) fn watched(
+        &self,
+        module: &str,
+        on: impl IntoIterator<Item = Point>,
+    ) -> Result<(), Failure> {
         let state = lock(&self.state);
         let limited = |point: &Point| {
             let safety = state.site.config().safety(&Place::new(module, *point));

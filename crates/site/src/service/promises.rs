@@ -121,6 +121,12 @@ impl Promises {
         each.map(|(key, promise)| (key.clone(), *promise)).collect()
     }
 
+    /// What becomes of an output at the end of what was promised, where anything was.
+    pub(super) fn end_of(&self, key: &Key) -> Option<Option<bool>> {
+        let made = lock(&self.made);
+        made.by_key.get(key).map(|promise| promise.end)
+    }
+
     /// Makes a promise; it is on the disk when this returns.
     pub(super) async fn make(&self, key: &Key, promise: Promise) -> io::Result<()> {
         let made = self.change(|made| made.insert(key.clone(), promise));

@@ -402,6 +402,13 @@ impl Timers {
         *self.stop.borrow()
     }
 
+    /// Waits for that.
+    pub(super) async fn stopping(&self) {
+        let mut stop = self.stop.subscribe();
+        // Fails only where the site has gone.
+        let _ = stop.wait_for(|stop| *stop).await;
+    }
+
     /// Waits until none runs.
     pub(super) async fn all_ended(&self) {
         let mut count = self.count.subscribe();

@@ -2,6 +2,7 @@
 
 mod board;
 mod safety;
+mod several;
 
 use board::{k, until};
 use railbus_host::{Confirmed, Fault, LineState};

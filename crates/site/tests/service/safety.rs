@@ -19,7 +19,7 @@ fn config(port: &str, points: &str) -> Config {
     Config::parse(&text).unwrap()
 }
 
-async fn site(points: &str) -> (Service, Arc<Boards>) {
+pub(crate) async fn site(points: &str) -> (Service, Arc<Boards>) {
     let (port, boards) = board::start().await;
     let service = Service::start(config(&port, points)).unwrap();
     known(&service).await;
@@ -31,7 +31,12 @@ async fn known(service: &Service) {
     until(|| good("oven") && good("yard")).await;
 }
 
-async fn switch(service: &Service, module: &str, number: u8, on: bool) -> Result<(), Failure> {
+pub(crate) async fn switch(
+    service: &Service,
+    module: &str,
+    number: u8,
+    on: bool,
+) -> Result<(), Failure> {
     let set = [(k(number), on)];
     let done = service.write(module, &set, WriteTerms::default()).await;
     done.map(|_| ())

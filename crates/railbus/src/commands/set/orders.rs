@@ -13,7 +13,7 @@ pub(super) enum State {
 
 impl State {
     /// The state of a word, in both languages.
-    fn from_word(word: &str) -> Option<State> {
+    pub(super) fn from_word(word: &str) -> Option<State> {
         Some(match word {
             "on" | "1" | "true" | "吸合" | "合" => State::On,
             "off" | "0" | "false" | "断开" | "分" => State::Off,

@@ -256,6 +256,16 @@ codes! {
             "总线有误 · 配置中没有该系列的模块"],
         next: ["railbus ls", "railbus ls"],
     }
+    NoGroup = "E0860" {
+        title: ["there is no such group", "没有此分组"],
+        likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
+        next: ["railbus ls groups", "railbus ls groups"],
+    }
+    NoScene = "E0861" {
+        title: ["there is no such scene", "没有此场景"],
+        likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
+        next: ["look into the configuration", "查看配置文件"],
+    }
     ConfigOutput = "E0865" {
         title: ["a key or a list of the configuration is for outputs only", "配置的该项仅适用于输出点"],
         likely: ["an input or analog value is named", "指定的是输入点或模拟量"],

@@ -1,0 +1,28 @@
+//! `railbus ls groups`: outputs that are switched together.
+
+use crate::api::control_types::GroupInfo;
+use crate::i18n::Lang;
+use crate::render::records::Records;
+use crate::render::table::Table;
+use crate::texts::Text;
+
+/// The list of groups.
+pub(super) fn records(lang: Lang, groups: &[GroupInfo]) -> Records {
+    let mut table = Table::new(lang.get(Text::LsGroupsHead).split('|'));
+    for group in groups {
+        let name = group.name.get(lang.name()).cloned().unwrap_or_default();
+        table.add([
+            format!("@{}", group.group),
+            name,
+            group.frames.to_string(),
+            group.members.join(" "),
+        ]);
+    }
+    Records {
+        key: "groups",
+        rows: super::json_of(groups),
+        columns: &["group", "frames"],
+        value: "group",
+        table,
+    }
+}

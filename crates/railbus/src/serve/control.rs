@@ -1,0 +1,166 @@
+//! Several outputs at once, groups, scenes, and outputs that are held.
+
+use super::access::{Caller, Need, may_write};
+use super::answer;
+use super::doc::Doc;
+use super::points::command;
+use super::routes::{Answer, Route, Site};
+use crate::api::control;
+use crate::api::control_types::{
+    BatchAnswer, BatchRequest, GroupRequest, Groups, LeaseAnswer, LeaseRequest, SceneRequest,
+    Scenes,
+};
+use crate::api::paths;
+use crate::api::problem::Problem;
+use crate::api::types::SCHEMA;
+use axum::Extension;
+use axum::body::Bytes;
+use axum::extract::{Path, State};
+use axum::http::HeaderMap;
+use axum::routing::{delete, get, post, put};
+use railbus_site::Service;
+use serde_json::Value;
+use std::sync::Arc;
+
+/// The routes of this file.
+pub(super) const ROUTES: &[Route] = &[
+    Route::new("POST", "/batch", Need::OPERATOR, || post(batch)).doc(
+        Doc::new("Switch several outputs of any modules")
+            .takes::<BatchRequest>()
+            .answers::<BatchAnswer>(),
+    ),
+    Route::new("GET", "/groups", Need::VIEWER, || get(groups))
+        .doc(Doc::new("All groups").answers::<Groups>()),
+    Route::new("POST", "/groups/{group}/set", Need::OPERATOR, || {
+        post(set_group)
+    })
+    .doc(
+        Doc::new("Switch a group")
+            .takes::<GroupRequest>()
+            .answers::<BatchAnswer>(),
+    ),
+    Route::new("GET", "/scenes", Need::VIEWER, || get(scenes))
+        .doc(Doc::new("All scenes").answers::<Scenes>()),
+    Route::new("POST", "/scenes/{scene}/run", Need::OPERATOR, || post(play)).doc(
+        Doc::new("Play a scene, up to the first step that fails")
+            .takes::<SceneRequest>()
+            .answers::<BatchAnswer>(),
+    ),
+    Route::new(
+        "PUT",
+        "/points/{module}/{label}/lease",
+        Need::OPERATOR,
+        || put(lease),
+    )
+    .doc(
+        Doc::new("Hold an output for as long as that is said again")
+            .takes::<LeaseRequest>()
+            .answers::<LeaseAnswer>(),
+    ),
+    Route::new(
+        "DELETE",
+        "/points/{module}/{label}/lease",
+        Need::OPERATOR,
+        || delete(end_lease),
+    )
+    .doc(Doc::new("Give an output back").answers::<LeaseAnswer>()),
+];
+
+/// Whether somebody may switch all of these.
+fn may_write_all(rights: &[String], outputs: &[String]) -> Result<(), Problem> {
+    outputs.iter().try_for_each(|path| {
+        let (module, label) = paths::split(path).unwrap_or((path, ""));
+        may_write(rights, module, label)
+    })
+}
+
+async fn batch(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let rights = Arc::clone(&who.points);
+    let run = |service: Service, _, wanted: BatchRequest| async move {
+        let outputs: Vec<String> = wanted.set.iter().map(|item| item.path.clone()).collect();
+        may_write_all(&rights, &outputs)?;
+        control::batch(&service, wanted).await
+    };
+    command(&site, &who, &headers, ("batch", String::new()), &body, run).await
+}
+
+async fn groups(State(site): State<Site>) -> Answer {
+    let groups = control::groups(&site.service);
+    let schema = SCHEMA;
+    answer::json(Ok(Groups { schema, groups }))
+}
+
+async fn set_group(
+    State(site): State<Site>,
+    Path(group): Path<String>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let rights = Arc::clone(&who.points);
+    let run = |service: Service, group: String, wanted| async move {
+        may_write_all(&rights, &control::members(&service, &group)?)?;
+        control::set_group(&service, &group, wanted).await
+    };
+    command(&site, &who, &headers, ("group", group), &body, run).await
+}
+
+async fn scenes(State(site): State<Site>) -> Answer {
+    let scenes = control::scenes(&site.service);
+    let schema = SCHEMA;
+    answer::json(Ok(Scenes { schema, scenes }))
+}
+
+async fn play(
+    State(site): State<Site>,
+    Path(scene): Path<String>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let rights = Arc::clone(&who.points);
+    let run = |service: Service, scene: String, wanted| async move {
+        may_write_all(&rights, &control::outputs_of_scene(&service, &scene)?)?;
+        control::play(&service, &scene, wanted).await
+    };
+    command(&site, &who, &headers, ("scene", scene), &body, run).await
+}
+
+async fn lease(
+    State(site): State<Site>,
+    Path((module, label)): Path<(String, String)>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let what = ("lease", format!("{module}.{label}"));
+    if let Err(problem) = who.may_write(&what.1) {
+        return answer::problem(&problem);
+    }
+    let run = |service: Service, path: String, wanted| async move {
+        control::lease(&service, &path, wanted).await
+    };
+    command(&site, &who, &headers, what, &body, run).await
+}
+
+async fn end_lease(
+    State(site): State<Site>,
+    Path((module, label)): Path<(String, String)>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let what = ("end of lease", format!("{module}.{label}"));
+    if let Err(problem) = who.may_write(&what.1) {
+        return answer::problem(&problem);
+    }
+    let run = |service: Service, path: String, _: Value| async move {
+        control::end_lease(&service, &path).await
+    };
+    command(&site, &who, &headers, what, &body, run).await
+}

@@ -1,0 +1,353 @@
+//! Several outputs at once: in as few frames as can be, all or nothing where that is asked for.
+
+use super::{Service, lock};
+use crate::config::Place;
+use crate::{Failure, Quality, Value, WriteDone, WriteTerms};
+use railbus_device::{Bank, Module, Point};
+use railbus_host::Confirmed;
+use railbus_wire::Micros;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// On what terms several outputs are switched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BatchTerms {
+    /// Read the outputs back and compare, where the module can.
+    pub verify: bool,
+    /// Who asks means it, also for outputs that want that to be said.
+    pub confirm: bool,
+    /// Where one fails, what was done is taken back.
+    pub all_or_nothing: bool,
+}
+
+impl Default for BatchTerms {
+    fn default() -> BatchTerms {
+        BatchTerms {
+            verify: true,
+            confirm: false,
+            all_or_nothing: false,
+        }
+    }
+}
+
+/// One output of several, and what came of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// Which output.
+    pub place: Place,
+    /// What it was to become.
+    pub wanted: bool,
+    /// How it ended.
+    pub end: Result<PartDone, Failure>,
+}
+
+/// How one output of several was switched.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PartDone {
+    /// What it is now; none where nobody can know.
+    pub value: Option<bool>,
+    /// What it was before, where that was known.
+    pub before: Option<bool>,
+    /// How far that is certain.
+    pub confirmed: Confirmed,
+    /// From handing the command in to the last byte of its own reply.
+    pub took: Micros,
+    /// The number of its audit entry.
+    pub audit: String,
+}
+
+/// What came of several outputs.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct BatchDone {
+    /// Each of them, in the order asked.
+    pub parts: Vec<Part>,
+    /// One failed, and all that was done was taken back.
+    pub undone: bool,
+}
+
+impl BatchDone {
+    fn has_failed(&self) -> bool {
+        self.parts.iter().any(|part| part.end.is_err())
+    }
+}
+
+/// What a group is brought into.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GroupState {
+    /// All of it on, or all of it off.
+    Set(bool),
+    /// Off where any of it is on or may be, else on.
+    Toggle,
+}
+
+/// An output of a batch and its number there.
+type Item = (usize, Place, bool);
+
+impl Service {
+    /// Switches outputs of any modules. Those of one module go together; where some of them
+    /// exclude each other, what goes off goes before what goes on.
+    pub async fn batch(&self, set: &[(Place, bool)], terms: BatchTerms) -> BatchDone {
+        let checked = set.iter().map(|(place, on)| Part {
+            place: place.clone(),
+            wanted: *on,
+            end: match self.may_switch(place, *on, terms.confirm) {
+                Ok(()) => Err(Failure::NotTried),
+                Err(failure) => Err(failure),
+            },
+        });
+        let mut done = BatchDone {
+            parts: checked.collect(),
+            undone: false,
+        };
+        let refused = |part: &Part| part.end != Err(Failure::NotTried);
+        if terms.all_or_nothing && done.parts.iter().any(refused) {
+            return done;
+        }
+        let parts = done.parts.iter().enumerate();
+        let items: Vec<Item> = parts
+            .filter(|(_, part)| !refused(part))
+            .map(|(number, part)| (number, part.place.clone(), part.wanted))
+            .collect();
+        if terms.all_or_nothing {
+            self.ask_unknown(&items).await;
+        }
+        let before: Vec<_> = items.iter().map(|item| self.known(&item.1)).collect();
+        self.switch_in_turn(&mut done, &items, terms).await;
+        if terms.all_or_nothing && done.has_failed() {
+            self.undo(&mut done, &items, &before).await;
+        }
+        done
+    }
+
+    /// Brings a group into a state.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchGroup`].
+    pub async fn set_group(
+        &self,
+        group: &str,
+        to: GroupState,
+        terms: BatchTerms,
+    ) -> Result<BatchDone, Failure> {
+        let members = {
+            let state = lock(&self.inner.state);
+            let group = state.site.config().groups.get(group);
+            group.ok_or(Failure::NoSuchGroup)?.members.clone()
+        };
+        let on = match to {
+            GroupState::Set(on) => on,
+            GroupState::Toggle => {
+                let items: Vec<Item> = members.iter().map(|m| (0, m.clone(), true)).collect();
+                self.ask_unknown(&items).await;
+                members
+                    .iter()
+                    .all(|member| self.known(member) == Some(false))
+            }
+        };
+        let set: Vec<_> = members.into_iter().map(|member| (member, on)).collect();
+        Ok(self.batch(&set, terms).await)
+    }
+
+    /// In how many frames these outputs can be brought into one state.
+    #[must_use]
+    pub fn frames_of(&self, outputs: &[Place]) -> usize {
+        let mut masks: BTreeMap<&str, u32> = BTreeMap::new();
+        for place in outputs {
+            if let Some(bit) = 1_u32.checked_shl(u32::from(place.point.index)) {
+                *masks.entry(&place.module).or_default() |= bit;
+            }
+        }
+        let frames = masks.into_iter().map(|(module, mask)| {
+            let described = self.inner.described(module).ok();
+            let module = described.and_then(|described| Module::new(described.setup).ok());
+            module.map_or(0, |module| frames_of(&module, mask))
+        });
+        frames.sum()
+    }
+
+    fn may_switch(&self, place: &Place, on: bool, confirm: bool) -> Result<(), Failure> {
+        let points = [place.point];
+        self.inner.may_command(&place.module, &points, confirm)?;
+        let rising = points.into_iter().filter(|_| on);
+        self.inner.watched(&place.module, rising)
+    }
+
+    /// What an output is, where that is known now.
+    fn known(&self, place: &Place) -> Option<bool> {
+        let status = self.point(&place.module, place.point)?;
+        match (status.quality, status.value) {
+            (Quality::Good, Some(Value::Bool(on))) => Some(on),
+            _ => None,
+        }
+    }
+
+    /// Asks the modules of outputs of which nothing is known now.
+    async fn ask_unknown(&self, items: &[Item]) {
+        let unknown = items.iter().filter(|item| self.known(&item.1).is_none());
+        let modules: BTreeSet<_> = unknown.map(|item| item.1.module.clone()).collect();
+        for module in modules {
+            // What could not be read stays unknown.
+            let _ = self.inner.read_all(&module).await;
+        }
+    }
+
+    /// Switches them, in two turns where they exclude each other. After a failure in the first
+    /// turn, the second is not begun where it is all or nothing.
+    async fn switch_in_turn(&self, done: &mut BatchDone, items: &[Item], terms: BatchTerms) {
+        if !self.exclude_each_other(items) {
+            return self.switch_at_once(done, items, terms).await;
+        }
+        for wanted in [false, true] {
+            let turn: Vec<Item> = items.iter().filter(|i| i.2 == wanted).cloned().collect();
+            self.switch_at_once(done, &turn, terms).await;
+            let failed = turn.iter().filter_map(|item| done.parts.get(item.0));
+            if terms.all_or_nothing && failed.into_iter().any(|part| part.end.is_err()) {
+                return;
+            }
+        }
+    }
+
+    fn exclude_each_other(&self, items: &[Item]) -> bool {
+        let state = lock(&self.inner.state);
+        let config = state.site.config();
+        let excluded = items.iter().filter_map(|item| config.safety(&item.1));
+        let mut excluded = excluded.flat_map(|safety| &safety.interlock);
+        excluded.any(|other| items.iter().any(|item| item.1 == *other))
+    }
+
+    /// Switches the outputs of all modules side by side.
+    async fn switch_at_once(&self, done: &mut BatchDone, items: &[Item], terms: BatchTerms) {
+        let mut by_module: BTreeMap<String, Vec<Item>> = BTreeMap::new();
+        for item in items {
+            let of_module = by_module.entry(item.1.module.clone()).or_default();
+            of_module.push(item.clone());
+        }
+        let each = by_module.into_iter().map(|(module, items)| {
+            let service = self.clone();
+            let numbers: Vec<usize> = items.iter().map(|item| item.0).collect();
+            let task =
+                tokio::spawn(async move { service.switch_module(&module, &items, terms).await });
+            (numbers, task)
+        });
+        for (numbers, task) in each.collect::<Vec<_>>() {
+            // Fails only where the runtime itself ends.
+            let Ok(ends) = task.await else {
+                continue;
+            };
+            for (number, end) in numbers.into_iter().zip(ends) {
+                if let Some(part) = done.parts.get_mut(number) {
+                    part.end = end;
+                }
+            }
+        }
+    }
+
+    /// Switches outputs of one module with one command. Where one of them must not be, the
+    /// others still are, unless it is all or nothing.
+    async fn switch_module(
+        &self,
+        module: &str,
+        items: &[Item],
+        terms: BatchTerms,
+    ) -> Vec<Result<PartDone, Failure>> {
+        let set: Vec<(Point, bool)> = items.iter().map(|(_, at, on)| (at.point, *on)).collect();
+        let together = self.switch_points(module, &set, terms).await;
+        let one_must_not = matches!(
+            together.first(),
+            Some(Err(Failure::Interlock { .. } | Failure::MinOff { .. }))
+        );
+        if !one_must_not || terms.all_or_nothing || set.len() < 2 {
+            return together;
+        }
+        let mut ends = Vec::with_capacity(set.len());
+        for one in set {
+            ends.extend(self.switch_points(module, &[one], terms).await);
+        }
+        ends
+    }
+
+    async fn switch_points(
+        &self,
+        module: &str,
+        set: &[(Point, bool)],
+        terms: BatchTerms,
+    ) -> Vec<Result<PartDone, Failure>> {
+        let terms = WriteTerms {
+            verify: terms.verify,
+            ..WriteTerms::default()
+        };
+        match self.write_for_itself(module, set, terms).await {
+            Ok(done) => parts_of(&done).into_iter().map(Ok).collect(),
+            Err(failure) => set.iter().map(|_| Err(failure.clone())).collect(),
+        }
+    }
+
+    /// Takes back what was done, and what may have been.
+    async fn undo(&self, done: &mut BatchDone, items: &[Item], before: &[Option<bool>]) {
+        let touched = |end: &Result<PartDone, Failure>| match end {
+            Ok(_) => true,
+            Err(failure) => failure.may_have_acted(),
+        };
+        let mut back = Vec::new();
+        let mut lost = Vec::new();
+        for ((number, place, _), before) in items.iter().zip(before) {
+            let part = done.parts.get(*number);
+            match (part.is_some_and(|part| touched(&part.end)), before) {
+                (false, _) => {}
+                (true, Some(before)) => back.push((back.len(), place.clone(), *before, *number)),
+                (true, None) => lost.push(*number),
+            }
+        }
+        let parts = back.iter().map(|(_, place, wanted, _)| Part {
+            place: place.clone(),
+            wanted: *wanted,
+            end: Err(Failure::NotTried),
+        });
+        let mut undone = BatchDone {
+            parts: parts.collect(),
+            undone: false,
+        };
+        let again: Vec<Item> = back.iter().map(|b| (b.0, b.1.clone(), b.2)).collect();
+        self.switch_in_turn(&mut undone, &again, BatchTerms::default())
+            .await;
+        done.undone = lost.is_empty() && !undone.has_failed();
+        let ends = undone.parts.iter().zip(&back);
+        let failed = ends.map(|(part, back)| (back.3, part.end.is_err()));
+        for (number, failed) in failed.chain(lost.iter().map(|number| (*number, true))) {
+            if let Some(part) = done.parts.get_mut(number)
+                && part.end.is_ok()
+            {
+                part.end = Err(if failed {
+                    Failure::NotUndone
+                } else {
+                    Failure::Undone
+                });
+            }
+        }
+    }
+}
+
+/// Each output that a command has switched.
+pub(super) fn parts_of(done: &WriteDone) -> Vec<PartDone> {
+    let each = done.outputs.iter().map(|(_, value, before)| PartDone {
+        value: *value,
+        before: *before,
+        confirmed: done.confirmed,
+        took: done.took,
+        audit: done.audit.clone(),
+    });
+    each.collect()
+}
+
+fn frames_of(module: &Module, mask: u32) -> usize {
+    let mut left = Bank::new(mask, mask);
+    let mut frames = 0;
+    while left.mask != 0 {
+        let carried = module.group(left).mask & left.mask;
+        if carried == 0 {
+            break;
+        }
+        left = Bank::new(left.mask & !carried, left.on & !carried);
+        frames += 1;
+    }
+    frames
+}

@@ -1,0 +1,125 @@
+//! Scenes: steps that are done one after the other, up to the first that fails.
+
+use super::batch::parts_of;
+use super::{BatchDone, BatchTerms, Inner, Part, Service, lock};
+use crate::config::{Place, Scene, Step};
+use crate::{Failure, WriteTerms};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A scene that is being played. It ends with this.
+struct Playing {
+    inner: Arc<Inner>,
+    scene: String,
+}
+
+impl Drop for Playing {
+    fn drop(&mut self) {
+        lock(&self.inner.playing).remove(&self.scene);
+    }
+}
+
+/// Outputs of one module that follow each other in a scene and go the same way.
+struct Run {
+    module: String,
+    outputs: Vec<Place>,
+    on: bool,
+}
+
+impl Service {
+    /// Plays a scene: its steps in their order, those of one module that follow each other and
+    /// go the same way with one command. After a step that fails, nothing more is done: later
+    /// ones may rely on it.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchScene`]; [`Failure::Playing`] while it is played already.
+    pub async fn play(&self, scene: &str, terms: BatchTerms) -> Result<BatchDone, Failure> {
+        let steps = {
+            let state = lock(&self.inner.state);
+            let known: Option<&Scene> = state.site.config().scenes.get(scene);
+            known.ok_or(Failure::NoSuchScene)?.steps.clone()
+        };
+        let _playing = self.begin_to_play(scene)?;
+        let mut done = BatchDone::default();
+        let mut going = true;
+        let mut rest = steps.iter().peekable();
+        while let Some(step) = rest.next() {
+            match step {
+                Step::Wait(time) if going => {
+                    going = self.wait(Duration::from_micros(time.0)).await;
+                }
+                Step::Wait(_) => {}
+                Step::Set(place, on) => {
+                    let mut run = Run {
+                        module: place.module.clone(),
+                        outputs: vec![place.clone()],
+                        on: *on,
+                    };
+                    while let Some(Step::Set(next, _)) = rest.next_if(|step| continues(&run, step))
+                    {
+                        run.outputs.push(next.clone());
+                    }
+                    let parts = self.play_run(run, going, terms).await;
+                    going = going && parts.iter().all(|part| part.end.is_ok());
+                    done.parts.extend(parts);
+                }
+            }
+        }
+        Ok(done)
+    }
+
+    fn begin_to_play(&self, scene: &str) -> Result<Playing, Failure> {
+        if !lock(&self.inner.playing).insert(scene.to_owned()) {
+            return Err(Failure::Playing);
+        }
+        Ok(Playing {
+            inner: Arc::clone(&self.inner),
+            scene: scene.to_owned(),
+        })
+    }
+
+    /// Says whether the site is not being closed.
+    async fn wait(&self, time: Duration) -> bool {
+        tokio::select! {
+            () = tokio::time::sleep(time) => true,
+            () = self.inner.timers.stopping() => false,
+        }
+    }
+
+    async fn play_run(&self, run: Run, going: bool, terms: BatchTerms) -> Vec<Part> {
+        let Run {
+            module,
+            outputs,
+            on,
+        } = run;
+        let set: Vec<_> = outputs.iter().map(|place| (place.point, on)).collect();
+        let write = WriteTerms {
+            verify: terms.verify,
+            confirm: terms.confirm,
+            ..WriteTerms::default()
+        };
+        let end = match going {
+            true => self.write(&module, &set, write).await,
+            false => Err(Failure::NotTried),
+        };
+        let ends: Vec<_> = match end {
+            Ok(done) => parts_of(&done).into_iter().map(Ok).collect(),
+            Err(failure) => outputs.iter().map(|_| Err(failure.clone())).collect(),
+        };
+        let parts = outputs.into_iter().zip(ends);
+        parts
+            .map(|(place, end)| Part {
+                place,
+                wanted: on,
+                end,
+            })
+            .collect()
+    }
+}
+
+fn continues(run: &Run, step: &Step) -> bool {
+    let Step::Set(place, on) = step else {
+        return false;
+    };
+    (&place.module, *on) == (&run.module, run.on) && !run.outputs.contains(place)
+}
