@@ -70,6 +70,21 @@ export async function open(browser, { lang, width, scheme }) {
   return { context, page, wrong };
 }
 
+export const PASSWORD = "correct horse battery";
+
+/** Makes the first user; answers with what makes a browser that user. */
+export async function setUp(browser, daemon) {
+  const context = await browser.newContext();
+  const key = new URL(daemon.link).hash.slice("#k=".length);
+  const made = await context.request.post(`${daemon.origin}/api/v1/setup`, {
+    data: { key, name: "admin", password: PASSWORD, lang: "en" },
+  });
+  if (made.status() !== 200) throw new Error(await made.text());
+  const cookies = await context.cookies();
+  await context.close();
+  return cookies;
+}
+
 const catalogue = Object.fromEntries(
   sources(fileURLToPath(new URL("../src/i18n", import.meta.url)))
     .flatMap(({ text }) => pairs(text))

@@ -1,9 +1,8 @@
 // Every page in both languages, on a phone and on a desk, light and dark.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { browse, faults, LOOKS, open, serve } from "./daemon.js";
+import { browse, faults, LOOKS, open, PASSWORD, serve, setUp } from "./daemon.js";
 
-const PASSWORD = "correct horse battery";
 const PAGES = [
   "/",
   "/module/pump",
@@ -34,15 +33,7 @@ let daemon, browser, cookies;
 before(async () => {
   daemon = await serve();
   browser = await browse();
-  const { context, page } = await open(browser, LOOKS[0]);
-  await page.goto(daemon.link);
-  const key = new URL(daemon.link).hash.slice(3);
-  const made = await context.request.post(`${daemon.origin}/api/v1/setup`, {
-    data: { key, name: "admin", password: PASSWORD, lang: "en" },
-  });
-  assert.equal(made.status(), 200, await made.text());
-  cookies = await context.cookies();
-  await context.close();
+  cookies = await setUp(browser, daemon);
 });
 
 after(async () => {

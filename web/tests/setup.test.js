@@ -2,7 +2,7 @@
 // and then a relay is switched and seen to be confirmed. Nothing is edited by hand.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { browse, faults, LOOKS, open, serve, words } from "./daemon.js";
+import { browse, faults, LOOKS, open, PASSWORD, serve, words } from "./daemon.js";
 
 let browser;
 before(async () => (browser = await browse()));
@@ -22,7 +22,7 @@ for (const look of LOOKS) {
       await press("next");
       await page.locator("#admin").waitFor();
       await sound("password");
-      await page.getByLabel(t("password"), { exact: true }).fill("correct horse battery");
+      await page.getByLabel(t("password"), { exact: true }).fill(PASSWORD);
       await press("next");
       await page.getByText(/main/).first().waitFor();
       await sound("line");

@@ -4,6 +4,8 @@ import type { FrameRecord } from "./types";
 
 export interface Numbered extends FrameRecord {
   n: number;
+  /** Its time, in milliseconds since 1970. */
+  at: number;
 }
 
 export const FRAMES_MOST = 100_000;
@@ -79,7 +81,7 @@ export class FrameLog {
 
   add(frames: FrameRecord[]): void {
     for (const frame of frames) {
-      const numbered = { ...frame, n: this.#next++ };
+      const numbered = { ...frame, n: this.#next++, at: Date.parse(frame.time) };
       this.all.push(numbered);
       if (this.#test(numbered)) this.shown.push(numbered);
     }

@@ -1,0 +1,92 @@
+// A busy line for a long time: the scope keeps its hundred thousand frames, and no more of
+// anything. The frames are made here, all else comes from the daemon.
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { browse, open, serve, setUp } from "./daemon.js";
+
+const KEPT = 100_000;
+const SPARE = 5_000;
+
+let daemon, browser, cookies;
+before(async () => {
+  daemon = await serve();
+  browser = await browse();
+  cookies = await setUp(browser, daemon);
+});
+after(async () => {
+  await browser?.close();
+  await daemon?.stop();
+});
+
+function frames(from, count) {
+  return Array.from({ length: count }, (_, i) => ({
+    event: "frame",
+    time: new Date(Date.UTC(2026, 0, 1) + from + i).toISOString(),
+    line: "main",
+    role: i % 2 ? "reply" : "request",
+    protocol: "rtu",
+    address: 3,
+    module: "oven",
+    meaning: `read 8 coils from ${from + i}`,
+    verdict: (from + i) % 100 ? "good" : "bad",
+    bytes: "03 01 00 3C 00 08 FC 22",
+    gap_ms: 10.5,
+  }));
+}
+
+test("a thousand frames a second do not grow the page", async () => {
+  const { context, page, wrong } = await open(browser, { lang: "en", width: 1280, scheme: "light" });
+  await context.addCookies(cookies);
+  let give;
+  await page.routeWebSocket(/\/api\/v1\/ws/, (socket) => {
+    const server = socket.connectToServer();
+    server.onMessage((message) => {
+      if (!String(message).includes('"frames/main"')) socket.send(message);
+    });
+    give = (list) => socket.send(JSON.stringify({ type: "delta", topic: "frames/main", seq: 1, frames: list }));
+  });
+  await page.goto(`${daemon.origin}/lines/main/scope`);
+  await page.locator(".connection.live").waitFor();
+  const devtools = await context.newCDPSession(page);
+  // Time of the processor, not of the clock: others may be busy, too.
+  await devtools.send("Performance.enable", { timeDomain: "threadTicks" });
+  const measure = async () => {
+    await devtools.send("HeapProfiler.collectGarbage");
+    const { metrics } = await devtools.send("Performance.getMetrics");
+    return Object.fromEntries(metrics.map(({ name, value }) => [name, value]));
+  };
+
+  let sent = 0;
+  const send = (count) => {
+    give(frames(sent, count));
+    sent += count;
+  };
+  while (sent < KEPT + SPARE) send(1_000);
+  await page.getByText(`read 8 coils from ${sent - 1}`).waitFor();
+  const full = await measure();
+  const begin = performance.now();
+  for (let batch = 0; batch < 200; batch += 1) {
+    send(50);
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  await page.getByText(`read 8 coils from ${sent - 1}`).waitFor();
+  const seconds = (performance.now() - begin) / 1_000;
+  const later = await measure();
+
+  const busy = ((later.TaskDuration - full.TaskDuration) / seconds) * 1_000;
+  const megabytes = (bytes) => (bytes / 1e6).toFixed(1);
+  console.log(`heap ${megabytes(full.JSHeapUsedSize)} -> ${megabytes(later.JSHeapUsedSize)} MB, busy ${busy.toFixed(0)} ms/s`);
+  assert.ok(later.JSHeapUsedSize < full.JSHeapUsedSize * 1.1, "the heap grows");
+  assert.ok(later.Nodes < full.Nodes * 1.2 + 100, `nodes: ${full.Nodes} -> ${later.Nodes}`);
+  const told = Number.parseInt(await page.locator("p[role=status]").innerText(), 10);
+  assert.ok(told >= KEPT && told <= KEPT + SPARE, `${told} frames are kept`);
+  assert.ok((await page.locator(".window .list-row").count()) < 100, "only what is seen exists");
+
+  await page.getByRole("searchbox").fill("bad and addr=3");
+  await page.waitForFunction((most) => {
+    const text = document.querySelector("p[role=status]")?.textContent ?? "";
+    return Number.parseInt(text, 10) <= most;
+  }, (KEPT + SPARE) / 100 + 1);
+  assert.deepEqual(wrong, []);
+  await context.close();
+});
