@@ -15,6 +15,7 @@ mod keys;
 mod language;
 mod listen;
 mod loan;
+mod notify;
 mod openapi;
 mod ops;
 mod points;
@@ -25,6 +26,7 @@ pub(crate) mod socket;
 mod spoken;
 mod stores;
 mod stream;
+mod tls;
 mod web;
 mod ws;
 
@@ -40,8 +42,10 @@ use crate::texts::Text;
 use access::Access;
 use clap::{ArgAction, ArgMatches, Command, value_parser};
 use config::Desk;
+use guard::Front;
 use keys::Keys;
 use listen::Room;
+use notify::Notify;
 use railbus_site::{Config, Service};
 use routes::Site;
 use serde_json::json;
@@ -53,6 +57,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use stores::Stores;
+use tls::{Tls, Wish};
 use tokio::net::TcpListener;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
@@ -68,13 +73,20 @@ struct Wanted {
     config: Option<PathBuf>,
     demo: bool,
     listen: SocketAddr,
+    tls: Option<Wish>,
+    /// Names under which browsers find it.
+    names: Vec<String>,
     socket: Option<PathBuf>,
     check: bool,
 }
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus serve [--demo|--config FILE] [--listen ADDR] [--check]";
+    let usage = "railbus serve [--demo|--config FILE] [--listen ADDR] [--tls auto]";
+    let file = |name, help| {
+        let flag = cli::flag(lang, name, help).value_name("FILE");
+        flag.value_parser(value_parser!(PathBuf))
+    };
     let switch = |name, help| cli::flag(lang, name, help).action(ArgAction::SetTrue);
     cli::verb(lang, NAME, Text::ServeAbout, usage)
         .before_help(cli::examples(lang, Text::ServeExamples))
@@ -83,6 +95,20 @@ pub(crate) fn define(lang: Lang) -> Command {
             cli::flag(lang, "listen", Text::ServeListen)
                 .value_name("ADDR")
                 .value_parser(value_parser!(SocketAddr)),
+        )
+        .arg(
+            cli::flag(lang, "tls", Text::ServeTls)
+                .value_name("HOW")
+                .value_parser(["auto"])
+                .hide_possible_values(true)
+                .conflicts_with_all(["tls-cert", "tls-key"]),
+        )
+        .arg(file("tls-cert", Text::ServeTlsCert).requires("tls-key"))
+        .arg(file("tls-key", Text::ServeTlsKey).requires("tls-cert"))
+        .arg(
+            cli::flag(lang, "name", Text::ServeName)
+                .value_name("HOST")
+                .action(ArgAction::Append),
         )
         .arg(switch("check", Text::ServeCheck))
 }
@@ -93,14 +119,18 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         config: matches.get_one("config").cloned(),
         demo: matches.get_flag("demo"),
         listen: matches.get_one("listen").copied().unwrap_or(LISTEN),
+        tls: tls_wish(matches),
+        names: matches
+            .get_many("name")
+            .into_iter()
+            .flatten()
+            .cloned()
+            .collect(),
         socket: matches.get_one("socket").cloned(),
         check: matches.get_flag("check"),
     };
     if !wanted.listen.ip().is_loopback() {
-        let port = wanted.listen.port();
-        return Err(Failure::of(lang, Code::NotLoopback)
-            .with_try(format!("railbus serve --listen 127.0.0.1:{port}"))
-            .with_try(format!("ssh -L {port}:127.0.0.1:{port} HOST")));
+        may_listen_widely(lang, &wanted)?;
     }
     if wanted.check {
         let format = matches.get_one::<String>("output");
@@ -112,6 +142,41 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         .build()
         .map_err(|error| system(lang, error))?
         .block_on(open_and_serve(lang, &wanted))
+}
+
+fn tls_wish(matches: &ArgMatches) -> Option<Wish> {
+    let path = |name: &str| matches.get_one::<PathBuf>(name).cloned();
+    match (path("tls-cert"), path("tls-key")) {
+        (Some(cert), Some(key)) => Some(Wish::Files { cert, key }),
+        _ => matches.contains_id("tls").then_some(Wish::Auto),
+    }
+}
+
+/// Others than this machine are let in by TLS, and where there is somebody to log in.
+fn may_listen_widely(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+    let listen = wanted.listen;
+    let port = listen.port();
+    let refused = || {
+        Failure::of(lang, Code::NotLoopback)
+            .with_try(format!("railbus serve --listen 127.0.0.1:{port}"))
+            .with_try(format!("ssh -L {port}:127.0.0.1:{port} HOST"))
+    };
+    let state = match wanted.demo {
+        true => None,
+        false => config_file::path(wanted.config.as_deref())
+            .ok()
+            .map(|file| config_file::state_folder(Some(&file))),
+    };
+    let has_user = state.is_some_and(|folder| Access::has_user(&folder));
+    match (&wanted.tls, has_user) {
+        (Some(_), true) => Ok(()),
+        (None, true) => {
+            Err(refused().with_try(format!("railbus serve --listen {listen} --tls auto")))
+        }
+        // The demo begins without users each time.
+        (_, false) if wanted.demo => Err(refused()),
+        (_, false) => Err(refused().with_try("railbus user add NAME --role admin")),
+    }
 }
 
 /// How long ports may take to be tried before the daemon says that it serves: a network may take
@@ -262,8 +327,16 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         }
     };
     let _ = tokio::time::timeout(TRIED_WITHIN, tried).await;
-    let origin = format!("http://{address}");
-    announce(lang, &source, &access, &origin, &socket);
+    let names = [tls::own_names(), wanted.names.clone()].concat();
+    let tls = open_tls(lang, wanted, &source, &names)?;
+    let scheme = if tls.is_some() { "https" } else { "http" };
+    // Every address of this machine is none that a browser can go to.
+    let host = match names.first().filter(|_| address.ip().is_unspecified()) {
+        Some(name) => format!("{name}:{}", address.port()),
+        None => address.to_string(),
+    };
+    let origin = format!("{scheme}://{host}");
+    announce(lang, &source, &access, &origin, tls.as_deref(), &socket);
     let desk = Arc::new(Desk::new(&source.file));
     let (stop, stopped) = watch::channel(false);
     let site = Site {
@@ -277,35 +350,84 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         desk: Arc::clone(&desk),
         access: Arc::new(access),
         origin: origin.into(),
-        is_tls: false,
+        is_tls: tls.is_some(),
     };
-    let room = Room::new();
-    let over_tcp = routes::router(site.clone(), Some(address.port()));
+    let [room, room_of_socket] = [Room::new(), Room::new()];
+    let front = Arc::new(Front {
+        port: address.port(),
+        is_tls: tls.is_some(),
+        is_wide: !wanted.listen.ip().is_loopback(),
+        names,
+        is_trusted: matches!(wanted.tls, Some(Wish::Files { .. }))
+            && !wanted.listen.ip().is_loopback(),
+    });
+    let over_tcp = routes::router(site.clone(), Some(front));
     let mut listening = vec![tokio::spawn(listen::tcp(
         tcp,
+        tls.clone(),
         over_tcp,
         room.clone(),
         stopped.clone(),
     ))];
     if let Ok(socket) = socket {
         let over_socket = routes::router(site, None);
-        let unix = listen::unix(socket, over_socket, room.clone(), stopped);
+        let unix = listen::unix(socket, over_socket, room_of_socket.clone(), stopped);
         listening.push(tokio::spawn(unix));
     }
 
-    while signals.next().await == Asked::Reload {
-        reload(lang, &service, &desk).await;
+    let notify = Notify::of_environment();
+    notify.tell(notify::READY);
+    let asked = async {
+        while signals.next().await == Asked::Reload {
+            reload(lang, &service, &desk).await;
+            reload_tls(lang, tls.as_deref());
+        }
+    };
+    tokio::select! {
+        () = asked => {}
+        () = notify.stay_alive() => {}
     }
+    notify.tell(notify::STOPPING);
     // Fails where nobody listens any more.
     let _ = stop.send(true);
     for task in listening {
         // Fails where it panicked, which was told.
         let _ = task.await;
     }
-    room.emptied().await;
+    tokio::join!(room.emptied(), room_of_socket.emptied());
     service.close().await;
     stores.close(&service).await;
     Ok(())
+}
+
+/// Certificate and key, where they are wished for.
+fn open_tls(
+    lang: Lang,
+    wanted: &Wanted,
+    source: &Source,
+    names: &[String],
+) -> Result<Option<Arc<Tls>>, Failure> {
+    let Some(wish) = &wanted.tls else {
+        return Ok(None);
+    };
+    let names = tls::names_for(wanted.listen.ip(), names);
+    let tls = Tls::open(wish, &source.state, &names);
+    tls.map(|tls| Some(Arc::new(tls)))
+        .map_err(|problem| Failure::of_problem(lang, &problem))
+}
+
+/// Reads certificate and key again.
+fn reload_tls(lang: Lang, tls: Option<&Tls>) {
+    let Some(tls) = tls else {
+        return;
+    };
+    match tls.reload() {
+        Ok(()) => {
+            let fingerprint = tls.fingerprint();
+            say(&lang.fill(Text::TlsRead, &[("fingerprint", &fingerprint)]));
+        }
+        Err(problem) => complain(&Failure::of_problem(lang, &problem).render(lang)),
+    }
 }
 
 /// The socket that was named must be there; of the usual ones, the first that can be had.
@@ -357,6 +479,7 @@ fn announce(
     source: &Source,
     access: &Access,
     origin: &str,
+    tls: Option<&Tls>,
     socket: &Result<Socket, (PathBuf, std::io::Error)>,
 ) {
     let version = env!("CARGO_PKG_VERSION");
@@ -375,10 +498,12 @@ fn announce(
         let once = lang.get(Text::ServeSetup);
         format!("\n  setup   {link}   {once}")
     });
+    let tls = tls.map(|tls| format!("\n  tls     SHA-256 {}", tls.fingerprint()));
     say(&format!(
-        "railbus {version}  {what}\n  web     {origin}/{}\n  api     {origin}/api/v1\n  \
+        "railbus {version}  {what}\n  web     {origin}/{}{}\n  api     {origin}/api/v1\n  \
          socket  {socket}\n  {}",
         setup.unwrap_or_default(),
+        tls.unwrap_or_default(),
         lang.get(Text::ServeStop)
     ));
 }

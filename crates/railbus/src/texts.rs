@@ -419,8 +419,25 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "使用含五个模块的模拟总线，不读配置",
     }
     ServeListen {
-        en: "Where to listen, on this machine only; 127.0.0.1:7485 if not said",
-        zh: "监听地址，仅限本机；默认 127.0.0.1:7485",
+        en: "Where to listen; 127.0.0.1:7485 if not said; other machines need TLS and a user",
+        zh: "监听地址，默认 127.0.0.1:7485；向其他机器开放须有 TLS 和用户",
+    }
+    ServeTls {
+        en: "auto: makes a certificate, keeps it, and shows its fingerprint",
+        zh: "auto：自动生成并保存证书，显示其指纹",
+    }
+    ServeTlsCert { en: "A certificate of your own, in PEM", zh: "自备证书 (PEM)" }
+    ServeTlsKey {
+        en: "Its key, in PEM; both are read again when they change",
+        zh: "其私钥 (PEM)；文件更改后自动重新读取",
+    }
+    ServeName {
+        en: "A name under which browsers find it, beside this machine's own; may be repeated",
+        zh: "浏览器访问所用的名称，本机名之外另加；可重复",
+    }
+    TlsRead {
+        en: "certificate read again; SHA-256 {fingerprint}",
+        zh: "已重新读取证书；SHA-256 {fingerprint}",
     }
     ServeCheck { en: "Only reads the configuration", zh: "仅检查配置" }
     ServeChecked {

@@ -294,7 +294,7 @@ fn what_can_not_be_done_says_why() {
     assert_eq!(tries, Some(2));
     let write = r#"{"protocol":"rtu","bytes":"03 05 00 3C FF 00 4D D4"}"#;
     is(daemon.send("POST", "/api/v1/raw", write), 422, "E0808");
-    is(daemon.get("/nothing"), 404, "E0110");
+    is(daemon.get("/api/v1/nothing"), 404, "E0110");
     is(daemon.send("DELETE", "/api/v1/lines", ""), 405, "E0110");
     let long = format!("{{\"value\":true{}}}", " ".repeat(70_000));
     assert_eq!(daemon.put("/api/v1/points/pump/do0", &long).status, 413);

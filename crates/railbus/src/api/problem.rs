@@ -101,6 +101,8 @@ pub(crate) mod codes {
         NOT_AS_ASKED = "E0108", 409, "the output is not in the state asked for; nothing was sent";
         /// Also `reason`, `socket`.
         DAEMON = "E0109", 502, "the daemon's answer can't be understood";
+        /// Also `path`, `reason`.
+        TLS = "E0190", 500, "certificate or key can't be used";
         /// Also `path`.
         NO_SUCH_PAGE = "E0110", 404, "there is nothing at this address";
         /// Also `reason`.

@@ -79,7 +79,9 @@ fn message(lang: Lang, code: Code, problem: &Problem) -> String {
         | Code::NameTaken
         | Code::NoToken
         | Code::BadName => with_name(lang, title, &text("name")),
-        Code::AccountsFile | Code::AccountsHeld => with_name(lang, title, &text("path")),
+        Code::AccountsFile | Code::AccountsHeld | Code::Tls => {
+            with_name(lang, title, &text("path"))
+        }
         Code::NoPoint if !module.is_empty() => {
             with_name(lang, title, &format!("{module}.{}", text("name")))
         }

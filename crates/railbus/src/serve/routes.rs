@@ -4,6 +4,7 @@
 use super::access::{Access, Caller, Need, SESSION_ROUTES, USER_ROUTES, check, identify};
 use super::config::{self, Desk};
 use super::doc::Doc;
+use super::guard::Front;
 use super::keys::Keys;
 use super::listen::ended;
 use super::{
@@ -142,13 +143,13 @@ impl Site {
 pub(super) type Answer = Response<Body>;
 pub(super) type Asked = Query<BTreeMap<String, String>>;
 
-/// All addresses; over TCP those who ask must be of this machine.
-pub(super) fn router(site: Site, tcp_port: Option<u16>) -> Router {
+/// All addresses; over TCP those who ask must be known, and mean this daemon.
+pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
     let access = Arc::clone(&site.access);
     let mut api = Router::new();
     for route in ALL.iter().copied().flatten() {
         // What only the daemon's own user may ask for is not there for anybody else.
-        if route.need == Need::Owner && tcp_port.is_some() {
+        if route.need == Need::Owner && front.is_some() {
             continue;
         }
         let ruled = (route.handler)().layer(from_fn_with_state(route.need, check));
@@ -163,13 +164,19 @@ pub(super) fn router(site: Site, tcp_port: Option<u16>) -> Router {
         .layer(from_fn_with_state(site.lang, spoken::problems))
         .with_state(site)
         .layer(DefaultBodyLimit::max(BODY_MAX));
-    let router = match tcp_port {
-        Some(port) => router
+    let is_strict = front.as_ref().is_some_and(|front| front.is_trusted);
+    let router = match front {
+        Some(front) => router
             .layer(from_fn_with_state(access, identify))
-            .layer(from_fn_with_state(port, guard::loopback)),
+            .layer(from_fn(guard::timely))
+            .layer(from_fn_with_state(front, guard::front)),
         None => router.layer(Extension(Caller::owner())),
     };
-    router.layer(from_fn(guard::headers))
+    let router = router.layer(from_fn(guard::headers));
+    match is_strict {
+        true => router.layer(from_fn(guard::strict)),
+        false => router,
+    }
 }
 
 async fn not_so() -> Answer {

@@ -18,7 +18,8 @@ codes! {
         title: ["will not listen beyond this machine without TLS and a user",
             "没有 TLS 和用户时不向其他机器开放"],
         likely: ["--listen names an address that others can reach", "--listen 的地址可被其他机器访问"],
-        next: ["use 127.0.0.1 and a tunnel such as ssh -L", "使用 127.0.0.1，并通过 ssh -L 等隧道访问"],
+        next: ["railbus user add NAME --role admin, then railbus serve --tls auto",
+            "railbus user add 用户名 --role admin，再 railbus serve --tls auto"],
     }
     WrongLogin = "E0904" {
         title: ["name or password is wrong, or the user is locked", "用户名或密码错误，或该用户已锁定"],

@@ -123,6 +123,12 @@ codes! {
         likely: ["it holds replies alone, or too much", "文件中只有应答，或内容过多"],
         next: ["railbus sniff --read FILE", "railbus sniff --read 文件"],
     }
+    Tls = "E0190" {
+        title: ["certificate or key can't be used", "证书或私钥不可用"],
+        likely: ["a wrong file · a key of another certificate · no right to read it",
+            "文件不对 · 私钥与证书不匹配 · 无读取权限"],
+        next: ["railbus serve --tls auto", "railbus serve --tls auto"],
+    }
     Install = "E0195" {
         title: ["a file can't be put in its place", "无法写入文件"],
         likely: ["no right to write there · the disk is full", "无写入权限 · 磁盘已满"],

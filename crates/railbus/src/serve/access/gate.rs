@@ -69,6 +69,11 @@ impl Access {
         })
     }
 
+    /// Whether a state folder holds a user, whoever holds the folder.
+    pub(crate) fn has_user(folder: &Path) -> bool {
+        Store::look(folder).is_ok_and(|accounts| !accounts.is_empty())
+    }
+
     fn now(&self) -> Arc<Kept> {
         Arc::clone(&self.accounts.lock().unwrap_or_else(PoisonError::into_inner))
     }

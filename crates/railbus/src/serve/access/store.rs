@@ -53,7 +53,12 @@ impl Store {
 
     /// What is kept; nobody at first.
     pub(crate) fn read(&self) -> Result<Accounts, Problem> {
-        let path = self.folder.join(NAME);
+        Store::look(&self.folder)
+    }
+
+    /// What is kept in a folder, whoever holds it.
+    pub(crate) fn look(folder: &Path) -> Result<Accounts, Problem> {
+        let path = folder.join(NAME);
         let failed = |error: io::Error| problem(&path, &error);
         let file = match File::open(&path) {
             Ok(file) => file,
