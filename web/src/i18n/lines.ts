@@ -33,6 +33,8 @@ export const lines = {
   scan_found: ["{n} found", "找到 {n} 个"],
   scan_take: ["Take the module at address {address}", "选用地址 {address} 的模块"],
   scan_known: ["configured as {name}", "已配置为 {name}"],
+  scan_differs: ["another model than configured", "型号与配置不符"],
+  scan_missing: ["Configured, but no answer: {modules}", "已配置但无应答：{modules}"],
   scan_add: ["Add or rename: {n}", "添加或改名：{n} 个"],
   scan_added: ["{n} modules are in the configuration", "已写入配置：{n} 个模块"],
   scan_nothing: [

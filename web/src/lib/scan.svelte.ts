@@ -82,8 +82,7 @@ export async function adopt(chosen: Chosen[]): Promise<void> {
   if (!fresh.length) return;
   const modules = fresh.map(({ found, name }) => {
     const { line, model, address, protocol, baud, format, checksum } = found;
-    const parity = { N: "none", O: "odd", E: "even" }[format[1] ?? "N"];
-    return { name, line, model, address, protocol, baud, parity, checksum };
+    return { name, line, model, address, protocol, baud, format, ...(checksum ? { checksum } : {}) };
   });
   await post("/config/modules", { modules });
 }

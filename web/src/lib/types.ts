@@ -127,6 +127,8 @@ export interface ScanResult {
   modules: Found[];
   complete: boolean;
   conflicts: unknown[];
+  /** Modules of the configuration that did not answer. */
+  missing?: string[];
 }
 
 export interface Found {
@@ -137,12 +139,14 @@ export interface Found {
   title: string;
   baud: number;
   format: string;
-  checksum: boolean;
+  checksum: boolean | null;
   rtt_ms?: number;
   verdict: "ok" | "refused" | "odd" | "garbled" | "silent";
   evidence: string[];
   /** Its name where the configuration has it. */
   name?: string;
+  /** The configuration says that it is another model. */
+  differs?: boolean;
   suggest?: string;
 }
 
