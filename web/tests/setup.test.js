@@ -41,12 +41,12 @@ for (const look of LOOKS) {
       await relay.waitFor();
       assert.equal(await relay.getAttribute("aria-checked"), "false");
       await relay.click();
-      await page.getByText(t("confirmed_readback"), { exact: true }).waitFor();
+      await page.getByText(t("confirmed_readback"), { exact: true }).first().waitFor();
       assert.equal(await relay.getAttribute("aria-checked"), "true");
       assert.match(await relay.innerText(), new RegExp(t("on")));
       await sound("overview");
       await page.goto(`${daemon.origin}/events/audit`);
-      await page.getByText("pump_house.do0").first().waitFor();
+      await page.getByText("do0=on", { exact: true }).waitFor();
       await sound("audit");
       await page.goto(`${daemon.origin}/trends?points=pump_house.do0`);
       await page.locator("canvas").first().waitFor();
