@@ -29,12 +29,18 @@ export function whenEnded(then: () => void): void {
   ended = then;
 }
 
-async function ask(method: string, path: string, body?: unknown, more?: HeadersInit): Promise<Response> {
+async function ask(
+  method: string,
+  path: string,
+  body?: unknown,
+  more?: HeadersInit,
+  patience = PATIENCE_MS,
+): Promise<Response> {
   const headers = new Headers(more);
   headers.set("Accept-Language", language());
   if (body !== undefined) headers.set("Content-Type", "application/json");
   if (csrf && method !== "GET") headers.set("X-CSRF-Token", csrf);
-  const request: RequestInit = { method, headers, signal: AbortSignal.timeout(PATIENCE_MS) };
+  const request: RequestInit = { method, headers, signal: AbortSignal.timeout(patience) };
   if (body !== undefined) request.body = JSON.stringify(body);
   let response: Response;
   try {
@@ -65,7 +71,9 @@ async function json<T>(response: Promise<Response>): Promise<T> {
 export const get = <T>(path: string): Promise<T> => json(ask("GET", path));
 export const put = <T>(path: string, body?: unknown, more?: HeadersInit): Promise<T> =>
   json(ask("PUT", path, body, more));
-export const post = <T>(path: string, body?: unknown): Promise<T> => json(ask("POST", path, body));
+/** `longer`: so many milliseconds more than usual the daemon may take. */
+export const post = <T>(path: string, body?: unknown, longer = 0): Promise<T> =>
+  json(ask("POST", path, body, undefined, PATIENCE_MS + longer));
 export const patch = <T>(path: string, body: unknown): Promise<T> => json(ask("PATCH", path, body));
 export const remove = <T>(path: string): Promise<T> => json(ask("DELETE", path));
 
