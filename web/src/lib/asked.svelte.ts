@@ -11,6 +11,8 @@ export interface Asked<T> {
   again: () => Promise<void>;
 }
 
+const GONE = 404;
+
 /** Asks at once, again when the path changes, and every so often. */
 export function asked<T>(path: () => string | null, every?: number): Asked<T> {
   let data = $state.raw<T | null>(null);
@@ -36,7 +38,10 @@ export function asked<T>(path: () => string | null, every?: number): Asked<T> {
     const what = path();
     void ask(what);
     if (!every) return;
-    const timer = setInterval(() => void ask(what), every);
+    const timer = setInterval(() => {
+      // What is not there does not come by asking.
+      if (why?.status !== GONE) void ask(what);
+    }, every);
     return () => clearInterval(timer);
   });
 
