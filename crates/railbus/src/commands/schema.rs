@@ -20,6 +20,15 @@ pub(crate) const NAME: &str = "schema";
 /// Name and text of each schema: that of a command has the command's name.
 pub(crate) const SCHEMAS: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/schemas.rs"));
 
+/// The name of the schema of the configuration's file, which is of no command.
+const FILE: &str = "config-file";
+
+/// All of them.
+fn all() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let file = (FILE, railbus_site::config::SCHEMA);
+    SCHEMAS.iter().copied().chain([file])
+}
+
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     cli::verb(lang, NAME, SchemaText::About, "railbus schema [COMMAND]")
@@ -33,7 +42,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let Some(name) = matches.get_one::<String>("NAME") else {
         return out::result(lang, &list().render(context.format));
     };
-    match SCHEMAS.iter().find(|(known, _)| known == name) {
+    match all().find(|(known, _)| known == name) {
         Some((_, text)) => out::result(lang, text),
         None => {
             let message = lang.fill(Text::NoSuchCommand, &[("name", name)]);
@@ -44,10 +53,10 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
 
 fn list() -> Records {
     let mut table = Table::bare();
-    for (name, _) in SCHEMAS {
-        table.add([(*name).to_owned()]);
+    for (name, _) in all() {
+        table.add([name.to_owned()]);
     }
-    let rows = SCHEMAS.iter().map(|(name, _)| json!({ "name": name }));
+    let rows = all().map(|(name, _)| json!({ "name": name }));
     Records {
         key: "schemas",
         rows: rows.collect(),

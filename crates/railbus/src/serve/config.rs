@@ -3,6 +3,7 @@
 
 mod desk;
 mod edits;
+mod tables;
 
 use super::access::{Caller, Need};
 use super::doc::Doc;
@@ -26,6 +27,7 @@ use railbus_site::config::keeper::{Generation, TEXT_MAX, etag};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
+pub(super) use tables::ROUTES as TABLES;
 use utoipa::ToSchema;
 
 /// The longest body that brings a whole configuration: each of its bytes may be escaped.

@@ -77,6 +77,7 @@ pub(super) const ALL: &[&[Route]] = &[
     events::ROUTES,
     loan::ROUTES,
     config::ROUTES,
+    config::TABLES,
     ports::ROUTES,
     openapi::ROUTES,
     SESSION_ROUTES,

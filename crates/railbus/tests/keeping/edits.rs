@@ -235,3 +235,49 @@ fn the_demo_has_a_configuration_of_its_own() {
     rustix::process::kill_process(pid, rustix::process::Signal::TERM).expect("it runs");
     daemon.until("the folder goes with the demo", |_| !folder.exists());
 }
+
+#[test]
+fn groups_and_scenes_are_put_and_taken_out() {
+    let daemon = with_line("groups");
+    let boards =
+        json!({"modules": [{"name": "oven", "line": "main", "model": "erc8", "address": 3}]});
+    assert_eq!(daemon.send("POST", "/config/modules", &boards).status, 200);
+    let night = json!({"name": {"en": "Night", "zh": "夜间"}, "members": ["oven.k1", "oven.k2"]});
+    let answer = daemon.send("PUT", "/config/groups/night", &night);
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    let evening = json!({"steps": [
+        {"path": "oven.k1", "value": true}, {"wait_ms": 500}, {"path": "oven.k2", "value": false},
+    ]});
+    let answer = daemon.send("PUT", "/config/scenes/evening", &evening);
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    let steps = "steps = [{ set = \"oven.k1\", to = true }, { wait = \"500ms\" }, \
+                 { set = \"oven.k2\", to = false }]\n";
+    assert!(text(&daemon).contains(steps), "{}", text(&daemon));
+
+    // Whoever names the outputs of a module follows it to its new name.
+    let renamed = daemon.send("PATCH", "/config/modules/oven", &json!({"rename": "kiln"}));
+    assert_eq!(renamed.status, 200, "{}", renamed.body);
+    assert!(!text(&daemon).contains("oven"), "{}", text(&daemon));
+    let wrong = json!({"members": ["kiln.k9"]});
+    let refused = daemon.send("PUT", "/config/groups/night", &wrong);
+    assert_eq!(refused.end(), (422, "E0810".to_owned()));
+    let wrong = json!({"steps": [{"path": "kiln.k1", "value": true, "wait": 3}]});
+    let refused = daemon.send("PUT", "/config/scenes/evening", &wrong);
+    assert_eq!(refused.end(), (422, "E0806".to_owned()));
+
+    for path in ["/config/groups/night", "/config/scenes/evening"] {
+        assert_eq!(daemon.send("DELETE", path, &json!({})).status, 200);
+        assert_eq!(daemon.send("DELETE", path, &json!({})).status, 404);
+    }
+    assert!(!text(&daemon).contains("night") && !text(&daemon).contains("evening"));
+    let schema = daemon.get("/config/schema");
+    assert_eq!(schema["title"], "railbus.toml");
+    let printed = railbus()
+        .args(["schema", "config-file"])
+        .output()
+        .expect("it runs");
+    assert_eq!(
+        schema,
+        serde_json::from_slice::<serde_json::Value>(&printed.stdout).expect("JSON")
+    );
+}

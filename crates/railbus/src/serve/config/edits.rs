@@ -109,6 +109,16 @@ pub(super) fn remove(text: &str, kind: &'static str, name: &str) -> Result<Strin
     change::remove(text, &[kind, name]).map_err(|why| problem(kind, name, why))
 }
 
+/// A group or a scene as a whole.
+pub(super) fn put(
+    text: &str,
+    kind: &'static str,
+    name: &str,
+    keys: &Keys,
+) -> Result<String, Problem> {
+    change::put(text, &[kind, name], keys).map_err(|why| problem(kind, name, why))
+}
+
 /// What the text says; nothing where it has problems, which are told when the change is checked.
 fn known(text: &str) -> Config {
     Config::parse(text).unwrap_or_default()
@@ -120,6 +130,8 @@ fn must_be(text: &str, kind: &'static str, name: &str) -> Result<(), Problem> {
     };
     let is_there = match kind {
         "line" => config.lines.contains_key(name),
+        "group" => config.groups.contains_key(name),
+        "scene" => config.scenes.contains_key(name),
         _ => config.modules.contains_key(name),
     };
     match is_there {
@@ -202,8 +214,11 @@ fn taken(kind: &str, name: &str) -> Problem {
 
 fn problem(kind: &'static str, name: &str, why: Refused) -> Problem {
     let problem = match why {
-        Refused::NotThere if kind == "line" => Problem::new(codes::NO_SUCH_LINE),
-        Refused::NotThere => Problem::new(codes::NO_SUCH_MODULE),
+        Refused::NotThere => Problem::new(match kind {
+            "line" => codes::NO_SUCH_LINE,
+            "module" => codes::NO_SUCH_MODULE,
+            _ => codes::NO_SUCH_PAGE,
+        }),
         Refused::Taken => return taken(kind, name),
         Refused::Text => Problem::new(codes::NOT_EDITABLE),
         Refused::Value(key) => Problem::new(codes::BAD_REQUEST)

@@ -1,0 +1,129 @@
+//! Groups and scenes of the configuration, and the schema of it all.
+
+use super::super::access::{Caller, Need};
+use super::super::answer;
+use super::super::doc::Doc;
+use super::super::routes::{Answer, Route, Site};
+use super::{edit, edits, read};
+use crate::api::problem::Problem;
+use axum::Extension;
+use axum::body::Bytes;
+use axum::extract::{Path, State};
+use axum::http::{HeaderMap, StatusCode};
+use axum::routing::{delete, get, put};
+use railbus_site::config::SCHEMA;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use utoipa::ToSchema;
+
+/// The routes of this file.
+pub(in crate::serve) const ROUTES: &[Route] = &[
+    Route::new("GET", "/config/schema", Need::VIEWER, || get(schema))
+        .doc(Doc::new("The JSON Schema of the configuration").media("application/schema+json")),
+    Route::new("PUT", "/config/groups/{group}", Need::ENGINEER, || {
+        put(put_group)
+    })
+    .doc(Doc::new("Say what a group is").takes::<GroupText>()),
+    Route::new("DELETE", "/config/groups/{group}", Need::ENGINEER, || {
+        delete(remove_group)
+    })
+    .doc(Doc::new("Take a group out")),
+    Route::new("PUT", "/config/scenes/{scene}", Need::ENGINEER, || {
+        put(put_scene)
+    })
+    .doc(Doc::new("Say what a scene is").takes::<SceneText>()),
+    Route::new("DELETE", "/config/scenes/{scene}", Need::ENGINEER, || {
+        delete(remove_scene)
+    })
+    .doc(Doc::new("Take a scene out")),
+];
+
+async fn schema() -> Answer {
+    answer::with(StatusCode::OK, "application/schema+json", SCHEMA)
+}
+
+/// What people call something: one text, or one for each language.
+type Name = Option<Value>;
+
+/// A group as the configuration has it.
+#[derive(Serialize, Deserialize, ToSchema)]
+struct GroupText {
+    #[serde(default)]
+    #[schema(value_type = Option<Object>)]
+    name: Name,
+    /// Paths of outputs.
+    members: Vec<String>,
+}
+
+/// A scene as the configuration has it.
+#[derive(Serialize, Deserialize, ToSchema)]
+struct SceneText {
+    #[serde(default)]
+    #[schema(value_type = Option<Object>)]
+    name: Name,
+    steps: Vec<StepText>,
+}
+
+/// An output and its new state, or a pause.
+#[derive(Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+struct StepText {
+    #[serde(rename(serialize = "set"))]
+    path: Option<String>,
+    #[serde(rename(serialize = "to"))]
+    value: Option<bool>,
+    wait_ms: Option<u64>,
+}
+
+async fn put_group(
+    State(site): State<Site>,
+    Path(group): Path<String>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let change = |text: &str| edits::put(text, "group", &group, &keys::<GroupText>(&body)?);
+    edit(&site, &who, &headers, change).await
+}
+
+async fn remove_group(
+    State(site): State<Site>,
+    Path(group): Path<String>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+) -> Answer {
+    let change = |text: &str| edits::remove(text, "group", &group);
+    edit(&site, &who, &headers, change).await
+}
+
+async fn put_scene(
+    State(site): State<Site>,
+    Path(scene): Path<String>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Answer {
+    let change = |text: &str| edits::put(text, "scene", &scene, &keys::<SceneText>(&body)?);
+    edit(&site, &who, &headers, change).await
+}
+
+async fn remove_scene(
+    State(site): State<Site>,
+    Path(scene): Path<String>,
+    who: Extension<Caller>,
+    headers: HeaderMap,
+) -> Answer {
+    let change = |text: &str| edits::remove(text, "scene", &scene);
+    edit(&site, &who, &headers, change).await
+}
+
+/// What a body says, as keys of the configuration.
+fn keys<T: Serialize + DeserializeOwned>(body: &[u8]) -> Result<edits::Keys, Problem> {
+    let said = serde_json::to_value(read::<T>(body)?);
+    match said {
+        Ok(Value::Object(keys)) => Ok(keys),
+        // The bodies of this file are all objects.
+        _ => Ok(edits::Keys::new()),
+    }
+}
