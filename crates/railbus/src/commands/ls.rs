@@ -26,7 +26,7 @@ const WHAT: [&str; 6] = ["modules", "points", "lines", "groups", "models", "port
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus ls [modules|lines|groups|models|ports] | railbus ls points [MODULE…]";
+    let usage = "railbus ls [modules|lines|groups|models|ports] | ls points [MODULE…]";
     cli::verb(lang, NAME, Text::LsAbout, usage)
         .alias("list")
         .before_help(cli::examples(lang, Text::LsExamples))
