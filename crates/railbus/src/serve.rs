@@ -1,20 +1,25 @@
 //! `railbus serve`: the daemon. It has the lines, and everyone else asks it: over HTTP on this
 //! machine, and over a Unix socket.
 
+mod about;
 pub(crate) mod access;
 mod answer;
+mod capture;
 mod config;
 mod control;
 mod doc;
+mod ear;
 mod events;
 mod export;
 mod frames;
 mod guard;
+mod happening;
 mod history;
 mod keys;
 mod language;
 mod listen;
 mod loan;
+mod metrics;
 mod notify;
 mod openapi;
 mod ops;

@@ -1,5 +1,6 @@
 //! How well a module answers: how fast, and how often not.
 
+use crate::Counts;
 use railbus_wire::Micros;
 
 /// A minute, in microseconds.
@@ -10,6 +11,7 @@ const MINUTES: u64 = 60;
 /// How well a module answers.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Health {
+    pub(crate) counts: Counts,
     /// From the beginning of a request to the end of its reply, smoothed.
     rtt: Option<Micros>,
     pub(crate) errors: Hourly,
@@ -19,6 +21,7 @@ pub(crate) struct Health {
 impl Health {
     /// A reply took so long. Old ones count less and less: an eighth of each new one goes in.
     pub(crate) fn replied(&mut self, after: Micros) {
+        self.counts.replied(after);
         let smoothed = self.rtt.map_or(after.0, |rtt| (rtt.0 * 7 + after.0) / 8);
         self.rtt = Some(Micros(smoothed));
     }

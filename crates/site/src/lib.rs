@@ -27,9 +27,9 @@ pub use config::Config;
 pub use failure::Failure;
 pub use frame::read_request;
 pub use service::{
-    BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, Events, GroupState, LEASE_MAX, LEASE_MIN,
-    Leased, Left, LineStatus, Loan, ModuleStatus, PULSE_MAX, Part, PartDone, PointStatus, Pulse,
-    PulseDone, RawTerms, Reloaded, Service, StartError, ToggleTerms, Update, Updates, WriteDone,
-    WriteTerms,
+    BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, Counts, Events, GroupState, LEASE_MAX,
+    LEASE_MIN, Leased, Left, LineStatus, Loan, ModuleStatus, PULSE_MAX, Part, PartDone,
+    PointStatus, Pulse, PulseDone, RawTerms, Reloaded, STEPS, Service, StartError, ToggleTerms,
+    Update, Updates, WriteDone, WriteTerms,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

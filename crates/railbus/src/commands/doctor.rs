@@ -14,6 +14,7 @@ mod texts;
 use super::config_check::{self, Shown};
 use super::explain::no_such_code;
 use super::{Context, stop};
+use crate::api::types::{LineInfo, ModuleInfo, PointInfo};
 use crate::backend::{Backend, described};
 use crate::cli;
 use crate::config_file;
@@ -122,6 +123,23 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     found.extend(daemon::check(lang, context.wanted.socket.as_deref(), &user));
     found.sort_by_key(|finding| finding.section);
     Ok(found)
+}
+
+/// What a daemon finds, of its machine and of what it serves.
+pub(crate) fn of_daemon(
+    lang: Lang,
+    lines: Vec<LineInfo>,
+    modules: Vec<ModuleInfo>,
+    points: &[PointInfo],
+) -> Vec<serde_json::Value> {
+    let machine = Machine::this();
+    let user = User::this(&machine);
+    let variable = |name: &str| std::env::var(name).ok();
+    let mut found = system::check(lang, variable, jiff::Timestamp::now());
+    found.extend(port::adapters(&machine, &user));
+    found.extend(served::told(lang, lines, modules.into_iter(), points));
+    found.sort_by_key(|finding| finding.section);
+    found.iter().map(|finding| finding.json(lang)).collect()
 }
 
 /// The lines to open here: that of the flags, or those of the configuration.

@@ -25,6 +25,7 @@ use railbus_host::LineName;
 use railbus_sniff::{Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Micros, Settings};
 use record::Recorder;
+pub(crate) use record::packet;
 use show::Sums;
 pub(crate) use show::as_json;
 pub(super) use source::{Came, Capture, Clock, Wire, came};

@@ -8,8 +8,8 @@ use super::guard::Front;
 use super::keys::Keys;
 use super::listen::ended;
 use super::{
-    answer, control, events, guard, history, loan, openapi, ops, points, ports, scans, spoken, web,
-    ws,
+    about, answer, capture, control, events, guard, happening, history, loan, metrics, openapi,
+    ops, points, ports, scans, spoken, web, ws,
 };
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
@@ -83,6 +83,9 @@ pub(super) const ALL: &[&[Route]] = &[
     SESSION_ROUTES,
     USER_ROUTES,
     ops::ROUTES,
+    about::ROUTES,
+    capture::ROUTES,
+    happening::ROUTES,
     scans::ROUTES,
     ws::ROUTES,
 ];
@@ -160,6 +163,11 @@ pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
         .nest(BASE, api)
         .route("/style.css", get(web::style))
         .route("/healthz", get(async || "ok\n"))
+        .route("/readyz", get(about::ready))
+        .route(
+            "/metrics",
+            get(metrics::metrics).layer(from_fn_with_state(Need::VIEWER, check)),
+        )
         .fallback(web::page)
         .method_not_allowed_fallback(not_so)
         .layer(from_fn_with_state(site.lang, spoken::problems))

@@ -1,6 +1,7 @@
 //! The streams and the operations of the daemon's API, as a program meets them that knows
 //! nothing of railbus but its HTTP.
 
+mod about;
 mod daemon;
 mod scans;
 mod streams;

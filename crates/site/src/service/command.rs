@@ -407,11 +407,13 @@ impl Inner {
             expires: Some(line.now() + left),
         };
         let end = line.run(id, op, terms).await;
-        if let Err(Fault::NoReply(_) | Fault::Garbled(_) | Fault::Refused(_) | Fault::NotVerified) =
-            end
+        if let Err(
+            fault
+            @ (Fault::NoReply(_) | Fault::Garbled(_) | Fault::Refused(_) | Fault::NotVerified),
+        ) = &end
         {
             let now = self.now();
-            lock(&self.state).missed(module, now);
+            lock(&self.state).missed(module, now, fault);
         }
         end
     }

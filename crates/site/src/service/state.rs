@@ -1,11 +1,11 @@
 //! All that is known of a site, and the only place where events change it.
 
 use super::guard::Guard;
-use super::{Inner, Update, lock};
+use super::{Busy, Inner, Update, lock};
 use crate::health::Health;
 use crate::{Config, Reason, Site};
 use railbus_device::PointKind;
-use railbus_host::{Event, LineEvent, LineState, ModuleId, PortError, Presence};
+use railbus_host::{Event, Fault, LineEvent, LineState, ModuleId, PortError, Presence};
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -26,6 +26,8 @@ pub(super) struct State {
 pub(super) struct LineNow {
     pub(super) state: LineState,
     pub(super) babble: bool,
+    /// How much of its time is taken.
+    pub(super) busy: Busy,
     /// Somebody else has it for a while.
     pub(super) lent: bool,
     /// The names of its modules, by their numbers on the line; empty for those that left.
@@ -37,6 +39,7 @@ impl LineNow {
         LineNow {
             state: LineState::Opening,
             babble: false,
+            busy: Busy::default(),
             lent: false,
             modules: config
                 .modules_of(line)
@@ -93,8 +96,10 @@ impl State {
     }
 
     /// An exchange with a module failed.
-    pub(super) fn missed(&mut self, module: &str, now: Micros) {
-        self.health_of(module).errors.count(now);
+    pub(super) fn missed(&mut self, module: &str, now: Micros, fault: &Fault) {
+        let health = self.health_of(module);
+        health.errors.count(now);
+        health.counts.failed(fault);
     }
 
     fn health_of(&mut self, module: &str) -> &mut Health {
@@ -131,16 +136,18 @@ impl State {
                 ..
             } => {
                 let module = name(*module);
-                self.health_of(&module).replied(heard.since(*asked));
+                let took = heard.since(*asked);
+                known.busy.add(now, took);
+                self.health_of(&module).replied(took);
                 let changes = self.site.saw(&module, seen, *asked);
                 for change in &changes {
                     self.watch_off(change, now);
                 }
                 changes.into_iter().map(Update::Point).collect()
             }
-            Event::Missed { module, .. } => {
+            Event::Missed { module, fault, .. } => {
                 let module = name(*module);
-                self.missed(&module, now);
+                self.missed(&module, now, fault);
                 Vec::new()
             }
             Event::Presence { module, presence } => {
@@ -154,7 +161,9 @@ impl State {
             }
             Event::Late { module, .. } => {
                 let module = name(*module);
-                self.health_of(&module).late.count(now);
+                let health = self.health_of(&module);
+                health.late.count(now);
+                health.counts.late += 1;
                 Vec::new()
             }
             Event::Babble | Event::Quiet => {

@@ -32,13 +32,22 @@ pub(super) async fn examine(context: &Context, backend: &Backend) -> Result<Vec<
         return Err(no_line(context, wanted, known));
     }
     let wanted = |line: &str| context.line.as_deref().is_none_or(|wanted| wanted == line);
-    let mut found = Vec::new();
-    for line in lines.into_iter().filter(|line| wanted(&line.line)) {
-        found.extend(line_at_daemon(context.lang, &line));
-    }
+    let lines = lines.into_iter().filter(|line| wanted(&line.line));
     let modules = modules.into_iter().filter(|module| wanted(&module.line));
-    found.extend(modules_at_daemon(context.lang, modules, &points));
-    Ok(found)
+    Ok(told(context.lang, lines.collect(), modules, &points))
+}
+
+/// What is to be said of these lines and modules.
+pub(super) fn told(
+    lang: Lang,
+    lines: Vec<LineInfo>,
+    modules: impl Iterator<Item = ModuleInfo>,
+    points: &[PointInfo],
+) -> Vec<Finding> {
+    let lines = lines.iter();
+    let mut found: Vec<Finding> = lines.flat_map(|line| line_at_daemon(lang, line)).collect();
+    found.extend(modules_at_daemon(lang, modules, points));
+    found
 }
 
 fn line_at_daemon(lang: Lang, line: &LineInfo) -> Vec<Finding> {

@@ -3,6 +3,7 @@
 use super::words;
 use crate::commands::Context;
 use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
 use railbus_sniff::capture::{self, Direction};
 use railbus_sniff::{Frame, Heard, Role, Verdict};
 use railbus_wire::Settings;
@@ -67,19 +68,32 @@ impl Recorder {
         line: u32,
         heard: &Heard,
     ) -> Result<(), Failure> {
-        let Heard::Frame(frame) = heard else {
-            return Ok(());
-        };
-        let meaning = words::of(context.lang, heard);
-        let comment = format!("{}: {meaning}", frame.verdict.name());
-        let packet = capture::packet(line, frame.at, &frame.bytes, direction(frame), &comment);
-        self.put(context, &packet)
+        match packet(context.lang, line, heard) {
+            Some(packet) => self.put(context, &packet),
+            None => Ok(()),
+        }
     }
 
     fn put(&mut self, context: &Context, bytes: &[u8]) -> Result<(), Failure> {
         let written = self.out.write_all(bytes).and_then(|()| self.out.flush());
         written.map_err(|error| failed(context, &self.path, error))
     }
+}
+
+/// A frame as a capture file keeps it; none of what has no bytes.
+pub(crate) fn packet(lang: Lang, line: u32, heard: &Heard) -> Option<Vec<u8>> {
+    let Heard::Frame(frame) = heard else {
+        return None;
+    };
+    let comment = format!("{}: {}", frame.verdict.name(), words::of(lang, heard));
+    let direction = direction(frame);
+    Some(capture::packet(
+        line,
+        frame.at,
+        &frame.bytes,
+        direction,
+        &comment,
+    ))
 }
 
 /// Whose a frame was. Of a broken one that is a guess, and no reader is to rely on it.

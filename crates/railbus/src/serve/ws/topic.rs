@@ -3,10 +3,14 @@
 use super::{Gone, Out, frames, news};
 use crate::api::ops::OpState;
 use crate::api::problem::{Problem, codes};
-use crate::api::{ask, failures};
+use crate::api::{ask, failures, past};
 use crate::i18n::Lang;
 use crate::serve::ops::Op;
 use crate::serve::routes::Site;
+use railbus_site::Service;
+
+/// How many events are told at once.
+const BATCH_MAX: usize = 64;
 
 /// What one can subscribe to.
 #[derive(Clone, Debug)]
@@ -19,6 +23,8 @@ pub(super) enum Topic {
     Lines,
     /// `frames/main`.
     Frames(String),
+    /// `events`.
+    Events,
     /// `ops/ID`.
     Op(Box<Op>),
 }
@@ -34,6 +40,7 @@ impl Topic {
             ["modules"] => Topic::Modules,
             ["lines"] => Topic::Lines,
             ["frames", line] => Topic::Frames((*line).to_owned()),
+            ["events"] => Topic::Events,
             ["ops", number] => Topic::Op(Box::new(site.ops.get(number)?)),
             _ => {
                 let known = [
@@ -44,6 +51,7 @@ impl Topic {
                     "lines",
                     "frames/LINE",
                     "ops/ID",
+                    "events",
                 ];
                 let problem = Problem::new(codes::BAD_REQUEST).with("reason", "no such topic");
                 return Err(problem.with("known", known.to_vec()));
@@ -73,6 +81,7 @@ impl Topic {
             Topic::Modules => news::follow(site.service, news::View::Modules, out).await,
             Topic::Lines => news::follow(site.service, news::View::Lines, out).await,
             Topic::Op(op) => follow_op(&op, out).await,
+            Topic::Events => follow_events(&site.service, out).await,
             Topic::Frames(line) => frames::follow(site.service, line, lang, out).await,
         };
     }
@@ -90,4 +99,27 @@ async fn follow_op(op: &Op, mut out: Out) -> Result<(), Gone> {
         out.delta("op", &info).await?;
     }
     Ok(())
+}
+
+/// Tells what happens. What was before is asked for at `/events`.
+async fn follow_events(service: &Service, mut out: Out) -> Result<(), Gone> {
+    let mut events = service.follow_events();
+    out.snapshot(&[0; 0]).await?;
+    let mut waiting = Vec::new();
+    loop {
+        tokio::select! {
+            biased;
+            event = events.next(), if waiting.len() < BATCH_MAX => match event {
+                None => return Ok(()),
+                Some(Ok(event)) => waiting.push(past::of_event(event)),
+                Some(Err(count)) => {
+                    out.dropped(count).await?;
+                    out.snapshot(&[0; 0]).await?;
+                }
+            },
+            () = out.paced(), if !waiting.is_empty() => {
+                out.delta("events", &std::mem::take(&mut waiting)).await?;
+            }
+        }
+    }
 }
