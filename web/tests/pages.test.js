@@ -16,7 +16,6 @@ const PAGES = [
   "/trends",
   "/events",
   "/events/audit",
-  "/simulator",
   "/module/tank/trend",
   "/trends",
   "/events",

@@ -6,7 +6,6 @@ export const frame = {
   nav_overview: ["Overview", "总览"],
   nav_lines: ["Lines", "总线"],
   nav_discover: ["Discover", "搜索模块"],
-  nav_sim: ["Simulator", "模拟器"],
   more: ["More", "更多"],
   to_content: ["Skip to content", "跳到正文"],
   live_live: ["live", "实时"],

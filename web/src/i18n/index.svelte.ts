@@ -3,7 +3,6 @@
 import { admin } from "./admin";
 import { api } from "./api";
 import { backup } from "./backup";
-import { demo } from "./demo";
 import { events } from "./events";
 import { frame } from "./frame";
 import { groups } from "./groups";
@@ -20,7 +19,6 @@ const all = {
   ...frame,
   ...points,
   ...lines,
-  ...demo,
   ...start,
   ...trends,
   ...events,

@@ -168,12 +168,3 @@ export interface Load {
   queue: number;
 }
 
-export interface Simulated {
-  module: string;
-  line: string;
-  family: string;
-  powered: boolean;
-  inputs: Record<string, boolean>;
-  analogs: Record<string, number>;
-  faults: string[];
-}
