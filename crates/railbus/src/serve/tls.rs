@@ -114,7 +114,7 @@ impl Tls {
     /// By what people know the certificate.
     pub(super) fn fingerprint(&self) -> String {
         let shown = self.shown.0.read().unwrap_or_else(PoisonError::into_inner);
-        let first = shown.cert.first().map(|cert| Sha256::digest(cert));
+        let first = shown.cert.first().map(Sha256::digest);
         let digits = first.map(|hash| hex(&hash)).unwrap_or_default();
         let pairs = digits.as_bytes().chunks(2).map(String::from_utf8_lossy);
         pairs.collect::<Vec<_>>().join(":").to_ascii_uppercase()
