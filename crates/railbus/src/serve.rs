@@ -4,6 +4,7 @@
 mod about;
 pub(crate) mod access;
 mod answer;
+mod body;
 mod capture;
 mod config;
 mod control;

@@ -8,7 +8,7 @@ mod tables;
 use super::access::{Caller, Need};
 use super::doc::Doc;
 use super::routes::{Answer, Asked, Route, Site};
-use super::{answer, web};
+use super::{answer, body, web};
 use crate::api::failures::bad_config;
 use crate::api::problem::{Problem, codes};
 use crate::commands::warnings;
@@ -326,7 +326,7 @@ fn tagged(mut answer: Answer, etag: &str) -> Answer {
 }
 
 fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
-    serde_json::from_slice(body)
+    body::parse(body)
         .map_err(|error| Problem::new(codes::BAD_REQUEST).with("reason", error.to_string()))
 }
 

@@ -1,12 +1,12 @@
 //! What happened, and what was done by whom.
 
 use super::access::{Caller, Need};
-use super::answer;
 use super::doc::Doc;
 use super::export::{self, File};
 use super::history::kept;
 use super::points::bad_request;
 use super::routes::{Answer, Asked, Route, Site};
+use super::{answer, body};
 use crate::api::past::{
     self, AUDIT_COLUMNS, AckRequest, AuditPage, EventInfo, EventPage, VerifiedInfo, audit_row,
 };
@@ -129,7 +129,7 @@ async fn acknowledge(
     body: Bytes,
 ) -> Answer {
     let text: &[u8] = if body.is_empty() { b"{}" } else { &body };
-    let comment: AckRequest = match serde_json::from_slice(text) {
+    let comment: AckRequest = match body::parse(text) {
         Ok(comment) => comment,
         Err(error) => return bad_request(&error.to_string()),
     };

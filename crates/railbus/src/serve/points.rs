@@ -4,7 +4,7 @@ use super::access::{Caller, Need, may_write};
 use super::doc::Doc;
 use super::keys::{End, KEY_LEN_MAX};
 use super::routes::{Answer, Asked, Route, Site};
-use super::{answer, frames, stream};
+use super::{answer, body, frames, stream};
 use crate::api::ask;
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{
@@ -249,7 +249,7 @@ where
         Some(_) => return bad_request("an Idempotency-Key has 1 to 128 characters of ASCII"),
     };
     let text: &[u8] = if body.is_empty() { b"{}" } else { body };
-    let wanted = match serde_json::from_slice(text) {
+    let wanted = match body::parse(text) {
         Ok(wanted) => wanted,
         Err(error) => return bad_request(&error.to_string()),
     };

@@ -160,7 +160,7 @@ pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
         api = api.route(route.path, ruled);
     }
     let router = Router::new()
-        .nest(BASE, api)
+        .nest(BASE, api.layer(from_fn(spoken::only_problems)))
         .route("/style.css", get(web::style))
         .route("/healthz", get(async || "ok\n"))
         .route("/readyz", get(about::ready))

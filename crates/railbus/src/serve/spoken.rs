@@ -9,7 +9,8 @@ use crate::failure::Failure;
 use crate::i18n::Lang;
 use axum::body::to_bytes;
 use axum::extract::{Request, State};
-use axum::http::header::{ACCEPT_LANGUAGE, CONTENT_LENGTH, CONTENT_TYPE};
+use axum::http::StatusCode;
+use axum::http::header::{ACCEPT_LANGUAGE, ALLOW, CONTENT_LENGTH, CONTENT_TYPE};
 use axum::middleware::Next;
 use axum::response::Response;
 
@@ -29,6 +30,34 @@ pub(super) async fn problems(State(lang): State<Lang>, request: Request, next: N
         Some(lang) if is_problem => in_words(lang, response).await,
         _ => response,
     }
+}
+
+/// What is refused before a handler sees it, such as a body that is too long, is told as a
+/// problem like all else.
+pub(super) async fn only_problems(request: Request, next: Next) -> Response {
+    let response = next.run(request).await;
+    let status = response.status();
+    let kind = response.headers().get(CONTENT_TYPE);
+    let is_problem = kind.is_some_and(|kind| kind == "application/problem+json");
+    if is_problem || !(status.is_client_error() || status.is_server_error()) {
+        return response;
+    }
+    let reason = status.canonical_reason().unwrap_or_default();
+    let kind = match status {
+        StatusCode::METHOD_NOT_ALLOWED | StatusCode::NOT_FOUND => codes::NO_SUCH_PAGE,
+        _ if status.is_server_error() => codes::INTERNAL,
+        _ => codes::BAD_REQUEST,
+    };
+    let problem = Problem {
+        status: status.as_u16(),
+        ..Problem::new(kind)
+    };
+    let mut told = answer::problem(&problem.with("reason", reason));
+    // `Allow`, where the method is the wrong one.
+    if let Some(allowed) = response.headers().get(ALLOW) {
+        told.headers_mut().insert(ALLOW, allowed.clone());
+    }
+    told
 }
 
 async fn in_words(lang: Lang, response: Response) -> Response {

@@ -120,6 +120,25 @@ impl Daemon {
         exchange(self.connect(), method, path, &head, body)
     }
 
+    /// The same where the daemon may close before all was sent.
+    pub(crate) fn try_send(&self, method: &str, path: &str, body: &str) -> Option<Answer> {
+        let mut stream = self.connect();
+        let (head, length) = (self.head(), body.len());
+        write!(
+            stream,
+            "{method} {path} HTTP/1.1\r\nConnection: close\r\n{head}Content-Length: {length}\r\n\r\n"
+        )
+        .ok()?;
+        // What is not taken any more does not matter; the answer does.
+        let _ = stream.write_all(body.as_bytes());
+        let mut bytes = Vec::new();
+        let _ = stream.read_to_end(&mut bytes);
+        bytes
+            .windows(4)
+            .any(|four| four == b"\r\n\r\n")
+            .then(|| answer_of(&bytes))
+    }
+
     pub(crate) fn get(&self, path: &str) -> Answer {
         self.send("GET", path, "")
     }
@@ -159,6 +178,10 @@ pub(crate) fn exchange(
     .expect("it takes bytes");
     let mut bytes = Vec::new();
     stream.read_to_end(&mut bytes).expect("bytes");
+    answer_of(&bytes)
+}
+
+fn answer_of(bytes: &[u8]) -> Answer {
     let end = bytes.windows(4).position(|four| four == b"\r\n\r\n");
     let end = end.expect("a head");
     let head = String::from_utf8(bytes[..end].to_vec()).expect("text");

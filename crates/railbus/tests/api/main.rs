@@ -3,6 +3,7 @@
 
 mod about;
 mod daemon;
+mod hostile;
 mod scans;
 mod streams;
 mod websocket;

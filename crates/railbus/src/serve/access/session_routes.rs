@@ -7,9 +7,9 @@ use super::sessions::csrf;
 use super::tries::Who;
 use super::{Caller, Known, Need, Role, note_login, password};
 use crate::api::problem::{Problem, codes};
-use crate::serve::answer;
 use crate::serve::doc::Doc;
 use crate::serve::routes::{Answer, Route, Site};
+use crate::serve::{answer, body};
 use axum::Extension;
 use axum::body::Bytes;
 use axum::extract::State;
@@ -116,7 +116,7 @@ struct SetupLink {
 /// The body as one of these.
 pub(super) fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
     // What a parser met could be a secret, and so only where it met it is told.
-    serde_json::from_slice(body).map_err(|error| {
+    body::parse(body).map_err(|error| {
         let place = format!(
             "no such request: line {} column {}",
             error.line(),
