@@ -158,6 +158,8 @@ impl Recording {
             }
             let due = ear.hear(&mut heard);
             tokio::select! {
+                // What has come goes first: it decides what a deadline means.
+                biased;
                 () = &mut over => return,
                 () = sleep_until(self.end) => return,
                 passed = tap.next() => match passed {

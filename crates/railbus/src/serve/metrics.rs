@@ -92,7 +92,7 @@ impl Scrape {
                 ("protocol", &module.protocol),
             ];
             let ends = STEPS.iter().map(|end| match end.0 {
-                u64::MAX => f64::MAX,
+                u64::MAX => f64::INFINITY,
                 micros => micros as f64 / 1e6,
             });
             let steps: Vec<(f64, u64)> = ends.zip(counts.steps).collect();

@@ -64,6 +64,9 @@ fn metrics_say_what_the_line_did() {
         of(&format!("railbus_request_seconds_count{{{labels}}}")),
         asked
     );
+    // Every histogram ends with a bucket without an end.
+    let last = format!("railbus_request_seconds_bucket{{le=\"+Inf\",{labels}}}");
+    assert_eq!(of(&last), asked);
     assert_eq!(of(r#"railbus_module_up{line="main",module="pump"}"#), 1.0);
     assert!(of(r#"railbus_line_busy_ratio{line="main"}"#) > 0.0);
     assert!(
