@@ -1,7 +1,9 @@
 //! The command line: one definition per command, which gives its parser and its help.
 
 use crate::commands::{bench, complete, completions, config, doctor, explain, export, extcap};
-use crate::commands::{decode, get, global_flags, help, ls, man, pulse, raw, replay, scan};
+use crate::commands::{
+    decode, get, global_flags, help, history, ls, man, pulse, raw, replay, scan,
+};
 use crate::commands::{schema, set, sniff, token, user, version, watch};
 use crate::failure::Failure;
 use crate::i18n::Lang;
@@ -51,6 +53,11 @@ const VERBS: &[Verb] = &[
         name: watch::NAME,
         define: watch::define,
         run: watch::run,
+    },
+    Verb {
+        name: history::NAME,
+        define: history::define,
+        run: history::run,
     },
     Verb {
         name: raw::NAME,

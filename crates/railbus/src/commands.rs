@@ -11,6 +11,7 @@ pub(crate) mod export;
 pub(crate) mod extcap;
 pub(crate) mod get;
 pub(crate) mod help;
+pub(crate) mod history;
 pub(crate) mod ls;
 pub(crate) mod man;
 pub(crate) mod pulse;

@@ -20,12 +20,15 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 use tokio::sync::{mpsc, oneshot};
+use tokio::time::timeout;
 use writer::{Job, Writer};
 
 /// How many samples and events wait to be written.
 const QUEUE_MAX: usize = 16_384;
+/// Nobody waits longer for a disk that hangs.
+const WAIT_MAX: Duration = Duration::from_secs(2);
 /// How many notices of the writer wait to be told.
 const NOTICES_MAX: usize = 32;
 
@@ -163,8 +166,8 @@ impl History {
     async fn written(&self) {
         let (done, written) = oneshot::channel();
         if self.jobs.try_send(Job::Flush(done)).is_ok() {
-            // Fails where the writer has ended.
-            let _ = written.await;
+            // Where the writer has ended or hangs, what is there is told.
+            let _ = timeout(WAIT_MAX, written).await;
         }
     }
 
@@ -180,15 +183,18 @@ impl History {
             done,
         };
         self.jobs.try_send(job).map_err(|_| HistoryError::Busy)?;
-        end.await.map_err(|_| HistoryError::Closed)?
+        let end = timeout(WAIT_MAX, end)
+            .await
+            .map_err(|_| HistoryError::Busy)?;
+        end.map_err(|_| HistoryError::Closed)?
     }
 
     /// Writes what is left, and that nothing is known from now on.
     pub async fn close(&self) {
         let (done, closed) = oneshot::channel();
         if self.jobs.try_send(Job::Close(done)).is_ok() {
-            // Fails where the writer has ended already.
-            let _ = closed.await;
+            // Where the writer has ended already or hangs, there is nothing to wait for.
+            let _ = timeout(WAIT_MAX, closed).await;
         }
     }
 

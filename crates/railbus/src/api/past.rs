@@ -330,6 +330,7 @@ pub(crate) fn audit_row(hash: &str, numbered: &Numbered) -> [String; AUDIT_COLUM
             ]
         }
         Record::Start { version } => system_row("start", own(version)),
+        Record::Stop => system_row("stop", none()),
         Record::Lost { records } => system_row("lost", records.to_string()),
         Record::Cut { seq, .. } => system_row("cut", seq.to_string()),
     };

@@ -3,6 +3,7 @@
 mod http;
 
 use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest, Groups};
+use crate::api::past::HistoryInfo;
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{
     FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
@@ -16,6 +17,9 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+
+/// Into how many stretches of time a long history is parted.
+const STRETCHES: usize = 500;
 
 /// The daemon behind a socket.
 #[derive(Debug)]
@@ -90,7 +94,7 @@ impl Remote {
         Ok(modules.modules)
     }
 
-    pub(super) async fn points(
+    pub(crate) async fn points(
         &self,
         selectors: &[String],
         fresh: bool,
@@ -173,6 +177,15 @@ impl Remote {
             Some(Err(problem)) => Err(problem),
             None => Err(Problem::new(codes::DAEMON)),
         }
+    }
+
+    /// What a point was since so many milliseconds ago.
+    pub(crate) async fn history(&self, point: &str, since: u64) -> Result<HistoryInfo, Problem> {
+        let now = jiff::Timestamp::now().as_millisecond();
+        let from = now.saturating_sub_unsigned(since);
+        let point = encoded(point);
+        let path = format!("/api/v1/history?point={point}&from={from}&buckets={STRETCHES}");
+        self.get(&path).await
     }
 
     /// Asks for something else, at a path below the API's own.

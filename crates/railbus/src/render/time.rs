@@ -13,6 +13,13 @@ pub(crate) fn clock(moment: &Zoned) -> String {
     moment.strftime("%H:%M:%S.%3f").to_string()
 }
 
+/// For people: the local day and time of day, of milliseconds since 1970.
+pub(crate) fn date_and_clock(millis: i64) -> String {
+    let moment = Timestamp::from_millisecond(millis).unwrap_or(Timestamp::UNIX_EPOCH);
+    let moment = moment.to_zoned(jiff::tz::TimeZone::system());
+    moment.strftime("%Y-%m-%d %H:%M:%S.%3f").to_string()
+}
+
 /// The moment that a program wrote, or else now.
 pub(crate) fn clock_of(text: Option<&str>) -> String {
     let read = text.and_then(|text| text.parse::<Timestamp>().ok());

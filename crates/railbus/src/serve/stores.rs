@@ -42,6 +42,9 @@ impl Stores {
     /// Writes what is left. The site was closed before.
     pub(super) async fn close(self, service: &Service) {
         service.tell_event(Event::new(EventKind::System, Severity::Info, "stopped"));
+        if let Some(log) = service.audit_log() {
+            log.close().await;
+        }
         if let Some(history) = self.history {
             history.close().await;
         }

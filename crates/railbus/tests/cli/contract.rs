@@ -43,8 +43,8 @@ const GOOD: [&str; 30] = [
 ];
 
 /// Of these, the streams and the commands with many forms have tests of their own.
-const ELSEWHERE: [&str; 9] = [
-    "apply", "error", "plan", "replay", "sim", "sniff", "token", "user", "watch",
+const ELSEWHERE: [&str; 10] = [
+    "apply", "error", "history", "plan", "replay", "sim", "sniff", "token", "user", "watch",
 ];
 
 #[test]

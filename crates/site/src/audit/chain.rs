@@ -63,6 +63,8 @@ pub enum Record {
         #[serde(default, skip_serializing_if = "String::is_empty")]
         after: String,
     },
+    /// The program ended as it should.
+    Stop,
     /// So many records could not be written before this one.
     Lost {
         /// How many.
@@ -97,7 +99,7 @@ impl Record {
                 cut(end);
                 cut(after);
             }
-            Record::Start { .. } | Record::Lost { .. } | Record::Cut { .. } => {}
+            Record::Start { .. } | Record::Stop | Record::Lost { .. } | Record::Cut { .. } => {}
         }
         self
     }

@@ -5,7 +5,7 @@ use super::chain::Record;
 use super::read::{Filter, Page, Verified};
 use super::tail::{Found, Reach, Tail};
 use super::{Exported, read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -17,6 +17,9 @@ const QUEUE_MAX: usize = 1_024;
 const BATCH_MAX: usize = 256;
 /// A disk that takes longer holds no command up any more.
 const WAIT_MAX: Duration = Duration::from_secs(1);
+
+/// The same once that has happened: until it is over, nobody waits long.
+const WAIT_FAILING: Duration = Duration::from_millis(20);
 
 /// A record could not be made durable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,7 +95,11 @@ impl AuditLog {
             durable,
             done,
         };
-        let end = tokio::time::timeout(WAIT_MAX, async {
+        let patience = match self.is_failing() && !self.is_required() {
+            true => WAIT_FAILING,
+            false => WAIT_MAX,
+        };
+        let end = tokio::time::timeout(patience, async {
             self.jobs.send(job).await.map_err(|_| NotWritten)?;
             written.await.map_err(|_| NotWritten)
         });
@@ -102,10 +109,11 @@ impl AuditLog {
         }
     }
 
-    /// Where it lies.
-    #[must_use]
-    pub fn folder(&self) -> PathBuf {
-        self.folder.to_path_buf()
+    /// Writes that the program ends as it should; all that was written before is durable when
+    /// this returns.
+    pub async fn close(&self) {
+        // What can't be written now is missing: the next start says so.
+        let _ = self.write(Record::Stop, true).await;
     }
 
     fn reach(&self) -> Reach {
