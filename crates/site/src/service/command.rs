@@ -127,14 +127,17 @@ impl Service {
         } else {
             Op::Write(bank)
         };
-        for point in &points {
-            self.inner.timers.forget(module, *point);
-        }
+        let taken = self.inner.take_over(module, &points);
         let note = self.note(self.inner.describe(module, set));
         let wanted = |point| bank_state(bank, point);
-        self.inner
+        let end = self
+            .inner
             .command(module, &points, op, terms.verify, note, wanted)
-            .await
+            .await;
+        if end.is_err() {
+            self.inner.give_back(taken);
+        }
+        end
     }
 
     /// Switches one output, and leaves what was promised of it as it is.
@@ -167,13 +170,17 @@ impl Service {
         self.inner.may_command(module, &[point], confirm)?;
         if raw {
             self.inner.watched(module, [point])?;
-            self.inner.timers.forget(module, point);
+            let taken = self.inner.take_over(module, &[point]);
             let note = self.note(format!("toggle {}", self.inner.label(module, point)));
             let op = Op::Toggle(channel(point)?.mask());
-            return self
+            let end = self
                 .inner
                 .command(module, &[point], op, true, note, |_| None)
                 .await;
+            if end.is_err() {
+                self.inner.give_back(taken);
+            }
+            return end;
         }
         self.read_fresh(module).await?;
         let now = self.inner.output(module, point).ok_or(Fault::Unknown)?;

@@ -54,14 +54,15 @@ impl Service {
                 left,
             });
         }
-        self.inner.timers.forget(module, point);
+        let taken = self.inner.take_over(module, &[point]);
         let on = if value { "on" } else { "off" };
         let label = self.inner.label(module, point);
         let note = self.note(format!("lease {label}={on} {}ms", time.0 / 1_000));
-        let written = self
-            .inner
-            .begin_timed(key, (value, end), left, note)
-            .await?;
+        let written = self.inner.begin_timed(key, (value, end), left, note).await;
+        if written.is_err() {
+            self.inner.give_back(taken);
+        }
+        let written = written?;
         Ok(Leased {
             written: Some(written),
             left,

@@ -84,7 +84,7 @@ impl Service {
         self.inner.may_command(module, &[point], pulse.confirm)?;
         let value = !pulse.off;
         let way = self.way(module, point, pulse).await?;
-        self.inner.timers.forget(module, point);
+        let taken = self.inner.take_over(module, &[point]);
         let label = self.inner.label(module, point);
         let points = [point];
         let (begun, by, width) = match way {
@@ -104,6 +104,9 @@ impl Service {
                 (begun.await, By::Host, width)
             }
         };
+        if begun.is_err() {
+            self.inner.give_back(taken);
+        }
         let begun = begun?;
         Ok(PulseDone {
             value,

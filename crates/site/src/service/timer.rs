@@ -64,11 +64,13 @@ impl Timer {
             .is_err_and(|failure| !failure.may_have_acted());
         // From now on: that it was asked for long before does not make it shorter.
         self.inner.timers.put_off(&self.key, self.promise.length);
-        // Fails where the caller has gone away.
-        let _ = begin.told.send(begun);
         if did_nothing {
-            return self.end().await;
+            self.end().await;
+            // Fails where the caller has gone away.
+            let _ = begin.told.send(begun);
+            return;
         }
+        let _ = begin.told.send(begun);
         self.wait().await;
     }
 
@@ -248,6 +250,32 @@ impl Inner {
         }
     }
 
+    /// Another command takes outputs over: their pulses and leases will not be ended from here.
+    /// What they were comes back, for [`Inner::give_back`].
+    pub(super) fn take_over(&self, module: &str, points: &[Point]) -> Vec<(Key, Promise)> {
+        let mut taken = Vec::new();
+        for point in points {
+            for why in [Why::Pulse, Why::Lease] {
+                let key = (Place::new(module, *point), why);
+                let (left, end) = (self.timers.due(&key), self.promises.end_of(&key));
+                self.timers.take_over(&key);
+                if let (Some(left), Some(end)) = (left, end) {
+                    taken.push((key, Promise::after(left, end)));
+                }
+            }
+        }
+        taken
+    }
+
+    /// That command failed: what it took over still ends when it was to end.
+    pub(super) fn give_back(self: &Arc<Inner>, taken: Vec<(Key, Promise)>) {
+        for (key, promise) in taken {
+            if self.timers.due(&key).is_none() {
+                tokio::spawn(Timer::new(self, key, promise).promised());
+            }
+        }
+    }
+
     /// Takes up what was promised before the process began.
     pub(super) fn take_up(self: &Arc<Inner>) {
         for ((place, why), mut promise) in self.promises.all() {
@@ -353,14 +381,6 @@ impl Timers {
         running.count = running.count.saturating_sub(1);
         self.count.send_replace(running.count);
         newest.is_none_or(|newest| newest == number)
-    }
-
-    /// Another command takes an output over: its pulse or lease, if any, will not be ended from
-    /// here.
-    pub(super) fn forget(&self, module: &str, point: Point) {
-        for why in [Why::Pulse, Why::Lease] {
-            self.take_over(&(Place::new(module, point), why));
-        }
     }
 
     /// One is not to be done any more.

@@ -344,3 +344,19 @@ async fn outputs_go_where_their_policy_says() {
     let late = switch(&service, "oven", 1, true).await;
     assert!(late.is_err(), "it is closed");
 }
+
+#[tokio::test]
+async fn a_command_that_fails_leaves_a_pulse_its_end() {
+    let (service, boards) = site("").await;
+    let pulse = Pulse {
+        width: Some(Micros::from_millis(1_500)),
+        ..Pulse::default()
+    };
+    service.pulse("oven", k(1), pulse).await.unwrap();
+    boards.mute(3, true);
+    switch(&service, "oven", 1, false).await.unwrap_err();
+    assert_eq!(boards.relays(3), 1);
+    boards.mute(3, false);
+    until(|| boards.relays(3) == 0).await;
+    service.close().await;
+}
