@@ -103,17 +103,22 @@ const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.mi
 /** What is wrong with a page as it is now: for readers of the screen, for fingers, for phones. */
 export async function faults(page) {
   await page.evaluate(axe);
-  // What lies under the bar of phones comes out from under it by scrolling: it is not hidden.
-  const bar = (position) =>
-    page.evaluate((to) => document.querySelector("nav.bottom")?.style.setProperty("position", to), position);
-  await bar("static");
+  // What lies under the header, or the bar of phones, comes out by scrolling: it is not hidden.
+  const pin = (pinned) =>
+    page.evaluate((pinned) => {
+      for (const bar of document.querySelectorAll(".frame > header, .frame > nav.bottom")) {
+        if (pinned) bar.style.removeProperty("position");
+        else bar.style.setProperty("position", "static");
+      }
+    }, pinned);
+  await pin(false);
   const violations = await page.evaluate(async () => {
     const { violations } = await window.axe.run(document, {
       runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"],
     });
     return violations.flatMap((one) => one.nodes.map((node) => `axe ${one.id}: ${node.html} ${node.failureSummary}`));
   });
-  await bar("fixed");
+  await pin(true);
   const shape = await page.evaluate(() => {
     const found = [];
     const { scrollWidth, clientWidth } = document.documentElement;
