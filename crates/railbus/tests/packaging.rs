@@ -62,11 +62,9 @@ fn the_unit_is_well_confined() {
         .arg(format!("--threshold={EXPOSURE_MAX}"))
         .arg(UNIT)
         .output();
-    match judged {
-        Ok(judged) => {
-            let told = String::from_utf8_lossy(&judged.stdout).into_owned();
-            assert!(judged.status.success(), "{told}");
-        }
-        Err(_) => eprintln!("skipped: there is no systemd-analyze here"),
+    // Where systemd is not, nobody judges.
+    if let Ok(judged) = judged {
+        let told = String::from_utf8_lossy(&judged.stdout).into_owned();
+        assert!(judged.status.success(), "{told}");
     }
 }

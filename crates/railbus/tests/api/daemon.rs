@@ -126,7 +126,8 @@ impl Daemon {
         let (head, length) = (self.head(), body.len());
         write!(
             stream,
-            "{method} {path} HTTP/1.1\r\nConnection: close\r\n{head}Content-Length: {length}\r\n\r\n"
+            "{method} {path} HTTP/1.1\r\nConnection: close\r\n{head}Content-Length: {length}\r\n\
+             \r\n"
         )
         .ok()?;
         // What is not taken any more does not matter; the answer does.
