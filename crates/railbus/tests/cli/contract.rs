@@ -42,9 +42,19 @@ const GOOD: [&str; 30] = [
     "version",
 ];
 
-/// Of these, the streams and the commands with many forms have tests of their own.
-const ELSEWHERE: [&str; 10] = [
-    "apply", "error", "history", "plan", "replay", "sim", "sniff", "token", "user", "watch",
+/// Of these, the streams, the commands with many forms and the file have tests of their own.
+const ELSEWHERE: [&str; 11] = [
+    "apply",
+    "config-file",
+    "error",
+    "history",
+    "plan",
+    "replay",
+    "sim",
+    "sniff",
+    "token",
+    "user",
+    "watch",
 ];
 
 #[test]
