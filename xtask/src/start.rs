@@ -14,8 +14,9 @@ const RESTED_ROUNDS: usize = 7;
 /// After so long without a frame it is known that no reply to anybody's request can come.
 const REST: Duration = Duration::from_secs(9);
 /// What one read of eight coils takes on the wire at 9600 8N1: 8 characters, the 3.5 characters
-/// of silence by which the module knows the end, and 6 characters.
-const WIRE: Duration = Duration::from_micros(18_229);
+/// of silence by which the module knows the end, the 5 ms that the demo's modules take to answer,
+/// and 6 characters.
+const WIRE: Duration = Duration::from_micros(23_229);
 
 /// A simulated line, and where it lies.
 struct Line {
