@@ -4,9 +4,9 @@ use super::access::{Caller, Need};
 use super::doc::Doc;
 use super::export::{self, File};
 use super::history::kept;
-use super::points::bad_request;
+use super::order::bad_request;
 use super::routes::{Answer, Asked, Route, Site};
-use super::{answer, body};
+use super::{answer, body, language};
 use crate::api::past::{
     self, AUDIT_COLUMNS, AckRequest, AuditPage, EventInfo, EventPage, VerifiedInfo, audit_row,
 };
@@ -211,7 +211,8 @@ async fn save(
         Ok(log) => log.clone(),
         Err(problem) => return answer::problem(&problem),
     };
-    let Some(file) = File::asked(&asked, &headers, site.lang, "audit") else {
+    let lang = language::of(&site, &asked, &headers);
+    let Some(file) = File::asked(&asked, lang, "audit") else {
         return bad_request("\"format\" is csv or ndjson");
     };
     let (answer, mut sink) = export::stream(&site, &who, &file);

@@ -4,8 +4,8 @@ use super::access::Caller;
 use super::routes::{Answer, Asked, Site};
 use crate::i18n::Lang;
 use axum::body::{Body, Bytes};
-use axum::http::header::{ACCEPT_LANGUAGE, CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue};
-use axum::http::{HeaderMap, Response};
+use axum::http::Response;
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue};
 use http_body_util::channel::{Channel, Sender};
 use std::convert::Infallible;
 use std::pin::Pin;
@@ -25,27 +25,15 @@ pub(super) struct File {
 
 impl File {
     /// What is asked for; none where there is no such format.
-    pub(super) fn asked(
-        asked: &Asked,
-        headers: &HeaderMap,
-        lang: Lang,
-        name: &'static str,
-    ) -> Option<File> {
+    pub(super) fn asked(asked: &Asked, lang: Lang, name: &'static str) -> Option<File> {
         let csv = match asked.get("format").map(String::as_str) {
             None | Some("csv") => true,
             Some("ndjson") => false,
             Some(_) => return None,
         };
-        let accepted = headers.get(ACCEPT_LANGUAGE);
-        let accepted = accepted.and_then(|value| value.to_str().ok());
-        let chinese = match (asked.get("lang"), accepted) {
-            (Some(named), _) => named == "zh",
-            (None, Some(accepted)) => accepted.trim_start().starts_with("zh"),
-            (None, None) => matches!(lang, Lang::Zh),
-        };
         Some(File {
             csv,
-            mark: csv && chinese,
+            mark: csv && lang == Lang::Zh,
             name,
         })
     }

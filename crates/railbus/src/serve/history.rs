@@ -1,12 +1,12 @@
 //! What was: charts of points, their samples as a file, and how much is kept.
 
 use super::access::{Caller, Need};
-use super::answer;
 use super::doc::Doc;
 use super::events::{FORMAT, LANG};
 use super::export::{self, File};
-use super::points::bad_request;
+use super::order::bad_request;
 use super::routes::{Answer, Asked, Route, Site};
+use super::{answer, language};
 use crate::api::ask;
 use crate::api::past::{self, HistoryInfo, StorageInfo};
 use crate::api::problem::{Problem, codes};
@@ -153,7 +153,8 @@ async fn save(
     if !(1..=POINTS_MAX).contains(&points.len()) {
         return bad_request("\"point\" names 1 to 64 points");
     }
-    let Some(file) = File::asked(&asked, &headers, site.lang, "history") else {
+    let lang = language::of(&site, &asked, &headers);
+    let Some(file) = File::asked(&asked, lang, "history") else {
         return bad_request("\"format\" is csv or ndjson");
     };
     let (answer, mut sink) = export::stream(&site, &who, &file);

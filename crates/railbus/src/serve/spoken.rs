@@ -3,7 +3,7 @@
 //! usually comes from and what to do.
 
 use super::answer;
-use super::web::spoken;
+use super::language::spoken;
 use crate::api::problem::{Problem, codes};
 use crate::failure::Failure;
 use crate::i18n::Lang;

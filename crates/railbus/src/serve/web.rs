@@ -1,16 +1,16 @@
 //! The web pages, as they lie in the program: made by `cargo xtask web`, each file in three
 //! forms (plain, gzip, brotli), so that nothing is compressed while the daemon runs.
 
-use super::answer;
 use super::routes::{Answer, Site};
+use super::{answer, language};
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
 use crate::texts::Text;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
 use axum::http::header::{
-    ACCEPT_ENCODING, ACCEPT_LANGUAGE, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_SECURITY_POLICY,
-    CONTENT_TYPE, HeaderName, HeaderValue, VARY,
+    ACCEPT_ENCODING, CACHE_CONTROL, CONTENT_ENCODING, CONTENT_SECURITY_POLICY, CONTENT_TYPE,
+    HeaderName, HeaderValue, VARY,
 };
 use axum::http::{HeaderMap, Method, Response, StatusCode, Uri};
 use std::borrow::Cow;
@@ -68,7 +68,7 @@ fn served(path: &str, headers: &HeaderMap, lang: Lang, find: Find<'_>) -> Answer
     if name.starts_with(HASHED) {
         return answer::problem(&Problem::new(codes::NO_SUCH_PAGE));
     }
-    file(INDEX, encodings, find).unwrap_or_else(|| missing(spoken(headers, lang)))
+    file(INDEX, encodings, find).unwrap_or_else(|| missing(language::spoken(headers, lang)))
 }
 
 /// A file in the best form that the browser takes.
@@ -157,28 +157,10 @@ fn missing(lang: Lang) -> Answer {
     answer::with(StatusCode::OK, "text/html; charset=utf-8", html)
 }
 
-/// The language that a browser asks for, or else the daemon's.
-pub(super) fn spoken(headers: &HeaderMap, otherwise: Lang) -> Lang {
-    let accepted = headers.get(ACCEPT_LANGUAGE);
-    let accepted = accepted.and_then(|value| value.to_str().ok());
-    accepted.and_then(language).unwrap_or(otherwise)
-}
-
-/// The first language of a list that is one of ours.
-fn language(list: &str) -> Option<Lang> {
-    list.split(',').map(str::trim).find_map(|name| {
-        let head = name.get(..2)?;
-        match () {
-            () if head.eq_ignore_ascii_case("zh") => Some(Lang::Zh),
-            () if head.eq_ignore_ascii_case("en") => Some(Lang::En),
-            () => None,
-        }
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use axum::http::header::ACCEPT_LANGUAGE;
 
     /// A site with one page, one script in all forms, and one picture.
     fn find(name: &str) -> Option<Cow<'static, [u8]>> {
