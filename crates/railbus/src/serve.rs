@@ -24,6 +24,7 @@ mod metrics;
 mod notify;
 mod openapi;
 mod ops;
+mod order;
 mod points;
 mod ports;
 mod routes;

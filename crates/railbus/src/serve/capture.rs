@@ -3,7 +3,7 @@
 use super::access::{Caller, Need};
 use super::doc::Doc;
 use super::ear::{Ear, modules};
-use super::points::bad_request;
+use super::order::bad_request;
 use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, language};
 use crate::api::problem::Problem;

@@ -5,17 +5,16 @@ mod desk;
 mod edits;
 mod tables;
 
-use super::access::{Caller, Need};
+use super::access::Need;
 use super::doc::Doc;
+use super::order::Order;
 use super::routes::{Answer, Asked, Route, Site};
-use super::{answer, body, web};
+use super::{answer, language};
 use crate::api::failures::bad_config;
 use crate::api::problem::{Problem, codes};
 use crate::commands::warnings;
 use crate::i18n::Lang;
 use crate::render::time;
-use axum::Extension;
-use axum::body::Bytes;
 use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::HeaderMap;
 use axum::http::header::{ETAG, HeaderValue, IF_MATCH};
@@ -25,7 +24,6 @@ use jiff::Timestamp;
 use railbus_site::Config;
 use railbus_site::config::keeper::{Generation, TEXT_MAX, etag};
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 pub(super) use tables::ROUTES as TABLES;
 use utoipa::ToSchema;
@@ -108,28 +106,20 @@ struct Text {
     text: String,
 }
 
-async fn replace(
-    State(site): State<Site>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    if !headers.contains_key(IF_MATCH) {
+async fn replace(order: Order) -> Answer {
+    if !order.headers.contains_key(IF_MATCH) {
         return answer::problem(&Problem::new(codes::NO_IF_MATCH));
     }
-    edit(&site, &who, &headers, |_| {
-        read::<Text>(&body).map(|body| body.text)
-    })
-    .await
+    edit(&order, |_| order.read::<Text>().map(|body| body.text)).await
 }
 
-async fn check(State(site): State<Site>, headers: HeaderMap, body: Bytes) -> Answer {
-    let text = match read::<Text>(&body) {
+async fn check(order: Order) -> Answer {
+    let text = match order.read::<Text>() {
         Ok(body) => body.text,
         Err(problem) => return answer::problem(&problem),
     };
-    let lang = web::spoken(&headers, site.lang);
-    let file = site.desk.file().display().to_string();
+    let lang = language::spoken(&order.headers, order.site.lang);
+    let file = order.site.desk.file().display().to_string();
     // What the adapters are called is a matter of the disk.
     let told = tokio::task::spawn_blocking(move || checked(lang, &file, &text)).await;
     answer::json(told.map_err(broken))
@@ -181,56 +171,30 @@ struct Undo {
     to: Option<u64>,
 }
 
-async fn undo(
-    State(site): State<Site>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let text: &[u8] = if body.is_empty() { b"{}" } else { &body };
-    let found = match read::<Undo>(text) {
-        Ok(undo) => site.desk.generation(undo.to).await,
+async fn undo(order: Order) -> Answer {
+    let found = match order.read::<Undo>() {
+        Ok(undo) => order.site.desk.generation(undo.to).await,
         Err(problem) => Err(problem),
     };
     match found {
-        Ok(found) => edit(&site, &who, &headers, |_| Ok(found.text)).await,
+        Ok(found) => edit(&order, |_| Ok(found.text)).await,
         Err(problem) => answer::problem(&problem),
     }
 }
 
-async fn add_line(
-    State(site): State<Site>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    edit(&site, &who, &headers, |text| {
-        edits::add_line(text, read(&body)?)
-    })
-    .await
+async fn add_line(order: Order) -> Answer {
+    edit(&order, |text| edits::add_line(text, order.read()?)).await
 }
 
-async fn change_line(
-    State(site): State<Site>,
-    Path(line): Path<String>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let change = |text: &str| edits::change(text, "line", &line, read(&body)?);
-    edit(&site, &who, &headers, change).await
+async fn change_line(Path(line): Path<String>, order: Order) -> Answer {
+    let change = |text: &str| edits::change(text, "line", &line, order.read()?);
+    edit(&order, change).await
 }
 
-async fn remove_line(
-    State(site): State<Site>,
-    Path(line): Path<String>,
-    asked: Asked,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-) -> Answer {
+async fn remove_line(Path(line): Path<String>, asked: Asked, order: Order) -> Answer {
     let with_modules = asked.get("modules").is_some_and(|value| value == "1");
     let change = |text: &str| edits::remove_line(text, &line, with_modules);
-    edit(&site, &who, &headers, change).await
+    edit(&order, change).await
 }
 
 #[derive(Deserialize)]
@@ -238,59 +202,35 @@ struct Modules {
     modules: Vec<edits::Keys>,
 }
 
-async fn add_modules(
-    State(site): State<Site>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let change = |text: &str| edits::add_modules(text, read::<Modules>(&body)?.modules);
-    edit(&site, &who, &headers, change).await
+async fn add_modules(order: Order) -> Answer {
+    let change = |text: &str| edits::add_modules(text, order.read::<Modules>()?.modules);
+    edit(&order, change).await
 }
 
-async fn change_module(
-    State(site): State<Site>,
-    Path(module): Path<String>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let change = |text: &str| edits::change(text, "module", &module, read(&body)?);
-    edit(&site, &who, &headers, change).await
+async fn change_module(Path(module): Path<String>, order: Order) -> Answer {
+    let change = |text: &str| edits::change(text, "module", &module, order.read()?);
+    edit(&order, change).await
 }
 
-async fn remove_module(
-    State(site): State<Site>,
-    Path(module): Path<String>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-) -> Answer {
+async fn remove_module(Path(module): Path<String>, order: Order) -> Answer {
     let change = |text: &str| edits::remove(text, "module", &module);
-    edit(&site, &who, &headers, change).await
+    edit(&order, change).await
 }
 
-async fn change_point(
-    State(site): State<Site>,
-    Path((module, label)): Path<(String, String)>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let change = |text: &str| edits::change_point(text, &module, &label, &read(&body)?);
-    edit(&site, &who, &headers, change).await
+async fn change_point(Path((module, label)): Path<(String, String)>, order: Order) -> Answer {
+    let change = |text: &str| edits::change_point(text, &module, &label, &order.read()?);
+    edit(&order, change).await
 }
 
 /// Changes the file for somebody, and says what came of it.
-async fn edit(
-    site: &Site,
-    who: &Caller,
-    headers: &HeaderMap,
-    change: impl FnOnce(&str) -> Result<String, Problem>,
-) -> Answer {
+async fn edit(order: &Order, change: impl FnOnce(&str) -> Result<String, Problem>) -> Answer {
+    let Order {
+        site, who, headers, ..
+    } = order;
     let service = site.service.on_behalf_of(who.origin());
     let asks = Asks {
         service: &service,
-        lang: web::spoken(headers, site.lang),
+        lang: language::spoken(headers, site.lang),
         who: &who.name,
         seen: seen(headers),
     };
@@ -323,11 +263,6 @@ fn tagged(mut answer: Answer, etag: &str) -> Answer {
         answer.headers_mut().insert(ETAG, tag);
     }
     answer
-}
-
-fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
-    body::parse(body)
-        .map_err(|error| Problem::new(codes::BAD_REQUEST).with("reason", error.to_string()))
 }
 
 fn broken(error: tokio::task::JoinError) -> Problem {

@@ -1,9 +1,9 @@
 //! Several outputs at once, groups, scenes, and outputs that are held.
 
-use super::access::{Caller, Need, may_write};
+use super::access::{Need, may_write};
 use super::answer;
 use super::doc::Doc;
-use super::points::command;
+use super::order::Order;
 use super::routes::{Answer, Route, Site};
 use crate::api::control;
 use crate::api::control_types::{
@@ -13,14 +13,10 @@ use crate::api::control_types::{
 use crate::api::paths;
 use crate::api::problem::Problem;
 use crate::api::types::SCHEMA;
-use axum::Extension;
-use axum::body::Bytes;
 use axum::extract::{Path, State};
-use axum::http::HeaderMap;
 use axum::routing::{delete, get, post, put};
 use railbus_site::Service;
 use serde_json::Value;
-use std::sync::Arc;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
@@ -74,19 +70,14 @@ fn may_write_all(rights: &[String], outputs: &[String]) -> Result<(), Problem> {
     })
 }
 
-async fn batch(
-    State(site): State<Site>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let rights = Arc::clone(&who.points);
+async fn batch(order: Order) -> Answer {
+    let rights = order.rights();
     let run = |service: Service, _, wanted: BatchRequest| async move {
         let outputs: Vec<String> = wanted.set.iter().map(|item| item.path.clone()).collect();
         may_write_all(&rights, &outputs)?;
         control::batch(&service, wanted).await
     };
-    command(&site, &who, &headers, ("batch", String::new()), &body, run).await
+    order.carry_out(("batch", String::new()), run).await
 }
 
 async fn groups(State(site): State<Site>) -> Answer {
@@ -95,19 +86,13 @@ async fn groups(State(site): State<Site>) -> Answer {
     answer::json(Ok(Groups { schema, groups }))
 }
 
-async fn set_group(
-    State(site): State<Site>,
-    Path(group): Path<String>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let rights = Arc::clone(&who.points);
+async fn set_group(Path(group): Path<String>, order: Order) -> Answer {
+    let rights = order.rights();
     let run = |service: Service, group: String, wanted| async move {
         may_write_all(&rights, &control::members(&service, &group)?)?;
         control::set_group(&service, &group, wanted).await
     };
-    command(&site, &who, &headers, ("group", group), &body, run).await
+    order.carry_out(("group", group), run).await
 }
 
 async fn scenes(State(site): State<Site>) -> Answer {
@@ -116,51 +101,25 @@ async fn scenes(State(site): State<Site>) -> Answer {
     answer::json(Ok(Scenes { schema, scenes }))
 }
 
-async fn play(
-    State(site): State<Site>,
-    Path(scene): Path<String>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let rights = Arc::clone(&who.points);
+async fn play(Path(scene): Path<String>, order: Order) -> Answer {
+    let rights = order.rights();
     let run = |service: Service, scene: String, wanted| async move {
         may_write_all(&rights, &control::outputs_of_scene(&service, &scene)?)?;
         control::play(&service, &scene, wanted).await
     };
-    command(&site, &who, &headers, ("scene", scene), &body, run).await
+    order.carry_out(("scene", scene), run).await
 }
 
-async fn lease(
-    State(site): State<Site>,
-    Path((module, label)): Path<(String, String)>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let what = ("lease", format!("{module}.{label}"));
-    if let Err(problem) = who.may_write(&what.1) {
-        return answer::problem(&problem);
-    }
+async fn lease(Path(place): Path<(String, String)>, order: Order) -> Answer {
     let run = |service: Service, path: String, wanted| async move {
         control::lease(&service, &path, wanted).await
     };
-    command(&site, &who, &headers, what, &body, run).await
+    order.on_point("lease", place, run).await
 }
 
-async fn end_lease(
-    State(site): State<Site>,
-    Path((module, label)): Path<(String, String)>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let what = ("end of lease", format!("{module}.{label}"));
-    if let Err(problem) = who.may_write(&what.1) {
-        return answer::problem(&problem);
-    }
+async fn end_lease(Path(place): Path<(String, String)>, order: Order) -> Answer {
     let run = |service: Service, path: String, _: Value| async move {
         control::end_lease(&service, &path).await
     };
-    command(&site, &who, &headers, what, &body, run).await
+    order.on_point("end of lease", place, run).await
 }

@@ -1,26 +1,20 @@
 //! What there is to read and to switch: lines, modules and points.
 
-use super::access::{Caller, Need, may_write};
+use super::access::{Need, may_write};
 use super::doc::Doc;
-use super::keys::{End, KEY_LEN_MAX};
+use super::order::Order;
 use super::routes::{Answer, Asked, Route, Site};
-use super::{answer, body, frames, stream};
+use super::{answer, frames, stream};
 use crate::api::ask;
-use crate::api::problem::{Problem, codes};
+use crate::api::problem::Problem;
 use crate::api::types::{
     CommandInfo, FrameEvent, Lines, Modules, OutputsRequest, OutputsWritten, PointInfo, Points,
     PulseRequest, Pulsed, RawAnswer, RawRequest, SCHEMA, ToggleRequest, WatchEvent, WriteRequest,
     Written,
 };
-use axum::Extension;
-use axum::body::Bytes;
 use axum::extract::{Path, State};
-use axum::http::HeaderMap;
 use axum::routing::{get, post, put};
 use railbus_site::Service;
-use serde::Serialize;
-use serde::de::DeserializeOwned;
-use std::sync::Arc;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
@@ -141,140 +135,44 @@ async fn point(
     answer::json(ask::point(&site.service, &path, is_set(&asked, "fresh")).await)
 }
 
-async fn write(
-    State(site): State<Site>,
-    Path((module, label)): Path<(String, String)>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let what = ("write", format!("{module}.{label}"));
-    if let Err(problem) = who.may_write(&what.1) {
-        return answer::problem(&problem);
-    }
+async fn write(Path(place): Path<(String, String)>, order: Order) -> Answer {
     let run = |service: Service, path: String, wanted| async move {
         ask::write(&service, &path, wanted).await
     };
-    command(&site, &who, &headers, what, &body, run).await
+    order.on_point("write", place, run).await
 }
 
-async fn outputs(
-    State(site): State<Site>,
-    Path(module): Path<String>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let rights = Arc::clone(&who.points);
+async fn outputs(Path(module): Path<String>, order: Order) -> Answer {
+    let rights = order.rights();
     let run = |service: Service, module: String, wanted: OutputsRequest| async move {
         let mut labels = wanted.set.keys();
         labels.try_for_each(|label| may_write(&rights, &module, label))?;
         ask::outputs(&service, &module, wanted).await
     };
-    command(&site, &who, &headers, ("outputs", module), &body, run).await
+    order.carry_out(("outputs", module), run).await
 }
 
-async fn toggle(
-    State(site): State<Site>,
-    Path((module, label)): Path<(String, String)>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let what = ("toggle", format!("{module}.{label}"));
-    if let Err(problem) = who.may_write(&what.1) {
-        return answer::problem(&problem);
-    }
+async fn toggle(Path(place): Path<(String, String)>, order: Order) -> Answer {
     let run = |service: Service, path: String, wanted| async move {
         ask::toggle(&service, &path, wanted).await
     };
-    command(&site, &who, &headers, what, &body, run).await
+    order.on_point("toggle", place, run).await
 }
 
-async fn pulse(
-    State(site): State<Site>,
-    Path((module, label)): Path<(String, String)>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let what = ("pulse", format!("{module}.{label}"));
-    if let Err(problem) = who.may_write(&what.1) {
-        return answer::problem(&problem);
-    }
+async fn pulse(Path(place): Path<(String, String)>, order: Order) -> Answer {
     let run = |service: Service, path: String, wanted| async move {
         ask::pulse(&service, &path, wanted).await
     };
-    command(&site, &who, &headers, what, &body, run).await
+    order.on_point("pulse", place, run).await
 }
 
 async fn given(State(site): State<Site>, Path(id): Path<String>) -> Answer {
     answer::json(ask::command(&site.service, &id))
 }
 
-async fn raw(
-    State(site): State<Site>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
+async fn raw(order: Order) -> Answer {
     let run = |service: Service, _, wanted| async move { ask::raw(&service, wanted).await };
-    command(&site, &who, &headers, ("raw", String::new()), &body, run).await
-}
-
-/// Reads the body, and carries a command out on a task of its own: who asked may go away, the
-/// command still ends as it should. Under an `Idempotency-Key` it is carried out once.
-pub(super) async fn command<T, R, F, Fut>(
-    site: &Site,
-    who: &Caller,
-    headers: &HeaderMap,
-    what: (&'static str, String),
-    body: &Bytes,
-    run: F,
-) -> Answer
-where
-    T: DeserializeOwned,
-    R: Serialize,
-    F: FnOnce(Service, String, T) -> Fut,
-    Fut: Future<Output = Result<R, Problem>> + Send + 'static,
-{
-    let slot = match headers.get("idempotency-key").map(|key| key.to_str()) {
-        None => None,
-        Some(Ok(key)) if (1..=KEY_LEN_MAX).contains(&key.len()) => {
-            match site.keys.slot(key, (&who.name, &what, &body[..])) {
-                Some(slot) => Some(slot),
-                None => return bad_request("this Idempotency-Key stands for another command"),
-            }
-        }
-        Some(_) => return bad_request("an Idempotency-Key has 1 to 128 characters of ASCII"),
-    };
-    let text: &[u8] = if body.is_empty() { b"{}" } else { body };
-    let wanted = match body::parse(text) {
-        Ok(wanted) => wanted,
-        Err(error) => return bad_request(&error.to_string()),
-    };
-    let service = site.service.on_behalf_of(who.origin());
-    let end = run(service, what.1, wanted);
-    let end = async move { end.await.map(as_json) };
-    let task = tokio::spawn(async move {
-        match slot {
-            Some(slot) => slot.get_or_init(|| end).await.clone(),
-            None => end.await,
-        }
-    });
-    let broken = |error: tokio::task::JoinError| -> End {
-        Err(Problem::new(codes::INTERNAL).with("reason", error.to_string()))
-    };
-    answer::text(task.await.unwrap_or_else(broken))
-}
-
-fn as_json(value: impl Serialize) -> Bytes {
-    // The API's own types are all JSON.
-    Bytes::from(serde_json::to_vec(&value).unwrap_or_default())
-}
-
-pub(super) fn bad_request(reason: &str) -> Answer {
-    answer::problem(&Problem::new(codes::BAD_REQUEST).with("reason", reason))
+    order.carry_out(("raw", String::new()), run).await
 }
 
 fn is_set(asked: &Asked, key: &str) -> bool {

@@ -1,11 +1,11 @@
 //! `POST /api/v1/scans`: who is on the lines, asked between the daemon's own polls. It only
 //! reads.
 
-use super::access::{Caller, Need};
+use super::access::Need;
 use super::doc::Doc;
 use super::listen::ended;
 use super::ops::{Op, number};
-use super::points::command;
+use super::order::Order;
 use super::routes::{Answer, Route, Site};
 use crate::api::ops::{
     OpBegun, OpInfo, OpState, ScanDepth, ScanLeftOut, ScanModule, ScanPlace, ScanRequest,
@@ -15,10 +15,7 @@ use crate::api::problem::{Problem, codes};
 use crate::api::{ask, convert, failures};
 use crate::commands::scan::{addresses, evidence, ranges, setup};
 use crate::render::time::rfc3339;
-use axum::Extension;
-use axum::body::Bytes;
-use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::StatusCode;
 use axum::routing::post;
 use railbus_device::Setup;
 use railbus_host::{LineName, LineState};
@@ -43,17 +40,12 @@ pub(super) const ROUTES: &[Route] = &[Route::new("POST", "/scans", Need::ENGINEE
 /// A question that takes so long to be sent and answered waits for a silence that never comes.
 const UNSENT_MAX: Duration = Duration::from_secs(10);
 
-async fn begin(
-    State(site): State<Site>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let (here, name) = (site.clone(), who.name.clone());
+async fn begin(order: Order) -> Answer {
+    let (here, name) = (order.site.clone(), order.who.name.clone());
     let run = |service: Service, _, wanted: ScanRequest| async move {
         start(here, service, name, &wanted)
     };
-    let mut answer = command(&site, &who, &headers, ("scan", String::new()), &body, run).await;
+    let mut answer = order.carry_out(("scan", String::new()), run).await;
     if answer.status() == StatusCode::OK {
         *answer.status_mut() = StatusCode::ACCEPTED;
     }

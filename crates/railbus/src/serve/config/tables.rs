@@ -1,15 +1,14 @@
 //! Groups and scenes of the configuration, and the schema of it all.
 
-use super::super::access::{Caller, Need};
+use super::super::access::Need;
 use super::super::answer;
 use super::super::doc::Doc;
-use super::super::routes::{Answer, Route, Site};
-use super::{edit, edits, read};
+use super::super::order::Order;
+use super::super::routes::{Answer, Route};
+use super::{edit, edits};
 use crate::api::problem::Problem;
-use axum::Extension;
-use axum::body::Bytes;
-use axum::extract::{Path, State};
-use axum::http::{HeaderMap, StatusCode};
+use axum::extract::Path;
+use axum::http::StatusCode;
 use axum::routing::{delete, get, put};
 use railbus_site::config::SCHEMA;
 use serde::de::DeserializeOwned;
@@ -76,51 +75,29 @@ struct StepText {
     wait_ms: Option<u64>,
 }
 
-async fn put_group(
-    State(site): State<Site>,
-    Path(group): Path<String>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let change = |text: &str| edits::put(text, "group", &group, &keys::<GroupText>(&body)?);
-    edit(&site, &who, &headers, change).await
+async fn put_group(Path(group): Path<String>, order: Order) -> Answer {
+    let change = |text: &str| edits::put(text, "group", &group, &keys::<GroupText>(&order)?);
+    edit(&order, change).await
 }
 
-async fn remove_group(
-    State(site): State<Site>,
-    Path(group): Path<String>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-) -> Answer {
+async fn remove_group(Path(group): Path<String>, order: Order) -> Answer {
     let change = |text: &str| edits::remove(text, "group", &group);
-    edit(&site, &who, &headers, change).await
+    edit(&order, change).await
 }
 
-async fn put_scene(
-    State(site): State<Site>,
-    Path(scene): Path<String>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-    body: Bytes,
-) -> Answer {
-    let change = |text: &str| edits::put(text, "scene", &scene, &keys::<SceneText>(&body)?);
-    edit(&site, &who, &headers, change).await
+async fn put_scene(Path(scene): Path<String>, order: Order) -> Answer {
+    let change = |text: &str| edits::put(text, "scene", &scene, &keys::<SceneText>(&order)?);
+    edit(&order, change).await
 }
 
-async fn remove_scene(
-    State(site): State<Site>,
-    Path(scene): Path<String>,
-    who: Extension<Caller>,
-    headers: HeaderMap,
-) -> Answer {
+async fn remove_scene(Path(scene): Path<String>, order: Order) -> Answer {
     let change = |text: &str| edits::remove(text, "scene", &scene);
-    edit(&site, &who, &headers, change).await
+    edit(&order, change).await
 }
 
 /// What a body says, as keys of the configuration.
-fn keys<T: Serialize + DeserializeOwned>(body: &[u8]) -> Result<edits::Keys, Problem> {
-    let said = serde_json::to_value(read::<T>(body)?);
+fn keys<T: Serialize + DeserializeOwned>(order: &Order) -> Result<edits::Keys, Problem> {
+    let said = serde_json::to_value(order.read::<T>()?);
     match said {
         Ok(Value::Object(keys)) => Ok(keys),
         // The bodies of this file are all objects.

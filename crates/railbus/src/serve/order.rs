@@ -1,0 +1,137 @@
+//! An order: who wants something done, and what. Whatever switches an output or changes the
+//! configuration begins with one.
+
+use super::access::Caller;
+use super::keys::{End, KEY_LEN_MAX};
+use super::routes::{Answer, Site};
+use super::{answer, body};
+use crate::api::problem::{Problem, codes};
+use axum::Extension;
+use axum::body::Bytes;
+use axum::extract::{FromRequest, FromRequestParts, Request};
+use axum::http::HeaderMap;
+use axum::response::{IntoResponse, Response};
+use railbus_site::Service;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::sync::Arc;
+
+/// What came with a request.
+pub(super) struct Order {
+    pub(super) site: Site,
+    pub(super) who: Caller,
+    pub(super) headers: HeaderMap,
+    body: Bytes,
+}
+
+impl FromRequest<Site> for Order {
+    type Rejection = Response;
+
+    async fn from_request(request: Request, site: &Site) -> Result<Order, Response> {
+        let (mut parts, body) = request.into_parts();
+        let who = Extension::<Caller>::from_request_parts(&mut parts, site).await;
+        let Extension(who) = who.map_err(IntoResponse::into_response)?;
+        let headers = parts.headers.clone();
+        let body = Bytes::from_request(Request::from_parts(parts, body), site).await;
+        Ok(Order {
+            site: site.clone(),
+            who,
+            headers,
+            body: body.map_err(IntoResponse::into_response)?,
+        })
+    }
+}
+
+impl Order {
+    /// Its body as one of these. None at all is one that says nothing.
+    pub(super) fn read<T: DeserializeOwned>(&self) -> Result<T, Problem> {
+        let text: &[u8] = if self.body.is_empty() {
+            b"{}"
+        } else {
+            &self.body
+        };
+        let wrong = |error: serde_json::Error| wrong(&error.to_string());
+        body::parse(text).map_err(wrong)
+    }
+
+    /// What the caller may switch.
+    pub(super) fn rights(&self) -> Arc<[String]> {
+        Arc::clone(&self.who.points)
+    }
+
+    /// Carries it out on one output, if the caller may switch that.
+    pub(super) async fn on_point<T, R, F, Fut>(
+        self,
+        what: &'static str,
+        (module, label): (String, String),
+        run: F,
+    ) -> Answer
+    where
+        T: DeserializeOwned,
+        R: Serialize,
+        F: FnOnce(Service, String, T) -> Fut,
+        Fut: Future<Output = Result<R, Problem>> + Send + 'static,
+    {
+        let path = format!("{module}.{label}");
+        match self.who.may_write(&path) {
+            Ok(()) => self.carry_out((what, path), run).await,
+            Err(problem) => answer::problem(&problem),
+        }
+    }
+
+    /// Carries it out on a task of its own: who asked may go away, the command still ends as it
+    /// should. Under an `Idempotency-Key` it is carried out once.
+    pub(super) async fn carry_out<T, R, F, Fut>(
+        self,
+        what: (&'static str, String),
+        run: F,
+    ) -> Answer
+    where
+        T: DeserializeOwned,
+        R: Serialize,
+        F: FnOnce(Service, String, T) -> Fut,
+        Fut: Future<Output = Result<R, Problem>> + Send + 'static,
+    {
+        let slot = match self.headers.get("idempotency-key").map(|key| key.to_str()) {
+            None => None,
+            Some(Ok(key)) if (1..=KEY_LEN_MAX).contains(&key.len()) => {
+                let command = (&self.who.name, &what, &self.body[..]);
+                match self.site.keys.slot(key, command) {
+                    Some(slot) => Some(slot),
+                    None => return bad_request("this Idempotency-Key stands for another command"),
+                }
+            }
+            Some(_) => return bad_request("an Idempotency-Key has 1 to 128 characters of ASCII"),
+        };
+        let wanted = match self.read() {
+            Ok(wanted) => wanted,
+            Err(problem) => return answer::problem(&problem),
+        };
+        let service = self.site.service.on_behalf_of(self.who.origin());
+        let end = run(service, what.1, wanted);
+        let end = async move { end.await.map(as_json) };
+        let task = tokio::spawn(async move {
+            match slot {
+                Some(slot) => slot.get_or_init(|| end).await.clone(),
+                None => end.await,
+            }
+        });
+        let broken = |error: tokio::task::JoinError| -> End {
+            Err(Problem::new(codes::INTERNAL).with("reason", error.to_string()))
+        };
+        answer::text(task.await.unwrap_or_else(broken))
+    }
+}
+
+fn as_json(value: impl Serialize) -> Bytes {
+    // The API's own types are all JSON.
+    Bytes::from(serde_json::to_vec(&value).unwrap_or_default())
+}
+
+fn wrong(reason: &str) -> Problem {
+    Problem::new(codes::BAD_REQUEST).with("reason", reason)
+}
+
+pub(super) fn bad_request(reason: &str) -> Answer {
+    answer::problem(&wrong(reason))
+}
