@@ -27,5 +27,4 @@ pub use recover::{Recovered, Search, look_up, recover};
 pub use sight::{Sight, read};
 pub use stages::{Refused, Stage, stages};
 pub use store::Store;
-pub(crate) use store::sync_folder;
 pub use vacant::{Taken, vacant};

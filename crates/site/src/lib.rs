@@ -12,6 +12,7 @@
 pub mod audit;
 pub mod commission;
 pub mod config;
+pub mod durable;
 mod failure;
 mod frame;
 mod health;

@@ -1,8 +1,8 @@
 //! TLS: certificate and key, from files or made here, and read again when they change.
 
 use super::access::secret::hex;
-use super::access::store::replace;
 use crate::api::problem::{Problem, codes};
+use railbus_site::durable;
 use rcgen::{CertificateParams, DnType, KeyPair, date_time_ymd};
 use rustls::ServerConfig;
 use rustls::crypto::{CryptoProvider, ring};
@@ -64,7 +64,7 @@ impl Tls {
             Wish::Auto => {
                 let kept = state.join(NAME);
                 if !kept.exists() {
-                    make(state, &kept, names).map_err(|why| problem(&kept, why))?;
+                    make(&kept, names).map_err(|why| problem(&kept, why))?;
                 }
                 (kept.clone(), kept)
             }
@@ -142,7 +142,7 @@ pub(super) fn names_for(listen: IpAddr, names: &[String]) -> Vec<String> {
 }
 
 /// Makes a key and a certificate that it signs itself, in one file, whole or not at all.
-fn make(state: &Path, kept: &Path, names: &[String]) -> Result<(), String> {
+fn make(kept: &Path, names: &[String]) -> Result<(), String> {
     let failed = |error: rcgen::Error| error.to_string();
     let mut params = CertificateParams::new(names.to_vec()).map_err(failed)?;
     let today = jiff::Zoned::now().date();
@@ -155,7 +155,7 @@ fn make(state: &Path, kept: &Path, names: &[String]) -> Result<(), String> {
     let key = KeyPair::generate().map_err(failed)?;
     let cert = params.self_signed(&key).map_err(failed)?;
     let text = key.serialize_pem() + &cert.pem();
-    replace(state, kept, text.as_bytes()).map_err(|error| error.to_string())
+    durable::replace(kept, text.as_bytes(), Some(0o600)).map_err(|error| error.to_string())
 }
 
 fn read(cert: &Path, key: &Path, provider: &CryptoProvider) -> Result<CertifiedKey, Problem> {
@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(mode & 0o777, 0o600);
         assert!(matches!(tls.acceptor().1, Ok(false)));
 
-        make(&folder, &kept, &names).unwrap();
+        make(&kept, &names).unwrap();
         assert!(matches!(tls.acceptor().1, Ok(true)));
         let second = tls.fingerprint();
         assert_ne!(second, first);

@@ -1,6 +1,7 @@
 //! The end of the log, where records are added.
 
 use super::chain::{LINE_MAX, NOTHING, Numbered, Record, encode, follows};
+use crate::durable;
 use std::fs::{File, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Result, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -66,7 +67,7 @@ impl Tail {
             }
         };
         // The names of new files are kept, too.
-        File::open(folder)?.sync_all()?;
+        durable::sync_folder(folder)?;
         let mut tail = Tail {
             file,
             head,

@@ -1,9 +1,10 @@
 //! The journal's file: every record is on the disk before anybody goes on.
 
 use super::{Log, Record};
-use std::fs::{DirBuilder, File, OpenOptions, TryLockError};
+use crate::durable;
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 /// The file's name in its folder.
@@ -27,14 +28,7 @@ impl Store {
     /// # Errors
     /// Where the system refuses; [`io::ErrorKind::WouldBlock`] while somebody else holds it.
     pub fn open(folder: &Path) -> io::Result<Store> {
-        let made = !folder.is_dir();
-        DirBuilder::new()
-            .recursive(true)
-            .mode(0o700)
-            .create(folder)?;
-        if let (true, Some(above)) = (made, folder.parent()) {
-            sync_folder(above)?;
-        }
+        durable::folder(folder)?;
         let path = folder.join(NAME);
         let is_new = !path.exists();
         let file = OpenOptions::new()
@@ -49,7 +43,7 @@ impl Store {
             Err(TryLockError::Error(error)) => return Err(error),
         }
         if is_new {
-            sync_folder(folder)?;
+            durable::sync_folder(folder)?;
         }
         let mut store = Store {
             folder: folder.to_owned(),
@@ -122,7 +116,7 @@ impl Store {
         file.write_all(short.as_bytes())?;
         file.sync_all()?;
         std::fs::rename(&new, self.folder.join(NAME))?;
-        sync_folder(&self.folder)?;
+        durable::sync_folder(&self.folder)?;
         self.file = file;
         self.read()
     }
@@ -134,16 +128,6 @@ fn text(mut file: &File) -> io::Result<String> {
     file.take(LEN_MAX).read_to_end(&mut bytes)?;
     // A torn character is a torn line.
     Ok(String::from_utf8_lossy(&bytes).into_owned())
-}
-
-/// A name in a folder is safe once the folder is.
-pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
-    let folder = if folder.as_os_str().is_empty() {
-        Path::new(".")
-    } else {
-        folder
-    };
-    File::open(folder)?.sync_all()
 }
 
 #[cfg(test)]

@@ -4,10 +4,11 @@
 use super::Config;
 use super::keeper::{TEXT_MAX, too_long};
 use crate::commission::Place;
+use crate::durable::{self, beside};
 use std::fmt;
-use std::fs::{File, OpenOptions};
-use std::io::{self, Read, Write};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::fs::File;
+use std::io::{self, Read};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use toml_edit::{DocumentMut, Item, Value, value};
 
@@ -148,20 +149,7 @@ pub(super) fn put(file: &Path, text: &str) -> io::Result<()> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => None,
         Err(error) => return Err(error),
     };
-    let new = beside(file, "new");
-    let mut written = OpenOptions::new()
-        .write(true)
-        .create(true)
-        .truncate(true)
-        .mode(before.unwrap_or(0o644))
-        .open(&new)?;
-    if let Some(mode) = before {
-        written.set_permissions(std::fs::Permissions::from_mode(mode))?;
-    }
-    written.write_all(text.as_bytes())?;
-    written.sync_all()?;
-    std::fs::rename(&new, file)?;
-    File::open(folder_of(file))?.sync_all()
+    durable::replace(file, text.as_bytes(), before)
 }
 
 /// Keeps a copy of the file as the newest of its generations.
@@ -176,13 +164,6 @@ fn keep(file: &Path) -> io::Result<()> {
     let kept = beside(file, "1");
     std::fs::copy(file, &kept)?;
     File::open(&kept)?.sync_all()
-}
-
-fn beside(file: &Path, ending: &str) -> PathBuf {
-    let mut name = file.as_os_str().to_owned();
-    name.push(".");
-    name.push(ending);
-    name.into()
 }
 
 #[cfg(test)]

@@ -2,12 +2,12 @@
 //! what it says, and what it said before stays at hand, with who changed it and when.
 
 use super::edit::{self, WriteError};
+use crate::durable;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
-use std::fs::{DirBuilder, File};
+use std::fs::File;
 use std::io::{self, Read};
-use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -136,10 +136,9 @@ impl Keeper {
     }
 
     fn keep(&self, generation: &Generation) -> io::Result<()> {
-        let mut folder = DirBuilder::new();
-        folder.recursive(true).mode(0o700).create(&self.folder)?;
+        durable::folder(&self.folder)?;
         let text = serde_json::to_string(generation)?;
-        edit::put(&self.place(generation.id), &text)
+        durable::replace(&self.place(generation.id), text.as_bytes(), Some(0o600))
     }
 
     /// The oldest go, once the newest was written.

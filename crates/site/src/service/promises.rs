@@ -2,14 +2,13 @@
 //! does not end a pulse in the middle of it.
 
 use super::lock;
-use crate::commission::sync_folder;
 use crate::config::Place;
+use crate::durable;
 use railbus_device::{Point, PointKind};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs::{DirBuilder, File, OpenOptions};
-use std::io::{self, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, SystemTime};
@@ -177,7 +176,7 @@ impl Promises {
             (text(&made.by_key)?, made.version)
         };
         let folder = folder.clone();
-        let end = tokio::task::spawn_blocking(move || replace(&folder, text.as_bytes())).await;
+        let end = tokio::task::spawn_blocking(move || put(&folder, text.as_bytes())).await;
         end.map_err(io::Error::other)??;
         *written = newest;
         Ok(())
@@ -227,26 +226,9 @@ fn read(path: &Path) -> io::Result<BTreeMap<Key, Promise>> {
     Ok(known.collect())
 }
 
-/// Puts a file in the place of the one before, so that there is a whole one at every moment.
-fn replace(folder: &Path, bytes: &[u8]) -> io::Result<()> {
-    if !folder.is_dir() {
-        let mut builder = DirBuilder::new();
-        builder.recursive(true).mode(0o700).create(folder)?;
-        if let Some(above) = folder.parent() {
-            sync_folder(above)?;
-        }
-    }
-    let new = folder.join(format!("{NAME}.new"));
-    let mut file = OpenOptions::new()
-        .write(true)
-        .create(true)
-        .truncate(true)
-        .mode(0o600)
-        .open(&new)?;
-    file.write_all(bytes)?;
-    file.sync_all()?;
-    std::fs::rename(&new, folder.join(NAME))?;
-    sync_folder(folder)
+fn put(folder: &Path, bytes: &[u8]) -> io::Result<()> {
+    durable::folder(folder)?;
+    durable::replace(&folder.join(NAME), bytes, Some(0o600))
 }
 
 #[cfg(test)]

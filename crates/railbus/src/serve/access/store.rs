@@ -2,9 +2,10 @@
 
 use super::accounts::Accounts;
 use crate::api::problem::{Problem, codes};
-use std::fs::{DirBuilder, File, OpenOptions, TryLockError};
-use std::io::{self, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use railbus_site::durable;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{self, Read};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 /// Its name in the state folder.
@@ -26,11 +27,7 @@ impl Store {
     /// Takes the file of a state folder, which is made where it is missing.
     pub(crate) fn open(folder: &Path) -> Result<Store, Problem> {
         let failed = |error: io::Error| problem(&folder.join(NAME), &error);
-        DirBuilder::new()
-            .recursive(true)
-            .mode(0o700)
-            .create(folder)
-            .map_err(failed)?;
+        durable::folder(folder).map_err(failed)?;
         let lock = OpenOptions::new()
             .create(true)
             .truncate(false)
@@ -80,27 +77,8 @@ impl Store {
     pub(crate) fn write(&self, accounts: &Accounts) -> Result<(), Problem> {
         let path = self.folder.join(NAME);
         let text = serde_json::to_vec_pretty(accounts).unwrap_or_default();
-        replace(&self.folder, &path, &text).map_err(|error| problem(&path, &error))
+        durable::replace(&path, &text, Some(0o600)).map_err(|error| problem(&path, &error))
     }
-}
-
-/// Writes beside it, and gives the new file the name.
-pub(crate) fn replace(folder: &Path, path: &Path, text: &[u8]) -> io::Result<()> {
-    let draft = path.with_extension("new");
-    // One that was left behind may have other rights.
-    match std::fs::remove_file(&draft) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-        _ => {}
-    }
-    let mut file = OpenOptions::new()
-        .create_new(true)
-        .write(true)
-        .mode(0o600)
-        .open(&draft)?;
-    file.write_all(text)?;
-    file.sync_all()?;
-    std::fs::rename(&draft, path)?;
-    File::open(folder)?.sync_all()
 }
 
 fn problem(path: &Path, error: &io::Error) -> Problem {
@@ -125,7 +103,7 @@ mod tests {
         let store = Store::open(&folder).unwrap();
         assert_eq!(Store::open(&folder).unwrap_err().code, "E0917");
         assert!(store.read().is_ok_and(|accounts| accounts.is_empty()));
-        std::fs::write(folder.join("accounts.new"), "left behind").unwrap();
+        std::fs::write(folder.join("accounts.json.new"), "left behind").unwrap();
         assert!(store.write(&Accounts::default()).is_ok());
         let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
         assert_eq!(mode(&folder.join(NAME)), 0o600);

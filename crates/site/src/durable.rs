@@ -1,0 +1,86 @@
+//! Files that survive a loss of power: there is a whole one at every moment, the old or the new.
+
+use std::ffi::OsString;
+use std::fs::{DirBuilder, File, OpenOptions, Permissions};
+use std::io::{self, ErrorKind, Write};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+/// Puts these bytes in the place of a file, or makes it. Its rights are `mode` whatever those of
+/// the one before were, or else what the process gives new files. Comes back when it is safe.
+///
+/// # Errors
+/// Where the system refuses; the file is then as it was.
+pub fn replace(file: &Path, bytes: &[u8], mode: Option<u32>) -> io::Result<()> {
+    let draft = beside(file, "new");
+    // One that was left behind may have other rights.
+    match std::fs::remove_file(&draft) {
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    let mut written = OpenOptions::new()
+        .create_new(true)
+        .write(true)
+        .mode(mode.unwrap_or(0o666))
+        .open(&draft)?;
+    if let Some(mode) = mode {
+        written.set_permissions(Permissions::from_mode(mode))?;
+    }
+    written.write_all(bytes)?;
+    written.sync_all()?;
+    std::fs::rename(&draft, file)?;
+    sync_folder(file.parent().unwrap_or(Path::new("")))
+}
+
+/// Makes a folder for its owner alone, and those above it, where there is none.
+///
+/// # Errors
+/// Where the system refuses.
+pub fn folder(folder: &Path) -> io::Result<()> {
+    if folder.is_dir() {
+        return Ok(());
+    }
+    DirBuilder::new()
+        .recursive(true)
+        .mode(0o700)
+        .create(folder)?;
+    folder.parent().map_or(Ok(()), sync_folder)
+}
+
+/// A name in a folder is safe once the folder is.
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
+    let folder = match folder.as_os_str().is_empty() {
+        true => Path::new("."),
+        false => folder,
+    };
+    File::open(folder)?.sync_all()
+}
+
+/// The file of this name and ending.
+pub(crate) fn beside(file: &Path, ending: &str) -> PathBuf {
+    let mut name = OsString::from(file);
+    name.push(".");
+    name.push(ending);
+    name.into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_takes_the_place_of_another() {
+        let place = std::env::temp_dir().join(format!("railbus-durable-{}", std::process::id()));
+        folder(&place.join("in")).unwrap();
+        let file = place.join("in/kept.json");
+        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        assert_eq!(mode(&place.join("in")), 0o700);
+        replace(&file, b"one", None).unwrap();
+        std::fs::write(beside(&file, "new"), "left behind").unwrap();
+        replace(&file, b"two", Some(0o664)).unwrap();
+        assert_eq!(std::fs::read(&file).unwrap(), b"two");
+        assert_eq!(mode(&file), 0o664);
+        assert!(!beside(&file, "new").exists());
+        std::fs::remove_dir_all(place).unwrap();
+    }
+}
