@@ -1,7 +1,7 @@
 // What this browser remembers of how the page shall look.
 
 export type Theme = "auto" | "light" | "dark";
-export const THEMES: readonly Theme[] = ["auto", "light", "dark"];
+const THEMES: readonly Theme[] = ["auto", "light", "dark"];
 
 const KEPT = "railbus.theme";
 
@@ -10,20 +10,36 @@ function kept(): Theme {
   return THEMES.find((theme) => theme === name) ?? "auto";
 }
 
+const dark = matchMedia("(prefers-color-scheme: dark)");
+let system = $state<"light" | "dark">(dark.matches ? "dark" : "light");
 let theme = $state<Theme>(kept());
 
 export function themeNow(): Theme {
   return theme;
 }
 
-/** Shows another theme, here and the next time. */
-export function wear(next: Theme): void {
-  theme = next;
-  localStorage.setItem(KEPT, next);
+/** The theme that is worn: `auto` is the system's. */
+export function worn(): "light" | "dark" {
+  return theme === "auto" ? system : theme;
+}
+
+/** Wears the next theme, here and the next time. */
+export function change(): void {
+  theme = THEMES[(THEMES.indexOf(theme) + 1) % THEMES.length] ?? "auto";
+  localStorage.setItem(KEPT, theme);
   dress();
 }
 
 /** Tells the style sheet. */
-export function dress(): void {
-  document.documentElement.dataset["theme"] = theme;
+function dress(): void {
+  document.documentElement.dataset["theme"] = worn();
+}
+
+/** Dresses the page, and again when the system changes its mind. */
+export function follow(): void {
+  dress();
+  dark.addEventListener("change", () => {
+    system = dark.matches ? "dark" : "light";
+    dress();
+  });
 }
