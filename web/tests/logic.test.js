@@ -34,6 +34,14 @@ test("a diff gives back both texts, whatever they are", () => {
   }
 });
 
+test("some of the changes are made, the others are not", () => {
+  const lines = diff.diff("a\nb\nc\nd", "a\nB\nc\nd\ne");
+  assert.deepEqual(diff.changes(lines), [-1, 0, 0, -1, -1, 1]);
+  assert.equal(diff.partly(lines, (change) => change === 0), "a\nB\nc\nd");
+  assert.equal(diff.partly(lines, (change) => change === 1), "a\nb\nc\nd\ne");
+  assert.equal(diff.partly(lines, () => false), "a\nb\nc\nd");
+});
+
 test("texts that are long and wholly different do not take forever", () => {
   const many = (word) => Array.from({ length: 5_000 }, (_, i) => `${word} ${i}`).join("\n");
   assert.equal(diff.diff(many("a"), many("b")).length, 10_000);

@@ -177,6 +177,15 @@ test("the configuration: a fault is told where it is, a change is kept, and take
   await sound();
   await page.getByRole("dialog").getByRole("button", { name: t("restore"), exact: true }).click();
   await page.waitForFunction((text) => document.querySelector("textarea")?.value === text, text);
+
+  const backup = `# first\n${text}# last\n`;
+  const file = { name: "kept.toml", mimeType: "application/toml", buffer: Buffer.from(backup) };
+  await page.getByLabel(t("restore_file")).setInputFiles(file);
+  const dialog = page.getByRole("dialog", { name: /kept\.toml/ });
+  await dialog.getByLabel("Change 1").uncheck();
+  await sound();
+  await dialog.getByRole("button", { name: t("restore"), exact: true }).click();
+  await page.waitForFunction((text) => document.querySelector("textarea")?.value === text, `${text}# last\n`);
 });
 
 test("the reference: a call is found and tried", async () => {

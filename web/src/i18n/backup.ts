@@ -32,5 +32,7 @@ export const backup = {
   diff_skipped: ["{n} equal lines", "{n} 行相同"],
   restore: ["Restore", "恢复"],
   restore_title: ["Restore the text of {at}", "恢复 {at} 的内容"],
-  restore_why: ["This is what will change:", "将产生以下变化："],
+  restore_why: ["This is what will change. Untick what shall stay as it is.", "将产生以下变化，取消勾选即保留现状。"],
+  restore_file: ["Restore from a file…", "从文件恢复…"],
+  diff_take: ["Change {n}", "变更 {n}"],
 } as const satisfies Record<string, Pair>;

@@ -55,16 +55,36 @@ function between(a: string[], b: string[]): DiffLine[] {
   return found;
 }
 
+/** For each line the number of the change that it belongs to; -1 for what both texts say. */
+export function changes(lines: readonly DiffLine[]): number[] {
+  let count = 0;
+  return lines.map(({ kind }, i) => {
+    if (kind === "same") return -1;
+    if (i === 0 || lines[i - 1]?.kind === "same") count++;
+    return count - 1;
+  });
+}
+
+/** The text before with some of the changes made. */
+export function partly(lines: readonly DiffLine[], taken: (change: number) => boolean): string {
+  const of = changes(lines);
+  const stays = ({ kind }: DiffLine, i: number): boolean => kind === "same" || (kind === "added") === taken(of[i] ?? -1);
+  return lines
+    .filter(stays)
+    .map(({ text }) => text)
+    .join("\n");
+}
+
 /** What stands around a change. */
 const AROUND = 3;
 
 /** A diff with long equal parts left out: a number stands for so many lines. */
-export function folded(lines: DiffLine[]): (DiffLine | number)[] {
+export function folded<Line extends DiffLine>(lines: readonly Line[]): (Line | number)[] {
   const near = new Uint8Array(lines.length);
   lines.forEach((line, i) => {
     if (line.kind !== "same") near.fill(1, Math.max(0, i - AROUND), i + AROUND + 1);
   });
-  const found: (DiffLine | number)[] = [];
+  const found: (Line | number)[] = [];
   for (const [i, line] of lines.entries()) {
     const last = found.at(-1);
     if (near[i]) found.push(line);
