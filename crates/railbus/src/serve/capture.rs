@@ -35,7 +35,7 @@ pub(super) const ROUTES: &[Route] = &[Route::new("GET", "/frames", Need::VIEWER,
                 ("seconds", "how long, 1 to 600; 10 where it is not said"),
                 ("lang", "en or zh"),
             ])
-            .media("application/octet-stream"),
+            .media(&["application/octet-stream", "application/x-ndjson"]),
     )];
 
 /// How many pieces wait for a slow reader; more wait at the line, which drops the oldest.

@@ -20,8 +20,8 @@ pub(super) struct Doc {
     pub(super) takes: Option<Shape>,
     /// The status of success.
     pub(super) status: &'static str,
-    /// As what the answer comes.
-    pub(super) media: &'static str,
+    /// As what the answer comes: what it is where nobody says, and what else it can be.
+    pub(super) media: &'static [&'static str],
     /// The answer's shape; none for any text.
     pub(super) answer: Option<Shape>,
 }
@@ -34,7 +34,7 @@ impl Doc {
             query: &[],
             takes: None,
             status: "200",
-            media: "application/json",
+            media: &["application/json"],
             answer: None,
         }
     }
@@ -57,8 +57,8 @@ impl Doc {
         self
     }
 
-    /// Answers with something else than JSON.
-    pub(super) const fn media(mut self, media: &'static str) -> Doc {
+    /// Answers with something else than JSON, or with one of several.
+    pub(super) const fn media(mut self, media: &'static [&'static str]) -> Doc {
         self.media = media;
         self
     }

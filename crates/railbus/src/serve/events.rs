@@ -47,7 +47,7 @@ pub(super) const ROUTES: &[Route] = &[
     Route::new("GET", "/audit/export", Need::ADMIN, || get(save)).doc(
         Doc::new("Every record of the audit log, with its hash")
             .query(&[FORMAT, LANG])
-            .media("text/csv"),
+            .media(&["text/csv", "application/x-ndjson"]),
     ),
 ];
 

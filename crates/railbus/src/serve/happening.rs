@@ -20,7 +20,7 @@ pub(super) const ROUTES: &[Route] =
     &[
         Route::new("GET", "/events/stream", Need::VIEWER, || get(stream)).doc(
             Doc::new("What happens, as it happens")
-                .media("text/event-stream")
+                .media(&["text/event-stream"])
                 .answers::<EventInfo>(),
         ),
     ];

@@ -36,7 +36,7 @@ pub(super) const ROUTES: &[Route] = &[
                 FORMAT,
                 LANG,
             ])
-            .media("text/csv"),
+            .media(&["text/csv", "application/x-ndjson"]),
     ),
     Route::new("GET", "/storage", Need::VIEWER, || get(storage))
         .doc(Doc::new("How much is kept").answers::<StorageInfo>()),

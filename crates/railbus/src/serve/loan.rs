@@ -22,8 +22,9 @@ use tokio::sync::oneshot;
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] =
     &[
-        Route::new("POST", "/lines/{line}/loan", Need::Owner, || post(lend))
-            .doc(Doc::new("Have a line for as long as the connection lasts").media("text/plain")),
+        Route::new("POST", "/lines/{line}/loan", Need::Owner, || post(lend)).doc(
+            Doc::new("Have a line for as long as the connection lasts").media(&["text/plain"]),
+        ),
     ];
 
 /// `POST /api/v1/lines/{line}/loan`: an empty line when the port is free, and then nothing for as

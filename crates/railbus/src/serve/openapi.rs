@@ -17,8 +17,8 @@ use utoipa::openapi::security::{
 };
 use utoipa::openapi::{
     ComponentsBuilder, ContentBuilder, HttpMethod, InfoBuilder, LicenseBuilder, ObjectBuilder,
-    OpenApi, OpenApiBuilder, PathItem, PathsBuilder, Ref, Required, ResponseBuilder, ServerBuilder,
-    Type,
+    OpenApi, OpenApiBuilder, PathItem, PathsBuilder, Ref, RefOr, Required, ResponseBuilder, Schema,
+    ServerBuilder, Type,
 };
 use utoipa::{PartialSchema, ToSchema};
 
@@ -111,7 +111,13 @@ fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
     let done = ResponseBuilder::new().description(doc.summary);
     let done = match doc.status {
         "101" | "204" => done.build(),
-        _ => done.content(doc.media, content.build()).build(),
+        _ => {
+            let content = content.build();
+            let media = doc.media.iter();
+            media
+                .fold(done, |done, media| done.content(*media, content.clone()))
+                .build()
+        }
     };
     let mut operation = OperationBuilder::new()
         .operation_id(Some(operation_id(route)))
@@ -124,10 +130,12 @@ fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
         operation = operation.parameter(parameter);
     }
     if let Some(shape) = doc.takes {
-        let content = ContentBuilder::new().schema(Some(shape(shapes)));
+        let shape = shape(shapes);
+        let required = must_say_something(&shape, shapes);
+        let content = ContentBuilder::new().schema(Some(shape));
         let body = RequestBodyBuilder::new()
             .content("application/json", content.build())
-            .required(Some(Required::True));
+            .required(Some(required));
         operation = operation.request_body(Some(body.build()));
     }
     if route.need != Need::Nothing {
@@ -136,6 +144,22 @@ fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
         }
     }
     operation.build()
+}
+
+/// A body may be left out where all its keys may be: none at all is one that says nothing.
+fn must_say_something(shape: &RefOr<Schema>, shapes: &Shapes) -> Required {
+    let shape = match shape {
+        RefOr::Ref(to) => {
+            let name = to.ref_location.rsplit('/').next().unwrap_or_default();
+            let found = shapes.iter().find(|(known, _)| known == name);
+            found.map(|(_, shape)| shape)
+        }
+        RefOr::T(_) => Some(shape),
+    };
+    match shape {
+        Some(RefOr::T(Schema::Object(object))) if object.required.is_empty() => Required::False,
+        _ => Required::True,
+    }
 }
 
 /// `get_points_module_label`.

@@ -83,13 +83,13 @@ pub(super) const ROUTES: &[Route] = &[
     .doc(
         Doc::new("What passes on a line, as it passes")
             .query(&[("line", "the line; may be left out where there is only one")])
-            .media("application/x-ndjson")
+            .media(&["application/x-ndjson"])
             .answers::<FrameEvent>(),
     ),
     Route::new("GET", "/watch", Need::VIEWER, || get(stream::watch)).doc(
         Doc::new("What changes, as it changes")
             .query(&[SELECT])
-            .media("application/x-ndjson")
+            .media(&["application/x-ndjson"])
             .answers::<WatchEvent>(),
     ),
 ];

@@ -14,12 +14,13 @@ use railbus_site::config::SCHEMA;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// The routes of this file.
 pub(in crate::serve) const ROUTES: &[Route] = &[
     Route::new("GET", "/config/schema", Need::VIEWER, || get(schema))
-        .doc(Doc::new("The JSON Schema of the configuration").media("application/schema+json")),
+        .doc(Doc::new("The JSON Schema of the configuration").media(&["application/schema+json"])),
     Route::new("PUT", "/config/groups/{group}", Need::ENGINEER, || {
         put(put_group)
     })
@@ -42,15 +43,20 @@ async fn schema() -> Answer {
     answer::with(StatusCode::OK, "application/schema+json", SCHEMA)
 }
 
-/// What people call something: one text, or one for each language.
-type Name = Option<Value>;
+/// What people call something.
+#[derive(Serialize, Deserialize, ToSchema)]
+#[serde(untagged)]
+enum Name {
+    /// In all languages the same.
+    One(String),
+    /// In each language.
+    Each(BTreeMap<String, String>),
+}
 
 /// A group as the configuration has it.
 #[derive(Serialize, Deserialize, ToSchema)]
 struct GroupText {
-    #[serde(default)]
-    #[schema(value_type = Option<Object>)]
-    name: Name,
+    name: Option<Name>,
     /// Paths of outputs.
     members: Vec<String>,
 }
@@ -58,9 +64,7 @@ struct GroupText {
 /// A scene as the configuration has it.
 #[derive(Serialize, Deserialize, ToSchema)]
 struct SceneText {
-    #[serde(default)]
-    #[schema(value_type = Option<Object>)]
-    name: Name,
+    name: Option<Name>,
     steps: Vec<StepText>,
 }
 
