@@ -42,6 +42,10 @@ const DEBIAN: &[Packages] = &[
 const PYTHON: &[(&str, &str, &str)] = &[
     ("pymodbus==3.*", "pymodbus", "3."),
     ("pyserial", "pyserial", ""),
+    // Reads `/metrics`.
+    ("prometheus-client>=0.20", "prometheus_client", ""),
+    // Asks the API what its document allows, and what it does not.
+    ("schemathesis==4.*", "schemathesis", "4."),
 ];
 
 /// The Python of the peers. The folder is fixed, because `interop/` names it too.
@@ -177,8 +181,10 @@ mod tests {
 
     #[test]
     fn an_old_python_peer_is_not_enough() {
-        assert!(complete("pip==23.0\npymodbus==3.16.1\npyserial==3.5\n"));
-        assert!(!complete("pymodbus==2.5.3\npyserial==3.5\n"));
+        let others = "prometheus_client==0.26.0\nschemathesis==4.32.5\n";
+        let all = |old: &str| complete(&format!("{old}pyserial==3.5\n{others}"));
+        assert!(all("pip==23.0\npymodbus==3.16.1\n"));
+        assert!(!all("pymodbus==2.5.3\n"));
         assert!(!complete("pymodbus==3.16.1\n"));
     }
 }

@@ -75,6 +75,12 @@ const STEPS: &[Step] = &[
         run: interop,
     },
     Step {
+        name: "api",
+        needs_peers: true,
+        skip: |root| missing(root, API),
+        run: |root| run::run(python(root).arg(API)),
+    },
+    Step {
         name: "soak",
         needs_peers: false,
         skip: |root| SOAK.missing(root),
@@ -241,6 +247,18 @@ fn deny(root: &Path) -> Result<()> {
 const INTEROP_PYTHON: &str = "interop/run.py";
 const INTEROP_SHELL: &str = "interop/run.sh";
 
+/// The daemon's HTTP as programs of others judge it.
+const API: &str = "interop/api.py";
+
+fn missing(root: &Path, script: &str) -> Option<String> {
+    (!root.join(script).is_file()).then(|| format!("there is no {script} yet"))
+}
+
+/// The Python of the peers.
+fn python(root: &Path) -> std::process::Command {
+    run::program(root, &peers::python(root).to_string_lossy())
+}
+
 fn no_interop(root: &Path) -> Option<String> {
     let there = [INTEROP_PYTHON, INTEROP_SHELL]
         .iter()
@@ -250,8 +268,7 @@ fn no_interop(root: &Path) -> Option<String> {
 
 fn interop(root: &Path) -> Result<()> {
     if root.join(INTEROP_PYTHON).is_file() {
-        let python = peers::python(root);
-        return run::run(run::program(root, &python.to_string_lossy()).arg(INTEROP_PYTHON));
+        return run::run(python(root).arg(INTEROP_PYTHON));
     }
     run::run(run::program(root, "bash").arg(INTEROP_SHELL))
 }
