@@ -73,26 +73,19 @@ impl Daemon {
     }
 
     pub(crate) fn start_in(folder: Folder, arguments: &[&str]) -> Daemon {
-        let mut child = railbus()
-            .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
-            .arg(folder.0.join("socket"))
-            .args(arguments)
-            .stdout(Stdio::piped())
-            .stderr(std::fs::File::create(folder.0.join("stderr")).expect("a file"))
-            .spawn()
-            .expect("railbus starts");
-        let mut stdout = BufReader::new(child.stdout.take().expect("it is piped"));
-        let mut told = String::new();
-        while !told.contains("Ctrl-C") {
-            let read = stdout.read_line(&mut told).expect("text");
-            assert_ne!(read, 0, "it ended: {}", stderr(&folder.0));
-        }
+        let (child, told, stdout) = spawn(&folder.0, arguments);
         Daemon {
             child,
             folder,
             told,
             _stdout: stdout,
         }
+    }
+
+    /// Starts another in its place, once it has ended.
+    pub(crate) fn start_again(&mut self, arguments: &[&str]) {
+        self.child.wait().expect("it ends");
+        (self.child, self.told, self._stdout) = spawn(&self.folder.0, arguments);
     }
 
     pub(crate) fn ask(&self, method: &str, path: &str, head: &str, body: &str) -> Answer {
@@ -146,6 +139,25 @@ impl Daemon {
             .unwrap_or_default()
             .to_owned()
     }
+}
+
+/// A daemon that serves, and what it said by then.
+fn spawn(folder: &Path, arguments: &[&str]) -> (Child, String, BufReader<ChildStdout>) {
+    let mut child = railbus()
+        .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
+        .arg(folder.join("socket"))
+        .args(arguments)
+        .stdout(Stdio::piped())
+        .stderr(std::fs::File::create(folder.join("stderr")).expect("a file"))
+        .spawn()
+        .expect("railbus starts");
+    let mut stdout = BufReader::new(child.stdout.take().expect("it is piped"));
+    let mut told = String::new();
+    while !told.contains("Ctrl-C") {
+        let read = stdout.read_line(&mut told).expect("text");
+        assert_ne!(read, 0, "it ended: {}", stderr(folder));
+    }
+    (child, told, stdout)
 }
 
 fn stderr(folder: &Path) -> String {

@@ -5,3 +5,4 @@ mod adapter;
 mod adapters;
 mod daemon;
 mod edits;
+mod kills;

@@ -1,0 +1,166 @@
+//! The daemon is killed while its configuration is changed and its outputs are switched: what it
+//! acknowledged is there afterwards, and what it was at is there whole or not at all.
+
+use crate::daemon::{Daemon, Folder};
+use serde_json::{Value, json};
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+/// How often it is killed.
+const KILLS: u64 = 100;
+/// Of the texts of one round so many are kept at least: beside them there may be one that was
+/// under way, and one that was found again after it.
+const KEPT: usize = 15;
+/// A line whose port is not there: commands are written down, and fail.
+const SITE: &str = "# our site\n[line.main]\nport = \"/dev/railbus-test-nothing\"\n\n\
+                    [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+
+/// What was acknowledged.
+#[derive(Default)]
+struct Acked {
+    /// The marks of the texts, oldest first.
+    texts: Vec<String>,
+    /// How many commands.
+    commands: usize,
+}
+
+/// What those who ask and the one who kills know of each other.
+#[derive(Default)]
+struct Load {
+    over: AtomicBool,
+    changes: AtomicU64,
+}
+
+/// Asks, and gives back what is answered as long as there is somebody to answer.
+fn ask(socket: &Path, method: &str, path: &str, body: &Value) -> Option<Value> {
+    let mut stream = UnixStream::connect(socket).ok()?;
+    let body = body.to_string();
+    let length = body.len();
+    write!(
+        stream,
+        "{method} /api/v1{path} HTTP/1.1\r\nHost: any\r\nConnection: close\r\n\
+         Content-Length: {length}\r\n\r\n{body}"
+    )
+    .ok()?;
+    let mut text = String::new();
+    stream.read_to_string(&mut text).ok()?;
+    // An answer that was cut off acknowledges nothing.
+    serde_json::from_str(text.split_once("\r\n\r\n")?.1).ok()
+}
+
+/// Changes the name of an output again and again.
+fn change(socket: &Path, round: u64, load: &Load, acked: &mut Vec<String>) {
+    for number in 0.. {
+        let name = json!({"name": {"en": format!("Heater {round}.{number}")}});
+        let told = ask(socket, "PATCH", "/config/points/oven/k1", &name);
+        if let Some(etag) = told.as_ref().and_then(|told| told["etag"].as_str()) {
+            acked.push(etag.to_owned());
+            load.changes.fetch_add(1, Ordering::Relaxed);
+        } else if load.over.load(Ordering::Relaxed) {
+            return;
+        }
+    }
+}
+
+/// Switches the output again and again.
+fn switch(socket: &Path, load: &Load, acked: &mut usize) {
+    while !load.over.load(Ordering::Relaxed) {
+        let told = ask(socket, "PUT", "/points/oven/k1", &json!({"value": true}));
+        // The line is closed: that is the end of the command.
+        *acked += usize::from(told.is_some_and(|told| told["code"] == "E0710"));
+    }
+}
+
+/// Kills it while it is asked for all that: some time after so many changes.
+fn kill_under_load(daemon: &mut Daemon, round: u64, acked: &mut Acked) {
+    let socket = daemon.folder.0.join("socket");
+    let load = Load::default();
+    std::thread::scope(|scope| {
+        let (texts, commands) = (&mut acked.texts, &mut acked.commands);
+        let (socket, load) = (&socket, &load);
+        scope.spawn(move || change(socket, round, load, texts));
+        scope.spawn(move || switch(socket, load, commands));
+        daemon.until("changes", |_| {
+            load.changes.load(Ordering::Relaxed) >= round % 3
+        });
+        // Moments that are spread over all there is between two writes to the disk.
+        std::thread::sleep(Duration::from_micros(round * 7_919 % 30_000));
+        daemon.child.kill().expect("it runs");
+        load.over.store(true, Ordering::Relaxed);
+    });
+}
+
+/// What was acknowledged after so many texts is there, and what is there is whole.
+fn is_whole(daemon: &Daemon, acked: &Acked, before: usize) {
+    let config = daemon.get("/config");
+    assert_eq!(config["in_force"], true, "{config}");
+    let text = config["text"].as_str().expect("a text");
+    assert!(
+        text.starts_with("# our site\n") && text.ends_with('\n'),
+        "{text}"
+    );
+    let check = daemon
+        .send("POST", "/config/check", &json!({ "text": text }))
+        .json();
+    assert_eq!(check["problems"], json!([]), "{text}");
+
+    let kept = daemon.get("/config/generations")["generations"].clone();
+    let kept = kept.as_array().expect("a list").iter();
+    let kept: Vec<&str> = kept.filter_map(|kept| kept["etag"].as_str()).collect();
+    for etag in acked.texts.iter().skip(before).rev().take(KEPT) {
+        assert!(
+            kept.contains(&etag.as_str()),
+            "{etag} was acknowledged: {kept:?}"
+        );
+    }
+    // It is the last that was acknowledged, or the one after it, which was under way.
+    let place = |etag: &str| kept.iter().position(|kept| *kept == etag);
+    let now = place(config["etag"].as_str().expect("a mark"));
+    let last = acked.texts.last().and_then(|etag| place(etag));
+    assert!(
+        acked.texts.is_empty() || now <= last,
+        "{now:?} after {last:?}"
+    );
+    assert_eq!(daemon.get("/audit/verify")["ok"], true);
+}
+
+/// Every command that was acknowledged is in the log, with its end.
+fn all_are_in_the_log(daemon: &Daemon, acked: &Acked) {
+    let (mut ended, mut cursor) = (0, String::new());
+    loop {
+        let page = daemon.get(&format!("/audit?limit=500{cursor}"));
+        let items = page["items"].as_array().expect("a list").iter();
+        ended += items.filter(|item| item["end"] == "closed").count();
+        let Some(next) = page["next"].as_str() else {
+            break;
+        };
+        cursor = format!("&cursor={next}");
+    }
+    assert!(ended >= acked.commands, "{ended} of {}", acked.commands);
+}
+
+#[test]
+fn kill_loses_no_change_that_was_acknowledged() {
+    let folder = Folder::new("kills");
+    let file = folder.file("railbus.toml", SITE);
+    let arguments = ["--config", file.to_str().expect("text")];
+    let mut daemon = Daemon::start_in(folder, &arguments);
+    let mut acked = Acked::default();
+    for round in 0..KILLS {
+        let before = acked.texts.len();
+        kill_under_load(&mut daemon, round, &mut acked);
+        daemon.start_again(&arguments);
+        is_whole(&daemon, &acked, before);
+    }
+    all_are_in_the_log(&daemon, &acked);
+    let (texts, commands) = (acked.texts.len(), acked.commands);
+    println!("{texts} changes, {commands} commands");
+    assert!(texts.min(commands) as u64 > KILLS / 2, "{texts} {commands}");
+    let files = std::fs::read_dir(&daemon.folder.0)
+        .expect("a folder")
+        .count();
+    assert!(files < 16, "{files} files: what was begun is cleared away");
+}
