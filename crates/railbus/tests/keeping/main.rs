@@ -5,4 +5,5 @@ mod adapter;
 mod adapters;
 mod daemon;
 mod edits;
+mod ends;
 mod kills;
