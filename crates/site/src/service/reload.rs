@@ -121,6 +121,10 @@ impl Service {
         let Ok(prepared) = prepare(config, line, self.inner.polls) else {
             return;
         };
+        if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
+            // Modules that joined and left have left gaps; the new line numbers them anew.
+            now.modules = LineNow::new(config, line).modules;
+        }
         if let Err(why) = self.open(line.to_owned(), prepared) {
             let absent = LineState::Absent(Arc::new(why));
             if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {

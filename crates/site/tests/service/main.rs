@@ -270,3 +270,29 @@ async fn modules_come_and_go_and_the_others_notice_nothing() {
     assert!(told.await.is_err(), "the site is at work");
     service.close().await;
 }
+
+#[tokio::test]
+async fn after_a_loan_every_command_meets_the_module_it_names() {
+    let (port, relays) = board::start().await;
+    let service = start(&port);
+    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    // It joins behind the other, before which it stands in the configuration.
+    let more = format!(
+        "{}[module.attic]\nline = \"main\"\nmodel = \"erc8\"\naddress = 2\n",
+        text(&port)
+    );
+    service.reload(&more).await.unwrap();
+    service.lend("main").await.unwrap().end(None).await;
+    until(|| service.point("attic", k(2)).unwrap().quality == Quality::Good).await;
+
+    let terms = WriteTerms::default();
+    let done = service.write("attic", &[(k(2), true)], terms).await;
+    assert_eq!(done.unwrap().confirmed, Confirmed::Readback);
+    assert_eq!((relays.relays(2), relays.relays(3)), (0b10, 0));
+    for (module, is_on) in [("attic", true), ("oven", false)] {
+        until(|| service.point(module, k(2)).unwrap().quality == Quality::Good).await;
+        let point = service.point(module, k(2)).unwrap();
+        assert_eq!(point.value, Some(Value::Bool(is_on)), "{module}");
+    }
+    service.close().await;
+}
