@@ -16,6 +16,7 @@ mod past;
 mod plant;
 mod problem;
 mod read;
+mod rules;
 mod units;
 
 pub use control::{
@@ -28,6 +29,7 @@ pub use past::Past;
 pub use plant::{Plant, Signal, SimLine, SimModule};
 pub use problem::{Kind, Problem};
 pub use read::place_of;
+pub use rules::{ACTIONS_MAX, Action, Clock, Limit, NOTICE_MAX, RULES_MAX, Rule, When};
 pub use units::{Range, parse_duration};
 
 use crate::settings::Wanted;
@@ -47,6 +49,8 @@ pub struct Config {
     pub groups: BTreeMap<String, Group>,
     /// What is done step by step, by the scene's name.
     pub scenes: BTreeMap<String, Scene>,
+    /// What is done by itself, by the rule's name.
+    pub rules: BTreeMap<String, Rule>,
     /// What is said of their simulation.
     pub plant: Plant,
     /// How much of the past is kept.

@@ -33,8 +33,8 @@ settings = { do3.mode = "pulse" }
 
 [module.pump.point]
 do0 = { name = { en = "Pump 1", zh = "一号水泵" }, locked = true }
-do1 = { name = "Pump 2", confirm = "hold", interlock = ["oven.k1"], on_offline = "off" }
-do2 = { confirm = true, max_on = "10m", min_off = "5s", on_exit = "off", on_return = "hold" }
+do1 = { name = "Pump 2", interlock = ["oven.k1"], on_offline = "off" }
+do2 = { confirm = "hold", max_on = "10m", min_off = "5s", on_exit = "off", on_return = "hold" }
 
 [module.oven]
 line = "main"
@@ -65,6 +65,26 @@ members = ["oven.k1", "yard.k1"]
 
 [scene.evening]
 steps = [{ set = "yard.k1", to = true }, { wait = "500ms" }, { set = "oven.k2", to = false }]
+
+[rule.full]
+name = "Full"
+when = { point = "tank.ai1", above = 4.2, hysteresis = 0.2, unit = "m" }
+for = "30s"
+then = [
+    { set = "yard.k1", to = true },
+    { pulse = "pump.do1", width = "2s" },
+    { notify = "The tank is full" },
+]
+
+[rule.morning]
+when = { time = "06:30", days = ["mon", "fri"] }
+then = [{ pulse = "yard.k2", width = "500ms" }]
+armed = true
+
+[rule.lost]
+when = { module_offline = "pump" }
+for = "5m"
+then = [{ notify = "The pump does not answer" }]
 
 [history]
 keep = "90d"
@@ -232,7 +252,16 @@ fn what_is_wrong_to_the_reader_is_wrong_to_the_schema() {
         ("confirm = \"hold\"", "confirm = \"ask\""),
         ("interlock = [\"oven.k1\"]", "interlock = \"oven.k1\""),
         ("{ wait = \"500ms\" }", "{ wait = \"500ms\", to = true }"),
-        ("unit = \"m\", ", ""),
+        ("above = 4.2", "is = true, above = 4.2"),
+        ("\"06:30\"", "\"6:30\""),
+        ("\"fri\"", "\"freitag\""),
+        (
+            "{ module_offline",
+            "{ line_offline = \"main\", module_offline",
+        ),
+        ("{ notify = \"The tank is full\" }", "{ notify = \"\" }"),
+        ("width = \"2s\" }", "width = \"2s\", to = true }"),
+        ("high = 4.5, unit = \"m\", ", "high = 4.5, "),
         ("keep = \"90d\"", "keep = 90"),
         ("speed = 1.5", "speed = 0"),
     ] {

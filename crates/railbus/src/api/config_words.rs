@@ -87,6 +87,33 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
             "a step is { set = \"oven.k1\", to = true } or { wait = \"2s\" }",
             "步骤应为 { set = \"oven.k1\", to = true } 或 { wait = \"2s\" }",
         ]),
+        Kind::BadCondition => fixed([
+            "a condition is { point, is }, { point, above } or { point, below }, { time } \
+             without \"for\", { module_offline } or { line_offline }",
+            "条件应为 { point, is }、{ point, above } 或 { point, below }、不带 \"for\" 的 \
+             { time }、{ module_offline } 或 { line_offline }",
+        ]),
+        Kind::BadTime => fixed([
+            "a time of day is written as \"06:30\"",
+            "时刻应写为 \"06:30\"",
+        ]),
+        Kind::BadAction => fixed([
+            "a rule does { set, to }, { pulse, width } or { notify }, one at least",
+            "规则的动作应为 { set, to }、{ pulse, width } 或 { notify }，至少一项",
+        ]),
+        Kind::BadText(most) => both(
+            format!("a text has 1 to {most} characters"),
+            format!("文字应为 1 到 {most} 个字符"),
+        ),
+        Kind::NeedsPerson => fixed([
+            "a person has to confirm this output, a rule can't",
+            "此输出须由人确认，规则不能操作",
+        ]),
+        Kind::OtherUnit(unit) => both(
+            format!("the unit of the point is \"{unit}\""),
+            format!("该点的单位是 \"{unit}\""),
+        ),
+        Kind::NoSuchModule => fixed(["there is no such module", "没有此模块"]),
         Kind::NotAnInput => fixed([
             "this is no input; only inputs are moved from outside",
             "不是输入点；只能从外部改变输入",

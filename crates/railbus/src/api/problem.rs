@@ -189,6 +189,10 @@ pub(crate) mod codes {
         NO_GENERATION = "E0831", 404, "no such generation of the configuration is kept";
         /// A whole text came without saying which one it replaces.
         NO_IF_MATCH = "E0832", 428, "say with If-Match which text is to be replaced";
+        /// Also `name`.
+        NO_SUCH_RULE = "E0853", 404, "there is no such rule";
+        /// Also `name`.
+        RULE_NOT_TRIED = "E0854", 409, "a rule is tried before it is armed";
         /// Also `name`, `known`.
         NO_SUCH_GROUP = "E0860", 404, "there is no such group";
         /// Also `name`, `known`.

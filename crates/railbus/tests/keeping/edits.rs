@@ -67,7 +67,7 @@ fn changes_keep_comments_and_can_be_taken_back() {
         text_then.contains("[module.oven.point]\nk1.name"),
         "{text_then}"
     );
-    assert!(text_then.contains("max_age = \"5000ms\""), "{text_then}");
+    assert!(text_then.contains("max_age = \"5s\""), "{text_then}");
 
     let undone = daemon.send("POST", "/config/undo", &json!({}));
     assert_eq!(undone.status, 200, "{}", undone.body);

@@ -22,7 +22,10 @@ pub enum Refused {
 pub type Keys = Map<String, Json>;
 
 /// The keys that people look for first.
-const FIRST: [&str; 6] = ["port", "line", "model", "address", "protocol", "name"];
+const FIRST: [&str; 13] = [
+    "port", "line", "model", "address", "protocol", "name", "when", "for", "then", "point", "set",
+    "pulse", "time",
+];
 
 /// Sets keys of a table, which is made where it is missing. A key that is null goes. Times can be
 /// given in milliseconds: `max_age_ms = 500` sets `max_age = "500ms"`.
@@ -161,11 +164,19 @@ fn child<'i>(parent: &'i mut Item, key: &str, new: Table) -> Option<&'i mut Item
     }
 }
 
+/// As people write them: first what they look for.
+fn in_order(keys: &Keys) -> Vec<(&String, &Json)> {
+    let place = |key: &str| {
+        let key = key.strip_suffix("_ms").unwrap_or(key);
+        FIRST.iter().position(|first| *first == key)
+    };
+    let mut keys: Vec<_> = keys.iter().collect();
+    keys.sort_by_key(|(key, _)| place(key).unwrap_or(FIRST.len()));
+    keys
+}
+
 fn set_keys(table: &mut dyn TableLike, keys: &Keys) -> Result<(), Refused> {
-    let is_first = |key: &String| FIRST.contains(&key.as_str());
-    let first = FIRST.iter().filter_map(|key| keys.get_key_value(*key));
-    let others = keys.iter().filter(|(key, _)| !is_first(key));
-    for (key, json) in first.chain(others) {
+    for (key, json) in in_order(keys) {
         let (key, wanted) = written_key(key, json);
         let Some(wanted) = wanted.map_err(|()| Refused::Value(key.clone()))? else {
             table.remove(&key);
@@ -195,7 +206,10 @@ fn written_key(key: &str, json: &Json) -> (String, Result<Option<Value>, ()>) {
     match (key.strip_suffix("_ms"), json) {
         (Some(short), Json::Null) => (short.to_owned(), Ok(None)),
         (Some(short), Json::Number(number)) => {
-            let text = number.as_u64().map(|ms| Value::from(format!("{ms}ms")));
+            let text = number.as_u64().map(|ms| match ms % 1_000 {
+                0 => Value::from(format!("{}s", ms / 1_000)),
+                _ => Value::from(format!("{ms}ms")),
+            });
             (short.to_owned(), text.map(Some).ok_or(()))
         }
         _ => (key.to_owned(), written(json)),
@@ -222,7 +236,7 @@ fn written(json: &Json) -> Result<Option<Value>, ()> {
         }
         Json::Object(keys) => {
             let mut table = InlineTable::new();
-            for (key, json) in keys {
+            for (key, json) in in_order(keys) {
                 let (key, item) = written_key(key, json);
                 if let Some(item) = item? {
                     table.insert(key, item);
@@ -267,6 +281,19 @@ fn name_anew(root: &mut Item, kind: &str, old: &str, new: &str) {
                 }
             }
             ("module", "group" | "scene") => each_text(item, &renamed),
+            (_, "rule") => {
+                if kind == "module" {
+                    each_text(item, &renamed);
+                }
+                let rules = item.as_table_like_mut().into_iter();
+                for (_, rule) in rules.flat_map(|rules| rules.iter_mut()) {
+                    let key = format!("{kind}_offline");
+                    let lost = below(rule, "when").and_then(|when| below(when, &key));
+                    if let Some(lost) = lost {
+                        each_text(lost, &|text| (text == old).then(|| new.to_owned()));
+                    }
+                }
+            }
             _ => {}
         }
     }

@@ -250,6 +250,9 @@ impl<'t> Reader<'t> {
             });
             config.scenes = read;
         }
+        if let Some(rules) = root.get("rule") {
+            self.rules(rules, root, config);
+        }
     }
 
     fn group(
@@ -342,9 +345,25 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// The output of a name such as `oven.k1`. Of a module that could not be read nothing is
+    /// The output of a name such as `oven.k1`.
+    pub(super) fn output(
+        &mut self,
+        root: &DeTable<'t>,
+        config: &Config,
+        (span, path): (&Span<usize>, &str),
+        name: &str,
+    ) -> Option<Place> {
+        let place = self.place(root, config, (span, path), name)?;
+        if place.point.kind != PointKind::Output {
+            self.problem(span.clone(), path, Kind::NotAnOutput);
+            return None;
+        }
+        Some(place)
+    }
+
+    /// The point of a name such as `oven.k1`. Of a module that could not be read nothing is
     /// said: what is wrong with it was told.
-    fn output(
+    pub(super) fn place(
         &mut self,
         root: &DeTable<'t>,
         config: &Config,
@@ -352,22 +371,19 @@ impl<'t> Reader<'t> {
         name: &str,
     ) -> Option<Place> {
         let (module, label) = name.split_once('.').unwrap_or((name, ""));
-        let Some(known) = config.modules.get(module) else {
-            let modules = root.get("module").and_then(|all| all.get_ref().as_table());
-            if modules.is_none_or(|modules| !modules.contains_key(module)) {
-                self.problem(span.clone(), path, Kind::NoSuchPath);
-            }
-            return None;
-        };
-        match known.setup.point(label) {
-            None => self.problem(span.clone(), path, Kind::NoSuchPath),
-            Some(point) if point.kind != PointKind::Output => {
-                self.problem(span.clone(), path, Kind::NotAnOutput);
-            }
-            Some(point) => return Some(Place::new(module, point)),
+        let known = config.modules.get(module);
+        let point = known.and_then(|known| known.setup.point(label));
+        if point.is_none() && (known.is_some() || !is_named(root, "module", module)) {
+            self.problem(span.clone(), path, Kind::NoSuchPath);
         }
-        None
+        point.map(|point| Place::new(module, point))
     }
+}
+
+/// Whether the text has a table of this kind and name, however wrong it is.
+pub(super) fn is_named(root: &DeTable<'_>, kind: &str, name: &str) -> bool {
+    let all = root.get(kind).and_then(|all| all.get_ref().as_table());
+    all.is_some_and(|all| all.contains_key(name))
 }
 
 /// Two outputs exclude each other, whichever of them says so.

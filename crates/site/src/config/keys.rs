@@ -1,13 +1,13 @@
 //! Every table of a configuration and the keys that it can have: those that the reader knows, and
 //! those of the published schema, which a test holds against each other.
 
-use super::{control, past, plant, read};
+use super::{control, past, plant, read, rules};
 
 /// The published JSON Schema of a configuration.
 pub const SCHEMA: &str = include_str!("schema.json");
 
 /// The keys of each table, under the table's name in [`SCHEMA`]; the file as a whole has none.
-pub const TABLES: [(&str, &[&str]); 14] = [
+pub const TABLES: [(&str, &[&str]); 17] = [
     ("", &read::ROOT_KEYS),
     ("line", &read::LINE_KEYS),
     ("module", &read::MODULE_KEYS),
@@ -17,6 +17,9 @@ pub const TABLES: [(&str, &[&str]); 14] = [
     ("group", &control::GROUP_KEYS),
     ("scene", &control::SCENE_KEYS),
     ("step", &control::STEP_KEYS),
+    ("rule", &rules::RULE_KEYS),
+    ("when", &rules::WHEN_KEYS),
+    ("action", &rules::ACTION_KEYS),
     ("history", &past::HISTORY_KEYS),
     ("audit", &past::AUDIT_KEYS),
     ("sim", &plant::SIM_KEYS),

@@ -62,6 +62,20 @@ pub enum Kind {
     TooLong(Micros),
     /// Neither `{ set = …, to = … }` nor `{ wait = … }`.
     BadStep,
+    /// Not a condition of a rule.
+    BadCondition,
+    /// Not a time of day such as `06:30`.
+    BadTime,
+    /// Not something that a rule can do.
+    BadAction,
+    /// A text that is empty, or longer than so many characters.
+    BadText(usize),
+    /// An output that a person has to confirm, which a rule can't.
+    NeedsPerson,
+    /// A unit that is not the one of the point.
+    OtherUnit(String),
+    /// A module that is not there.
+    NoSuchModule,
     /// A point that is no input.
     NotAnInput,
     /// What the family says to the module.
@@ -105,6 +119,11 @@ impl Kind {
             Kind::NamedTwice => "E0867",
             Kind::TooMany(_) | Kind::TooLong(_) => "E0868",
             Kind::BadStep => "E0869",
+            Kind::BadCondition | Kind::BadTime => "E0871",
+            Kind::BadAction | Kind::BadText(_) => "E0872",
+            Kind::NeedsPerson => "E0873",
+            Kind::OtherUnit(_) => "E0874",
+            Kind::NoSuchModule => "E0875",
             Kind::NotAnInput => "E0893",
         }
     }

@@ -256,6 +256,17 @@ codes! {
             "总线有误 · 配置中没有该系列的模块"],
         next: ["railbus ls", "railbus ls"],
     }
+    NoRule = "E0853" {
+        title: ["there is no such rule", "没有此规则"],
+        likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
+        next: ["look into the configuration", "查看配置文件"],
+    }
+    RuleNotTried = "E0854" {
+        title: ["a rule is tried before it is armed", "规则须先试运行才能启用"],
+        likely: ["it was changed after it was tried · railbus was started anew",
+            "试运行后又作了更改 · railbus 已重新启动"],
+        next: ["try it against the history, then arm it", "先用历史数据试运行，再启用"],
+    }
     NoGroup = "E0860" {
         title: ["there is no such group", "没有此分组"],
         likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
@@ -298,6 +309,34 @@ codes! {
         likely: ["no right to the file or its folder · no room · a table written in one line",
             "文件或目录无权限 · 磁盘已满 · 配置中有单行表"],
         next: ["write them by hand, as railbus scan shows them", "按 railbus scan 的结果手动写入"],
+    }
+    RuleWhen = "E0871" {
+        title: ["the condition of a rule can't be read", "无法理解规则的条件"],
+        likely: ["\"is\" of an analog value, \"above\" of an output · \"for\" with a time of day",
+            "对模拟量用了 \"is\"，或对输出用了 \"above\" · 对时刻用了 \"for\""],
+        next: ["write { point = \"tank.ai1\", above = 8.5 } or { time = \"06:30\" }",
+            "应写为 { point = \"tank.ai1\", above = 8.5 } 或 { time = \"06:30\" }"],
+    }
+    RuleThen = "E0872" {
+        title: ["what a rule does can't be read", "无法理解规则的动作"],
+        likely: ["\"set\" without \"to\" · an empty or long text", "只有 \"set\" 没有 \"to\" · 文字为空或过长"],
+        next: ["write { set = \"oven.k1\", to = true }, { pulse = … } or { notify = … }",
+            "应写为 { set = \"oven.k1\", to = true }、{ pulse = … } 或 { notify = … }"],
+    }
+    RuleAsks = "E0873" {
+        title: ["a rule is to switch an output that a person has to confirm", "规则要操作须由人确认的输出"],
+        likely: ["the output has \"confirm\"", "该输出设有 \"confirm\""],
+        next: ["name another output, or take \"confirm\" out", "换用其他输出，或去掉 \"confirm\""],
+    }
+    RuleUnit = "E0874" {
+        title: ["a rule compares a value in another unit than its point has", "规则的单位与点的单位不同"],
+        likely: ["the scale of the point was changed", "点的量程已更改"],
+        next: ["write the limit in the unit of the point", "按点的单位填写限值"],
+    }
+    RuleModule = "E0875" {
+        title: ["a rule is about a module that is not there", "规则所指的模块不存在"],
+        likely: ["a typing mistake · the module was taken out", "输入错误 · 模块已删除"],
+        next: ["railbus ls modules", "railbus ls modules"],
     }
     ConfigFault = "E0890" {
         title: ["this is no fault to simulate", "不是可模拟的故障"],
