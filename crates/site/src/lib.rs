@@ -17,6 +17,7 @@ mod failure;
 mod frame;
 mod health;
 pub mod history;
+pub mod rules;
 pub mod scan;
 mod service;
 pub mod settings;
@@ -30,7 +31,7 @@ pub use frame::read_request;
 pub use service::{
     BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, Counts, Events, GroupState, LEASE_MAX,
     LEASE_MIN, Leased, Left, LineStatus, Loan, ModuleStatus, PULSE_MAX, Part, PartDone,
-    PointStatus, Pulse, PulseDone, RawTerms, Reloaded, STEPS, Service, StartError, ToggleTerms,
-    Update, Updates, WriteDone, WriteTerms,
+    PointStatus, Pulse, PulseDone, RawTerms, Reloaded, RuleStatus, STEPS, Service, StartError,
+    ToggleTerms, Update, Updates, WriteDone, WriteTerms,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

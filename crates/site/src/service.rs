@@ -11,6 +11,7 @@ mod promises;
 mod pulse;
 mod record;
 mod reload;
+mod rules;
 mod scene;
 mod state;
 mod status;
@@ -27,6 +28,7 @@ pub use meter::{Counts, STEPS};
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
 pub use record::Events;
 pub use reload::Reloaded;
+pub use rules::RuleStatus;
 pub use status::{Left, LineStatus, ModuleStatus, PointStatus};
 pub use underway::{COMMANDS_KEPT, Command};
 pub use update::{Update, Updates};
@@ -38,6 +40,7 @@ use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, Plan, PortError};
 use railbus_wire::Micros;
 use record::Journal;
+use rules::Standings;
 use state::State;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -98,6 +101,7 @@ pub(crate) struct Inner {
     promises: Promises,
     /// The scenes that are being played.
     playing: Mutex<BTreeSet<String>>,
+    rules: Standings,
     updates: broadcast::Sender<Update>,
     /// Only one at a time may change the configuration.
     reloading: tokio::sync::Mutex<()>,
@@ -163,6 +167,7 @@ impl Service {
                 timers: Timers::default(),
                 promises,
                 playing: Mutex::default(),
+                rules: Standings::default(),
                 updates: broadcast::Sender::new(UPDATES_MAX),
                 reloading: tokio::sync::Mutex::new(()),
                 start: std::time::Instant::now(),

@@ -216,6 +216,17 @@ impl History {
         self.readers.read(question).await
     }
 
+    /// What a point had at a moment, with the time since when; none where that is not known.
+    ///
+    /// # Errors
+    /// [`HistoryError`].
+    pub async fn in_force(&self, path: &str, at: i64) -> Result<Option<Sample>, HistoryError> {
+        self.written().await;
+        let path = path.to_owned();
+        let question = move |db: &Connection| Ok(in_force(db, number_of(db, &path)?, at)?);
+        self.readers.read(question).await
+    }
+
     /// Events, the newest first.
     ///
     /// # Errors
@@ -266,6 +277,15 @@ fn sample(row: &Row<'_>) -> rusqlite::Result<Sample> {
     })
 }
 
+/// The last sample before a moment.
+fn in_force(db: &Connection, point: i64, at: i64) -> rusqlite::Result<Option<Sample>> {
+    db.prepare_cached(
+        "SELECT t, v, q FROM samples WHERE point = ?1 AND t < ?2 ORDER BY t DESC LIMIT 1",
+    )?
+    .query_row([point, at], sample)
+    .optional()
+}
+
 fn chart(
     db: &Connection,
     path: &str,
@@ -276,13 +296,7 @@ fn chart(
     let begun = Instant::now();
     let point = number_of(db, path)?;
     let mut plotter = Plotter::new(from, to, buckets);
-    let in_force = db
-        .prepare_cached(
-            "SELECT t, v, q FROM samples WHERE point = ?1 AND t < ?2 ORDER BY t DESC LIMIT 1",
-        )?
-        .query_row([point, from], sample)
-        .optional()?;
-    if let Some(in_force) = in_force {
+    if let Some(in_force) = in_force(db, point, from)? {
         plotter.take(in_force);
     }
     let mut statement = db.prepare_cached(

@@ -1,0 +1,204 @@
+//! One rule as a state machine.
+
+use super::clock::{self, LATE_MAX_MS};
+use crate::config::{Limit, Rule, When};
+use jiff::tz::TimeZone;
+use railbus_wire::Micros;
+use std::collections::VecDeque;
+
+/// The shortest time between two acts of a rule. One that would come sooner waits for it.
+pub const BETWEEN_ACTS: Micros = Micros::from_secs(1);
+/// A rule that would act more often within an hour stops: two rules that undo each other would
+/// swing for ever.
+pub const ACTS_PER_HOUR: usize = 60;
+
+const HOUR: Micros = Micros::from_secs(3_600);
+
+/// A moment, by both clocks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Moment {
+    /// By the one that nobody sets: how long something lasts.
+    pub steady: Micros,
+    /// In milliseconds since 1970: how late it is.
+    pub wall: i64,
+}
+
+/// What is known of what a rule waits for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Fact {
+    /// Nothing: the value is stale or bad, the line is lent.
+    Unknown,
+    /// An output is on, an input high, a module or a line offline; or not.
+    Is(bool),
+    /// A value in the unit of its point.
+    Value(f64),
+}
+
+/// When an engine wants to be asked again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Deadline {
+    /// At a moment of the steady clock.
+    Steady(Micros),
+    /// When it is so late, in milliseconds since 1970.
+    Wall(i64),
+}
+
+/// What an engine has to say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// The rule acts now.
+    Act,
+    /// It would act too often, and does not act any more.
+    Stop,
+    /// There is nothing to do until then, or until something else is known.
+    Wait(Option<Deadline>),
+}
+
+/// Where a rule is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Its condition is not known to hold.
+    Resting,
+    /// It has held since then.
+    Holding(Micros),
+    /// It has acted, and its condition is not known to have ceased since.
+    Acted,
+    /// It acted too often.
+    Stopped,
+}
+
+/// One rule at work.
+#[derive(Clone, Debug)]
+pub struct Engine {
+    when: When,
+    hold: Micros,
+    zone: TimeZone,
+    phase: Phase,
+    /// When it acted within the last hour.
+    acts: VecDeque<Micros>,
+    /// When it is so late next, and when that was found out.
+    next: Option<(i64, i64)>,
+}
+
+impl Engine {
+    /// A rule of which nothing is known yet. Times of day are those of the zone.
+    #[must_use]
+    pub fn new(rule: &Rule, zone: TimeZone) -> Engine {
+        Engine {
+            when: rule.when.clone(),
+            hold: rule.hold,
+            zone,
+            phase: Phase::Resting,
+            acts: VecDeque::new(),
+            next: None,
+        }
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub const fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// When it acts if nothing changes, as far as it has found that out.
+    #[must_use]
+    pub fn deadline(&self) -> Option<Deadline> {
+        match self.phase {
+            Phase::Holding(since) => Some(Deadline::Steady(self.due(since))),
+            Phase::Stopped => None,
+            Phase::Resting | Phase::Acted => self.next.map(|(due, _)| Deadline::Wall(due)),
+        }
+    }
+
+    fn due(&self, since: Micros) -> Micros {
+        let rested = self.acts.back().map(|last| *last + BETWEEN_ACTS);
+        (since + self.hold).max(rested.unwrap_or_default())
+    }
+
+    /// This is known from now on. What is not known fulfils no condition; only what is known to
+    /// have ceased makes a rule that has acted ready again.
+    pub fn handle(&mut self, now: Moment, fact: Fact) {
+        self.phase = match (self.phase, self.holds(fact)) {
+            (Phase::Stopped, _) => Phase::Stopped,
+            (Phase::Resting, Some(true)) => Phase::Holding(now.steady),
+            (phase, Some(true)) => phase,
+            (_, Some(false)) | (Phase::Holding(_), None) => Phase::Resting,
+            (phase, None) => phase,
+        };
+    }
+
+    /// Whether the condition holds; none where that can't be known. A value that was over the
+    /// limit is so until it has come back by the hysteresis.
+    fn holds(&self, fact: Fact) -> Option<bool> {
+        let was_over = matches!(self.phase, Phase::Holding(_) | Phase::Acted);
+        match (&self.when, fact) {
+            (When::Switch(_, wanted), Fact::Is(is)) => Some(is == *wanted),
+            (When::ModuleOffline(_) | When::LineOffline(_), Fact::Is(is)) => Some(is),
+            (When::Analog(_, limit), Fact::Value(value)) => Some(is_over(limit, value, was_over)),
+            _ => None,
+        }
+    }
+
+    /// What there is to do. To be asked again until it waits.
+    pub fn poll(&mut self, now: Moment) -> Output {
+        match self.phase {
+            Phase::Stopped => Output::Wait(None),
+            Phase::Holding(since) => {
+                let due = self.due(since);
+                match now.steady >= due {
+                    true => self.act(now, Phase::Acted),
+                    false => Output::Wait(Some(Deadline::Steady(due))),
+                }
+            }
+            Phase::Resting | Phase::Acted => self.poll_clock(now),
+        }
+    }
+
+    fn poll_clock(&mut self, now: Moment) -> Output {
+        let When::Clock(clock) = self.when else {
+            return Output::Wait(None);
+        };
+        // A clock that was put back makes what was found out about it void.
+        self.next = self
+            .next
+            .filter(|(_, asked)| now.wall >= asked - LATE_MAX_MS);
+        let next = |after| clock::next(clock, &self.zone, after).map(|due| (due, now.wall));
+        self.next = self.next.or_else(|| next(now.wall));
+        let Some((due, _)) = self.next else {
+            return Output::Wait(None);
+        };
+        if now.wall < due {
+            return Output::Wait(Some(Deadline::Wall(due)));
+        }
+        self.next = next(now.wall);
+        match now.wall - due <= LATE_MAX_MS {
+            true => self.act(now, Phase::Resting),
+            false => Output::Wait(self.next.map(|(due, _)| Deadline::Wall(due))),
+        }
+    }
+
+    fn act(&mut self, now: Moment, then: Phase) -> Output {
+        while self
+            .acts
+            .front()
+            .is_some_and(|act| now.steady - *act >= HOUR)
+        {
+            self.acts.pop_front();
+        }
+        if self.acts.len() >= ACTS_PER_HOUR {
+            self.phase = Phase::Stopped;
+            return Output::Stop;
+        }
+        self.acts.push_back(now.steady);
+        self.phase = then;
+        Output::Act
+    }
+}
+
+fn is_over(limit: &Limit, value: f64, was_over: bool) -> bool {
+    let back = if was_over { limit.hysteresis } else { 0.0 };
+    match limit.above {
+        true => value > limit.value - back,
+        false => value < limit.value + back,
+    }
+}

@@ -1,0 +1,135 @@
+//! When a rule would have acted.
+
+use super::engine::{Deadline, Engine, Fact, Moment, Output};
+use crate::config::Rule;
+use jiff::tz::TimeZone;
+use railbus_wire::Micros;
+
+/// How many acts are listed; the rest is counted.
+pub const LISTED_MAX: usize = 500;
+
+/// What came of trying a rule against the past. All times are milliseconds since 1970.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Tried {
+    /// From when on.
+    pub since: i64,
+    /// Until when.
+    pub until: i64,
+    /// When it would have acted: the first [`LISTED_MAX`] times.
+    pub acts: Vec<i64>,
+    /// How often it would have.
+    pub count: usize,
+    /// When it would have been stopped for acting too often.
+    pub stopped: Option<i64>,
+    /// How long of it nothing was known that the rule could go by, in milliseconds.
+    pub unknown_ms: i64,
+    /// There was more of the past than is looked at at once: it ends early.
+    pub is_cut: bool,
+}
+
+/// A rule that is being tried. It is told what was known since when, in the order of time.
+#[derive(Debug)]
+pub struct Replay {
+    engine: Engine,
+    now: i64,
+    is_known: bool,
+    tried: Tried,
+}
+
+impl Replay {
+    /// A rule from one moment to another, both in milliseconds since 1970. What happened before
+    /// counts for what is so at the beginning, but acts are not listed before it.
+    #[must_use]
+    pub fn new(rule: &Rule, zone: TimeZone, since: i64, until: i64) -> Replay {
+        let is_clock = rule.when.is_clock();
+        Replay {
+            engine: Engine::new(rule, zone),
+            // What a clock rule did before does not count, and what is said of a point may be
+            // of any time before.
+            now: if is_clock { since - 1 } else { 0 },
+            is_known: is_clock,
+            tried: Tried {
+                since,
+                until,
+                ..Tried::default()
+            },
+        }
+    }
+
+    /// This was known from then on. What is later than the end does not count.
+    pub fn take(&mut self, at: i64, fact: Fact) {
+        if at >= self.tried.until {
+            return;
+        }
+        self.run(at);
+        self.engine.handle(moment(at), fact);
+        self.is_known = fact != Fact::Unknown;
+        self.ask(at);
+    }
+
+    /// What came of it.
+    #[must_use]
+    pub fn end(mut self) -> Tried {
+        self.run(self.tried.until - 1);
+        self.pass(self.tried.until);
+        self.tried
+    }
+
+    /// The same, of a past that is looked at up to a moment only.
+    #[must_use]
+    pub fn cut(mut self, at: i64) -> Tried {
+        self.tried.until = at;
+        self.tried.is_cut = true;
+        self.end()
+    }
+
+    /// Lets the time up to a moment pass.
+    fn run(&mut self, to: i64) {
+        while let Some(due) = self.ask(self.now).filter(|due| *due <= to) {
+            // An engine asks for a moment to come.
+            self.pass(due.max(self.now + 1));
+        }
+        self.pass(to);
+    }
+
+    fn pass(&mut self, to: i64) {
+        let from = self.now.max(self.tried.since);
+        if !self.is_known && to > from {
+            self.tried.unknown_ms += to - from;
+        }
+        self.now = self.now.max(to);
+    }
+
+    /// Does what there is to do; gives back when there is more.
+    fn ask(&mut self, at: i64) -> Option<i64> {
+        loop {
+            match self.engine.poll(moment(at)) {
+                Output::Act => self.acted(at),
+                Output::Stop => self.tried.stopped = Some(at).filter(|at| *at >= self.tried.since),
+                Output::Wait(None) => return None,
+                Output::Wait(Some(Deadline::Wall(due))) => return Some(due),
+                Output::Wait(Some(Deadline::Steady(due))) => {
+                    return i64::try_from(due.0.div_ceil(1_000)).ok();
+                }
+            }
+        }
+    }
+
+    fn acted(&mut self, at: i64) {
+        if at < self.tried.since {
+            return;
+        }
+        self.tried.count += 1;
+        if self.tried.acts.len() < LISTED_MAX {
+            self.tried.acts.push(at);
+        }
+    }
+}
+
+/// In the past both clocks are one.
+fn moment(at: i64) -> Moment {
+    Moment {
+        steady: Micros::from_millis(u64::try_from(at).unwrap_or_default()),
+        wall: at,
+    }
+}

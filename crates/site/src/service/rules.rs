@@ -1,0 +1,532 @@
+//! Rules at work: what changes is told to their engines, and what these say is done.
+
+use super::{Inner, Pulse, Service, Update, Updates, WriteTerms, lock};
+use crate::audit::Origin;
+use crate::config::{Action, Place, Rule, When};
+use crate::history::{Event, EventKind, HistoryError, Severity, millis};
+use crate::rules::{Deadline, Engine, Fact, Moment, Output, Phase, Tried, try_against};
+use crate::{Failure, Quality, Value};
+use jiff::tz::TimeZone;
+use railbus_host::{LineState, PortError, Presence};
+use railbus_wire::Micros;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, Weak};
+use std::time::{Duration, SystemTime};
+use tokio::sync::Notify;
+use tokio::time::Instant;
+
+/// How long after nothing was known of a point it is looked at again: that a value was read anew
+/// and is as it was is not told.
+const LOOK_AGAIN: Duration = Duration::from_secs(1);
+/// A clock can be set while one waits for it.
+const CLOCK_MAX: Duration = Duration::from_secs(30);
+/// How many rules are remembered as tried: more than a site has.
+const TRIED_MAX: usize = 128;
+
+/// All rules of a site.
+#[derive(Default)]
+pub(super) struct Standings {
+    all: Mutex<BTreeMap<String, Standing>>,
+    /// Those that were tried against the past, the newest last.
+    tried: Mutex<VecDeque<Rule>>,
+    /// Somebody carries them out.
+    at_work: AtomicBool,
+    /// They are to be looked at anew.
+    again: Arc<Notify>,
+}
+
+/// A rule as it stands.
+struct Standing {
+    rule: Rule,
+    /// None where it is not armed.
+    engine: Option<Engine>,
+    is_known: bool,
+    /// For so long from now on that is certain to be so.
+    good_until: Option<Instant>,
+    /// What it did is still under way.
+    busy: Arc<AtomicBool>,
+    last: Option<i64>,
+    count: u64,
+}
+
+/// A rule, as it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RuleStatus {
+    /// Its name in the configuration.
+    pub id: String,
+    /// What the configuration says of it.
+    pub rule: Rule,
+    /// Where it is; none where it is not armed.
+    pub phase: Option<Phase>,
+    /// What it waits for is known.
+    pub is_known: bool,
+    /// How long its condition has still to hold, where it does.
+    pub left: Option<Duration>,
+    /// When it acts next by the clock, in milliseconds since 1970.
+    pub next: Option<i64>,
+    /// When it last acted since this program began, in milliseconds since 1970.
+    pub last: Option<i64>,
+    /// How often it did.
+    pub count: u64,
+    /// It was tried against the past as it is now.
+    pub is_tried: bool,
+}
+
+/// What comes of a look at the rules.
+#[derive(Default)]
+struct Due {
+    acts: Vec<(String, Rule, Arc<AtomicBool>)>,
+    stopped: Vec<String>,
+}
+
+impl Service {
+    /// From now on the armed rules of the configuration act. To be called inside the runtime;
+    /// once is enough.
+    pub fn run_rules(&self) {
+        if self.inner.rules.at_work.swap(true, Ordering::Relaxed) {
+            return;
+        }
+        tokio::spawn(run(Arc::downgrade(&self.inner), self.subscribe()));
+    }
+
+    /// All rules, by name.
+    #[must_use]
+    pub fn rules(&self) -> Vec<RuleStatus> {
+        self.sync();
+        let now = self.inner.moment();
+        let config = self.config();
+        let mut all = lock(&self.inner.rules.all);
+        let rules = config.rules.into_iter();
+        rules
+            .map(|(id, rule)| {
+                let is_tried = self.is_tried(&rule);
+                let standing = all.get_mut(&id);
+                RuleStatus::of(id, rule, is_tried, standing, now)
+            })
+            .collect()
+    }
+
+    /// Says when a rule would have acted, from one moment to another, both in milliseconds since
+    /// 1970. From then on it counts as tried.
+    ///
+    /// # Errors
+    /// [`HistoryError`]; [`HistoryError::Closed`] where none is kept.
+    pub async fn try_rule(&self, rule: &Rule, span: (i64, i64)) -> Result<Tried, HistoryError> {
+        let history = self.history().ok_or(HistoryError::Closed)?;
+        let tried = try_against(history, &self.config(), rule, span).await?;
+        let mut known = lock(&self.inner.rules.tried);
+        known.retain(|other| !other.acts_as(rule));
+        if known.len() >= TRIED_MAX {
+            known.pop_front();
+        }
+        known.push_back(rule.clone());
+        Ok(tried)
+    }
+
+    /// Whether a rule that acts just so was tried since the program began.
+    #[must_use]
+    pub fn is_tried(&self, rule: &Rule) -> bool {
+        let known = lock(&self.inner.rules.tried);
+        known.iter().any(|other| other.acts_as(rule))
+    }
+
+    /// A rule that was stopped begins anew.
+    pub fn begin_rule_anew(&self, id: &str) {
+        self.sync();
+        if let Some(standing) = lock(&self.inner.rules.all).get_mut(id)
+            && let Some(engine) = &mut standing.engine
+            && engine.phase() == Phase::Stopped
+        {
+            *engine = Engine::new(&standing.rule, TimeZone::system());
+            standing.is_known = false;
+        }
+        self.inner.rules.again.notify_one();
+    }
+
+    /// The rules are those of the configuration. One that acts as before goes on where it is.
+    fn sync(&self) {
+        if !self.inner.rules.at_work.load(Ordering::Relaxed) {
+            return;
+        }
+        let config = self.config();
+        let mut all = lock(&self.inner.rules.all);
+        let mut before = std::mem::take(&mut *all);
+        for (id, rule) in config.rules {
+            let known = before.remove(&id);
+            let known = known.unwrap_or_else(|| Standing::new(rule.clone()));
+            all.insert(id, known.with(rule));
+        }
+    }
+
+    /// Tells the rules what changed, or that time has passed; says until when there is nothing
+    /// more to do.
+    fn turn(&self, update: Option<&Update>) -> Option<Instant> {
+        if matches!(update, Some(Update::Reloaded | Update::Gap(_))) {
+            self.sync();
+        }
+        let (mut due, mut wake) = (Due::default(), None);
+        for (id, standing) in lock(&self.inner.rules.all).iter_mut() {
+            let next = self.step(id, standing, update, &mut due);
+            wake = [wake, next].into_iter().flatten().min();
+        }
+        for id in due.stopped {
+            self.told(&id, Severity::Error, "rule_stopped", |event| event);
+        }
+        for (id, rule, busy) in due.acts {
+            tokio::spawn(self.acting(&id).act(id, rule, busy));
+        }
+        wake
+    }
+
+    fn step(
+        &self,
+        id: &str,
+        standing: &mut Standing,
+        update: Option<&Update>,
+        due: &mut Due,
+    ) -> Option<Instant> {
+        let now = self.inner.moment();
+        let phase = standing.engine.as_ref()?.phase();
+        let is_holding = matches!(phase, Phase::Holding(_));
+        let looks = match update {
+            Some(Update::Point(change)) => {
+                let place = standing.rule.when.place();
+                let is_it = place.is_some_and(|place| {
+                    place.point == change.point && place.module == change.module
+                });
+                if is_it {
+                    // What it became counts, however it is by now.
+                    standing.learn(now, fact_of(change.value));
+                    standing.drain(id, now, due);
+                }
+                is_it
+            }
+            // What was missed may have been anything.
+            Some(Update::Gap(_)) => {
+                standing.learn(now, Fact::Unknown);
+                true
+            }
+            Some(_) => true,
+            None => is_holding || !standing.is_known,
+        };
+        if looks && !standing.rule.when.is_clock() {
+            let (fact, good_for) = self.look(&standing.rule.when);
+            standing.learn(now, fact);
+            standing.good_until = good_for.map(|time| Instant::now() + time);
+        }
+        let deadline = standing.drain(id, now, due);
+        standing.wake(now, deadline)
+    }
+
+    /// What is known now of what a rule waits for, and for how long that is certain not to be
+    /// too old.
+    fn look(&self, when: &When) -> (Fact, Option<Duration>) {
+        match when {
+            When::Switch(place, _) | When::Analog(place, _) => self.look_at(place),
+            When::ModuleOffline(module) => {
+                let config = self.config();
+                let line = config.modules.get(module).map(|module| &module.line);
+                let down = line.map_or(Fact::Unknown, |line| self.is_down(line));
+                let presence = lock(&self.inner.state).site.presence(module);
+                let fact = match (down, presence) {
+                    (Fact::Is(false), Presence::Online) => Fact::Is(false),
+                    (Fact::Is(false), Presence::Silent) => Fact::Is(true),
+                    (Fact::Is(false), Presence::Unheard) => Fact::Unknown,
+                    (down, _) => down,
+                };
+                (fact, None)
+            }
+            When::LineOffline(line) => (self.is_down(line), None),
+            When::Clock(_) => (Fact::Unknown, None),
+        }
+    }
+
+    fn look_at(&self, place: &Place) -> (Fact, Option<Duration>) {
+        let Some(status) = self.point(&place.module, place.point) else {
+            return (Fact::Unknown, None);
+        };
+        match (status.quality, status.value) {
+            (Quality::Good, Some(value)) => {
+                let max_age = self.inner.described(&place.module);
+                let max_age = max_age.map_or(Micros(0), |module| module.plan.max_age);
+                let left = max_age - status.age.unwrap_or_default();
+                // Just after it, so that it is certain then.
+                let left = Duration::from_micros(left.0) + Duration::from_millis(1);
+                (fact_of(value), Some(left))
+            }
+            _ => (Fact::Unknown, None),
+        }
+    }
+
+    /// Whether a line has no port; not known while it is lent, or being opened.
+    fn is_down(&self, line: &str) -> Fact {
+        match self.line(line).map(|status| status.state) {
+            Some(LineState::Up) => Fact::Is(false),
+            Some(LineState::Absent(why)) if !matches!(*why, PortError::Lent) => Fact::Is(true),
+            _ => Fact::Unknown,
+        }
+    }
+
+    /// A handle that acts for a rule.
+    fn acting(&self, id: &str) -> Service {
+        self.on_behalf_of(Origin::program(&format!("rule:{id}")))
+    }
+
+    /// Tells of a rule.
+    fn told(&self, id: &str, severity: Severity, code: &str, more: impl FnOnce(Event) -> Event) {
+        let event = Event::new(EventKind::Rule, severity, code);
+        let event = event.by(self.acting(id).origin());
+        self.tell_event(more(event));
+    }
+
+    /// Does what a rule says. After an output that could not be switched no other is: they may
+    /// rely on it. Who is to be told is told all the same.
+    async fn act(self, id: String, rule: Rule, busy: Arc<AtomicBool>) {
+        let about = |event: Event| match rule.when.place() {
+            Some(place) => event
+                .module(&place.module)
+                .point(&self.inner.label(&place.module, place.point)),
+            None => event,
+        };
+        let what = rule.then.iter().map(|action| self.words(action));
+        let what = what.collect::<Vec<_>>().join(", ");
+        if busy.swap(true, Ordering::Relaxed) {
+            self.told(&id, Severity::Error, "rule_failed", |event| {
+                about(event).what(&what).text("busy")
+            });
+            return;
+        }
+        self.told(&id, Severity::Info, "rule_fired", |event| {
+            about(event).what(&what)
+        });
+        let mut failed = None;
+        for action in &rule.then {
+            let end = match (action, &failed) {
+                (Action::Notify(text), _) => {
+                    self.told(&id, Severity::Warning, "notify", |event| {
+                        about(event).text(text.clone())
+                    });
+                    Ok(())
+                }
+                (_, Some(_)) => Err(Failure::NotTried),
+                (action, None) => self.switch(action).await,
+            };
+            if let Err(failure) = end {
+                self.failed(&id, action, &failure);
+                failed = Some(failure);
+            }
+        }
+        busy.store(false, Ordering::Relaxed);
+    }
+
+    async fn switch(&self, action: &Action) -> Result<(), Failure> {
+        match action {
+            Action::Set(place, on) => {
+                let set = [(place.point, *on)];
+                let done = self.write(&place.module, &set, WriteTerms::default());
+                done.await.map(|_| ())
+            }
+            Action::Pulse(place, width) => {
+                let pulse = Pulse {
+                    width: *width,
+                    ..Pulse::default()
+                };
+                let done = self.pulse(&place.module, place.point, pulse);
+                done.await.map(|_| ())
+            }
+            Action::Notify(_) => Ok(()),
+        }
+    }
+
+    fn failed(&self, id: &str, action: &Action, failure: &Failure) {
+        self.told(id, Severity::Error, "rule_failed", |mut event| {
+            if let Action::Set(place, _) | Action::Pulse(place, _) = action {
+                let label = self.inner.label(&place.module, place.point);
+                event = event.module(&place.module).point(&label);
+            }
+            event.end = Some(failure.name().to_owned());
+            event.what(&self.words(action)).text(failure.name())
+        });
+    }
+
+    /// `pump.do0=off`, `pulse gate.do0 500ms`, `notify`.
+    fn words(&self, action: &Action) -> String {
+        let path = |place: &Place| {
+            format!(
+                "{}.{}",
+                place.module,
+                self.inner.label(&place.module, place.point)
+            )
+        };
+        match action {
+            Action::Set(place, true) => format!("{}=on", path(place)),
+            Action::Set(place, false) => format!("{}=off", path(place)),
+            Action::Pulse(place, None) => format!("pulse {}", path(place)),
+            Action::Pulse(place, Some(width)) => {
+                format!("pulse {} {}ms", path(place), width.0 / 1_000)
+            }
+            Action::Notify(_) => "notify".to_owned(),
+        }
+    }
+}
+
+/// Carries the rules out until the site has gone.
+async fn run(site: Weak<Inner>, mut updates: Updates) {
+    let origin = Arc::new(Origin::program("rules"));
+    let mut update = Some(Update::Reloaded);
+    loop {
+        let Some(inner) = site.upgrade() else {
+            return;
+        };
+        if inner.timers.are_stopping() {
+            return;
+        }
+        let service = Service {
+            inner,
+            origin: Arc::clone(&origin),
+        };
+        let wake = service.turn(update.take().as_ref());
+        let again = Arc::clone(&service.inner.rules.again);
+        // Who waits here does not keep the site from ending.
+        drop(service);
+        update = tokio::select! {
+            biased;
+            next = updates.next() => match next {
+                Some(update) => Some(update),
+                None => return,
+            },
+            () = again.notified() => None,
+            () = sleep_until(wake) => None,
+        };
+    }
+}
+
+async fn sleep_until(wake: Option<Instant>) {
+    match wake {
+        Some(wake) => tokio::time::sleep_until(wake).await,
+        None => std::future::pending().await,
+    }
+}
+
+impl Inner {
+    fn moment(&self) -> Moment {
+        Moment {
+            steady: self.now(),
+            wall: millis(SystemTime::now()),
+        }
+    }
+}
+
+impl Standing {
+    fn new(rule: Rule) -> Standing {
+        Standing {
+            rule,
+            engine: None,
+            is_known: false,
+            good_until: None,
+            busy: Arc::default(),
+            last: None,
+            count: 0,
+        }
+    }
+
+    /// The same by what the configuration says now.
+    fn with(mut self, rule: Rule) -> Standing {
+        let goes_on = self.engine.is_some() && self.rule.acts_as(&rule);
+        if !rule.armed {
+            self.engine = None;
+        } else if !goes_on {
+            self.engine = Some(Engine::new(&rule, TimeZone::system()));
+            self.is_known = rule.when.is_clock();
+        }
+        self.rule = rule;
+        self
+    }
+
+    fn learn(&mut self, now: Moment, fact: Fact) {
+        self.is_known = fact != Fact::Unknown;
+        if let Some(engine) = &mut self.engine {
+            engine.handle(now, fact);
+        }
+    }
+
+    /// Takes what there is to do from the engine, until it waits.
+    fn drain(&mut self, id: &str, now: Moment, due: &mut Due) -> Option<Deadline> {
+        loop {
+            match self.engine.as_mut()?.poll(now) {
+                Output::Act => {
+                    (self.last, self.count) = (Some(now.wall), self.count + 1);
+                    let rule = self.rule.clone();
+                    due.acts.push((id.to_owned(), rule, Arc::clone(&self.busy)));
+                }
+                Output::Stop => due.stopped.push(id.to_owned()),
+                Output::Wait(deadline) => return deadline,
+            }
+        }
+    }
+
+    /// When it is to be asked again.
+    fn wake(&self, now: Moment, deadline: Option<Deadline>) -> Option<Instant> {
+        let from_now = |time: Duration| Instant::now() + time;
+        let asked = deadline.map(|deadline| match deadline {
+            Deadline::Steady(due) => from_now(Duration::from_micros((due - now.steady).0)),
+            Deadline::Wall(due) => {
+                let left = u64::try_from(due - now.wall).unwrap_or_default();
+                from_now(Duration::from_millis(left).min(CLOCK_MAX))
+            }
+        });
+        let look = match self.engine.as_ref()?.phase() {
+            Phase::Holding(_) => self.good_until,
+            Phase::Resting if !self.is_known => Some(from_now(LOOK_AGAIN)),
+            _ => None,
+        };
+        [asked, look].into_iter().flatten().min()
+    }
+}
+
+impl RuleStatus {
+    fn of(
+        id: String,
+        rule: Rule,
+        is_tried: bool,
+        standing: Option<&mut Standing>,
+        now: Moment,
+    ) -> RuleStatus {
+        let mut status = RuleStatus {
+            id,
+            rule,
+            phase: None,
+            is_known: false,
+            left: None,
+            next: None,
+            last: None,
+            count: 0,
+            is_tried,
+        };
+        let Some(standing) = standing else {
+            return status;
+        };
+        (status.last, status.count) = (standing.last, standing.count);
+        status.is_known = standing.is_known;
+        if let Some(engine) = &standing.engine {
+            status.phase = Some(engine.phase());
+            match engine.deadline() {
+                Some(Deadline::Steady(due)) => {
+                    status.left = Some(Duration::from_micros((due - now.steady).0));
+                }
+                Some(Deadline::Wall(due)) => status.next = Some(due),
+                None => {}
+            }
+        }
+        status
+    }
+}
+
+fn fact_of(value: Value) -> Fact {
+    match value {
+        Value::Bool(is) => Fact::Is(is),
+        Value::Analog(value, _) => Fact::Value(value),
+        Value::Number(number) => Fact::Value(f64::from(number)),
+    }
+}
