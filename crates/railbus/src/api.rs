@@ -13,3 +13,4 @@ pub(crate) mod paths;
 pub(crate) mod problem;
 pub(crate) mod types;
 pub(crate) mod watching;
+pub(crate) mod webhooks;

@@ -35,6 +35,7 @@ mod stores;
 mod stream;
 mod tls;
 mod web;
+mod webhook;
 mod ws;
 
 use crate::api::failures::bad_config;
@@ -68,6 +69,7 @@ use tls::{Tls, Wish};
 use tokio::net::TcpListener;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
+use webhook::Hooks;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "serve";
@@ -324,6 +326,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
     let service = Service::start_in(source.config.clone(), &source.state);
     let service = service.map_err(|error| system(lang, error))?;
+    let events = service.follow_events();
     let stores = Stores::open(&service, &source.state);
 
     // Who hears that it serves may ask at once: every port was tried by then.
@@ -345,6 +348,9 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let origin = format!("{scheme}://{host}");
     announce(lang, &source, &access, &origin, tls.as_deref(), &socket);
     let desk = Arc::new(Desk::new(&source.file));
+    let name = routes::name_of(source.demo.is_some(), &source.file);
+    let hooks = Hooks::start(name, &source.state, service.clone(), events, desk.changes());
+    let hooks = hooks.map_err(|error| system(lang, error))?;
     let (stop, stopped) = watch::channel(false);
     let site = Site {
         service: service.clone(),
@@ -355,6 +361,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         sockets: ws::Room::new(),
         ops: Arc::new(ops::Ops::default()),
         desk: Arc::clone(&desk),
+        hooks: Arc::clone(&hooks),
         access: Arc::new(access),
         origin: origin.into(),
         is_tls: tls.is_some(),
@@ -404,6 +411,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     tokio::join!(room.emptied(), room_of_socket.emptied());
     service.close().await;
     stores.close(&service).await;
+    hooks.close().await;
     Ok(())
 }
 

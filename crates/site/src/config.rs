@@ -18,6 +18,7 @@ mod problem;
 mod read;
 mod rules;
 mod units;
+mod webhook;
 
 pub use control::{
     Confirm, Group, MEMBERS_MAX, Name, Policy, SAFETY_MAX, SCENE_MAX, Safety, Scene, Step,
@@ -31,6 +32,7 @@ pub use problem::{Kind, Problem};
 pub use read::place_of;
 pub use rules::{ACTIONS_MAX, Action, Clock, Limit, NOTICE_MAX, RULES_MAX, Rule, When};
 pub use units::{Range, parse_duration};
+pub use webhook::{URL_MAX, WEBHOOKS_MAX, Webhook};
 
 use crate::settings::Wanted;
 use railbus_bus::{EchoMode, Plan};
@@ -51,6 +53,8 @@ pub struct Config {
     pub scenes: BTreeMap<String, Scene>,
     /// What is done by itself, by the rule's name.
     pub rules: BTreeMap<String, Rule>,
+    /// Who is told of events over HTTP, by the webhook's name.
+    pub webhooks: BTreeMap<String, Webhook>,
     /// What is said of their simulation.
     pub plant: Plant,
     /// How much of the past is kept.

@@ -86,6 +86,14 @@ when = { module_offline = "pump" }
 for = "5m"
 then = [{ notify = "The pump does not answer" }]
 
+[webhook.alerts]
+url = "https://hooks.example.com:8443/railbus?x=1"
+events = ["alarm", "module"]
+severity = "warning"
+lines = ["main"]
+modules = ["oven"]
+enabled = false
+
 [history]
 keep = "90d"
 max_bytes = "2GB"
@@ -182,6 +190,7 @@ fn the_schema_has_the_choices_that_the_reader_has() {
     let module = format!("{line}[module.m]\nline = \"a\"\nmodel = \"erc8\"\naddress = 1\n");
     let point = format!("{module}[module.m.point]\n");
     let sim = format!("{module}[module.m.sim]\n");
+    let hook = "[webhook.h]\nurl = \"http://a\"\n";
     let module_sim = |key: &str| defs["module_sim"]["properties"][key].clone();
     let cases = [
         (format!("{line}baud = 1"), defs["baud"].clone()),
@@ -204,6 +213,14 @@ fn the_schema_has_the_choices_that_the_reader_has() {
             module_sim("init_sampled"),
         ),
         (format!("{sim}applies = \"?\""), module_sim("applies")),
+        (
+            format!("{hook}severity = \"?\""),
+            defs["webhook"]["properties"]["severity"].clone(),
+        ),
+        (
+            format!("{hook}events = [\"?\"]"),
+            defs["webhook"]["properties"]["events"]["items"].clone(),
+        ),
     ];
     for (text, told) in cases {
         let problems = Config::parse(&text).unwrap_err();
@@ -264,6 +281,9 @@ fn what_is_wrong_to_the_reader_is_wrong_to_the_schema() {
         ("high = 4.5, unit = \"m\", ", "high = 4.5, "),
         ("keep = \"90d\"", "keep = 90"),
         ("speed = 1.5", "speed = 0"),
+        ("https://hooks", "ftp://hooks"),
+        ("https://hooks", "https://me:secret@hooks"),
+        ("enabled = false", "enabled = \"no\""),
     ] {
         assert!(ALL.contains(right), "{right}");
         let text = ALL.replace(right, wrong);

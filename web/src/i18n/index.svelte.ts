@@ -11,6 +11,7 @@ import { points } from "./points";
 import { start } from "./start";
 import { system } from "./system";
 import { trends } from "./trends";
+import { webhooks } from "./webhooks";
 
 /** One text: English, Chinese. */
 export type Pair = readonly [string, string];
@@ -27,6 +28,7 @@ const all = {
   ...admin,
   ...system,
   ...api,
+  ...webhooks,
 };
 
 export type Key = keyof typeof all;

@@ -57,6 +57,20 @@ const CODES: Record<string, Key> = {
   stopped: "code_stopped",
   logged_in: "code_logged_in",
   login_refused: "code_login_refused",
+  logins_many: "code_logins_many",
+  logged_out: "code_logged_out",
+  password_changed: "code_password_changed",
+  session_ended: "code_session_ended",
+  user_added: "code_user_added",
+  user_changed: "code_user_changed",
+  user_removed: "code_user_removed",
+  token_created: "code_token_created",
+  token_revoked: "code_token_revoked",
+  config_changed: "code_config_changed",
+  webhook_secret_changed: "code_webhook_secret_changed",
+  webhook_secrets_lost: "code_webhook_secrets_lost",
+  webhook_fails: "code_webhook_fails",
+  webhook_works: "code_webhook_works",
 };
 
 const ENDS: Record<string, Key> = {
@@ -89,5 +103,6 @@ export function eventText(event: SiteEvent): string {
   if (event.kind === "write") return event.what ?? "";
   const key = event.code ? CODES[event.code] : undefined;
   const said = key ? t(key) : (event.what ?? event.code?.replaceAll("_", " ") ?? "");
-  return event.text && !(key && event.text === said) ? `${said}${said ? ": " : ""}${event.text}` : said;
+  const more = [key && event.what, event.text].filter((one) => one && one !== said).join(" ");
+  return more ? `${said}${said ? ": " : ""}${more}` : said;
 }

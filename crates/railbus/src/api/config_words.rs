@@ -53,6 +53,7 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
             format!("总线 \"{other}\" 已使用此端口"),
         ),
         Kind::NoSuchLine => fixed(["there is no such line", "没有此总线"]),
+        Kind::NoSuchModule => fixed(["there is no such module", "没有此模块"]),
         Kind::NoSuchPoint => fixed(["the module has no such point", "该模块没有此点"]),
         Kind::NoSuchSetting(known) => {
             let known = known.join(", ");
@@ -113,7 +114,10 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
             format!("the unit of the point is \"{unit}\""),
             format!("该点的单位是 \"{unit}\""),
         ),
-        Kind::NoSuchModule => fixed(["there is no such module", "没有此模块"]),
+        Kind::BadUrl => fixed([
+            "write http://HOST[:PORT]/… or https://…, without a name and a password",
+            "应写为 http://主机[:端口]/… 或 https://…，不含用户名和密码",
+        ]),
         Kind::NotAnInput => fixed([
             "this is no input; only inputs are moved from outside",
             "不是输入点；只能从外部改变输入",

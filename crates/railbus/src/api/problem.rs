@@ -193,10 +193,22 @@ pub(crate) mod codes {
         NO_SUCH_RULE = "E0853", 404, "there is no such rule";
         /// Also `name`.
         RULE_NOT_TRIED = "E0854", 409, "a rule is tried before it is armed";
+        /// Also `reason`.
+        HOOK_UNREACHED = "E0857", 502, "the receiver of the webhook can't be reached";
+        /// Also `reason`.
+        HOOK_TLS = "E0858", 502, "no trusted connection to the receiver of the webhook";
+        /// Also `reason`.
+        HOOK_SLOW = "E0859", 504, "the receiver of the webhook did not answer in time";
         /// Also `name`, `known`.
         NO_SUCH_GROUP = "E0860", 404, "there is no such group";
         /// Also `name`, `known`.
         NO_SUCH_SCENE = "E0861", 404, "there is no such scene";
+        /// Also `name`.
+        NO_SUCH_HOOK = "E0877", 404, "there is no such webhook";
+        /// Also `reason`: the status that came back.
+        HOOK_REFUSED = "E0878", 502, "the receiver of the webhook did not take the event";
+        /// Also `path`, `reason`.
+        HOOK_SECRET = "E0879", 500, "the secrets of webhooks can't be kept";
         /// Also `reason`.
         FORBIDDEN = "E0901", 403, "not from there";
         /// Nobody knows who asks.

@@ -14,7 +14,7 @@ mod user_routes;
 
 pub(crate) use gate::Access;
 pub(super) use gate::{Peer, identify};
-pub(super) use session_routes::ROUTES as SESSION_ROUTES;
+pub(super) use session_routes::{ROUTES as SESSION_ROUTES, read};
 pub(super) use user_routes::ROUTES as USER_ROUTES;
 
 use super::answer;

@@ -2,7 +2,7 @@
 //! points, which keep its comments.
 
 mod desk;
-mod edits;
+pub(super) mod edits;
 mod tables;
 
 use super::access::Need;
@@ -25,7 +25,7 @@ use railbus_site::Config;
 use railbus_site::config::keeper::{Generation, TEXT_MAX, etag};
 use serde::Deserialize;
 use serde_json::{Value, json};
-pub(super) use tables::ROUTES as TABLES;
+pub(super) use tables::{ROUTES as TABLES, keys};
 use utoipa::ToSchema;
 
 /// The longest body that brings a whole configuration: each of its bytes may be escaped.
@@ -223,7 +223,10 @@ async fn change_point(Path((module, label)): Path<(String, String)>, order: Orde
 }
 
 /// Changes the file for somebody, and says what came of it.
-async fn edit(order: &Order, change: impl FnOnce(&str) -> Result<String, Problem>) -> Answer {
+pub(super) async fn edit(
+    order: &Order,
+    change: impl FnOnce(&str) -> Result<String, Problem>,
+) -> Answer {
     let Order {
         site, who, headers, ..
     } = order;

@@ -2,6 +2,7 @@
 
 use super::answer;
 use super::routes::{Answer, Asked, Site};
+use super::webhook::HookFigures;
 use crate::api::ask;
 use crate::api::types::{ModuleInfo, ModuleState, PortState, Value};
 use axum::extract::State;
@@ -22,6 +23,7 @@ pub(super) async fn metrics(State(site): State<Site>, asked: Asked) -> Answer {
     registry.register_collector(Box::new(Scrape {
         counts: site.service.counts(),
         modules: ask::modules(&site.service),
+        hooks: site.hooks.figures(),
         points: asked.get("points").is_some_and(|value| value == "1"),
         service: site.service,
     }));
@@ -37,6 +39,7 @@ struct Scrape {
     service: Service,
     counts: BTreeMap<String, Counts>,
     modules: Vec<ModuleInfo>,
+    hooks: Vec<HookFigures>,
     points: bool,
 }
 
@@ -47,6 +50,7 @@ impl Collector for Scrape {
         self.frames(&mut to)?;
         self.lines(&mut to)?;
         self.up(&mut to)?;
+        self.webhooks(&mut to)?;
         if self.points {
             self.values(&mut to)?;
         }
@@ -151,6 +155,28 @@ impl Scrape {
             let labels = [("line", module.line.as_str()), ("module", &module.module)];
             let mut one = family.encode_family(&labels)?;
             one.encode_gauge(&i64::from(module.state == ModuleState::Online))?;
+        }
+        Ok(())
+    }
+
+    fn webhooks(&self, to: &mut DescriptorEncoder<'_>) -> Result<(), Error> {
+        let about = "Events for webhooks, by what became of them";
+        let name = "railbus_webhook_deliveries";
+        let mut family = to.encode_descriptor(name, about, None, MetricType::Counter)?;
+        for hook in &self.hooks {
+            for (result, count) in hook.results {
+                let labels = [("webhook", hook.name.as_str()), ("result", result)];
+                let mut one = family.encode_family(&labels)?;
+                one.encode_counter::<NoLabelSet, u64, u64>(&count, None)?;
+            }
+        }
+        let about = "Events that wait for a webhook";
+        let name = "railbus_webhook_queue";
+        let mut family = to.encode_descriptor(name, about, None, MetricType::Gauge)?;
+        for hook in &self.hooks {
+            let labels = [("webhook", hook.name.as_str())];
+            let mut one = family.encode_family(&labels)?;
+            one.encode_gauge(&i64::try_from(hook.queue).unwrap_or(i64::MAX))?;
         }
         Ok(())
     }

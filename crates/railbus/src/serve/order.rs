@@ -54,6 +54,12 @@ impl Order {
         body::parse(text).map_err(wrong)
     }
 
+    /// The same where the body holds a secret, which is never told: only the place is of what
+    /// is wrong with it.
+    pub(super) fn read_secret<T: DeserializeOwned>(&self) -> Result<T, Problem> {
+        super::access::read(&self.body)
+    }
+
     /// What the caller may switch.
     pub(super) fn rights(&self) -> Arc<[String]> {
         Arc::clone(&self.who.points)

@@ -9,7 +9,7 @@ use super::keys::Keys;
 use super::listen::ended;
 use super::{
     about, answer, capture, control, events, guard, happening, history, loan, metrics, openapi,
-    ops, points, ports, scans, spoken, web, ws,
+    ops, points, ports, scans, spoken, web, webhook, ws,
 };
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
@@ -21,6 +21,7 @@ use axum::routing::{MethodRouter, get};
 use axum::{Extension, Router};
 use railbus_site::Service;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 use tokio::sync::watch;
 
@@ -88,6 +89,7 @@ pub(super) const ALL: &[&[Route]] = &[
     happening::ROUTES,
     scans::ROUTES,
     ws::ROUTES,
+    webhook::ROUTES,
 ];
 
 /// What every handler needs.
@@ -106,6 +108,8 @@ pub(super) struct Site {
     pub(super) ops: Arc<ops::Ops>,
     /// The configuration's file, and who may change it when.
     pub(super) desk: Arc<Desk>,
+    /// Who is told of events.
+    pub(super) hooks: Arc<webhook::Hooks>,
     /// Who may what.
     pub(super) access: Arc<Access>,
     /// Where its pages are found: `http://127.0.0.1:7485`.
@@ -129,19 +133,20 @@ impl Site {
 
     /// What it is called: as the folder of its configuration.
     pub(super) fn name(&self) -> String {
-        if self.demo {
-            return "demo".to_owned();
-        }
-        let folder = self
-            .desk
-            .file()
-            .parent()
-            .and_then(|folder| folder.file_name());
-        folder.map_or_else(
-            || "railbus".to_owned(),
-            |name| name.to_string_lossy().into_owned(),
-        )
+        name_of(self.demo, self.desk.file())
     }
+}
+
+/// What a site is called whose configuration is this file.
+pub(super) fn name_of(is_demo: bool, file: &Path) -> String {
+    if is_demo {
+        return "demo".to_owned();
+    }
+    let folder = file.parent().and_then(Path::file_name);
+    folder.map_or_else(
+        || "railbus".to_owned(),
+        |name| name.to_string_lossy().into_owned(),
+    )
 }
 
 pub(super) type Answer = Response<Body>;

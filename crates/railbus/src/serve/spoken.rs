@@ -78,7 +78,7 @@ async fn in_words(lang: Lang, response: Response) -> Response {
 }
 
 /// A problem and what it says to people.
-fn told(lang: Lang, problem: Problem) -> Problem {
+pub(super) fn told(lang: Lang, problem: Problem) -> Problem {
     let failure = Failure::of_problem(lang, &problem);
     let mut help: Vec<&str> = failure.why().iter().map(String::as_str).collect();
     help.extend([

@@ -258,6 +258,7 @@ fn name_anew(root: &mut Item, kind: &str, old: &str, new: &str) {
         (_, Some(label)) if !label.contains(char::is_whitespace) => Some(format!("{new}.{label}")),
         _ => None,
     };
+    let same = |text: &str| (text == old).then(|| new.to_owned());
     let Some(tables) = root.as_table_like_mut() else {
         return;
     };
@@ -290,7 +291,16 @@ fn name_anew(root: &mut Item, kind: &str, old: &str, new: &str) {
                     let key = format!("{kind}_offline");
                     let lost = below(rule, "when").and_then(|when| below(when, &key));
                     if let Some(lost) = lost {
-                        each_text(lost, &|text| (text == old).then(|| new.to_owned()));
+                        each_text(lost, &same);
+                    }
+                }
+            }
+            (_, "webhook") => {
+                let key = if kind == "line" { "lines" } else { "modules" };
+                let hooks = item.as_table_like_mut().into_iter();
+                for (_, hook) in hooks.flat_map(|hooks| hooks.iter_mut()) {
+                    if let Some(names) = below(hook, key) {
+                        each_text(names, &same);
                     }
                 }
             }

@@ -192,7 +192,7 @@ impl<'t> Reader<'t> {
             return Some(());
         };
         let path = format!("{}.interlock", section.path);
-        for (span, other) in self.names(value, &path)? {
+        for (span, other) in self.members(value, &path)? {
             self.pending.push(Pending {
                 path: path.clone(),
                 span,
@@ -203,14 +203,19 @@ impl<'t> Reader<'t> {
         Some(())
     }
 
-    /// A list of names, each with its place.
-    fn names(&mut self, value: &Value<'t>, path: &str) -> Option<Vec<(Span<usize>, String)>> {
+    /// A list of names, each with its place; what such a list is called, and how long it may be.
+    pub(super) fn names(
+        &mut self,
+        value: &Value<'t>,
+        path: &str,
+        (kind, most): (&'static str, usize),
+    ) -> Option<Vec<(Span<usize>, String)>> {
         let Some(list) = value.get_ref().as_array() else {
-            self.problem(value.span(), path, Kind::WrongType("list of points"));
+            self.problem(value.span(), path, Kind::WrongType(kind));
             return None;
         };
-        if list.len() > MEMBERS_MAX {
-            self.problem(value.span(), path, Kind::TooMany(MEMBERS_MAX));
+        if list.len() > most {
+            self.problem(value.span(), path, Kind::TooMany(most));
             return None;
         }
         let mut names = Vec::with_capacity(list.len());
@@ -218,6 +223,11 @@ impl<'t> Reader<'t> {
             names.push((each.span(), self.string(each, path)?));
         }
         Some(names)
+    }
+
+    /// A list of points.
+    fn members(&mut self, value: &Value<'t>, path: &str) -> Option<Vec<(Span<usize>, String)>> {
+        self.names(value, path, ("list of points", MEMBERS_MAX))
     }
 
     /// Everything that names outputs of modules: to be read when these are known.
@@ -263,7 +273,7 @@ impl<'t> Reader<'t> {
     ) -> Option<Group> {
         self.check_keys(section, &GROUP_KEYS);
         let name = self.name(section)?;
-        let named = self.required(section, "members", Self::names)?;
+        let named = self.required(section, "members", Self::members)?;
         let path = format!("{}.members", section.path);
         let mut members = Vec::with_capacity(named.len());
         for (span, other) in named {

@@ -46,6 +46,8 @@ pub enum Kind {
     PortTaken(String),
     /// A line that is not there.
     NoSuchLine,
+    /// A module that is not there.
+    NoSuchModule,
     /// A point that the module does not have.
     NoSuchPoint,
     /// A point, named with its module, that is not there.
@@ -74,8 +76,6 @@ pub enum Kind {
     NeedsPerson,
     /// A unit that is not the one of the point.
     OtherUnit(String),
-    /// A module that is not there.
-    NoSuchModule,
     /// A point that is no input.
     NotAnInput,
     /// What the family says to the module.
@@ -86,6 +86,8 @@ pub enum Kind {
     NoSuchSetting(Vec<String>),
     /// A setting that can't be this; what it can be.
     BadSetting(String),
+    /// Not the address of a receiver of events.
+    BadUrl,
     /// Another module on the same line has the same address in the same protocol.
     AddressTaken(String),
 }
@@ -105,6 +107,7 @@ impl Kind {
             Kind::BadDuration => "E0818",
             Kind::BadRange => "E0819",
             Kind::NoSuchLine => "E0820",
+            Kind::NoSuchModule => "E0801",
             Kind::NoSuchPoint => "E0821",
             Kind::Setup(_) => "E0822",
             Kind::AddressTaken(_) => "E0823",
@@ -123,7 +126,7 @@ impl Kind {
             Kind::BadAction | Kind::BadText(_) => "E0872",
             Kind::NeedsPerson => "E0873",
             Kind::OtherUnit(_) => "E0874",
-            Kind::NoSuchModule => "E0875",
+            Kind::BadUrl => "E0876",
             Kind::NotAnInput => "E0893",
         }
     }

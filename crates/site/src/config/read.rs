@@ -14,8 +14,8 @@ use std::ops::Range as Span;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-pub(super) const ROOT_KEYS: [&str; 8] = [
-    "line", "module", "group", "scene", "rule", "sim", "history", "audit",
+pub(super) const ROOT_KEYS: [&str; 9] = [
+    "line", "module", "group", "scene", "rule", "webhook", "sim", "history", "audit",
 ];
 pub(super) const LINE_KEYS: [&str; 5] = ["port", "baud", "format", "echo", "sim"];
 pub(super) const MODULE_KEYS: [&str; 19] = [
@@ -189,7 +189,7 @@ impl<'t> Reader<'t> {
                     });
                 }
                 // Read when the lines are known, and these when the modules are.
-                "module" | "group" | "scene" | "rule" => {}
+                "module" | "group" | "scene" | "rule" | "webhook" => {}
                 "sim" => {
                     // What is wrong with it was told.
                     let _ = self.sim(value, &mut config.plant);
@@ -226,6 +226,7 @@ impl<'t> Reader<'t> {
             });
         }
         self.control(root, &mut config);
+        self.webhooks(root, &mut config);
         config
     }
 

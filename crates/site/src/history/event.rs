@@ -113,6 +113,9 @@ macro_rules! names {
         }
 
         impl $name {
+            /// All of them, in their order.
+            pub const ALL: &[$name] = &[$($name::$variant),*];
+
             /// The name in JSON.
             #[must_use]
             pub const fn name(self) -> &'static str {

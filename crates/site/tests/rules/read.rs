@@ -91,7 +91,7 @@ fn what_is_wrong_is_told_with_its_place() {
         ("E0815", 34)
     );
     assert_eq!(when("{ time = \"06:30\", is = true }"), ("E0871", 8));
-    assert_eq!(when("{ module_offline = \"open\" }"), ("E0875", 27));
+    assert_eq!(when("{ module_offline = \"open\" }"), ("E0801", 27));
     assert_eq!(when("{ line_offline = \"yard\" }"), ("E0820", 25));
     assert_eq!(when("{ line_ofline = \"main\" }"), ("E0812", 10));
     let held = "when = { time = \"06:30\" }\nfor = \"1s\"";

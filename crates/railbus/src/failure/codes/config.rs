@@ -267,6 +267,26 @@ codes! {
             "试运行后又作了更改 · railbus 已重新启动"],
         next: ["try it against the history, then arm it", "先用历史数据试运行，再启用"],
     }
+    HookUnreached = "E0857" {
+        title: ["the receiver of the webhook can't be reached", "无法连接 webhook 接收方"],
+        likely: ["a wrong address · the receiver does not run · no way through the network",
+            "地址有误 · 接收方未运行 · 网络不通"],
+        next: ["ask the address from this machine: curl -v URL", "在本机测试该地址：curl -v URL"],
+    }
+    HookTls = "E0858" {
+        title: ["no trusted connection to the receiver of the webhook",
+            "无法与 webhook 接收方建立可信连接"],
+        likely: ["its certificate is not signed by an authority that this machine trusts, or is for \
+            another name",
+            "其证书不是由本机信任的机构签发，或域名不符"],
+        next: ["add its authority to those of this machine, or set SSL_CERT_FILE",
+            "将其签发机构加入本机信任列表，或设置 SSL_CERT_FILE"],
+    }
+    HookSlow = "E0859" {
+        title: ["the receiver of the webhook did not answer in time", "webhook 接收方未及时应答"],
+        likely: ["the receiver works before it answers", "接收方先处理后应答"],
+        next: ["let the receiver answer first, and work then", "让接收方先应答，再处理"],
+    }
     NoGroup = "E0860" {
         title: ["there is no such group", "没有此分组"],
         likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
@@ -333,10 +353,27 @@ codes! {
         likely: ["the scale of the point was changed", "点的量程已更改"],
         next: ["write the limit in the unit of the point", "按点的单位填写限值"],
     }
-    RuleModule = "E0875" {
-        title: ["a rule is about a module that is not there", "规则所指的模块不存在"],
-        likely: ["a typing mistake · the module was taken out", "输入错误 · 模块已删除"],
-        next: ["railbus ls modules", "railbus ls modules"],
+    ConfigUrl = "E0876" {
+        title: ["the configuration has no address of a receiver there", "配置中的该项不是接收方地址"],
+        likely: ["another scheme than http or https · a name and a password in it",
+            "不是 http 或 https · 含有用户名和密码"],
+        next: ["write https://HOST/…; a secret is set apart", "写作 https://主机/…；密钥另行设置"],
+    }
+    NoHook = "E0877" {
+        title: ["there is no such webhook", "没有此 webhook"],
+        likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
+        next: ["look into the configuration", "查看配置文件"],
+    }
+    HookRefused = "E0878" {
+        title: ["the receiver of the webhook did not take the event", "webhook 接收方未接受事件"],
+        likely: ["a wrong path · another secret there · the receiver fails itself",
+            "路径有误 · 密钥不一致 · 接收方自身出错"],
+        next: ["look into the log of the receiver", "查看接收方的日志"],
+    }
+    HookSecret = "E0879" {
+        title: ["the secrets of webhooks can't be kept", "无法保存 webhook 密钥"],
+        likely: ["the disk is full · no right to the folder of the state", "磁盘已满 · 状态文件夹无写权限"],
+        next: ["make room, or mend the rights", "腾出空间或修正权限"],
     }
     ConfigFault = "E0890" {
         title: ["this is no fault to simulate", "不是可模拟的故障"],

@@ -114,7 +114,7 @@ struct SetupLink {
 }
 
 /// The body as one of these.
-pub(super) fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
+pub(in crate::serve) fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
     // What a parser met could be a secret, and so only where it met it is told.
     body::parse(body).map_err(|error| {
         let place = format!(

@@ -10,7 +10,7 @@ use railbus_site::config::keeper::{Generation, Keeper, etag};
 use railbus_site::{Config, Reloaded, Service};
 use std::io;
 use std::path::Path;
-use tokio::sync::{Mutex, MutexGuard};
+use tokio::sync::{Mutex, MutexGuard, watch};
 
 /// The desk of a daemon's configuration.
 #[derive(Debug)]
@@ -18,6 +18,8 @@ pub(in crate::serve) struct Desk {
     keeper: Keeper,
     /// Whose turn it is to change the file, or to bring it into force.
     turn: Mutex<()>,
+    /// Counts how often another one was brought into force.
+    changes: watch::Sender<u64>,
 }
 
 /// Who changes it, and what they have seen of it.
@@ -45,7 +47,13 @@ impl Desk {
         Desk {
             keeper: Keeper::new(file.to_owned(), &state),
             turn: Mutex::new(()),
+            changes: watch::Sender::new(0),
         }
+    }
+
+    /// Tells whenever another configuration is in force.
+    pub(in crate::serve) fn changes(&self) -> watch::Receiver<u64> {
+        self.changes.subscribe()
     }
 
     pub(in crate::serve) fn file(&self) -> &Path {
@@ -132,6 +140,8 @@ impl Desk {
         let name = self.file().display().to_string();
         let done = service.reload(text).await;
         let reloaded = done.map_err(|problems| bad_config(lang, &name, &problems))?;
+        self.changes
+            .send_modify(|count| *count = count.wrapping_add(1));
         let etag = etag(text);
         Ok(Changed { etag, reloaded })
     }

@@ -104,13 +104,17 @@ pub(super) fn remove_line(text: &str, line: &str, modules: bool) -> Result<Strin
     remove(&text, "line", line)
 }
 
-pub(super) fn remove(text: &str, kind: &'static str, name: &str) -> Result<String, Problem> {
+pub(in crate::serve) fn remove(
+    text: &str,
+    kind: &'static str,
+    name: &str,
+) -> Result<String, Problem> {
     must_be(text, kind, name)?;
     change::remove(text, &[kind, name]).map_err(|why| problem(kind, name, why))
 }
 
 /// A group or a scene as a whole.
-pub(super) fn put(
+pub(in crate::serve) fn put(
     text: &str,
     kind: &'static str,
     name: &str,
@@ -132,6 +136,7 @@ fn must_be(text: &str, kind: &'static str, name: &str) -> Result<(), Problem> {
         "line" => config.lines.contains_key(name),
         "group" => config.groups.contains_key(name),
         "scene" => config.scenes.contains_key(name),
+        "webhook" => config.webhooks.contains_key(name),
         _ => config.modules.contains_key(name),
     };
     match is_there {
@@ -217,6 +222,7 @@ fn problem(kind: &'static str, name: &str, why: Refused) -> Problem {
         Refused::NotThere => Problem::new(match kind {
             "line" => codes::NO_SUCH_LINE,
             "module" => codes::NO_SUCH_MODULE,
+            "webhook" => codes::NO_SUCH_HOOK,
             _ => codes::NO_SUCH_PAGE,
         }),
         Refused::Taken => return taken(kind, name),

@@ -100,7 +100,9 @@ async fn remove_scene(Path(scene): Path<String>, order: Order) -> Answer {
 }
 
 /// What a body says, as keys of the configuration.
-fn keys<T: Serialize + DeserializeOwned>(order: &Order) -> Result<edits::Keys, Problem> {
+pub(in crate::serve) fn keys<T: Serialize + DeserializeOwned>(
+    order: &Order,
+) -> Result<edits::Keys, Problem> {
     let said = serde_json::to_value(order.read::<T>()?);
     match said {
         Ok(Value::Object(keys)) => Ok(keys),

@@ -1,0 +1,129 @@
+// Who is told of events: a webhook is made, tested, told, mended and removed in the pages, with a
+// receiver of our own behind it.
+import assert from "node:assert/strict";
+import { createHmac } from "node:crypto";
+import { createServer } from "node:http";
+import { after, before, test } from "node:test";
+import { browse, faults, LOOKS, open, PATIENCE_MS, serve, setUp, words } from "./daemon.js";
+
+let daemon, browser, cookies, receiver;
+/** What came to the receiver, and what it answers. */
+const came = [];
+let status = 204;
+
+before(async () => {
+  daemon = await serve();
+  browser = await browse();
+  cookies = await setUp(browser, daemon);
+  receiver = createServer(async (request, response) => {
+    let body = "";
+    for await (const piece of request) body += piece;
+    came.push({ url: request.url, headers: request.headers, body, event: JSON.parse(body).event });
+    response.writeHead(status).end("ignored");
+  });
+  await new Promise((resolve) => receiver.listen(0, "127.0.0.1", resolve));
+});
+
+after(async () => {
+  await browser?.close();
+  await daemon?.stop();
+  receiver?.close();
+});
+
+async function until(what, found) {
+  const end = Date.now() + PATIENCE_MS;
+  for (;;) {
+    const it = found();
+    if (it) return it;
+    assert.ok(Date.now() < end, `${what}: it never came`);
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+}
+
+test("a webhook is made, tested, told of events, and its failures are seen", async () => {
+  const t = words("en");
+  const { context, page, wrong } = await open(browser, LOOKS.find(({ lang, width }) => lang === "en" && width === 1280));
+  await context.addCookies(cookies);
+  const press = (name) => page.getByRole("button", { name, exact: true }).click();
+  const { csrf } = await (await context.request.get(`${daemon.origin}/api/v1/session`)).json();
+  await page.goto(`${daemon.origin}/integrations`);
+  await page.getByText(t("webhooks_none")).waitFor();
+
+  await press(t("webhook_new"));
+  await page.getByLabel(t("webhook_name")).fill("alerts");
+  const address = `http://127.0.0.1:${receiver.address().port}/hook`;
+  await page.getByLabel(t("webhook_url"), { exact: true }).fill(address);
+  await page.getByLabel(t("kind_write"), { exact: true }).check();
+  await page.getByLabel(t("webhook_about"), { exact: true }).fill("pump");
+  await press(t("webhook_secret_make"));
+  const secret = await page.getByLabel(t("webhook_secret"), { exact: true }).inputValue();
+  assert.match(secret, /^[0-9a-f]{64}$/);
+  assert.deepEqual(await faults(page), []);
+  await press(t("save"));
+  const card = page.locator("article", { hasText: "alerts" });
+  await card.getByText(t("webhook_signed")).waitFor();
+
+  await card.getByRole("button", { name: t("webhook_test") }).click();
+  await page.getByText(/alerts took the test: HTTP 204, \d+ ms/).waitFor();
+  const tried = came.find(({ event }) => event.code === "webhook_test");
+  const { "x-railbus-timestamp": at, "x-railbus-signature": signed, "x-railbus-event": id } = tried.headers;
+  const wanted = createHmac("sha256", secret).update(`${at}.${tried.body}`).digest("hex");
+  assert.deepEqual([signed, id], [`sha256=${wanted}`, tried.event.id]);
+
+  const set = (path) =>
+    context.request.put(`${daemon.origin}/api/v1/points/${path}`, {
+      data: { value: true, confirm: true },
+      headers: { "X-CSRF-Token": csrf },
+    });
+  for (const path of ["oven/k1", "pump/do0"]) assert.equal((await set(path)).status(), 200);
+  const told = await until("the event of the pump", () => came.find(({ event }) => event.kind === "write"));
+  assert.equal(told.event.module, "pump");
+  assert.equal(JSON.parse(told.body).site, "demo");
+  await card.getByText(t("webhook_state_ok"), { exact: true }).waitFor();
+
+  status = 500;
+  await card.getByRole("button", { name: t("webhook_test") }).click();
+  await page.getByText(/E0878.*HTTP 500/).waitFor();
+  assert.equal((await set("pump/do1")).status(), 200);
+  await card.getByText(t("webhook_state_failing"), { exact: true }).waitFor();
+  await card.getByText(t("webhook_error")).waitFor();
+  assert.deepEqual([...wrong, ...(await faults(page))], []);
+  status = 200;
+  await card.getByText(t("webhook_state_ok"), { exact: true }).waitFor();
+  await until("the event again", () => came.filter(({ event }) => event.point === "pump.do1").length > 1);
+
+  const document = await page.content();
+  assert.ok(!document.includes(secret), "the secret is shown");
+  await card.getByRole("button", { name: t("remove") }).click();
+  await page.getByRole("dialog").getByRole("button", { name: t("remove"), exact: true }).click();
+  await page.getByText(t("webhooks_none")).waitFor();
+
+  await page.goto(`${daemon.origin}/events?kind=config`);
+  await page.getByText(`${t("code_config_changed")}: webhook.alerts`).first().waitFor();
+  assert.deepEqual([...wrong, ...(await faults(page))], []);
+  await context.close();
+});
+
+test("the page holds in every look", async () => {
+  const made = await browser.newContext();
+  await made.addCookies(cookies);
+  const { csrf } = await (await made.request.get(`${daemon.origin}/api/v1/session`)).json();
+  const put = await made.request.put(`${daemon.origin}/api/v1/webhooks/a_name_that_is_as_long_as_can_be`, {
+    data: { url: `https://hooks.example.com/${"x".repeat(120)}`, severity: "warning", lines: ["main"], enabled: false },
+    headers: { "X-CSRF-Token": csrf },
+  });
+  assert.equal(put.status(), 200, await put.text());
+  await made.close();
+  for (const look of LOOKS) {
+    const t = words(look.lang);
+    const { context, page, wrong } = await open(browser, look);
+    await context.addCookies(cookies);
+    await page.goto(`${daemon.origin}/integrations`);
+    await page.getByText(t("webhook_state_off"), { exact: true }).waitFor();
+    assert.deepEqual([...wrong, ...(await faults(page))], [], JSON.stringify(look));
+    await page.getByRole("button", { name: t("webhook_new"), exact: true }).click();
+    await page.getByLabel(t("webhook_name")).waitFor();
+    assert.deepEqual([...wrong, ...(await faults(page))], [], `${JSON.stringify(look)}: the form`);
+    await context.close();
+  }
+});
