@@ -120,6 +120,8 @@ pub enum Input<'a> {
     Init(bool),
     /// The DIP switch of a 0x55 board; 0 leaves the address to the EEPROM.
     Dip(u8),
+    /// Outputs that stay as they are whatever the module is told: bit n = output n.
+    Stuck(u32),
 }
 
 /// What the driver has to do.
@@ -225,6 +227,7 @@ impl Engine {
             Input::Analog(channel, value) => self.body.set_analog(channel, value),
             Input::Init(grounded) => self.body.init_pin = grounded,
             Input::Dip(dip) => self.body.dip = dip,
+            Input::Stuck(mask) => self.body.stuck = mask,
         }
     }
 

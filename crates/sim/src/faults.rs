@@ -73,6 +73,9 @@ pub struct Faults {
     pub lose_request: Chance,
     /// Of each reply: it is not sent, though the module believes so.
     pub lose_reply: Chance,
+    /// Of each reply: its last character is another, so that no protocol takes it for a good
+    /// one.
+    pub spoil: Chance,
     /// Of each reply: a 00 comes before it, as drivers make it that switch on slowly.
     pub glitch_before: Chance,
     /// Of each reply: an FF comes after it.
@@ -109,6 +112,7 @@ impl Faults {
         lose_character: Chance::NEVER,
         lose_request: Chance::NEVER,
         lose_reply: Chance::NEVER,
+        spoil: Chance::NEVER,
         glitch_before: Chance::NEVER,
         glitch_after: Chance::NEVER,
         late: Chance::NEVER,
@@ -151,6 +155,7 @@ impl Faults {
             lose_character: self.lose_character.either(line.lose_character),
             lose_request: self.lose_request.either(line.lose_request),
             lose_reply: self.lose_reply.either(line.lose_reply),
+            spoil: self.spoil.either(line.spoil),
             glitch_before: self.glitch_before.either(line.glitch_before),
             glitch_after: self.glitch_after.either(line.glitch_after),
             late: self.late.either(line.late),
@@ -179,6 +184,8 @@ pub struct Injected {
     pub lost_requests: u64,
     /// Replies that were not sent.
     pub lost_replies: u64,
+    /// Replies whose last character became another.
+    pub spoilt: u64,
     /// Characters added before or after a reply.
     pub glitches: u64,
     /// Replies that came late.
@@ -203,6 +210,7 @@ impl Injected {
             + self.lost_characters
             + self.lost_requests
             + self.lost_replies
+            + self.spoilt
             + self.glitches
             + self.late
             + self.again

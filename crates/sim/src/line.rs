@@ -286,6 +286,18 @@ impl Line {
         self.slots[module.0].powered && self.slots[module.0].lit
     }
 
+    /// Where the module's DIP switch stands; 0 leaves the address to the EEPROM.
+    #[must_use]
+    pub fn dip(&self, module: ModuleId) -> u8 {
+        self.slots[module.0].dip()
+    }
+
+    /// Whether the module's INIT* pin is grounded.
+    #[must_use]
+    pub fn init_grounded(&self, module: ModuleId) -> bool {
+        self.slots[module.0].init_grounded()
+    }
+
     /// What the module did so far.
     #[must_use]
     pub fn counts(&self, module: ModuleId) -> Counts {

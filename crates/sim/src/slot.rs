@@ -36,6 +36,9 @@ pub enum Act {
     FactoryReset,
     /// Makes the module send garbage for a time.
     Babble(Micros),
+    /// These outputs no longer do what the module is told, and no others: bit n = output n. They
+    /// stay as they are, but drop with the power.
+    Stuck(u32),
 }
 
 /// What is done to a module's power.
@@ -91,6 +94,7 @@ struct Panel {
     analogs: [i16; 2],
     init_grounded: bool,
     dip: u8,
+    stuck: u32,
 }
 
 impl Slot {
@@ -119,6 +123,7 @@ impl Slot {
                 analogs: [0; 2],
                 init_grounded: setup.protocol == Protocol::Lc02,
                 dip: 0,
+                stuck: 0,
             },
         })
     }
@@ -143,12 +148,24 @@ impl Slot {
             analogs: [first, second],
             init_grounded,
             dip,
+            stuck,
         } = self.panel;
         self.handle(at, Input::Levels(levels));
         self.handle(at, Input::Analog(0, first));
         self.handle(at, Input::Analog(1, second));
         self.handle(at, Input::Init(init_grounded));
         self.handle(at, Input::Dip(dip));
+        self.handle(at, Input::Stuck(stuck));
+    }
+
+    /// Where its DIP switch stands.
+    pub(crate) const fn dip(&self) -> u8 {
+        self.panel.dip
+    }
+
+    /// Whether its INIT* pin is grounded.
+    pub(crate) const fn init_grounded(&self) -> bool {
+        self.panel.init_grounded
     }
 
     /// The settings of the factory.
@@ -175,6 +192,10 @@ impl Slot {
             Act::Dip(dip) => {
                 panel.dip = dip;
                 Some(Input::Dip(dip))
+            }
+            Act::Stuck(mask) => {
+                panel.stuck = mask;
+                Some(Input::Stuck(mask))
             }
             Act::Power(_) | Act::Rewrite(_) | Act::FactoryReset | Act::Babble(_) => None,
         }

@@ -311,3 +311,36 @@ fn faults_of_the_line_are_those_of_every_module() {
     assert_eq!(bench.ask_hex(RELAY_2_ON), RELAY_2_ON);
     assert_eq!(bench.line.engine(oven).outputs(), 0b11);
 }
+
+#[test]
+fn a_spoilt_reply_is_no_good_one_and_the_next_one_is() {
+    let (mut bench, oven) = oven_with(Faults {
+        spoil: Chance::ALWAYS,
+        ..Faults::NONE
+    });
+    assert_eq!(bench.ask_hex(RELAY_ON), "01 05 00 3C FF 00 4C 26");
+    assert_eq!(
+        bench.line.engine(oven).outputs(),
+        1,
+        "it did what it was told"
+    );
+    assert_eq!(bench.line.injected().spoilt, 1);
+    bench.line.set_module_faults(oven, Faults::NONE);
+    assert_eq!(bench.ask_hex(RELAY_2_ON), RELAY_2_ON);
+}
+
+#[test]
+fn a_stuck_output_stays_as_it_is_though_the_module_says_yes() {
+    let (mut bench, oven) = oven_with(Faults::NONE);
+    bench.act(oven, Act::Stuck(0b01));
+    assert_eq!(bench.ask_hex(RELAY_ON), RELAY_ON);
+    assert_eq!(bench.ask_hex(RELAY_2_ON), RELAY_2_ON);
+    assert_eq!(bench.line.engine(oven).outputs(), 0b10);
+    // It is the relay that is stuck, and a new start of the module does not free it.
+    bench.act(oven, Act::Power(Power::Cycle));
+    assert_eq!(bench.ask_hex(RELAY_ON), RELAY_ON);
+    assert_eq!(bench.line.engine(oven).outputs(), 0);
+    bench.act(oven, Act::Stuck(0));
+    assert_eq!(bench.ask_hex(RELAY_ON), RELAY_ON);
+    assert_eq!(bench.line.engine(oven).outputs(), 0b01);
+}

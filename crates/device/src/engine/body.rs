@@ -15,6 +15,8 @@ pub(crate) struct Body {
     pub(crate) active: Eeprom,
     /// Bit n = output n is on.
     pub(crate) outputs: u32,
+    /// Bit n = output n stays as it is.
+    pub(crate) stuck: u32,
     /// Bit n = input n is high or open. An open input reads high
     /// [EDA9060A §1.5, EDA9050 §1.4].
     pub(crate) levels: u32,
@@ -50,6 +52,7 @@ impl Body {
             eeprom,
             active: eeprom,
             outputs: 0,
+            stuck: 0,
             levels: setup.input_mask(),
             analogs: [0; 2],
             variables: [0; 32],
@@ -126,7 +129,7 @@ impl Body {
     /// Brings outputs of the mask into these states; their timers are forgotten.
     pub(crate) fn switch(&mut self, mask: u32, on: u32) {
         let mask = mask & self.setup.output_mask();
-        self.outputs = self.outputs & !mask | on & mask;
+        self.drive(mask, on);
         for (index, timer) in self.timers.iter_mut().enumerate() {
             if mask >> index & 1 == 1 {
                 *timer = None;
@@ -152,20 +155,21 @@ impl Body {
     }
 
     pub(super) fn run_timers(&mut self, now: Instant) {
+        let (mut over, mut on) = (0, 0);
         for (index, timer) in self.timers.iter_mut().enumerate() {
-            if let Some(Timer { at, on }) = *timer
-                && at <= now
-            {
-                *timer = None;
-                let bit = 1 << index;
-                self.outputs = if on {
-                    self.outputs | bit
-                } else {
-                    self.outputs & !bit
-                };
+            if let Some(due) = timer.take_if(|timer| timer.at <= now) {
+                over |= 1 << index;
+                on |= u32::from(due.on) << index;
             }
         }
+        self.drive(over, on);
         emd2a2q::run_calibration(self, now);
+    }
+
+    /// Brings outputs into these states, but for those that are stuck.
+    const fn drive(&mut self, mask: u32, on: u32) {
+        let mask = mask & !self.stuck;
+        self.outputs = self.outputs & !mask | on & mask;
     }
 
     pub(super) fn timer_deadline(&self) -> Option<Instant> {

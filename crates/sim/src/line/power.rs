@@ -21,7 +21,7 @@ impl Line {
                 self.restart(module, at, factory);
             }
             Act::Babble(time) => self.babble_module(module, at, time),
-            Act::Levels(_) | Act::Analog(..) | Act::Init(_) | Act::Dip(_) => {
+            Act::Levels(_) | Act::Analog(..) | Act::Init(_) | Act::Dip(_) | Act::Stuck(_) => {
                 if let Some(input) = self.slots[module.0].touch(act) {
                     self.note_touch(module, at, act);
                     self.tell_if_powered(module, at, input);
@@ -149,6 +149,7 @@ impl Line {
             Act::Analog(_, value) => ("analog 2", u64::try_from(value).ok()),
             Act::Init(grounded) => ("init", Some(grounded.into())),
             Act::Dip(dip) => ("dip", Some(dip.into())),
+            Act::Stuck(mask) => ("stuck", Some(mask.into())),
             Act::Power(_) | Act::Rewrite(_) | Act::FactoryReset | Act::Babble(_) => return,
         };
         let who = Talker::Module(module);

@@ -41,8 +41,15 @@ impl Line {
     pub(super) fn reply(&mut self, module: ModuleId, at: Instant) {
         let slot = &self.slots[module.0];
         let (faults, settings) = (slot.faults, slot.engine.active().serial);
-        let reply = core::mem::take(&mut self.scratch);
+        let mut reply = core::mem::take(&mut self.scratch);
         let who = Talker::Module(module);
+        if self.random.happens(faults.spoil)
+            && let Some(last) = reply.last_mut()
+        {
+            *last ^= 0x10;
+            self.injected.spoilt += 1;
+            self.note(at, who, Direction::Fault, "spoilt", &[]);
+        }
         self.slots[module.0].sent_at = if self.random.happens(faults.lose_reply) {
             self.injected.lost_replies += 1;
             self.note(at, who, Direction::Fault, "lost reply", &reply);
