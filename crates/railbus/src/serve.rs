@@ -29,6 +29,7 @@ mod points;
 mod ports;
 mod routes;
 mod scans;
+mod sim;
 pub(crate) mod socket;
 mod spoken;
 mod stores;
@@ -46,6 +47,7 @@ use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::{Format, out, records};
 use crate::sim::background::Background;
+use crate::sim::remote::Remote;
 use crate::texts::Text;
 use access::Access;
 use clap::{ArgAction, ArgMatches, Command, value_parser};
@@ -230,7 +232,7 @@ struct Source {
 
 /// The demo line, and the folder of its site, which goes last.
 struct Demo {
-    _line: Background,
+    line: Background,
     _folder: OwnFolder,
 }
 
@@ -273,7 +275,7 @@ impl Source {
         let folder = OwnFolder::make().map_err(|error| system(lang, error))?;
         let line = Background::start(lang, folder.0.join("line"))?;
         let port = line.path().display().to_string();
-        let text = include_str!("serve/demo.toml").replace("PORT", &port);
+        let text = crate::sim::demo::text(&port);
         let file = folder.0.join(config_file::NAME);
         std::fs::write(&file, &text).map_err(|error| system(lang, error))?;
         let config = Config::parse(&text).map_err(|problems| {
@@ -282,7 +284,7 @@ impl Source {
         // Its own, whatever the state of real sites is said to be.
         let state = folder.0.join(".railbus");
         let demo = Demo {
-            _line: line,
+            line,
             _folder: folder,
         };
         Ok(Source {
@@ -291,6 +293,14 @@ impl Source {
             state,
             demo: Some(demo),
         })
+    }
+}
+
+impl Source {
+    /// The lines that are simulated here.
+    fn simulated(&self) -> Vec<Remote> {
+        let demo = self.demo.iter();
+        demo.map(|demo| demo.line.remote().clone()).collect()
     }
 }
 
@@ -356,6 +366,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         service: service.clone(),
         lang,
         demo: source.demo.is_some(),
+        simulated: source.simulated().into(),
         stop: stopped.clone(),
         keys: Arc::new(Keys::default()),
         sockets: ws::Room::new(),

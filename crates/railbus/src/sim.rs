@@ -4,13 +4,16 @@
 mod answers;
 pub(crate) mod background;
 mod ctl;
+pub(crate) mod demo;
 mod frames;
 mod keep;
 mod orders;
+mod panel;
 mod places;
 mod plant;
 mod prompt;
 mod pty;
+pub(crate) mod remote;
 mod serve;
 mod stage;
 mod standing;
@@ -24,10 +27,11 @@ use crate::render::Format;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use pty::Pty;
-use railbus_sim::demo;
+use railbus_sim::demo::modules;
 use railbus_wire::Settings;
 use serde_json::{Value, json};
-use serve::{Clock, Scene, Served, line_config};
+use serve::{Clock, Jobs, Served};
+use stage::Stage;
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -201,8 +205,8 @@ async fn serve_demo(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         frames::heading(lang, frames::WIDTH, wanted.json);
         frames::Frames::new(None, frames::WIDTH, wanted.json)
     });
-    let served = demo_line(wanted.seed, pty, Some(tcp), frames);
-    let served = served.map_err(|error| system(lang, error))?;
+    let (stage, _) = demo::stage(lang, wanted.seed, wanted.verbose)?;
+    let served = demo_line(stage, pty, Some(tcp), frames, None);
     serve::serve(Clock::new(1.0), served, stop.requested())
         .await
         .map_err(|error| system(lang, error))
@@ -210,20 +214,22 @@ async fn serve_demo(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
 
 /// The demo line, ready to be served.
 fn demo_line(
-    seed: u64,
+    stage: Stage,
     pty: Pty,
     tcp: Option<Tcp>,
     frames: Option<frames::Frames>,
-) -> std::io::Result<Served> {
-    Ok(Served {
-        scene: Scene::demo(line_config(seed, frames.is_some()))?,
-        serial: Settings::FACTORY,
+    jobs: Option<Jobs>,
+) -> Served {
+    Served {
+        serial: stage.serial(),
+        stage: Box::new(stage),
         pty: Some(pty),
+        unplugged: None,
         tcp,
         frames,
-        jobs: None,
+        jobs,
         keeper: None,
-    })
+    }
 }
 
 async fn listen(lang: Lang, address: SocketAddr, elsewhere: &str) -> Result<Tcp, Failure> {
@@ -244,8 +250,8 @@ fn system(lang: Lang, error: std::io::Error) -> Failure {
 /// the same.
 fn announce(lang: Lang, wanted: &Wanted, tcp: SocketAddr) {
     let text = if wanted.json {
-        let (pty, modules) = (Some(wanted.pty.as_path()), demo::modules().len());
-        let line = line_row("main", Settings::FACTORY, modules, pty, Some(tcp));
+        let (pty, modules) = (Some(wanted.pty.as_path()), modules().len());
+        let line = line_row(demo::LINE, Settings::FACTORY, modules, pty, Some(tcp));
         served_json(&[line], None)
     } else {
         told(lang, wanted, tcp)
@@ -265,7 +271,7 @@ fn told(lang: Lang, wanted: &Wanted, tcp: SocketAddr) -> String {
         lang.get(SimText::Modules),
         lang.get(SimText::Columns),
     );
-    for (name, setup) in demo::modules() {
+    for (name, setup) in modules() {
         let model = setup.family.to_string();
         let address = setup.address.to_string();
         text += &format!("  {name:<7} {model:<12} {address:<9} {}\n", setup.protocol);

@@ -23,11 +23,13 @@ mod webhook;
 pub use control::{
     Confirm, Group, MEMBERS_MAX, Name, Policy, SAFETY_MAX, SCENE_MAX, Safety, Scene, Step,
 };
-pub use faults::{FAULTS, Fault, FaultError, FaultOrder, Millionths, Noise, parse_faults};
+pub use faults::{
+    FAULTS, Fault, FaultError, FaultOrder, FaultsOf, Millionths, Noise, parse_faults,
+};
 pub use keys::{SCHEMA, TABLES};
 pub use lint::{Unwise, Warning, lint, load_percent, wire_time};
 pub use past::Past;
-pub use plant::{Plant, Signal, SimLine, SimModule};
+pub use plant::{Blink, Plant, Signal, SimLine, SimModule, Swing};
 pub use problem::{Kind, Problem};
 pub use read::place_of;
 pub use rules::{ACTIONS_MAX, Action, Clock, Limit, NOTICE_MAX, RULES_MAX, Rule, When};

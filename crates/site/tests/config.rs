@@ -1,7 +1,7 @@
 //! What is wrong with a configuration is told all at once, each with its place.
 
 use railbus_site::Config;
-use railbus_site::config::{Confirm, Kind, Place, Policy, Signal, Step};
+use railbus_site::config::{Confirm, Kind, Place, Policy, Signal, Step, Swing};
 use railbus_wire::Micros;
 
 const GOOD: &str = r#"
@@ -242,7 +242,12 @@ fn what_is_said_of_the_simulation_is_read() {
     ];
     assert_eq!(gate_inputs, expected);
     let tank_inputs: Vec<Signal> = plant.modules["tank"].inputs.values().copied().collect();
-    let swing = Signal::Swing(120, 880, Micros::from_secs(240));
+    let swing = Signal::Swing(Swing {
+        from: 120,
+        to: 880,
+        every: Micros::from_secs(240),
+        soft: false,
+    });
     assert_eq!(tank_inputs, [Signal::Value(871), swing]);
 }
 

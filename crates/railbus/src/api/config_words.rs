@@ -151,6 +151,10 @@ pub(crate) fn fault(lang: Lang, why: &FaultError) -> String {
             format!("\"{name}\" is a fault of modules, not of lines"),
             format!("\"{name}\" 是模块的故障，不能用于总线"),
         ],
+        FaultError::Uncounted(name) => [
+            format!("\"{name}\" can't be over after so many replies; say how long"),
+            format!("\"{name}\" 不能按应答次数结束，请写持续时间"),
+        ],
         FaultError::TooMany(most) => [
             format!("more than {most} faults"),
             format!("故障多于 {most} 个"),

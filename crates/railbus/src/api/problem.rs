@@ -121,6 +121,8 @@ pub(crate) mod codes {
         TOO_MUCH_ASKED = "E0174", 422, "that is too much for one answer";
         /// Also `line`, `op`: the one that runs.
         SCAN_RUNS = "E0210", 409, "a scan of this line runs already";
+        /// Also `reason`.
+        SIM_ORDER = "E0290", 422, "the simulator does not understand this";
         /// Also `module`, `line`, `address`, `protocol`, `model`, `attempts`, `rx_bytes`, `baud`,
         /// `format`.
         NO_REPLY = "E0301", 504, "the module did not answer";
@@ -203,6 +205,10 @@ pub(crate) mod codes {
         NO_SUCH_GROUP = "E0860", 404, "there is no such group";
         /// Also `name`, `known`.
         NO_SUCH_SCENE = "E0861", 404, "there is no such scene";
+        /// Also `name`.
+        NOT_SIMULATED = "E0862", 404, "this line is not simulated here";
+        /// Also `name`.
+        NO_SIM_MODULE = "E0863", 404, "there is no such module on the simulated line";
         /// Also `name`.
         NO_SUCH_HOOK = "E0877", 404, "there is no such webhook";
         /// Also `reason`: the status that came back.

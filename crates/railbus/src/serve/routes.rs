@@ -9,10 +9,11 @@ use super::keys::Keys;
 use super::listen::ended;
 use super::{
     about, answer, capture, control, events, guard, happening, history, loan, metrics, openapi,
-    ops, points, ports, scans, spoken, web, webhook, ws,
+    ops, points, ports, scans, sim, spoken, web, webhook, ws,
 };
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
+use crate::sim::remote::Remote;
 use axum::body::Body;
 use axum::extract::{DefaultBodyLimit, Query};
 use axum::http::{Response, StatusCode};
@@ -88,6 +89,7 @@ pub(super) const ALL: &[&[Route]] = &[
     capture::ROUTES,
     happening::ROUTES,
     scans::ROUTES,
+    sim::ROUTES,
     ws::ROUTES,
     webhook::ROUTES,
 ];
@@ -100,6 +102,8 @@ pub(super) struct Site {
     pub(super) lang: Lang,
     /// Nothing is real.
     pub(super) demo: bool,
+    /// The lines that are simulated here, and take orders.
+    pub(super) simulated: Arc<[Remote]>,
     /// Streams end when the daemon does.
     pub(super) stop: watch::Receiver<bool>,
     pub(super) keys: Arc<Keys>,

@@ -7,6 +7,7 @@
 
 mod frames;
 mod news;
+mod sim;
 mod topic;
 
 use super::access::{Caller, Need};

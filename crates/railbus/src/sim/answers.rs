@@ -2,7 +2,7 @@
 
 use super::orders::{LineOrder, path};
 use super::stage::{Deed, Part, Stage, Whose};
-use super::standing::Standing;
+use super::standing::Told;
 use super::texts::SimText;
 use crate::i18n::Lang;
 use crate::render::time;
@@ -33,10 +33,16 @@ pub(super) fn perform(
             stage.clear_faults(now, whose);
             vec![standing(lang, stage, whose, now)]
         }
+        LineOrder::ClearSome(whose, words) => {
+            stage.clear_some(now, whose, &words);
+            vec![standing(lang, stage, whose, now)]
+        }
         LineOrder::ClearAll => {
             stage.clear_all(now);
             Vec::new()
         }
+        // What hangs on the line does not feel it.
+        LineOrder::Plug(_) => Vec::new(),
         LineOrder::Show(index) => vec![show(lang, stage, index, now)],
         LineOrder::ShowAll => {
             let parts = 0..stage.parts().len();
@@ -58,12 +64,12 @@ fn done(lang: Lang, part: &Part, deed: Deed) -> String {
         Deed::Input(point, signal) => {
             let path = path(name, &part.setup, point);
             match signal {
-                Signal::Value(hundredths) => format!("{path} = {}", decimal(hundredths)),
-                Signal::Level(high) => {
+                Some(Signal::Value(hundredths)) => format!("{path} = {}", decimal(hundredths)),
+                Some(Signal::Level(high)) => {
                     let level = if high { SimText::High } else { SimText::Low };
                     format!("{path} = {}", lang.get(level))
                 }
-                Signal::Toggle(_) | Signal::Swing(..) => path,
+                _ => format!("{path} = auto"),
             }
         }
         Deed::Power(Power::On) => with(SimText::PowerIs, &state(true)),
@@ -84,30 +90,31 @@ fn done(lang: Lang, part: &Part, deed: Deed) -> String {
 }
 
 fn standing(lang: Lang, stage: &Stage, whose: Whose, now: Instant) -> String {
-    let (name, standing) = match whose {
-        Whose::Line => {
-            let name = lang.fill(SimText::LineNamed, &[("name", &stage.name())]);
-            (name, stage.faults())
-        }
-        Whose::Module(index) => {
-            let part = &stage.parts()[index];
-            (part.name.clone(), &part.faults)
-        }
+    let name = match whose {
+        Whose::Line => lang.fill(SimText::LineNamed, &[("name", &stage.name())]),
+        Whose::Module(index) => stage.parts()[index].name.clone(),
     };
-    let faults = faults(lang, standing, now);
+    let faults = faults(lang, stage, whose, now);
     lang.fill(SimText::FaultsOf, &[("name", &name), ("faults", &faults)])
 }
 
-fn faults(lang: Lang, standing: &Standing, now: Instant) -> String {
-    let words: Vec<String> = standing
-        .words(now)
-        .map(|(words, left)| match left {
-            None => words.to_owned(),
-            Some(left) => {
-                let left = time::duration(lang, left.0.div_ceil(1_000));
-                lang.fill(SimText::Left, &[("words", &words), ("left", &left)])
-            }
-        })
+fn faults(lang: Lang, stage: &Stage, whose: Whose, now: Instant) -> String {
+    let words: Vec<String> = stage
+        .faults_of(whose)
+        .told(now, stage.replies(whose))
+        .map(
+            |Told {
+                 words,
+                 left,
+                 times_left,
+             }| {
+                let left = left.map(|left| time::duration(lang, left.0.div_ceil(1_000)));
+                match left.or(times_left.map(|times| format!("{times}x"))) {
+                    None => words.to_owned(),
+                    Some(left) => lang.fill(SimText::Left, &[("words", &words), ("left", &left)]),
+                }
+            },
+        )
         .collect();
     if words.is_empty() {
         return lang.get(SimText::None).to_owned();
@@ -118,7 +125,7 @@ fn faults(lang: Lang, standing: &Standing, now: Instant) -> String {
 /// All of a line: settings, what went wrong so far, faults.
 fn show_line(lang: Lang, stage: &Stage, now: Instant) -> String {
     let line = stage.line();
-    let faults = faults(lang, stage.faults(), now);
+    let faults = faults(lang, stage, Whose::Line, now);
     let name = lang.fill(SimText::LineNamed, &[("name", &stage.name())]);
     lang.fill(
         SimText::ShowLine,
@@ -176,7 +183,10 @@ fn show(lang: Lang, stage: &Stage, index: usize, now: Instant) -> String {
     say(SimText::ShowReplies, &counts.replies);
     say(SimText::ShowSaves, &counts.saves);
     say(SimText::ShowRestarts, &counts.restarts);
-    say(SimText::ShowFaults, &faults(lang, &part.faults, now));
+    say(
+        SimText::ShowFaults,
+        &faults(lang, stage, Whose::Module(index), now),
+    );
     parts.join("; ")
 }
 

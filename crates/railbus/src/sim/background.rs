@@ -1,8 +1,11 @@
 //! The demo line beside another command of the same process, on a thread of its own: its bytes
 //! keep their pace whatever the command does.
 
+use super::demo;
 use super::pty::Pty;
-use super::serve::{self, Clock};
+use super::remote::Remote;
+use super::serve::{self, Clock, Jobs};
+use super::stage::Stage;
 use super::{demo_line, system};
 use crate::failure::Failure;
 use crate::i18n::Lang;
@@ -15,6 +18,7 @@ use tokio::sync::oneshot;
 #[derive(Debug)]
 pub(crate) struct Background {
     path: PathBuf,
+    remote: Remote,
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -25,13 +29,16 @@ impl Background {
         let (stop, stopped) = oneshot::channel();
         let (ready, begun) = mpsc::channel();
         let link = path.clone();
+        let (stage, directory) = demo::stage(lang, 0, false)?;
+        let (remote, jobs) = Remote::new(lang, demo::LINE, directory);
         let thread = std::thread::Builder::new()
             .name("demo-line".to_owned())
-            .spawn(move || run(lang, &link, stopped, &ready))
+            .spawn(move || run(lang, &link, (stage, jobs), stopped, &ready))
             .map_err(|error| system(lang, error))?;
         match begun.recv() {
             Ok(Ok(())) => Ok(Background {
                 path,
+                remote,
                 stop: Some(stop),
                 thread: Some(thread),
             }),
@@ -43,6 +50,11 @@ impl Background {
     /// Where its PTY is.
     pub(crate) fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// What gives it orders.
+    pub(crate) const fn remote(&self) -> &Remote {
+        &self.remote
     }
 }
 
@@ -60,13 +72,14 @@ impl Drop for Background {
 fn run(
     lang: Lang,
     path: &Path,
+    (stage, jobs): (Stage, Jobs),
     stopped: oneshot::Receiver<()>,
     ready: &mpsc::Sender<Result<(), Failure>>,
 ) {
     let begin = async {
         let pty = Pty::open(path)
             .map_err(|error| error.into_failure(lang, path, "railbus serve --demo"))?;
-        let line = demo_line(0, pty, None, None).map_err(|error| system(lang, error))?;
+        let line = demo_line(stage, pty, None, None, Some(jobs));
         // Fails where nobody waits any more; then the line ends at once.
         let _ = ready.send(Ok(()));
         let stop = async {

@@ -9,7 +9,7 @@ use crate::i18n::Lang;
 use railbus_device::{Point, PointKind, Setup};
 use railbus_sim::Power;
 use railbus_site::Config;
-use railbus_site::config::{FaultOrder, Signal, parse_faults};
+use railbus_site::config::{FaultOrder, FaultsOf, Range, Signal, parse_faults};
 use std::collections::BTreeMap;
 
 /// Something to do or to tell.
@@ -29,7 +29,11 @@ pub(super) enum LineOrder {
     Do(usize, Deed),
     Faults(Whose, Vec<FaultOrder>),
     Clear(Whose),
+    /// Only those of these words, or of this name.
+    ClearSome(Whose, String),
     ClearAll,
+    /// Pulls the adapter out, or puts it back.
+    Plug(bool),
     Show(usize),
     ShowAll,
 }
@@ -48,7 +52,7 @@ struct Known {
     line: usize,
     part: usize,
     setup: Setup,
-    unit: String,
+    range: Range,
 }
 
 impl Directory {
@@ -63,7 +67,7 @@ impl Directory {
                     line,
                     part,
                     setup: module.setup,
-                    unit: module.range.unit.clone(),
+                    range: module.range.clone(),
                 };
                 modules.insert(name.clone(), known);
             }
@@ -74,6 +78,24 @@ impl Directory {
     /// The names of all modules.
     pub(super) fn modules(&self) -> impl Iterator<Item = &str> {
         self.modules.keys().map(String::as_str)
+    }
+
+    /// What the analog inputs of a module measure.
+    pub(super) fn range(&self, module: &str) -> Option<&Range> {
+        self.modules.get(module).map(|known| &known.range)
+    }
+
+    /// Reads a list of faults.
+    pub(super) fn faults(
+        &self,
+        lang: Lang,
+        of: FaultsOf<'_>,
+        text: &str,
+    ) -> Result<Vec<FaultOrder>, Failure> {
+        parse_faults(text, of).map_err(|why| {
+            Failure::new(Code::SimOrder, config_words::fault(lang, &why))
+                .with_try("railbus sim --help")
+        })
     }
 
     /// Reads one order.
@@ -176,10 +198,15 @@ impl Reader<'_> {
         if faults == "clear" {
             return Ok(Order::Line(line, LineOrder::Clear(whose)));
         }
-        let orders = parse_faults(faults, whose == Whose::Line).map_err(|why| {
-            Failure::new(Code::SimOrder, config_words::fault(self.lang, &why))
-                .with_try("railbus sim --help")
-        })?;
+        if let Some(words) = faults.strip_prefix("clear ") {
+            let words = words.trim().to_owned();
+            return Ok(Order::Line(line, LineOrder::ClearSome(whose, words)));
+        }
+        let of = match (whose, self.directory.modules.get(split(text).0)) {
+            (Whose::Module(_), Some(known)) => FaultsOf::Module(&known.setup),
+            _ => FaultsOf::Line,
+        };
+        let orders = self.directory.faults(self.lang, of, faults)?;
         Ok(Order::Line(line, LineOrder::Faults(whose, orders)))
     }
 
@@ -213,10 +240,13 @@ impl Reader<'_> {
         let point = point.filter(|p| matches!(p.kind, PointKind::Input | PointKind::Analog));
         let point = point.ok_or_else(|| self.wrong(SimText::NoInput, &[("path", &path)]))?;
         let signal = match point.kind {
-            PointKind::Analog => analog(value, &known.unit).map(Signal::Value),
-            _ => switch(value).map(Signal::Level),
+            _ if value == "auto" => Some(None),
+            PointKind::Analog => {
+                analog(value, &known.range.unit).map(|value| Some(Signal::Value(value)))
+            }
+            _ => switch(value).map(|level| Some(Signal::Level(level))),
         };
-        let unit = &known.unit;
+        let unit = &known.range.unit;
         let signal = signal.ok_or_else(|| match point.kind {
             PointKind::Analog => self.form(&format!("{path} = 8.71 {unit}")),
             _ => self.form(&format!("{path} = 1")),
@@ -380,7 +410,7 @@ mod tests {
     fn values_of_inputs_are_read() {
         let one = directory(&["main"]);
         let signal = |text: &str| match one.read(Lang::En, text) {
-            Ok(Order::Line(_, LineOrder::Do(_, Deed::Input(_, signal)))) => signal,
+            Ok(Order::Line(_, LineOrder::Do(_, Deed::Input(_, Some(signal))))) => signal,
             other => panic!("{text}: {other:?}"),
         };
         for text in ["pump.di1 = 1", "pump.di1=high", " pump.di1 = on "] {

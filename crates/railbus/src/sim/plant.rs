@@ -5,7 +5,7 @@ use super::orders::{Directory, Order};
 use super::places::{Place, places};
 use super::prompt::{self, Prompt, Typed};
 use super::pty::Pty;
-use super::serve::{self, Clock, Job, Jobs, Scene, Served, Stop, line_config};
+use super::serve::{self, Clock, Job, Jobs, Served, Stop, line_config};
 use super::stage::{Stage, Whose};
 use super::tcp::Tcp;
 use super::texts::SimText;
@@ -63,12 +63,17 @@ pub(super) async fn run(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let served = open(lang, &directory, stages, places, store, wanted).await?;
     announce(lang, wanted, &directory, &config, &served, control.as_ref());
 
+    let directory = Arc::new(directory);
     let clock = Clock::new(wanted.speed.or(config.plant.speed).unwrap_or(1.0));
     let mut tasks = JoinSet::new();
     let mut lines = Vec::new();
     for (mut served, _) in served {
         let (sender, receiver) = mpsc::channel::<Job>(JOBS_MAX);
-        served.jobs = Some(Jobs { lang, receiver });
+        served.jobs = Some(Jobs {
+            lang,
+            directory: Arc::clone(&directory),
+            receiver,
+        });
         lines.push(sender);
         tasks.spawn(serve::serve(clock, served, std::future::pending()));
     }
@@ -182,8 +187,9 @@ async fn open(
         let pty = place.pty.as_deref().map(|path| open_pty(lang, name, path));
         let served = Served {
             serial: stage.serial(),
-            scene: Scene::Stage(Box::new(stage)),
+            stage: Box::new(stage),
             pty: pty.transpose()?,
+            unplugged: None,
             tcp,
             frames: wanted
                 .verbose

@@ -25,7 +25,7 @@ const PROMPT: &str = "sim> ";
 #[derive(Debug)]
 pub(super) struct Prompt {
     pub(super) lang: Lang,
-    pub(super) directory: Directory,
+    pub(super) directory: Arc<Directory>,
     pub(super) lines: Vec<mpsc::Sender<Job>>,
     pub(super) quit: Notify,
 }
@@ -68,7 +68,9 @@ impl Prompt {
         let gone = || Failure::new(Code::SimOrder, self.lang.get(SimText::Gone).to_owned());
         let (sender, receiver) = oneshot::channel();
         let line = self.lines.get(line).ok_or_else(gone)?;
-        line.send((order, sender)).await.map_err(|_| gone())?;
+        line.send(Job::Tell(order, sender))
+            .await
+            .map_err(|_| gone())?;
         receiver.await.map_err(|_| gone())
     }
 }

@@ -61,7 +61,7 @@ pub(super) struct Pty {
     /// Tells when clients open and close the slave.
     watch: AsyncFd<OwnedFd>,
     clients: usize,
-    _link: Link,
+    link: Link,
 }
 
 impl Pty {
@@ -74,8 +74,13 @@ impl Pty {
             slave,
             watch: readable(watch).map_err(no_pty)?,
             clients: 0,
-            _link: Link::make(path, name)?,
+            link: Link::make(path, name)?,
         })
+    }
+
+    /// Where the link to it lies.
+    pub(super) fn path(&self) -> &Path {
+        &self.link.path
     }
 
     /// Waits for a client: how many bytes it sent, and how its port is set.

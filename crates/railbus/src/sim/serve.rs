@@ -3,16 +3,19 @@
 use super::answers;
 use super::frames::Frames;
 use super::keep::Keeper;
-use super::orders::LineOrder;
+use super::orders::{Directory, LineOrder};
+use super::panel;
 use super::pty::Pty;
 use super::stage::Stage;
 use super::tcp::Tcp;
+use crate::api::sim_types::SimLineInfo;
 use crate::i18n::Lang;
-use railbus_sim::demo::Demo;
-use railbus_sim::{Chunks, Input, Line, LineConfig, Output};
+use railbus_sim::{Chunks, Input, LineConfig, Output};
 use railbus_wire::{Instant, Micros, Settings};
 use std::io;
+use std::path::PathBuf;
 use std::pin::pin;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{mpsc, oneshot};
@@ -85,58 +88,6 @@ impl Stop {
     }
 }
 
-/// The line that is served.
-pub(super) enum Scene {
-    Demo(Box<Demo>),
-    Stage(Box<Stage>),
-}
-
-impl Scene {
-    /// The demo line.
-    pub(super) fn demo(config: LineConfig) -> io::Result<Scene> {
-        let demo = Demo::new(Instant(0), config).map_err(io::Error::other)?;
-        Ok(Scene::Demo(Box::new(demo)))
-    }
-
-    fn handle(&mut self, now: Instant, input: Input<'_>) {
-        match self {
-            Scene::Demo(demo) => demo.handle(now, input),
-            Scene::Stage(stage) => stage.handle(now, input),
-        }
-    }
-
-    fn poll(&mut self) -> Output<'_> {
-        match self {
-            Scene::Demo(demo) => demo.poll(),
-            Scene::Stage(stage) => stage.poll(),
-        }
-    }
-
-    fn line(&self) -> &Line {
-        match self {
-            Scene::Demo(demo) => demo.line(),
-            Scene::Stage(stage) => stage.line(),
-        }
-    }
-
-    fn line_mut(&mut self) -> &mut Line {
-        match self {
-            Scene::Demo(demo) => demo.line_mut(),
-            Scene::Stage(stage) => stage.line_mut(),
-        }
-    }
-
-    /// How the master is set that sends these characters at this speed over a PTY, which keeps
-    /// no parity: as the module that they are for, or else as the line.
-    fn settings(&self, bytes: &[u8], of_port: Settings) -> Settings {
-        let line = self.line();
-        let modules = line.addressed(bytes);
-        let mut serials = modules.map(|module| line.engine(module).active().serial);
-        let fitting = serials.find(|serial| serial.baud == of_port.baud);
-        fitting.unwrap_or(of_port)
-    }
-}
-
 /// What lines are made of in real time.
 pub(super) fn line_config(seed: u64, traced: bool) -> LineConfig {
     LineConfig {
@@ -149,20 +100,35 @@ pub(super) fn line_config(seed: u64, traced: bool) -> LineConfig {
 }
 
 /// Something to be done on a line, and who waits for the answer.
-pub(super) type Job = (LineOrder, oneshot::Sender<Vec<String>>);
+#[derive(Debug)]
+pub(super) enum Job {
+    /// To be answered in words.
+    Tell(LineOrder, oneshot::Sender<Vec<String>>),
+    /// To be answered by how the line is then.
+    Show(Vec<LineOrder>, oneshot::Sender<SimLineInfo>),
+}
+
+/// A job that is done, and its answer.
+enum Done {
+    Tell(Vec<String>, oneshot::Sender<Vec<String>>),
+    Show(oneshot::Sender<SimLineInfo>),
+}
 
 /// Where jobs come from.
 pub(super) struct Jobs {
     pub(super) lang: Lang,
+    pub(super) directory: Arc<Directory>,
     pub(super) receiver: mpsc::Receiver<Job>,
 }
 
 /// A line and all that leads to it.
 pub(super) struct Served {
-    pub(super) scene: Scene,
+    pub(super) stage: Box<Stage>,
     /// What masters are set to that can't say it, and the parity of those that say only a speed.
     pub(super) serial: Settings,
     pub(super) pty: Option<Pty>,
+    /// Where the PTY lay that is pulled out.
+    pub(super) unplugged: Option<PathBuf>,
     pub(super) tcp: Option<Tcp>,
     pub(super) frames: Option<Frames>,
     pub(super) jobs: Option<Jobs>,
@@ -178,30 +144,25 @@ pub(super) async fn serve(
     let mut stop = pin!(stop);
     let mut buffer = [0; 512];
     let mut settings = served.serial;
-    let mut answer = None;
+    let mut done = None;
     loop {
         let deadline = served.drain()?;
         if deadline == BEHIND {
             tokio::task::yield_now().await;
         }
-        if let Some((sender, lines)) = answer.take() {
-            let sender: oneshot::Sender<Vec<String>> = sender;
-            // Whoever asked may have gone.
-            let _ = sender.send(lines);
+        if let Some(done) = done.take() {
+            served.answer(clock.now(), done);
         }
-        let free_at = served.scene.line().host_free_at();
+        let free_at = served.stage.line().host_free_at();
         let has_room = free_at.since(clock.now()) < BACKLOG;
         let is_idle = free_at <= clock.now();
         tokio::select! {
             () = &mut stop => return Ok(()),
             () = sleep_until(clock.when(deadline)) => {
-                served.scene.handle(clock.now(), Input::Timeout);
+                served.stage.handle(clock.now(), Input::Timeout);
             }
             (job, lang) = next_job(served.jobs.as_mut()) => {
-                let (order, sender) = job;
-                if let Scene::Stage(stage) = &mut served.scene {
-                    answer = Some((sender, answers::perform(lang, stage, clock.now(), order)));
-                }
+                done = Some(served.perform(lang, clock.now(), job));
             }
             event = heard_by_pty(served.pty.as_mut(), &mut buffer), if has_room => {
                 let (count, of_port) = event?;
@@ -209,13 +170,13 @@ pub(super) async fn serve(
                 // A frame may come in parts; its first characters say whom it is for.
                 if is_idle || settings.baud != of_port.baud {
                     let character = served.serial.character;
-                    settings = served.scene.settings(bytes, Settings { character, ..of_port });
+                    settings = served.stage.settings_for(bytes, Settings { character, ..of_port });
                 }
-                served.scene.handle(clock.now(), Input::Send { bytes, settings });
+                served.stage.handle(clock.now(), Input::Send { bytes, settings });
             }
             bytes = heard_by_tcp(served.tcp.as_mut()), if has_room => {
                 let settings = served.serial;
-                served.scene.handle(clock.now(), Input::Send { bytes: &bytes, settings });
+                served.stage.handle(clock.now(), Input::Send { bytes: &bytes, settings });
             }
         }
     }
@@ -231,7 +192,7 @@ impl Served {
             if told > TOLD_MAX {
                 break BEHIND;
             }
-            match self.scene.poll() {
+            match self.stage.poll() {
                 Output::Heard { bytes, .. } => {
                     if let Some(pty) = &mut self.pty {
                         pty.send(bytes);
@@ -244,13 +205,60 @@ impl Served {
                 Output::Wait(at) => break at.unwrap_or(Instant(u64::MAX)),
             }
         };
-        if let (Some(frames), Some(trace)) = (&mut self.frames, self.scene.line_mut().trace_mut()) {
+        if let (Some(frames), Some(trace)) = (&mut self.frames, self.stage.line_mut().trace_mut()) {
             frames.show(trace);
         }
-        if let (Some(keeper), Scene::Stage(stage)) = (&mut self.keeper, &self.scene) {
-            keeper.keep(stage)?;
+        if let Some(keeper) = &mut self.keeper {
+            keeper.keep(&self.stage)?;
         }
         Ok(deadline)
+    }
+
+    /// Does a job. What comes of it is drained before it is answered.
+    fn perform(&mut self, lang: Lang, now: Instant, job: Job) -> Done {
+        match job {
+            Job::Tell(order, sender) => {
+                let told = answers::perform(lang, &mut self.stage, now, order);
+                Done::Tell(told, sender)
+            }
+            Job::Show(orders, sender) => {
+                // Who only looks, too, sees what is so by now.
+                self.stage.handle(now, Input::Timeout);
+                for order in orders {
+                    match order {
+                        LineOrder::Plug(plugged) => self.plug(plugged),
+                        order => {
+                            let _ = answers::perform(lang, &mut self.stage, now, order);
+                        }
+                    }
+                }
+                Done::Show(sender)
+            }
+        }
+    }
+
+    /// Whoever asked may have gone.
+    fn answer(&self, now: Instant, done: Done) {
+        match (done, &self.jobs) {
+            (Done::Tell(told, sender), _) => drop(sender.send(told)),
+            (Done::Show(sender), Some(jobs)) => {
+                let plugged = self.unplugged.is_none();
+                let info = panel::line(&self.stage, &jobs.directory, now, plugged);
+                drop(sender.send(info));
+            }
+            (Done::Show(_), None) => {}
+        }
+    }
+
+    /// Pulls the adapter out, or puts it back. Where it can't be put back it stays out, which
+    /// is told to who looks.
+    fn plug(&mut self, plugged: bool) {
+        if plugged && let Some(path) = self.unplugged.take() {
+            self.pty = Pty::open(&path).ok();
+            self.unplugged = self.pty.is_none().then_some(path);
+        } else if !plugged && let Some(pty) = self.pty.take() {
+            self.unplugged = Some(pty.path().to_owned());
+        }
     }
 }
 

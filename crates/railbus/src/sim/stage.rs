@@ -12,6 +12,7 @@ use railbus_device::{Eeprom, Point, Setup, SetupError};
 use railbus_sim::{Act, Input, Line, LineConfig, Output, Power};
 use railbus_site::config::{Fault, FaultOrder, Signal, SimModule};
 use railbus_wire::{Address, Instant, Micros, Protocol, Settings};
+use std::collections::BTreeMap;
 
 /// How often the inputs that move are moved on.
 const STEP: Micros = Micros::from_millis(100);
@@ -39,8 +40,8 @@ pub(super) enum Whose {
 /// What a person does at a module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Deed {
-    /// Lays something at an input.
-    Input(Point, Signal),
+    /// Lays something at an input, or leaves it to itself again.
+    Input(Point, Option<Signal>),
     Power(Power),
     Dip(u8),
     /// Grounds INIT*, or opens it.
@@ -84,7 +85,8 @@ impl Stage {
             setup: *setup,
             faults: Standing::default(),
             id,
-            inputs: sim.inputs.clone(),
+            script: sim.inputs.clone(),
+            by_hand: BTreeMap::new(),
             levels: setup.input_mask(),
             analogs: [0; 2],
             init_at_power_up: sim.init_at_power_up,
@@ -133,16 +135,21 @@ impl Stage {
         &mut self.line
     }
 
+    /// How the master is set that sends these characters at this speed over a PTY, which keeps
+    /// no parity: as the module that they are for, or else as the line.
+    pub(super) fn settings_for(&self, bytes: &[u8], of_port: Settings) -> Settings {
+        let modules = self.line.addressed(bytes);
+        let mut serials = modules.map(|module| self.line.engine(module).active().serial);
+        let fitting = serials.find(|serial| serial.baud == of_port.baud);
+        fitting.unwrap_or(of_port)
+    }
+
     pub(super) fn name(&self) -> &str {
         &self.name
     }
 
     pub(super) fn parts(&self) -> &[Part] {
         &self.parts
-    }
-
-    pub(super) const fn faults(&self) -> &Standing {
-        &self.faults
     }
 
     pub(super) const fn serial(&self) -> Settings {
@@ -158,7 +165,10 @@ impl Stage {
         let id = part.id;
         match deed {
             Deed::Input(point, signal) => {
-                part.inputs.insert(point, signal);
+                match signal {
+                    Some(signal) => part.by_hand.insert(point, signal),
+                    None => part.by_hand.remove(&point),
+                };
                 part.move_inputs(now, &mut self.line);
             }
             Deed::Dip(dip) => self.line.handle(now, Input::Act(id, Act::Dip(dip))),
@@ -196,12 +206,18 @@ impl Stage {
 
     /// From now on this goes wrong too.
     pub(super) fn add_fault(&mut self, now: Instant, whose: Whose, order: &FaultOrder) {
-        self.change_faults(now, whose, |standing| standing.add(now, order));
+        let replies = self.replies(whose);
+        self.change_faults(now, whose, |standing| standing.add(now, replies, order));
     }
 
     /// Nothing of this goes wrong any more.
     pub(super) fn clear_faults(&mut self, now: Instant, whose: Whose) {
         self.change_faults(now, whose, Standing::clear);
+    }
+
+    /// What has these words, or this name, does not go wrong any more.
+    pub(super) fn clear_some(&mut self, now: Instant, whose: Whose, words: &str) {
+        self.change_faults(now, whose, |standing| standing.clear_some(words));
     }
 
     /// Nothing goes wrong any more.
@@ -224,18 +240,35 @@ impl Stage {
             }
             self.expire(at);
         }
+        self.expire(now);
         self.line.handle(now, Input::Timeout);
     }
 
+    /// Ends the faults that are over. One that is for so many replies is over before the next
+    /// request comes, which is soon enough.
     fn expire(&mut self, at: Instant) {
-        let is_over = |standing: &Standing| standing.next_end().is_some_and(|end| end <= at);
-        if is_over(&self.faults) {
-            self.change_faults(at, Whose::Line, |standing| standing.expire(at));
-        }
-        for index in 0..self.parts.len() {
-            if is_over(&self.parts[index].faults) {
-                self.change_faults(at, Whose::Module(index), |standing| standing.expire(at));
+        let modules = (0..self.parts.len()).map(Whose::Module);
+        for whose in std::iter::once(Whose::Line).chain(modules) {
+            let replies = self.replies(whose);
+            if self.faults_of(whose).is_due(at, replies) {
+                self.change_faults(at, whose, |standing| standing.expire(at, replies));
             }
+        }
+    }
+
+    /// How many replies were given; faults of a line are not counted by them.
+    pub(super) fn replies(&self, whose: Whose) -> u64 {
+        match whose {
+            Whose::Line => 0,
+            Whose::Module(index) => self.line.counts(self.parts[index].id).replies,
+        }
+    }
+
+    /// The faults of a module, or of the line.
+    pub(super) fn faults_of(&self, whose: Whose) -> &Standing {
+        match whose {
+            Whose::Line => &self.faults,
+            Whose::Module(index) => &self.parts[index].faults,
         }
     }
 
@@ -278,8 +311,9 @@ impl Stage {
         let babbled = part.faults.has(Fault::Babble(None));
         change(&mut part.faults);
         let babbles = part.faults.has(Fault::Babble(None));
-        let faults = part.faults.faults(self.serial);
+        let (faults, stuck) = (part.faults.faults(self.serial), part.faults.stuck());
         self.line.set_module_faults(id, faults);
+        self.line.handle(now, Input::Act(id, Act::Stuck(stuck)));
         match (babbled, babbles) {
             (false, true) => self.line.handle(now, Input::Act(id, Act::Babble(FOREVER))),
             (true, false) => self.line.hush(Some(id)),

@@ -3,7 +3,6 @@
 use railbus_sim::{Chance, Faults, Span};
 use railbus_site::config::{Fault, FaultOrder, Noise};
 use railbus_wire::{Instant, Micros, Settings};
-use std::mem::discriminant;
 
 /// The faults of a module or of a line.
 #[derive(Clone, Debug, Default)]
@@ -15,16 +14,30 @@ struct Stands {
     order: FaultOrder,
     /// It ends by itself then.
     until: Option<Instant>,
+    /// It ends by itself when the module has given so many replies since it is there.
+    until_reply: Option<u64>,
+}
+
+/// A fault that stands, as it is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Told<'a> {
+    /// As it was ordered.
+    pub(super) words: &'a str,
+    /// How long it still lasts, where it ends by itself.
+    pub(super) left: Option<Micros>,
+    /// How many replies it is still for, where it is for some.
+    pub(super) times_left: Option<u64>,
 }
 
 impl Standing {
     /// From now on this goes wrong too; it takes the place of one of its own kind.
-    pub(super) fn add(&mut self, now: Instant, order: &FaultOrder) {
-        let kind = discriminant(&order.fault);
-        self.0.retain(|one| discriminant(&one.order.fault) != kind);
+    /// `replies` is how many the module has given.
+    pub(super) fn add(&mut self, now: Instant, replies: u64, order: &FaultOrder) {
+        self.0.retain(|one| !one.order.fault.excludes(order.fault));
         self.0.push(Stands {
             order: order.clone(),
             until: order.lasts.map(|time| now + time),
+            until_reply: order.times.map(|times| replies + u64::from(times)),
         });
     }
 
@@ -32,10 +45,28 @@ impl Standing {
         self.0.clear();
     }
 
-    /// Drops those whose time is over.
-    pub(super) fn expire(&mut self, now: Instant) {
-        self.0
-            .retain(|one| one.until.is_none_or(|until| until > now));
+    /// Drops those of these words, or of this name.
+    pub(super) fn clear_some(&mut self, words: &str) {
+        self.0.retain(|one| {
+            let own = one.order.words.as_str();
+            own != words && own.split(' ').next() != Some(words)
+        });
+    }
+
+    /// Drops those whose time is over, and those that all their replies were given of.
+    pub(super) fn expire(&mut self, now: Instant, replies: u64) {
+        self.0.retain(|one| {
+            let lasts = one.until.is_none_or(|until| until > now);
+            lasts && one.until_reply.is_none_or(|until| until > replies)
+        });
+    }
+
+    /// Whether one of them has to end.
+    pub(super) fn is_due(&self, now: Instant, replies: u64) -> bool {
+        self.0.iter().any(|one| {
+            one.until.is_some_and(|until| until <= now)
+                || one.until_reply.is_some_and(|until| until <= replies)
+        })
     }
 
     /// When the first of them ends.
@@ -55,11 +86,21 @@ impl Standing {
         })
     }
 
-    /// As they were ordered, and how long those still last that end by themselves.
-    pub(super) fn words(&self, now: Instant) -> impl Iterator<Item = (&str, Option<Micros>)> {
-        self.0.iter().map(move |one| {
-            let left = one.until.map(|until| until.since(now));
-            (one.order.words.as_str(), left)
+    /// The outputs that are stuck: bit n = output n.
+    pub(super) fn stuck(&self) -> u32 {
+        let faults = self.0.iter().map(|one| one.order.fault);
+        faults.fold(0, |mask, fault| match fault {
+            Fault::Stuck(index) => mask | 1u32.checked_shl(index.into()).unwrap_or(0),
+            _ => mask,
+        })
+    }
+
+    /// All of them. `replies` is how many the module has given.
+    pub(super) fn told(&self, now: Instant, replies: u64) -> impl Iterator<Item = Told<'_>> {
+        self.0.iter().map(move |one| Told {
+            words: &one.order.words,
+            left: one.until.map(|until| until.since(now)),
+            times_left: one.until_reply.map(|until| until.saturating_sub(replies)),
         })
     }
 
@@ -118,19 +159,31 @@ fn add(faults: &mut Faults, fault: Fault, serial: Settings) {
             faults.cut_every = Some(every);
             faults.cut_for = same(away);
         }
-        Fault::Babble(None) | Fault::Dead | Fault::Echo | Fault::DupAddress(_) => {}
+        Fault::Bad => faults.spoil = Chance::ALWAYS,
+        Fault::Babble(None)
+        | Fault::Dead
+        | Fault::Echo
+        | Fault::DupAddress(_)
+        | Fault::Stuck(_) => {}
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_site::config::parse_faults;
+    use railbus_device::{Family, Setup};
+    use railbus_site::config::{FaultsOf, parse_faults};
+    use railbus_wire::Address;
 
     fn standing(text: &str) -> Standing {
         let mut standing = Standing::default();
-        for order in parse_faults(text, true).unwrap_or_default() {
-            standing.add(Instant(0), &order);
+        let oven = Setup::new(Family::Erc8, Address(1));
+        let of = match text.starts_with("noise") {
+            true => FaultsOf::Line,
+            false => FaultsOf::Module(&oven),
+        };
+        for order in parse_faults(text, of).unwrap() {
+            standing.add(Instant(0), 5, &order);
         }
         standing
     }
@@ -156,10 +209,28 @@ mod tests {
     fn a_fault_ends_when_its_time_is_over() {
         let mut standing = standing("mute 10s, deaf");
         assert_eq!(standing.next_end(), Some(Instant(10_000_000)));
-        standing.expire(Instant(9_999_999));
+        standing.expire(Instant(9_999_999), 9);
         assert!(standing.has(Fault::Mute));
-        standing.expire(Instant(10_000_000));
+        assert!(standing.is_due(Instant(10_000_000), 9));
+        standing.expire(Instant(10_000_000), 9);
         assert!(!standing.has(Fault::Mute) && standing.has(Fault::Deaf));
         assert_eq!(standing.next_end(), None);
+    }
+
+    #[test]
+    fn a_fault_ends_when_all_its_replies_were_given() {
+        let mut standing = standing("bad 2x, stuck k1, stuck k3, stuck k1");
+        assert_eq!(standing.stuck(), 0b101);
+        let left = |standing: &Standing, replies| {
+            let told = standing.told(Instant(0), replies);
+            told.filter_map(|told| told.times_left).collect::<Vec<_>>()
+        };
+        assert_eq!((left(&standing, 5), left(&standing, 6)), (vec![2], vec![1]));
+        assert!(!standing.is_due(Instant(0), 6));
+        standing.expire(Instant(0), 6);
+        assert!(standing.has(Fault::Bad) && standing.is_due(Instant(0), 7));
+        standing.expire(Instant(0), 7);
+        assert!(!standing.has(Fault::Bad));
+        assert_eq!(standing.told(Instant(0), 7).count(), 2);
     }
 }

@@ -30,9 +30,11 @@ texts! {
                       turnaround, applies, refuse_aloud, lower_case,
                       answer_bad_frames, insist_on_gap
   inputs = { di0 = 1, di1 = { every = \"10s\" } }
-  inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
+  inputs = { di2 = { low = \"3s\", after = \"9s\", every = \"42s\" } }
+  inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\", soft = true } }
 
-Faults, parted by commas; each may have a time after which it ends (mute 10s):
+Faults, parted by commas; each may have a time after which it ends (mute 10s),
+or, of a module, a number of replies (bad once, mute 3x):
   mute            obeys, never answers    drop 5%         requests, replies lost
   deaf            hears nothing           flip 1e-4       bits turn over
   dead            has no power            skip 1e-4       characters are lost
@@ -40,14 +42,16 @@ Faults, parted by commas; each may have a time after which it ends (mute 10s):
   delay 200ms±50  late replies            glitch 10%      00 before, FF after
   duplicate 10%   replies come twice      split 20% 30ms  replies in pieces
   babble|5%       garbage, or as a reply  cuts 10m 2s     no power: every, for
-  dup-address 6   as if set so by mistake
+  dup-address 6   as if set so by mistake bad             the last character is wrong
+  stuck k1        the output does not move
 
 At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
   pump.di1 = 1            power yard on|off|cycle     fault tank mute 10s
   tank.ai1 = 8.71 V       dip yard 3                  fault line main noise 1e-3
+  tank.ai1 = auto         reset tank                  fault tank clear mute
   show                    init gate on|off            fault tank clear
-  show pump               reset tank                  fault clear
-  help                    protocol pump rtu           quit",
+  show pump               protocol pump rtu           fault clear
+  help                    quit",
         zh: "仿真文件即 railbus.toml 格式的配置，可另含模拟设置：
   [sim]               seed、speed
   [line.名称.sim]     pty、tcp、faults
@@ -55,9 +59,11 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
                       turnaround、applies、refuse_aloud、lower_case、
                       answer_bad_frames、insist_on_gap
   inputs = { di0 = 1, di1 = { every = \"10s\" } }
-  inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
+  inputs = { di2 = { low = \"3s\", after = \"9s\", every = \"42s\" } }
+  inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\", soft = true } }
 
-故障，多个以逗号分隔，均可附加持续时间（mute 10s）：
+故障，多个以逗号分隔，均可附加持续时间（mute 10s），
+模块的故障也可附加应答次数（bad once、mute 3x）：
   mute            执行但从不应答      drop 5%         请求或应答丢失
   deaf            听不到请求          flip 1e-4       字符位翻转
   dead            断电                skip 1e-4       字符丢失
@@ -65,14 +71,16 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
   delay 200ms±50  应答延迟            glitch 10%      应答前多 00、后多 FF
   duplicate 10%   应答重复            split 20% 30ms  应答分段
   babble|5%       持续乱码或以其应答  cuts 10m 2s     断电：平均间隔、时长
-  dup-address 6   如同误设了地址
+  dup-address 6   如同误设了地址      bad             末字符出错
+  stuck k1        输出卡住不动
 
 提示符下每行一条命令，也可经管道输入或用 railbus sim ctl 发送：
   pump.di1 = 1            power yard on|off|cycle     fault tank mute 10s
   tank.ai1 = 8.71 V       dip yard 3                  fault line main noise 1e-3
+  tank.ai1 = auto         reset tank                  fault tank clear mute
   show                    init gate on|off            fault tank clear
-  show pump               reset tank                  fault clear
-  help                    protocol pump rtu           quit",
+  show pump               protocol pump rtu           fault clear
+  help                    quit",
     }
     File { en: "The plant to simulate", zh: "要模拟的仿真文件" }
     Demo { en: "The demo line: one module of each of five kinds", zh: "演示总线：五种模块各一个" }

@@ -5,5 +5,6 @@ mod about;
 mod daemon;
 mod hostile;
 mod scans;
+mod sim;
 mod streams;
 mod websocket;

@@ -3,10 +3,15 @@
 //! The same words stand in a plant's file, behind `--fault` and at the prompt.
 
 use super::parse_duration;
+use railbus_device::{PointKind, Setup};
 use railbus_wire::Micros;
+use std::mem::discriminant;
 
 /// More faults than this in one list are refused.
 const FAULTS_MAX: usize = 32;
+
+/// The most replies that a fault may be for.
+const TIMES_MAX: u32 = 1_000_000;
 
 /// What happens again and again happens no more often than this.
 const OFTENEST: Micros = Micros::from_millis(1);
@@ -50,6 +55,45 @@ pub enum Fault {
     Cuts(Micros, Micros),
     /// It has this address, as if somebody had set it so. Modules only.
     DupAddress(u8),
+    /// Each reply has another last character, which no protocol takes for a good one.
+    Bad,
+    /// This output, by its index, no longer does what the module is told. Modules only.
+    Stuck(u8),
+}
+
+impl Fault {
+    /// Whether a module has only one of the two: the later one takes the place of the other.
+    #[must_use]
+    pub fn excludes(self, other: Fault) -> bool {
+        match (self, other) {
+            (Fault::Stuck(one), Fault::Stuck(other)) => one == other,
+            _ => discriminant(&self) == discriminant(&other),
+        }
+    }
+
+    /// Whether it befalls replies, so that it may be over after so many of them.
+    const fn is_of_replies(self) -> bool {
+        match self {
+            Fault::Mute
+            | Fault::Flip(_)
+            | Fault::Skip(_)
+            | Fault::Glitch(_)
+            | Fault::Delay(..)
+            | Fault::Duplicate(_)
+            | Fault::Split(..)
+            | Fault::Babble(Some(_))
+            | Fault::Bad => true,
+            Fault::Deaf
+            | Fault::Dead
+            | Fault::Echo
+            | Fault::Drop(_)
+            | Fault::Noise(_)
+            | Fault::Babble(None)
+            | Fault::Cuts(..)
+            | Fault::DupAddress(_)
+            | Fault::Stuck(_) => false,
+        }
+    }
 }
 
 /// How often there is noise.
@@ -68,6 +112,8 @@ pub struct FaultOrder {
     pub fault: Fault,
     /// For how long; until it is taken back where this is none.
     pub lasts: Option<Micros>,
+    /// For how many replies of the module; for any number where this is none.
+    pub times: Option<u32>,
     /// The words.
     pub words: String,
 }
@@ -83,12 +129,23 @@ pub enum FaultError {
     LinesOnly(&'static str),
     /// Only a module can have it.
     ModulesOnly(&'static str),
+    /// It can't be over after so many replies.
+    Uncounted(&'static str),
     /// More of them than a list may have.
     TooMany(usize),
 }
 
+/// Whom faults befall.
+#[derive(Clone, Copy, Debug)]
+pub enum FaultsOf<'s> {
+    /// A line and all that hangs on it.
+    Line,
+    /// A module that is set up so.
+    Module(&'s Setup),
+}
+
 /// Every fault by name, and how it is written.
-pub const FAULTS: [(&str, &str); 15] = [
+pub const FAULTS: [(&str, &str); 17] = [
     ("mute", "mute"),
     ("deaf", "deaf"),
     ("dead", "dead"),
@@ -104,16 +161,18 @@ pub const FAULTS: [(&str, &str); 15] = [
     ("babble", "babble, or babble 5%"),
     ("cuts", "cuts 10m 2s"),
     ("dup-address", "dup-address 6"),
+    ("bad", "bad, or bad once, or bad 3x"),
+    ("stuck", "stuck k1"),
 ];
 
 /// Reads a list of faults, parted by commas.
 ///
 /// # Errors
 /// The first one that is none.
-pub fn parse_faults(text: &str, of_line: bool) -> Result<Vec<FaultOrder>, FaultError> {
+pub fn parse_faults(text: &str, of: FaultsOf<'_>) -> Result<Vec<FaultOrder>, FaultError> {
     let orders: Vec<FaultOrder> = text
         .split([',', '，'])
-        .map(|one| parse_fault(one, of_line))
+        .map(|one| parse_fault(one, of))
         .collect::<Result<_, _>>()?;
     if orders.len() > FAULTS_MAX {
         return Err(FaultError::TooMany(FAULTS_MAX));
@@ -121,28 +180,35 @@ pub fn parse_faults(text: &str, of_line: bool) -> Result<Vec<FaultOrder>, FaultE
     Ok(orders)
 }
 
-fn parse_fault(text: &str, of_line: bool) -> Result<FaultOrder, FaultError> {
+fn parse_fault(text: &str, of: FaultsOf<'_>) -> Result<FaultOrder, FaultError> {
     let mut words = text.split_whitespace().peekable();
     let name = words.next().unwrap_or_default();
     let known = FAULTS.iter().find(|(known, _)| *known == name);
     let (name, form) = *known.ok_or_else(|| FaultError::Unknown(name.to_owned()))?;
-    let fault = read(name, &mut words).ok_or(FaultError::Form(form))?;
-    match fault {
-        Fault::Echo | Fault::Noise(_) if !of_line => return Err(FaultError::LinesOnly(name)),
-        Fault::DupAddress(_) if of_line => return Err(FaultError::ModulesOnly(name)),
+    match (name, of) {
+        ("echo" | "noise", FaultsOf::Module(_)) => return Err(FaultError::LinesOnly(name)),
+        ("dup-address" | "stuck", FaultsOf::Line) => return Err(FaultError::ModulesOnly(name)),
         _ => {}
     }
+    let fault = read(name, &mut words, of).ok_or(FaultError::Form(form))?;
     words.next_if_eq(&"for");
-    let lasts = match words.next() {
+    let end = words.next();
+    let times = end.and_then(times);
+    let lasts = match end.filter(|_| times.is_none()) {
         None => None,
         Some(word) => Some(parse_duration(word).ok_or(FaultError::Form(form))?),
     };
     if words.next().is_some() {
         return Err(FaultError::Form(form));
     }
+    let counts = fault.is_of_replies() && matches!(of, FaultsOf::Module(_));
+    if times.is_some() && !counts {
+        return Err(FaultError::Uncounted(name));
+    }
     Ok(FaultOrder {
         fault,
         lasts,
+        times,
         words: text.split_whitespace().collect::<Vec<_>>().join(" "),
     })
 }
@@ -151,6 +217,7 @@ fn parse_fault(text: &str, of_line: bool) -> Result<FaultOrder, FaultError> {
 fn read<'t>(
     name: &str,
     words: &mut std::iter::Peekable<impl Iterator<Item = &'t str>>,
+    of: FaultsOf<'_>,
 ) -> Option<Fault> {
     let fault = match name {
         "mute" => Fault::Mute,
@@ -180,9 +247,29 @@ fn read<'t>(
             }
             Fault::Babble(of_replies)
         }
+        "bad" => Fault::Bad,
+        "stuck" => Fault::Stuck(output(words.next()?, of)?),
         _ => Fault::DupAddress(words.next()?.parse().ok()?),
     };
     Some(fault)
+}
+
+/// `k1`: which output that is.
+fn output(label: &str, of: FaultsOf<'_>) -> Option<u8> {
+    let FaultsOf::Module(setup) = of else {
+        return None;
+    };
+    let point = setup.point(label)?;
+    (point.kind == PointKind::Output).then_some(point.index)
+}
+
+/// `once`, or `3x`.
+fn times(word: &str) -> Option<u32> {
+    let times = match word {
+        "once" => 1,
+        _ => word.strip_suffix('x')?.parse().ok()?,
+    };
+    (1..=TIMES_MAX).contains(&times).then_some(times)
 }
 
 /// `5%`, `0.05` and `5e-2` alike.
@@ -222,10 +309,21 @@ fn spread(word: &str) -> Option<(Micros, Micros)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use railbus_device::Family;
+    use railbus_wire::Address;
+
+    fn oven() -> Setup {
+        Setup::new(Family::Erc8, Address(1))
+    }
 
     fn one(text: &str) -> Result<(Fault, Option<Micros>), FaultError> {
-        let of_line = !text.starts_with("dup-address");
-        let mut all = parse_faults(text, of_line)?;
+        let oven = oven();
+        let of_line = ["echo", "noise"].iter().any(|name| text.starts_with(name));
+        let of = match of_line {
+            true => FaultsOf::Line,
+            false => FaultsOf::Module(&oven),
+        };
+        let mut all = parse_faults(text, of)?;
         let order = all.pop().ok_or(FaultError::TooMany(0))?;
         Ok((order.fault, order.lasts))
     }
@@ -236,6 +334,9 @@ mod tests {
             for form in forms.split(", or ") {
                 assert!(one(form).is_ok(), "{form}");
                 assert!(form.starts_with(name));
+                if form.ends_with("once") || form.ends_with("3x") {
+                    continue;
+                }
                 let Ok((_, lasts)) = one(&format!("{form} 10s")) else {
                     panic!("{form} 10s");
                 };
@@ -278,16 +379,41 @@ mod tests {
         for wrong in ["", "drpo 5%", "mute,", "drop 5%,, mute"] {
             assert!(matches!(one(wrong), Err(FaultError::Unknown(_))), "{wrong}");
         }
+        let oven = oven();
+        let of_oven = FaultsOf::Module(&oven);
         assert_eq!(
-            parse_faults("echo", false),
+            parse_faults("echo", of_oven),
             Err(FaultError::LinesOnly("echo"))
         );
-        let twice = parse_faults("dup-address 6", true);
-        assert_eq!(twice, Err(FaultError::ModulesOnly("dup-address")));
+        for (text, name) in [("dup-address 6", "dup-address"), ("stuck k1", "stuck")] {
+            let of_line = parse_faults(text, FaultsOf::Line);
+            assert_eq!(of_line, Err(FaultError::ModulesOnly(name)));
+        }
+        for wrong in ["stuck", "stuck k9", "stuck di1", "stuck k0"] {
+            assert!(matches!(one(wrong), Err(FaultError::Form(_))), "{wrong}");
+        }
+        for (wrong, name) in [("deaf once", "deaf"), ("cuts 10m 2s 3x", "cuts")] {
+            assert_eq!(one(wrong), Err(FaultError::Uncounted(name)), "{wrong}");
+        }
+        let of_line = parse_faults("bad once", FaultsOf::Line);
+        assert_eq!(of_line, Err(FaultError::Uncounted("bad")));
         let many = ["mute"; FAULTS_MAX + 1].join(",");
         assert_eq!(
-            parse_faults(&many, true),
+            parse_faults(&many, of_oven),
             Err(FaultError::TooMany(FAULTS_MAX))
         );
+    }
+
+    #[test]
+    fn a_fault_may_be_for_so_many_replies() {
+        let oven = oven();
+        let counted = |text: &str| {
+            let all = parse_faults(text, FaultsOf::Module(&oven));
+            all.map(|all| (all[0].fault, all[0].times, all[0].lasts))
+        };
+        assert_eq!(counted("bad once"), Ok((Fault::Bad, Some(1), None)));
+        assert_eq!(counted("mute for 3x"), Ok((Fault::Mute, Some(3), None)));
+        assert_eq!(counted("stuck k3"), Ok((Fault::Stuck(2), None, None)));
+        assert!(counted("bad 0x").is_err() && counted("bad 1000001x").is_err());
     }
 }

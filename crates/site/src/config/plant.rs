@@ -3,7 +3,7 @@
 //! the configuration checks them, and leaves it at that.
 
 use super::read::{Reader, Section, Value};
-use super::{FaultOrder, Kind, parse_faults};
+use super::{FaultOrder, FaultsOf, Kind, parse_faults};
 use railbus_device::{Applies, Options, Point, PointKind, Setup};
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
@@ -26,7 +26,8 @@ pub(super) const MODULE_KEYS: [&str; 13] = [
     "answer_bad_frames",
     "insist_on_gap",
 ];
-pub(super) const SIGNAL_KEYS: [&str; 3] = ["from", "to", "every"];
+/// What a moving input may say: a digital one the first three, an analog one the last four.
+pub(super) const SIGNAL_KEYS: [&str; 6] = ["low", "after", "every", "from", "to", "soft"];
 const POWERS: [(&str, bool); 2] = [("on", true), ("off", false)];
 const SAMPLED: [(&str, bool); 2] = [("continuously", false), ("at-power-up", true)];
 const APPLIES: [(&str, Applies); 3] = [
@@ -109,8 +110,34 @@ pub enum Signal {
     Toggle(Micros),
     /// So many hundredths of the unit at an analog input.
     Value(i16),
+    /// A digital level that is high, but low for a time once in every so long.
+    Blink(Blink),
     /// So many hundredths, up from the first to the second and back within a time.
-    Swing(i16, i16, Micros),
+    Swing(Swing),
+}
+
+/// A level that is low now and then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Blink {
+    /// For how long it is low.
+    pub low: Micros,
+    /// When it is low for the first time, counted from the start.
+    pub after: Micros,
+    /// From one time to the next.
+    pub every: Micros,
+}
+
+/// A value that goes up and down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Swing {
+    /// Where it begins, in hundredths.
+    pub from: i16,
+    /// Where it turns, in hundredths.
+    pub to: i16,
+    /// From one beginning to the next.
+    pub every: Micros,
+    /// It turns softly, as a pendulum does.
+    pub soft: bool,
 }
 
 impl<'t> Reader<'t> {
@@ -149,7 +176,7 @@ impl<'t> Reader<'t> {
         Some(SimLine {
             pty: self.optional(&section, "pty", Self::string)?,
             tcp: tcp?,
-            faults: self.faults(&section, true)?,
+            faults: self.faults(&section, FaultsOf::Line)?,
         })
     }
 
@@ -169,7 +196,7 @@ impl<'t> Reader<'t> {
         });
         let init = self.optional(&section, "init", Self::truth);
         let options = self.options(&section, standard.options);
-        let faults = self.faults(&section, false);
+        let faults = self.faults(&section, FaultsOf::Module(setup));
         let inputs = self.inputs(&section, setup);
         let powered = self.one_of(&section, "power", &POWERS)?;
         let init_at_power_up = self.one_of(&section, "init_sampled", &SAMPLED)?;
@@ -205,10 +232,10 @@ impl<'t> Reader<'t> {
         })
     }
 
-    fn faults(&mut self, section: &Section<'_, 't>, of_line: bool) -> Option<Vec<FaultOrder>> {
+    fn faults(&mut self, section: &Section<'_, 't>, of: FaultsOf<'_>) -> Option<Vec<FaultOrder>> {
         let faults = self.optional(section, "faults", |reader, value, path| {
             let text = reader.string(value, path)?;
-            let faults = parse_faults(&text, of_line);
+            let faults = parse_faults(&text, of);
             faults
                 .map_err(|why| reader.problem(value.span(), path, Kind::BadFault(why)))
                 .ok()
@@ -249,7 +276,7 @@ impl<'t> Reader<'t> {
         Some(inputs)
     }
 
-    /// `1`, `true` or `{ every = "10s" }`.
+    /// `1`, `true`, `{ every = "10s" }` or `{ low = "3s", after = "6s", every = "42s" }`.
     fn digital(&mut self, value: &Value<'t>, path: &str) -> Option<Signal> {
         if value.get_ref().as_integer().is_some() {
             let level = self.integer_in(value, path, 0, 1)?;
@@ -259,21 +286,36 @@ impl<'t> Reader<'t> {
             return self.truth(value, path).map(Signal::Level);
         }
         let section = Section::of(path.to_owned(), value, self.table(value, path)?);
-        self.check_keys(&section, &SIGNAL_KEYS[2..]);
-        self.every(&section).map(Signal::Toggle)
+        self.check_keys(&section, &SIGNAL_KEYS[..3]);
+        let every = self.every(&section)?;
+        let low = self.duration(&section, "low")?;
+        let after = self.duration(&section, "after")?;
+        Some(match (low, after) {
+            (None, None) => Signal::Toggle(every),
+            (low, after) => Signal::Blink(Blink {
+                low: low.unwrap_or(Micros(every.0 / 2)),
+                after: after.unwrap_or(Micros::ZERO),
+                every,
+            }),
+        })
     }
 
-    /// `8.71` or `{ from = 1.2, to = 8.8, every = "4m" }`.
+    /// `8.71` or `{ from = 1.2, to = 8.8, every = "4m" }`, which may be `soft = true`.
     fn analog(&mut self, value: &Value<'t>, path: &str) -> Option<Signal> {
         if value.get_ref().as_table().is_none() {
             return self.hundredths(value, path).map(Signal::Value);
         }
         let section = Section::of(path.to_owned(), value, self.table(value, path)?);
-        self.check_keys(&section, &SIGNAL_KEYS);
+        self.check_keys(&section, &SIGNAL_KEYS[2..]);
         let from = self.required(&section, "from", Self::hundredths);
         let to = self.required(&section, "to", Self::hundredths);
         let every = self.every(&section);
-        Some(Signal::Swing(from?, to?, every?))
+        Some(Signal::Swing(Swing {
+            from: from?,
+            to: to?,
+            every: every?,
+            soft: self.boolean(&section, "soft")?,
+        }))
     }
 
     fn every(&mut self, section: &Section<'_, 't>) -> Option<Micros> {

@@ -297,6 +297,17 @@ codes! {
         likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
         next: ["look into the configuration", "查看配置文件"],
     }
+    NotSimulated = "E0862" {
+        title: ["this line is not simulated here", "此总线不是在此模拟的"],
+        likely: ["a line of real modules · a typing mistake", "总线上是真实模块 · 输入错误"],
+        next: ["railbus serve --demo", "railbus serve --demo"],
+    }
+    NoSimModule = "E0863" {
+        title: ["there is no such module on the simulated line", "模拟总线上没有此模块"],
+        likely: ["it was named anew, or added, after the simulation began",
+            "模拟开始后才改名或添加"],
+        next: ["use one of the modules that the simulator shows", "使用模拟器中列出的模块"],
+    }
     ConfigOutput = "E0865" {
         title: ["a key or a list of the configuration is for outputs only", "配置的该项仅适用于输出点"],
         likely: ["an input or analog value is named", "指定的是输入点或模拟量"],

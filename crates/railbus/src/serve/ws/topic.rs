@@ -1,12 +1,13 @@
 //! What one can subscribe to.
 
-use super::{Gone, Out, frames, news};
+use super::{Gone, Out, frames, news, sim};
 use crate::api::ops::OpState;
 use crate::api::problem::{Problem, codes};
 use crate::api::{ask, failures, past};
 use crate::i18n::Lang;
 use crate::serve::ops::Op;
 use crate::serve::routes::Site;
+use crate::sim::remote::Remote;
 use railbus_site::Service;
 
 /// How many events are told at once.
@@ -27,6 +28,8 @@ pub(super) enum Topic {
     Events,
     /// `ops/ID`.
     Op(Box<Op>),
+    /// `sim/main`.
+    Sim(Remote),
 }
 
 impl Topic {
@@ -41,6 +44,7 @@ impl Topic {
             ["lines"] => Topic::Lines,
             ["frames", line] => Topic::Frames((*line).to_owned()),
             ["events"] => Topic::Events,
+            ["sim", line] => Topic::Sim(sim::line(site, line)?.clone()),
             ["ops", number] => Topic::Op(Box::new(site.ops.get(number)?)),
             _ => {
                 let known = [
@@ -51,6 +55,7 @@ impl Topic {
                     "lines",
                     "frames/LINE",
                     "ops/ID",
+                    "sim/LINE",
                     "events",
                 ];
                 let problem = Problem::new(codes::BAD_REQUEST).with("reason", "no such topic");
@@ -81,6 +86,7 @@ impl Topic {
             Topic::Modules => news::follow(site.service, news::View::Modules, out).await,
             Topic::Lines => news::follow(site.service, news::View::Lines, out).await,
             Topic::Op(op) => follow_op(&op, out).await,
+            Topic::Sim(line) => sim::follow(&line, out).await,
             Topic::Events => follow_events(&site.service, out).await,
             Topic::Frames(line) => frames::follow(site.service, line, lang, out).await,
         };

@@ -3,7 +3,7 @@
 use crate::sim::standing::Standing;
 use railbus_device::{Eeprom, Point, PointKind, Setup};
 use railbus_sim::{Act, Input, Line, ModuleId};
-use railbus_site::config::Signal;
+use railbus_site::config::{Signal, Swing};
 use railbus_wire::{Address, Instant};
 use std::collections::BTreeMap;
 
@@ -14,7 +14,10 @@ pub(in crate::sim) struct Part {
     pub(in crate::sim) setup: Setup,
     pub(in crate::sim) faults: Standing,
     pub(super) id: ModuleId,
-    pub(super) inputs: BTreeMap<Point, Signal>,
+    /// What lies at the inputs by itself.
+    pub(super) script: BTreeMap<Point, Signal>,
+    /// What somebody laid at some of them instead.
+    pub(super) by_hand: BTreeMap<Point, Signal>,
     pub(super) levels: u32,
     pub(super) analogs: [i16; 2],
     /// It looks at INIT* when its power comes, and not again.
@@ -57,27 +60,45 @@ impl Part {
 
     /// Whether an input moves by itself.
     pub(super) fn moves(&self) -> bool {
-        let mut signals = self.inputs.values();
-        signals.any(|signal| matches!(signal, Signal::Toggle(_) | Signal::Swing(..)))
+        let mut signals = self.signals();
+        signals.any(|(_, signal)| !matches!(signal, Signal::Level(_) | Signal::Value(_)))
+    }
+
+    /// Whether somebody laid something at this input.
+    pub(in crate::sim) fn is_by_hand(&self, point: Point) -> bool {
+        self.by_hand.contains_key(&point)
+    }
+
+    /// What lies at the inputs: by hand, or else by itself.
+    fn signals(&self) -> impl Iterator<Item = (Point, Signal)> {
+        let left = |(point, _): &(&Point, &Signal)| !self.by_hand.contains_key(point);
+        let script = self.script.iter().filter(left);
+        script
+            .chain(&self.by_hand)
+            .map(|(point, signal)| (*point, *signal))
     }
 
     /// Brings what lies at the inputs up to date.
     pub(super) fn move_inputs(&mut self, at: Instant, line: &mut Line) {
-        let mut levels = self.levels;
-        for (point, signal) in &self.inputs {
-            match (point.kind, signal_at(*signal, at)) {
+        // An input that nothing lies at is open.
+        let (mut levels, mut analogs) = (self.setup.input_mask(), [0; 2]);
+        for (point, signal) in self.signals() {
+            match (point.kind, signal_at(signal, at)) {
                 (PointKind::Analog, value) => {
-                    let shown = self.analogs.get_mut(usize::from(point.index));
-                    if let Some(shown) = shown.filter(|shown| **shown != value) {
-                        *shown = value;
-                        let act = Act::Analog(point.index, value);
-                        line.handle(at, Input::Act(self.id, act));
+                    if let Some(analog) = analogs.get_mut(usize::from(point.index)) {
+                        *analog = value;
                     }
                 }
                 (_, 0) => levels &= !(1 << point.index),
                 (_, _) => levels |= 1 << point.index,
             }
         }
+        for (index, (value, before)) in (0..).zip(analogs.into_iter().zip(self.analogs)) {
+            if value != before {
+                line.handle(at, Input::Act(self.id, Act::Analog(index, value)));
+            }
+        }
+        self.analogs = analogs;
         if levels != self.levels {
             self.levels = levels;
             line.handle(at, Input::Act(self.id, Act::Levels(levels)));
@@ -91,16 +112,28 @@ fn signal_at(signal: Signal, at: Instant) -> i16 {
         Signal::Level(high) => high.into(),
         Signal::Value(hundredths) => hundredths,
         Signal::Toggle(every) => (at.0 / every.0.max(1) % 2) as i16,
-        Signal::Swing(from, to, every) => {
-            let half = (every.0 / 2).max(1);
-            let passed = at.0 % (2 * half);
-            let up = if passed < half {
-                passed
-            } else {
-                2 * half - passed
-            };
-            let way = i128::from(to) - i128::from(from);
-            (i128::from(from) + way * i128::from(up) / i128::from(half)) as i16
+        Signal::Blink(blink) => {
+            let begun = at.0.checked_sub(blink.after.0);
+            begun.is_none_or(|begun| begun % blink.every.0.max(1) >= blink.low.0) as i16
         }
+        Signal::Swing(swing) => swing_at(swing, at),
     }
+}
+
+fn swing_at(swing: Swing, at: Instant) -> i16 {
+    let half = (swing.every.0 / 2).max(1);
+    let passed = at.0 % (2 * half);
+    let up = if passed < half {
+        passed
+    } else {
+        2 * half - passed
+    };
+    let way = f64::from(swing.to) - f64::from(swing.from);
+    let part = up as f64 / half as f64;
+    let part = match swing.soft {
+        // 3 x^2 - 2 x^3 has no corners.
+        true => part * part * (3.0 - 2.0 * part),
+        false => part,
+    };
+    (f64::from(swing.from) + way * part) as i16
 }

@@ -172,6 +172,46 @@ fn inputs_are_as_the_plant_and_the_prompt_say() {
     assert_eq!(bench.ask(PUMP), b"!000800\r");
     bench.run(Micros::from_secs(10));
     assert_eq!(bench.ask(PUMP), b"!000800\r", "it moves no more");
+    assert_eq!(bench.order("pump.di2 = auto"), "pump.di2 = auto");
+    assert_eq!(bench.order("pump.di1 = auto"), "pump.di1 = auto");
+    assert_eq!(bench.ask(PUMP), b"!000A00\r", "nothing there is open");
+    bench.run(Micros::from_secs(10));
+    assert_eq!(bench.ask(PUMP), b"!000E00\r", "the other moves as before");
+}
+
+#[test]
+fn a_fault_is_over_after_so_many_replies() {
+    let mut bench = Bench::new(PLANT);
+    let told = bench.order("fault pump bad 2x");
+    assert_eq!(told, "pump: faults: bad 2x (2x left)");
+    assert_eq!(bench.ask(PUMP), b"!000F00\x1D");
+    assert_eq!(bench.order("show pump").matches("(1x left)").count(), 1);
+    assert_eq!(bench.ask(PUMP), b"!000F00\x1D");
+    assert_eq!(bench.ask(PUMP), b"!000F00\r");
+    assert_eq!(bench.order("fault pump clear"), "pump: faults: none");
+}
+
+#[test]
+fn single_faults_are_taken_back() {
+    let mut bench = Bench::new(PLANT);
+    bench.order("fault oven stuck k1, stuck k2, duplicate 100%");
+    assert_eq!(
+        bench.order("fault oven clear duplicate"),
+        "oven: faults: stuck k1, stuck k2"
+    );
+    assert_eq!(bench.ask(&OVEN_ON), OVEN_ON);
+    assert!(bench.order("show oven").contains("outputs 00000000"));
+    assert_eq!(
+        bench.order("fault oven clear stuck k1"),
+        "oven: faults: stuck k2"
+    );
+    assert_eq!(bench.ask(&OVEN_ON), OVEN_ON);
+    assert!(bench.order("show oven").contains("outputs 10000000"));
+    assert_eq!(
+        bench.order("fault oven clear mute"),
+        "oven: faults: stuck k2"
+    );
+    assert_eq!(bench.order("fault oven clear stuck"), "oven: faults: none");
 }
 
 #[test]

@@ -1,0 +1,94 @@
+//! What is to be seen at the modules of a line: the modules themselves, whatever the line told.
+
+use super::orders::Directory;
+use super::stage::{Part, Stage, Whose};
+use crate::api::sim_types::{SimFaultInfo, SimLineInfo, SimModuleInfo, SimPointInfo, SimValue};
+use railbus_device::{Family, Point, PointKind};
+use railbus_wire::Instant;
+
+/// A line and all that hangs on it.
+pub(super) fn line(
+    stage: &Stage,
+    directory: &Directory,
+    now: Instant,
+    plugged: bool,
+) -> SimLineInfo {
+    let modules = 0..stage.parts().len();
+    SimLineInfo {
+        line: stage.name().to_owned(),
+        baud: stage.serial().baud.rate(),
+        format: stage.serial().character.to_string(),
+        plugged,
+        collisions: stage.line().collisions(),
+        faults: faults(stage, Whose::Line, now),
+        modules: modules
+            .map(|index| module(stage, directory, index, now))
+            .collect(),
+    }
+}
+
+fn module(stage: &Stage, directory: &Directory, index: usize, now: Instant) -> SimModuleInfo {
+    let (line, part) = (stage.line(), &stage.parts()[index]);
+    let (id, family) = (part.id(), part.setup.family);
+    let (engine, counts) = (line.engine(id), line.counts(id));
+    let active = engine.active();
+    let points = part.setup.points();
+    let points = points.filter_map(|at| point(stage, part, directory, at));
+    SimModuleInfo {
+        module: part.name.clone(),
+        model: family.name().to_owned(),
+        title: family.to_string(),
+        address: engine.address().0,
+        protocol: engine.protocol().name().to_owned(),
+        baud: active.serial.baud.rate(),
+        format: active.serial.character.to_string(),
+        checksum: active.checksum,
+        dip: (family == Family::R55).then(|| line.dip(id)),
+        init: (family == Family::Eda9050).then(|| line.init_grounded(id)),
+        powered: line.is_powered(id),
+        lit: line.is_lit(id),
+        replies: counts.replies,
+        restarts: counts.restarts,
+        points: points.collect(),
+        faults: faults(stage, Whose::Module(index), now),
+    }
+}
+
+fn point(stage: &Stage, part: &Part, directory: &Directory, at: Point) -> Option<SimPointInfo> {
+    let bit = |mask: u32| mask >> at.index & 1 == 1;
+    let (kind, value) = match at.kind {
+        PointKind::Output => {
+            let outputs = stage.line().engine(part.id()).outputs();
+            ("output", SimValue::Switch(bit(outputs)))
+        }
+        PointKind::Input => ("input", SimValue::Switch(bit(part.levels()))),
+        PointKind::Analog => {
+            let hundredths = *part.analogs().get(usize::from(at.index))?;
+            ("analog", SimValue::Number(f64::from(hundredths) / 100.0))
+        }
+        // It lies inside, and not at a terminal.
+        PointKind::Variable => return None,
+    };
+    let (letters, number) = part.setup.label(at);
+    let range = directory.range(&part.name);
+    let range = range.filter(|_| at.kind == PointKind::Analog);
+    Some(SimPointInfo {
+        label: format!("{letters}{number}"),
+        kind: kind.to_owned(),
+        value,
+        unit: range.map(|range| range.unit.clone()),
+        range: range.map(|range| [range.low, range.high]),
+        by_hand: part.is_by_hand(at),
+        stuck: at.kind == PointKind::Output && bit(part.faults.stuck()),
+    })
+}
+
+fn faults(stage: &Stage, whose: Whose, now: Instant) -> Vec<SimFaultInfo> {
+    let told = stage.faults_of(whose).told(now, stage.replies(whose));
+    told.map(|told| SimFaultInfo {
+        fault: told.words.to_owned(),
+        left_ms: told.left.map(|left| left.0.div_ceil(1_000)),
+        left_replies: told.times_left,
+    })
+    .collect()
+}

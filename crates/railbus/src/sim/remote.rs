@@ -1,0 +1,103 @@
+//! A simulated line as the daemon has it: who looks at it, and orders that come over HTTP. They
+//! are the words of the prompt.
+
+use super::orders::{Directory, LineOrder, Order};
+use super::serve::{Job, Jobs};
+use super::stage::Whose;
+use crate::api::sim_types::SimLineInfo;
+use crate::failure::Failure;
+use crate::i18n::Lang;
+use railbus_site::config::FaultsOf;
+use std::sync::Arc;
+use tokio::sync::{mpsc, oneshot};
+
+/// Orders that wait for the line.
+const JOBS_MAX: usize = 16;
+
+/// A simulated line, ready for orders.
+#[derive(Clone, Debug)]
+pub(crate) struct Remote {
+    name: Arc<str>,
+    directory: Arc<Directory>,
+    jobs: mpsc::Sender<Job>,
+}
+
+/// Something to be done on it, that it can do.
+#[derive(Clone, Debug)]
+pub(crate) struct Errand(LineOrder);
+
+impl Remote {
+    /// The only line of a directory, and where its orders come out.
+    pub(super) fn new(lang: Lang, name: &str, directory: Directory) -> (Remote, Jobs) {
+        let (jobs, receiver) = mpsc::channel(JOBS_MAX);
+        let directory = Arc::new(directory);
+        let remote = Remote {
+            name: name.into(),
+            directory: Arc::clone(&directory),
+            jobs,
+        };
+        let jobs = Jobs {
+            lang,
+            directory,
+            receiver,
+        };
+        (remote, jobs)
+    }
+
+    /// The line's name.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Whether this module hangs on it.
+    pub(crate) fn has(&self, module: &str) -> bool {
+        self.directory.modules().any(|name| name == module)
+    }
+
+    /// Reads an order as at the prompt: `power pump off`, `pump.di0 = 1`.
+    ///
+    /// # Errors
+    /// Why it is none.
+    pub(crate) fn read(&self, lang: Lang, text: &str) -> Result<Option<Errand>, Failure> {
+        match self.directory.read(lang, text)? {
+            Order::Line(_, order) => Ok(Some(Errand(order))),
+            Order::All(_) | Order::Help | Order::Quit => Ok(None),
+        }
+    }
+
+    /// Reads what goes wrong with the line too.
+    ///
+    /// # Errors
+    /// Why that can't be.
+    pub(crate) fn read_faults(&self, lang: Lang, text: &str) -> Result<Errand, Failure> {
+        let faults = self.directory.faults(lang, FaultsOf::Line, text)?;
+        Ok(Errand(LineOrder::Faults(Whose::Line, faults)))
+    }
+
+    /// Ends what goes wrong with the line: all of it, or what has these words or this name.
+    pub(crate) fn clear_faults(which: Option<&str>) -> Errand {
+        Errand(match which {
+            Some(words) => LineOrder::ClearSome(Whose::Line, words.to_owned()),
+            None => LineOrder::Clear(Whose::Line),
+        })
+    }
+
+    /// Pulls the adapter out, or puts it back.
+    pub(crate) const fn plug(plugged: bool) -> Errand {
+        Errand(LineOrder::Plug(plugged))
+    }
+
+    /// Does all of that, one after another, and says how the line is then; nothing where it has
+    /// ended.
+    pub(crate) async fn order(&self, errands: Vec<Errand>) -> Option<SimLineInfo> {
+        let (sender, answer) = oneshot::channel();
+        let orders = errands.into_iter().map(|Errand(order)| order).collect();
+        self.jobs.send(Job::Show(orders, sender)).await.ok()?;
+        answer.await.ok()
+    }
+
+    /// How the line is.
+    pub(crate) async fn look(&self) -> Option<SimLineInfo> {
+        self.order(Vec::new()).await
+    }
+}
