@@ -24,6 +24,7 @@ const PAGES = [
   "/integrations",
   "/users",
   "/reference",
+  "/simulator",
   "/no/such/page",
 ];
 

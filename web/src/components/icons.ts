@@ -2,6 +2,7 @@
 export const ICONS = {
   overview: "M4 4h7v7H4zM13 4h7v4h-7zM13 11h7v9h-7zM4 14h7v6H4z",
   lines: "M3 9h18M3 15h18M8 9v-4M16 15v4M12 9v6",
+  sim: "M4 6h16v12H4zM8 10v4M12 10h.01M16 10h.01M12 14h.01M16 14h.01",
   discover: "M11 4a7 7 0 1 0 0 14a7 7 0 0 0 0-14zM16 16l5 5M11 8v6M8 11h6",
   trends: "M4 4v16h16M7 15l4-5 3 3 5-7",
   events: "M6 4h12v16H6zM9 8h6M9 12h6M9 16h3",

@@ -8,6 +8,7 @@ import { frame } from "./frame";
 import { groups } from "./groups";
 import { lines } from "./lines";
 import { points } from "./points";
+import { sim } from "./sim";
 import { start } from "./start";
 import { system } from "./system";
 import { trends } from "./trends";
@@ -29,6 +30,7 @@ const all = {
   ...system,
   ...api,
   ...webhooks,
+  ...sim,
 };
 
 export type Key = keyof typeof all;

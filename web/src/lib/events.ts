@@ -71,6 +71,7 @@ const CODES: Record<string, Key> = {
   webhook_secrets_lost: "code_webhook_secrets_lost",
   webhook_fails: "code_webhook_fails",
   webhook_works: "code_webhook_works",
+  sim_order: "code_sim_order",
 };
 
 const ENDS: Record<string, Key> = {

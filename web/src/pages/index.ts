@@ -45,4 +45,13 @@ export const PAGES: readonly Page[] = [
   { path: "/users", title: "nav_users", load: later("Users"), icon: "users", group: 2, role: "admin" },
   { path: "/system", title: "nav_system", load: later("System"), icon: "system", group: 2, role: "viewer" },
   { path: "/reference", title: "nav_api", load: later("Api"), icon: "api", group: 2, role: "viewer" },
+  {
+    path: "/simulator",
+    title: "nav_sim",
+    load: later("Simulator"),
+    icon: "sim",
+    group: 2,
+    role: "viewer",
+    simulated: true,
+  },
 ];

@@ -9,6 +9,7 @@ export { default as Integrations } from "./Integrations.svelte";
 export { default as Lines } from "./Lines.svelte";
 export { default as Module } from "./Module.svelte";
 export { default as Scope } from "./Scope.svelte";
+export { default as Simulator } from "./Simulator.svelte";
 export { default as System } from "./System.svelte";
 export { default as Trends } from "./Trends.svelte";
 export { default as Users } from "./Users.svelte";
