@@ -223,6 +223,8 @@ fn problem(kind: &'static str, name: &str, why: Refused) -> Problem {
             "line" => codes::NO_SUCH_LINE,
             "module" => codes::NO_SUCH_MODULE,
             "webhook" => codes::NO_SUCH_HOOK,
+            "group" => codes::NO_SUCH_GROUP,
+            "scene" => codes::NO_SUCH_SCENE,
             _ => codes::NO_SUCH_PAGE,
         }),
         Refused::Taken => return taken(kind, name),
@@ -275,6 +277,8 @@ mod tests {
             code(remove_line(TEXT, "yard", true)),
             codes::NO_SUCH_LINE.code
         );
+        assert_eq!(code(remove(TEXT, "group", "x")), codes::NO_SUCH_GROUP.code);
+        assert_eq!(code(remove(TEXT, "scene", "x")), codes::NO_SUCH_SCENE.code);
         assert_eq!(code(add_modules(TEXT, Vec::new())), codes::BAD_REQUEST.code);
         let nameless = keys(json!({"line": "main"}));
         assert_eq!(
