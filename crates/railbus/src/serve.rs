@@ -16,6 +16,8 @@ mod frames;
 mod guard;
 mod happening;
 mod history;
+#[cfg(test)]
+mod in_guide;
 mod keys;
 mod language;
 mod listen;

@@ -1,17 +1,24 @@
 //! The guide, tried as written: every command in it is run, page by page, and must print what the
-//! page shows. `UPDATE=1` writes the pages anew.
+//! page shows. `UPDATE=1` writes the pages anew, and `PAGE=api-live` tries only that one.
 //!
 //! In a page of `docs/guide/<lang>/src`:
 //! - ```` ```console ```` holds commands after `$ `, each followed by what it prints;
 //! - ```` ```console,background ```` holds one command that stays running until the page ends;
-//! - ```` ```toml,file=NAME ```` is a file that the reader makes.
+//! - ```` ```toml,file=NAME ```` is a file that the reader makes;
+//! - ```` ```websocket,PATH ```` is a talk with the daemon: after `> ` what is sent, after `< `
+//!   what comes, and commands after `$ ` meanwhile.
 
+#[path = "guide/calm.rs"]
+mod calm;
 #[path = "guide/page.rs"]
 mod page;
 #[path = "guide/shell.rs"]
 mod shell;
+#[path = "api/websocket.rs"]
+mod websocket;
 
-use page::{Block, calm};
+use calm::calm;
+use page::Block;
 use shell::Shell;
 use std::path::{Path, PathBuf};
 
@@ -24,6 +31,7 @@ fn pages(lang: &str) -> Vec<PathBuf> {
         .unwrap_or_else(|error| panic!("{}: {error}", folder.display()))
         .map(|entry| entry.expect("an entry").path())
         .filter(|path| path.extension().is_some_and(|end| end == "md"))
+        .filter(|path| std::env::var_os("PAGE").is_none_or(|page| path.file_stem() == Some(&page)))
         .collect();
     pages.sort();
     pages
@@ -55,9 +63,30 @@ fn played(lang: &str, text: &str) -> String {
                 }
                 whole += "```\n";
             }
+            Block::Talk { head, path, body } => {
+                whole += &format!("{head}{}```\n", talked(&shell, path, body));
+            }
         }
     }
     whole
+}
+
+/// A talk over a WebSocket: as many messages are waited for as the page shows.
+fn talked(shell: &Shell, path: &str, body: &str) -> String {
+    let mut client = shell.websocket(path);
+    let mut said = String::new();
+    for line in body.lines() {
+        if let Some(message) = line.strip_prefix("> ") {
+            client.send(message);
+            said += &format!("{line}\n");
+        } else if line.starts_with('<') {
+            let message = client.next_text().expect("the connection lasts");
+            said += &format!("< {message}\n");
+        } else if let Some(command) = line.strip_prefix("$ ") {
+            said += &format!("{line}\n{}", shell.run(command));
+        }
+    }
+    said
 }
 
 /// The first line that differs is all that one wants to see of a page.
@@ -85,12 +114,15 @@ fn try_out(lang: &str) {
         let played = played(lang, &text);
         commands += played.lines().filter(|line| line.starts_with("$ ")).count();
         if std::env::var_os("UPDATE").is_some() {
-            std::fs::write(&path, played).expect("the guide is ours");
+            // A page of which only times have changed stays as it is.
+            if calm(&text) != calm(&played) {
+                std::fs::write(&path, played).expect("the guide is ours");
+            }
             continue;
         }
         same(&path, &calm(&text), &calm(&played));
     }
-    assert!(commands > 20, "the guide shows hardly anything: {commands}");
+    assert!(commands > 0, "the guide shows nothing");
 }
 
 #[test]

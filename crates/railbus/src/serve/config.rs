@@ -60,7 +60,7 @@ pub(super) const ROUTES: &[Route] = &[
     Route::new("DELETE", "/config/lines/{line}", Need::ENGINEER, || {
         delete(remove_line)
     })
-    .doc(Doc::new("Take a line out")),
+    .doc(Doc::new("Take a line out").query(&[("modules", "1: with the modules on it")])),
     Route::new("POST", "/config/modules", Need::ENGINEER, || {
         post(add_modules)
     })

@@ -94,6 +94,16 @@ pub(super) const ALL: &[&[Route]] = &[
     webhook::ROUTES,
 ];
 
+/// What is asked by those who watch the daemon, beside the API.
+pub(super) const TOP: &[Route] = &[
+    Route::new("GET", "/healthz", Need::Nothing, || get(async || "ok\n"))
+        .doc(Doc::new("Whether the daemon answers").media("text/plain")),
+    Route::new("GET", "/readyz", Need::Nothing, || get(about::ready))
+        .doc(Doc::new("Whether every line was tried").media("text/plain")),
+    Route::new("GET", "/metrics", Need::VIEWER, || get(metrics::metrics))
+        .doc(Doc::new("Figures for Prometheus").media("text/plain")),
+];
+
 /// What every handler needs.
 #[derive(Clone, Debug)]
 pub(super) struct Site {
@@ -159,24 +169,19 @@ pub(super) type Asked = Query<BTreeMap<String, String>>;
 /// All addresses; over TCP those who ask must be known, and mean this daemon.
 pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
     let access = Arc::clone(&site.access);
-    let mut api = Router::new();
-    for route in ALL.iter().copied().flatten() {
-        // What only the daemon's own user may ask for is not there for anybody else.
-        if route.need == Need::Owner && front.is_some() {
-            continue;
-        }
+    // What only the daemon's own user may ask for is not there for anybody else.
+    let is_there = |route: &&Route| route.need != Need::Owner || front.is_none();
+    let add = |router: Router<Site>, route: &Route| {
         let ruled = (route.handler)().layer(from_fn_with_state(route.need, check));
-        api = api.route(route.path, ruled);
-    }
-    let router = Router::new()
+        router.route(route.path, ruled)
+    };
+    let routes = ALL.iter().copied().flatten().filter(is_there);
+    let api = routes.fold(Router::new(), add);
+    let router = TOP
+        .iter()
+        .fold(Router::new(), add)
         .nest(BASE, api.layer(from_fn(spoken::only_problems)))
         .route("/style.css", get(web::style))
-        .route("/healthz", get(async || "ok\n"))
-        .route("/readyz", get(about::ready))
-        .route(
-            "/metrics",
-            get(metrics::metrics).layer(from_fn_with_state(Need::VIEWER, check)),
-        )
         .fallback(web::page)
         .method_not_allowed_fallback(not_so)
         .layer(from_fn_with_state(site.lang, spoken::problems))

@@ -7,4 +7,5 @@ mod hostile;
 mod scans;
 mod sim;
 mod streams;
+mod talk;
 mod websocket;

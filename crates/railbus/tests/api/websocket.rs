@@ -1,15 +1,9 @@
 //! A client of WebSockets [RFC 6455], as small as one can be.
 
-use crate::daemon::Daemon;
-use serde_json::Value;
 use std::io::{Read, Write};
-use std::time::{Duration, Instant};
-
-/// What a test waits for comes within this time, or never.
-const PATIENCE: Duration = Duration::from_secs(60);
 
 /// What bytes go through.
-trait Wire: Read + Write {}
+pub(crate) trait Wire: Read + Write {}
 impl<T: Read + Write> Wire for T {}
 
 /// A connection.
@@ -18,37 +12,13 @@ pub(crate) struct Client {
 }
 
 impl Client {
-    /// Connects as a program.
-    pub(crate) fn open(daemon: &Daemon) -> Client {
-        Client::try_open(daemon, "", "/api/v1/ws").expect("it is let in")
-    }
-
-    /// The same with more lines in the head, or the status with which it is refused.
-    pub(crate) fn try_open(daemon: &Daemon, more: &str, path: &str) -> Result<Client, u16> {
-        let stream = daemon.connect();
-        stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
-        Client::over(Box::new(stream), daemon, more, path)
-    }
-
-    /// Connects over the daemon's socket, which holds little of what nobody reads.
-    pub(crate) fn over_socket(daemon: &Daemon) -> Client {
-        let stream = daemon.connect_to_socket();
-        stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
-        let client = Client::over(Box::new(stream), daemon, "", "/api/v1/ws");
-        client.expect("it is let in")
-    }
-
-    fn over(
-        mut stream: Box<dyn Wire>,
-        daemon: &Daemon,
-        more: &str,
-        path: &str,
-    ) -> Result<Client, u16> {
+    /// Asks for a WebSocket at this path with these lines in the head; else the status with which
+    /// it is refused.
+    pub(crate) fn over(mut stream: Box<dyn Wire>, lines: &str, path: &str) -> Result<Client, u16> {
         write!(
             stream,
-            "GET {path} HTTP/1.1\r\n{}{more}Connection: Upgrade\r\nUpgrade: websocket\r\n\
-             Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n",
-            daemon.head()
+            "GET {path} HTTP/1.1\r\n{lines}Connection: Upgrade\r\nUpgrade: websocket\r\n\
+             Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
         )
         .expect("it takes bytes");
         let mut head = Vec::new();
@@ -93,7 +63,7 @@ impl Client {
     }
 
     /// The next message; none once the daemon has closed.
-    pub(crate) fn next(&mut self) -> Option<Value> {
+    pub(crate) fn next_text(&mut self) -> Option<String> {
         loop {
             let mut head = [0; 2];
             self.stream.read_exact(&mut head).ok()?;
@@ -113,22 +83,10 @@ impl Client {
             let mut data = vec![0; length];
             self.stream.read_exact(&mut data).ok()?;
             match head[0] & 0x0F {
-                1 => return Some(serde_json::from_slice(&data).expect("JSON")),
+                1 => return Some(String::from_utf8(data).expect("text")),
                 8 => return None,
                 9 => self.send_frame(10, &data),
                 _ => {}
-            }
-        }
-    }
-
-    /// The next message that is as wanted; those before it are passed over.
-    pub(crate) fn until(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-        let start = Instant::now();
-        loop {
-            assert!(start.elapsed() < PATIENCE, "{what}: it never came");
-            let message = self.next().expect("the connection lasts");
-            if wanted(&message) {
-                return message;
             }
         }
     }

@@ -18,6 +18,12 @@ pub(crate) enum Block<'p> {
         head: &'p str,
         commands: Vec<&'p str>,
     },
+    /// A talk over a WebSocket at `path`.
+    Talk {
+        head: &'p str,
+        path: &'p str,
+        body: &'p str,
+    },
 }
 
 /// The parts of a page, in its order. Together they are the page.
@@ -28,6 +34,12 @@ pub(crate) fn blocks(page: &str) -> Vec<Block<'_>> {
         blocks.push(Block::Text(before));
         let info = head.trim_start_matches('`').trim_end();
         let name = info.split_once(",file=").map(|(_, name)| name);
+        let path = info.strip_prefix("websocket,");
+        if let Some(path) = path {
+            blocks.push(Block::Talk { head, path, body });
+            rest = after;
+            continue;
+        }
         blocks.push(match (info, name) {
             (_, Some(name)) => Block::File { name, head, body },
             ("console", None) => Block::Session {
@@ -70,49 +82,4 @@ fn next_fence(text: &str) -> Option<(&str, &str, &str, &str)> {
         }
     };
     Some((before, head, body, after))
-}
-
-/// The same but for what differs from run to run: measured times, moments, ports, and the width of
-/// the columns that hold them.
-pub(crate) fn calm(text: &str) -> String {
-    let mut calm = String::new();
-    for line in text.lines() {
-        // Chinese leaves no blank between a mark and the number after it.
-        let line = line
-            .replace('；', "； ")
-            .replace('，', "， ")
-            .replace('：', "： ");
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let is_unit = |word: &&str| {
-            let word = word.trim_end_matches([',', '.', ';', '，', '。', '；']);
-            matches!(word, "ms" | "s" | "毫秒" | "秒" | "%")
-        };
-        let masked = words.iter().enumerate().map(|(at, word)| {
-            let measured = word.parse::<f64>().is_ok() && words.get(at + 1).is_some_and(is_unit);
-            let is_port = word.contains("127.0.0.1:");
-            match measured || is_port || is_moment(word) || is_gap(word) {
-                true => "#",
-                false => *word,
-            }
-        });
-        calm += &masked.collect::<Vec<_>>().join(" ");
-        calm.push('\n');
-    }
-    calm
-}
-
-/// `12.4`, as gaps stand in a column of their own.
-fn is_gap(word: &str) -> bool {
-    let digits = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
-    let parts = word.split_once('.');
-    parts.is_some_and(|(whole, tenths)| digits(whole) && digits(tenths) && tenths.len() == 1)
-}
-
-/// `14:03:07.123`, or a date, alone or with a time.
-fn is_moment(word: &str) -> bool {
-    let digits = word.bytes().filter(u8::is_ascii_digit).count();
-    let marks = word
-        .bytes()
-        .all(|b| b.is_ascii_digit() || b":.-TZ+".contains(&b));
-    digits >= 5 && marks && (word.matches(':').count() >= 2 || word.matches('-').count() == 2)
 }

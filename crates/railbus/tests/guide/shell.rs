@@ -1,16 +1,25 @@
 //! The reader's shell: a folder of its own, the program in the path.
 //!
-//! Where a page says `/tmp/`, a reader's files lie; here that is the folder, so that pages that are
-//! tried at once do not meet.
+//! Where a page says `/tmp/`, a reader's files lie; here that is the folder, and where it says
+//! [`ADDRESS`], here that is a port that is free: so that pages that are tried at once do not meet.
 
+use crate::websocket::Client;
 use std::io::{BufRead, BufReader};
+use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// Where the daemon of a page listens.
+const ADDRESS: &str = "127.0.0.1:7485";
+/// Before it has said where it does.
+const ANY_PORT: &str = "127.0.0.1:0";
 
 pub(crate) struct Shell {
     folder: PathBuf,
     lang: String,
+    address: String,
     background: Vec<Child>,
 }
 
@@ -34,6 +43,7 @@ impl Shell {
         Shell {
             folder,
             lang: lang.to_owned(),
+            address: ANY_PORT.to_owned(),
             background: Vec::new(),
         }
     }
@@ -73,19 +83,41 @@ impl Shell {
         }
         // Who writes more must not be stopped by a full or a broken pipe.
         std::thread::spawn(move || std::io::copy(&mut said, &mut std::io::sink()));
+        if let Some((_, after)) = text.split_once("http://") {
+            after
+                .split('/')
+                .next()
+                .unwrap_or(ANY_PORT)
+                .clone_into(&mut self.address);
+        }
         self.there(&text)
+    }
+
+    /// A WebSocket to the daemon that runs in the background, through its socket.
+    pub(crate) fn websocket(&self, path: &str) -> Client {
+        let stream = UnixStream::connect(self.folder.join("railbus.sock")).expect("it listens");
+        let patience = Some(Duration::from_secs(60));
+        stream.set_read_timeout(patience).expect("a socket");
+        let client = Client::over(Box::new(stream), "Host: railbus\r\n", path);
+        client.expect("it is let in")
     }
 
     /// What a page says, as it is meant here.
     fn here(&self, text: &str) -> String {
         text.replace("/tmp/", &format!("{}/", self.folder.display()))
+            .replace(ADDRESS, &self.address)
     }
 
     /// What was said here, as a page says it.
     fn there(&self, text: &str) -> String {
         let folder = self.folder.display().to_string();
-        text.replace(&format!("{folder}/"), "/tmp/")
-            .replace(&folder, "/tmp")
+        let text = text
+            .replace(&format!("{folder}/"), "/tmp/")
+            .replace(&folder, "/tmp");
+        match self.address == ANY_PORT {
+            true => text,
+            false => text.replace(&self.address, ADDRESS),
+        }
     }
 
     fn shell(&self, command: &str) -> Command {
