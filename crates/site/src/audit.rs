@@ -2,13 +2,14 @@
 //! in a log on the disk where there is one, and then nothing is sent before it was written down.
 
 mod chain;
+mod files;
 mod log;
 mod read;
 mod tail;
 
 pub use chain::{Numbered, Record};
 pub use log::AuditLog;
-pub use read::{Exported, Filter, Logged, Page, Verified, verify_folder};
+pub use read::{Exported, Filter, Logged, Page, Place, Verified, verify_folder};
 pub use tail::Found;
 
 use crate::ulid::Ulids;

@@ -142,6 +142,8 @@ pub(crate) struct AuditPage {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct VerifiedInfo {
     pub(crate) schema: u8,
+    /// The number of the oldest record that is kept.
+    pub(crate) first: u64,
     /// How many entries and records follow upon each other.
     pub(crate) entries: u64,
     pub(crate) records: u64,

@@ -193,6 +193,7 @@ async fn verify(State(site): State<Site>) -> Answer {
     let found = log.verify().await.map_err(|error| unread(&error));
     answer::json(found.map(|found| VerifiedInfo {
         schema: SCHEMA,
+        first: found.first,
         entries: found.entries,
         records: found.records,
         ok: found.broken_at.is_none(),
@@ -217,7 +218,7 @@ async fn save(
     };
     let (answer, mut sink) = export::stream(&site, &who, &file);
     tokio::spawn(async move {
-        let mut from = 0;
+        let mut from = None;
         let mut head = file.head(&AUDIT_COLUMNS);
         while let Ok(piece) = log.export(from).await {
             for (hash, numbered) in &piece.records {
@@ -230,8 +231,8 @@ async fn save(
                     head += &format!("{told}\n");
                 }
             }
-            let more = piece.next > from;
-            from = piece.next;
+            let more = !piece.records.is_empty();
+            from = Some(piece.next);
             if !sink.send(std::mem::take(&mut head)).await || !more {
                 return;
             }

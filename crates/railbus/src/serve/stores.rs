@@ -23,6 +23,7 @@ impl Stores {
         match AuditLog::open(folder) {
             Ok((log, found)) => {
                 log.require(past.audit_required);
+                log.keep(past.audit_bytes);
                 service.keep_audit(log);
                 tell_found(service, &found);
             }

@@ -2,11 +2,11 @@
 //! its record is durable, and those who wait at the same time wait for one commit together.
 
 use super::chain::Record;
-use super::read::{Filter, Page, Verified};
+use super::read::{Filter, Page, Place, Verified};
 use super::tail::{Found, Reach, Tail};
 use super::{Exported, read};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
@@ -31,6 +31,8 @@ pub struct AuditLog {
     folder: Arc<Path>,
     jobs: mpsc::Sender<Job>,
     reach: Arc<Mutex<Reach>>,
+    /// So many bytes are kept.
+    kept: Arc<AtomicU64>,
     required: Arc<AtomicBool>,
     failing: Arc<AtomicBool>,
 }
@@ -51,19 +53,28 @@ impl AuditLog {
     pub fn open(folder: &Path) -> std::io::Result<(AuditLog, Found)> {
         let (tail, found) = Tail::open(folder)?;
         let reach = Arc::new(Mutex::new(tail.reach.clone()));
+        let kept = Arc::new(AtomicU64::new(u64::MAX));
         let (jobs, waiting) = mpsc::channel(QUEUE_MAX);
-        let shared = Arc::clone(&reach);
+        let shared = (Arc::clone(&reach), Arc::clone(&kept));
         std::thread::Builder::new()
             .name("audit".to_owned())
-            .spawn(move || work(tail, waiting, &shared))?;
+            .spawn(move || work(tail, waiting, &shared.0, &shared.1))?;
         let log = AuditLog {
             folder: Arc::from(folder),
             jobs,
             reach,
+            kept,
             required: Arc::default(),
             failing: Arc::default(),
         };
         Ok((log, found))
+    }
+
+    /// Keeps so many bytes, or all there ever are. What is too old goes once the newest file is
+    /// full.
+    pub fn keep(&self, bytes: Option<u64>) {
+        let bytes = bytes.unwrap_or(u64::MAX);
+        self.kept.store(bytes, Ordering::Relaxed);
     }
 
     /// Whether nothing may be switched that can't be written down; else it is switched all the
@@ -127,13 +138,12 @@ impl AuditLog {
     /// What the system says.
     pub async fn page(
         &self,
-        before: Option<u64>,
+        before: Option<Place>,
         limit: usize,
         filter: Filter,
     ) -> std::io::Result<Page> {
-        let (folder, len) = (Arc::clone(&self.folder), self.reach().len);
-        aside(move || read::page(&folder, before.unwrap_or(len).min(len), len, limit, &filter))
-            .await
+        let (folder, reach) = (Arc::clone(&self.folder), self.reach());
+        aside(move || read::page(&folder, before, &reach, limit, &filter)).await
     }
 
     /// Goes along the whole chain.
@@ -145,13 +155,14 @@ impl AuditLog {
         aside(move || read::verify(&folder, Some(&reach))).await
     }
 
-    /// The records from a place on, as many as go into one piece; none at the end.
+    /// The records from a place on, or from the oldest that is kept, as many as go into one
+    /// piece; none at the end.
     ///
     /// # Errors
-    /// What the system says.
-    pub async fn export(&self, from: u64) -> std::io::Result<Exported> {
-        let (folder, len) = (Arc::clone(&self.folder), self.reach().len);
-        aside(move || read::export(&folder, from, len)).await
+    /// What the system says; `NotFound` where the place is not kept any more.
+    pub async fn export(&self, from: Option<Place>) -> std::io::Result<Exported> {
+        let (folder, reach) = (Arc::clone(&self.folder), self.reach());
+        aside(move || read::export(&folder, from, &reach)).await
     }
 }
 
@@ -164,7 +175,7 @@ async fn aside<T: Send + 'static>(
 }
 
 /// Writes what comes until nobody is left who could send something.
-fn work(mut tail: Tail, mut waiting: mpsc::Receiver<Job>, reach: &Mutex<Reach>) {
+fn work(mut tail: Tail, mut waiting: mpsc::Receiver<Job>, reach: &Mutex<Reach>, kept: &AtomicU64) {
     while let Some(first) = waiting.blocking_recv() {
         let mut batch = vec![first];
         while batch.len() < BATCH_MAX
@@ -172,6 +183,7 @@ fn work(mut tail: Tail, mut waiting: mpsc::Receiver<Job>, reach: &Mutex<Reach>) 
         {
             batch.push(next);
         }
+        tail.turn(kept.load(Ordering::Relaxed));
         commit(&mut tail, batch, reach);
     }
 }

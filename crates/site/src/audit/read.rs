@@ -1,11 +1,14 @@
 //! The log as it is read: from its end in pages, or along its whole chain.
 
-use super::chain::{HASH_LEN, LINE_MAX, NOTHING, Numbered, Record, decode, follows};
-use super::tail::{Reach, head_of, log_of, read_at};
+use super::chain::{HASH_LEN, LINE_MAX, Numbered, Record, decode, follows};
+use super::files::{self, Mark};
+use super::tail::{Reach, head_of, read_at};
 use std::collections::HashMap;
+use std::fmt;
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Result};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Result};
 use std::path::Path;
+use std::str::FromStr;
 
 /// So much is read at a time.
 const CHUNK: u64 = 64 << 10;
@@ -48,18 +51,47 @@ pub struct Logged {
     pub hash: String,
 }
 
+/// A place between two records. It stays what it is when the log goes on in another file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    /// The number of the first record of its file.
+    pub(super) first: u64,
+    /// The byte in that file.
+    pub(super) at: u64,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}-{}", self.first, self.at)
+    }
+}
+
+impl FromStr for Place {
+    type Err = std::num::ParseIntError;
+
+    fn from_str(text: &str) -> std::result::Result<Place, Self::Err> {
+        let (first, at) = text.split_once('-').unwrap_or((text, ""));
+        Ok(Place {
+            first: first.parse()?,
+            at: at.parse()?,
+        })
+    }
+}
+
 /// Some entries.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Page {
     /// The newest first.
     pub entries: Vec<Logged>,
     /// From where to go on; none at the beginning of the log.
-    pub next: Option<u64>,
+    pub next: Option<Place>,
 }
 
 /// What was found along the chain.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Verified {
+    /// The number of the oldest record that is kept.
+    pub first: u64,
     /// How many records follow upon each other.
     pub records: u64,
     /// Of them, how many entries.
@@ -69,62 +101,116 @@ pub struct Verified {
 }
 
 /// Some records as they are in the log.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Exported {
     /// The oldest first, each with its hash.
     pub records: Vec<(String, Numbered)>,
     /// From where to go on.
-    pub next: u64,
+    pub next: Place,
 }
 
 /// Goes along the whole log. It must end as was remembered: by the one who writes it, or else by
 /// the file beside it.
 pub(super) fn verify(folder: &Path, known: Option<&Reach>) -> Result<Verified> {
-    let mut file = BufReader::new(File::open(log_of(folder))?);
-    let mut found = Verified::default();
-    let (mut hash, mut line) = (NOTHING.to_owned(), Vec::new());
-    let mut at = 0;
-    let head = known
-        .map(|reach| (reach.seq, reach.hash.clone()))
-        .or_else(|| head_of(folder));
-    let Some((head_seq, head_hash)) = head else {
-        found.broken_at = Some(1);
-        return Ok(found);
+    let anchor = files::anchor(folder);
+    let mut walk = Walk {
+        found: Verified {
+            first: anchor.seq + 1,
+            ..Verified::default()
+        },
+        head_seen: false,
+        head: Mark::default(),
+        last: anchor,
     };
-    let mut head_seen = false;
-    while known.is_none_or(|reach| at < reach.len) {
-        line.clear();
-        let read = file
-            .by_ref()
-            .take(LINE_MAX as u64)
-            .read_until(b'\n', &mut line)?;
-        if read == 0 {
-            break;
+    let head = known.map(|reach| reach.last.clone());
+    let Some(head) = head.or_else(|| head_of(folder)) else {
+        walk.found.broken_at = Some(walk.found.first);
+        return Ok(walk.found);
+    };
+    walk.head_seen = head == walk.last;
+    walk.head = head;
+    for (file, len) in to_verify(folder, known, walk.last.seq)? {
+        if !walk.along(&mut BufReader::new(file.take(len)))? {
+            return Ok(walk.found);
         }
-        at += read as u64;
-        let broken = Some(found.records + 1);
-        let Some(text) = line.strip_suffix(b"\n") else {
-            found.broken_at = broken;
-            return Ok(found);
-        };
-        let Some((own, numbered)) = follows(&hash, text) else {
-            found.broken_at = broken;
-            return Ok(found);
-        };
-        let is_cut = matches!(numbered.record, Record::Cut { .. });
-        if numbered.seq != found.records + 1 || is_cut {
-            found.broken_at = broken;
-            return Ok(found);
-        }
-        found.records += 1;
-        found.entries += u64::from(matches!(numbered.record, Record::Begin { .. }));
-        hash = own.to_owned();
-        head_seen |= numbered.seq == head_seq && hash == head_hash;
     }
-    if !head_seen {
-        found.broken_at = Some(found.records + 1);
+    if !walk.head_seen {
+        walk.found.broken_at = Some(walk.last.seq + 1);
+    }
+    Ok(walk.found)
+}
+
+/// The files after the anchor, the oldest first, and how much of each is to be read.
+fn to_verify(folder: &Path, known: Option<&Reach>, anchor: u64) -> Result<Vec<(File, u64)>> {
+    let mut found = Vec::new();
+    for first in files::all_full(folder)? {
+        let is_newer = known.is_some_and(|reach| first >= reach.first);
+        if first > anchor && !is_newer {
+            found.push((File::open(files::full(folder, first))?, u64::MAX));
+        }
+    }
+    let newest = match known {
+        Some(reach) => files::open(folder, reach.first, reach),
+        None => File::open(files::newest(folder)).map(|file| (file, u64::MAX)),
+    };
+    match newest {
+        Ok(newest) => found.push(newest),
+        // The one before was full, and this one was not begun yet.
+        Err(error) if error.kind() == ErrorKind::NotFound && !found.is_empty() => {}
+        Err(error) => return Err(error),
     }
     Ok(found)
+}
+
+/// A walk along the chain.
+struct Walk {
+    found: Verified,
+    /// The record that was met last.
+    last: Mark,
+    /// The record that must be met.
+    head: Mark,
+    head_seen: bool,
+}
+
+impl Walk {
+    /// Goes along one file; gives back whether all of it follows upon what was before.
+    fn along(&mut self, file: &mut impl BufRead) -> Result<bool> {
+        let mut line = Vec::new();
+        loop {
+            line.clear();
+            let read = file
+                .by_ref()
+                .take(LINE_MAX as u64)
+                .read_until(b'\n', &mut line)?;
+            if read == 0 {
+                return Ok(true);
+            }
+            if !self.takes(&line) {
+                self.found.broken_at = Some(self.last.seq + 1);
+                return Ok(false);
+            }
+        }
+    }
+
+    /// Whether a line is the next.
+    fn takes(&mut self, line: &[u8]) -> bool {
+        let text = line.strip_suffix(b"\n");
+        let Some((hash, numbered)) = text.and_then(|text| follows(&self.last.hash, text)) else {
+            return false;
+        };
+        let is_cut = matches!(numbered.record, Record::Cut { .. });
+        if numbered.seq != self.last.seq + 1 || is_cut {
+            return false;
+        }
+        self.found.records += 1;
+        self.found.entries += u64::from(matches!(numbered.record, Record::Begin { .. }));
+        self.last = Mark {
+            seq: numbered.seq,
+            hash: hash.to_owned(),
+        };
+        self.head_seen |= self.last == self.head;
+        true
+    }
 }
 
 /// Goes along the log of a folder that nobody writes.
@@ -136,18 +222,27 @@ pub fn verify_folder(folder: &Path) -> Result<Verified> {
 }
 
 /// Records from a place on.
-pub(super) fn export(folder: &Path, from: u64, len: u64) -> Result<Exported> {
-    let mut file = File::open(log_of(folder))?;
+pub(super) fn export(folder: &Path, from: Option<Place>, reach: &Reach) -> Result<Exported> {
+    let all = files::all(folder, reach)?;
+    let first = all.first().copied().unwrap_or(reach.first);
+    let mut from = from.unwrap_or(Place { first, at: 0 });
+    let (mut file, mut len) = files::open(folder, from.first, reach)?;
+    if from.at >= len
+        && let Some(first) = all.into_iter().find(|first| *first > from.first)
+    {
+        from = Place { first, at: 0 };
+        (file, len) = files::open(folder, first, reach)?;
+    }
     let mut exported = Exported {
         records: Vec::new(),
-        next: from.min(len),
+        next: from,
     };
-    let bytes = read_at(&mut file, from, len.min(from.saturating_add(CHUNK)))?;
+    let bytes = read_at(&mut file, from.at, len.min(from.at.saturating_add(CHUNK)))?;
     for line in bytes.split_inclusive(|byte| *byte == b'\n') {
         let Some(text) = line.strip_suffix(b"\n") else {
             break;
         };
-        exported.next += line.len() as u64;
+        exported.next.at += line.len() as u64;
         // What can't be read is told by a verification.
         if let Some((hash, numbered)) = decode(text) {
             exported.records.push((hash.to_owned(), numbered));
@@ -159,47 +254,109 @@ pub(super) fn export(folder: &Path, from: u64, len: u64) -> Result<Exported> {
 /// Entries before a place, the newest first.
 pub(super) fn page(
     folder: &Path,
-    before: u64,
-    len: u64,
+    before: Option<Place>,
+    reach: &Reach,
     limit: usize,
     filter: &Filter,
 ) -> Result<Page> {
-    let mut file = File::open(log_of(folder))?;
-    let mut ends = Ends::default();
-    let ahead = read_at(&mut file, before, len.min(before.saturating_add(AHEAD)))?;
-    for line in ahead.split(|byte| *byte == b'\n') {
-        if let Some((_, numbered)) = decode(line) {
-            ends.take(&numbered.record);
+    let all = files::all(folder, reach)?;
+    let end = files::end(folder, reach.first, reach)?;
+    let mut place = before.map_or(end, |before| before.min(end));
+    let mut back = Back {
+        ends: Ends::default(),
+        entries: Vec::new(),
+        limit,
+        left: SCAN_MAX,
+        filter,
+    };
+    back.look_ahead(folder, place, reach, &all)?;
+    // Where the place is not kept any more, nothing before it is.
+    let mut older = all.iter().rposition(|first| *first == place.first);
+    while let Some(index) = older {
+        let (mut file, len) = files::open(folder, place.first, reach)?;
+        place.at = back.go(&mut file, place.at.min(len))?;
+        older = index.checked_sub(1);
+        if place.at == 0 {
+            let Some(first) = older.and_then(|older| all.get(older)) else {
+                break;
+            };
+            place = files::end(folder, *first, reach)?;
+        }
+        if back.is_enough() {
+            return Ok(Page {
+                entries: back.entries,
+                next: Some(place),
+            });
         }
     }
-    let mut page = Page::default();
-    let mut at = before;
-    // The beginning of a line whose end lies in the chunk that was read before.
-    let mut rest: Vec<u8> = Vec::new();
-    while at > 0 && before - at < SCAN_MAX {
-        let start = at.saturating_sub(CHUNK);
-        let mut bytes = read_at(&mut file, start, at)?;
-        bytes.append(&mut rest);
-        let mut end = bytes.len();
-        while let Some(line_start) = last_line(&bytes, end, start == 0) {
-            let line = bytes.get(line_start..end).unwrap_or_default();
-            end = line_start;
-            if let Some(entry) = ends.entry(line.strip_suffix(b"\n").unwrap_or(line), filter) {
-                page.entries.push(entry);
+    Ok(Page {
+        entries: back.entries,
+        next: None,
+    })
+}
+
+/// A look through the log from its end.
+struct Back<'f> {
+    ends: Ends,
+    entries: Vec<Logged>,
+    /// So many are wanted.
+    limit: usize,
+    /// So many bytes are still looked through.
+    left: u64,
+    filter: &'f Filter,
+}
+
+impl Back<'_> {
+    fn is_enough(&self) -> bool {
+        self.entries.len() >= self.limit || self.left == 0
+    }
+
+    /// Takes the ends that lie after the entries that are to come.
+    fn look_ahead(&mut self, folder: &Path, from: Place, reach: &Reach, all: &[u64]) -> Result<()> {
+        let mut left = AHEAD;
+        for first in all.iter().copied().filter(|first| *first >= from.first) {
+            let start = if first == from.first { from.at } else { 0 };
+            let (mut file, len) = files::open(folder, first, reach)?;
+            let ahead = read_at(&mut file, start, len.min(start.saturating_add(left)))?;
+            for line in ahead.split(|byte| *byte == b'\n') {
+                if let Some((_, numbered)) = decode(line) {
+                    self.ends.take(&numbered.record);
+                }
             }
-            if page.entries.len() >= limit {
-                let place = start + line_start as u64;
-                page.next = (place > 0).then_some(place);
-                return Ok(page);
+            left = left.saturating_sub(ahead.len() as u64);
+            if left == 0 {
+                break;
             }
         }
-        bytes.truncate(end);
-        rest = bytes;
-        at = start;
+        Ok(())
     }
-    let place = at + rest.len() as u64;
-    page.next = (at > 0).then_some(place);
-    Ok(page)
+
+    /// Goes back through a file, from a place; gives back where it stopped.
+    fn go(&mut self, file: &mut File, before: u64) -> Result<u64> {
+        let mut at = before;
+        // The beginning of a line whose end lies in the chunk that was read before.
+        let mut rest: Vec<u8> = Vec::new();
+        while at > 0 && !self.is_enough() {
+            let start = at.saturating_sub(CHUNK);
+            self.left = self.left.saturating_sub(at - start);
+            let mut bytes = read_at(file, start, at)?;
+            bytes.append(&mut rest);
+            let mut end = bytes.len();
+            while let Some(line_start) = last_line(&bytes, end, start == 0) {
+                let line = bytes.get(line_start..end).unwrap_or_default();
+                end = line_start;
+                let line = line.strip_suffix(b"\n").unwrap_or(line);
+                self.entries.extend(self.ends.entry(line, self.filter));
+                if self.entries.len() >= self.limit {
+                    return Ok(start + line_start as u64);
+                }
+            }
+            bytes.truncate(end);
+            rest = bytes;
+            at = start;
+        }
+        Ok(at + rest.len() as u64)
+    }
 }
 
 /// Where the last whole line before a place begins; none where that is not known yet.

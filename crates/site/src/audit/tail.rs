@@ -1,28 +1,38 @@
 //! The end of the log, where records are added.
 
-use super::chain::{LINE_MAX, NOTHING, Numbered, Record, encode, follows};
+use super::chain::{LINE_MAX, Numbered, Record, decode, encode, follows};
+use super::files::{self, Mark};
 use crate::durable;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{Error, ErrorKind, Read, Result, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
 
-/// The name of the log in its folder.
-const LOG: &str = "audit.log";
 /// The name of the file that remembers how far the log reached.
 const HEAD: &str = "audit.head";
 /// So much of the log is looked through when it is opened.
 const WINDOW: u64 = 4 << 20;
 
 /// How far the log reaches.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Reach {
-    /// In bytes.
+    /// The number of the first record of the newest file, or of the one that will be that.
+    pub(super) first: u64,
+    /// How long the newest file is, in bytes.
     pub(super) len: u64,
-    /// The number of its last record.
-    pub(super) seq: u64,
-    /// The hash of that.
-    pub(super) hash: String,
+    /// The last record.
+    pub(super) last: Mark,
+}
+
+impl Reach {
+    /// With an empty file after this record.
+    fn after(last: Mark) -> Reach {
+        Reach {
+            first: last.seq + 1,
+            len: 0,
+            last,
+        }
+    }
 }
 
 /// What was found when the log was opened.
@@ -40,6 +50,7 @@ pub struct Found {
 
 /// The log, open for writing.
 pub(super) struct Tail {
+    folder: PathBuf,
     file: File,
     head: File,
     pub(super) reach: Reach,
@@ -52,23 +63,25 @@ impl Tail {
     /// Opens the log of a folder and finds its end.
     pub(super) fn open(folder: &Path) -> Result<(Tail, Found)> {
         std::fs::create_dir_all(folder)?;
-        let head = open(&folder.join(HEAD))?;
+        let head = files::open_or_make(&folder.join(HEAD))?;
         // Two who add to one chain break it.
         head.try_lock()
             .map_err(|_| Error::from(ErrorKind::WouldBlock))?;
-        let path = log_of(folder);
+        let path = files::newest(folder);
         let mut found = Found::default();
-        let mut file = open(&path)?;
-        let reach = match find_end(&mut file, &mut found)? {
+        let before = before_newest(folder, &mut found)?;
+        let mut file = files::open_or_make(&path)?;
+        let reach = match find_end(&mut file, before.as_ref(), &mut found)? {
             Some(reach) => reach,
             None => {
                 file = put_aside(&path, &mut found)?;
-                Reach::default()
+                Reach::after(before.unwrap_or_default())
             }
         };
         // The names of new files are kept, too.
         durable::sync_folder(folder)?;
         let mut tail = Tail {
+            folder: folder.to_owned(),
             file,
             head,
             reach,
@@ -82,10 +95,11 @@ impl Tail {
     /// Writes down that the log was opened, and what was found.
     fn begin(&mut self, found: &mut Found) -> Result<()> {
         let mut records = Vec::new();
-        if let Some((seq, hash)) = self.head()
-            && !self.reaches(seq, &hash)
+        if let Some(head) = self.head()
+            && !self.reaches(&head)
         {
             found.cut = true;
+            let Mark { seq, hash } = head;
             records.push(Record::Cut { seq, hash });
         }
         records.push(Record::Start {
@@ -105,25 +119,40 @@ impl Tail {
         Ok(())
     }
 
-    /// How far the log is said to have reached: number and hash.
-    fn head(&mut self) -> Option<(u64, String)> {
+    /// How far the log is said to have reached.
+    fn head(&mut self) -> Option<Mark> {
         self.head.seek(SeekFrom::Start(0)).ok()?;
-        read_head(&mut self.head)
+        Mark::read(&mut self.head)
     }
 
     /// Whether the log has the record that the head names. It may be longer: a head is written
     /// after the record and not made durable.
-    fn reaches(&mut self, seq: u64, hash: &str) -> bool {
-        if seq >= self.reach.seq {
-            return seq == self.reach.seq && hash == self.reach.hash;
+    fn reaches(&mut self, head: &Mark) -> bool {
+        if head.seq >= self.reach.last.seq {
+            return *head == self.reach.last;
         }
         let start = self.reach.len.saturating_sub(WINDOW);
         let Ok(window) = read_at(&mut self.file, start, self.reach.len) else {
             return true;
         };
-        let named = |line: &[u8]| line.starts_with(hash.as_bytes());
+        let named = |line: &[u8]| line.starts_with(head.hash.as_bytes());
         // Farther back than is looked is no fault that could be proved here.
-        start > 0 || window.split(|byte| *byte == b'\n').any(named)
+        let is_farther = start > 0 || head.seq < self.reach.first;
+        is_farther || window.split(|byte| *byte == b'\n').any(named)
+    }
+
+    /// Goes on in another file where this one is full, and takes away what is not to be kept any
+    /// more. Where that can't be done, this one becomes longer.
+    pub(super) fn turn(&mut self, keep: u64) {
+        if self.reach.len < files::file_max(keep) {
+            return;
+        }
+        if let Ok(file) = files::turn(&self.folder, self.reach.first) {
+            self.file = file;
+            self.reach = Reach::after(self.reach.last.clone());
+            // What stays goes the next time.
+            let _ = files::forget(&self.folder, keep);
+        }
     }
 
     /// Adds records. They are whole or not there at all, and not durable yet.
@@ -134,15 +163,15 @@ impl Tail {
         let lost = (self.lost > 0).then_some(Record::Lost { records: self.lost });
         let mut count = 0;
         for record in lost.into_iter().chain(records) {
-            next.seq += 1;
+            next.last.seq += 1;
             count += 1;
             let numbered = Numbered {
-                seq: next.seq,
+                seq: next.last.seq,
                 at_ms: millis(SystemTime::now()),
                 up_us,
                 record: record.cut(),
             };
-            next.hash = encode(&mut text, &next.hash, &numbered);
+            next.last.hash = encode(&mut text, &next.last.hash, &numbered);
         }
         next.len += text.len() as u64;
         if let Err(why) = self.write(&text) {
@@ -168,7 +197,7 @@ impl Tail {
     /// Makes durable what was added, and remembers how far that is.
     pub(super) fn sync(&mut self) -> Result<()> {
         self.file.sync_data()?;
-        let head = format!("{:020} {}\n", self.reach.seq, self.reach.hash);
+        let head = self.reach.last.line();
         // The head only tells of records that are durable; itself it need not be.
         let _ = self
             .head
@@ -179,35 +208,28 @@ impl Tail {
 
     /// What could not be made durable is not there: nobody knows which part of it is.
     pub(super) fn back_to(&mut self, reach: Reach) {
-        self.lost += self.reach.seq.saturating_sub(reach.seq);
+        self.lost += self.reach.last.seq.saturating_sub(reach.last.seq);
         self.forget_after(reach.len);
         self.reach = reach;
     }
 }
 
-/// Where the log of a folder lies.
-pub(super) fn log_of(folder: &Path) -> PathBuf {
-    folder.join(LOG)
-}
-
 /// How far the log of a folder is said to reach.
-pub(super) fn head_of(folder: &Path) -> Option<(u64, String)> {
-    read_head(&mut File::open(folder.join(HEAD)).ok()?)
+pub(super) fn head_of(folder: &Path) -> Option<Mark> {
+    Mark::read(&mut File::open(folder.join(HEAD)).ok()?)
 }
 
-fn read_head(head: &mut File) -> Option<(u64, String)> {
-    let mut text = String::new();
-    head.take(LINE_MAX as u64).read_to_string(&mut text).ok()?;
-    let (seq, hash) = text.strip_suffix('\n')?.split_once(' ')?;
-    Some((seq.parse().ok()?, hash.to_owned()))
-}
-
-fn open(path: &Path) -> Result<File> {
-    let mut options = OpenOptions::new();
-    options.read(true).write(true).create(true).truncate(false);
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    options.open(path)
+/// The last record before the newest file, and what was begun before it; none where nobody knows.
+fn before_newest(folder: &Path, found: &mut Found) -> Result<Option<Mark>> {
+    let Some(first) = files::all_full(folder)?.pop() else {
+        return Ok(Some(files::anchor(folder)));
+    };
+    let mut file = File::open(files::full(folder, first))?;
+    let len = file.metadata()?.len();
+    let start = len.saturating_sub(WINDOW);
+    let window = read_at(&mut file, start, len)?;
+    let lines = window.strip_suffix(b"\n");
+    Ok(lines.and_then(|lines| walk(lines, None, start == 0, &mut found.unfinished)))
 }
 
 /// Keeps a broken log under another name, and begins a new one.
@@ -218,12 +240,12 @@ fn put_aside(path: &Path, found: &mut Found) -> Result<File> {
     found.put_aside = Some(aside);
     found.torn = 0;
     found.unfinished.clear();
-    open(path)
+    files::open_or_make(path)
 }
 
 /// The end of the log; none where its last part is no chain. What was written in part is taken
 /// away.
-fn find_end(file: &mut File, found: &mut Found) -> Result<Option<Reach>> {
+fn find_end(file: &mut File, before: Option<&Mark>, found: &mut Found) -> Result<Option<Reach>> {
     let len = file.metadata()?.len();
     let start = len.saturating_sub(WINDOW);
     let window = read_at(file, start, len)?;
@@ -236,48 +258,61 @@ fn find_end(file: &mut File, found: &mut Found) -> Result<Option<Reach>> {
         if len > 0 {
             file.set_len(0)?;
         }
-        return Ok(Some(Reach::default()));
+        return Ok(Some(Reach::after(before.cloned().unwrap_or_default())));
     };
     let whole = start + end as u64 + 1;
     found.torn = len - whole;
     let lines = window.get(..end).unwrap_or_default();
-    let Some(last) = walk(lines, start == 0, &mut found.unfinished) else {
+    let last = walk(lines, before, start == 0, &mut found.unfinished);
+    let (Some(last), Some(first)) = (last, first_of(file)?) else {
         return Ok(None);
     };
     if found.torn > 0 {
         file.set_len(whole)?;
     }
-    Ok(Some(Reach { len: whole, ..last }))
+    Ok(Some(Reach {
+        first,
+        len: whole,
+        last,
+    }))
 }
 
-/// Walks along the last lines; gives back the last one's number and hash.
-fn walk(lines: &[u8], from_first: bool, unfinished: &mut Vec<String>) -> Option<Reach> {
-    let mut reach = Reach::default();
-    let mut known = from_first;
+/// The number of the first record of a file.
+fn first_of(file: &mut File) -> Result<Option<u64>> {
+    let bytes = read_at(file, 0, LINE_MAX as u64)?;
+    let line = bytes.split(|byte| *byte == b'\n').next();
+    Ok(line.and_then(decode).map(|(_, numbered)| numbered.seq))
+}
+
+/// Walks along the last lines of a file, which may be all of it and follow upon a record; gives
+/// back the last one.
+fn walk(
+    lines: &[u8],
+    before: Option<&Mark>,
+    from_first: bool,
+    unfinished: &mut Vec<String>,
+) -> Option<Mark> {
+    let mut last = before.filter(|_| from_first).cloned();
     for (index, line) in lines.split(|byte| *byte == b'\n').enumerate() {
         if index == 0 && !from_first {
             // The window begins in the middle of this one.
             continue;
         }
-        let (hash, numbered) = if known {
-            let before = if reach.seq == 0 { NOTHING } else { &reach.hash };
-            follows(before, line)?
-        } else {
-            super::chain::decode(line)?
+        let (hash, numbered) = match &last {
+            Some(last) => follows(&last.hash, line).filter(|(_, n)| n.seq == last.seq + 1)?,
+            None => decode(line)?,
         };
-        if known && numbered.seq != reach.seq + 1 {
-            return None;
-        }
-        known = true;
-        reach.hash = hash.to_owned();
-        reach.seq = numbered.seq;
+        last = Some(Mark {
+            seq: numbered.seq,
+            hash: hash.to_owned(),
+        });
         match numbered.record {
             Record::Begin { id, .. } => unfinished.push(id),
             Record::End { id, .. } => unfinished.retain(|open| *open != id),
             _ => {}
         }
     }
-    Some(reach)
+    last
 }
 
 /// A part of a file.

@@ -5,7 +5,7 @@ use super::{Kind, parse_duration};
 use crate::history::Keep;
 
 pub(super) const HISTORY_KEYS: [&str; 2] = ["keep", "max_bytes"];
-pub(super) const AUDIT_KEYS: [&str; 1] = ["required"];
+pub(super) const AUDIT_KEYS: [&str; 2] = ["required", "max_bytes"];
 /// The shortest time and the least room that something can be kept in.
 const AGE_MIN_MS: i64 = 3_600_000;
 const BYTES_MIN: u64 = 10_000_000;
@@ -23,6 +23,8 @@ pub struct Past {
     pub history: Keep,
     /// Nothing is switched that can't be written down first.
     pub audit_required: bool,
+    /// How many bytes of the audit log are kept; none for all there ever are.
+    pub audit_bytes: Option<u64>,
 }
 
 impl<'t> Reader<'t> {
@@ -38,13 +40,7 @@ impl<'t> Reader<'t> {
             }
             age
         });
-        let bytes = self.optional(&section, "max_bytes", |reader, value, path| {
-            let bytes = bytes(&reader.string(value, path)?);
-            if bytes.is_none() {
-                reader.problem(value.span(), path, Kind::WrongType("\"2GB\""));
-            }
-            bytes
-        });
+        let bytes = self.max_bytes(&section);
         let standard = Keep::default();
         past.history = Keep {
             age_ms: age?.unwrap_or(standard.age_ms),
@@ -59,7 +55,19 @@ impl<'t> Reader<'t> {
         let section = Section::of("audit".to_owned(), value, table);
         self.check_keys(&section, &AUDIT_KEYS);
         past.audit_required = self.boolean(&section, "required")?;
+        past.audit_bytes = self.max_bytes(&section)?;
         Some(())
+    }
+
+    /// How much room something may take.
+    fn max_bytes(&mut self, section: &Section<'_, 't>) -> Option<Option<u64>> {
+        self.optional(section, "max_bytes", |reader, value, path| {
+            let bytes = bytes(&reader.string(value, path)?);
+            if bytes.is_none() {
+                reader.problem(value.span(), path, Kind::WrongType("\"2GB\""));
+            }
+            bytes
+        })
     }
 }
 

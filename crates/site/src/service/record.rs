@@ -276,6 +276,7 @@ impl Recorder {
                 self.history.keep(past.history);
                 if let Some(log) = site.audit_log() {
                     log.require(past.audit_required);
+                    log.keep(past.audit_bytes);
                 }
                 let event = Event::new(EventKind::Config, Severity::Info, "config_reloaded");
                 site.tell_event(event);

@@ -1,9 +1,12 @@
 //! The audit log: nothing that was acknowledged is lost, and whatever is changed shows.
 
+mod files;
+
 use railbus_device::{Point, PointKind};
 use railbus_host::Fault;
 use railbus_site::audit::{AuditLog, Filter, Found, verify_folder};
 use railbus_site::{Config, Failure, Service, WriteTerms};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -48,7 +51,10 @@ impl Drop for Folder {
 
 async fn site(folder: &Path) -> Service {
     let service = Service::start_quiet(Config::parse(CONFIG).unwrap()).unwrap();
-    service.keep_audit(reopened(folder).await.0);
+    let log = reopened(folder).await.0;
+    let keep = std::env::var("AUDIT_KEEP");
+    log.keep(keep.ok().and_then(|bytes| bytes.parse().ok()));
+    service.keep_audit(log);
     service
 }
 
@@ -109,7 +115,7 @@ async fn what_is_done_is_in_the_log_with_its_end() {
     assert_eq!(of_k2.entries.len(), 0);
     let verified = log.verify().await.unwrap();
     assert_eq!((verified.entries, verified.broken_at), (5, None));
-    let piece = log.export(0).await.unwrap();
+    let piece = log.export(None).await.unwrap();
     assert_eq!(piece.records.len() as u64, verified.records);
 }
 
@@ -316,13 +322,24 @@ async fn child_that_is_killed() {
 
 #[test]
 fn kill_loses_nothing_that_was_acknowledged() {
-    use std::io::{BufRead, BufReader};
     let folder = Folder::new("audit-kills");
+    let acknowledged = kill(&folder, KILLS, u64::MAX);
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(all_are_there(&folder, &acknowledged));
+}
+
+/// Kills the process so often, which keeps so many bytes; gives back what it acknowledged.
+fn kill(folder: &Folder, times: usize, keep: u64) -> Vec<String> {
+    use std::io::{BufRead, BufReader};
     let mut acknowledged = Vec::new();
-    for round in 0..KILLS {
+    for round in 0..times {
         let mut child = Command::new(std::env::current_exe().unwrap())
             .args(["child_that_is_killed", "--exact", "--nocapture"])
             .env("AUDIT_FOLDER", &folder.0)
+            .env("AUDIT_KEEP", keep.to_string())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
@@ -347,11 +364,21 @@ fn kill_loses_nothing_that_was_acknowledged() {
         let rest = rest.filter_map(|line| Some(line.split_once("ACK ")?.1.to_owned()));
         acknowledged.extend(rest.filter(|id| id.len() == 26));
     }
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
-    runtime.block_on(all_are_there(&folder, &acknowledged));
+    acknowledged
+}
+
+/// How every entry of a log ended, by its number.
+async fn all_ends(log: &AuditLog) -> BTreeMap<String, Option<String>> {
+    let mut ends = BTreeMap::new();
+    let mut next = None;
+    loop {
+        let page = log.page(next, 500, Filter::default()).await.unwrap();
+        ends.extend(page.entries.into_iter().map(|entry| (entry.id, entry.end)));
+        next = page.next;
+        if next.is_none() {
+            return ends;
+        }
+    }
 }
 
 async fn all_are_there(folder: &Folder, acknowledged: &[String]) {
@@ -359,16 +386,7 @@ async fn all_are_there(folder: &Folder, acknowledged: &[String]) {
     assert!(found.put_aside.is_none() && !found.cut, "{found:?}");
     let verified = log.verify().await.unwrap();
     assert_eq!(verified.broken_at, None);
-    let mut ends = std::collections::BTreeMap::new();
-    let mut next = None;
-    loop {
-        let page = log.page(next, 500, Filter::default()).await.unwrap();
-        ends.extend(page.entries.into_iter().map(|entry| (entry.id, entry.end)));
-        next = page.next;
-        if next.is_none() {
-            break;
-        }
-    }
+    let ends = all_ends(&log).await;
     assert!(acknowledged.len() >= KILLS * 3, "{}", acknowledged.len());
     for id in acknowledged {
         let end = ends.get(id).expect("it was acknowledged");

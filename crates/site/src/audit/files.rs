@@ -1,0 +1,198 @@
+//! The files of the log. The newest is `audit.log`. One that is full gets the number of its first
+//! record into its name, and the chain goes on in the next. Where only so much is kept the oldest
+//! go, and `audit.anchor` remembers upon which record the first of the others follows.
+
+use super::chain::{LINE_MAX, NOTHING, decode};
+use super::read::Place;
+use super::tail::{Reach, read_at};
+use std::fs::{File, OpenOptions};
+use std::io::{Error, ErrorKind, Read, Result, Write};
+use std::path::{Path, PathBuf};
+
+/// The name of the newest file in the log's folder.
+const LOG: &str = "audit.log";
+/// The name of the file that remembers what came before the first record that is kept.
+const ANCHOR: &str = "audit.anchor";
+/// So long a file becomes.
+const FILE_MAX: u64 = 64 << 20;
+/// Into so many files at least is parted what is kept.
+const PARTS: u64 = 4;
+
+/// A record, by which the next can be checked.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Mark {
+    /// Its number.
+    pub(super) seq: u64,
+    /// Its hash.
+    pub(super) hash: String,
+}
+
+impl Default for Mark {
+    /// What comes before the first record of all.
+    fn default() -> Mark {
+        Mark {
+            seq: 0,
+            hash: NOTHING.to_owned(),
+        }
+    }
+}
+
+impl Mark {
+    /// Its line in a file of its own.
+    pub(super) fn line(&self) -> String {
+        format!("{:020} {}\n", self.seq, self.hash)
+    }
+
+    /// The mark that a file holds.
+    pub(super) fn read(from: &mut File) -> Option<Mark> {
+        let mut text = String::new();
+        from.take(LINE_MAX as u64).read_to_string(&mut text).ok()?;
+        let (seq, hash) = text.strip_suffix('\n')?.split_once(' ')?;
+        Some(Mark {
+            seq: seq.parse().ok()?,
+            hash: hash.to_owned(),
+        })
+    }
+}
+
+/// How long a file becomes where so many bytes are kept in all.
+pub(super) fn file_max(keep: u64) -> u64 {
+    FILE_MAX.min(keep / PARTS)
+}
+
+/// Where the newest file lies.
+pub(super) fn newest(folder: &Path) -> PathBuf {
+    folder.join(LOG)
+}
+
+/// Where the full file lies that begins with a record.
+pub(super) fn full(folder: &Path, first: u64) -> PathBuf {
+    folder.join(format!("audit-{first:020}.log"))
+}
+
+/// The numbers of the records with which the full files begin, the oldest first.
+pub(super) fn all_full(folder: &Path) -> Result<Vec<u64>> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let name = entry?.file_name();
+        let number = name.to_str().and_then(|name| {
+            let digits = name.strip_prefix("audit-")?.strip_suffix(".log")?;
+            digits.parse::<u64>().ok()
+        });
+        found.extend(number);
+    }
+    found.sort_unstable();
+    Ok(found)
+}
+
+/// The same of all files, up to the newest as it was when it reached so far.
+pub(super) fn all(folder: &Path, reach: &Reach) -> Result<Vec<u64>> {
+    let mut found = all_full(folder)?;
+    found.retain(|first| *first < reach.first);
+    found.push(reach.first);
+    Ok(found)
+}
+
+/// The file of a place, and how long it is.
+pub(super) fn open(folder: &Path, first: u64, reach: &Reach) -> Result<(File, u64)> {
+    let path = full(folder, first);
+    if first != reach.first {
+        let file = File::open(path)?;
+        let len = file.metadata()?.len();
+        return Ok((file, len));
+    }
+    let newest = File::open(newest(folder));
+    // It may have become full by now.
+    let file = File::open(path).or(newest)?;
+    Ok((file, reach.len))
+}
+
+/// The end of a file, as a place.
+pub(super) fn end(folder: &Path, first: u64, reach: &Reach) -> Result<Place> {
+    let at = open(folder, first, reach)?.1;
+    Ok(Place { first, at })
+}
+
+/// What comes before the first record that is kept.
+pub(super) fn anchor(folder: &Path) -> Mark {
+    let read = File::open(folder.join(ANCHOR)).ok();
+    read.and_then(|mut file| Mark::read(&mut file))
+        .unwrap_or_default()
+}
+
+/// Begins another file after the one that begins with this record. After an error the newest is
+/// what it was. All that was written is durable.
+pub(super) fn turn(folder: &Path, first: u64) -> Result<File> {
+    let (newest, full) = (newest(folder), full(folder, first));
+    if full.exists() {
+        return Err(ErrorKind::AlreadyExists.into());
+    }
+    std::fs::rename(&newest, &full)?;
+    let begun = open_or_make(&newest).and_then(|file| {
+        File::open(folder)?.sync_all()?;
+        Ok(file)
+    });
+    if begun.is_err() {
+        std::fs::rename(&full, &newest)?;
+    }
+    begun
+}
+
+/// A file to write, made where it is not there.
+pub(super) fn open_or_make(path: &Path) -> Result<File> {
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(true).truncate(false);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    options.open(path)
+}
+
+/// Takes the oldest files away, until what is left and one that is full are not more than may be.
+pub(super) fn forget(folder: &Path, keep: u64) -> Result<()> {
+    let known = anchor(folder);
+    let files = all_full(folder)?.into_iter().map(|first| {
+        let path = full(folder, first);
+        let len = path.metadata().map_or(0, |file| file.len());
+        (first, path, len)
+    });
+    let files: Vec<_> = files.collect();
+    let mut sum = file_max(keep) + files.iter().map(|(.., len)| len).sum::<u64>();
+    for (first, path, len) in files {
+        // One before the anchor was about to go already.
+        if known.seq < first {
+            if sum <= keep {
+                break;
+            }
+            let last = last(&path)?.ok_or_else(|| Error::from(ErrorKind::InvalidData))?;
+            remember(folder, &last)?;
+        }
+        std::fs::remove_file(path)?;
+        sum -= len;
+    }
+    Ok(())
+}
+
+/// The last record of a full file; none where its end is none.
+fn last(path: &Path) -> Result<Option<Mark>> {
+    let mut file = File::open(path)?;
+    let len = file.metadata()?.len();
+    let bytes = read_at(&mut file, len.saturating_sub(LINE_MAX as u64), len)?;
+    let line = bytes
+        .strip_suffix(b"\n")
+        .and_then(|lines| lines.rsplit(|byte| *byte == b'\n').next());
+    Ok(line.and_then(decode).map(|(hash, numbered)| Mark {
+        seq: numbered.seq,
+        hash: hash.to_owned(),
+    }))
+}
+
+/// Remembers the last record of those that go, before they do.
+fn remember(folder: &Path, mark: &Mark) -> Result<()> {
+    let (path, new) = (folder.join(ANCHOR), folder.join("audit.anchor.new"));
+    let mut file = open_or_make(&new)?;
+    file.set_len(0)?;
+    file.write_all(mark.line().as_bytes())?;
+    file.sync_all()?;
+    std::fs::rename(new, path)?;
+    File::open(folder)?.sync_all()
+}
