@@ -3,6 +3,7 @@
 
 mod about;
 mod daemon;
+mod flood;
 mod hostile;
 mod scans;
 mod sim;

@@ -1,0 +1,73 @@
+//! Clients that only want to be in the way: they send nothing, or too much, or come in crowds.
+
+use crate::daemon::Daemon;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+/// More than may be in at a time.
+const CROWD: usize = 200;
+/// What is let in at a time, as the daemon says of itself.
+const ROOM: usize = 128;
+/// What a daemon has open beside its connections: files, sockets, pipes.
+const BESIDE: usize = 64;
+/// A whole head must come within 10 s; the crowd has two turns, and a machine may be slow.
+const PATIENCE: Duration = Duration::from_secs(90);
+
+/// The moment at which a point was last read.
+fn read_at(daemon: &Daemon) -> String {
+    let mut stream = daemon.connect_to_socket();
+    let path = "/api/v1/points/pump/do0";
+    let answer = crate::daemon::exchange(&mut stream, "GET", path, "Host: any\r\n", "");
+    answer.json()["time"].as_str().expect("a time").to_owned()
+}
+
+/// Whoever sends half a request is closed, and while they all are there, lines are polled and the
+/// daemon's own user is served.
+#[test]
+fn who_sends_half_a_request_is_closed_and_holds_nothing_up() {
+    let daemon = Daemon::demo("loris");
+    let half = b"GET /api/v1/points HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ";
+    let crowd: Vec<TcpStream> = (0..CROWD)
+        .map(|_| {
+            let mut stream = daemon.connect();
+            stream.write_all(half).expect("it takes bytes");
+            stream
+        })
+        .collect();
+    let open = daemon.open_files();
+    assert!(open <= ROOM + BESIDE, "{open} open files");
+    let before = read_at(&daemon);
+    daemon.until("the line is polled", |daemon| read_at(daemon) != before);
+
+    let begun = Instant::now();
+    for mut stream in crowd {
+        // A letter now and then makes it no better.
+        let _ = stream.write_all(b"a");
+        stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
+        let mut rest = Vec::new();
+        let _ = stream.read_to_end(&mut rest);
+        assert!(begun.elapsed() < PATIENCE, "it is still let wait");
+        let said = String::from_utf8_lossy(&rest);
+        assert!(!said.starts_with("HTTP/1.1 200"), "{said}");
+    }
+    assert_eq!(daemon.get("/api/v1/points").status, 200);
+}
+
+/// A WebSocket message of 64 KB is taken, and one that is longer ends its connection alone.
+#[test]
+fn long_messages_end_their_own_connection_alone() {
+    let daemon = Daemon::demo("long");
+    let mut long = crate::websocket::Client::open(&daemon);
+    let mut other = crate::websocket::Client::open(&daemon);
+    other.send(r#"{"sub":["points/pump/do0"]}"#);
+    other.until("a snapshot", |message| message["type"] == "snapshot");
+    long.send(&format!("{{\"x\":\"{}\"}}", "x".repeat(1 << 20)));
+    while long.next().is_some() {}
+    let before = read_at(&daemon);
+    daemon.until("the line is polled", |daemon| read_at(daemon) != before);
+    daemon.send("PUT", "/api/v1/points/pump/do0", r#"{"value":true}"#);
+    other.until("the others are told", |message| {
+        message.to_string().contains("pump.do0")
+    });
+}
