@@ -97,11 +97,11 @@ pub(super) const ALL: &[&[Route]] = &[
 /// What is asked by those who watch the daemon, beside the API.
 pub(super) const TOP: &[Route] = &[
     Route::new("GET", "/healthz", Need::Nothing, || get(async || "ok\n"))
-        .doc(Doc::new("Whether the daemon answers").media("text/plain")),
+        .doc(Doc::new("Whether the daemon answers").media(&["text/plain"])),
     Route::new("GET", "/readyz", Need::Nothing, || get(about::ready))
-        .doc(Doc::new("Whether every line was tried").media("text/plain")),
+        .doc(Doc::new("Whether every line was tried").media(&["text/plain"])),
     Route::new("GET", "/metrics", Need::VIEWER, || get(metrics::metrics))
-        .doc(Doc::new("Figures for Prometheus").media("text/plain")),
+        .doc(Doc::new("Figures for Prometheus").media(&["text/plain"])),
 ];
 
 /// What every handler needs.

@@ -5,8 +5,9 @@
 use super::chain::{LINE_MAX, NOTHING, decode};
 use super::read::Place;
 use super::tail::{Reach, read_at};
+use crate::durable;
 use std::fs::{File, OpenOptions};
-use std::io::{Error, ErrorKind, Read, Result, Write};
+use std::io::{Error, ErrorKind, Read, Result};
 use std::path::{Path, PathBuf};
 
 /// The name of the newest file in the log's folder.
@@ -129,7 +130,7 @@ pub(super) fn turn(folder: &Path, first: u64) -> Result<File> {
     }
     std::fs::rename(&newest, &full)?;
     let begun = open_or_make(&newest).and_then(|file| {
-        File::open(folder)?.sync_all()?;
+        durable::sync_folder(folder)?;
         Ok(file)
     });
     if begun.is_err() {
@@ -188,11 +189,5 @@ fn last(path: &Path) -> Result<Option<Mark>> {
 
 /// Remembers the last record of those that go, before they do.
 fn remember(folder: &Path, mark: &Mark) -> Result<()> {
-    let (path, new) = (folder.join(ANCHOR), folder.join("audit.anchor.new"));
-    let mut file = open_or_make(&new)?;
-    file.set_len(0)?;
-    file.write_all(mark.line().as_bytes())?;
-    file.sync_all()?;
-    std::fs::rename(new, path)?;
-    File::open(folder)?.sync_all()
+    durable::replace(&folder.join(ANCHOR), mark.line().as_bytes(), Some(0o600))
 }
