@@ -30,7 +30,7 @@ export const webhooks = {
   webhook_test_ok: ["{name} took the test: HTTP {status}, {ms} ms", "{name} 已接收测试：HTTP {status}，{ms} ms"],
   webhook_test_failed: ["{name} did not take the test ({ms} ms)", "{name} 未接收测试（{ms} ms）"],
   webhook_name: ["Name (a-z, 0-9, _)", "名称（a-z、0-9、_）"],
-  webhook_url: ["Address", "地址"],
+  webhook_url: ["Address of the receiver", "接收方地址"],
   webhook_events: ["Kinds of events; none for all", "事件类型；不选表示全部"],
   webhook_severity: ["At least", "最低级别"],
   webhook_about: ["Only about these modules and lines", "仅限这些模块和总线"],

@@ -278,6 +278,21 @@ mod tests {
     }
 
     #[test]
+    fn a_new_name_of_a_line_or_module_is_its_name_here_too() {
+        let hook = "[webhook.a]\nurl = \"http://a\"\nlines = [\"main\"]\nmodules = [\"pump\"]\n";
+        let text = format!("{SITE}{hook}");
+        let text = super::super::change::rename(&text, "line", "main", "hall").unwrap();
+        let text = super::super::change::rename(&text, "module", "pump", "well").unwrap();
+        let config = Config::parse(&text).unwrap();
+        let names = |set: &BTreeSet<String>| set.iter().cloned().collect::<Vec<_>>();
+        let hook = &config.webhooks["a"];
+        assert_eq!(
+            (names(&hook.lines), names(&hook.modules)),
+            (vec!["hall".into()], vec!["well".into()])
+        );
+    }
+
+    #[test]
     fn a_webhook_is_told_what_it_asks_for() {
         let config = parse(
             "[webhook.all]\nurl = \"http://a\"\n\

@@ -276,8 +276,7 @@ codes! {
     HookTls = "E0858" {
         title: ["no trusted connection to the receiver of the webhook",
             "无法与 webhook 接收方建立可信连接"],
-        likely: ["its certificate is not signed by an authority that this machine trusts, or is for \
-            another name",
+        likely: ["its certificate is for another name, or of an authority unknown to this machine",
             "其证书不是由本机信任的机构签发，或域名不符"],
         next: ["add its authority to those of this machine, or set SSL_CERT_FILE",
             "将其签发机构加入本机信任列表，或设置 SSL_CERT_FILE"],
@@ -383,7 +382,8 @@ codes! {
     }
     HookSecret = "E0879" {
         title: ["the secrets of webhooks can't be kept", "无法保存 webhook 密钥"],
-        likely: ["the disk is full · no right to the folder of the state", "磁盘已满 · 状态文件夹无写权限"],
+        likely: ["the disk is full · no right to the folder of the state",
+            "磁盘已满 · 状态文件夹无写权限"],
         next: ["make room, or mend the rights", "腾出空间或修正权限"],
     }
     ConfigFault = "E0890" {

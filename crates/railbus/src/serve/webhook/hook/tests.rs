@@ -51,7 +51,9 @@ impl Stage {
 
     /// Lets everything end that needs no time.
     async fn settle(&self) -> (Figures, usize) {
-        tokio::time::sleep(Duration::from_millis(1)).await;
+        for _ in 0..2 * QUEUE_MAX {
+            tokio::task::yield_now().await;
+        }
         self.hook.figures()
     }
 

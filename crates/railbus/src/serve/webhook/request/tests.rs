@@ -1,6 +1,9 @@
 use super::*;
+use rcgen::{CertificateParams, KeyPair};
+use rustls::ServerConfig;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpListener;
+use tokio_rustls::TlsAcceptor;
 
 /// What the receiver does with a connection.
 enum Deed {
@@ -139,4 +142,57 @@ async fn who_is_not_there_or_not_trusted_is_told_apart() {
     let end = carrier.carry(&parcel(&url, None)).await;
     assert!(matches!(end, Err(Failed::Tls(_))), "{end:?}");
     plain.await.unwrap();
+}
+
+#[tokio::test]
+async fn over_tls_it_goes_to_whom_is_trusted_and_nobody_else() {
+    let key = KeyPair::generate().unwrap();
+    let params = CertificateParams::new(vec!["localhost".to_owned()]).unwrap();
+    let cert = params.self_signed(&key).unwrap().der().clone();
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let server = ServerConfig::builder_with_provider(Arc::clone(&provider))
+        .with_safe_default_protocol_versions()
+        .unwrap()
+        .with_no_client_auth()
+        .with_single_cert(vec![cert.clone()], key.serialize_der().try_into().unwrap())
+        .unwrap();
+    let acceptor = TlsAcceptor::from(Arc::new(server));
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let receiver = tokio::spawn(async move {
+        loop {
+            let (stream, _) = listener.accept().await.unwrap();
+            let Ok(mut stream) = acceptor.accept(stream).await else {
+                continue;
+            };
+            let mut text = Vec::new();
+            while !text.ends_with(b"{\"schema\":1}") {
+                assert_ne!(stream.read_buf(&mut text).await.unwrap(), 0);
+            }
+            let answer = b"HTTP/1.1 200 OK\r\nContent-Length: 0\r\n\r\n";
+            stream.write_all(answer).await.unwrap();
+        }
+    });
+    let carrier = Carrier::new(LIMIT);
+    let carry = async |host: &str| {
+        let url = format!("https://{host}:{port}/");
+        carrier.carry(&parcel(&url, None)).await
+    };
+    let end = carry("localhost").await;
+    assert!(matches!(end, Err(Failed::Tls(_))), "{end:?}");
+    let mut roots = RootCertStore::empty();
+    roots.add(cert).unwrap();
+    let client = ClientConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .unwrap()
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    *carrier.trust.lock().unwrap() = Some(Arc::new(client));
+    assert_eq!(carry("localhost").await, Ok(200));
+    let other = carry("127.0.0.1").await;
+    assert!(
+        matches!(other, Err(Failed::Tls(_))),
+        "another name: {other:?}"
+    );
+    receiver.abort();
 }
