@@ -40,7 +40,7 @@ use crate::settings::Wanted;
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Point, Setup};
 use railbus_wire::Settings;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A whole site.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -139,9 +139,44 @@ impl Config {
         format!("{}.{}", place.module, label.unwrap_or_default())
     }
 
+    /// The tables that another configuration has otherwise, as `module.pump`.
+    #[must_use]
+    pub fn differences(&self, other: &Config) -> Vec<String> {
+        let mut found = Vec::new();
+        differing("line", &self.lines, &other.lines, &mut found);
+        differing("module", &self.modules, &other.modules, &mut found);
+        differing("group", &self.groups, &other.groups, &mut found);
+        differing("scene", &self.scenes, &other.scenes, &mut found);
+        differing("webhook", &self.webhooks, &other.webhooks, &mut found);
+        let rest = [
+            ("sim", self.plant != other.plant),
+            ("history", self.past.history != other.past.history),
+            (
+                "audit",
+                self.past.audit_required != other.past.audit_required,
+            ),
+        ];
+        let rest = rest.into_iter().filter(|(_, differs)| *differs);
+        found.extend(rest.map(|(name, _)| name.to_owned()));
+        found
+    }
+
     /// The modules of a line, in the order of their names: their numbers on the line count so.
     pub fn modules_of(&self, line: &str) -> impl Iterator<Item = (&String, &ModuleConfig)> {
         let of_line = move |(_, module): &(&String, &ModuleConfig)| module.line == line;
         self.modules.iter().filter(of_line)
     }
+}
+
+/// Adds the tables of a kind that are not in both, or not the same.
+fn differing<T: PartialEq>(
+    kind: &str,
+    one: &BTreeMap<String, T>,
+    other: &BTreeMap<String, T>,
+    found: &mut Vec<String>,
+) {
+    let names: BTreeSet<&String> = one.keys().chain(other.keys()).collect();
+    let names = names.into_iter();
+    let names = names.filter(|name| one.get(*name) != other.get(*name));
+    found.extend(names.map(|name| format!("{kind}.{name}")));
 }

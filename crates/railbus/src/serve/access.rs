@@ -32,6 +32,7 @@ use railbus_site::history::{Event, EventKind, Severity};
 use secret::Fingerprint;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
+use std::time::Instant;
 use utoipa::ToSchema;
 
 /// What somebody may do; each may do what those before it may.
@@ -189,6 +190,9 @@ pub(super) async fn check(State(need): State<Need>, request: Request, next: Next
 /// Notes a try to log in: the one place that does. A name that there is not may be a password
 /// that somebody typed into the wrong field, and so it is not written down.
 fn note_login(site: &Site, name: Option<&str>, via: &str, refused: Option<&Problem>) {
+    if refused.is_some_and(|why| why.code == codes::TRIES.code) {
+        return note_tries(site, via);
+    }
     let known = |name: &&str| site.access.read(|accounts| accounts.user(name).is_some());
     let name = name.filter(known).unwrap_or("an unknown name");
     let end = refused.map_or("logged in", |problem| problem.title.as_str());
@@ -204,6 +208,32 @@ fn note_login(site: &Site, name: Option<&str>, via: &str, refused: Option<&Probl
         }
     };
     site.service.tell_event(event.by(&origin));
+}
+
+/// Who tries too often is told of once in a while: whoever wants to fill the history with it can't.
+fn note_tries(site: &Site, via: &str) {
+    if !site.access.is_time_to_tell(Instant::now()) {
+        return;
+    }
+    out::note(&format!("login: too many tries, the last via {via}"));
+    let event = Event::new(EventKind::Login, Severity::Warning, "logins_many");
+    site.service.tell_event(event.by(&Origin {
+        who: "an unknown name".to_owned(),
+        via: via.to_owned(),
+    }));
+}
+
+/// Tells that somebody changed who may what, and of whom.
+fn note_change(site: &Site, who: &Caller, code: &str, of: &str, text: Option<&str>) {
+    let event = Event::new(EventKind::Login, Severity::Info, code).by(&who.origin());
+    let event = match of {
+        "" => event,
+        of => event.what(of),
+    };
+    site.service.tell_event(match text {
+        Some(text) => event.text(text),
+        None => event,
+    });
 }
 
 #[cfg(test)]

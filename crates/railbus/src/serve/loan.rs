@@ -7,7 +7,6 @@ use super::doc::Doc;
 use super::listen::ended;
 use super::routes::{Route, Site};
 use crate::api::failures;
-use crate::config_file::text_of;
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::Response;
@@ -48,9 +47,7 @@ async fn take_back(mut site: Site, loan: Loan, gone: oneshot::Receiver<()>) {
         () = ended(&mut site.stop) => return,
         _ = gone => {}
     }
-    let _turn = site.desk.turn().await;
-    let text = text_of(site.desk.file()).ok();
-    loan.end(text.as_deref()).await;
+    site.desk.take_back(loan, &site.service).await;
 }
 
 /// What is sent: it is dropped with the connection.

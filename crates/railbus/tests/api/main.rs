@@ -9,4 +9,5 @@ mod scans;
 mod sim;
 mod streams;
 mod talk;
+mod webhooks;
 mod websocket;

@@ -278,8 +278,6 @@ impl Recorder {
                     log.require(past.audit_required);
                     log.keep(past.audit_bytes);
                 }
-                let event = Event::new(EventKind::Config, Severity::Info, "config_reloaded");
-                site.tell_event(event);
             }
             Update::Gap(_) => self.look(site).await,
         }

@@ -30,6 +30,9 @@ const CSRF_HEADER: &str = "x-csrf-token";
 #[derive(Clone, Copy, Debug)]
 pub(in crate::serve) struct Peer(pub(in crate::serve) IpAddr);
 
+/// It is told so often at most that somebody tries too often.
+const TRIES_TOLD_EVERY: Duration = Duration::from_secs(60);
+
 /// Accounts, sessions and tries of one daemon.
 #[derive(Debug)]
 pub(crate) struct Access {
@@ -40,6 +43,8 @@ pub(crate) struct Access {
     pub(super) hashers: Hashers,
     pub(super) setup: Setup,
     tries: Tries,
+    /// When it was last told that somebody tries too often.
+    tries_told: Mutex<Option<Instant>>,
     /// Counts what may end somebody's rights.
     changes: watch::Sender<u64>,
 }
@@ -65,6 +70,7 @@ impl Access {
             hashers: Hashers::new(),
             setup: Setup::default(),
             tries: Tries::default(),
+            tries_told: Mutex::default(),
             changes: watch::Sender::new(0),
         })
     }
@@ -129,6 +135,19 @@ impl Access {
             let wait = u64::try_from(wait.as_millis()).unwrap_or(u64::MAX);
             Problem::new(codes::TRIES).with("retry_after_ms", wait)
         })
+    }
+
+    /// Whether it is time to tell again that somebody tries too often.
+    pub(super) fn is_time_to_tell(&self, now: Instant) -> bool {
+        let mut told = self
+            .tries_told
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        let is_time = told.is_none_or(|at| now.duration_since(at) >= TRIES_TOLD_EVERY);
+        if is_time {
+            *told = Some(now);
+        }
+        is_time
     }
 
     /// It was the right one: what was tried before is forgotten.

@@ -5,7 +5,7 @@ use super::gate::{Access, COOKIE_NAME, Peer, cookie};
 use super::secret::Secret;
 use super::sessions::csrf;
 use super::tries::Who;
-use super::{Caller, Known, Need, Role, note_login, password};
+use super::{Caller, Known, Need, Role, note_change, note_login, password};
 use crate::api::problem::{Problem, codes};
 use crate::serve::doc::Doc;
 use crate::serve::routes::{Answer, Route, Site};
@@ -166,6 +166,13 @@ async fn set_up(
     let end = first_user(&site, address(peer), &body).await;
     let name = end.as_ref().ok().map(|(name, _)| name.as_str());
     note_login(&site, name, &who.via, end.as_ref().err());
+    if let Some(name) = name {
+        let first = Caller {
+            name: name.to_owned(),
+            ..who.0.clone()
+        };
+        note_change(&site, &first, "user_added", name, Some(Role::Admin.name()));
+    }
     begun(&site, &who, end)
 }
 
@@ -278,6 +285,7 @@ async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
     if let Some(key) = Access::session_of(&who) {
         site.access.sessions.end(key);
         site.access.changed();
+        note_change(&site, &who, "logged_out", "", None);
     }
     let nobody = Caller {
         role: None,
@@ -325,6 +333,7 @@ async fn change_password(
         .await?;
     access.sessions.end_of_user(&who.name, Some(key));
     access.changed();
+    note_change(site, who, "password_changed", "", None);
     Ok(())
 }
 

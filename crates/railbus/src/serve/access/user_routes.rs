@@ -4,7 +4,7 @@ use super::accounts::UserInfo;
 use super::desk::{AddToken, AddUser, ChangeUser, MadeToken, Removed, Tokens, Users};
 use super::gate::Access;
 use super::sessions::SessionInfo;
-use super::{Caller, Need, desk};
+use super::{Caller, Need, desk, note_change};
 use crate::api::problem::{Problem, codes};
 use crate::serve::answer;
 use crate::serve::doc::Doc;
@@ -13,7 +13,11 @@ use axum::Extension;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, patch, post};
+use jiff::Timestamp;
 use serde::Serialize;
+use serde::de::IgnoredAny;
+use serde_json::Value;
+use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 
@@ -65,8 +69,24 @@ async fn users(State(site): State<Site>) -> Answer {
     answer::json(Ok(desk::users(&site.access)))
 }
 
-async fn add_user(State(site): State<Site>, body: Bytes) -> Answer {
-    answer::json(desk::add_user(&site.access, &body).await)
+/// The answer to a change that is told as an event where it was made: of whom, by the key of the
+/// answer, and what of it.
+fn noted(
+    (site, who, code): (&Site, &Caller, &str),
+    (key, text): (&str, Option<&str>),
+    end: Result<Value, Problem>,
+) -> Answer {
+    if let Ok(done) = &end {
+        let of = done[key].as_str().unwrap_or_default();
+        let text = text.or(done["role"].as_str());
+        note_change(site, who, code, of, text);
+    }
+    answer::json(end)
+}
+
+async fn add_user(State(site): State<Site>, who: Extension<Caller>, body: Bytes) -> Answer {
+    let end = desk::add_user(&site.access, &body).await;
+    noted((&site, &who.0, "user_added"), ("name", None), end)
 }
 
 async fn change_user(
@@ -76,11 +96,21 @@ async fn change_user(
     body: Bytes,
 ) -> Answer {
     let own = Access::session_of(&who);
-    answer::json(desk::change_user(&site.access, &name, own, &body).await)
+    let end = desk::change_user(&site.access, &name, own, &body).await;
+    let keys: BTreeMap<String, IgnoredAny> = serde_json::from_slice(&body).unwrap_or_default();
+    let known = ["role", "points", "password", "locked"].into_iter();
+    let known: Vec<&str> = known.filter(|key| keys.contains_key(*key)).collect();
+    let text = known.join(" ");
+    noted((&site, &who.0, "user_changed"), ("name", Some(&text)), end)
 }
 
-async fn remove_user(State(site): State<Site>, Path(name): Path<String>) -> Answer {
-    answer::json(desk::remove_user(&site.access, &name).await)
+async fn remove_user(
+    State(site): State<Site>,
+    Path(name): Path<String>,
+    who: Extension<Caller>,
+) -> Answer {
+    let end = desk::remove_user(&site.access, &name).await;
+    noted((&site, &who.0, "user_removed"), ("removed", None), end)
 }
 
 async fn tokens(State(site): State<Site>) -> Answer {
@@ -88,11 +118,25 @@ async fn tokens(State(site): State<Site>) -> Answer {
 }
 
 async fn add_token(State(site): State<Site>, who: Extension<Caller>, body: Bytes) -> Answer {
-    answer::json(desk::add_token(&site.access, &who.name, &body).await)
+    let end = desk::add_token(&site.access, &who.name, &body).await;
+    noted((&site, &who.0, "token_created"), ("name", None), end)
 }
 
-async fn remove_token(State(site): State<Site>, Path(id): Path<String>) -> Answer {
-    answer::json(desk::remove_token(&site.access, &id).await)
+async fn remove_token(
+    State(site): State<Site>,
+    Path(id): Path<String>,
+    who: Extension<Caller>,
+) -> Answer {
+    let all = site
+        .access
+        .read(|accounts| accounts.tokens(Timestamp::now()));
+    let named = all.into_iter().find(|token| token.id == id);
+    let name = named.map_or_else(|| id.clone(), |token| token.name);
+    let end = desk::remove_token(&site.access, &id).await;
+    if end.is_ok() {
+        note_change(&site, &who, "token_revoked", &name, None);
+    }
+    answer::json(end)
 }
 
 async fn sessions(State(site): State<Site>, who: Extension<Caller>) -> Answer {
@@ -104,10 +148,18 @@ async fn sessions(State(site): State<Site>, who: Extension<Caller>) -> Answer {
     }))
 }
 
-async fn end_session(State(site): State<Site>, Path(id): Path<String>) -> Answer {
+async fn end_session(
+    State(site): State<Site>,
+    Path(id): Path<String>,
+    who: Extension<Caller>,
+) -> Answer {
+    let all = site.access.sessions.list(None, Instant::now());
+    let whose = all.into_iter().find(|session| session.id == id);
     if !site.access.sessions.end_by_id(&id) {
         return answer::problem(&Problem::new(codes::NO_SUCH_SESSION).with("name", id));
     }
     site.access.changed();
+    let whose = whose.map(|session| session.user).unwrap_or_default();
+    note_change(&site, &who, "session_ended", &whose, None);
     answer::json(Ok(Removed { removed: id }))
 }

@@ -7,10 +7,14 @@ use crate::config_file;
 use crate::i18n::Lang;
 use railbus_site::config::edit::WriteError;
 use railbus_site::config::keeper::{Generation, Keeper, etag};
-use railbus_site::{Config, Reloaded, Service};
+use railbus_site::history::{Event, EventKind, Severity};
+use railbus_site::{Config, Loan, Origin, Reloaded, Service};
 use std::io;
 use std::path::Path;
 use tokio::sync::{Mutex, MutexGuard, watch};
+
+/// How many tables an event names that have changed.
+const TABLES_TOLD: usize = 8;
 
 /// The desk of a daemon's configuration.
 #[derive(Debug)]
@@ -20,6 +24,26 @@ pub(in crate::serve) struct Desk {
     turn: Mutex<()>,
     /// Counts how often another one was brought into force.
     changes: watch::Sender<u64>,
+}
+
+/// The user who runs the daemon.
+fn owner(via: &str) -> Origin {
+    Origin {
+        who: "owner".to_owned(),
+        via: via.to_owned(),
+    }
+}
+
+/// An event about the configuration, with the tables that are others now.
+fn told(code: &str, tables: &[String]) -> Event {
+    let event = Event::new(EventKind::Config, Severity::Info, code);
+    let named = tables.iter().take(TABLES_TOLD).map(String::as_str);
+    let more = (tables.len() > TABLES_TOLD).then_some("…");
+    match named.chain(more).collect::<Vec<_>>().join(" ") {
+        // Comments, or nothing at all.
+        none if none.is_empty() => event,
+        tables => event.what(&tables),
+    }
 }
 
 /// Who changes it, and what they have seen of it.
@@ -61,7 +85,7 @@ impl Desk {
     }
 
     /// Nobody else changes the file or what is in force meanwhile.
-    pub(in crate::serve) async fn turn(&self) -> MutexGuard<'_, ()> {
+    async fn turn(&self) -> MutexGuard<'_, ()> {
         self.turn.lock().await
     }
 
@@ -112,12 +136,22 @@ impl Desk {
         }
         let text = change(&before)?;
         let name = self.file().display().to_string();
-        Config::parse(&text).map_err(|problems| bad_config(asks.lang, &name, &problems))?;
-        if text != before {
+        let new = Config::parse(&text);
+        let new = new.map_err(|problems| bad_config(asks.lang, &name, &problems))?;
+        let old = asks.service.config();
+        let is_other = text != before;
+        if is_other {
             self.write(before, text.clone(), asks.who.to_owned())
                 .await?;
         }
-        self.bring_into_force(asks.service, asks.lang, &text).await
+        let changed = self
+            .bring_into_force(asks.service, asks.lang, &text)
+            .await?;
+        if is_other {
+            let event = told("config_changed", &old.differences(&new));
+            asks.service.tell_event(event.by(asks.service.origin()));
+        }
+        Ok(changed)
     }
 
     /// Brings into force what the file says.
@@ -128,7 +162,30 @@ impl Desk {
     ) -> Result<Changed, Problem> {
         let _turn = self.turn().await;
         let text = config_file::text_of(self.file())?;
-        self.bring_into_force(service, lang, &text).await
+        let old = service.config();
+        let changed = self.bring_into_force(service, lang, &text).await?;
+        let event = told("config_reloaded", &old.differences(&service.config()));
+        service.tell_event(event.by(&owner("signal")));
+        Ok(changed)
+    }
+
+    /// Takes a line back, and the configuration as it is by now: a module may have moved.
+    pub(in crate::serve) async fn take_back(&self, loan: Loan, service: &Service) {
+        let _turn = self.turn().await;
+        let text = config_file::text_of(self.file()).ok();
+        let old = service.config();
+        loan.end(text.as_deref()).await;
+        let tables = old.differences(&service.config());
+        if !tables.is_empty() {
+            self.is_another();
+            service.tell_event(told("config_changed", &tables).by(&owner("socket")));
+        }
+    }
+
+    /// Tells those who follow that another configuration is in force.
+    fn is_another(&self) {
+        self.changes
+            .send_modify(|count| *count = count.wrapping_add(1));
     }
 
     async fn bring_into_force(
@@ -140,8 +197,7 @@ impl Desk {
         let name = self.file().display().to_string();
         let done = service.reload(text).await;
         let reloaded = done.map_err(|problems| bad_config(lang, &name, &problems))?;
-        self.changes
-            .send_modify(|count| *count = count.wrapping_add(1));
+        self.is_another();
         let etag = etag(text);
         Ok(Changed { etag, reloaded })
     }

@@ -163,6 +163,9 @@ async fn secret_of(order: &Order, webhook: &str) -> Result<bool, Problem> {
     }
     let is_set = secret.is_some();
     keep(&order.site, webhook, secret).await?;
+    let event = Event::new(EventKind::Config, Severity::Info, "webhook_secret_changed");
+    let event = event.by(&order.who.origin()).what(webhook);
+    order.site.service.tell_event(event);
     Ok(is_set)
 }
 
