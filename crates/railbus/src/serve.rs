@@ -377,7 +377,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         hooks: Arc::clone(&hooks),
         access: Arc::new(access),
         origin: origin.into(),
-        is_tls: tls.is_some(),
+        tls: tls.clone(),
     };
     let [room, room_of_socket] = [Room::new(), Room::new()];
     let front = Arc::new(Front {

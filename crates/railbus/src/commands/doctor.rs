@@ -24,6 +24,7 @@ use crate::machine::Machine;
 use crate::machine::users::User;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use finding::{Finding, Section, State};
+use jiff::Timestamp;
 pub(in crate::commands) use line::Chosen;
 use railbus_host::LineName;
 use railbus_site::Config;
@@ -108,7 +109,7 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     let mut stop = stop::Stop::new(context)?;
     let user = User::this(machine);
     let variable = |name: &str| std::env::var(name).ok();
-    let mut found = system::check(lang, variable, jiff::Timestamp::now());
+    let mut found = system::check(lang, variable, Timestamp::now());
     let config = configuration(context, machine)?;
     found.extend(port::adapters(machine, &user));
     let work = async {
@@ -131,12 +132,17 @@ pub(crate) fn of_daemon(
     lines: Vec<LineInfo>,
     modules: Vec<ModuleInfo>,
     points: &[PointInfo],
+    certificate: Option<(String, Option<Timestamp>)>,
 ) -> Vec<serde_json::Value> {
     let machine = Machine::this();
     let user = User::this(&machine);
     let variable = |name: &str| std::env::var(name).ok();
-    let mut found = system::check(lang, variable, jiff::Timestamp::now());
+    let now = Timestamp::now();
+    let mut found = system::check(lang, variable, now);
     found.extend(port::adapters(&machine, &user));
+    if let Some((path, Some(end))) = certificate {
+        found.extend(daemon::certificate(&path, end, now));
+    }
     found.extend(served::told(lang, lines, modules.into_iter(), points));
     found.sort_by_key(|finding| finding.section);
     found.iter().map(|finding| finding.json(lang)).collect()

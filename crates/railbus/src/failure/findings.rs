@@ -352,6 +352,34 @@ pub(crate) const ALL: &[Finding] = &[
         ["restart the daemon", "重新启动守护进程"],
     ),
     finding(
+        "D505",
+        [
+            "the daemon's certificate ends soon",
+            "守护进程的证书即将到期",
+        ],
+        [
+            "a certificate is good for a limited time",
+            "证书有有效期限制",
+        ],
+        [
+            "get another and put it in the place of the file; the daemon reads it by itself",
+            "换用新证书文件；守护进程会自动读取",
+        ],
+    ),
+    finding(
+        "D506",
+        ["the daemon's certificate has ended", "守护进程的证书已过期"],
+        [
+            "nobody renewed it, or the clock of this machine is wrong",
+            "未及时更换，或本机时钟有误",
+        ],
+        [
+            "get another and put it in the place of the file; one made by --tls auto is made anew \
+            when its file is gone and the daemon starts",
+            "换用新证书文件；--tls auto 的证书在删除文件并重启后重新生成",
+        ],
+    ),
+    finding(
         "L001",
         [
             "a Modbus address that frames of another protocol begin with",

@@ -140,9 +140,11 @@ async fn examine(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> 
     let lang = language::of(&site, &asked, &headers);
     let (lines, modules) = (ask::lines(&site.service), ask::modules(&site.service));
     let points = ask::points(&site.service, &[]);
+    let certificate = site.tls.as_ref().map(|tls| tls.expiry());
     // It walks through all programs, and reads files.
-    let found =
-        tokio::task::spawn_blocking(move || doctor::of_daemon(lang, lines, modules, &points));
+    let found = tokio::task::spawn_blocking(move || {
+        doctor::of_daemon(lang, lines, modules, &points, certificate)
+    });
     let found = found.await;
     let found =
         found.map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()));

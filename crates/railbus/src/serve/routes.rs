@@ -7,6 +7,7 @@ use super::doc::Doc;
 use super::guard::Front;
 use super::keys::Keys;
 use super::listen::ended;
+use super::tls::Tls;
 use super::{
     about, answer, capture, control, events, guard, happening, history, loan, metrics, openapi,
     ops, points, ports, scans, sim, spoken, web, webhook, ws,
@@ -129,7 +130,7 @@ pub(super) struct Site {
     /// Where its pages are found: `http://127.0.0.1:7485`.
     pub(super) origin: Arc<str>,
     /// Browsers come by TLS.
-    pub(super) is_tls: bool,
+    pub(super) tls: Option<Arc<Tls>>,
 }
 
 impl Site {

@@ -1,7 +1,10 @@
 //! TLS: certificate and key, from files or made here, and read again when they change.
 
+mod expiry;
+
 use super::access::secret::hex;
 use crate::api::problem::{Problem, codes};
+use jiff::Timestamp;
 use railbus_site::durable;
 use rcgen::{CertificateParams, DnType, KeyPair, date_time_ymd};
 use rustls::ServerConfig;
@@ -54,6 +57,14 @@ pub(super) struct Tls {
     cert: PathBuf,
     key: PathBuf,
     marks: Mutex<[Option<Mark>; 2]>,
+}
+
+impl std::fmt::Debug for Tls {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Tls")
+            .field("cert", &self.cert)
+            .finish_non_exhaustive()
+    }
 }
 
 impl Tls {
@@ -109,6 +120,14 @@ impl Tls {
         let pair = read(&self.cert, &self.key, &self.provider)?;
         *self.shown.0.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(pair);
         Ok(())
+    }
+
+    /// The certificate's file, and when it ends where that is known.
+    pub(super) fn expiry(&self) -> (String, Option<Timestamp>) {
+        let shown = self.shown.0.read().unwrap_or_else(PoisonError::into_inner);
+        let first = shown.cert.first();
+        let end = first.and_then(|certificate| expiry::not_after(certificate));
+        (self.cert.display().to_string(), end)
     }
 
     /// By what people know the certificate.

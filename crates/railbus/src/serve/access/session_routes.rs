@@ -267,7 +267,7 @@ fn refused(problem: &Problem) -> Answer {
 }
 
 fn with_cookie(mut response: Answer, site: &Site, value: &str, age: Option<u32>) -> Answer {
-    let secure = if site.is_tls { "; Secure" } else { "" };
+    let secure = if site.tls.is_some() { "; Secure" } else { "" };
     let age = age
         .map(|age| format!("; Max-Age={age}"))
         .unwrap_or_default();
