@@ -20,9 +20,17 @@ export const groups = {
   scene_run: ["Run", "执行"],
   scene_wait: ["wait {time}", "等待 {time}"],
   groups_none: ["There are no groups and no scenes yet.", "还没有组和场景。"],
-  groups_how: [
-    "Groups and scenes stand in the configuration, for example:",
-    "组与场景写在配置文件中，例如：",
+  group_new: ["New group", "新建组"],
+  scene_new: ["New scene", "新建场景"],
+  together_id: ["Short name", "标识"],
+  together_id_hint: ["Small letters, digits and _; programs use it.", "小写字母、数字和下划线，供程序使用。"],
+  output_add: ["Add an output", "添加输出"],
+  scene_pause: ["Pause, ms", "等待（毫秒）"],
+  scene_pause_add: ["Add a pause", "添加等待"],
+  move_up: ["Move {what} up", "上移 {what}"],
+  move_down: ["Move {what} down", "下移 {what}"],
+  together_remove_what: [
+    "No output is switched. Under Backup the configuration can be brought back.",
+    "不会切换任何输出。可在“备份”中恢复配置。",
   ],
-  groups_edit: ["Edit the configuration", "编辑配置"],
 } as const satisfies Record<string, Pair>;

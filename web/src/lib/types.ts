@@ -168,3 +168,16 @@ export interface Load {
   queue: number;
 }
 
+/** A step of a scene: an output and its new state, or a pause. */
+export interface Step {
+  path?: string;
+  value?: boolean;
+  wait_ms?: number;
+}
+
+/** A group or a scene, as it is edited. */
+export interface Together {
+  id: string;
+  name?: Partial<Record<string, string>>;
+  steps: Step[];
+}
