@@ -32,6 +32,6 @@ pub use service::{
     BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, Counts, Events, GroupState, LEASE_MAX,
     LEASE_MIN, Leased, Left, LineStatus, Loan, ModuleStatus, PULSE_MAX, Part, PartDone,
     PointStatus, Pulse, PulseDone, RawTerms, Reloaded, RuleStatus, STEPS, Service, StartError,
-    ToggleTerms, Update, Updates, WriteDone, WriteTerms,
+    ToggleTerms, Update, Updates, Work, WriteDone, WriteTerms,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

@@ -26,7 +26,7 @@ pub use loan::Loan;
 pub(crate) use meter::Busy;
 pub use meter::{Counts, STEPS};
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
-pub use record::Events;
+pub use record::{Events, Work};
 pub use reload::Reloaded;
 pub use rules::RuleStatus;
 pub use status::{Left, LineStatus, ModuleStatus, PointStatus};

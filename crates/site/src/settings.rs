@@ -131,36 +131,65 @@ pub fn key(setup: &Setup, name: &str) -> Option<(Key, Access)> {
         .find(|(key, _)| key.to_string() == name)
 }
 
-/// What the setting may be, for people: `1-32`, `4800 9600 …`. The same in every language.
+/// What a setting may be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Choice {
+    /// A whole number from the first to the second, but not this one.
+    Number(u8, u8, Option<u8>),
+    /// One of these words.
+    Word(Vec<String>),
+    /// A number with a fraction, from the first to the second, in this unit.
+    Measure(&'static str, &'static str, &'static str),
+}
+
+impl fmt::Display for Choice {
+    /// For people: `1-32`, `4800 9600 …`. The same in every language.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Choice::Number(low, high, Some(but)) => {
+                write!(f, "{low}-{} {}-{high}", but - 1, but + 1)
+            }
+            Choice::Number(low, high, None) => write!(f, "{low}-{high}"),
+            Choice::Word(words) => {
+                let are_numbers = words.iter().all(|word| word.parse::<u32>().is_ok());
+                f.write_str(&words.join(if are_numbers { " " } else { " | " }))
+            }
+            Choice::Measure(low, high, unit) => write!(f, "{low}-{high} {unit}"),
+        }
+    }
+}
+
+/// What the setting may be.
 #[must_use]
-pub fn range(setup: &Setup, key: Key) -> String {
+pub fn choice(setup: &Setup, key: Key) -> Choice {
     let profile = setup.family.profile();
+    let words = |words: &[&str]| Choice::Word(words.iter().map(|&word| word.to_owned()).collect());
     match key {
         Key::Address => {
             let (low, high) = addresses(setup);
-            match setup.family {
-                Family::R55 => format!("{low}-244 246-{high}"),
-                _ => format!("{low}-{high}"),
-            }
+            let all = (setup.family == Family::R55).then_some(railbus_wire::r55::BROADCAST.0);
+            Choice::Number(low, high, all)
         }
         Key::Baud => {
-            let rates: Vec<String> = profile
-                .bauds
-                .iter()
-                .map(|(_, baud)| baud.to_string())
-                .collect();
-            rates.join(" ")
+            let rates = profile.bauds.iter();
+            Choice::Word(rates.map(|(_, baud)| baud.to_string()).collect())
         }
-        Key::Parity => "none | odd | even".to_owned(),
-        Key::Checksum => "on | off".to_owned(),
+        Key::Parity => words(&["none", "odd", "even"]),
+        Key::Checksum => words(&["on", "off"]),
         Key::Protocol => {
-            let names: Vec<&str> = profile.protocols.iter().map(|one| one.name()).collect();
-            names.join(" | ")
+            let all = profile.protocols.iter();
+            Choice::Word(all.map(|protocol| protocol.name().to_owned()).collect())
         }
-        Key::Mode(_) => "level | pulse".to_owned(),
-        Key::PulseWidth => "0.1-20.0 s".to_owned(),
-        Key::CalibrationVoltage => "0.01-20.00 V".to_owned(),
+        Key::Mode(_) => words(&["level", "pulse"]),
+        Key::PulseWidth => Choice::Measure("0.1", "20.0", "s"),
+        Key::CalibrationVoltage => Choice::Measure("0.01", "20.00", "V"),
     }
+}
+
+/// What the setting may be, for people: `1-32`, `4800 9600 …`. The same in every language.
+#[must_use]
+pub fn range(setup: &Setup, key: Key) -> String {
+    choice(setup, key).to_string()
 }
 
 /// The lowest and the highest address that the module may be given in its protocol: Modbus has

@@ -1,7 +1,7 @@
 //! `railbus decode`: what bytes mean.
 
 mod known;
-pub(super) mod meaning;
+pub(crate) mod meaning;
 mod readings;
 
 use super::{Context, sniff};

@@ -75,6 +75,38 @@ pub enum Ended {
     Lost(bool),
 }
 
+impl Ended {
+    /// The name in JSON.
+    #[must_use]
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Ended::Same(_) => "same",
+            Ended::Done(_) => "done",
+            Ended::Pending(_) => "pending",
+            Ended::Unchanged(..) => "unchanged",
+            Ended::RolledBack(..) => "rolled_back",
+            Ended::Halfway(..) => "halfway",
+            Ended::Untold(_) => "untold",
+            Ended::Lost(_) => "lost",
+        }
+    }
+
+    /// The module, where it was found.
+    #[must_use]
+    pub const fn found(&self) -> Option<&Found> {
+        match self {
+            Ended::Same(found)
+            | Ended::Done(found)
+            | Ended::Pending(found)
+            | Ended::Unchanged(found, _)
+            | Ended::RolledBack(found, _)
+            | Ended::Halfway(found, _)
+            | Ended::Untold(found) => Some(found),
+            Ended::Lost(_) => None,
+        }
+    }
+}
+
 /// Why a write was not carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Why {

@@ -39,6 +39,14 @@ pub enum State {
     Filed,
 }
 
+impl State {
+    /// Whether it keeps the new values.
+    #[must_use]
+    pub const fn is_done(self) -> bool {
+        matches!(self, State::Done | State::Filed)
+    }
+}
+
 /// Who wanted it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -244,6 +252,28 @@ impl Log {
             .iter()
             .map(|record| (record.change, record))
             .collect()
+    }
+
+    /// What a change amounts to: the first old and the last new value of each setting, rolled back
+    /// writes included.
+    #[must_use]
+    pub fn net(&self, number: u64) -> BTreeMap<String, [String; 2]> {
+        let mut set: BTreeMap<String, [String; 2]> = BTreeMap::new();
+        let intents = self.change(number);
+        for record in intents.filter(|record| record.state == State::Intent) {
+            for (key, [old, new]) in &record.set {
+                set.entry(key.clone())
+                    .and_modify(|both| both[1].clone_from(new))
+                    .or_insert_with(|| [old.clone(), new.clone()]);
+            }
+        }
+        set
+    }
+
+    /// Whether a part of a change was taken back, because the rest could not be done.
+    #[must_use]
+    pub fn is_rolled_back(&self, number: u64) -> bool {
+        self.change(number).any(|record| record.by == By::Rollback)
     }
 
     /// The changes after which it is not certain where the module is and what it keeps.

@@ -96,6 +96,20 @@ impl Service {
         Events(self.inner.journal.told.subscribe())
     }
 
+    /// Writes down that something is about to be done with a module that is no command to its
+    /// outputs. It is durable when this returns.
+    ///
+    /// # Errors
+    /// [`Failure::NotAudited`]: then it may not be done.
+    pub async fn begin_work(&self, module: &str, what: String) -> Result<Work, Failure> {
+        let origin = Origin::clone(&self.origin);
+        let begun = self.inner.begin(module, &[], Note { origin, what }).await?;
+        Ok(Work {
+            service: self.clone(),
+            begun,
+        })
+    }
+
     /// For whom this handle acts.
     #[must_use]
     pub fn origin(&self) -> &Origin {
@@ -103,7 +117,22 @@ impl Service {
     }
 }
 
+/// Something other than a command that was written down and is under way.
+#[derive(Debug)]
+pub struct Work {
+    service: Service,
+    begun: Begun,
+}
+
+impl Work {
+    /// Writes down how it ended: `readback`, `reply`, `sent`, or the name of what went wrong.
+    pub async fn end(self, end: &'static str) {
+        self.service.inner.end(self.begun, end, &[]).await;
+    }
+}
+
 /// Something that was written down and is under way.
+#[derive(Debug)]
 pub(super) struct Begun {
     pub(super) id: String,
     event: Event,

@@ -1,7 +1,8 @@
 //! `railbus config backup`: everything readable of every module, in one file.
 
-use super::ground::{Ground, Target, state_flag};
+use super::ground::{Ground, state_flag};
 use super::show::{read_all, words};
+use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;

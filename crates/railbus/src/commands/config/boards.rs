@@ -1,8 +1,9 @@
 //! The boards of a line, for the one command that is for all of them.
 
 use super::drive::Driver;
-use super::ground::{Ground, Target};
+use super::ground::Ground;
 use super::outcome;
+use super::target::Target;
 use crate::commands::Context;
 use crate::failure::{Code, Failure};
 use crate::render::hex;
@@ -64,7 +65,7 @@ pub(crate) async fn switch(
     let setups = line.targets.iter().map(|target| target.setup).collect();
     let mut driver = Driver::open(context, first, None).await?;
     let states = driver.run(all_boards(setups, on)).await;
-    let states = states.map_err(|trouble| outcome::trouble(context, first, &trouble))?;
+    let states = states.map_err(|trouble| outcome::trouble(context.lang, first, &trouble))?;
     Ok(line
         .targets
         .iter()

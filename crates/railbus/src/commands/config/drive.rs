@@ -1,35 +1,29 @@
 //! Drives a procedure on a real line: sends what it asks, keeps the journal, tells the user.
 
 use super::borrow::borrow;
-use super::ground::Target;
+use super::outcome::placed;
+use super::talk::{Talk, keep};
+use super::target::Target;
 use super::texts::ConfigText;
 use crate::backend::Borrowed;
 use crate::commands::Context;
 use crate::commands::place::{Place as At, port_failure};
 use crate::commands::stop::Stop;
 use crate::failure::{Code, Failure};
-use crate::render::time;
-use jiff::Timestamp;
-use railbus_host::{AnyPort, LineName, Medium, Port, PortError, SerialOptions};
+use railbus_host::{LineName, PortError};
 use railbus_site::commission::{
-    Act, Ask, Event, Heard, Place, Procedure, Progress, Question, Record, Step, Store,
+    Act, Ask, Event, Heard, Procedure, Progress, Question, Record, Step, Store,
 };
-use railbus_wire::{Frame, Instant, Micros, Settings};
+use railbus_wire::Settings;
 use std::io::{BufRead, IsTerminal, Write};
 use std::time::Duration;
-use tokio::time::{Instant as Moment, timeout_at};
-
-/// Something that never stops talking is not listened to for ever.
-const BYTES_MAX: usize = 600;
+use tokio::time::Instant as Moment;
 
 /// A line that is ours while the command runs.
 pub(super) struct Driver<'c> {
     context: &'c Context,
-    port: AnyPort,
+    talk: Talk,
     stop: Stop,
-    started: Moment,
-    /// What is sent comes back; nothing while that is not known.
-    echoes: Option<bool>,
     store: Option<Store>,
     told: Option<Progress>,
     /// Every question is answered with yes.
@@ -57,19 +51,14 @@ impl<'c> Driver<'c> {
         settings: Settings,
         store: Option<Store>,
     ) -> Result<Driver<'c>, Failure> {
-        let options = SerialOptions {
-            settings,
-            ..SerialOptions::default()
-        };
         let at = At {
             line: line.to_owned(),
             port: port.clone(),
             settings,
         };
-        let mut port = AnyPort::new(port, options);
         let stop = Stop::new(context)?;
         let borrowed = borrow(context, &at.port).await?;
-        port.open().await.map_err(|error| {
+        let talk = Talk::open(port, settings).await.map_err(|error| {
             let failure = port_failure(context, &at, &error);
             match error {
                 PortError::Busy { .. } => failure.because(context.lang.get(ConfigText::Daemon)),
@@ -78,10 +67,8 @@ impl<'c> Driver<'c> {
         })?;
         Ok(Driver {
             context,
-            port,
+            talk,
             stop,
-            started: Moment::now(),
-            echoes: None,
             store,
             told: None,
             yes: false,
@@ -96,12 +83,7 @@ impl<'c> Driver<'c> {
 
     /// Whether the port can talk one way now and another way later.
     pub(super) fn follows(&self, from: Settings, to: Settings) -> bool {
-        match (&self.port, self.port.medium()) {
-            (AnyPort::Tcp(_) | AnyPort::ModbusTcp(_), _) => from == to,
-            // A pseudo-terminal has a speed, and no parity.
-            (AnyPort::Serial(_), Medium::Buffered) => from.character == to.character,
-            (AnyPort::Serial(_), Medium::Wire) => true,
-        }
+        self.talk.follows(from, to)
     }
 
     /// The number of the next change.
@@ -120,8 +102,7 @@ impl<'c> Driver<'c> {
     pub(super) async fn run<T>(&mut self, mut procedure: Procedure<T>) -> T {
         let mut event = Event::Begin;
         loop {
-            let now = self.now();
-            match procedure.next(now, event) {
+            match procedure.next(self.talk.now(), event) {
                 Step::Done(end) => {
                     self.told = None;
                     return end;
@@ -129,11 +110,6 @@ impl<'c> Driver<'c> {
                 Step::Do(act) => event = self.act(act, &procedure).await,
             }
         }
-    }
-
-    fn now(&self) -> Instant {
-        let micros = self.started.elapsed().as_micros();
-        Instant(u64::try_from(micros).unwrap_or(u64::MAX))
     }
 
     async fn act<T>(&mut self, act: Act, procedure: &Procedure<T>) -> Event {
@@ -166,68 +142,21 @@ impl<'c> Driver<'c> {
     }
 
     /// Writes a record down.
-    pub(super) fn keep(&mut self, mut record: Record) -> std::io::Result<()> {
-        record.at = time::rfc3339(Timestamp::now());
+    pub(super) fn keep(&mut self, record: Record) -> std::io::Result<()> {
         match &mut self.store {
-            Some(store) => store.append(record),
+            Some(store) => keep(store, record),
             None => Err(std::io::ErrorKind::NotFound.into()),
         }
     }
 
     async fn ask<T>(&mut self, ask: &Ask, procedure: &Procedure<T>) -> Heard {
-        let lost = Heard {
-            lost: true,
-            ..Heard::default()
-        };
-        let mut frame = Frame::new();
-        ask.exchange.encode(&mut frame);
-        let sent = frame.bytes();
-        let quiet = Moment::now() + micros(ask.quiet);
-        let Ok(stray) = self.hear(quiet, procedure, |_| false).await else {
-            return lost;
-        };
-        if self.port.send(sent, ask.settings).is_err() {
-            return lost;
-        }
-        let end = Moment::now() + micros(ask.settings.frame_time(sent.len())) + micros(ask.timeout);
-        let echoes = self.echoes;
-        let is_whole = |heard: &[u8]| {
-            let rest = without_echo(heard, sent, echoes);
-            ask.exchange.find_response(rest).1.whole().is_some()
-        };
-        let Ok(heard) = self.hear(end, procedure, is_whole).await else {
-            return lost;
-        };
-        let repeats = ask.exchange.decode_response(sent).whole().is_some();
-        if !heard.is_empty() && !repeats {
-            self.echoes = Some(heard.starts_with(sent));
-        }
-        Heard {
-            bytes: without_echo(&heard, sent, self.echoes).to_vec(),
-            stray,
-            lost: false,
-        }
-    }
-
-    /// Hears until the moment comes, or until what was heard is enough.
-    async fn hear<T>(
-        &mut self,
-        end: Moment,
-        procedure: &Procedure<T>,
-        enough: impl Fn(&[u8]) -> bool,
-    ) -> std::io::Result<Vec<u8>> {
-        let mut heard = Vec::new();
-        let mut buffer = [0; 256];
-        while heard.len() < BYTES_MAX && !enough(&heard) {
+        let mut asking = std::pin::pin!(self.talk.ask(ask));
+        loop {
             tokio::select! {
-                read = timeout_at(end, self.port.read(&mut buffer)) => match read {
-                    Err(_) => break,
-                    Ok(count) => heard.extend_from_slice(buffer.get(..count?).unwrap_or_default()),
-                },
+                heard = &mut asking => return heard,
                 () = self.stop.requested() => procedure.stop(),
             }
         }
-        Ok(heard)
     }
 
     fn tell(&mut self, progress: Progress) {
@@ -295,19 +224,6 @@ async fn ask_user(question: &str) -> bool {
     )
 }
 
-/// Some replies repeat the request: only where an echo is known, or more follows, is the first an
-/// echo.
-fn without_echo<'h>(heard: &'h [u8], sent: &[u8], echoes: Option<bool>) -> &'h [u8] {
-    match heard.strip_prefix(sent) {
-        Some(rest) if echoes == Some(true) || !rest.is_empty() && echoes.is_none() => rest,
-        _ => heard,
-    }
-}
-
-const fn micros(micros: Micros) -> Duration {
-    Duration::from_micros(micros.0)
-}
-
 const fn kind(progress: Progress) -> u8 {
     match progress {
         Progress::Reading(_) => 0,
@@ -319,30 +235,18 @@ const fn kind(progress: Progress) -> u8 {
     }
 }
 
-/// `9 (09h), 19200 8N1`.
-pub(super) fn placed(context: &Context, place: Place) -> String {
-    let comma = context.lang.get(crate::texts::Text::Comma);
-    let checksum = context.lang.get(ConfigText::WithChecksum);
-    let checksum = if place.checksum {
-        format!("{comma}{checksum}")
-    } else {
-        String::new()
-    };
-    format!("{}{comma}{}{checksum}", place.address, place.serial)
-}
-
 fn worded(context: &Context, progress: Progress) -> String {
     let lang = context.lang;
     match progress {
         Progress::Reading(place) => {
-            lang.fill(ConfigText::Reading, &[("place", &placed(context, place))])
+            lang.fill(ConfigText::Reading, &[("place", &placed(lang, place))])
         }
         Progress::Vacancy(place) => lang.fill(ConfigText::Vacancy, &[("address", &place.address)]),
         Progress::Writing(step, steps) => {
             lang.fill(ConfigText::Writing, &[("step", &step), ("steps", &steps)])
         }
         Progress::Looking(place) => {
-            lang.fill(ConfigText::Looking, &[("place", &placed(context, place))])
+            lang.fill(ConfigText::Looking, &[("place", &placed(lang, place))])
         }
         Progress::PowerCycle(left) => lang.fill(ConfigText::PowerCycle, &[("left", &left)]),
         Progress::Calibrating => lang.get(ConfigText::Calibrating).to_owned(),
@@ -365,28 +269,5 @@ fn asked(context: &Context, question: Question) -> String {
                 ("second", &volts(second)),
             ],
         ),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::without_echo;
-
-    /// The acknowledgement of a setting repeats the request: on an adapter that echoes it comes
-    /// twice, and the first one is nobody's.
-    #[test]
-    fn an_echo_is_no_acknowledgement() {
-        let sent = [1, 6, 0, 0, 0, 9];
-        let twice = [sent, sent].concat();
-        assert_eq!(
-            without_echo(&sent, &sent, None),
-            sent,
-            "not known: it may be the reply"
-        );
-        assert_eq!(without_echo(&sent, &sent, Some(false)), sent);
-        assert_eq!(without_echo(&sent, &sent, Some(true)), [0; 0]);
-        assert_eq!(without_echo(&twice, &sent, Some(true)), sent);
-        assert_eq!(without_echo(&twice, &sent, None), sent);
-        assert_eq!(without_echo(&[7, 7], &sent, Some(true)), [7, 7]);
     }
 }

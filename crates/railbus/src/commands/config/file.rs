@@ -2,12 +2,15 @@
 
 use super::drive::Driver;
 use super::ground::Ground;
+use super::outcome::placed;
 use super::texts::ConfigText;
 use crate::commands::Context;
 use crate::config_file::text_of;
 use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
 use railbus_site::commission::{Place, Record, State};
 use railbus_site::config::edit;
+use std::path::Path;
 
 /// Puts the module where it is heard now. Nothing is to be done where flags name it, or where the
 /// file says so already.
@@ -21,10 +24,7 @@ pub(super) fn follow(
 ) -> Result<(), Failure> {
     let lang = context.lang;
     let Some(file) = &ground.file else {
-        let hint = lang.fill(
-            ConfigText::NoFile,
-            &[("place", &super::drive::placed(context, place))],
-        );
+        let hint = lang.fill(ConfigText::NoFile, &[("place", &placed(lang, place))]);
         context.note(&hint);
         return Ok(());
     };
@@ -32,17 +32,7 @@ pub(super) fn follow(
     if configured.is_some_and(|known| Place::of(&known.setup) == place) {
         return Ok(());
     }
-    let failed = |why: String| {
-        Failure::of(lang, Code::ConfigNotWritten)
-            .because(format!("{}: {why}", file.display()))
-            .because(lang.fill(
-                ConfigText::WriteByHand,
-                &[
-                    ("module", &module),
-                    ("place", &super::drive::placed(context, place)),
-                ],
-            ))
-    };
+    let failed = |why: String| not_followed(lang, file, module, place, &why);
     let before = text_of(file).map_err(|problem| failed(problem.text("reason")))?;
     let text = edit::moved(&before, module, place);
     let text = text.ok_or_else(|| failed(lang.get(ConfigText::NotThere).to_owned()))?;
@@ -56,4 +46,22 @@ pub(super) fn follow(
         });
     }
     Ok(())
+}
+
+/// The module is where it was to go, and its file could not be changed.
+pub(crate) fn not_followed(
+    lang: Lang,
+    file: &Path,
+    module: &str,
+    place: Place,
+    why: &str,
+) -> Failure {
+    let place = placed(lang, place);
+    let by_hand = lang.fill(
+        ConfigText::WriteByHand,
+        &[("module", &module), ("place", &place)],
+    );
+    Failure::of(lang, Code::ConfigNotWritten)
+        .because(format!("{}: {why}", file.display()))
+        .because(by_hand)
 }

@@ -1,8 +1,8 @@
 //! Where a module is: where the configuration has it, or else where one fresh from the factory is.
 
 use super::drive::Driver;
-use super::ground::Target;
 use super::outcome;
+use super::target::Target;
 use crate::commands::Context;
 use crate::failure::Failure;
 use railbus_device::Setup;
@@ -25,7 +25,7 @@ pub(super) async fn locate(
     target: &Target,
     likely: &[Place],
 ) -> Result<Located, Failure> {
-    let failed = |trouble: &Trouble| outcome::trouble(context, target, trouble);
+    let failed = |trouble: &Trouble| outcome::trouble(context.lang, target, trouble);
     match driver.run(read(target.setup)).await {
         Ok(found) => return Ok(Located::Here(found)),
         Err(Trouble::NoReply(_)) => {}

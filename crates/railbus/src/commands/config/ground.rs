@@ -8,13 +8,12 @@ use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use clap::{Arg, ArgMatches, value_parser};
-use railbus_device::Setup;
-use railbus_host::LineName;
 use railbus_site::Config;
-use railbus_site::commission::{Log, Neighbour, Place, Store};
+use railbus_site::commission::{Log, Store};
 use std::io::{ErrorKind, Read};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use super::target::{NoTarget, Target};
 use super::texts::ConfigText;
 
 /// What a command of the group stands on.
@@ -24,16 +23,6 @@ pub(super) struct Ground {
     /// The configuration's file; none where flags name port and module.
     pub(super) file: Option<PathBuf>,
     state: PathBuf,
-}
-
-/// A module to work on.
-#[derive(Clone, Debug)]
-pub(super) struct Target {
-    pub(super) name: String,
-    pub(super) line: String,
-    pub(super) port: LineName,
-    pub(super) setup: Setup,
-    pub(super) neighbours: Vec<Neighbour>,
 }
 
 /// `--state`, the folder of the journal.
@@ -71,31 +60,14 @@ impl Ground {
     /// The module of that name.
     pub(super) fn target(&self, context: &Context, name: &str) -> Result<Target, Failure> {
         let lang = context.lang;
-        let Some(module) = self.config.modules.get(name) else {
-            let known: Vec<&str> = self.config.modules.keys().map(String::as_str).collect();
-            return Err(Failure::of(lang, Code::NoModule)
-                .because(name)
-                .because(known.join(" ")));
-        };
-        let line = self.config.lines.get(&module.line);
-        let port = line.and_then(|line| line.port.parse().ok());
-        let port = port.ok_or_else(|| Failure::of(lang, Code::NoLine).because(&module.line))?;
-        let others = self
-            .config
-            .modules_of(&module.line)
-            .filter(|(other, _)| *other != name);
-        Ok(Target {
-            name: name.to_owned(),
-            line: module.line.clone(),
-            port,
-            setup: module.setup,
-            neighbours: others
-                .map(|(name, other)| Neighbour {
-                    name: name.clone(),
-                    protocol: other.setup.protocol,
-                    place: Place::of(&other.setup),
-                })
-                .collect(),
+        Target::of(&self.config, name).map_err(|why| match why {
+            NoTarget::Line(line) => Failure::of(lang, Code::NoLine).because(line),
+            NoTarget::Module => {
+                let known: Vec<&str> = self.config.modules.keys().map(String::as_str).collect();
+                Failure::of(lang, Code::NoModule)
+                    .because(name)
+                    .because(known.join(" "))
+            }
         })
     }
 
@@ -149,18 +121,7 @@ impl Ground {
 
     /// The journal, held for this command alone.
     pub(super) fn store(&self, context: &Context) -> Result<Store, Failure> {
-        Store::open(&self.state).map_err(|error| {
-            let code = match error.kind() {
-                ErrorKind::WouldBlock => Code::JournalBusy,
-                _ => Code::Journal,
-            };
-            let failure = Failure::of(context.lang, code);
-            let failure = failure.with_fact("folder", self.state.display().to_string());
-            match code {
-                Code::JournalBusy => failure,
-                _ => failure.because(format!("{}: {error}", self.state.display())),
-            }
-        })
+        Store::open(&self.state).map_err(|error| store_failure(context.lang, &self.state, &error))
     }
 
     /// The journal as it is, for reading.
@@ -169,5 +130,18 @@ impl Ground {
             let told = format!("{}: {error}", self.state.display());
             Failure::of(context.lang, Code::Journal).because(told)
         })
+    }
+}
+
+/// Why the journal can't be held.
+pub(crate) fn store_failure(lang: Lang, folder: &Path, error: &std::io::Error) -> Failure {
+    let code = match error.kind() {
+        ErrorKind::WouldBlock => Code::JournalBusy,
+        _ => Code::Journal,
+    };
+    let failure = Failure::of(lang, code).with_fact("folder", folder.display().to_string());
+    match code {
+        Code::JournalBusy => failure,
+        _ => failure.because(format!("{}: {error}", folder.display())),
     }
 }

@@ -1,10 +1,11 @@
 //! `railbus config calibrate` and `config factory`: led step by step (EMD-2A2Q).
 
 use super::drive::{Driver, must_ask};
-use super::ground::{Ground, Target, state_flag};
+use super::ground::{Ground, state_flag};
 use super::outcome;
 use super::set::{self, Changed, finish, tell};
 use super::show::words;
+use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
@@ -102,7 +103,7 @@ pub(super) fn calibrate(lang: Lang, matches: &ArgMatches) -> Result<(), Failure>
     wanted.set(&target.setup, &setting, text).map_err(|_| {
         let possible = range(&target.setup, Key::CalibrationVoltage);
         let wrong = Wrong::Value(Key::CalibrationVoltage, text.to_owned(), possible);
-        outcome::wrong(&context, &target, &wrong)
+        outcome::wrong(context.lang, &target, &wrong)
     })?;
     let voltage = wanted.kept.voltage.unwrap_or_default();
     let (number, done) = context.block(async {
@@ -114,7 +115,7 @@ pub(super) fn calibrate(lang: Lang, matches: &ArgMatches) -> Result<(), Failure>
             ..job
         };
         let done = driver.run(calibration(job, voltage)).await;
-        let done = done.map_err(|trouble| outcome::trouble(&context, &target, &trouble))?;
+        let done = done.map_err(|trouble| outcome::trouble(context.lang, &target, &trouble))?;
         Ok((number, done))
     })?;
     show(&context, &target, number, &done)?;
@@ -196,7 +197,7 @@ pub(super) fn factory(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
                 ..job
             }))
             .await;
-        let end = end.map_err(|trouble| outcome::trouble(&context, &target, &trouble))?;
+        let end = end.map_err(|trouble| outcome::trouble(context.lang, &target, &trouble))?;
         finish(&context, &ground, &mut driver, &target, number, &end)?;
         Ok(match end {
             Ended::Done(found) => Some(Changed {

@@ -1,11 +1,12 @@
 //! `railbus config log`, `undo` and `recover`: what was changed, taking it back, and finding a
 //! module whose change was cut short.
 
-use super::drive::{Driver, placed};
+use super::drive::Driver;
 use super::file;
-use super::ground::{Ground, Target, state_flag};
-use super::outcome;
+use super::ground::{Ground, state_flag};
+use super::outcome::{self, placed};
 use super::set::{self, Terms, tell, write_flags};
+use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
@@ -87,7 +88,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let mut table = Table::new(head.map(|text| lang.get(text)));
     let mut rows = Vec::new();
     for (number, last) in log.last_words() {
-        let set = net(&log, number);
+        let set = log.net(number);
         let what: Vec<String> = set
             .iter()
             .map(|(key, [old, new])| format!("{key} {old} → {new}"))
@@ -134,30 +135,12 @@ fn row(log: &Log, last: &Record, set: &BTreeMap<String, [String; 2]>) -> Value {
     })
 }
 
-/// What a change amounts to: the first old and the last new value of each setting, rolled back
-/// writes included.
-fn net(log: &Log, number: u64) -> BTreeMap<String, [String; 2]> {
-    let mut set: BTreeMap<String, [String; 2]> = BTreeMap::new();
-    for record in log
-        .change(number)
-        .filter(|record| record.state == State::Intent)
-    {
-        for (key, [old, new]) in &record.set {
-            set.entry(key.clone())
-                .and_modify(|both| both[1].clone_from(new))
-                .or_insert_with(|| [old.clone(), new.clone()]);
-        }
-    }
-    set
-}
-
 /// What is known of a change, in words.
 fn state(log: &Log, last: &Record) -> ConfigText {
-    let rolled_back = log
-        .change(last.change)
-        .any(|record| record.by == By::Rollback);
     match last.state {
-        State::Done | State::Filed if rolled_back => ConfigText::StateRolledBack,
+        State::Done | State::Filed if log.is_rolled_back(last.change) => {
+            ConfigText::StateRolledBack
+        }
         State::Done | State::Filed => ConfigText::StateDone,
         State::Intent => ConfigText::StateIntent,
         State::Pending => ConfigText::StatePending,
@@ -178,31 +161,40 @@ pub(super) fn undo(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let no_change = || Failure::of(lang, Code::NoChange).because(asked.unwrap_or_default());
     let number = number.ok_or_else(no_change)?;
     let last = log.change(number).last().ok_or_else(no_change)?;
-    let set = net(&log, number);
-    let changed = matches!(last.state, State::Done | State::Filed);
-    let can_not = |why: String| Failure::of(lang, Code::CantUndo).because(why);
-    if !changed {
-        let told = lang.get(state(&log, last)).to_owned();
-        return Err(can_not(told).with_try("railbus config recover"));
-    }
     let target = target_of(&context, &ground, last)?;
-    let mut wanted = Wanted::default();
-    for (key, [old, new]) in &set {
-        if old == "?" {
-            return Err(can_not(format!("{key}: ? → {new}")));
-        }
-        if old != new {
-            wanted
-                .set(&target.setup, key, old)
-                .map_err(|wrong| outcome::wrong(&context, &target, &wrong))?;
-        }
-    }
+    let wanted = taking_back(lang, &log, last, &target)?;
     let terms = Terms {
         undoes: Some(number),
         ..Terms::of(matches, By::Undo)
     };
     let end = context.block(set::carry_out(&context, &ground, &target, wanted, &terms))?;
     tell(&context, end.into_iter().collect())
+}
+
+/// What takes a change back, of which this is the last word.
+pub(crate) fn taking_back(
+    lang: Lang,
+    log: &Log,
+    last: &Record,
+    target: &Target,
+) -> Result<Wanted, Failure> {
+    let can_not = |why: String| Failure::of(lang, Code::CantUndo).because(why);
+    if !last.state.is_done() {
+        let told = lang.get(state(log, last)).to_owned();
+        return Err(can_not(told).with_try("railbus config recover"));
+    }
+    let mut wanted = Wanted::default();
+    for (key, [old, new]) in &log.net(last.change) {
+        if old == "?" {
+            return Err(can_not(format!("{key}: ? → {new}")));
+        }
+        if old != new {
+            wanted
+                .set(&target.setup, key, old)
+                .map_err(|wrong| outcome::wrong(lang, target, &wrong))?;
+        }
+    }
+    Ok(wanted)
 }
 
 /// The module that a record is about, as the configuration has it; where flags name it, where the
@@ -313,7 +305,7 @@ async fn one_open(context: &Context, ground: &Ground, record: &Record) -> Result
     let earlier = earlier.unwrap_or_default();
     let work = recovery(record.clone(), earlier, target.setup, true, others);
     let end = driver.run(work).await;
-    let end = end.map_err(|trouble| outcome::trouble(context, &target, &trouble))?;
+    let end = end.map_err(|trouble| outcome::trouble(context.lang, &target, &trouble))?;
     let (told, found, garbled) = match end {
         Recovered::New(found) => (ConfigText::RecoveredNew, Some(found), false),
         Recovered::Old(found) => (ConfigText::RecoveredOld, Some(found), false),
@@ -361,7 +353,8 @@ async fn one_named(context: &Context, ground: &Ground, name: &str) -> Result<Tra
         others: others.map(|other| other.place).collect(),
     };
     let end = driver.run(look_up(search)).await;
-    let (found, garbled) = end.map_err(|trouble| outcome::trouble(context, &target, &trouble))?;
+    let (found, garbled) =
+        end.map_err(|trouble| outcome::trouble(context.lang, &target, &trouble))?;
     if let Some(found) = &found {
         file::follow(
             context,
@@ -391,7 +384,7 @@ fn show_recovered(context: &Context, results: Vec<Traced>) -> Result<(), Failure
     let mut table = Table::bare();
     let mut rows = Vec::new();
     for result in &results {
-        let place = result.found.map(|found| placed(context, found.place));
+        let place = result.found.map(|found| placed(context.lang, found.place));
         table.add([
             result.target.name.clone(),
             place.unwrap_or_else(|| "–".to_owned()),

@@ -1,21 +1,19 @@
 //! How procedures ended, as failures in words.
 
-use super::drive::placed;
-use super::ground::Target;
+use super::target::Target;
 use super::texts::ConfigText;
-use crate::commands::Context;
 use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
 use railbus_device::{Refusal, SetupError};
 use railbus_site::commission::{Ended, Place, Refused, Trouble, Why};
 use railbus_site::settings::{Wrong, range};
 
 /// Why a procedure could not do what it was to.
-pub(super) fn trouble(context: &Context, target: &Target, trouble: &Trouble) -> Failure {
-    let lang = context.lang;
+pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure {
     let about = |code: Code| {
         Failure::of(lang, code)
             .because(place(
-                context,
+                lang,
                 target,
                 trouble.place().unwrap_or(Place::of(&target.setup)),
             ))
@@ -47,7 +45,7 @@ pub(super) fn trouble(context: &Context, target: &Target, trouble: &Trouble) -> 
             let at = lang.fill(
                 ConfigText::TakenBy,
                 &[
-                    ("place", &placed(context, taken.place)),
+                    ("place", &placed(lang, taken.place)),
                     ("protocol", &taken.protocol),
                     ("module", &taken.module.as_deref().unwrap_or("?")),
                 ],
@@ -70,34 +68,41 @@ pub(super) fn trouble(context: &Context, target: &Target, trouble: &Trouble) -> 
     }
 }
 
+/// `9 (09h), 19200 8N1`.
+pub(crate) fn placed(lang: Lang, place: Place) -> String {
+    let comma = lang.get(crate::texts::Text::Comma);
+    let checksum = lang.get(ConfigText::WithChecksum);
+    let checksum = if place.checksum {
+        format!("{comma}{checksum}")
+    } else {
+        String::new()
+    };
+    format!("{}{comma}{}{checksum}", place.address, place.serial)
+}
+
 /// `pump (EDA9060A, line main, 1 (01h), 9600 8N1)`.
-fn place(context: &Context, target: &Target, at: Place) -> String {
-    let comma = context.lang.get(crate::texts::Text::Comma);
+fn place(lang: Lang, target: &Target, at: Place) -> String {
+    let comma = lang.get(crate::texts::Text::Comma);
     let protocol = target.setup.protocol;
     format!(
         "{} ({}{comma}{}{comma}{protocol}{comma}{})",
         target.name,
         target.setup.family,
         target.line,
-        placed(context, at)
+        placed(lang, at)
     )
 }
 
 /// Why a change did not end as it should; nothing where it did.
-pub(super) fn ended(
-    context: &Context,
+pub(crate) fn ended(
+    lang: Lang,
     target: &Target,
     change: u64,
     ended: &Ended,
 ) -> Result<(), Failure> {
-    let lang = context.lang;
     let about = |code: Code, at: Option<Place>| {
         let failure = Failure::of(lang, code)
-            .because(place(
-                context,
-                target,
-                at.unwrap_or(Place::of(&target.setup)),
-            ))
+            .because(place(lang, target, at.unwrap_or(Place::of(&target.setup))))
             .with_fact("module", target.name.as_str())
             .with_fact("change", change);
         match at {
@@ -135,7 +140,7 @@ pub(super) fn ended(
     })
 }
 
-fn because(lang: crate::i18n::Lang, failure: Failure, why: Why) -> Failure {
+fn because(lang: Lang, failure: Failure, why: Why) -> Failure {
     match why {
         Why::Refused(Refusal::Exception(exception)) => failure.because(exception),
         Why::Refused(Refusal::Invalid) => failure.because("?AA"),
@@ -147,8 +152,7 @@ fn because(lang: crate::i18n::Lang, failure: Failure, why: Why) -> Failure {
 }
 
 /// Why a word is no setting of the module.
-pub(super) fn wrong(context: &Context, target: &Target, wrong: &Wrong) -> Failure {
-    let lang = context.lang;
+pub(crate) fn wrong(lang: Lang, target: &Target, wrong: &Wrong) -> Failure {
     let show = format!("railbus config show {}", target.name);
     match wrong {
         Wrong::NoPair(word) => Failure::of(lang, Code::Usage)

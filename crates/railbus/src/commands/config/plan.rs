@@ -1,10 +1,12 @@
 //! `railbus plan` and `railbus apply`: the settings that the configuration wants, and those that
 //! the modules keep.
 
-use super::drive::{Driver, must_ask, placed};
+use super::drive::{Driver, must_ask};
 use super::find::{Located, locate};
-use super::ground::{Ground, Target, state_flag};
+use super::ground::{Ground, state_flag};
+use super::outcome::placed;
 use super::set::{self, Terms, change_at};
+use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
@@ -165,7 +167,7 @@ fn show(context: &Context, entries: &[Entry]) -> Result<(), Failure> {
     let mut rows = Vec::new();
     for entry in entries {
         let name = entry.target.name.clone();
-        let missing = placed(context, Place::of(&entry.target.setup));
+        let missing = placed(context.lang, Place::of(&entry.target.setup));
         match &entry.found {
             Err(failure) => table.add([
                 "!".to_owned(),
@@ -327,7 +329,7 @@ async fn apply_one(
     let wanted = entry.wanted.clone();
     let done = change_at(context, ground, &mut driver, target, found, wanted, terms).await?;
     if let Some(done) = &done {
-        let place = placed(context, done.found.place);
+        let place = placed(context.lang, done.found.place);
         let values: &[(&str, &dyn std::fmt::Display)] = &[
             ("module", &target.name),
             ("place", &place),

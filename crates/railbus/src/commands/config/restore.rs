@@ -3,10 +3,11 @@
 use super::backup::{Backup, KIND, ModuleKept, SCHEMA, kept};
 use super::drive::{Driver, must_ask};
 use super::find::{Located, locate};
-use super::ground::{Ground, Target, state_flag};
+use super::ground::{Ground, state_flag};
 use super::outcome;
 use super::set::{Changed, Terms, change_at, tell, write_flags};
 use super::show::{read_all, words};
+use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
@@ -119,7 +120,7 @@ fn wanted(context: &Context, target: &Target, kept: &ModuleKept) -> Result<Wante
         }
         wanted
             .set(setup, name, value)
-            .map_err(|wrong| outcome::wrong(context, target, &wrong))?;
+            .map_err(|wrong| outcome::wrong(context.lang, target, &wrong))?;
     }
     Ok(wanted)
 }

@@ -1,10 +1,11 @@
 //! `railbus config set`: changes settings of a module, and asks before.
 
-use super::drive::{Driver, must_ask, placed};
+use super::drive::{Driver, must_ask};
 use super::file;
-use super::ground::{Ground, Target, state_flag};
-use super::outcome;
+use super::ground::{Ground, state_flag};
+use super::outcome::{self, placed};
 use super::show::words;
+use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
@@ -14,8 +15,8 @@ use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::{hex, out};
 use clap::{Arg, ArgAction, ArgMatches, Command};
-use railbus_device::{Family, Module, Op};
-use railbus_site::commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read, stages};
+use railbus_device::Family;
+use railbus_site::commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read};
 use railbus_site::settings::{Key, Wanted, differences, key};
 use railbus_wire::{Frame, Protocol, Settings};
 use serde_json::{Value, json};
@@ -68,7 +69,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let mut jobs = Vec::new();
     for target in targets {
         let wanted = Wanted::parse(&target.setup, pairs.iter().map(String::as_str))
-            .map_err(|wrong| outcome::wrong(&context, &target, &wrong))?;
+            .map_err(|wrong| outcome::wrong(context.lang, &target, &wrong))?;
         if wanted.is_empty() {
             return Err(Failure::of(lang, Code::Usage)
                 .with_try(format!("railbus config set {} address=9", target.name)));
@@ -175,7 +176,7 @@ pub(super) async fn change_one(
     wanted: Wanted,
     terms: &Terms,
 ) -> Result<Option<Changed>, Failure> {
-    let failed = |trouble: &Trouble| outcome::trouble(context, target, trouble);
+    let failed = |trouble: &Trouble| outcome::trouble(context.lang, target, trouble);
     let found = driver
         .run(read(target.setup))
         .await
@@ -193,13 +194,10 @@ pub(super) async fn change_at(
     wanted: Wanted,
     terms: &Terms,
 ) -> Result<Option<Changed>, Failure> {
-    let there = Target {
-        setup: found.place.setup(&target.setup),
-        ..target.clone()
-    };
-    let target = &there;
-    let failed = |trouble: &Trouble| outcome::trouble(context, target, trouble);
-    let planned = plan(&found, target, &wanted).map_err(|trouble| failed(&trouble))?;
+    let target = &target.found(&found);
+    let failed = |trouble: &Trouble| outcome::trouble(context.lang, target, trouble);
+    let planned = target.writes(&found, &wanted);
+    let planned = planned.map_err(|trouble| failed(&trouble))?;
     for stage in &planned {
         follows_port(context, target, driver, stage.to.serial)?;
     }
@@ -286,15 +284,7 @@ pub(super) fn finish(
         let last = log.flatten();
         file::follow(context, ground, driver, last, &target.name, found.place)?;
     }
-    outcome::ended(context, target, number, end)
-}
-
-/// The writes that would be made.
-pub(super) fn plan(found: &Found, target: &Target, wanted: &Wanted) -> Result<Vec<Stage>, Trouble> {
-    use railbus_site::commission::Refused;
-    let known = found.kept();
-    let kept = wanted.over(&known).ok_or(Refused::NotReadable)?;
-    Ok(stages(&target.setup, found.place, &known, &kept)?)
+    outcome::ended(context.lang, target, number, end)
 }
 
 /// A serial server keeps its own speed, and a pseudo-terminal knows no parity: who changes the
@@ -339,7 +329,7 @@ fn show(
         "  {}\n",
         lang.fill(ConfigText::Writes, &[("count", &stages.len())])
     );
-    for warning in warnings(context, target, stages) {
+    for warning in warnings(lang, target, stages) {
         text += &format!("  {warning}\n");
     }
     if !dry {
@@ -360,13 +350,10 @@ fn show(
 }
 
 /// The frame of a write, as the manual prints it.
-fn frame(target: &Target, stage: &Stage) -> String {
+pub(crate) fn frame(target: &Target, stage: &Stage) -> String {
     let mut frame = Frame::new();
-    let module = Module::new(stage.from.setup(&target.setup)).ok();
-    if let Some(exchange) =
-        module.and_then(|module| module.exchange(&Op::Configure(stage.change)).ok())
-    {
-        exchange.encode(&mut frame);
+    if let Some(request) = target.request(stage) {
+        request.encode(&mut frame);
     }
     match target.setup.protocol {
         Protocol::Ascii => String::from_utf8_lossy(frame.bytes()).replace('\r', "<CR>"),
@@ -375,8 +362,7 @@ fn frame(target: &Target, stage: &Stage) -> String {
 }
 
 /// What the change does to the line.
-fn warnings(context: &Context, target: &Target, stages: &[Stage]) -> Vec<String> {
-    let lang = context.lang;
+pub(crate) fn warnings(lang: Lang, target: &Target, stages: &[Stage]) -> Vec<String> {
     let (Some(first), Some(last)) = (stages.first(), stages.last()) else {
         return Vec::new();
     };
@@ -441,7 +427,7 @@ pub(super) fn tell(context: &Context, all: Vec<Changed>) -> Result<(), Failure> 
 
 fn told(context: &Context, changed: &Changed) -> String {
     let lang = context.lang;
-    let place = placed(context, changed.found.place);
+    let place = placed(context.lang, changed.found.place);
     let values: &[(&str, &dyn std::fmt::Display)] = &[
         ("module", &changed.target.name),
         ("place", &place),

@@ -1,8 +1,9 @@
 //! `railbus config show` and `get`: the settings of modules, as they keep them now.
 
 use super::drive::Driver;
-use super::ground::{Ground, Target, state_flag};
+use super::ground::{Ground, state_flag};
 use super::outcome;
+use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
@@ -79,7 +80,7 @@ pub(super) fn get(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             .collect();
         if let Some(name) = wanted.iter().find(|name| !known.contains(name)) {
             let wrong = railbus_site::settings::Wrong::NoSetting(name.clone(), known);
-            return Err(outcome::wrong(&context, &target, &wrong));
+            return Err(outcome::wrong(context.lang, &target, &wrong));
         }
     }
     print(lang, matches, &names, &|key| {
@@ -169,7 +170,7 @@ pub(super) async fn read_all(
                     match driver.run(read(target.setup)).await {
                         Ok(found) => founds.push((target, found)),
                         Err(trouble) => {
-                            let failure = outcome::trouble(context, &target, &trouble);
+                            let failure = outcome::trouble(context.lang, &target, &trouble);
                             failures.push((target.name, failure));
                         }
                     }
@@ -202,7 +203,7 @@ fn together(
 }
 
 /// Whether the module said it, or it is plain from where it answers.
-fn source(target: &Target, found: &Found, key: Key) -> &'static str {
+pub(crate) fn source(target: &Target, found: &Found, key: Key) -> &'static str {
     if key == Key::Protocol {
         "place"
     } else if shown(&target.setup, &found.told, key).is_some() {
@@ -227,7 +228,7 @@ fn row(target: &Target, found: &Found, key: Key, access: Access) -> Value {
 }
 
 /// A setting that no frame of the module's protocol shows is not known, whatever its place is.
-pub(super) fn known(target: &Target, found: &Found) -> Kept {
+pub(crate) fn known(target: &Target, found: &Found) -> Kept {
     let mut kept = found.kept();
     if target.setup.protocol != railbus_wire::Protocol::Ascii && found.told.checksum.is_none() {
         kept.checksum = None;

@@ -1,0 +1,149 @@
+//! A port that is ours alone: what a procedure asks is sent, and what comes back is heard.
+
+use crate::render::time;
+use jiff::Timestamp;
+use railbus_host::{AnyPort, LineName, Medium, Port, PortError, SerialOptions};
+use railbus_site::commission::{Ask, Heard, Record, Store};
+use railbus_wire::{Frame, Instant, Micros, Settings};
+use std::time::Duration;
+use tokio::time::{Instant as Moment, timeout_at};
+
+/// Something that never stops talking is not listened to for ever.
+const BYTES_MAX: usize = 600;
+
+/// A port that is ours alone, and what is known of it.
+pub(crate) struct Talk {
+    port: AnyPort,
+    started: Moment,
+    /// What is sent comes back; nothing while that is not known.
+    echoes: Option<bool>,
+}
+
+impl Talk {
+    /// Opens a port.
+    pub(crate) async fn open(name: &LineName, settings: Settings) -> Result<Talk, PortError> {
+        let options = SerialOptions {
+            settings,
+            ..SerialOptions::default()
+        };
+        let mut port = AnyPort::new(name, options);
+        port.open().await?;
+        Ok(Talk {
+            port,
+            started: Moment::now(),
+            echoes: None,
+        })
+    }
+
+    /// The time since then.
+    pub(crate) fn now(&self) -> Instant {
+        let micros = self.started.elapsed().as_micros();
+        Instant(u64::try_from(micros).unwrap_or(u64::MAX))
+    }
+
+    /// Whether the port can talk one way now and another way later. A serial server keeps its own
+    /// speed.
+    pub(crate) fn follows(&self, from: Settings, to: Settings) -> bool {
+        match (&self.port, self.port.medium()) {
+            (AnyPort::Tcp(_) | AnyPort::ModbusTcp(_), _) => from == to,
+            // A pseudo-terminal has a speed, and no parity.
+            (AnyPort::Serial(_), Medium::Buffered) => from.character == to.character,
+            (AnyPort::Serial(_), Medium::Wire) => true,
+        }
+    }
+
+    /// Sends what is asked, and hears what comes.
+    pub(crate) async fn ask(&mut self, ask: &Ask) -> Heard {
+        let lost = Heard {
+            lost: true,
+            ..Heard::default()
+        };
+        let mut frame = Frame::new();
+        ask.exchange.encode(&mut frame);
+        let sent = frame.bytes();
+        let quiet = Moment::now() + micros(ask.quiet);
+        let Ok(stray) = self.hear(quiet, |_| false).await else {
+            return lost;
+        };
+        if self.port.send(sent, ask.settings).is_err() {
+            return lost;
+        }
+        let end = Moment::now() + micros(ask.settings.frame_time(sent.len())) + micros(ask.timeout);
+        let echoes = self.echoes;
+        let is_whole = |heard: &[u8]| {
+            let rest = without_echo(heard, sent, echoes);
+            ask.exchange.find_response(rest).1.whole().is_some()
+        };
+        let Ok(heard) = self.hear(end, is_whole).await else {
+            return lost;
+        };
+        let repeats = ask.exchange.decode_response(sent).whole().is_some();
+        if !heard.is_empty() && !repeats {
+            self.echoes = Some(heard.starts_with(sent));
+        }
+        Heard {
+            bytes: without_echo(&heard, sent, self.echoes).to_vec(),
+            stray,
+            lost: false,
+        }
+    }
+
+    /// Hears until the moment comes, or until what was heard is enough.
+    async fn hear(
+        &mut self,
+        end: Moment,
+        enough: impl Fn(&[u8]) -> bool,
+    ) -> std::io::Result<Vec<u8>> {
+        let mut heard = Vec::new();
+        let mut buffer = [0; 256];
+        while heard.len() < BYTES_MAX && !enough(&heard) {
+            match timeout_at(end, self.port.read(&mut buffer)).await {
+                Err(_) => break,
+                Ok(count) => heard.extend_from_slice(buffer.get(..count?).unwrap_or_default()),
+            }
+        }
+        Ok(heard)
+    }
+}
+
+/// Writes a record down, with the time.
+pub(crate) fn keep(store: &mut Store, mut record: Record) -> std::io::Result<()> {
+    record.at = time::rfc3339(Timestamp::now());
+    store.append(record)
+}
+
+/// Some replies repeat the request: only where an echo is known, or more follows, is the first an
+/// echo.
+fn without_echo<'h>(heard: &'h [u8], sent: &[u8], echoes: Option<bool>) -> &'h [u8] {
+    match heard.strip_prefix(sent) {
+        Some(rest) if echoes == Some(true) || !rest.is_empty() && echoes.is_none() => rest,
+        _ => heard,
+    }
+}
+
+const fn micros(micros: Micros) -> Duration {
+    Duration::from_micros(micros.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::without_echo;
+
+    /// The acknowledgement of a setting repeats the request: on an adapter that echoes it comes
+    /// twice, and the first one is nobody's.
+    #[test]
+    fn an_echo_is_no_acknowledgement() {
+        let sent = [1, 6, 0, 0, 0, 9];
+        let twice = [sent, sent].concat();
+        assert_eq!(
+            without_echo(&sent, &sent, None),
+            sent,
+            "not known: it may be the reply"
+        );
+        assert_eq!(without_echo(&sent, &sent, Some(false)), sent);
+        assert_eq!(without_echo(&sent, &sent, Some(true)), [0; 0]);
+        assert_eq!(without_echo(&twice, &sent, Some(true)), sent);
+        assert_eq!(without_echo(&twice, &sent, None), sent);
+        assert_eq!(without_echo(&[7, 7], &sent, Some(true)), [7, 7]);
+    }
+}

@@ -1,0 +1,73 @@
+//! A module to work on, as the configuration has it.
+
+use railbus_device::{Module, Op, Setup};
+use railbus_host::LineName;
+use railbus_site::Config;
+use railbus_site::commission::{Found, Neighbour, Place, Refused, Stage, Trouble, stages};
+use railbus_site::settings::Wanted;
+use railbus_wire::Exchange;
+
+/// A module to work on.
+#[derive(Clone, Debug)]
+pub(crate) struct Target {
+    pub(crate) name: String,
+    pub(crate) line: String,
+    pub(crate) port: LineName,
+    pub(crate) setup: Setup,
+    pub(crate) neighbours: Vec<Neighbour>,
+}
+
+/// Why there is no such target.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum NoTarget {
+    /// There is no module of that name.
+    Module,
+    /// Its line, whose name this is, has no port.
+    Line(String),
+}
+
+impl Target {
+    /// The module of that name.
+    pub(crate) fn of(config: &Config, name: &str) -> Result<Target, NoTarget> {
+        let module = config.modules.get(name).ok_or(NoTarget::Module)?;
+        let line = config.lines.get(&module.line);
+        let port = line.and_then(|line| line.port.parse().ok());
+        let others = config
+            .modules_of(&module.line)
+            .filter(|(other, _)| *other != name);
+        Ok(Target {
+            name: name.to_owned(),
+            line: module.line.clone(),
+            port: port.ok_or_else(|| NoTarget::Line(module.line.clone()))?,
+            setup: module.setup,
+            neighbours: others
+                .map(|(name, other)| Neighbour {
+                    name: name.clone(),
+                    protocol: other.setup.protocol,
+                    place: Place::of(&other.setup),
+                })
+                .collect(),
+        })
+    }
+
+    /// The same module where it was found.
+    pub(crate) fn found(&self, found: &Found) -> Target {
+        Target {
+            setup: found.place.setup(&self.setup),
+            ..self.clone()
+        }
+    }
+
+    /// What a write sends.
+    pub(crate) fn request(&self, stage: &Stage) -> Option<Exchange<'static>> {
+        let module = Module::new(stage.from.setup(&self.setup)).ok()?;
+        module.exchange(&Op::Configure(stage.change)).ok()
+    }
+
+    /// The writes that bring it from what it keeps to what is wanted.
+    pub(crate) fn writes(&self, found: &Found, wanted: &Wanted) -> Result<Vec<Stage>, Trouble> {
+        let known = found.kept();
+        let kept = wanted.over(&known).ok_or(Refused::NotReadable)?;
+        Ok(stages(&self.setup, found.place, &known, &kept)?)
+    }
+}
