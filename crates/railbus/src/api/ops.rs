@@ -1,6 +1,7 @@
-//! What takes its time: scans, as the API tells of them.
+//! What takes its time: scans and changes of settings, as the API tells of them.
 
 use super::problem::Problem;
+use super::settings::SettingsRun;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -57,7 +58,7 @@ pub(crate) struct Ops {
 pub(crate) struct OpInfo {
     /// Its number.
     pub(crate) op: String,
-    /// What it is: `scan`.
+    /// What it is: `scan`, `settings`.
     pub(crate) kind: String,
     /// The lines it is on.
     pub(crate) lines: Vec<String>,
@@ -81,6 +82,9 @@ pub(crate) struct OpInfo {
     pub(crate) estimate_ms: u64,
     /// What was found so far.
     pub(crate) result: ScanResult,
+    /// What is changed, where settings are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) settings: Option<SettingsRun>,
     /// Why it failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) error: Option<Problem>,

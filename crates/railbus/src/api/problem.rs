@@ -217,6 +217,12 @@ pub(crate) mod codes {
         HOOK_SECRET = "E0879", 500, "the secrets of webhooks can't be kept";
         /// Also `reason`.
         FORBIDDEN = "E0901", 403, "not from there";
+        /// Also `module`, `etag`: that of the values there are now.
+        SETTINGS_CHANGED = "E0881", 412, "the module keeps other settings than were seen";
+        /// Settings came without saying which ones they change.
+        NO_SETTINGS_MATCH = "E0882", 428, "say with If-Match which settings are to be changed";
+        /// Also `line`, `op`: what is done there.
+        LINE_AT_WORK = "E0883", 409, "something else is being done on this line";
         /// Nobody knows who asks.
         UNAUTHENTICATED = "E0902", 401, "log in first, or show a token";
         WRONG_LOGIN = "E0904", 401, "name or password is wrong, or the user is locked";

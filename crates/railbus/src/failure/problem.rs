@@ -29,6 +29,35 @@ impl Failure {
         }
         failure
     }
+
+    /// The problem that it is to those who asked over HTTP.
+    pub(crate) fn to_problem(&self) -> Problem {
+        let mut problem = Problem {
+            code: self.code.name().to_owned(),
+            title: self.code.page().title(Lang::En).to_owned(),
+            status: status(self.code),
+            with: self.facts.clone().into_iter().collect(),
+            hint: self.tries.clone(),
+            may_have_acted: false,
+        };
+        if !self.why.is_empty() {
+            problem = problem.with("reason", self.why.join(" · "));
+        }
+        problem
+    }
+}
+
+/// The HTTP status of a failure: as its exit code says.
+fn status(code: Code) -> u16 {
+    match (code, code.exit()) {
+        (Code::NoChange, _) => 404,
+        (Code::JournalBusy | Code::NoPowerCycle, _) | (_, 2 | 4 | 6) => 409,
+        (_, 3) => 504,
+        (_, 5) => 502,
+        (_, 7) => 503,
+        (_, 8) => 422,
+        _ => 500,
+    }
 }
 
 /// The code: of a line that is not open, the one that says why; of a configuration, that of its

@@ -252,7 +252,7 @@ fn told(changed: &Changed) -> Value {
 }
 
 /// The texts that the caller may have seen; none where he does not say, or means any.
-fn seen(headers: &HeaderMap) -> Option<Vec<String>> {
+pub(super) fn seen(headers: &HeaderMap) -> Option<Vec<String>> {
     let said = headers.get(IF_MATCH)?.to_str().unwrap_or_default();
     if said.trim() == "*" {
         return None;
@@ -261,7 +261,7 @@ fn seen(headers: &HeaderMap) -> Option<Vec<String>> {
     Some(tags.map(str::to_owned).collect())
 }
 
-fn tagged(mut answer: Answer, etag: &str) -> Answer {
+pub(super) fn tagged(mut answer: Answer, etag: &str) -> Answer {
     if let Ok(tag) = HeaderValue::from_str(&format!("\"{etag}\"")) {
         answer.headers_mut().insert(ETAG, tag);
     }

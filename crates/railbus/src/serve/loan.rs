@@ -47,6 +47,11 @@ async fn take_back(mut site: Site, loan: Loan, gone: oneshot::Receiver<()>) {
         () = ended(&mut site.stop) => return,
         _ = gone => {}
     }
+    give_back(&site, loan).await;
+}
+
+/// The line is the daemon's again, with the configuration as it is now.
+pub(super) async fn give_back(site: &Site, loan: Loan) {
     site.desk.take_back(loan, &site.service).await;
 }
 

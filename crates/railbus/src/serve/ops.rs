@@ -83,7 +83,11 @@ impl Ops {
         for running in all.iter().filter(|op| op.is_running()) {
             let told = running.told.borrow();
             if let Some(line) = told.lines.iter().find(|line| info.lines.contains(line)) {
-                let problem = Problem::new(codes::SCAN_RUNS).with("line", line.as_str());
+                let kind = match (told.kind.as_str(), info.kind.as_str()) {
+                    ("scan", "scan") => codes::SCAN_RUNS,
+                    _ => codes::LINE_AT_WORK,
+                };
+                let problem = Problem::new(kind).with("line", line.as_str());
                 return Err(problem.with("op", told.op.as_str()));
             }
         }
@@ -157,6 +161,7 @@ mod tests {
             left_ms: 0,
             estimate_ms: 0,
             result: ScanResult::default(),
+            settings: None,
             error: None,
         }
     }

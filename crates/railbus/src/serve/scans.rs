@@ -87,6 +87,7 @@ fn start(
         // The lines are asked side by side.
         estimate_ms: estimates.max().unwrap_or_default() / 1_000,
         result: ScanResult::default(),
+        settings: None,
         error: None,
     };
     let op = site.ops.begin(info)?;

@@ -6,6 +6,7 @@ mod daemon;
 mod flood;
 mod hostile;
 mod scans;
+mod settings;
 mod sim;
 mod streams;
 mod talk;

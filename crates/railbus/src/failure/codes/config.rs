@@ -386,6 +386,23 @@ codes! {
             "磁盘已满 · 状态文件夹无写权限"],
         next: ["make room, or mend the rights", "腾出空间或修正权限"],
     }
+    SettingsChanged = "E0881" {
+        title: ["nothing written: the module keeps other settings than were seen",
+            "未写入：模块的设置与所见不同"],
+        likely: ["somebody else changed them meanwhile", "期间被他人更改"],
+        next: ["read the settings again, then change them", "重新读取设置后再更改"],
+    }
+    NoSettingsMatch = "E0882" {
+        title: ["nothing written: which settings are changed was not said", "未写入：未说明更改哪些设置"],
+        likely: ["If-Match is missing", "缺少 If-Match"],
+        next: ["GET the settings, and send their ETag as If-Match",
+            "先 GET 设置，并以其 ETag 作为 If-Match"],
+    }
+    LineAtWork = "E0883" {
+        title: ["something else is being done on this line", "该总线上正在执行其他操作"],
+        likely: ["a scan or a change of settings runs", "正在扫描或更改设置"],
+        next: ["wait until it has ended, or end it", "等待其结束，或将其取消"],
+    }
     ConfigFault = "E0890" {
         title: ["this is no fault to simulate", "不是可模拟的故障"],
         likely: ["a typing mistake · a value is missing", "输入错误 · 缺少数值"],

@@ -1,0 +1,137 @@
+//! `/api/v1/modules/{module}/settings`: what a module keeps. It is read between the polls of its
+//! line; for a write the line is taken for as long as that lasts, by the procedure of `railbus
+//! config set`.
+
+mod carry;
+mod look;
+mod wish;
+
+use super::access::Need;
+use super::config::tagged;
+use super::doc::Doc;
+use super::order::Order;
+use super::routes::{Answer, Asked, Route, Site};
+use super::{answer, language};
+use crate::api::ops::OpBegun;
+use crate::api::problem::{Problem, codes};
+use crate::api::settings::{Settings, SettingsLog, SettingsPlan, SettingsUndo};
+use axum::extract::{Path, State};
+use axum::http::header::IF_MATCH;
+use axum::http::{HeaderMap, StatusCode};
+use axum::routing::{get, patch, post};
+use railbus_site::Service;
+use serde::de::DeserializeOwned;
+use wish::{Want, Wish};
+
+/// The routes of this file.
+pub(super) const ROUTES: &[Route] = &[
+    Route::new("GET", "/modules/{module}/settings", Need::ENGINEER, || {
+        get(show)
+    })
+    .doc(Doc::new("What a module keeps, read from it now, with an ETag").answers::<Settings>()),
+    Route::new(
+        "PATCH",
+        "/modules/{module}/settings",
+        Need::ENGINEER,
+        || patch(change),
+    )
+    .doc(
+        Doc::new("Change what a module keeps, and read it back; If-Match is needed")
+            .query(&[DRY_RUN])
+            .takes_object()
+            .answers::<OpBegun>()
+            .status("202"),
+    ),
+    Route::new(
+        "GET",
+        "/modules/{module}/settings/log",
+        Need::ENGINEER,
+        || get(log),
+    )
+    .doc(Doc::new("The journal of these changes").answers::<SettingsLog>()),
+    Route::new(
+        "POST",
+        "/modules/{module}/settings/undo",
+        Need::ENGINEER,
+        || post(undo),
+    )
+    .doc(
+        Doc::new("Take a change back")
+            .query(&[DRY_RUN])
+            .takes::<SettingsUndo>()
+            .answers::<OpBegun>()
+            .status("202"),
+    ),
+];
+
+const DRY_RUN: (&str, &str) = ("dry_run", "1: say which frames it takes, and write nothing");
+
+async fn show(
+    State(site): State<Site>,
+    Path(module): Path<String>,
+    asked: Asked,
+    headers: HeaderMap,
+) -> Answer {
+    let lang = language::of(&site, &asked, &headers);
+    let wish = Wish::new(&site, &site.service, lang, module, None);
+    match wish.settings().await {
+        Ok(told) => {
+            let etag = told.etag.clone();
+            tagged(answer::json(Ok(told)), &etag)
+        }
+        Err(problem) => answer::problem(&problem),
+    }
+}
+
+async fn log(State(site): State<Site>, Path(module): Path<String>) -> Answer {
+    let wish = Wish::new(&site, &site.service, site.lang, module, None);
+    answer::json(wish.log().await)
+}
+
+async fn change(Path(module): Path<String>, asked: Asked, order: Order) -> Answer {
+    if !order.headers.contains_key(IF_MATCH) && !is_dry(&asked) {
+        return answer::problem(&Problem::new(codes::NO_SETTINGS_MATCH));
+    }
+    carry_out(order, "settings", module, &asked, Want::Set).await
+}
+
+async fn undo(Path(module): Path<String>, asked: Asked, order: Order) -> Answer {
+    let want = |wanted: SettingsUndo| Want::Undo(wanted.change);
+    carry_out(order, "settings undo", module, &asked, want).await
+}
+
+fn is_dry(asked: &Asked) -> bool {
+    asked.get("dry_run").is_some_and(|value| value == "1")
+}
+
+/// Says what it would take, or begins it.
+async fn carry_out<T: DeserializeOwned + Send + 'static>(
+    order: Order,
+    what: &'static str,
+    module: String,
+    asked: &Asked,
+    want: fn(T) -> Want,
+) -> Answer {
+    let lang = language::spoken(&order.headers, order.site.lang);
+    let seen = super::config::seen(&order.headers);
+    let site = order.site.clone();
+    let who = order.who.name.clone();
+    if is_dry(asked) {
+        let wish = Wish::new(&site, &site.service, lang, module, seen);
+        let told: Result<SettingsPlan, Problem> = match order.read().map(want) {
+            Ok(want) => wish.plan(want).await.map(|plan| plan.told(lang)),
+            Err(problem) => Err(problem),
+        };
+        return answer::json(told);
+    }
+    let run = move |service: Service, module: String, wanted: T| async move {
+        let wish = Wish::new(&site, &service, lang, module, seen);
+        let plan = wish.plan(want(wanted)).await?;
+        carry::begin(wish, who, plan).await
+    };
+    let mut answer = order.carry_out((what, module), run).await;
+    if answer.status() == StatusCode::OK {
+        *answer.status_mut() = StatusCode::ACCEPTED;
+    }
+    answer
+}

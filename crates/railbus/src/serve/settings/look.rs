@@ -1,0 +1,66 @@
+//! A module is read between the polls of its line: nobody else loses a poll by that.
+
+use crate::api::failures;
+use crate::api::problem::{Problem, codes};
+use crate::commands::config::outcome;
+use crate::commands::config::target::Target;
+use crate::i18n::Lang;
+use railbus_site::commission::{Act, Ask, Event, Found, Heard, Place, Step, Trouble, read};
+use railbus_site::{RawTerms, Service};
+use railbus_wire::Instant;
+use std::time::Duration;
+use tokio::time::Instant as Moment;
+
+/// A question that takes so long to be sent and answered waits for a silence that never comes.
+const UNSENT_MAX: Duration = Duration::from_secs(10);
+
+/// Everything that a module tells.
+pub(super) async fn look(service: &Service, lang: Lang, target: &Target) -> Result<Found, Problem> {
+    let start = Moment::now();
+    let now = || Instant(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX));
+    let failed = |trouble: &Trouble| outcome::trouble(lang, target, trouble).to_problem();
+    let mut procedure = read(target.setup);
+    let mut event = Event::Begin;
+    loop {
+        event = match procedure.next(now(), event) {
+            Step::Done(end) => return end.map_err(|trouble| failed(&trouble)),
+            Step::Do(Act::Ask(ask)) => match put(service, target, &ask).await? {
+                Some(heard) => Event::Heard(heard),
+                None => return Err(failed(&Trouble::Garbled(Place::of(&target.setup)))),
+            },
+            Step::Do(Act::Wait(time)) => {
+                tokio::time::sleep_until(Moment::now() + Duration::from_micros(time.0)).await;
+                Event::Over
+            }
+            Step::Do(Act::Tell(_)) => Event::Over,
+            // A look writes nothing, and asks nobody.
+            Step::Do(Act::Journal(_)) => Event::Kept(false),
+            Step::Do(Act::Confirm(_)) => Event::Answer(false),
+        };
+    }
+}
+
+/// What a module answers; none where two do.
+async fn put(service: &Service, target: &Target, ask: &Ask) -> Result<Option<Heard>, Problem> {
+    let line = target.line.as_str();
+    let terms = RawTerms {
+        settings: Some(ask.settings),
+        gap: Some(ask.quiet),
+        timeout: Some(ask.timeout),
+        clear: false,
+    };
+    let asking = tokio::time::timeout(UNSENT_MAX, service.raw(line, ask.exchange, terms));
+    let met = asking.await.map_err(|_| {
+        Problem::new(codes::SCAN_NOISE)
+            .with("line", line)
+            .with("module", target.name.as_str())
+    })?;
+    let met = met.map_err(|failure| failures::of_line(service, line, &failure))?;
+    if met.late.iter().any(|late| late.again) {
+        return Ok(None);
+    }
+    Ok(Some(Heard {
+        bytes: met.bytes,
+        ..Heard::default()
+    }))
+}
