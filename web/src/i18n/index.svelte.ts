@@ -8,6 +8,7 @@ import { frame } from "./frame";
 import { groups } from "./groups";
 import { lines } from "./lines";
 import { points } from "./points";
+import { settings } from "./settings";
 import { sim } from "./sim";
 import { start } from "./start";
 import { system } from "./system";
@@ -21,6 +22,7 @@ const all = {
   ...frame,
   ...points,
   ...lines,
+  ...settings,
   ...start,
   ...trends,
   ...events,

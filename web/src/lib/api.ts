@@ -72,9 +72,10 @@ export const get = <T>(path: string): Promise<T> => json(ask("GET", path));
 export const put = <T>(path: string, body?: unknown, more?: HeadersInit): Promise<T> =>
   json(ask("PUT", path, body, more));
 /** `longer`: so many milliseconds more than usual the daemon may take. */
-export const post = <T>(path: string, body?: unknown, longer = 0): Promise<T> =>
-  json(ask("POST", path, body, undefined, PATIENCE_MS + longer));
-export const patch = <T>(path: string, body: unknown): Promise<T> => json(ask("PATCH", path, body));
+export const post = <T>(path: string, body?: unknown, longer = 0, more?: HeadersInit): Promise<T> =>
+  json(ask("POST", path, body, more, PATIENCE_MS + longer));
+export const patch = <T>(path: string, body: unknown, more?: HeadersInit): Promise<T> =>
+  json(ask("PATCH", path, body, more));
 export const remove = <T>(path: string): Promise<T> => json(ask("DELETE", path));
 
 /** The problem of whatever was thrown. */

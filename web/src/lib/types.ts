@@ -108,7 +108,7 @@ export interface FrameRecord {
   late?: boolean;
 }
 
-/** Something that takes longer than an answer may: a scan. */
+/** Something that takes longer than an answer may: a scan, a change of settings. */
 export interface Operation {
   op: string;
   kind: string;
@@ -120,6 +120,7 @@ export interface Operation {
   left_ms?: number;
   estimate_ms?: number;
   result?: ScanResult;
+  settings?: SettingsRun;
   error?: Problem;
 }
 
@@ -180,4 +181,62 @@ export interface Together {
   id: string;
   name?: Partial<Record<string, string>>;
   steps: Step[];
+}
+
+/** A setting that a module keeps. */
+export interface Setting {
+  setting: string;
+  value: string | null;
+  range: string;
+  words?: string[];
+  min?: number;
+  max?: number;
+  unit?: string;
+  writable: boolean;
+  access: "written" | "at_power_up" | "makers_software" | "init_pin" | "in_ascii" | "fixed";
+  source: "module" | "place" | "unknown";
+}
+
+export interface Settings {
+  etag: string;
+  settings: Setting[];
+  /** A change of which nobody knows how it ended. */
+  open?: number;
+}
+
+export interface SettingChange {
+  setting: string;
+  before: string;
+  after: string;
+}
+
+/** What a change takes. */
+export interface SettingsPlan {
+  etag: string;
+  changes: SettingChange[];
+  frames: { frame: string; meaning: string }[];
+  warnings: string[];
+  power_cycle: boolean;
+}
+
+/** A change under way. */
+export interface SettingsRun {
+  module: string;
+  change: number;
+  stage: "reading" | "vacancy" | "writing" | "looking" | "power_cycle" | "calibrating";
+  power_left_s?: number;
+  changes: SettingChange[];
+  end?: string;
+  place?: string;
+}
+
+/** A change in the journal. */
+export interface LoggedChange {
+  change: number;
+  at: string;
+  state: "intent" | "done" | "filed" | "pending" | "unchanged" | "elsewhere" | "lost" | "untold";
+  undoes?: number;
+  rolled_back: boolean;
+  undoable: boolean;
+  set: Record<string, [string, string]>;
 }

@@ -1,0 +1,89 @@
+// What a module keeps, changed from its page: the difference, the write, the proof, the way back.
+import assert from "node:assert/strict";
+import { after, before, afterEach, test } from "node:test";
+import { browse, faults, LOOKS, open, serve, setUp, words } from "./daemon.js";
+
+let daemon, browser, cookies, context, page, wrong;
+
+before(async () => {
+  daemon = await serve();
+  browser = await browse();
+  cookies = await setUp(browser, daemon);
+});
+
+after(async () => {
+  await browser?.close();
+  await daemon?.stop();
+});
+
+afterEach(() => context?.close());
+
+const sound = async () => assert.deepEqual([...wrong, ...(await faults(page))], []);
+
+async function begin(lang, width) {
+  const look = LOOKS.find((one) => one.lang === lang && one.width === width);
+  ({ context, page, wrong } = await open(browser, look));
+  await context.addCookies(cookies);
+  return words(lang);
+}
+
+const told = async (path) => (await context.request.get(`${daemon.origin}/api/v1${path}`)).json();
+const addressOf = async (name) =>
+  (await told("/modules")).modules.find(({ module }) => module === name)?.address;
+const one = (text) => text.replace("{n}", 1);
+const press = (name) => page.getByRole("button", { name, exact: true }).click();
+
+test("an address is compared, written, verified and taken back; a name too", async () => {
+  const t = await begin("en", 1280);
+  await page.goto(`${daemon.origin}/module/oven`);
+  await page.getByRole("link", { name: t("tab_settings"), exact: true }).click();
+  const address = page.getByLabel(t("set_address"), { exact: true });
+  assert.equal(await address.inputValue(), "3");
+  await page.getByText(t("set_none")).waitFor();
+  await sound();
+
+  // With the keyboard alone: Enter in the field compares.
+  await address.fill("9");
+  await address.press("Enter");
+  const dialog = page.getByRole("dialog");
+  const row = dialog.getByRole("row", { name: /^Address/ });
+  assert.match(await row.innerText(), /3\s+9/);
+  await dialog.getByText(/^03 06 /).waitFor();
+  assert.equal(await addressOf("oven"), 3, "nothing was written");
+  await sound();
+  await dialog.getByRole("button", { name: t("set_write"), exact: true }).click();
+
+  await page.getByText(/^Verified: read back at 9 \(09h\)/).waitFor();
+  await page.getByText(/Address 3 → 9/).waitFor();
+  assert.equal(await addressOf("oven"), 9);
+  await sound();
+
+  await press(one(t("set_undo_n")));
+  const back = dialog.getByRole("row", { name: /^Address/ });
+  assert.match(await back.innerText(), /9\s+3/);
+  await dialog.getByRole("button", { name: t("set_write"), exact: true }).click();
+  await page.getByText(/^Verified: read back at 3 \(03h\)/).waitFor();
+  await page.getByText(one(t("set_undoes"))).waitFor();
+  assert.equal(await addressOf("oven"), 3);
+
+  await page.getByLabel(t("set_name")).fill("kiln");
+  await press(t("set_rename"));
+  await page.waitForURL("**/module/kiln/settings");
+  assert.equal(await addressOf("kiln"), 3);
+  await press(t("undo"));
+  await page.waitForURL("**/module/oven/settings");
+  await sound();
+});
+
+test("an address that is taken is refused, and told in Chinese on a phone", async () => {
+  const t = await begin("zh", 360);
+  await page.goto(`${daemon.origin}/module/oven/settings`);
+  await page.getByLabel(t("set_address"), { exact: true }).fill("5");
+  await press(t("set_compare"));
+  await sound();
+  await page.getByRole("dialog").getByRole("button", { name: t("set_write"), exact: true }).click();
+  await page.getByText("E0440").waitFor();
+  await page.getByText(/新地址已被占用/).first().waitFor();
+  assert.equal(await addressOf("oven"), 3);
+  await sound();
+});
