@@ -1,7 +1,7 @@
 //! A line lent to a command that changes what its modules keep. The loan lasts as long as the
 //! connection: whatever ends the command, ends it.
 
-use super::access::Need;
+use super::access::{Caller, Need};
 use super::answer;
 use super::doc::Doc;
 use super::listen::ended;
@@ -47,12 +47,8 @@ async fn take_back(mut site: Site, loan: Loan, gone: oneshot::Receiver<()>) {
         () = ended(&mut site.stop) => return,
         _ = gone => {}
     }
-    give_back(&site, loan).await;
-}
-
-/// The line is the daemon's again, with the configuration as it is now.
-pub(super) async fn give_back(site: &Site, loan: Loan) {
-    site.desk.take_back(loan, &site.service).await;
+    let owner = site.service.on_behalf_of(Caller::owner().origin());
+    site.desk.take_back(loan, &owner).await;
 }
 
 /// What is sent: it is dropped with the connection.

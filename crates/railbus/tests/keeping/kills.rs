@@ -157,7 +157,6 @@ fn kill_loses_no_change_that_was_acknowledged() {
     }
     all_are_in_the_log(&daemon, &acked);
     let (texts, commands) = (acked.texts.len(), acked.commands);
-    println!("{texts} changes, {commands} commands");
     assert!(texts.min(commands) as u64 > KILLS / 2, "{texts} {commands}");
     let files = std::fs::read_dir(&daemon.folder.0)
         .expect("a folder")

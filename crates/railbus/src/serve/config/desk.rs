@@ -5,6 +5,7 @@ use crate::api::failures::bad_config;
 use crate::api::problem::{Problem, codes};
 use crate::config_file;
 use crate::i18n::Lang;
+use crate::serve::access::Caller;
 use railbus_site::config::edit::WriteError;
 use railbus_site::config::keeper::{Generation, Keeper, etag};
 use railbus_site::history::{Event, EventKind, Severity};
@@ -24,14 +25,6 @@ pub(in crate::serve) struct Desk {
     turn: Mutex<()>,
     /// Counts how often another one was brought into force.
     changes: watch::Sender<u64>,
-}
-
-/// The user who runs the daemon.
-fn owner(via: &str) -> Origin {
-    Origin {
-        who: "owner".to_owned(),
-        via: via.to_owned(),
-    }
 }
 
 /// An event about the configuration, with the tables that are others now.
@@ -165,7 +158,11 @@ impl Desk {
         let old = service.config();
         let changed = self.bring_into_force(service, lang, &text).await?;
         let event = told("config_reloaded", &old.differences(&service.config()));
-        service.tell_event(event.by(&owner("signal")));
+        let signal = Origin {
+            via: "signal".to_owned(),
+            ..Caller::owner().origin()
+        };
+        service.tell_event(event.by(&signal));
         Ok(changed)
     }
 
@@ -178,7 +175,7 @@ impl Desk {
         let tables = old.differences(&service.config());
         if !tables.is_empty() {
             self.is_another();
-            service.tell_event(told("config_changed", &tables).by(&owner("socket")));
+            service.tell_event(told("config_changed", &tables).by(service.origin()));
         }
     }
 

@@ -14,7 +14,6 @@ use crate::failure::{Code, Failure};
 use crate::render::time::rfc3339;
 use crate::serve::config::Asks;
 use crate::serve::listen::ended;
-use crate::serve::loan::give_back;
 use crate::serve::ops::{Op, number};
 use crate::serve::spoken;
 use railbus_host::PortError;
@@ -143,7 +142,7 @@ impl Carry {
         let end = self.on_line().await;
         // At the end of the daemon there is nothing to give back.
         if !*site.stop.borrow() {
-            give_back(&site, loan).await;
+            site.desk.take_back(loan, &service).await;
         }
         end
     }
