@@ -11,6 +11,7 @@ pub(crate) mod ops;
 pub(crate) mod past;
 pub(crate) mod paths;
 pub(crate) mod problem;
+pub(crate) mod rules;
 pub(crate) mod settings;
 pub(crate) mod sim_types;
 pub(crate) mod types;

@@ -341,6 +341,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let service = service.map_err(|error| system(lang, error))?;
     let events = service.follow_events();
     let stores = Stores::open(&service, &source.state);
+    service.run_rules();
 
     // Who hears that it serves may ask at once: every port was tried by then.
     let tried = async {

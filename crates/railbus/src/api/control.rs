@@ -240,7 +240,7 @@ fn paths(config: &Config, places: &[Place]) -> Vec<String> {
     places.iter().map(|place| config.path(place)).collect()
 }
 
-fn names(name: &Name) -> BTreeMap<String, String> {
+pub(crate) fn names(name: &Name) -> BTreeMap<String, String> {
     let each = [("en", &name.en), ("zh", &name.zh)];
     let named = each
         .into_iter()

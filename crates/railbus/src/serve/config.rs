@@ -3,6 +3,7 @@
 
 mod desk;
 pub(super) mod edits;
+mod rules;
 mod tables;
 
 use super::access::Need;
@@ -23,6 +24,7 @@ pub(super) use desk::{Asks, Changed, Desk};
 use jiff::Timestamp;
 use railbus_site::Config;
 use railbus_site::config::keeper::{Generation, TEXT_MAX, etag};
+pub(super) use rules::ROUTES as RULES;
 use serde::Deserialize;
 use serde_json::{Value, json};
 pub(super) use tables::{ROUTES as TABLES, keys};

@@ -81,6 +81,7 @@ pub(super) const ALL: &[&[Route]] = &[
     loan::ROUTES,
     config::ROUTES,
     config::TABLES,
+    config::RULES,
     ports::ROUTES,
     openapi::ROUTES,
     SESSION_ROUTES,

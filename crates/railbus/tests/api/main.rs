@@ -5,6 +5,7 @@ mod about;
 mod daemon;
 mod flood;
 mod hostile;
+mod rules;
 mod scans;
 mod settings;
 mod sim;

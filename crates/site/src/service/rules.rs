@@ -1,11 +1,16 @@
 //! Rules at work: what changes is told to their engines, and what these say is done.
 
-use super::{Inner, Pulse, Service, Update, Updates, WriteTerms, lock};
+mod acts;
+mod status;
+
+pub use status::RuleStatus;
+
+use super::{Inner, Service, Update, Updates, lock};
 use crate::audit::Origin;
-use crate::config::{Action, Place, Rule, When};
-use crate::history::{Event, EventKind, HistoryError, Severity, millis};
+use crate::config::{Place, Rule, When};
+use crate::history::{HistoryError, Severity, millis};
 use crate::rules::{Deadline, Engine, Fact, Moment, Output, Phase, Tried, try_against};
-use crate::{Failure, Quality, Value};
+use crate::{Quality, Value};
 use jiff::tz::TimeZone;
 use railbus_host::{LineState, PortError, Presence};
 use railbus_wire::Micros;
@@ -50,29 +55,6 @@ struct Standing {
     count: u64,
 }
 
-/// A rule, as it is.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RuleStatus {
-    /// Its name in the configuration.
-    pub id: String,
-    /// What the configuration says of it.
-    pub rule: Rule,
-    /// Where it is; none where it is not armed.
-    pub phase: Option<Phase>,
-    /// What it waits for is known.
-    pub is_known: bool,
-    /// How long its condition has still to hold, where it does.
-    pub left: Option<Duration>,
-    /// When it acts next by the clock, in milliseconds since 1970.
-    pub next: Option<i64>,
-    /// When it last acted since this program began, in milliseconds since 1970.
-    pub last: Option<i64>,
-    /// How often it did.
-    pub count: u64,
-    /// It was tried against the past as it is now.
-    pub is_tried: bool,
-}
-
 /// What comes of a look at the rules.
 #[derive(Default)]
 struct Due {
@@ -96,12 +78,12 @@ impl Service {
         self.sync();
         let now = self.inner.moment();
         let config = self.config();
-        let mut all = lock(&self.inner.rules.all);
+        let all = lock(&self.inner.rules.all);
         let rules = config.rules.into_iter();
         rules
             .map(|(id, rule)| {
                 let is_tried = self.is_tried(&rule);
-                let standing = all.get_mut(&id);
+                let standing = all.get(&id);
                 RuleStatus::of(id, rule, is_tried, standing, now)
             })
             .collect()
@@ -267,108 +249,6 @@ impl Service {
             _ => Fact::Unknown,
         }
     }
-
-    /// A handle that acts for a rule.
-    fn acting(&self, id: &str) -> Service {
-        self.on_behalf_of(Origin::program(&format!("rule:{id}")))
-    }
-
-    /// Tells of a rule.
-    fn told(&self, id: &str, severity: Severity, code: &str, more: impl FnOnce(Event) -> Event) {
-        let event = Event::new(EventKind::Rule, severity, code);
-        let event = event.by(self.acting(id).origin());
-        self.tell_event(more(event));
-    }
-
-    /// Does what a rule says. After an output that could not be switched no other is: they may
-    /// rely on it. Who is to be told is told all the same.
-    async fn act(self, id: String, rule: Rule, busy: Arc<AtomicBool>) {
-        let about = |event: Event| match rule.when.place() {
-            Some(place) => event
-                .module(&place.module)
-                .point(&self.inner.label(&place.module, place.point)),
-            None => event,
-        };
-        let what = rule.then.iter().map(|action| self.words(action));
-        let what = what.collect::<Vec<_>>().join(", ");
-        if busy.swap(true, Ordering::Relaxed) {
-            self.told(&id, Severity::Error, "rule_failed", |event| {
-                about(event).what(&what).text("busy")
-            });
-            return;
-        }
-        self.told(&id, Severity::Info, "rule_fired", |event| {
-            about(event).what(&what)
-        });
-        let mut failed = None;
-        for action in &rule.then {
-            let end = match (action, &failed) {
-                (Action::Notify(text), _) => {
-                    self.told(&id, Severity::Warning, "notify", |event| {
-                        about(event).text(text.clone())
-                    });
-                    Ok(())
-                }
-                (_, Some(_)) => Err(Failure::NotTried),
-                (action, None) => self.switch(action).await,
-            };
-            if let Err(failure) = end {
-                self.failed(&id, action, &failure);
-                failed = Some(failure);
-            }
-        }
-        busy.store(false, Ordering::Relaxed);
-    }
-
-    async fn switch(&self, action: &Action) -> Result<(), Failure> {
-        match action {
-            Action::Set(place, on) => {
-                let set = [(place.point, *on)];
-                let done = self.write(&place.module, &set, WriteTerms::default());
-                done.await.map(|_| ())
-            }
-            Action::Pulse(place, width) => {
-                let pulse = Pulse {
-                    width: *width,
-                    ..Pulse::default()
-                };
-                let done = self.pulse(&place.module, place.point, pulse);
-                done.await.map(|_| ())
-            }
-            Action::Notify(_) => Ok(()),
-        }
-    }
-
-    fn failed(&self, id: &str, action: &Action, failure: &Failure) {
-        self.told(id, Severity::Error, "rule_failed", |mut event| {
-            if let Action::Set(place, _) | Action::Pulse(place, _) = action {
-                let label = self.inner.label(&place.module, place.point);
-                event = event.module(&place.module).point(&label);
-            }
-            event.end = Some(failure.name().to_owned());
-            event.what(&self.words(action)).text(failure.name())
-        });
-    }
-
-    /// `pump.do0=off`, `pulse gate.do0 500ms`, `notify`.
-    fn words(&self, action: &Action) -> String {
-        let path = |place: &Place| {
-            format!(
-                "{}.{}",
-                place.module,
-                self.inner.label(&place.module, place.point)
-            )
-        };
-        match action {
-            Action::Set(place, true) => format!("{}=on", path(place)),
-            Action::Set(place, false) => format!("{}=off", path(place)),
-            Action::Pulse(place, None) => format!("pulse {}", path(place)),
-            Action::Pulse(place, Some(width)) => {
-                format!("pulse {} {}ms", path(place), width.0 / 1_000)
-            }
-            Action::Notify(_) => "notify".to_owned(),
-        }
-    }
 }
 
 /// Carries the rules out until the site has gone.
@@ -482,44 +362,6 @@ impl Standing {
             _ => None,
         };
         [asked, look].into_iter().flatten().min()
-    }
-}
-
-impl RuleStatus {
-    fn of(
-        id: String,
-        rule: Rule,
-        is_tried: bool,
-        standing: Option<&mut Standing>,
-        now: Moment,
-    ) -> RuleStatus {
-        let mut status = RuleStatus {
-            id,
-            rule,
-            phase: None,
-            is_known: false,
-            left: None,
-            next: None,
-            last: None,
-            count: 0,
-            is_tried,
-        };
-        let Some(standing) = standing else {
-            return status;
-        };
-        (status.last, status.count) = (standing.last, standing.count);
-        status.is_known = standing.is_known;
-        if let Some(engine) = &standing.engine {
-            status.phase = Some(engine.phase());
-            match engine.deadline() {
-                Some(Deadline::Steady(due)) => {
-                    status.left = Some(Duration::from_micros((due - now.steady).0));
-                }
-                Some(Deadline::Wall(due)) => status.next = Some(due),
-                None => {}
-            }
-        }
-        status
     }
 }
 

@@ -113,7 +113,7 @@ pub(in crate::serve) fn remove(
     change::remove(text, &[kind, name]).map_err(|why| problem(kind, name, why))
 }
 
-/// A group or a scene as a whole.
+/// A group, a scene, a rule or a webhook as a whole.
 pub(in crate::serve) fn put(
     text: &str,
     kind: &'static str,
@@ -137,6 +137,7 @@ fn must_be(text: &str, kind: &'static str, name: &str) -> Result<(), Problem> {
         "group" => config.groups.contains_key(name),
         "scene" => config.scenes.contains_key(name),
         "webhook" => config.webhooks.contains_key(name),
+        "rule" => config.rules.contains_key(name),
         _ => config.modules.contains_key(name),
     };
     match is_there {
@@ -225,6 +226,7 @@ fn problem(kind: &'static str, name: &str, why: Refused) -> Problem {
             "webhook" => codes::NO_SUCH_HOOK,
             "group" => codes::NO_SUCH_GROUP,
             "scene" => codes::NO_SUCH_SCENE,
+            "rule" => codes::NO_SUCH_RULE,
             _ => codes::NO_SUCH_PAGE,
         }),
         Refused::Taken => return taken(kind, name),

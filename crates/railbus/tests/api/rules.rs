@@ -1,0 +1,141 @@
+//! Rules over HTTP: written, tried, armed, and acting in the demo.
+
+use crate::daemon::{Answer, Daemon};
+use serde_json::{Value, json};
+
+fn code(answer: &Answer) -> (u16, Value) {
+    (answer.status, answer.json()["code"].clone())
+}
+
+fn night(limit: f64) -> Value {
+    json!({
+        "name": { "en": "Night" },
+        "when": { "point": "tank.ai1", "above": limit, "unit": "V" },
+        "then": [{ "set": "yard.k2", "to": true }, { "notify": "above" }],
+    })
+}
+
+#[test]
+fn a_rule_is_tried_before_it_is_armed_and_acts_then() {
+    let daemon = Daemon::demo("rules");
+    let put = |rule: &Value| daemon.send("PUT", "/api/v1/rules/night", &rule.to_string());
+    let post = |what: &str| daemon.send("POST", &format!("/api/v1/rules/night/{what}"), "{}");
+    let shown = || daemon.get("/api/v1/rules/night").json();
+    assert_eq!(
+        code(&daemon.get("/api/v1/rules/night")),
+        (404, "E0853".into())
+    );
+    assert_eq!(code(&post("arm")), (404, "E0853".into()));
+    assert_eq!(code(&post("disarm")), (404, "E0853".into()));
+
+    // It holds whatever the tank does.
+    assert_eq!(put(&night(-1.0)).status, 200);
+    assert_eq!(
+        (&shown()["state"], &shown()["tried"]),
+        (&json!("disarmed"), &json!(false))
+    );
+    assert_eq!(code(&post("arm")), (409, "E0854".into()));
+    let tried = post("try").json();
+    assert!(
+        tried["count"].is_u64() && tried["acts"].is_array(),
+        "{tried}"
+    );
+    assert!(tried["unknown_ms"].as_u64() > Some(80_000_000), "{tried}");
+    // Another limit is another rule.
+    assert_eq!(put(&night(-2.0)).status, 200);
+    assert_eq!(code(&post("arm")), (409, "E0854".into()));
+    assert_eq!(post("try").status, 200);
+    assert_eq!(post("arm").status, 200);
+    daemon.until("it acts", |daemon| {
+        let rule = daemon.get("/api/v1/rules/night").json();
+        rule["state"] == "acted" && daemon.get("/api/v1/points/yard/k2").json()["value"] == true
+    });
+    let shown_now = shown();
+    assert_eq!(
+        (&shown_now["count"], &shown_now["armed"]),
+        (&json!(1), &json!(true))
+    );
+    assert!(shown_now["last"].is_string(), "{shown_now}");
+
+    daemon.until("both are told", |daemon| {
+        let events = daemon.get("/api/v1/events?kind=rule").json();
+        let items = events["items"].as_array().expect("a list").clone();
+        let codes: Vec<_> = items.iter().map(|event| &event["code"]).collect();
+        codes == ["notify", "rule_fired"] && items[0]["who"] == "rule:night"
+    });
+    let audit = daemon.get("/api/v1/audit?limit=1").json();
+    assert_eq!(audit["items"][0]["who"], "rule:night", "{audit}");
+
+    // As it is it stays armed; as something else it does not.
+    let text = daemon.get("/api/v1/config").json()["text"].clone();
+    assert!(
+        text.as_str()
+            .is_some_and(|text| text.contains("armed = true")),
+        "{text}"
+    );
+    let mut renamed = night(-2.0);
+    renamed["name"] = json!("Every night");
+    assert_eq!(put(&renamed).status, 200);
+    assert_eq!(
+        (&shown()["armed"], &shown()["count"]),
+        (&json!(true), &json!(1))
+    );
+    assert_eq!(put(&night(-3.0)).status, 200);
+    assert_eq!(shown()["armed"], false);
+    assert_eq!(post("disarm").status, 200);
+    let all = daemon.get("/api/v1/rules").json();
+    assert_eq!(all["rules"].as_array().map(Vec::len), Some(1));
+    assert!(all["time_zone"].is_string());
+    assert_eq!(daemon.send("DELETE", "/api/v1/rules/night", "").status, 200);
+    assert_eq!(
+        code(&daemon.get("/api/v1/rules/night")),
+        (404, "E0853".into())
+    );
+}
+
+#[test]
+fn a_rule_that_is_not_written_yet_is_tried_as_it_would_be_read() {
+    let daemon = Daemon::demo("rules-try");
+    let ask = |body: Value| daemon.send("POST", "/api/v1/rules/try", &body.to_string());
+    let daily = json!({ "when": { "time": "06:30" }, "then": [{ "notify": "morning" }] });
+    let week = ask(json!({ "rule": daily, "hours": 168 })).json();
+    assert_eq!(
+        (&week["count"], &week["unknown_ms"]),
+        (&json!(7), &json!(0)),
+        "{week}"
+    );
+    // What was tried may be armed, wherever it is written.
+    assert_eq!(
+        daemon
+            .send("PUT", "/api/v1/rules/wake", &daily.to_string())
+            .status,
+        200
+    );
+    assert_eq!(
+        daemon.send("POST", "/api/v1/rules/wake/arm", "").status,
+        200
+    );
+    let rule = daemon.get("/api/v1/rules/wake").json();
+    assert!(
+        rule["due"].is_string() && rule["state"] == "waiting",
+        "{rule}"
+    );
+    let with = |then: Value| ask(json!({ "rule": { "when": { "time": "06:30" }, "then": then } }));
+    let wrong = with(json!([{ "set": "tank.ai1", "to": true }]));
+    assert_eq!(code(&wrong), (422, "E0810".into()));
+    assert_eq!(wrong.json()["problems"][0]["code"], "E0865");
+    assert_eq!(
+        code(&with(json!([{ "set": "yard.k1", "too": true }]))),
+        (422, "E0806".into())
+    );
+    for wrong in [
+        json!({}),
+        json!({ "rule": daily, "hours": 169 }),
+        json!({ "rule": daily, "hours": 0 }),
+        json!({ "rule": daily, "since": "2020-01-01T00:00:00Z" }),
+        json!({ "rule": daily, "since": "2999-01-01T00:00:00Z" }),
+        json!({ "rule": daily, "since": "yesterday" }),
+    ] {
+        assert_eq!(code(&ask(wrong.clone())), (422, "E0806".into()), "{wrong}");
+    }
+}

@@ -1,0 +1,119 @@
+//! What a rule does, and what is told of it.
+
+use super::super::{Pulse, Service, WriteTerms};
+use crate::Failure;
+use crate::audit::Origin;
+use crate::config::{Action, Place, Rule};
+use crate::history::{Event, EventKind, Severity};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+impl Service {
+    /// A handle that acts for a rule.
+    pub(super) fn acting(&self, id: &str) -> Service {
+        self.on_behalf_of(Origin::program(&format!("rule:{id}")))
+    }
+
+    /// Tells of a rule.
+    pub(super) fn told(
+        &self,
+        id: &str,
+        severity: Severity,
+        code: &str,
+        more: impl FnOnce(Event) -> Event,
+    ) {
+        let event = Event::new(EventKind::Rule, severity, code);
+        let event = event.by(self.acting(id).origin());
+        self.tell_event(more(event));
+    }
+
+    /// Does what a rule says. After an output that could not be switched no other is: they may
+    /// rely on it. Who is to be told is told all the same.
+    pub(super) async fn act(self, id: String, rule: Rule, busy: Arc<AtomicBool>) {
+        let about = |event: Event| match rule.when.place() {
+            Some(place) => event
+                .module(&place.module)
+                .point(&self.inner.label(&place.module, place.point)),
+            None => event,
+        };
+        let what = rule.then.iter().map(|action| self.words(action));
+        let what = what.collect::<Vec<_>>().join(", ");
+        if busy.swap(true, Ordering::Relaxed) {
+            self.told(&id, Severity::Error, "rule_failed", |event| {
+                about(event).what(&what).text("busy")
+            });
+            return;
+        }
+        self.told(&id, Severity::Info, "rule_fired", |event| {
+            about(event).what(&what)
+        });
+        let mut failed = None;
+        for action in &rule.then {
+            let end = match (action, &failed) {
+                (Action::Notify(text), _) => {
+                    self.told(&id, Severity::Warning, "notify", |event| {
+                        about(event).text(text.clone())
+                    });
+                    Ok(())
+                }
+                (_, Some(_)) => Err(Failure::NotTried),
+                (action, None) => self.switch(action).await,
+            };
+            if let Err(failure) = end {
+                self.failed(&id, action, &failure);
+                failed = Some(failure);
+            }
+        }
+        busy.store(false, Ordering::Relaxed);
+    }
+
+    async fn switch(&self, action: &Action) -> Result<(), Failure> {
+        match action {
+            Action::Set(place, on) => {
+                let set = [(place.point, *on)];
+                let done = self.write(&place.module, &set, WriteTerms::default());
+                done.await.map(|_| ())
+            }
+            Action::Pulse(place, width) => {
+                let pulse = Pulse {
+                    width: *width,
+                    ..Pulse::default()
+                };
+                let done = self.pulse(&place.module, place.point, pulse);
+                done.await.map(|_| ())
+            }
+            Action::Notify(_) => Ok(()),
+        }
+    }
+
+    fn failed(&self, id: &str, action: &Action, failure: &Failure) {
+        self.told(id, Severity::Error, "rule_failed", |mut event| {
+            if let Action::Set(place, _) | Action::Pulse(place, _) = action {
+                let label = self.inner.label(&place.module, place.point);
+                event = event.module(&place.module).point(&label);
+            }
+            event.end = Some(failure.name().to_owned());
+            event.what(&self.words(action)).text(failure.name())
+        });
+    }
+
+    /// `pump.do0=off`, `pulse gate.do0 500ms`, `notify`.
+    fn words(&self, action: &Action) -> String {
+        let path = |place: &Place| {
+            format!(
+                "{}.{}",
+                place.module,
+                self.inner.label(&place.module, place.point)
+            )
+        };
+        match action {
+            Action::Set(place, true) => format!("{}=on", path(place)),
+            Action::Set(place, false) => format!("{}=off", path(place)),
+            Action::Pulse(place, None) => format!("pulse {}", path(place)),
+            Action::Pulse(place, Some(width)) => {
+                format!("pulse {} {}ms", path(place), width.0 / 1_000)
+            }
+            Action::Notify(_) => "notify".to_owned(),
+        }
+    }
+}
