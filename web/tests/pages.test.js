@@ -20,6 +20,7 @@ const PAGES = [
   "/trends",
   "/events",
   "/events/audit",
+  "/rules",
   "/backup",
   "/integrations",
   "/users",

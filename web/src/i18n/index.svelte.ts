@@ -10,6 +10,7 @@ import { lines } from "./lines";
 import { points } from "./points";
 import { settings } from "./settings";
 import { sim } from "./sim";
+import { rules } from "./rules";
 import { start } from "./start";
 import { system } from "./system";
 import { trends } from "./trends";
@@ -27,6 +28,7 @@ const all = {
   ...trends,
   ...events,
   ...groups,
+  ...rules,
   ...backup,
   ...admin,
   ...system,

@@ -33,6 +33,7 @@ export const PAGES: readonly Page[] = [
   { path: "/trends", title: "nav_trends", load: later("Trends"), icon: "trends", group: 0, role: "viewer", daily: true },
   { path: "/events/:tab?", title: "nav_events", load: later("Events"), icon: "events", group: 0, role: "viewer", daily: true },
   { path: "/groups", title: "nav_groups", load: later("Groups"), icon: "groups", group: 0, role: "viewer" },
+  { path: "/rules", title: "nav_rules", load: later("Rules"), icon: "rules", group: 0, role: "viewer" },
   { path: "/backup", title: "nav_backup", load: later("Backup"), icon: "backup", group: 2, role: "engineer" },
   {
     path: "/integrations",

@@ -8,6 +8,7 @@ export { default as Groups } from "./Groups.svelte";
 export { default as Integrations } from "./Integrations.svelte";
 export { default as Lines } from "./Lines.svelte";
 export { default as Module } from "./Module.svelte";
+export { default as Rules } from "./Rules.svelte";
 export { default as Scope } from "./Scope.svelte";
 export { default as Simulator } from "./Simulator.svelte";
 export { default as System } from "./System.svelte";
