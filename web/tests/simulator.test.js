@@ -86,10 +86,10 @@ for (const look of LOOKS.filter(({ width, scheme }) => (width === 360) === (sche
     await panel("yard").getByRole("list").waitFor({ state: "detached" });
 
     // Without power nothing shines; without an adapter the panel is still seen.
-    const power = panel("yard").getByRole("checkbox", { name: t("sim_power") });
-    await power.uncheck();
+    const power = panel("yard").getByRole("switch", { name: t("sim_power") });
+    await power.click();
     await panel("yard").getByText(t("sim_dark").replace("{module}", "yard")).waitFor({ state: "attached" });
-    await power.check();
+    await power.click();
     await panel("yard").getByText(t("sim_lit").replace("{module}", "yard")).waitFor({ state: "attached" });
     await page.getByRole("button", { name: t("sim_unplug") }).click();
     await page.getByText(t("sim_unplugged")).waitFor();

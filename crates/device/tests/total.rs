@@ -26,6 +26,7 @@ enum Event {
     Analog(u8, i16),
     Init(bool),
     Dip(u8),
+    Stuck(u32),
     /// A driver that does everything right, for as long as the pause lasts.
     Attend,
 }
@@ -124,6 +125,7 @@ fn event() -> impl Strategy<Value = Event> {
         1 => any::<(u8, i16)>().prop_map(|(channel, value)| Event::Analog(channel, value)),
         1 => any::<bool>().prop_map(Event::Init),
         1 => (0..4_u8).prop_map(Event::Dip),
+        1 => any::<u32>().prop_map(Event::Stuck),
         8 => Just(Event::Attend),
     ]
 }
@@ -233,6 +235,7 @@ impl Watched {
             Event::Analog(channel, value) => Input::Analog(*channel, *value),
             Event::Init(grounded) => Input::Init(*grounded),
             Event::Dip(dip) => Input::Dip(*dip),
+            Event::Stuck(mask) => Input::Stuck(*mask),
         };
         self.heard += match input {
             Input::Bytes(bytes) if !self.sending => bytes.len(),

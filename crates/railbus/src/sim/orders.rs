@@ -80,6 +80,11 @@ impl Directory {
         self.modules.keys().map(String::as_str)
     }
 
+    /// How a module is set up.
+    pub(super) fn setup(&self, module: &str) -> Option<&Setup> {
+        self.modules.get(module).map(|known| &known.setup)
+    }
+
     /// What the analog inputs of a module measure.
     pub(super) fn range(&self, module: &str) -> Option<&Range> {
         self.modules.get(module).map(|known| &known.range)

@@ -7,6 +7,7 @@ use super::stage::Whose;
 use crate::api::sim_types::SimLineInfo;
 use crate::failure::Failure;
 use crate::i18n::Lang;
+use railbus_device::Family;
 use railbus_site::config::FaultsOf;
 use std::sync::Arc;
 use tokio::sync::{mpsc, oneshot};
@@ -49,9 +50,9 @@ impl Remote {
         &self.name
     }
 
-    /// Whether this module hangs on it.
-    pub(crate) fn has(&self, module: &str) -> bool {
-        self.directory.modules().any(|name| name == module)
+    /// The kind of a module, if there is one of that name.
+    pub(crate) fn family(&self, module: &str) -> Option<Family> {
+        self.directory.setup(module).map(|setup| setup.family)
     }
 
     /// Reads an order as at the prompt: `power pump off`, `pump.di0 = 1`.

@@ -352,6 +352,24 @@ fn what_is_no_order_does_nothing() {
             "E0290",
         ),
         ("PUT", "main", r#"{"plugged":"no"}"#, 422, "E0806"),
+        ("PUT", "main", "{}", 422, "E0806"),
+        (
+            "PUT",
+            "main/tank/inputs",
+            r#"{"set":{"ai1":true}}"#,
+            422,
+            "E0290",
+        ),
+        (
+            "PUT",
+            "main/pump/inputs",
+            r#"{"set":{"di0":2}}"#,
+            422,
+            "E0290",
+        ),
+        ("PUT", "main/pump", r#"{"dip":3}"#, 422, "E0290"),
+        ("PUT", "main/yard", r#"{"init":true}"#, 422, "E0290"),
+        ("PUT", "main/yard", r#"{"dip":256}"#, 422, "E0806"),
     ];
     let before = daemon.at("pump.di0")["by_hand"].clone();
     for (method, path, body, status, code) in cases {
