@@ -31,7 +31,8 @@ texts! {
                       answer_bad_frames, insist_on_gap
   inputs = { di0 = 1, di1 = { every = \"10s\" } }
   inputs = { di2 = { low = \"3s\", after = \"9s\", every = \"42s\" } }
-  inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\", soft = true } }
+  inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
+  inputs = { ai1 = { from = 4, to = 6, every = \"20s\", soft = true } }
 
 Faults, parted by commas; each may have a time after which it ends (mute 10s),
 or, of a module, a number of replies (bad once, mute 3x):
@@ -42,7 +43,7 @@ or, of a module, a number of replies (bad once, mute 3x):
   delay 200ms±50  late replies            glitch 10%      00 before, FF after
   duplicate 10%   replies come twice      split 20% 30ms  replies in pieces
   babble|5%       garbage, or as a reply  cuts 10m 2s     no power: every, for
-  dup-address 6   as if set so by mistake bad             the last character is wrong
+  dup-address 6   as if set so by mistake bad             last character wrong
   stuck k1        the output does not move
 
 At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
@@ -60,7 +61,8 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
                       answer_bad_frames、insist_on_gap
   inputs = { di0 = 1, di1 = { every = \"10s\" } }
   inputs = { di2 = { low = \"3s\", after = \"9s\", every = \"42s\" } }
-  inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\", soft = true } }
+  inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
+  inputs = { ai1 = { from = 4, to = 6, every = \"20s\", soft = true } }
 
 故障，多个以逗号分隔，均可附加持续时间（mute 10s），
 模块的故障也可附加应答次数（bad once、mute 3x）：
