@@ -147,3 +147,51 @@ pub(crate) struct SettingsUndo {
     #[serde(default)]
     pub(crate) change: Option<u64>,
 }
+
+/// `GET /api/v1/modules/{module}/registers`: what a module says of itself, byte for byte.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct Registers {
+    pub(crate) schema: u8,
+    /// The module.
+    pub(crate) module: String,
+    /// The protocol it speaks. Only over `rtu` there are registers; elsewhere there are replies.
+    pub(crate) protocol: String,
+    /// What it was asked, and what it said.
+    pub(crate) reads: Vec<RegisterRead>,
+}
+
+/// One read.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct RegisterRead {
+    /// What was sent, in hexadecimal digits.
+    pub(crate) sent: String,
+    /// What that asks.
+    pub(crate) meaning: String,
+    /// What came back, in hexadecimal digits; empty where nothing did.
+    pub(crate) bytes: String,
+    /// What that says; none where it is no reply.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) says: Option<String>,
+    /// From the end of the request to the end of what came back.
+    pub(crate) after_ms: f64,
+    /// Coil by coil, register by register.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) cells: Vec<Cell>,
+}
+
+/// A coil or a register.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[schema(as = RegisterCell)]
+pub(crate) struct Cell {
+    /// `coil`, `discrete`, `holding`.
+    pub(crate) kind: String,
+    /// Its number, as frames count: from 0.
+    pub(crate) at: u16,
+    /// What it is: the label of a point, or what its data sheet says.
+    pub(crate) name: String,
+    /// The fact of the data sheet, as `docs/datasheets` counts them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) fact: Option<String>,
+    /// Its 16 bits, or 0 or 1.
+    pub(crate) value: u16,
+}

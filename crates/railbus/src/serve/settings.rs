@@ -4,6 +4,7 @@
 
 mod carry;
 mod look;
+mod registers;
 mod wish;
 
 use super::access::Need;
@@ -14,7 +15,7 @@ use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, language};
 use crate::api::ops::OpBegun;
 use crate::api::problem::{Problem, codes};
-use crate::api::settings::{Settings, SettingsLog, SettingsPlan, SettingsUndo};
+use crate::api::settings::{Registers, Settings, SettingsLog, SettingsPlan, SettingsUndo};
 use axum::extract::{Path, State};
 use axum::http::header::IF_MATCH;
 use axum::http::{HeaderMap, StatusCode};
@@ -42,6 +43,10 @@ pub(super) const ROUTES: &[Route] = &[
             .answers::<OpBegun>()
             .status("202"),
     ),
+    Route::new("GET", "/modules/{module}/registers", Need::ENGINEER, || {
+        get(registers)
+    })
+    .doc(Doc::new("What a module says of itself, byte for byte").answers::<Registers>()),
     Route::new(
         "GET",
         "/modules/{module}/settings/log",
@@ -81,6 +86,17 @@ async fn show(
         }
         Err(problem) => answer::problem(&problem),
     }
+}
+
+async fn registers(
+    State(site): State<Site>,
+    Path(module): Path<String>,
+    asked: Asked,
+    headers: HeaderMap,
+) -> Answer {
+    let lang = language::of(&site, &asked, &headers);
+    let wish = Wish::new(&site, &site.service, lang, module, None);
+    answer::json(wish.registers().await)
 }
 
 async fn log(State(site): State<Site>, Path(module): Path<String>) -> Answer {

@@ -177,3 +177,57 @@ fn a_board_waits_for_its_power_and_can_be_let_off() {
     });
     assert_eq!(settings(&daemon, yard), before);
 }
+
+#[test]
+fn registers_are_told_byte_for_byte_and_after_the_data_sheet() {
+    let daemon = Daemon::demo("registers");
+    let read = |name: &str| {
+        let read = daemon.get(&format!("/api/v1/modules/{name}/registers"));
+        assert_eq!(read.status, 200, "{}", read.text());
+        read.json()
+    };
+    let tank = read("tank");
+    let reads = tank["reads"].as_array().expect("a list");
+    let words = reads.last().expect("the registers are last");
+    let cells = words["cells"].as_array().expect("a list");
+    assert_eq!(cells.len(), 8, "{tank}");
+    assert_eq!(
+        (&cells[1]["name"], &cells[1]["value"]),
+        (&json!("address"), &json!(5))
+    );
+    assert_eq!(cells[1]["fact"], "[EMD-2A2Q §4.2]");
+    assert!(
+        words["sent"]
+            .as_str()
+            .expect("text")
+            .starts_with("05 03 00 00 00 08")
+    );
+    assert!(
+        words["bytes"]
+            .as_str()
+            .expect("text")
+            .starts_with("05 03 10")
+    );
+    let oven = read("oven");
+    let coils = oven["reads"][0]["cells"].as_array().expect("a list");
+    assert_eq!(
+        (&coils[0]["at"], &coils[0]["name"]),
+        (&json!(60), &json!("k1"))
+    );
+    let pump = read("pump");
+    assert_eq!(pump["protocol"], "ascii");
+    for read in pump["reads"].as_array().expect("a list") {
+        assert!(
+            read["says"].is_string() && read["cells"].is_null(),
+            "{read}"
+        );
+    }
+    let yard = read("yard");
+    assert_eq!(
+        yard["reads"].as_array().expect("a list").len(),
+        1,
+        "a board has one read"
+    );
+    let none = daemon.get("/api/v1/modules/none/registers");
+    assert_eq!(none.status, 404);
+}

@@ -5,9 +5,10 @@ use crate::api::problem::{Problem, codes};
 use crate::commands::config::outcome;
 use crate::commands::config::target::Target;
 use crate::i18n::Lang;
+use railbus_host::ProbeResult;
 use railbus_site::commission::{Act, Ask, Event, Found, Heard, Place, Step, Trouble, read};
 use railbus_site::{RawTerms, Service};
-use railbus_wire::Instant;
+use railbus_wire::{Exchange, Instant};
 use std::time::Duration;
 use tokio::time::Instant as Moment;
 
@@ -42,20 +43,13 @@ pub(super) async fn look(service: &Service, lang: Lang, target: &Target) -> Resu
 
 /// What a module answers; none where two do.
 async fn put(service: &Service, target: &Target, ask: &Ask) -> Result<Option<Heard>, Problem> {
-    let line = target.line.as_str();
     let terms = RawTerms {
         settings: Some(ask.settings),
         gap: Some(ask.quiet),
         timeout: Some(ask.timeout),
         clear: false,
     };
-    let asking = tokio::time::timeout(UNSENT_MAX, service.raw(line, ask.exchange, terms));
-    let met = asking.await.map_err(|_| {
-        Problem::new(codes::SCAN_NOISE)
-            .with("line", line)
-            .with("module", target.name.as_str())
-    })?;
-    let met = met.map_err(|failure| failures::of_line(service, line, &failure))?;
+    let met = send(service, target, ask.exchange, terms).await?;
     if met.late.iter().any(|late| late.again) {
         return Ok(None);
     }
@@ -63,4 +57,21 @@ async fn put(service: &Service, target: &Target, ask: &Ask) -> Result<Option<Hea
         bytes: met.bytes,
         ..Heard::default()
     }))
+}
+
+/// Sends a read between the polls, and hears what comes.
+pub(super) async fn send(
+    service: &Service,
+    target: &Target,
+    exchange: Exchange<'static>,
+    terms: RawTerms,
+) -> Result<ProbeResult, Problem> {
+    let line = target.line.as_str();
+    let met = tokio::time::timeout(UNSENT_MAX, service.raw(line, exchange, terms)).await;
+    let met = met.map_err(|_| {
+        Problem::new(codes::SCAN_NOISE)
+            .with("line", line)
+            .with("module", target.name.as_str())
+    })?;
+    met.map_err(|failure| failures::of_line(service, line, &failure))
 }

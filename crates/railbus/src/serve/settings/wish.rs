@@ -77,7 +77,7 @@ impl Wish {
         config_file::state_folder(Some(self.site.desk.file()))
     }
 
-    fn target(&self) -> Result<Target, Problem> {
+    pub(super) fn target(&self) -> Result<Target, Problem> {
         let target = Target::of(&self.service.config(), &self.module);
         target.map_err(|why| match why {
             NoTarget::Module => failures::no_such_module(&self.service, &self.module),

@@ -1,0 +1,187 @@
+//! `GET /api/v1/modules/{module}/registers`: what a module says of itself, byte for byte. Each of
+//! its reads is sent once, between the polls of its line.
+
+use super::look::send;
+use super::wish::Wish;
+use crate::api::convert;
+use crate::api::problem::Problem;
+use crate::api::settings::{Cell, RegisterRead, Registers};
+use crate::api::types::SCHEMA;
+use crate::commands::config::outcome;
+use crate::commands::config::target::Target;
+use crate::commands::decode::meaning;
+use crate::i18n::Lang;
+use crate::render::hex;
+use railbus_device::{Family, Module, Op, Point, PointKind, Setup};
+use railbus_site::RawTerms;
+use railbus_site::commission::{Place, Trouble};
+use railbus_wire::rtu::{Request, Response as RtuResponse, WordSpan};
+use railbus_wire::{Exchange, Frame, Protocol, Response};
+
+/// A register that reads: what it is, in both languages, and the fact that says so.
+type Word = ([&'static str; 2], &'static str);
+
+/// The holding registers of a module, from 0.
+const fn words(setup: &Setup) -> &'static [Word] {
+    match (setup.family, setup.protocol) {
+        (Family::Eda9060a, Protocol::Rtu) => &[
+            (["model", "型号"], "[EDA9060A §6.6]"),
+            (
+                ["address, speed code", "地址、波特率代码"],
+                "[EDA9060A §6.7]",
+            ),
+            (
+                ["pulse mode, width in 0.1 s", "脉冲方式、宽度（0.1 秒）"],
+                "[EDA9060A §6.8]",
+            ),
+            (["protocol, checksum", "协议、校验和"], "[EDA9060A §6.9]"),
+        ],
+        (Family::Erc8, _) => &[
+            (["address", "地址"], "[ERC-8 §4.1]"),
+            (["speed code", "波特率代码"], "[ERC-8 §4.2]"),
+            (["parity code", "校验位代码"], "[ERC-8 §4.3]"),
+        ],
+        (Family::Emd2a2q, _) => &[
+            (["product version", "产品版本"], "[EMD-2A2Q §4.1]"),
+            (["address", "地址"], "[EMD-2A2Q §4.2]"),
+            (["speed code", "波特率代码"], "[EMD-2A2Q §4.3]"),
+            (["parity code", "校验位代码"], "[EMD-2A2Q §4.4]"),
+            (
+                ["calibration voltage in 0.01 V", "校准电压（0.01 V）"],
+                "[EMD-2A2Q §4.5]",
+            ),
+            (["calibration under way", "校准进行中"], "[EMD-2A2Q §5.1]"),
+            (
+                ["analog input 1, times 100", "模拟量输入 1（×100）"],
+                "[EMD-2A2Q §4.6]",
+            ),
+            (
+                ["analog input 2, times 100", "模拟量输入 2（×100）"],
+                "[EMD-2A2Q §4.6]",
+            ),
+        ],
+        _ => &[],
+    }
+}
+
+impl Wish {
+    /// What the module says of itself now.
+    pub(super) async fn registers(&self) -> Result<Registers, Problem> {
+        let target = self.target()?;
+        let mut reads = Vec::new();
+        for exchange in exchanges(&target.setup) {
+            reads.push(self.read(&target, exchange).await?);
+        }
+        if reads.iter().all(|read| read.bytes.is_empty()) {
+            let trouble = Trouble::NoReply(Place::of(&target.setup));
+            return Err(outcome::trouble(self.lang, &target, &trouble).to_problem());
+        }
+        Ok(Registers {
+            schema: SCHEMA,
+            module: target.name,
+            protocol: target.setup.protocol.name().to_owned(),
+            reads,
+        })
+    }
+
+    async fn read(
+        &self,
+        target: &Target,
+        exchange: Exchange<'static>,
+    ) -> Result<RegisterRead, Problem> {
+        let terms = RawTerms {
+            settings: Some(target.setup.serial),
+            ..RawTerms::default()
+        };
+        let met = send(&self.service, target, exchange, terms).await?;
+        let mut frame = Frame::new();
+        exchange.encode(&mut frame);
+        let found = exchange.find_response(&met.bytes).1;
+        let reply = found.whole().map(|reply| reply.response);
+        let says = reply.map(|reply| meaning::response(self.lang, &exchange, &reply));
+        let cells = reply.map(|reply| cells(self.lang, &target.setup, &exchange, &reply));
+        Ok(RegisterRead {
+            sent: hex::spaced(frame.bytes()),
+            meaning: meaning::request(self.lang, &exchange),
+            bytes: hex::spaced(&met.bytes),
+            says,
+            after_ms: convert::millis_tenths(met.after),
+            cells: cells.unwrap_or_default(),
+        })
+    }
+}
+
+/// All reads of a module, each once.
+fn exchanges(setup: &Setup) -> Vec<Exchange<'static>> {
+    let Ok(module) = Module::new(*setup) else {
+        return Vec::new();
+    };
+    let whole = u16::try_from(words(setup).len()).ok();
+    let whole = whole.and_then(|count| WordSpan::new(0, count));
+    let whole = whole.map(|span| Exchange::rtu(setup.address, Request::ReadHoldingRegisters(span)));
+    let mut ops = vec![Op::ReadOutputs, Op::ReadInputs];
+    if whole.is_none() {
+        ops.extend([Op::Identify, Op::ReadConfig, Op::ReadPulse]);
+    }
+    let mut all = Vec::new();
+    for exchange in ops.iter().filter_map(|op| module.exchange(op).ok()) {
+        if !all.contains(&exchange) {
+            all.push(exchange);
+        }
+    }
+    all.extend(whole);
+    all
+}
+
+/// What is in a reply, coil by coil and register by register.
+fn cells(lang: Lang, setup: &Setup, asked: &Exchange<'_>, reply: &Response<'_>) -> Vec<Cell> {
+    let (Exchange::Rtu(asked), Response::Rtu(reply)) = (asked, reply) else {
+        return Vec::new();
+    };
+    match (asked.request, reply) {
+        (Request::ReadCoils(span), RtuResponse::Bits(bits)) => bits_of(
+            setup,
+            PointKind::Output,
+            "coil",
+            span.start(),
+            bits.to_mask(),
+        ),
+        (Request::ReadDiscreteInputs(span), RtuResponse::Bits(bits)) => bits_of(
+            setup,
+            PointKind::Input,
+            "discrete",
+            span.start(),
+            bits.to_mask(),
+        ),
+        (Request::ReadHoldingRegisters(span), RtuResponse::Words(values)) => {
+            let known = (0_u16..).zip(words(setup));
+            let known = known.filter_map(|(at, word)| Some((at, word, values.get(at)?)));
+            known
+                .map(|(at, (name, fact), value)| Cell {
+                    kind: "holding".to_owned(),
+                    at: span.start() + at,
+                    name: lang.of(*name).to_owned(),
+                    fact: Some((*fact).to_owned()),
+                    value,
+                })
+                .collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// One cell for each point of a kind, from the first address on.
+fn bits_of(setup: &Setup, kind: PointKind, name: &str, first: u16, mask: u32) -> Vec<Cell> {
+    let points = setup.points().filter(|point| point.kind == kind);
+    let cell = |point: Point| {
+        let (letters, number) = setup.label(point);
+        Cell {
+            kind: name.to_owned(),
+            at: first + u16::from(point.index),
+            name: format!("{letters}{number}"),
+            fact: None,
+            value: u16::from(mask >> point.index & 1 == 1),
+        }
+    };
+    points.map(cell).collect()
+}
