@@ -87,3 +87,12 @@ test("an address that is taken is refused, and told in Chinese on a phone", asyn
   assert.equal(await addressOf("oven"), 3);
   await sound();
 });
+
+test("the registers of a module stand beside what its data sheet says", async () => {
+  const t = await begin("en", 360);
+  await page.goto(`${daemon.origin}/module/tank/registers`);
+  const row = page.getByRole("row", { name: /calibration voltage/ });
+  assert.match(await row.innerText(), /^4\s.*500\s+500\s+01F4\s+0000 0001 1111 0100\s+\[EMD-2A2Q §4\.5\]/s);
+  await page.getByRole("button", { name: t("set_reread"), exact: true }).waitFor();
+  await sound();
+});

@@ -63,6 +63,7 @@ export const points = {
   state: ["State", "状态"],
   tab_live: ["Live", "实时"],
   tab_settings: ["Settings", "设置"],
+  tab_registers: ["Registers", "寄存器"],
   tab_trend: ["Trend", "趋势"],
   tab_frames: ["Frames", "报文"],
   tab_about: ["About", "说明"],

@@ -55,6 +55,10 @@ export const settings = {
   set_stop: ["Stop", "停止"],
   set_stopped: ["Stopped: the module is as it was", "已停止：模块未变"],
   set_verified: ["Verified: read back at {place}", "已证实：在 {place} 回读一致"],
+  reg_at: ["No.", "编号"],
+  reg_hex: ["Hex", "十六进制"],
+  reg_bits: ["Bits 15–0", "位 15–0"],
+  reg_silent: ["No reply: this version of the module may not have this read.", "无应答：该版本模块可能不支持此读取。"],
   set_journal: ["Journal", "更改日志"],
   set_none: ["Nothing was changed yet.", "尚无更改。"],
   set_open: [
