@@ -1,6 +1,8 @@
 //! The command line: one definition per command, which gives its parser and its help.
 
-use crate::commands::{bench, complete, completions, config, doctor, explain, export, extcap};
+use crate::commands::{
+    audit, bench, complete, completions, config, doctor, explain, export, extcap,
+};
 use crate::commands::{
     decode, get, global_flags, help, history, ls, man, pulse, raw, replay, scan,
 };
@@ -58,6 +60,11 @@ const VERBS: &[Verb] = &[
         name: history::NAME,
         define: history::define,
         run: history::run,
+    },
+    Verb {
+        name: audit::NAME,
+        define: audit::define,
+        run: audit::run,
     },
     Verb {
         name: raw::NAME,

@@ -11,7 +11,7 @@ mod control;
 mod doc;
 mod ear;
 mod events;
-mod export;
+pub(crate) mod export;
 mod frames;
 mod guard;
 mod happening;

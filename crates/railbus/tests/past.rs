@@ -232,6 +232,72 @@ fn the_command_line_shows_what_a_point_was() {
     assert!(code == 1 && why.contains("E0170"), "{code}: {why}");
 }
 
+/// Whether each of these texts is what `railbus audit -o json` is published to say.
+fn is_published(folder: &Path, texts: &[&str]) -> bool {
+    let (_, schema, _) = run(folder, "schema audit");
+    let schema = serde_json::from_str(&schema).expect("JSON");
+    let valid = jsonschema::validator_for(&schema).expect("a schema");
+    let told = texts
+        .iter()
+        .map(|text| serde_json::from_str(text).expect("JSON"));
+    told.into_iter().all(|told: Value| valid.is_valid(&told))
+}
+
+#[test]
+fn the_command_line_checks_and_prints_the_audit_log() {
+    let mut daemon = Daemon::demo("audit");
+    daemon.put("/api/v1/points/pump/do0", r#"{"value":true}"#);
+    let (code, text, _) = run(&daemon.folder, "audit verify");
+    assert_eq!(
+        (code, text.as_str()),
+        (0, "whole: 1 entries, 3 records from number 1 on\n")
+    );
+    let (_, verified, _) = run(&daemon.folder, "audit verify -o json");
+    let (_, records, _) = run(&daemon.folder, "audit export");
+    let texts: Vec<&str> = std::iter::once(verified.as_str())
+        .chain(records.lines())
+        .collect();
+    assert_eq!(texts.len(), 4, "{records}");
+    assert!(is_published(&daemon.folder, &texts), "{texts:?}");
+    let (_, told, _) = run(&daemon.folder, "audit export -o csv");
+
+    // The same of files that no daemon has: those of a site whose daemon was killed.
+    let state = daemon.get("/api/v1/config").json()["file"].clone();
+    let state = Path::new(state.as_str().expect("a path"))
+        .parent()
+        .expect("a folder")
+        .join(".railbus");
+    let copy = daemon.folder.join(".railbus");
+    std::fs::create_dir_all(&copy).expect("a folder");
+    for name in ["audit.log", "audit.head"] {
+        std::fs::copy(state.join(name), copy.join(name)).expect("a copy");
+    }
+    daemon.child.kill().expect("it runs");
+    let config = daemon.folder.join("railbus.toml");
+    std::fs::write(&config, "").expect("a file");
+    let of_files = |command: &str| {
+        run(
+            &daemon.folder,
+            &format!("{command} --config {}", config.display()),
+        )
+    };
+    assert_eq!(of_files("audit verify").1, text);
+    assert_eq!(of_files("audit export -o csv").1, told);
+    let log = copy.join("audit.log");
+    let changed = std::fs::read_to_string(&log)
+        .expect("text")
+        .replace("do0=on", "do1=on");
+    std::fs::write(&log, changed).expect("a file");
+    let (code, _, why) = of_files("audit verify");
+    assert!(
+        code == 8 && why.contains("E0894") && why.contains("record 2"),
+        "{code}: {why}"
+    );
+    std::fs::remove_file(&log).expect("a file");
+    let (code, _, why) = of_files("audit export");
+    assert!(code == 1 && why.contains("E0170"), "{code}: {why}");
+}
+
 #[test]
 fn what_is_asked_for_wrongly_is_refused() {
     let daemon = Daemon::demo("wrong");

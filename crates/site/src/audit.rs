@@ -9,7 +9,7 @@ mod tail;
 
 pub use chain::{Numbered, Record};
 pub use log::AuditLog;
-pub use read::{Exported, Filter, Logged, Page, Place, Verified, verify_folder};
+pub use read::{Exported, Filter, Logged, Page, Place, Verified, export_folder, verify_folder};
 pub use tail::Found;
 
 use crate::ulid::Ulids;

@@ -1,8 +1,9 @@
 //! What was, as the API tells it: samples, events and the log of what was done.
 
 use super::problem::{Problem, codes};
+use super::types::SCHEMA;
 use jiff::Timestamp;
-use railbus_site::audit::{Logged, Numbered, Record};
+use railbus_site::audit::{Logged, Numbered, Record, Verified};
 use railbus_site::history::{
     Bucket, Chart, Event, HistoryError, Kept, Sample, Severity, Storage, millis,
 };
@@ -200,7 +201,7 @@ impl HistoryInfo {
             Chart::Buckets(buckets) => (None, Some(buckets.into_iter().map(of_bucket).collect())),
         };
         HistoryInfo {
-            schema: super::types::SCHEMA,
+            schema: SCHEMA,
             point: point.to_owned(),
             from: moment(from),
             to: moment(to),
@@ -293,6 +294,23 @@ pub(crate) const AUDIT_COLUMNS: [&str; 12] = [
     "seq", "at", "kind", "id", "who", "via", "module", "what", "before", "after", "end", "hash",
 ];
 
+/// What was found along the chain.
+pub(crate) fn verified(found: Verified) -> VerifiedInfo {
+    VerifiedInfo {
+        schema: SCHEMA,
+        first: found.first,
+        entries: found.entries,
+        records: found.records,
+        ok: found.broken_at.is_none(),
+        broken_at: found.broken_at,
+    }
+}
+
+/// What is kept can't be read.
+pub(crate) fn unread(error: &std::io::Error) -> Problem {
+    Problem::new(codes::HISTORY_FAILS).with("reason", error.to_string())
+}
+
 /// A record of the log as a row of a table.
 pub(crate) fn audit_row(hash: &str, numbered: &Numbered) -> [String; AUDIT_COLUMNS.len()] {
     let own = String::clone;
@@ -357,7 +375,7 @@ fn system_row(kind: &str, what: String) -> [String; 9] {
 impl StorageInfo {
     pub(crate) fn new(storage: Storage, audit_failing: bool, keep: (i64, u64)) -> StorageInfo {
         StorageInfo {
-            schema: super::types::SCHEMA,
+            schema: SCHEMA,
             history_bytes: storage.bytes,
             wal_bytes: storage.wal_bytes,
             points: storage.points,

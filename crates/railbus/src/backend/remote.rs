@@ -3,7 +3,7 @@
 mod http;
 
 use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest, Groups};
-use crate::api::past::HistoryInfo;
+use crate::api::past::{HistoryInfo, VerifiedInfo};
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{
     FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
@@ -51,6 +51,16 @@ impl Frames {
 
 /// The next event that this program knows. A newer daemon may have others; an empty line is sent
 /// to see whether anyone is there.
+/// The records of a log, line by line.
+pub(crate) struct Records(TextLines);
+
+impl Records {
+    /// The next; none at the end.
+    pub(crate) async fn next(&mut self) -> Option<Result<String, Problem>> {
+        self.0.next().await
+    }
+}
+
 async fn event<T: DeserializeOwned>(lines: &mut TextLines) -> Option<Result<T, Problem>> {
     loop {
         match lines.next().await? {
@@ -186,6 +196,19 @@ impl Remote {
         let point = encoded(point);
         let path = format!("/api/v1/history?point={point}&from={from}&buckets={STRETCHES}");
         self.get(&path).await
+    }
+
+    /// Whether the audit log is as it was written.
+    pub(crate) async fn verified_audit(&self) -> Result<VerifiedInfo, Problem> {
+        self.get("/api/v1/audit/verify").await
+    }
+
+    /// Every record of the audit log.
+    pub(crate) async fn audit(&self, is_csv: bool) -> Result<Records, Problem> {
+        let form = if is_csv { "csv" } else { "ndjson" };
+        let path = format!("/api/v1/audit/export?format={form}&lang=en");
+        let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
+        Ok(Records(answer.lines().await?))
     }
 
     /// Asks for something else, at a path below the API's own.

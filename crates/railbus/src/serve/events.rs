@@ -8,7 +8,7 @@ use super::order::bad_request;
 use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, body, language};
 use crate::api::past::{
-    self, AUDIT_COLUMNS, AckRequest, AuditPage, EventInfo, EventPage, VerifiedInfo, audit_row,
+    self, AUDIT_COLUMNS, AckRequest, AuditPage, EventInfo, EventPage, VerifiedInfo, unread,
 };
 use crate::api::paths::split;
 use crate::api::problem::{Problem, codes};
@@ -162,10 +162,6 @@ fn log(site: &Site) -> Result<&AuditLog, Problem> {
     log.ok_or_else(|| Problem::new(codes::NO_HISTORY))
 }
 
-fn unread(error: &std::io::Error) -> Problem {
-    Problem::new(codes::HISTORY_FAILS).with("reason", error.to_string())
-}
-
 async fn audit(State(site): State<Site>, asked: Asked) -> Answer {
     answer::json(entries(&site, &asked).await)
 }
@@ -191,14 +187,7 @@ async fn verify(State(site): State<Site>) -> Answer {
         Err(problem) => return answer::problem(&problem),
     };
     let found = log.verify().await.map_err(|error| unread(&error));
-    answer::json(found.map(|found| VerifiedInfo {
-        schema: SCHEMA,
-        first: found.first,
-        entries: found.entries,
-        records: found.records,
-        ok: found.broken_at.is_none(),
-        broken_at: found.broken_at,
-    }))
+    answer::json(found.map(past::verified))
 }
 
 /// `GET /api/v1/audit/export`: every record of the log as it is, with its hash.
@@ -221,16 +210,7 @@ async fn save(
         let mut from = None;
         let mut head = file.head(&AUDIT_COLUMNS);
         while let Ok(piece) = log.export(from).await {
-            for (hash, numbered) in &piece.records {
-                if file.is_csv() {
-                    let row = audit_row(hash, numbered);
-                    head += &export::csv(&row.each_ref().map(String::as_str));
-                } else {
-                    let mut told = serde_json::to_value(numbered).unwrap_or_default();
-                    told["hash"] = hash.as_str().into();
-                    head += &format!("{told}\n");
-                }
-            }
+            head += &export::audit_text(&piece.records, file.is_csv());
             let more = !piece.records.is_empty();
             from = Some(piece.next);
             if !sink.send(std::mem::take(&mut head)).await || !more {

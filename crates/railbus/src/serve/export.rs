@@ -2,11 +2,13 @@
 
 use super::access::Caller;
 use super::routes::{Answer, Asked, Site};
+use crate::api::past::audit_row;
 use crate::i18n::Lang;
 use axum::body::{Body, Bytes};
 use axum::http::Response;
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue};
 use http_body_util::channel::{Channel, Sender};
+use railbus_site::audit::Numbered;
 use std::convert::Infallible;
 use std::pin::Pin;
 
@@ -90,9 +92,22 @@ pub(super) fn stream(site: &Site, who: &Caller, file: &File) -> (Answer, Sink) {
     (response, Sink { sender, over })
 }
 
+/// Records of the audit log with their hashes: rows of CSV, or a JSON document to a line.
+pub(crate) fn audit_text(records: &[(String, Numbered)], is_csv: bool) -> String {
+    let lines = records.iter().map(|(hash, numbered)| {
+        if is_csv {
+            return csv(&audit_row(hash, numbered).each_ref().map(String::as_str));
+        }
+        let mut told = serde_json::to_value(numbered).unwrap_or_default();
+        told["hash"] = hash.as_str().into();
+        format!("{told}\n")
+    });
+    lines.collect()
+}
+
 /// A row with its end [RFC 4180]. A cell that a spreadsheet would take for a formula is made
 /// text.
-pub(super) fn csv(cells: &[&str]) -> String {
+pub(crate) fn csv(cells: &[&str]) -> String {
     let mut row = String::new();
     for (index, cell) in cells.iter().enumerate() {
         if index > 0 {

@@ -2,7 +2,7 @@
 
 use super::chain::{HASH_LEN, LINE_MAX, Numbered, Record, decode, follows};
 use super::files::{self, Mark};
-use super::tail::{Reach, head_of, read_at};
+use super::tail::{Reach, first_of, head_of, read_at};
 use std::collections::HashMap;
 use std::fmt;
 use std::fs::File;
@@ -249,6 +249,21 @@ pub(super) fn export(folder: &Path, from: Option<Place>, reach: &Reach) -> Resul
         }
     }
     Ok(exported)
+}
+
+/// Records of a folder's log from a place on, whoever writes it.
+///
+/// # Errors
+/// What the system says.
+pub fn export_folder(folder: &Path, from: Option<Place>) -> Result<Exported> {
+    let mut newest = File::open(files::newest(folder))?;
+    let reach = Reach {
+        // Nothing is newer than what is empty.
+        first: first_of(&mut newest)?.unwrap_or(u64::MAX),
+        len: newest.metadata()?.len(),
+        last: Mark::default(),
+    };
+    export(folder, from, &reach)
 }
 
 /// Entries before a place, the newest first.

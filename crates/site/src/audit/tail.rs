@@ -278,7 +278,7 @@ fn find_end(file: &mut File, before: Option<&Mark>, found: &mut Found) -> Result
 }
 
 /// The number of the first record of a file.
-fn first_of(file: &mut File) -> Result<Option<u64>> {
+pub(super) fn first_of(file: &mut File) -> Result<Option<u64>> {
     let bytes = read_at(file, 0, LINE_MAX as u64)?;
     let line = bytes.split(|byte| *byte == b'\n').next();
     Ok(line.and_then(decode).map(|(_, numbered)| numbered.seq))

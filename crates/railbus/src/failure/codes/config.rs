@@ -425,4 +425,10 @@ codes! {
         likely: ["outputs and variables belong to the module and its master", "输出和变量由模块和上位机控制"],
         next: ["name an input: di0, k1 of a board of inputs, ai1", "使用输入点：di0、输入板的点、ai1"],
     }
+    AuditBroken = "E0894" {
+        title: ["the audit log is not as it was written", "审计日志与写入时不一致"],
+        likely: ["somebody changed or took away a part of it · a disk that fails",
+            "部分内容被改动或删除 · 磁盘故障"],
+        next: ["compare it with a copy: railbus audit export", "与备份比对：railbus audit export"],
+    }
 }

@@ -1,0 +1,143 @@
+//! `railbus audit`: whether the log of what was done is as it was written, and all of it. Asks the
+//! daemon, or reads the files where none runs.
+
+mod texts;
+
+use super::Context;
+use crate::api::past::{AUDIT_COLUMNS, VerifiedInfo, unread, verified};
+use crate::api::problem::{Problem, codes};
+use crate::backend::{Backend, Remote};
+use crate::cli;
+use crate::config_file;
+use crate::failure::{Code, Failure};
+use crate::i18n::Lang;
+use crate::render::{Format, out, records};
+use crate::serve::export::{audit_text, csv};
+use crate::texts::Text;
+use clap::{ArgMatches, Command};
+use railbus_site::audit::{export_folder, verify_folder};
+use std::path::{Path, PathBuf};
+use texts::AuditText;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "audit";
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    let verb = |name, about, usage| {
+        let examples = cli::examples(lang, AuditText::Examples);
+        cli::verb(lang, name, about, usage).before_help(examples)
+    };
+    cli::verb(lang, NAME, AuditText::About, "railbus audit COMMAND")
+        .before_help(cli::examples(lang, AuditText::Examples))
+        .subcommand_required(true)
+        .subcommand_help_heading(lang.get(Text::Commands))
+        .subcommand(verb("verify", AuditText::Verify, "railbus audit verify"))
+        .subcommand(verb(
+            "export",
+            AuditText::Export,
+            "railbus audit export [-o csv]",
+        ))
+}
+
+/// Does what the command of the group says.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    // The parser lets nothing through without a command that it knows.
+    let Some((verb, matches)) = matches.subcommand() else {
+        return Ok(());
+    };
+    let context = Context::of(lang, matches)?;
+    match verb {
+        "verify" => verify(&context),
+        _ => export(&context),
+    }
+}
+
+/// Where the log of the site lies.
+fn folder(context: &Context) -> Result<PathBuf, Problem> {
+    let config = config_file::path(context.wanted.config.as_deref())?;
+    Ok(config_file::state_folder(Some(&config)))
+}
+
+fn verify(context: &Context) -> Result<(), Failure> {
+    let told = context.block(async {
+        let told = match Backend::daemon(&context.wanted).await {
+            Some(daemon) => daemon.verified_audit().await,
+            None => folder(context).and_then(|folder| of_folder(&folder)),
+        };
+        told.map_err(|problem| context.failure(&problem))
+    })?;
+    if let Some(record) = told.broken_at {
+        let lang = context.lang;
+        let why = lang.fill(AuditText::BrokenAt, &[("record", &record)]);
+        return Err(Failure::of(lang, Code::AuditBroken).because(why));
+    }
+    out::result(context.lang, &whole(context, &told))
+}
+
+fn of_folder(folder: &Path) -> Result<VerifiedInfo, Problem> {
+    verify_folder(folder)
+        .map(verified)
+        .map_err(|error| missing(&error))
+}
+
+fn missing(error: &std::io::Error) -> Problem {
+    match error.kind() {
+        std::io::ErrorKind::NotFound => Problem::new(codes::NO_HISTORY).with_hint("railbus serve"),
+        _ => unread(error),
+    }
+}
+
+fn whole(context: &Context, told: &VerifiedInfo) -> String {
+    if context.format == Format::Table {
+        let values: &[(&str, &dyn std::fmt::Display)] = &[
+            ("entries", &told.entries),
+            ("records", &told.records),
+            ("first", &told.first),
+        ];
+        return context.lang.fill(AuditText::Whole, values) + "\n";
+    }
+    // A record of numbers is JSON.
+    records::line(serde_json::to_value(told).unwrap_or_default())
+}
+
+/// Prints every record as it is, with its hash: as CSV where that is asked for, else a JSON
+/// document to a line.
+fn export(context: &Context) -> Result<(), Failure> {
+    let is_csv = context.format == Format::Csv;
+    context.block(async {
+        match Backend::daemon(&context.wanted).await {
+            Some(daemon) => copy(context, &daemon, is_csv).await,
+            None => print(context, is_csv),
+        }
+    })
+}
+
+async fn copy(context: &Context, daemon: &Remote, is_csv: bool) -> Result<(), Failure> {
+    let failed = |problem: Problem| context.failure(&problem);
+    let mut lines = daemon.audit(is_csv).await.map_err(failed)?;
+    while let Some(line) = lines.next().await {
+        out::result(context.lang, &format!("{}\n", line.map_err(failed)?))?;
+    }
+    Ok(())
+}
+
+fn print(context: &Context, is_csv: bool) -> Result<(), Failure> {
+    let failed = |problem: Problem| context.failure(&problem);
+    let folder = folder(context).map_err(failed)?;
+    let mut from = None;
+    let mut text = match is_csv {
+        true => csv(&AUDIT_COLUMNS),
+        false => String::new(),
+    };
+    loop {
+        let piece = export_folder(&folder, from).map_err(|error| failed(missing(&error)))?;
+        text += &audit_text(&piece.records, is_csv);
+        out::result(context.lang, &text.replace("\r\n", "\n"))?;
+        if piece.records.is_empty() {
+            return Ok(());
+        }
+        text.clear();
+        from = Some(piece.next);
+    }
+}
