@@ -183,7 +183,7 @@ async fn another_configuration_leaves_running_delays_alone() {
 }
 
 #[tokio::test]
-async fn rules_that_swing_are_stopped_and_begin_anew_when_they_are_armed() {
+async fn rules_that_swing_act_once_a_second_at_most() {
     let swing = "[rule.off]\nwhen = { point = \"oven.k1\", is = true }\n\
         then = [{ set = \"oven.k1\", to = false }]\narmed = true\n\
         [rule.on]\nwhen = { point = \"oven.k1\", is = false }\n\
