@@ -9,6 +9,7 @@ export interface When {
   above?: number;
   below?: number;
   hysteresis?: number;
+  unit?: string;
   time?: string;
   days?: string[];
   module_offline?: string;

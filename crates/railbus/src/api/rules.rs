@@ -5,6 +5,7 @@ use super::convert::millis;
 use super::past::moment;
 use super::types::SCHEMA;
 use jiff::{SignedDuration, Timestamp};
+use railbus_device::PointKind;
 use railbus_site::config::{Action, When};
 use railbus_site::rules::{Phase, Tried};
 use railbus_site::{Config, RuleStatus};
@@ -239,7 +240,10 @@ fn when(config: &Config, when: &When) -> WhenText {
     };
     match when {
         When::Switch(_, is) => text.is = Some(*is),
-        When::Analog(_, limit) => {
+        When::Analog(place, limit) => {
+            let module = config.modules.get(&place.module);
+            let unit = module.map(|module| module.range.unit.clone());
+            text.unit = unit.filter(|_| place.point.kind == PointKind::Analog);
             let side = match limit.above {
                 true => &mut text.above,
                 false => &mut text.below,

@@ -349,12 +349,14 @@ codes! {
     }
     RuleThen = "E0872" {
         title: ["what a rule does can't be read", "无法理解规则的动作"],
-        likely: ["\"set\" without \"to\" · an empty or long text", "只有 \"set\" 没有 \"to\" · 文字为空或过长"],
+        likely: ["\"set\" without \"to\" · an empty or long text",
+            "只有 \"set\" 没有 \"to\" · 文字为空或过长"],
         next: ["write { set = \"oven.k1\", to = true }, { pulse = … } or { notify = … }",
             "应写为 { set = \"oven.k1\", to = true }、{ pulse = … } 或 { notify = … }"],
     }
     RuleAsks = "E0873" {
-        title: ["a rule is to switch an output that a person has to confirm", "规则要操作须由人确认的输出"],
+        title: ["a rule is to switch an output that a person has to confirm",
+            "规则要操作须由人确认的输出"],
         likely: ["the output has \"confirm\"", "该输出设有 \"confirm\""],
         next: ["name another output, or take \"confirm\" out", "换用其他输出，或去掉 \"confirm\""],
     }
