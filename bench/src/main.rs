@@ -6,6 +6,7 @@
 //! railbus-bench codec --update         the same, and write them into `codec-limits.toml`
 //! railbus-bench line                   the line master on a line that takes no time
 //! railbus-bench paced                  the line master on a line whose characters take theirs
+//! railbus-bench gateway                the whole program: a flood of clients, and many lines
 //! railbus-bench --check                what must never get worse; for CI
 //! ```
 //!
@@ -17,6 +18,7 @@
 mod codec;
 mod count;
 mod floor;
+mod gateway;
 mod jobs;
 mod limits;
 mod line;
@@ -43,7 +45,7 @@ fn main() -> ExitCode {
 }
 
 const USAGE: &str = "usage: railbus-bench \
-    [all [--write FILE] | codec [--check | --update] | line | paced | --check]";
+    [all [--write FILE] | codec [--check | --update] | line | paced | gateway | --check]";
 
 fn run(args: &[&str]) -> Result<(), String> {
     match *args {
@@ -59,6 +61,7 @@ fn run(args: &[&str]) -> Result<(), String> {
         }
         ["line"] => line::table().map(|table| print!("{table}")),
         ["paced"] => paced::tables().map(|[wire, strict]| print!("{wire}\n{strict}")),
+        ["gateway"] => gateway::tables().map(|[flood, many]| print!("{flood}\n{many}")),
         ["--check"] | ["all", "--check"] => page::check(),
         // The programs that are measured.
         ["--one", name, "--iterations", times] => codec::one(name, times),

@@ -2,6 +2,7 @@
 
 use crate::codec::{self, After};
 use crate::count::What;
+use crate::gateway::{self, SLOWER_MAX};
 use crate::line::{self, ADDED_MAX, INSTRUCTIONS_MAX};
 use crate::master::Master;
 use crate::paced::{self, STRICT};
@@ -19,6 +20,8 @@ pub fn write(file: &str) -> Result<(), String> {
     let line = line::table()?;
     println!("line whose characters take their time");
     let [wires, strict] = paced::tables()?;
+    println!("gateway");
+    let [flood, many] = gateway::tables()?;
     let date = date();
     let page = format!(
         "# Performance
@@ -66,6 +69,21 @@ At 9600, {STRICT} requests. A master that asks too early loses that request, wai
 by that is late enough for the next one.
 
 {strict}
+## The gateway
+
+The released program with the demo's five modules at 9600, polled as fast as the line goes: alone,
+and while clients connect and leave, every hundredth with a body of 64 KB, and 100 more send half a
+request each and wait. Medians of 3 rounds of 10 s, turn by turn.
+
+{flood}
+Limit: {SLOWER_MAX} %.
+
+Many lines in one process, each at 9600 with modules that answer at once; memory is what is
+resident.
+
+{many}
+Limits: 64 MiB, 25 % of one core.
+
 ## Codec
 
 Instructions for one exchange. A server reads a request and writes its reply, a client the

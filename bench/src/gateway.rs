@@ -1,0 +1,304 @@
+//! The whole program as a site has it: what a flood of clients costs a line, and what many lines
+//! cost the machine. The released `railbus` is measured, with simulated modules whose characters
+//! take their time at 9600.
+
+use crate::table::Table;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// A line may become so much slower by a flood, in percent.
+pub const SLOWER_MAX: f64 = 20.0;
+/// So many lines with so many modules each.
+pub const LINES: usize = 32;
+/// See [`LINES`].
+pub const MODULES: usize = 8;
+/// So long each measurement lasts.
+const ROUND: Duration = Duration::from_secs(10);
+/// How often each is repeated, turn by turn.
+const ROUNDS: usize = 3;
+/// New connections in a second.
+const CONNECTIONS: u32 = 1_000;
+/// Connections that send half a request each.
+const HALVES: usize = 100;
+
+/// A program that is ended with the measurement.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Starts railbus, and gives back what it said until the words came that end its beginning.
+fn start(words: &[&str], until: &str) -> Result<(Running, String), String> {
+    let program = program();
+    let mut child = Command::new(&program)
+        .args(words)
+        .env("RAILBUS_LANG", "en")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .map_err(|why| format!("{}: {why}", program.display()))?;
+    let stdout = child.stdout.take().ok_or("it has no output")?;
+    let running = Running(child);
+    let mut stdout = BufReader::new(stdout);
+    let mut told = String::new();
+    while !told.contains(until) {
+        let read = stdout.read_line(&mut told).map_err(|why| why.to_string())?;
+        if read == 0 {
+            return Err(format!("railbus {} ended: {told}", words.join(" ")));
+        }
+    }
+    Ok((running, told))
+}
+
+/// Builds the program as users get it.
+fn build() -> Result<(), String> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(cargo);
+    command.args(["build", "--quiet", "--release", "--package", "railbus"]);
+    command.current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let status = command.status().map_err(|why| format!("cargo: {why}"))?;
+    status
+        .success()
+        .then_some(())
+        .ok_or_else(|| "railbus can't be built".to_owned())
+}
+
+/// Where it is then.
+fn program() -> PathBuf {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
+    Path::new(root).join(target).join("release/railbus")
+}
+
+/// A folder that goes with the measurement.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Result<Folder, String> {
+        let path =
+            std::env::temp_dir().join(format!("railbus-bench-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&path).map_err(|why| why.to_string())?;
+        Ok(Folder(path))
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.join(name).display().to_string()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// How many exchanges there were, by the program's own count over its socket.
+fn exchanges(socket: &str) -> Result<f64, String> {
+    let failed = |why: std::io::Error| format!("{socket}: {why}");
+    let mut stream = std::os::unix::net::UnixStream::connect(socket).map_err(failed)?;
+    let head = "GET /metrics HTTP/1.1\r\nHost: bench\r\nConnection: close\r\n\r\n";
+    stream.write_all(head.as_bytes()).map_err(failed)?;
+    let mut text = String::new();
+    stream.read_to_string(&mut text).map_err(failed)?;
+    let ok = text.lines().filter(|line| {
+        line.starts_with("railbus_requests_total{") && line.contains("result=\"ok\"")
+    });
+    let count = |line: &str| line.rsplit(' ').next()?.parse::<f64>().ok();
+    Ok(ok.filter_map(count).sum())
+}
+
+/// Exchanges in a second while something else goes on.
+fn rate(socket: &str) -> Result<f64, String> {
+    let (begun, before) = (Instant::now(), exchanges(socket)?);
+    std::thread::sleep(ROUND);
+    Ok((exchanges(socket)? - before) / begun.elapsed().as_secs_f64())
+}
+
+/// Comes and goes, so many times a second, until it is over.
+fn come_and_go(address: &str, over: &AtomicBool, made: &AtomicU64) {
+    let mut due = Instant::now();
+    let body = "x".repeat(64 << 10);
+    while !over.load(Ordering::Relaxed) {
+        due += Duration::from_secs(1) / CONNECTIONS;
+        std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        let Ok(mut stream) = TcpStream::connect(address) else {
+            continue;
+        };
+        let number = made.fetch_add(1, Ordering::Relaxed);
+        // Every hundredth sends as much as a body may be.
+        if number.is_multiple_of(100) {
+            let head = format!(
+                "PUT /api/v1/points/pump/do0 HTTP/1.1\r\nHost: {address}\r\n\
+                 Content-Length: {}\r\n\r\n{body}",
+                body.len()
+            );
+            let _ = stream.write_all(head.as_bytes());
+        }
+    }
+}
+
+/// Sends half a request on many connections, and again on others when they were closed.
+fn send_halves(address: &str, over: &AtomicBool) {
+    while !over.load(Ordering::Relaxed) {
+        let half = format!("GET /api/v1/points HTTP/1.1\r\nHost: {address}\r\nX: ");
+        let open = (0..HALVES).filter_map(|_| {
+            let mut stream = TcpStream::connect(address).ok()?;
+            stream.write_all(half.as_bytes()).ok()?;
+            Some(stream)
+        });
+        let open: Vec<TcpStream> = open.collect();
+        for _ in 0..50 {
+            if over.load(Ordering::Relaxed) {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        drop(open);
+    }
+}
+
+/// Exchanges in a second on the demo's line without a flood and with one, and how many connections
+/// a second that was.
+fn flood() -> Result<[f64; 3], String> {
+    let folder = Folder::new("flood")?;
+    let socket = folder.path("socket");
+    let words = [
+        "serve",
+        "--demo",
+        "--listen",
+        "127.0.0.1:0",
+        "--socket",
+        &socket,
+    ];
+    let (_daemon, told) = start(&words, "Ctrl-C")?;
+    let address = told
+        .lines()
+        .find_map(|line| line.trim().strip_prefix("web     http://"));
+    let address = address.ok_or("it listens nowhere")?.trim_end_matches('/');
+    std::thread::sleep(Duration::from_secs(3));
+    let (mut calm, mut flooded, mut came) = (Vec::new(), Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        calm.push(rate(&socket)?);
+        let (over, made) = (AtomicBool::new(false), AtomicU64::new(0));
+        let rate = std::thread::scope(|scope| {
+            scope.spawn(|| come_and_go(address, &over, &made));
+            scope.spawn(|| send_halves(address, &over));
+            let rate = rate(&socket);
+            over.store(true, Ordering::Relaxed);
+            rate
+        });
+        flooded.push(rate?);
+        came.push(made.load(Ordering::Relaxed) as f64 / ROUND.as_secs_f64());
+    }
+    Ok([calm, flooded, came].map(|mut numbers| crate::table::median(&mut numbers)))
+}
+
+/// The plant of many lines, as the simulator has it and as the daemon has it.
+fn plant(folder: &Folder) -> Result<[String; 2], String> {
+    let mut texts = [String::new(), String::new()];
+    for line in 0..LINES {
+        let port = folder.path(&format!("line{line}"));
+        for (text, port) in texts.iter_mut().zip([format!("pty:{port}"), port]) {
+            text.push_str(&format!("[line.l{line}]\nport = \"{port}\"\n"));
+            for module in 1..=MODULES {
+                text.push_str(&format!(
+                    "[module.m{line}_{module}]\nline = \"l{line}\"\nmodel = \"erc8\"\n\
+                     address = {module}\n"
+                ));
+            }
+        }
+    }
+    let mut paths = Vec::new();
+    for (name, text) in ["plant.toml", "site.toml"].iter().zip(texts) {
+        let path = folder.path(name);
+        std::fs::write(&path, text).map_err(|why| format!("{path}: {why}"))?;
+        paths.push(path);
+    }
+    <[String; 2]>::try_from(paths).map_err(|_| "two files".to_owned())
+}
+
+/// Seconds of a processor and bytes of memory that a process has used.
+fn used(process: u32) -> Result<(f64, f64), String> {
+    let read = |name: &str| {
+        let path = format!("/proc/{process}/{name}");
+        std::fs::read_to_string(&path).map_err(|why| format!("{path}: {why}"))
+    };
+    let stat = read("stat")?;
+    let after_name = stat.rsplit(") ").next().unwrap_or_default();
+    let ticks = after_name.split(' ').skip(11).take(2);
+    // The kernel counts in hundredths for programs, whatever it does itself.
+    let seconds = ticks
+        .filter_map(|ticks| ticks.parse::<f64>().ok())
+        .sum::<f64>()
+        / 100.0;
+    let status = read("status")?;
+    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kilobytes = resident.and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
+    Ok((seconds, kilobytes.unwrap_or(f64::NAN) * 1_024.0))
+}
+
+/// Memory in MiB, share of a processor and exchanges in a second of a site with many lines.
+fn many() -> Result<[f64; 3], String> {
+    let folder = Folder::new("many")?;
+    let [plant, site] = plant(&folder)?;
+    let control = folder.path("ctl");
+    let (_sim, _) = start(&["sim", &plant, "--control", &control], "ctl")?;
+    let socket = folder.path("socket");
+    let words = [
+        "serve",
+        "--listen",
+        "127.0.0.1:0",
+        "--socket",
+        &socket,
+        "--config",
+        &site,
+    ];
+    let (daemon, _) = start(&words, "Ctrl-C")?;
+    // The first replies are waited for longer, for they may come twice.
+    std::thread::sleep(Duration::from_secs(15));
+    let (begun, before) = (Instant::now(), used(daemon.0.id())?);
+    let rate = rate(&socket)?;
+    let after = used(daemon.0.id())?;
+    let share = (after.0 - before.0) / begun.elapsed().as_secs_f64() * 100.0;
+    Ok([after.1 / f64::from(1 << 20), share, rate])
+}
+
+/// The tables of both.
+pub fn tables() -> Result<[Table; 2], String> {
+    build()?;
+    let [calm, flooded, came] = flood()?;
+    let mut first = Table::new(&[
+        "exchanges/s",
+        "the same in a flood",
+        "slower by",
+        "connections/s",
+    ]);
+    first.row(&[
+        &format!("{calm:.1}"),
+        &format!("{flooded:.1}"),
+        &format!("{:.1} %", 100.0 - flooded / calm * 100.0),
+        &format!("{came:.0}"),
+    ]);
+    let [memory, share, rate] = many()?;
+    let mut second = Table::new(&[
+        "lines × modules",
+        "exchanges/s",
+        "memory, MiB",
+        "of one core",
+    ]);
+    second.row(&[
+        &format!("{LINES} × {MODULES}"),
+        &format!("{rate:.0}"),
+        &format!("{memory:.1}"),
+        &format!("{share:.1} %"),
+    ]);
+    Ok([first, second])
+}
