@@ -2,7 +2,6 @@ import type { Pair } from "./index.svelte";
 
 /** Users, tokens and sessions. */
 export const admin = {
-  nav_users: ["Users & tokens", "用户与令牌"],
   users: ["Users", "用户"],
   user_new: ["New user", "新建用户"],
   user_edit: ["Change {name}", "修改 {name}"],

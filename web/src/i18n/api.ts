@@ -2,7 +2,6 @@ import type { Pair } from "./index.svelte";
 
 /** The reference of the API. */
 export const api = {
-  nav_api: ["API", "接口"],
   api_why: [
     "What programs may ask of this daemon, made of the document that describes it.",
     "程序可调用的全部接口，由接口描述文档生成。",

@@ -2,7 +2,6 @@ import type { Pair } from "./index.svelte";
 
 /** The configuration, its generations, and what differs. */
 export const backup = {
-  nav_backup: ["Configuration", "配置与备份"],
   config_file: ["File", "文件"],
   config_text: ["Text of the configuration", "配置内容"],
   config_check: ["Check", "检查"],

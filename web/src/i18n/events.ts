@@ -2,7 +2,6 @@ import type { Pair } from "./index.svelte";
 
 /** Events and the audit. */
 export const events = {
-  nav_events: ["Events", "事件"],
   kind: ["Kind", "类型"],
   kind_all: ["All kinds", "全部类型"],
   kind_write: ["Switching", "操作"],

@@ -2,7 +2,6 @@ import type { Pair } from "./index.svelte";
 
 /** Groups and scenes. */
 export const groups = {
-  nav_groups: ["Groups & scenes", "组与场景"],
   groups: ["Groups", "组"],
   scenes: ["Scenes", "场景"],
   group_on: ["All on", "组吸合"],

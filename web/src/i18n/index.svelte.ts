@@ -1,56 +1,40 @@
 // Texts in the language of who looks. Catalogues are pairs, both languages side by side, one
-// file an area; a key that does not exist is a type error.
-import { admin } from "./admin";
-import { api } from "./api";
-import { backup } from "./backup";
-import { events } from "./events";
+// file an area; a key that does not exist is a type error. Those of `later.ts` come with the pages
+// that need them: what is shown before, must not.
 import { frame } from "./frame";
-import { groups } from "./groups";
+import type { later } from "./later";
 import { lines } from "./lines";
 import { points } from "./points";
-import { settings } from "./settings";
-import { sim } from "./sim";
-import { rules } from "./rules";
 import { start } from "./start";
-import { system } from "./system";
-import { trends } from "./trends";
-import { webhooks } from "./webhooks";
 
 /** One text: English, Chinese. */
 export type Pair = readonly [string, string];
 
-const all = {
-  ...frame,
-  ...points,
-  ...lines,
-  ...settings,
-  ...start,
-  ...trends,
-  ...events,
-  ...groups,
-  ...rules,
-  ...backup,
-  ...admin,
-  ...system,
-  ...api,
-  ...webhooks,
-  ...sim,
-};
+const first = { ...frame, ...points, ...lines, ...start };
 
-export type Key = keyof typeof all;
+export type Key = keyof typeof first | keyof typeof later;
+
+/** Those that are there; the pages that are loaded later bring their own. */
+const all: Partial<Record<Key, Pair>> = first;
+
+/** Adds texts. */
+export function more(texts: Partial<Record<Key, Pair>>): void {
+  Object.assign(all, texts);
+}
+
 export type Lang = "en" | "zh";
 export type Gaps = Record<string, string | number>;
 
 const KEPT = "railbus.lang";
 
-function first(): Lang {
+function firstLanguage(): Lang {
   const kept = localStorage.getItem(KEPT);
   if (kept === "en" || kept === "zh") return kept;
   const known = navigator.languages.map((name) => name.slice(0, 2).toLowerCase());
   return known.find((name) => name === "zh" || name === "en") === "zh" ? "zh" : "en";
 }
 
-let lang = $state<Lang>(first());
+let lang = $state<Lang>(firstLanguage());
 
 /** The language now. */
 export function language(): Lang {
@@ -71,7 +55,7 @@ export function mark(): void {
 
 /** A text, its gaps filled. */
 export function t(key: Key, gaps?: Gaps): string {
-  const text = all[key][lang === "zh" ? 1 : 0];
+  const text = all[key]?.[lang === "zh" ? 1 : 0] ?? key;
   return gaps ? text.replace(/\{(\w+)\}/g, (whole, name: string) => String(gaps[name] ?? whole)) : text;
 }
 

@@ -2,7 +2,6 @@ import type { Pair } from "./index.svelte";
 
 /** Rules: what is done by itself. */
 export const rules = {
-  nav_rules: ["Rules", "规则"],
   rules_about: [
     "A rule acts by itself when something has been so for a while. It is tried against the history before it is armed. Times of day are those of {zone}.",
     "条件持续满足一段时间后，规则自动执行。启用前须先用历史数据试运行。时刻按 {zone} 时区。",

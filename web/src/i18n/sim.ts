@@ -1,7 +1,6 @@
 import type { Pair } from "./index.svelte";
 
 export const sim = {
-  nav_sim: ["Simulator", "模拟器"],
   sim_what: [
     "These modules are simulated, and shown here as they really are. What the site knows of them came over the line, and may differ.",
     "这些模块是模拟的，此处显示其真实状态。站点所知的内容来自总线，可能与此不同。",

@@ -2,7 +2,6 @@ import type { Pair } from "./index.svelte";
 
 /** The program itself, and what it is connected with. */
 export const system = {
-  nav_system: ["System", "系统"],
   version: ["Version", "版本"],
   uptime: ["Runs for", "已运行"],
   memory: ["Memory", "内存"],
@@ -19,7 +18,6 @@ export const system = {
   state_error: ["does not work", "故障"],
   doctor_likely: ["Likely: {why}", "可能原因：{why}"],
   doctor_fix: ["Run this", "可执行"],
-  nav_integrations: ["Integrations", "集成"],
   metrics: ["Metrics", "指标"],
   metrics_why: [
     "Prometheus and what understands it read the figures here. Make a token with the role viewer, and put it into a file.",

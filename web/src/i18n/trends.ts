@@ -2,7 +2,6 @@ import type { Pair } from "./index.svelte";
 
 /** Trends and their chart. */
 export const trends = {
-  nav_trends: ["Trends", "趋势"],
   chart_label: ["Chart of {points}", "{points} 的趋势图"],
   chart_keys: [
     "Left and right move a cursor (with Shift further), Home and End to the edges, A and B choose the cursor, plus and minus zoom, Page Up and Page Down go back and forth in time, Escape takes the cursors away.",

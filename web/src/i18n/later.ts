@@ -1,0 +1,26 @@
+// The texts of the pages that are loaded later, and with them.
+import { admin } from "./admin";
+import { api } from "./api";
+import { backup } from "./backup";
+import { events } from "./events";
+import { groups } from "./groups";
+import { rules } from "./rules";
+import { settings } from "./settings";
+import { sim } from "./sim";
+import { system } from "./system";
+import { trends } from "./trends";
+import { webhooks } from "./webhooks";
+
+export const later = {
+  ...admin,
+  ...api,
+  ...backup,
+  ...events,
+  ...groups,
+  ...rules,
+  ...settings,
+  ...sim,
+  ...system,
+  ...trends,
+  ...webhooks,
+};
