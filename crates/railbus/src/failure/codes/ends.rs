@@ -69,7 +69,8 @@ codes! {
     }
     LastAdmin = "E0912" {
         title: ["one administrator must be left who is not locked", "至少须保留一名未锁定的管理员"],
-        likely: ["this is the last one", "这是最后一名管理员"],
+        likely: ["this is the last one · it would be the first user, and no administrator",
+            "这是最后一名管理员 · 首个用户不是管理员"],
         next: ["railbus user add NAME --role admin", "railbus user add 用户名 --role admin"],
     }
     WeakPassword = "E0913" {

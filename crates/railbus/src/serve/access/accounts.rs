@@ -144,7 +144,7 @@ impl Accounts {
         token.is_good(now).then_some(token)
     }
 
-    /// Adds a user.
+    /// Adds a user; the first has to be an administrator.
     pub(crate) fn add_user(&mut self, user: User) -> Result<UserInfo, Problem> {
         check_name(&user.name)?;
         check_points(&user.points)?;
@@ -156,6 +156,7 @@ impl Accounts {
         }
         let info = user.info();
         self.users.push(user);
+        self.needs_an_admin()?;
         Ok(info)
     }
 
@@ -369,6 +370,8 @@ mod tests {
     #[test]
     fn one_admin_is_always_left() {
         let mut accounts = Accounts::default();
+        let nobody_yet = accounts.clone().add_user(user("wang", Role::Viewer));
+        assert_eq!(code(nobody_yet), "E0912");
         let _ = accounts.add_user(user("li", Role::Admin));
         let _ = accounts.add_user(user("wang", Role::Viewer));
         let lock = || UserChange {
