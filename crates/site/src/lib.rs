@@ -35,3 +35,4 @@ pub use service::{
     ToggleTerms, Update, Updates, Work, WriteDone, WriteTerms,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};
+pub use ulid::Ulids;

@@ -7,16 +7,16 @@ use std::time::{Duration, SystemTime};
 /// Crockford's digits, which leave out what looks like another one.
 const DIGITS: &[u8; 32] = b"0123456789ABCDEFGHJKMNPQRSTVWXYZ";
 
-/// Gives out numbers.
+/// Gives out numbers, no two alike.
 #[derive(Debug, Default)]
-pub(crate) struct Ulids {
+pub struct Ulids {
     random: RandomState,
     count: Mutex<u16>,
 }
 
 impl Ulids {
-    /// 48 bits of milliseconds, 16 bits that count up, 64 bits of chance.
-    pub(crate) fn next(&self, at: SystemTime) -> String {
+    /// 48 bits of milliseconds, 16 bits that count up, 64 bits of chance, in 26 digits.
+    pub fn next(&self, at: SystemTime) -> String {
         let since = at.duration_since(SystemTime::UNIX_EPOCH);
         let since = since.unwrap_or(Duration::ZERO);
         let count = {

@@ -4,13 +4,16 @@ use super::access::Need;
 use super::answer;
 use super::doc::Doc;
 use super::routes::{Answer, Route, Site};
-use crate::api::ops::{OpInfo, OpState, Ops as OpList};
+use crate::api::ops::{OpInfo, OpState, Ops as OpList, ScanResult};
 use crate::api::problem::{Problem, codes};
 use crate::api::types::SCHEMA;
+use crate::render::time::rfc3339;
 use axum::extract::{Path, State};
 use axum::routing::{delete, get};
+use railbus_site::Ulids;
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::SystemTime;
 use tokio::sync::watch;
 
 /// The routes of this file.
@@ -62,11 +65,14 @@ impl Op {
 
 /// What runs, and what ended lately.
 #[derive(Debug, Default)]
-pub(super) struct Ops(Mutex<VecDeque<Op>>);
+pub(super) struct Ops {
+    all: Mutex<VecDeque<Op>>,
+    ulids: Ulids,
+}
 
 impl Ops {
     fn all(&self) -> MutexGuard<'_, VecDeque<Op>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.all.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// One by its number.
@@ -75,6 +81,27 @@ impl Ops {
         let found = all.iter().find(|op| op.told.borrow().op == number);
         let unknown = || Problem::new(codes::NO_SUCH_PAGE).with("reason", "no such operation");
         found.cloned().ok_or_else(unknown)
+    }
+
+    /// One that begins now, of which nothing is done yet. Its number is a ULID: they sort by time.
+    pub(super) fn begins_now(&self, kind: &str, lines: Vec<String>, who: String) -> OpInfo {
+        OpInfo {
+            op: self.ulids.next(SystemTime::now()),
+            kind: kind.to_owned(),
+            lines,
+            who,
+            started: rfc3339(jiff::Timestamp::now()),
+            state: OpState::Running,
+            done: 0,
+            total: 0,
+            percent: 0.0,
+            found: 0,
+            left_ms: 0,
+            estimate_ms: 0,
+            result: ScanResult::default(),
+            settings: None,
+            error: None,
+        }
     }
 
     /// Takes note of a new one. There is only one on a line at a time.
@@ -105,20 +132,6 @@ impl Ops {
     }
 }
 
-/// A new number: a ULID, so that numbers sort by time.
-pub(super) fn number() -> Result<String, Problem> {
-    const DIGITS: &[u8; 32] = b"0123456789ABCDEFGHJKMNPQRSTVWXYZ";
-    let mut random = [0; 16];
-    getrandom::fill(&mut random)
-        .map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))?;
-    let millis = jiff::Timestamp::now().as_millisecond();
-    let time = u128::try_from(millis).unwrap_or_default() << 80;
-    let number = time | (u128::from_be_bytes(random) >> 48);
-    let digit = |place: u32| DIGITS.get((number >> (5 * place)) as usize & 31);
-    let digits = (0..26).rev().filter_map(digit);
-    Ok(digits.map(|digit| char::from(*digit)).collect())
-}
-
 async fn list(State(site): State<Site>) -> Answer {
     let ops = site.ops.all().iter().map(Op::info).collect();
     let schema = SCHEMA;
@@ -144,26 +157,9 @@ async fn cancel(State(site): State<Site>, Path(op): Path<String>) -> Answer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::api::ops::ScanResult;
 
     fn info(line: &str) -> OpInfo {
-        OpInfo {
-            op: number().unwrap(),
-            kind: "scan".to_owned(),
-            lines: vec![line.to_owned()],
-            who: "li".to_owned(),
-            started: String::new(),
-            state: OpState::Running,
-            done: 0,
-            total: 1,
-            percent: 0.0,
-            found: 0,
-            left_ms: 0,
-            estimate_ms: 0,
-            result: ScanResult::default(),
-            settings: None,
-            error: None,
-        }
+        Ops::default().begins_now("scan", vec![line.to_owned()], "li".to_owned())
     }
 
     #[test]
@@ -181,13 +177,5 @@ mod tests {
         assert_eq!(ops.all().len(), OPS_MAX);
         assert!(ops.get(&first.info().op).is_err(), "the oldest that ended");
         assert!(ops.get(&other.info().op).is_ok(), "it runs");
-    }
-
-    #[test]
-    fn numbers_sort_by_time() {
-        let one = number().unwrap();
-        assert_eq!(one.len(), 26);
-        assert!(one.as_str() > "01" && one.as_str() < "02", "{one}");
-        assert_ne!(one, number().unwrap());
     }
 }

@@ -4,7 +4,7 @@
 use super::access::Need;
 use super::doc::Doc;
 use super::listen::ended;
-use super::ops::{Op, number};
+use super::ops::Op;
 use super::order::Order;
 use super::routes::{Answer, Route, Site};
 use crate::api::ops::{
@@ -14,7 +14,6 @@ use crate::api::ops::{
 use crate::api::problem::{Problem, codes};
 use crate::api::{ask, convert, failures};
 use crate::commands::scan::{addresses, evidence, ranges, setup};
-use crate::render::time::rfc3339;
 use axum::http::StatusCode;
 use axum::routing::post;
 use railbus_device::Setup;
@@ -73,22 +72,9 @@ fn start(
         .iter()
         .map(|(_, scanner)| scanner.progress().left.0);
     let info = OpInfo {
-        op: number()?,
-        kind: "scan".to_owned(),
-        lines,
-        who,
-        started: rfc3339(jiff::Timestamp::now()),
-        state: OpState::Running,
-        done: 0,
-        total: 0,
-        percent: 0.0,
-        found: 0,
-        left_ms: 0,
         // The lines are asked side by side.
         estimate_ms: estimates.max().unwrap_or_default() / 1_000,
-        result: ScanResult::default(),
-        settings: None,
-        error: None,
+        ..site.ops.begins_now("scan", lines, who)
     };
     let op = site.ops.begin(info)?;
     let begun = OpBegun { op: op.info().op };

@@ -3,6 +3,7 @@
 use super::chain::{LINE_MAX, Numbered, Record, decode, encode, follows};
 use super::files::{self, Mark};
 use crate::durable;
+use crate::history::millis;
 use std::fs::File;
 use std::io::{Error, ErrorKind, Read, Result, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -167,7 +168,7 @@ impl Tail {
             count += 1;
             let numbered = Numbered {
                 seq: next.last.seq,
-                at_ms: millis(SystemTime::now()),
+                at_ms: millis(SystemTime::now()).unsigned_abs(),
                 up_us,
                 record: record.cut(),
             };
@@ -234,7 +235,7 @@ fn before_newest(folder: &Path, found: &mut Found) -> Result<Option<Mark>> {
 
 /// Keeps a broken log under another name, and begins a new one.
 fn put_aside(path: &Path, found: &mut Found) -> Result<File> {
-    let now = millis(SystemTime::now());
+    let now = millis(SystemTime::now()).unsigned_abs();
     let aside = path.with_file_name(format!("audit.broken-{now}.log"));
     std::fs::rename(path, &aside)?;
     found.put_aside = Some(aside);
@@ -322,12 +323,4 @@ pub(super) fn read_at(file: &mut File, start: u64, end: u64) -> Result<Vec<u8>> 
     file.take(end.saturating_sub(start))
         .read_to_end(&mut bytes)?;
     Ok(bytes)
-}
-
-/// Milliseconds since 1970.
-pub(super) fn millis(at: SystemTime) -> u64 {
-    let since = at
-        .duration_since(SystemTime::UNIX_EPOCH)
-        .unwrap_or_default();
-    u64::try_from(since.as_millis()).unwrap_or(u64::MAX)
 }

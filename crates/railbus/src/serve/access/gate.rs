@@ -11,7 +11,7 @@ use super::{Caller, Known, Role};
 use crate::api::problem::{Problem, codes};
 use axum::extract::{Request, State};
 use axum::http::HeaderMap;
-use axum::http::header::{AUTHORIZATION, COOKIE, UPGRADE};
+use axum::http::header::{AUTHORIZATION, COOKIE, HOST, UPGRADE};
 use axum::middleware::Next;
 use axum::response::Response;
 use jiff::Timestamp;
@@ -21,8 +21,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// The name of the session's cookie.
-pub(super) const COOKIE_NAME: &str = "railbus_session";
+/// The name of the session's cookie, but for the port.
+const COOKIE_NAME: &str = "railbus_session";
 /// The header that a session's mutating requests carry.
 const CSRF_HEADER: &str = "x-csrf-token";
 
@@ -326,15 +326,26 @@ pub(super) fn is_upgrade(headers: &HeaderMap) -> bool {
     headers.contains_key(UPGRADE)
 }
 
+/// The name of the session's cookie. Browsers keep one jar for all ports of a host, so that two
+/// daemons there would throw out each other's sessions if the port were not in the name.
+pub(super) fn cookie_name(headers: &HeaderMap) -> String {
+    let port = header(headers, HOST.as_str()).and_then(|host| host.rsplit_once(':'));
+    match port.map(|(_, port)| port.parse::<u16>()) {
+        Some(Ok(port)) => format!("{COOKIE_NAME}_{port}"),
+        _ => COOKIE_NAME.to_owned(),
+    }
+}
+
 /// The session's cookie.
 pub(super) fn cookie(headers: &HeaderMap) -> Option<&str> {
+    let wanted = cookie_name(headers);
     let all = headers.get_all(COOKIE).iter();
     let pairs = all
         .filter_map(|value| value.to_str().ok())
         .flat_map(|value| value.split(';'));
     pairs
         .filter_map(|pair| pair.trim().split_once('='))
-        .find(|(name, _)| *name == COOKIE_NAME)
+        .find(|(name, _)| *name == wanted)
         .map(|(_, value)| value)
 }
 
@@ -424,6 +435,9 @@ mod tests {
             panic!("it logs in");
         };
         let mut headers = with("cookie", &format!("a=b; {COOKIE_NAME}={}", secret.expose()));
+        headers.insert(HOST, HeaderValue::from_static("[::1]:7485"));
+        assert!(cookie(&headers).is_none(), "another daemon's");
+        headers.insert(HOST, HeaderValue::from_static("railbus.local"));
         let caller = access.caller(&headers, None, HERE);
         assert_eq!(
             (caller.name.as_str(), caller.role),

@@ -1,7 +1,7 @@
 //! Logging in and out, and the first user.
 
 use super::accounts::{User, UserChange};
-use super::gate::{Access, COOKIE_NAME, Peer, cookie};
+use super::gate::{Access, Peer, cookie, cookie_name};
 use super::secret::Secret;
 use super::sessions::csrf;
 use super::tries::Who;
@@ -161,6 +161,7 @@ async fn set_up(
     State(site): State<Site>,
     who: Extension<Caller>,
     peer: Option<Extension<Peer>>,
+    headers: HeaderMap,
     body: Bytes,
 ) -> Answer {
     let end = first_user(&site, address(peer), &body).await;
@@ -173,7 +174,7 @@ async fn set_up(
         };
         note_change(&site, &first, "user_added", name, Some(Role::Admin.name()));
     }
-    begun(&site, &who, end)
+    begun((&site, &who, &headers), end)
 }
 
 async fn first_user(
@@ -223,6 +224,7 @@ async fn log_in(
     State(site): State<Site>,
     who: Extension<Caller>,
     peer: Option<Extension<Peer>>,
+    headers: HeaderMap,
     body: Bytes,
 ) -> Answer {
     let wanted: LoginRequest = match read(&body) {
@@ -232,11 +234,14 @@ async fn log_in(
     let LoginRequest { name, password } = wanted;
     let end = site.access.log_in(&name, password, address(peer)).await;
     note_login(&site, Some(&name), &who.via, end.as_ref().err());
-    begun(&site, &who, end.map(|secret| (name, secret)))
+    begun((&site, &who, &headers), end.map(|secret| (name, secret)))
 }
 
 /// The answer to a login: the session, and the cookie that carries it from now on.
-fn begun(site: &Site, who: &Caller, end: Result<(String, Secret), Problem>) -> Answer {
+fn begun(
+    (site, who, headers): (&Site, &Caller, &HeaderMap),
+    end: Result<(String, Secret), Problem>,
+) -> Answer {
     let (name, secret) = match end {
         Ok(begun) => begun,
         Err(problem) => return refused(&problem),
@@ -249,7 +254,12 @@ fn begun(site: &Site, who: &Caller, end: Result<(String, Secret), Problem>) -> A
         ..who.clone()
     };
     let told = told(site, &who, Some(csrf(secret.expose())));
-    with_cookie(answer::json(Ok(told)), site, secret.expose(), None)
+    with_cookie(
+        answer::json(Ok(told)),
+        (site, headers),
+        secret.expose(),
+        None,
+    )
 }
 
 /// A refusal that says when to try again.
@@ -266,12 +276,18 @@ fn refused(problem: &Problem) -> Answer {
     response
 }
 
-fn with_cookie(mut response: Answer, site: &Site, value: &str, age: Option<u32>) -> Answer {
+fn with_cookie(
+    mut response: Answer,
+    (site, headers): (&Site, &HeaderMap),
+    value: &str,
+    age: Option<u32>,
+) -> Answer {
+    let name = cookie_name(headers);
     let secure = if site.tls.is_some() { "; Secure" } else { "" };
     let age = age
         .map(|age| format!("; Max-Age={age}"))
         .unwrap_or_default();
-    let cookie = format!("{COOKIE_NAME}={value}; HttpOnly; SameSite=Strict; Path=/{secure}{age}");
+    let cookie = format!("{name}={value}; HttpOnly; SameSite=Strict; Path=/{secure}{age}");
     // It is all ASCII.
     if let Ok(mut value) = HeaderValue::from_str(&cookie) {
         value.set_sensitive(true);
@@ -281,7 +297,7 @@ fn with_cookie(mut response: Answer, site: &Site, value: &str, age: Option<u32>)
 }
 
 /// `POST /logout`.
-async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
+async fn log_out(State(site): State<Site>, who: Extension<Caller>, headers: HeaderMap) -> Answer {
     if let Some(key) = Access::session_of(&who) {
         site.access.sessions.end(key);
         site.access.changed();
@@ -292,7 +308,7 @@ async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
         ..who.0
     };
     let told = told(&site, &nobody, None);
-    with_cookie(answer::json(Ok(told)), &site, "", Some(0))
+    with_cookie(answer::json(Ok(told)), (&site, &headers), "", Some(0))
 }
 
 /// `POST /password`: a new one for oneself. All other sessions of the user end.

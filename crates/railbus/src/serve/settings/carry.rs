@@ -3,7 +3,7 @@
 
 use super::wish::{Plan, Wish};
 use crate::api::failures;
-use crate::api::ops::{OpBegun, OpInfo, OpState, ScanResult};
+use crate::api::ops::{OpBegun, OpInfo, OpState};
 use crate::api::problem::{Problem, codes};
 use crate::api::settings::SettingsRun;
 use crate::commands::config::file::not_followed;
@@ -11,10 +11,9 @@ use crate::commands::config::ground::store_failure;
 use crate::commands::config::outcome::{self, placed};
 use crate::commands::config::talk::{Talk, keep};
 use crate::failure::{Code, Failure};
-use crate::render::time::rfc3339;
 use crate::serve::config::Asks;
 use crate::serve::listen::ended;
-use crate::serve::ops::{Op, number};
+use crate::serve::ops::Op;
 use crate::serve::spoken;
 use railbus_host::PortError;
 use railbus_site::commission::{
@@ -48,7 +47,7 @@ pub(super) async fn begin(wish: Wish, who: String, plan: Plan) -> Result<OpBegun
         true => 0,
         false => store.log().next_change(),
     };
-    let op = wish.site.ops.begin(info(&wish, &who, &plan, change)?)?;
+    let op = wish.site.ops.begin(info(&wish, &who, &plan, change))?;
     let begun = OpBegun { op: op.info().op };
     let carry = Carry {
         wish,
@@ -63,21 +62,10 @@ pub(super) async fn begin(wish: Wish, who: String, plan: Plan) -> Result<OpBegun
     Ok(begun)
 }
 
-fn info(wish: &Wish, who: &str, plan: &Plan, change: u64) -> Result<OpInfo, Problem> {
-    Ok(OpInfo {
-        op: number()?,
-        kind: "settings".to_owned(),
-        lines: vec![plan.target.line.clone()],
-        who: who.to_owned(),
-        started: rfc3339(jiff::Timestamp::now()),
-        state: OpState::Running,
-        done: 0,
+fn info(wish: &Wish, who: &str, plan: &Plan, change: u64) -> OpInfo {
+    let lines = vec![plan.target.line.clone()];
+    OpInfo {
         total: u64::try_from(plan.stages.len()).unwrap_or_default(),
-        percent: 0.0,
-        found: 0,
-        left_ms: 0,
-        estimate_ms: 0,
-        result: ScanResult::default(),
         settings: Some(SettingsRun {
             module: wish.module.clone(),
             change,
@@ -85,8 +73,8 @@ fn info(wish: &Wish, who: &str, plan: &Plan, change: u64) -> Result<OpInfo, Prob
             changes: plan.changes(),
             ..SettingsRun::default()
         }),
-        error: None,
-    })
+        ..wish.site.ops.begins_now("settings", lines, who.to_owned())
+    }
 }
 
 impl Carry {
