@@ -72,7 +72,7 @@ export async function open(browser, { lang, width, scheme }) {
 
 export const PASSWORD = "correct horse battery";
 
-/** Makes the first user; answers with what makes a browser that user. */
+/** Makes the first user; answers with what makes a browser, and a request, that user's. */
 export async function setUp(browser, daemon) {
   const context = await browser.newContext();
   const key = new URL(daemon.link).hash.slice("#k=".length);
@@ -80,9 +80,10 @@ export async function setUp(browser, daemon) {
     data: { key, name: "admin", password: PASSWORD, lang: "en" },
   });
   if (made.status() !== 200) throw new Error(await made.text());
+  const { csrf } = await made.json();
   const cookies = await context.cookies();
   await context.close();
-  return cookies;
+  return { cookies, csrf };
 }
 
 const catalogue = Object.fromEntries(

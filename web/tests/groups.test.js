@@ -1,20 +1,8 @@
 // Groups and scenes are made, changed and taken out on their page.
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { browse, faults, LOOKS, open, serve, setUp, words } from "./daemon.js";
-
-let daemon, browser, cookies;
-
-before(async () => {
-  daemon = await serve();
-  browser = await browse();
-  cookies = await setUp(browser, daemon);
-});
-
-after(async () => {
-  await browser?.close();
-  await daemon?.stop();
-});
+import { test } from "node:test";
+import { faults, LOOKS, open, words } from "./daemon.js";
+import { browser, cookies, daemon } from "./site.js";
 
 for (const look of LOOKS.filter(({ lang, width, scheme }) => (lang === "zh") === (width === 360) && scheme === "light")) {
   const t = words(look.lang);

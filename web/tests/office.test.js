@@ -1,31 +1,12 @@
 // What those do who look after a site: trends, events, users, tokens, the configuration.
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
-import { after, before, beforeEach, afterEach, test } from "node:test";
-import { browse, faults, LOOKS, open, serve, words } from "./daemon.js";
+import { beforeEach, afterEach, test } from "node:test";
+import { faults, LOOKS, open, PASSWORD, words } from "./daemon.js";
+import { browser, cookies, csrf, daemon } from "./site.js";
 
-const PASSWORD = "correct horse battery";
 const t = words("en");
-let daemon, browser, cookies, csrf, context, page, wrong;
-
-before(async () => {
-  daemon = await serve();
-  browser = await browse();
-  const first = await browser.newContext();
-  const key = new URL(daemon.link).hash.slice(3);
-  const made = await first.request.post(`${daemon.origin}/api/v1/setup`, {
-    data: { key, name: "admin", password: PASSWORD, lang: "en" },
-  });
-  assert.equal(made.status(), 200, await made.text());
-  ({ csrf } = await made.json());
-  cookies = await first.cookies();
-  await first.close();
-});
-
-after(async () => {
-  await browser?.close();
-  await daemon?.stop();
-});
+let context, page, wrong;
 
 beforeEach(async () => {
   ({ context, page, wrong } = await open(browser, LOOKS.find(({ lang, width }) => lang === "en" && width === 1280)));

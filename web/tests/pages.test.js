@@ -1,7 +1,8 @@
 // Every page in both languages, on a phone and on a desk, light and dark.
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { browse, faults, LOOKS, open, PASSWORD, serve, setUp } from "./daemon.js";
+import { test } from "node:test";
+import { faults, LOOKS, open, PASSWORD } from "./daemon.js";
+import { browser, cookies, daemon } from "./site.js";
 
 const PAGES = [
   "/",
@@ -14,33 +15,19 @@ const PAGES = [
   "/lines/main/scope",
   "/discover",
   "/trends",
+  "/groups",
   "/events",
   "/events/audit",
   "/module/tank/trend",
-  "/trends",
-  "/events",
-  "/events/audit",
   "/rules",
   "/backup",
   "/integrations",
   "/users",
+  "/system",
   "/reference",
   "/simulator",
   "/no/such/page",
 ];
-
-let daemon, browser, cookies;
-
-before(async () => {
-  daemon = await serve();
-  browser = await browse();
-  cookies = await setUp(browser, daemon);
-});
-
-after(async () => {
-  await browser?.close();
-  await daemon?.stop();
-});
 
 for (const look of LOOKS) {
   test(`pages: ${look.lang} ${look.width} ${look.scheme}`, async () => {

@@ -1,20 +1,8 @@
 // A rule from its sentence to its act: written, tried against the history, armed, and heard of.
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { browse, faults, LOOKS, open, serve, setUp, words } from "./daemon.js";
-
-let daemon, browser, cookies;
-
-before(async () => {
-  daemon = await serve();
-  browser = await browse();
-  cookies = await setUp(browser, daemon);
-});
-
-after(async () => {
-  await browser?.close();
-  await daemon?.stop();
-});
+import { test } from "node:test";
+import { faults, LOOKS, open, words } from "./daemon.js";
+import { browser, cookies, csrf, daemon } from "./site.js";
 
 const SHOWN = LOOKS.filter(({ lang, width }) => (lang === "zh") === (width === 360));
 
@@ -56,7 +44,6 @@ for (const [n, look] of SHOWN.entries()) {
     const armed = card.getByRole("switch");
     assert.equal(await armed.isChecked(), true);
 
-    const { csrf } = await (await context.request.get(`${daemon.origin}/api/v1/session`)).json();
     const put = (path, value) =>
       context.request.put(`${daemon.origin}/api/v1/points/${path}`, { data: { value }, headers: { "X-CSRF-Token": csrf } });
     assert.equal((await put("oven/k1", true)).status(), 200);

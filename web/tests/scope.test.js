@@ -1,22 +1,12 @@
 // A busy line for a long time: the scope keeps its hundred thousand frames, and no more of
 // anything. The frames are made here, all else comes from the daemon.
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { browse, open, serve, setUp } from "./daemon.js";
+import { test } from "node:test";
+import { open } from "./daemon.js";
+import { browser, cookies, daemon } from "./site.js";
 
 const KEPT = 100_000;
 const SPARE = 5_000;
-
-let daemon, browser, cookies;
-before(async () => {
-  daemon = await serve();
-  browser = await browse();
-  cookies = await setUp(browser, daemon);
-});
-after(async () => {
-  await browser?.close();
-  await daemon?.stop();
-});
 
 function frames(from, count) {
   return Array.from({ length: count }, (_, i) => ({

@@ -1,20 +1,10 @@
 // What a module keeps, changed from its page: the difference, the write, the proof, the way back.
 import assert from "node:assert/strict";
-import { after, before, afterEach, test } from "node:test";
-import { browse, faults, LOOKS, open, serve, setUp, words } from "./daemon.js";
+import { afterEach, test } from "node:test";
+import { faults, LOOKS, open, words } from "./daemon.js";
+import { browser, cookies, daemon } from "./site.js";
 
-let daemon, browser, cookies, context, page, wrong;
-
-before(async () => {
-  daemon = await serve();
-  browser = await browse();
-  cookies = await setUp(browser, daemon);
-});
-
-after(async () => {
-  await browser?.close();
-  await daemon?.stop();
-});
+let context, page, wrong;
 
 afterEach(() => context?.close());
 

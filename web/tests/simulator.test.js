@@ -1,18 +1,8 @@
 // The front panels of the demo's modules: pressed, turned, let go wrong, in both languages.
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { browse, faults, LOOKS, open, serve, setUp, words } from "./daemon.js";
-
-let daemon, browser, cookies;
-before(async () => {
-  daemon = await serve();
-  browser = await browse();
-  cookies = await setUp(browser, daemon);
-});
-after(async () => {
-  await browser?.close();
-  await daemon?.stop();
-});
+import { test } from "node:test";
+import { faults, LOOKS, open, words } from "./daemon.js";
+import { browser, cookies, csrf, daemon } from "./site.js";
 
 /** The page of one module's panel, and how the daemon is asked past it. */
 async function simulator(look) {
@@ -23,7 +13,6 @@ async function simulator(look) {
   await page.locator(".connection.live").waitFor({ state: "attached" });
   const panel = (name) => page.getByRole("region", { name, exact: true });
   await panel("pump").waitFor();
-  const csrf = (await (await context.request.get(`${daemon.origin}/api/v1/session`)).json()).csrf;
   const ask = async (method, path, data) => {
     const answer = await context.request.fetch(`${daemon.origin}/api/v1${path}`, {
       method,

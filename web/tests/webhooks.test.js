@@ -4,17 +4,15 @@ import assert from "node:assert/strict";
 import { createHmac } from "node:crypto";
 import { createServer } from "node:http";
 import { after, before, test } from "node:test";
-import { browse, faults, LOOKS, open, PATIENCE_MS, serve, setUp, words } from "./daemon.js";
+import { faults, LOOKS, open, PATIENCE_MS, words } from "./daemon.js";
+import { browser, cookies, csrf, daemon } from "./site.js";
 
-let daemon, browser, cookies, receiver;
+let receiver;
 /** What came to the receiver, and what it answers. */
 const came = [];
 let status = 204;
 
 before(async () => {
-  daemon = await serve();
-  browser = await browse();
-  cookies = await setUp(browser, daemon);
   receiver = createServer(async (request, response) => {
     let body = "";
     for await (const piece of request) body += piece;
@@ -24,11 +22,7 @@ before(async () => {
   await new Promise((resolve) => receiver.listen(0, "127.0.0.1", resolve));
 });
 
-after(async () => {
-  await browser?.close();
-  await daemon?.stop();
-  receiver?.close();
-});
+after(() => receiver?.close());
 
 async function until(what, found) {
   const end = Date.now() + PATIENCE_MS;
@@ -45,7 +39,6 @@ test("a webhook is made, tested, told of events, and its failures are seen", asy
   const { context, page, wrong } = await open(browser, LOOKS.find(({ lang, width }) => lang === "en" && width === 1280));
   await context.addCookies(cookies);
   const press = (name) => page.getByRole("button", { name, exact: true }).click();
-  const { csrf } = await (await context.request.get(`${daemon.origin}/api/v1/session`)).json();
   await page.goto(`${daemon.origin}/integrations`);
   await page.getByText(t("webhooks_none")).waitFor();
 
@@ -107,7 +100,6 @@ test("a webhook is made, tested, told of events, and its failures are seen", asy
 test("the page holds in every look", async () => {
   const made = await browser.newContext();
   await made.addCookies(cookies);
-  const { csrf } = await (await made.request.get(`${daemon.origin}/api/v1/session`)).json();
   const put = await made.request.put(`${daemon.origin}/api/v1/webhooks/a_name_that_is_as_long_as_can_be`, {
     data: { url: `https://hooks.example.com/${"x".repeat(120)}`, severity: "warning", lines: ["main"], enabled: false },
     headers: { "X-CSRF-Token": csrf },
