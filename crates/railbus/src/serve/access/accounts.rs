@@ -414,7 +414,7 @@ mod tests {
     fn there_are_bounds() {
         let (mut accounts, now) = (Accounts::default(), Timestamp::UNIX_EPOCH);
         for number in 0..USERS_MAX {
-            let added = accounts.add_user(user(&number.to_string(), Role::Viewer));
+            let added = accounts.add_user(user(&number.to_string(), Role::Admin));
             assert_eq!(code(added), "");
         }
         assert_eq!(code(accounts.add_user(user("more", Role::Viewer))), "E0915");
