@@ -31,6 +31,8 @@ CHECKS = (
 REQUEST_MAX = "30"
 RUN_MAX = 150
 
+SIM = "it pulls plugs and drops outputs with the power; tests/api/sim.rs orders it"
+
 # Not asked, each for its reason; all else is.
 APART = {
     "/ws": "an upgrade, which schemathesis does not speak; tests/api/streams.rs does",
@@ -38,6 +40,11 @@ APART = {
     "/events/stream": "a stream that ends only with its client; tests/api/streams.rs follows it",
     "/frames/stream": "a stream that ends only with its client; tests/api/streams.rs follows it",
     "/frames": "records for as many seconds as it is asked to, up to ten minutes",
+    "/sim/{line}": SIM,
+    "/sim/{line}/faults": SIM,
+    "/sim/{line}/{module}": SIM,
+    "/sim/{line}/{module}/inputs": SIM,
+    "/sim/{line}/{module}/faults": SIM,
     "/scans": "what it starts would have the line during all that follows; it is asked last",
     "/ops/{op}": "there is one only after a scan; it is asked last",
 }
