@@ -176,6 +176,29 @@ fn a_board_waits_for_its_power_and_can_be_let_off() {
         daemon.get("/api/v1/points/yard/k1").json()["quality"] == "good"
     });
     assert_eq!(settings(&daemon, yard), before);
+    assert_eq!(last_end(&daemon), "not_verified");
+
+    // The adapter goes when the address was sent already: nobody knows what the board keeps.
+    let begun = matching(&daemon, "PATCH", yard, etag, &json!({"address": "7"}));
+    let op = begun.json()["op"].as_str().expect("a number").to_owned();
+    let path = format!("/api/v1/ops/{op}");
+    daemon.until("it waits for the power", |daemon| {
+        daemon.get(&path).json()["settings"]["stage"] == "power_cycle"
+    });
+    let plug = |plugged: bool| {
+        let body = json!({ "plugged": plugged }).to_string();
+        daemon.send("PUT", "/api/v1/sim/main", &body)
+    };
+    assert_eq!(plug(false).status, 200);
+    let ended = carried(&daemon, &begun);
+    assert_eq!(ended["state"], "failed", "{ended}");
+    assert_eq!(last_end(&daemon), "unknown");
+}
+
+/// How the audit log says that the last thing ended that was done.
+fn last_end(daemon: &Daemon) -> Value {
+    let page = daemon.get("/api/v1/audit?limit=1").json();
+    page["items"][0]["end"].clone()
 }
 
 #[test]

@@ -17,7 +17,8 @@ use crate::serve::ops::Op;
 use crate::serve::spoken;
 use railbus_host::PortError;
 use railbus_site::commission::{
-    Act, Ended, Event, Job, Place, Procedure, Progress, Record, State, Step, Store, Trouble, change,
+    Act, Ended, Event, Job, Place, Procedure, Progress, Record, State, Step, Store, Trouble, Why,
+    change,
 };
 use railbus_site::config::edit;
 use std::pin::pin;
@@ -34,6 +35,10 @@ struct Carry {
     /// The journal; none while it is at the disk.
     store: Option<Store>,
     is_stopped: bool,
+    /// A write was begun: what fails from then on may have acted.
+    has_written: bool,
+    /// How it ended, as the audit log tells it.
+    audited: &'static str,
 }
 
 /// Begins it, where nothing stands in its way.
@@ -57,9 +62,27 @@ pub(super) async fn begin(wish: Wish, who: String, plan: Plan) -> Result<OpBegun
         change,
         store: Some(store),
         is_stopped: false,
+        has_written: false,
+        audited: "not_tried",
     };
     tokio::spawn(carry.run());
     Ok(begun)
+}
+
+/// Only what was read back is told as done, and only what was never written as not tried.
+const fn audited(end: &Result<Ended, Trouble>, has_written: bool) -> &'static str {
+    match end {
+        Ok(Ended::Same(_) | Ended::Done(_)) => "readback",
+        Ok(Ended::Pending(_)) => "reply",
+        Ok(Ended::Unchanged(_, Why::Refused(_))) => "refused",
+        Ok(Ended::Unchanged(..)) => "not_verified",
+        Ok(Ended::RolledBack(..)) => "undone",
+        Ok(Ended::Halfway(..)) => "not_undone",
+        Ok(Ended::Untold(_) | Ended::Lost(_)) => "unknown",
+        // The port was lost, or the journal, and maybe behind a write that went out.
+        Err(_) if has_written => "unknown",
+        Err(_) => "not_tried",
+    }
 }
 
 fn info(wish: &Wish, who: &str, plan: &Plan, change: u64) -> OpInfo {
@@ -111,13 +134,7 @@ impl Carry {
         let refused = |failure| failures::problem(service, &self.wish.module, None, &failure);
         let work = work.map_err(refused)?;
         let end = self.on_loan().await;
-        let told = self.op.info().settings.and_then(|run| run.end);
-        work.end(match (&end, told) {
-            (Ok(()), _) => "readback",
-            (Err(_), Some(_)) => "not_verified",
-            (Err(_), None) => "refused",
-        })
-        .await;
+        work.end(self.audited).await;
         end
     }
 
@@ -158,6 +175,7 @@ impl Carry {
         };
         let end = self.drive(&mut talk, change(job)).await;
         drop(talk);
+        self.audited = audited(&end, self.has_written);
         let failed = |trouble: Trouble| outcome::trouble(lang, &target, &trouble).to_problem();
         let end = end.map_err(failed)?;
         self.found(&end);
@@ -253,7 +271,8 @@ impl Carry {
         kept
     }
 
-    fn tell(&self, progress: Progress) {
+    fn tell(&mut self, progress: Progress) {
+        self.has_written |= matches!(progress, Progress::Writing(..));
         self.op.tell(|info| {
             let Some(run) = &mut info.settings else {
                 return;
