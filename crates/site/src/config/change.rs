@@ -250,61 +250,37 @@ fn written(json: &Json) -> Result<Option<Value>, ()> {
     }))
 }
 
-/// Names a line anew where modules hang on it, and a module where its points are named.
+/// Names a line or a module anew wherever it is named: alone, or before the label of a point.
 fn name_anew(root: &mut Item, kind: &str, old: &str, new: &str) {
-    let point = format!("{old}.");
-    let renamed = |text: &str| match (kind, text.strip_prefix(&point)) {
-        ("line", _) => (text == old).then(|| new.to_owned()),
-        (_, Some(label)) if !label.contains(char::is_whitespace) => Some(format!("{new}.{label}")),
-        _ => None,
+    let alone = |text: &str| (text == old).then(|| new.to_owned());
+    let before = format!("{old}.");
+    let with_point = |text: &str| {
+        let label = text.strip_prefix(&before)?;
+        (!label.contains(char::is_whitespace)).then(|| format!("{new}.{label}"))
     };
-    let same = |text: &str| (text == old).then(|| new.to_owned());
-    let Some(tables) = root.as_table_like_mut() else {
-        return;
-    };
-    for (table, item) in tables.iter_mut() {
-        let table = table.get().to_owned();
-        match (kind, table.as_str()) {
-            ("line", "module") => {
-                let modules = item.as_table_like_mut().into_iter();
-                for (_, module) in modules.flat_map(|modules| modules.iter_mut()) {
-                    if let Some(line) = below(module, "line") {
-                        each_text(line, &renamed);
-                    }
-                }
+    let offline = format!("{kind}_offline");
+    each_of(root, "rule", &["when", &offline], &alone);
+    match kind {
+        "line" => {
+            each_of(root, "module", &["line"], &alone);
+            each_of(root, "webhook", &["lines"], &alone);
+        }
+        _ => {
+            each_of(root, "webhook", &["modules"], &alone);
+            each_of(root, "module", &["point"], &with_point);
+            for table in ["group", "scene", "rule"] {
+                each_of(root, table, &[], &with_point);
             }
-            ("module", "module") => {
-                let modules = item.as_table_like_mut().into_iter();
-                for (_, module) in modules.flat_map(|modules| modules.iter_mut()) {
-                    if let Some(points) = below(module, "point") {
-                        each_text(points, &renamed);
-                    }
-                }
-            }
-            ("module", "group" | "scene") => each_text(item, &renamed),
-            (_, "rule") => {
-                if kind == "module" {
-                    each_text(item, &renamed);
-                }
-                let rules = item.as_table_like_mut().into_iter();
-                for (_, rule) in rules.flat_map(|rules| rules.iter_mut()) {
-                    let key = format!("{kind}_offline");
-                    let lost = below(rule, "when").and_then(|when| below(when, &key));
-                    if let Some(lost) = lost {
-                        each_text(lost, &same);
-                    }
-                }
-            }
-            (_, "webhook") => {
-                let key = if kind == "line" { "lines" } else { "modules" };
-                let hooks = item.as_table_like_mut().into_iter();
-                for (_, hook) in hooks.flat_map(|hooks| hooks.iter_mut()) {
-                    if let Some(names) = below(hook, key) {
-                        each_text(names, &same);
-                    }
-                }
-            }
-            _ => {}
+        }
+    }
+}
+
+/// Every text that lies this way down in each of the tables `[table.x]`.
+fn each_of(root: &mut Item, table: &str, way: &[&str], renamed: &impl Fn(&str) -> Option<String>) {
+    let tables = below(root, table).and_then(Item::as_table_like_mut);
+    for (_, one) in tables.into_iter().flat_map(|tables| tables.iter_mut()) {
+        if let Some(found) = way.iter().try_fold(one, |at, key| below(at, key)) {
+            each_text(found, renamed);
         }
     }
 }
