@@ -18,7 +18,6 @@ use crate::i18n::Lang;
 use crate::sim::remote::{Errand, Remote};
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, post, put};
-use railbus_device::Family;
 use railbus_site::history::{Event, EventKind, Severity};
 
 /// The routes of this file.
@@ -151,15 +150,8 @@ async fn on_line(
 }
 
 async fn change_module(Path(place): Path<(String, String)>, order: Order) -> Answer {
-    let words = |module: &str, family| {
+    let words = |module: &str| {
         let wish: SimModuleRequest = order.read()?;
-        let missing = |what: &str| Err(Problem::new(codes::SIM_ORDER).with("reason", what));
-        if wish.dip.is_some() && family != Family::R55 {
-            return missing("this module has no DIP switch");
-        }
-        if wish.init.is_some() && family != Family::Eda9050 {
-            return missing("this module has no INIT* pin");
-        }
         let all = [
             wish.powered
                 .map(|power| format!("power {module} {}", on(power))),
@@ -177,7 +169,7 @@ const fn on(on: bool) -> &'static str {
 }
 
 async fn inputs(Path(place): Path<(String, String)>, order: Order) -> Answer {
-    let words = |module: &str, _| {
+    let words = |module: &str| {
         let wish: SimInputsRequest = order.read()?;
         let word = |(label, value): (&String, &Option<SimValue>)| match value {
             Some(SimValue::Switch(high)) => format!("{module}.{label} = {}", on(*high)),
@@ -190,7 +182,7 @@ async fn inputs(Path(place): Path<(String, String)>, order: Order) -> Answer {
 }
 
 async fn add_faults(Path(place): Path<(String, String)>, order: Order) -> Answer {
-    let words = |module: &str, _| {
+    let words = |module: &str| {
         let wish: SimFaultsRequest = order.read()?;
         Ok(vec![format!("fault {module} {}", wish.faults)])
     };
@@ -199,7 +191,7 @@ async fn add_faults(Path(place): Path<(String, String)>, order: Order) -> Answer
 
 async fn clear_faults(Path(place): Path<(String, String)>, asked: Asked, order: Order) -> Answer {
     let which = asked.get("fault").map_or("", String::as_str);
-    let words = |module: &str, _| {
+    let words = |module: &str| {
         let text = format!("fault {module} clear {which}");
         Ok(vec![text.trim_end().to_owned()])
     };
@@ -210,12 +202,14 @@ async fn clear_faults(Path(place): Path<(String, String)>, asked: Asked, order: 
 async fn carry_out(
     (name, module): &(String, String),
     order: &Order,
-    words: impl FnOnce(&str, Family) -> Result<Vec<String>, Problem>,
+    words: impl FnOnce(&str) -> Result<Vec<String>, Problem>,
 ) -> Result<SimModuleInfo, Problem> {
     let line = line(&order.site, name)?;
     let unknown = || Problem::new(codes::NO_SIM_MODULE).with("name", module.as_str());
-    let family = line.family(module).ok_or_else(unknown)?;
-    let words = words(module, family)?;
+    if !line.has(module) {
+        return Err(unknown());
+    }
+    let words = words(module)?;
     let lang = language(order);
     let read = words.iter().map(|text| line.read(lang, text));
     let errands: Vec<Option<Errand>> = read.collect::<Result<_, _>>().map_err(not_understood)?;

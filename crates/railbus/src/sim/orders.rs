@@ -6,7 +6,7 @@ use crate::api::config_words;
 use crate::commands::address;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
-use railbus_device::{Point, PointKind, Setup};
+use railbus_device::{Family, Point, PointKind, Setup};
 use railbus_sim::Power;
 use railbus_site::Config;
 use railbus_site::config::{FaultOrder, FaultsOf, Range, Signal, parse_faults};
@@ -159,10 +159,12 @@ impl Reader<'_> {
             }
             "dip" => {
                 let dip = address(value).map_err(|_| self.form("dip yard 3"))?;
+                self.has(name, Family::R55, SimText::NoDip)?;
                 self.deed(name, Deed::Dip(dip))
             }
             "init" => {
                 let grounded = switch(value).ok_or_else(|| self.form("init gate on|off"))?;
+                self.has(name, Family::Eda9050, SimText::NoInit)?;
                 self.deed(name, Deed::Init(grounded))
             }
             "protocol" => {
@@ -187,6 +189,14 @@ impl Reader<'_> {
     fn deed(&self, name: &str, deed: Deed) -> Result<Order, Failure> {
         let known = self.module(name)?;
         Ok(Order::Line(known.line, LineOrder::Do(known.part, deed)))
+    }
+
+    /// What only modules of one family have, this one must have.
+    fn has(&self, name: &str, family: Family, lacks: SimText) -> Result<(), Failure> {
+        match self.module(name)?.setup.family == family {
+            true => Ok(()),
+            false => Err(self.wrong(lacks, &[("name", &name)])),
+        }
     }
 
     fn show(&self, rest: &str) -> Result<Order, Failure> {
@@ -345,6 +355,8 @@ mod tests {
             ),
             ("dip pump x", "write it so: dip yard 3"),
             ("init pump", "write it so: init gate on|off"),
+            ("dip pump 3", "pump has no DIP switch"),
+            ("init tank on", "tank has no INIT* pin"),
             ("reset pump now", "\"reset pump now\" is no order; try help"),
             (
                 "pump.do0 = 1",

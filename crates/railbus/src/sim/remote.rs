@@ -7,7 +7,6 @@ use super::stage::Whose;
 use crate::api::sim_types::SimLineInfo;
 use crate::failure::Failure;
 use crate::i18n::Lang;
-use railbus_device::Family;
 use railbus_site::config::FaultsOf;
 use std::sync::Arc;
 use tokio::sync::{mpsc, oneshot};
@@ -50,9 +49,9 @@ impl Remote {
         &self.name
     }
 
-    /// The kind of a module, if there is one of that name.
-    pub(crate) fn family(&self, module: &str) -> Option<Family> {
-        self.directory.setup(module).map(|setup| setup.family)
+    /// Whether there is a module of that name.
+    pub(crate) fn has(&self, module: &str) -> bool {
+        self.directory.setup(module).is_some()
     }
 
     /// Reads an order as at the prompt: `power pump off`, `pump.di0 = 1`.

@@ -193,6 +193,8 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
     Off { en: "off", zh: "关" }
     High { en: "high", zh: "高电平" }
     Low { en: "low", zh: "低电平" }
+    NoDip { en: "{name} has no DIP switch", zh: "{name} 没有 DIP 开关" }
+    NoInit { en: "{name} has no INIT* pin", zh: "{name} 没有 INIT* 引脚" }
     Grounded { en: "grounded", zh: "接地" }
     Open { en: "open", zh: "悬空" }
     None { en: "none", zh: "无" }
