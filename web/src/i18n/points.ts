@@ -55,7 +55,7 @@ export const points = {
     "搜索总线：勾选并命名即可添加找到的模块。",
   ],
   find_modules: ["Find modules", "搜索模块"],
-  errors_1h: ["{n} errors in the last hour", "最近一小时 {n} 次错误"],
+  errors_1h: ["errors in the last hour: {n}", "最近一小时 {n} 次错误"],
   trend_short: ["Course of the last minute: from {min} to {max}", "最近一分钟：{min} 至 {max}"],
   module: ["Module", "模块"],
   module_none: ["There is no module {name}", "没有模块 {name}"],

@@ -85,6 +85,21 @@ const ENDS: Record<string, Key> = {
   expired: "end_expired",
   not_verified: "end_not_verified",
   unknown: "end_unknown",
+  no_reply: "end_no_reply",
+  garbled: "end_garbled",
+  unsupported: "end_unsupported",
+  overloaded: "end_overloaded",
+  closed: "end_closed",
+  locked: "end_locked",
+  interlock: "end_interlock",
+  min_off: "end_min_off",
+  confirm: "end_confirm",
+  not_as_asked: "end_not_as_asked",
+  unwatched: "end_unwatched",
+  lent: "end_lent",
+  not_tried: "end_not_tried",
+  undone: "end_undone",
+  not_undone: "end_not_undone",
 };
 
 /** How a command ended, in words where there are some. */
