@@ -19,7 +19,7 @@ ASKED = {
     "select": ["pump.do0", "oven"],
     "module": ["pump", "oven"],
     "line": ["main"],
-    "format": ["csv", "ndjson", "parquet"],
+    "format": ["csv", "ndjson"],
     "lang": ["en", "zh"],
     "kind": ["write", "module", "config"],
     "fresh": ["1"],
