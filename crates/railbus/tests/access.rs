@@ -52,6 +52,7 @@ impl Daemon {
         std::fs::create_dir_all(&folder).expect("a folder");
         let mut child = Command::new(env!("CARGO_BIN_EXE_railbus"))
             .env("RAILBUS_LANG", "en")
+            .env("TMPDIR", &folder)
             .args(["serve", "--demo", "--listen", "127.0.0.1:0", "--socket"])
             .arg(folder.join("socket"))
             .stdout(Stdio::piped())

@@ -78,6 +78,7 @@ impl Daemon {
 fn start(folder: &Path, site: &[&str]) -> Child {
     let mut child = Command::new(env!("CARGO_BIN_EXE_railbus"))
         .env("RAILBUS_LANG", "en")
+        .env("TMPDIR", folder)
         .env_remove("RAILBUS_STATE")
         .env_remove("RAILBUS_CONFIG")
         .args(["serve", "--listen", "127.0.0.1:0", "--socket"])

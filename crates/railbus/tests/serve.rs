@@ -48,6 +48,7 @@ impl Daemon {
     fn start(name: &str, arguments: &[&str]) -> Daemon {
         let folder = folder(name);
         let mut child = railbus()
+            .env("TMPDIR", &folder)
             .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
             .arg(folder.join("socket"))
             .args(arguments)

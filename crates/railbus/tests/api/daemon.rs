@@ -53,6 +53,7 @@ impl Daemon {
         let mut child = Command::new(env!("CARGO_BIN_EXE_railbus"))
             .env("RAILBUS_LANG", "en")
             .env("RAILBUS_STATE", folder.join("state"))
+            .env("TMPDIR", &folder)
             .env_remove("RAILBUS_CONFIG")
             .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
             .arg(folder.join("socket"))

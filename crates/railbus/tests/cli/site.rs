@@ -136,6 +136,7 @@ impl Site {
             .env("RAILBUS_LANG", "en")
             .env("TZ", "UTC")
             .env("HOME", &self.folder)
+            .env("TMPDIR", &self.folder)
             .env_remove("RAILBUS_CONFIG")
             .env_remove("XDG_RUNTIME_DIR");
         command

@@ -144,6 +144,7 @@ impl Daemon {
 /// A daemon that serves, and what it said by then.
 fn spawn(folder: &Path, arguments: &[&str]) -> (Child, String, BufReader<ChildStdout>) {
     let mut child = railbus()
+        .env("TMPDIR", folder)
         .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
         .arg(folder.join("socket"))
         .args(arguments)
