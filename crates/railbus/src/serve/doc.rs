@@ -24,6 +24,8 @@ pub(super) struct Doc {
     pub(super) media: &'static [&'static str],
     /// The answer's shape; none for any text.
     pub(super) answer: Option<Shape>,
+    /// What 200 answers where `?dry_run=1` asks what would be done; none where nobody can ask.
+    pub(super) plan: Option<Shape>,
 }
 
 impl Doc {
@@ -36,6 +38,7 @@ impl Doc {
             status: "200",
             media: &["application/json"],
             answer: None,
+            plan: None,
         }
     }
 
@@ -54,6 +57,12 @@ impl Doc {
     /// Answers with JSON of this shape; of a stream it is the shape of each event.
     pub(super) const fn answers<T: ToSchema>(mut self) -> Doc {
         self.answer = Some(shape::<T>);
+        self
+    }
+
+    /// Says with 200 and JSON of this shape what it would do, where `?dry_run=1` asks for it.
+    pub(super) const fn plans<T: ToSchema>(mut self) -> Doc {
+        self.plan = Some(shape::<T>);
         self
     }
 

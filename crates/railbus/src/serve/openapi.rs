@@ -127,6 +127,12 @@ fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
         .description(Some(role(route.need)))
         .response(doc.status, done)
         .response("default", Ref::from_response_name("Problem"));
+    if let Some(shape) = doc.plan {
+        let content = ContentBuilder::new().schema(Some(shape(shapes))).build();
+        let plan = ResponseBuilder::new().description("What it would do. Nothing was done");
+        let plan = plan.content("application/json", content).build();
+        operation = operation.response("200", plan);
+    }
     for parameter in parameters(route.path, doc) {
         operation = operation.parameter(parameter);
     }
@@ -247,7 +253,7 @@ mod tests {
     fn no_two_types_share_a_name() {
         let mut shapes = Shapes::new();
         for doc in ALL.iter().copied().flatten().filter_map(|route| route.doc) {
-            for shape in [doc.takes, doc.answer].into_iter().flatten() {
+            for shape in [doc.takes, doc.answer, doc.plan].into_iter().flatten() {
                 shape(&mut shapes);
             }
         }

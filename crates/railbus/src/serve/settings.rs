@@ -41,7 +41,8 @@ pub(super) const ROUTES: &[Route] = &[
             .query(&[DRY_RUN])
             .takes_object()
             .answers::<OpBegun>()
-            .status("202"),
+            .status("202")
+            .plans::<SettingsPlan>(),
     ),
     Route::new("GET", "/modules/{module}/registers", Need::ENGINEER, || {
         get(registers)
@@ -65,7 +66,8 @@ pub(super) const ROUTES: &[Route] = &[
             .query(&[DRY_RUN])
             .takes::<SettingsUndo>()
             .answers::<OpBegun>()
-            .status("202"),
+            .status("202")
+            .plans::<SettingsPlan>(),
     ),
 ];
 
