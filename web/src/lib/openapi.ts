@@ -65,7 +65,8 @@ export function callsOf(document: Document): Call[] {
 }
 
 function callOf(method: string, path: string, operation: Operation): Call {
-  const good = Object.entries(operation.responses ?? {}).find(([status]) => status.startsWith("2"));
+  // Where 200 tells only what would be done, another one tells what was: the last of them.
+  const good = Object.entries(operation.responses ?? {}).findLast(([status]) => status.startsWith("2"));
   return {
     id: `${method} ${path}`,
     method,
