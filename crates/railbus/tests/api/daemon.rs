@@ -1,20 +1,24 @@
 //! A daemon, and how it is asked.
 
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A daemon that is stopped at the end of the test, however that comes.
 pub(crate) struct Daemon {
-    child: Child,
+    pub(crate) child: Child,
     pub(crate) address: String,
-    folder: PathBuf,
+    pub(crate) folder: PathBuf,
+    /// What it printed until it served.
+    pub(crate) told: String,
+    /// One who may everything; none where the daemon knows no tokens.
     token: Option<String>,
-    _stdout: BufReader<std::process::ChildStdout>,
+    pub(crate) stdout: BufReader<ChildStdout>,
 }
 
 /// What came back.
@@ -32,6 +36,31 @@ impl Answer {
     pub(crate) fn json(&self) -> Value {
         serde_json::from_slice(&self.body).expect("JSON")
     }
+
+    /// Its status and its code, where it is a problem.
+    pub(crate) fn end(&self) -> (u16, String) {
+        let problem: Value = serde_json::from_slice(&self.body).unwrap_or_default();
+        let code = problem["code"].as_str().unwrap_or_default().to_owned();
+        (self.status, code)
+    }
+}
+
+/// The program, speaking English and knowing nothing of this machine's sites.
+pub(crate) fn railbus() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_railbus"));
+    command
+        .env("RAILBUS_LANG", "en")
+        .env_remove("RAILBUS_STATE")
+        .env_remove("RAILBUS_CONFIG");
+    command
+}
+
+/// A folder of this test alone.
+pub(crate) fn folder(name: &str) -> PathBuf {
+    let unique = format!("railbus-api-{}-{name}", std::process::id());
+    let folder = std::env::temp_dir().join(unique);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    folder
 }
 
 impl Daemon {
@@ -47,51 +76,35 @@ impl Daemon {
     }
 
     pub(crate) fn start(name: &str, arguments: &[&str]) -> Daemon {
-        let folder = std::env::temp_dir();
-        let folder = folder.join(format!("railbus-api-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        let mut child = Command::new(env!("CARGO_BIN_EXE_railbus"))
-            .env("RAILBUS_LANG", "en")
-            .env("RAILBUS_STATE", folder.join("state"))
-            .env("TMPDIR", &folder)
-            .env_remove("RAILBUS_CONFIG")
-            .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
-            .arg(folder.join("socket"))
-            .args(arguments)
-            .stdout(Stdio::piped())
-            .stderr(std::fs::File::create(folder.join("stderr")).expect("a file"))
-            .spawn()
-            .expect("railbus starts");
-        let mut stdout = BufReader::new(child.stdout.take().expect("it is piped"));
-        let mut address = String::new();
-        loop {
-            let mut line = String::new();
-            assert_ne!(stdout.read_line(&mut line).expect("text"), 0, "it ended");
-            if let Some(web) = line.trim().strip_prefix("web     http://") {
-                address = web.split('/').next().unwrap_or_default().to_owned();
-            }
-            if line.contains("Ctrl-C") {
-                break;
-            }
-        }
+        Daemon::start_in(folder(name), arguments)
+    }
+
+    pub(crate) fn start_in(folder: PathBuf, arguments: &[&str]) -> Daemon {
+        let (child, stdout, told) = spawn(&folder, arguments);
         let mut daemon = Daemon {
             child,
-            address,
+            address: address(&told),
             folder,
+            told,
             token: None,
-            _stdout: stdout,
+            stdout,
         };
         daemon.token = daemon.own_token();
         daemon
     }
 
+    /// Starts another in its place, once it has ended.
+    pub(crate) fn start_again(&mut self, arguments: &[&str]) {
+        self.child.wait().expect("it ends");
+        (self.child, self.stdout, self.told) = spawn(&self.folder, arguments);
+        self.address = address(&self.told);
+    }
+
     /// A token of the daemon's own user, who may ask for one over its socket; none where the
     /// daemon knows no tokens.
     fn own_token(&self) -> Option<String> {
-        let socket = self.connect_to_socket();
         let body = r#"{"name":"test","role":"admin","points":[],"expires_days":1}"#;
-        let head = "Host: railbus\r\nContent-Type: application/json\r\n";
-        let answer = exchange(socket, "POST", "/api/v1/tokens", head, body);
+        let answer = self.as_owner("POST", "/api/v1/tokens", body);
         if answer.status == 404 {
             return None;
         }
@@ -120,6 +133,12 @@ impl Daemon {
 
     pub(crate) fn connect_to_socket(&self) -> UnixStream {
         UnixStream::connect(self.folder.join("socket")).expect("it listens")
+    }
+
+    /// Over the socket, where nobody has to log in.
+    pub(crate) fn as_owner(&self, method: &str, path: &str, body: &str) -> Answer {
+        let head = "Host: railbus\r\nContent-Type: application/json\r\n";
+        exchange(self.connect_to_socket(), method, path, head, body)
     }
 
     pub(crate) fn send(&self, method: &str, path: &str, body: &str) -> Answer {
@@ -151,6 +170,18 @@ impl Daemon {
         self.send("GET", path, "")
     }
 
+    pub(crate) fn put(&self, path: &str, body: &str) -> Answer {
+        self.send("PUT", path, body)
+    }
+
+    pub(crate) fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).expect("it runs");
+    }
+
+    pub(crate) fn stderr(&self) -> String {
+        std::fs::read_to_string(self.folder.join("stderr")).expect("a file")
+    }
+
     pub(crate) fn until(&self, what: &str, done: impl Fn(&Daemon) -> bool) {
         let start = Instant::now();
         while !done(self) {
@@ -167,6 +198,36 @@ impl Drop for Daemon {
         let _ = self.child.wait();
         let _ = std::fs::remove_dir_all(&self.folder);
     }
+}
+
+/// A daemon that serves, and what it said by then.
+fn spawn(folder: &Path, arguments: &[&str]) -> (Child, BufReader<ChildStdout>, String) {
+    let mut child = railbus()
+        .env("RAILBUS_STATE", folder.join("state"))
+        .env("TMPDIR", folder)
+        .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
+        .arg(folder.join("socket"))
+        .args(arguments)
+        .stdout(Stdio::piped())
+        .stderr(std::fs::File::create(folder.join("stderr")).expect("a file"))
+        .spawn()
+        .expect("railbus starts");
+    let mut stdout = BufReader::new(child.stdout.take().expect("it is piped"));
+    let mut told = String::new();
+    while !told.contains("Ctrl-C") {
+        assert_ne!(stdout.read_line(&mut told).expect("text"), 0, "{told}");
+    }
+    (child, stdout, told)
+}
+
+/// Where it said that it listens; nothing over TLS.
+fn address(told: &str) -> String {
+    let web = told
+        .lines()
+        .find_map(|line| line.trim().strip_prefix("web     http://"));
+    web.and_then(|web| web.split('/').next())
+        .unwrap_or_default()
+        .to_owned()
 }
 
 /// One request, and all that comes back until the connection is closed.
@@ -189,7 +250,7 @@ pub(crate) fn exchange(
     answer_of(&bytes)
 }
 
-fn answer_of(bytes: &[u8]) -> Answer {
+pub(crate) fn answer_of(bytes: &[u8]) -> Answer {
     let end = bytes.windows(4).position(|four| four == b"\r\n\r\n");
     let end = end.expect("a head");
     let head = String::from_utf8(bytes[..end].to_vec()).expect("text");

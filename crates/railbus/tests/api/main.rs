@@ -1,12 +1,14 @@
-//! The streams and the operations of the daemon's API, as a program meets them that knows
-//! nothing of railbus but its HTTP.
+//! The daemon as a program meets it that knows nothing of railbus but its HTTP.
 
 mod about;
+mod access;
 mod daemon;
 mod flood;
 mod hostile;
+mod past;
 mod rules;
 mod scans;
+mod serving;
 mod settings;
 mod sim;
 mod streams;

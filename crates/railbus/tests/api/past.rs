@@ -1,144 +1,24 @@
-//! What the daemon remembers: samples, events, and the log of what was done. Nothing here uses a
-//! crate of railbus.
+//! What the daemon remembers: samples, events, and the log of what was done.
 
+use super::daemon::{Daemon, folder, railbus};
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Read, Write};
-use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::path::Path;
 
-/// A daemon that is stopped at the end of the test, however that comes.
-struct Daemon {
-    child: Child,
-    folder: PathBuf,
-}
-
-impl Daemon {
-    fn demo(name: &str) -> Daemon {
-        let folder = folder(name);
-        let child = start(&folder, &["--demo"]);
-        let daemon = Daemon { child, folder };
-        daemon.until("all are good", |daemon| {
-            let points = daemon.get("/api/v1/points").json();
-            let points = points["points"].as_array().expect("a list").clone();
-            points.iter().all(|point| point["quality"] == "good")
-        });
-        daemon
-    }
-
-    fn send(&self, method: &str, path: &str, headers: &str, body: &str) -> Answer {
-        let socket = self.folder.join("socket");
-        let mut stream = UnixStream::connect(socket).expect("it listens");
-        let len = body.len();
-        write!(
-            stream,
-            "{method} {path} HTTP/1.1\r\nConnection: close\r\nHost: localhost\r\n{headers}\
-             Content-Length: {len}\r\n\r\n{body}"
-        )
-        .expect("it takes bytes");
-        let mut text = String::new();
-        stream.read_to_string(&mut text).expect("text");
-        let (head, body) = text.split_once("\r\n\r\n").expect("a head");
-        let status = head.split(' ').nth(1).expect("a status");
-        Answer {
-            status: status.parse().expect("a number"),
-            body: body.to_owned(),
-        }
-    }
-
-    fn get(&self, path: &str) -> Answer {
-        self.send("GET", path, "", "")
-    }
-
-    fn put(&self, path: &str, body: &str) -> Answer {
-        self.send("PUT", path, "", body)
-    }
-
-    /// Waits until the history knows that the output of the pump was switched on.
-    fn switched_on(&self) {
-        self.until("the sample is kept", |daemon| {
-            let history = daemon.get("/api/v1/history?point=pump.do0").json();
-            let samples = history["samples"].as_array().expect("few").clone();
-            let last = samples.last().expect("one at least");
-            history["raw"] == true && last["v"] == 1.0 && last["q"] == "good"
-        });
-    }
-
-    fn until(&self, what: &str, done: impl Fn(&Daemon) -> bool) {
-        let start = Instant::now();
-        while !done(self) {
-            let waited = start.elapsed();
-            assert!(waited < Duration::from_secs(60), "{what}: it never came");
-            std::thread::sleep(Duration::from_millis(50));
-        }
-    }
-}
-
-fn start(folder: &Path, site: &[&str]) -> Child {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_railbus"))
-        .env("RAILBUS_LANG", "en")
-        .env("TMPDIR", folder)
-        .env_remove("RAILBUS_STATE")
-        .env_remove("RAILBUS_CONFIG")
-        .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
-        .arg(folder.join("socket"))
-        .args(site)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("railbus starts");
-    let mut stdout = BufReader::new(child.stdout.take().expect("it is piped"));
-    loop {
-        let mut line = String::new();
-        assert_ne!(stdout.read_line(&mut line).expect("text"), 0, "it ended");
-        if line.contains("Ctrl-C") {
-            break;
-        }
-    }
-    child
-}
-
-/// A folder of this test alone.
-fn folder(name: &str) -> PathBuf {
-    let unique = format!("railbus-past-{}-{name}", std::process::id());
-    let folder = std::env::temp_dir().join(unique);
-    std::fs::create_dir_all(&folder).expect("a folder");
-    folder
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-        let _ = std::fs::remove_dir_all(&self.folder);
-    }
-}
-
-/// What came back.
-struct Answer {
-    status: u16,
-    body: String,
-}
-
-impl Answer {
-    fn json(&self) -> Value {
-        serde_json::from_str(&self.body).expect("JSON")
-    }
-
-    /// The lines of a body that came in chunks, without what is between them.
-    fn lines(&self) -> Vec<&str> {
-        let lines = self.body.split("\r\n").flat_map(|part| part.split('\n'));
-        lines.filter(|line| line.contains([',', '{'])).collect()
-    }
+/// Waits until the history knows that the output of the pump was switched on.
+fn switched_on(daemon: &Daemon) {
+    daemon.until("the sample is kept", |daemon| {
+        let history = daemon.get("/api/v1/history?point=pump.do0").json();
+        let samples = history["samples"].as_array().expect("few").clone();
+        let last = samples.last().expect("one at least");
+        history["raw"] == true && last["v"] == 1.0 && last["q"] == "good"
+    });
 }
 
 #[test]
 fn a_write_is_in_the_history_the_events_and_the_audit_log() {
     let daemon = Daemon::demo("write");
-    let done = daemon
-        .put("/api/v1/points/pump/do0", r#"{"value":true}"#)
-        .json();
+    let done = daemon.as_owner("PUT", "/api/v1/points/pump/do0", r#"{"value":true}"#);
+    let done = done.json();
     let id = done["audit"].as_str().expect("a number").to_owned();
 
     let audit = daemon.get("/api/v1/audit?point=pump.do0").json();
@@ -165,15 +45,12 @@ fn a_write_is_in_the_history_the_events_and_the_audit_log() {
         (&json!("owner"), &json!("readback"))
     );
     let ack = format!("/api/v1/events/{id}/ack");
-    let acked = daemon.send("POST", &ack, "", r#"{"comment":"好"}"#).json();
+    let acked = daemon.send("POST", &ack, r#"{"comment":"好"}"#).json();
     assert_eq!(acked["acked"]["comment"], "好");
-    let nobody = daemon.send("POST", "/api/v1/events/nobody/ack", "", "");
-    assert_eq!(
-        (nobody.status, &nobody.json()["code"]),
-        (404, &json!("E0173"))
-    );
+    let nobody = daemon.send("POST", "/api/v1/events/nobody/ack", "");
+    assert_eq!(nobody.end(), (404, "E0173".to_owned()));
 
-    daemon.switched_on();
+    switched_on(&daemon);
     let history = daemon.get("/api/v1/history?point=pump.do0").json();
     let mut values: Vec<&Value> = history["samples"]
         .as_array()
@@ -193,9 +70,7 @@ fn a_write_is_in_the_history_the_events_and_the_audit_log() {
 
 /// What the command line shows.
 fn run(folder: &Path, line: &str) -> (i32, String, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_railbus"))
-        .env("RAILBUS_LANG", "en")
-        .env_remove("RAILBUS_CONFIG")
+    let output = railbus()
         .args(line.split(' '))
         .arg("--socket")
         .arg(folder.join("socket"))
@@ -210,7 +85,7 @@ fn run(folder: &Path, line: &str) -> (i32, String, String) {
 fn the_command_line_shows_what_a_point_was() {
     let daemon = Daemon::demo("command");
     daemon.put("/api/v1/points/pump/do0", r#"{"value":true}"#);
-    daemon.switched_on();
+    switched_on(&daemon);
     let (code, table, _) = run(&daemon.folder, "history pump.do0 --since 1d");
     let lines: Vec<&str> = table.lines().collect();
     assert_eq!(code, 0);
@@ -315,9 +190,8 @@ fn what_is_asked_for_wrongly_is_refused() {
         ("/audit?cursor=x", 422, "E0806"),
         ("/audit?point=pump", 422, "E0806"),
     ] {
-        let answer = daemon.get(&format!("/api/v1{path}"));
-        let told = (answer.status, answer.json()["code"].clone());
-        assert_eq!(told, (status, json!(code)), "{path}");
+        let told = daemon.get(&format!("/api/v1{path}")).end();
+        assert_eq!(told, (status, code.to_owned()), "{path}");
     }
 }
 
@@ -326,18 +200,17 @@ fn files_are_exported() {
     let daemon = Daemon::demo("export");
     daemon.put("/api/v1/points/pump/do0", r#"{"value":true}"#);
     let csv = daemon.get("/api/v1/history/export?point=pump.do0,pump.do1&format=csv");
-    let lines = csv.lines();
+    let lines: Vec<&str> = csv.text().lines().collect();
     assert_eq!(lines[0], "time,point,value,quality");
     assert!(lines[1].contains(",pump.do0,0,good"), "{lines:?}");
     assert!(lines.iter().any(|line| line.contains(",pump.do1,")));
     let chinese = daemon.get("/api/v1/audit/export?format=csv&lang=zh");
-    assert!(chinese.lines()[0].starts_with("\u{FEFF}seq,at,kind"));
+    assert!(chinese.text().starts_with("\u{FEFF}seq,at,kind"));
     let ndjson = daemon.get("/api/v1/audit/export?format=ndjson");
     let kinds: Vec<Value> = ndjson
+        .text()
         .lines()
-        .iter()
-        .filter_map(|line| serde_json::from_str::<Value>(line).ok())
-        .map(|record| record["kind"].clone())
+        .map(|line| serde_json::from_str::<Value>(line).expect("JSON")["kind"].clone())
         .collect();
     assert_eq!(kinds, ["start", "begin", "end"]);
 }
@@ -367,20 +240,16 @@ fn what_was_done_outlives_the_daemon() {
     std::fs::write(&file, SITE).expect("a file");
     let config = file.display().to_string();
     let site = ["--config", config.as_str()];
-    let mut daemon = Daemon {
-        child: start(&folder, &site),
-        folder,
-    };
+    let mut daemon = Daemon::start_in(folder, &site);
     let refused = daemon.put("/api/v1/points/oven/k1", r#"{"value":true}"#);
-    assert_eq!(refused.json()["code"], "E0710", "{}", refused.body);
+    assert_eq!(refused.json()["code"], "E0710", "{}", refused.text());
     let storage = daemon.get("/api/v1/storage").json();
     let kept = (&storage["keep_ms"], &storage["max_bytes"]);
     assert_eq!(kept, (&json!(30_i64 * 86_400_000), &json!(100_000_000)));
 
     // As if the power had failed.
     daemon.child.kill().expect("it runs");
-    daemon.child.wait().expect("it ends");
-    daemon.child = start(&daemon.folder, &site);
+    daemon.start_again(&site);
     let audit = daemon.get("/api/v1/audit").json();
     assert_eq!(audit["items"].as_array().map(Vec::len), Some(1));
     assert_eq!(audit["items"][0]["end"], "closed");

@@ -1,196 +1,19 @@
 //! `railbus serve` as its clients meet it: HTTP over TCP and over the socket, signals, and what
-//! it refuses. Nothing here uses a crate of railbus.
+//! it refuses.
 
-use rustix::process::{Pid, Signal, kill_process};
+use super::daemon::{Answer, Daemon, exchange, folder, railbus};
+use rustix::process::Signal;
 use serde_json::{Value, json};
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
 use std::os::unix::fs::PermissionsExt;
-use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-
-/// A daemon that is stopped at the end of the test, however that comes.
-struct Daemon {
-    child: Child,
-    address: String,
-    /// The header of one who may everything.
-    token: String,
-    folder: PathBuf,
-    stdout: BufReader<std::process::ChildStdout>,
-}
-
-/// What came back.
-struct Answer {
-    status: u16,
-    head: String,
-    body: String,
-}
-
-impl Answer {
-    fn json(&self) -> Value {
-        serde_json::from_str(&self.body).expect("JSON")
-    }
-}
-
-impl Daemon {
-    fn demo(name: &str) -> Daemon {
-        let daemon = Daemon::start(name, &["--demo"]);
-        daemon.until("all five are good", |daemon| {
-            let points = daemon.get("/api/v1/points").json();
-            let points = points["points"].as_array().expect("a list").clone();
-            points.len() == 43 && points.iter().all(|point| point["quality"] == "good")
-        });
-        daemon
-    }
-
-    fn start(name: &str, arguments: &[&str]) -> Daemon {
-        let folder = folder(name);
-        let mut child = railbus()
-            .env("TMPDIR", &folder)
-            .args(["serve", "--listen", "127.0.0.1:0", "--socket"])
-            .arg(folder.join("socket"))
-            .args(arguments)
-            .stdout(Stdio::piped())
-            .stderr(std::fs::File::create(folder.join("stderr")).expect("a file"))
-            .spawn()
-            .expect("railbus starts");
-        let mut stdout = BufReader::new(child.stdout.take().expect("it is piped"));
-        let mut address = String::new();
-        loop {
-            let mut line = String::new();
-            assert_ne!(stdout.read_line(&mut line).expect("text"), 0, "it ended");
-            if let Some(web) = line.trim().strip_prefix("web     http://") {
-                address = web.trim_end_matches('/').to_owned();
-            }
-            if line.contains("Ctrl-C") {
-                break;
-            }
-        }
-        let mut daemon = Daemon {
-            child,
-            address,
-            token: String::new(),
-            folder,
-            stdout,
-        };
-        let made = daemon.as_owner(
-            "POST",
-            "/api/v1/tokens",
-            r#"{"name":"test","role":"admin"}"#,
-        );
-        let made = made.json()["token"].as_str().expect("a token").to_owned();
-        daemon.token = format!("Authorization: Bearer {made}\r\n");
-        daemon
-    }
-
-    /// Over the socket, where nobody has to log in.
-    fn as_owner(&self, method: &str, path: &str, body: &str) -> Answer {
-        let socket = UnixStream::connect(self.folder.join("socket")).expect("it listens");
-        let headers = format!("Host: any\r\nContent-Length: {}\r\n", body.len());
-        exchange(socket, method, path, &headers, body)
-    }
-
-    fn ask(&self, method: &str, path: &str, headers: &str, body: &str) -> Answer {
-        let stream = TcpStream::connect(&self.address).expect("it listens");
-        exchange(
-            stream,
-            method,
-            path,
-            &format!("{headers}Content-Length: {}\r\n", body.len()),
-            body,
-        )
-    }
-
-    fn send(&self, method: &str, path: &str, body: &str) -> Answer {
-        let headers = format!("Host: {}\r\n{}", self.address, self.token);
-        self.ask(method, path, &headers, body)
-    }
-
-    fn get(&self, path: &str) -> Answer {
-        self.send("GET", path, "")
-    }
-
-    fn put(&self, path: &str, body: &str) -> Answer {
-        self.send("PUT", path, body)
-    }
-
-    fn until(&self, what: &str, done: impl Fn(&Daemon) -> bool) {
-        let start = Instant::now();
-        while !done(self) {
-            assert!(
-                start.elapsed() < Duration::from_secs(60),
-                "{what}: it never came"
-            );
-            std::thread::sleep(Duration::from_millis(50));
-        }
-    }
-
-    fn signal(&self, signal: Signal) {
-        kill_process(Pid::from_child(&self.child), signal).expect("it runs");
-    }
-
-    fn stderr(&self) -> String {
-        std::fs::read_to_string(self.folder.join("stderr")).expect("a file")
-    }
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-        let _ = std::fs::remove_dir_all(&self.folder);
-    }
-}
-
-fn exchange(
-    mut stream: impl Read + Write,
-    method: &str,
-    path: &str,
-    headers: &str,
-    body: &str,
-) -> Answer {
-    write!(
-        stream,
-        "{method} {path} HTTP/1.1\r\nConnection: close\r\n{headers}\r\n{body}"
-    )
-    .expect("it takes bytes");
-    let mut text = String::new();
-    stream.read_to_string(&mut text).expect("text");
-    let (head, body) = text.split_once("\r\n\r\n").expect("a head");
-    let status = head
-        .split(' ')
-        .nth(1)
-        .and_then(|status| status.parse().ok());
-    Answer {
-        status: status.expect("a status"),
-        head: head.to_ascii_lowercase(),
-        body: body.to_owned(),
-    }
-}
-
-fn railbus() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_railbus"));
-    command
-        .env("RAILBUS_LANG", "en")
-        .env_remove("RAILBUS_CONFIG");
-    command
-}
-
-/// A folder of this test alone.
-fn folder(name: &str) -> PathBuf {
-    let unique = format!("railbus-serve-{}-{name}", std::process::id());
-    let folder = std::env::temp_dir().join(unique);
-    std::fs::create_dir_all(&folder).expect("a folder");
-    folder
-}
 
 #[test]
 fn outputs_are_switched_and_read_back() {
     let daemon = Daemon::demo("write");
     let answer = daemon.put("/api/v1/points/pump/do0", r#"{"value":true}"#);
-    assert_eq!(answer.status, 200, "{}", answer.body);
+    assert_eq!(answer.status, 200, "{}", answer.text());
     let done = answer.json();
     assert_eq!(done["value"], true);
     assert_eq!(done["before"], false);
@@ -237,15 +60,17 @@ fn outputs_are_switched_and_read_back() {
 fn a_command_under_a_key_is_done_once() {
     let daemon = Daemon::demo("key");
     let toggle = |body: &str| {
-        let token = &daemon.token;
-        let headers = format!(
-            "Host: {}\r\n{token}Idempotency-Key: one\r\n",
-            daemon.address
-        );
-        daemon.ask("POST", "/api/v1/points/yard/k1/toggle", &headers, body)
+        let head = format!("{}Idempotency-Key: one\r\n", daemon.head());
+        exchange(
+            daemon.connect(),
+            "POST",
+            "/api/v1/points/yard/k1/toggle",
+            &head,
+            body,
+        )
     };
     let (first, again) = (toggle(""), toggle(""));
-    assert_eq!(first.body, again.body);
+    assert_eq!(first.text(), again.text());
     assert_eq!(
         daemon.get("/api/v1/points/yard/k1?fresh=1").json()["value"],
         true
@@ -256,16 +81,14 @@ fn a_command_under_a_key_is_done_once() {
 #[test]
 fn what_can_not_be_done_says_why() {
     let daemon = Daemon::demo("errors");
-    let of = |answer: Answer| {
-        let problem = answer.head.contains("application/problem+json");
-        assert!(problem || answer.status == 413, "{}", answer.head);
-        let code = answer.json()["code"]
-            .as_str()
-            .unwrap_or_default()
-            .to_owned();
-        (answer.status, code)
+    let is = |answer: Answer, status, code: &str| {
+        assert!(
+            answer.head.contains("application/problem+json"),
+            "{}",
+            answer.head
+        );
+        assert_eq!(answer.end(), (status, code.to_owned()));
     };
-    let is = |answer, status, code: &str| assert_eq!(of(answer), (status, code.to_owned()));
     let on = r#"{"value":true}"#;
     is(daemon.get("/api/v1/points/shed/k1"), 404, "E0801");
     is(daemon.get("/api/v1/points/pump/do9"), 404, "E0802");
@@ -307,21 +130,21 @@ fn a_page_of_another_site_gets_nothing() {
     let on = r#"{"value":true}"#;
     let path = "/api/v1/points/pump/do0";
     let port = daemon.address.rsplit(':').next().expect("a port");
+    let ask = |method, path, head: &str, body| exchange(daemon.connect(), method, path, head, body);
     for host in ["evil.example", "localhost", "127.0.0.1:1"] {
-        let headers = format!("Host: {host}\r\n");
-        assert_eq!(daemon.ask("GET", "/", &headers, "").status, 403, "{host}");
+        let head = format!("Host: {host}\r\n");
+        assert_eq!(ask("GET", "/", &head, "").status, 403, "{host}");
     }
-    let here = format!("Host: localhost:{port}\r\n");
-    assert_eq!(daemon.ask("GET", "/", &here, "").status, 200);
-    let here = format!("{here}{}", daemon.token);
+    let local = format!("Host: localhost:{port}");
+    assert_eq!(ask("GET", "/", &format!("{local}\r\n"), "").status, 200);
+    let here = daemon
+        .head()
+        .replace(&format!("Host: {}", daemon.address), &local);
     let cross = format!("{here}Origin: http://evil.example\r\n");
-    let refused = daemon.ask("PUT", path, &cross, on);
-    assert_eq!(
-        (refused.status, &refused.json()["code"]),
-        (403, &json!("E0901"))
-    );
+    let refused = ask("PUT", path, &cross, on);
+    assert_eq!(refused.end(), (403, "E0901".to_owned()));
     let own = format!("{here}Origin: http://localhost:{port}\r\n");
-    assert_eq!(daemon.ask("PUT", path, &own, on).status, 200);
+    assert_eq!(ask("PUT", path, &own, on).status, 200);
 }
 
 #[test]
@@ -333,8 +156,7 @@ fn the_socket_and_the_page_and_the_stream() {
         .permissions()
         .mode();
     assert_eq!(mode & 0o777, 0o600);
-    let socket = || UnixStream::connect(&path).expect("it listens");
-    let lines = exchange(socket(), "GET", "/api/v1/lines", "Host: any\r\n", "").json();
+    let lines = daemon.as_owner("GET", "/api/v1/lines", "").json();
     assert_eq!(lines["lines"][0]["state"], "up");
 
     // The web page, or where it was not built the page that says how.
@@ -342,17 +164,18 @@ fn the_socket_and_the_page_and_the_stream() {
         let page = daemon.get(path);
         assert!(page.head.contains("content-security-policy: default-src '"));
         assert!(!page.head.contains("unsafe-inline"), "{}", page.head);
-        assert!(page.body.starts_with("<!doctype html>"), "{}", page.body);
+        assert!(
+            page.text().starts_with("<!doctype html>"),
+            "{}",
+            page.text()
+        );
     }
     let nothing = daemon.get("/api/v1/nothing");
-    assert_eq!(
-        (nothing.status, &nothing.json()["code"]),
-        (404, &json!("E0110"))
-    );
+    assert_eq!(nothing.end(), (404, "E0110".to_owned()));
     assert_eq!(daemon.get("/style.css").status, 200);
-    assert_eq!(daemon.get("/healthz").body, "ok\n");
+    assert_eq!(daemon.get("/healthz").text(), "ok\n");
 
-    let mut stream = BufReader::new(socket());
+    let mut stream = BufReader::new(daemon.connect_to_socket());
     let request = b"GET /api/v1/watch?select=pump.do1 HTTP/1.1\r\nHost: any\r\n\r\n";
     stream.get_mut().write_all(request).expect("it takes bytes");
     let mut seen = String::new();
@@ -460,7 +283,7 @@ fn a_bad_configuration_is_refused_and_changes_nothing() {
 fn several_outputs_are_switched_at_once() {
     let daemon = Daemon::demo("several");
     let post = |path: &str, body: &str| daemon.send("POST", &format!("/api/v1/{path}"), body);
-    let code = |answer: Answer| (answer.status, answer.json()["code"].clone());
+    let code = |answer: Answer| answer.end();
     let both = r#"{"set":[{"path":"oven.k1","value":true},{"path":"gate.do0","value":true}]}"#;
     let done = post("batch", both).json();
     assert_eq!(done["results"].as_array().map(Vec::len), Some(2), "{done}");
@@ -475,9 +298,9 @@ fn several_outputs_are_switched_at_once() {
         (&json!("readback"), &json!("k1=on"))
     );
     let twice = r#"{"set":[{"path":"oven.k1","value":true},{"path":"oven.k1","value":false}]}"#;
-    assert_eq!(code(post("batch", twice)), (422, json!("E0806")));
+    assert_eq!(code(post("batch", twice)), (422, "E0806".to_owned()));
     let unknown = r#"{"set":[{"path":"oven.k9","value":true}]}"#;
-    assert_eq!(code(post("batch", unknown)), (404, json!("E0802")));
+    assert_eq!(code(post("batch", unknown)), (404, "E0802".to_owned()));
 
     let groups = daemon.get("/api/v1/groups").json();
     assert_eq!(groups["groups"][0]["group"], "night");
@@ -494,11 +317,14 @@ fn several_outputs_are_switched_at_once() {
     );
     assert_eq!(
         code(post("groups/day/set", r#"{"value":true}"#)),
-        (404, json!("E0860"))
+        (404, "E0860".to_owned())
     );
     let played = post("scenes/evening/run", "").json();
     assert_eq!(played["results"][1]["value"], true, "{played}");
-    assert_eq!(code(post("scenes/morning/run", "")), (404, json!("E0861")));
+    assert_eq!(
+        code(post("scenes/morning/run", "")),
+        (404, "E0861".to_owned())
+    );
 
     let lease = "/api/v1/points/oven/k3/lease";
     let held = daemon.put(lease, r#"{"value":true,"ttl_ms":60000}"#).json();
@@ -510,8 +336,8 @@ fn several_outputs_are_switched_at_once() {
     assert_eq!(daemon.send("DELETE", lease, "").json()["value"], false);
     assert_eq!(
         code(daemon.send("DELETE", lease, "")),
-        (409, json!("E0454"))
+        (409, "E0454".to_owned())
     );
     let short = daemon.put(lease, r#"{"value":true,"ttl_ms":1}"#);
-    assert_eq!(code(short), (422, json!("E0806")));
+    assert_eq!(code(short), (422, "E0806".to_owned()));
 }
