@@ -7,7 +7,7 @@
 mod body;
 mod receiver;
 
-use crate::{Family, Setup, SetupError, eda, emd2a2q, erc8, r55};
+use crate::{Beyond, Family, Setup, SetupError, eda, emd2a2q, erc8, r55};
 pub(crate) use body::Body;
 use railbus_wire::{
     Address, Frame, Instant, Micros, Protocol, PulseWidth, Settings, ascii, lc02, rtu,
@@ -31,6 +31,8 @@ pub struct Eeprom {
     pub pulse_width: PulseWidth,
     /// How the analog inputs are calibrated (EMD-2A2Q).
     pub calibration: Calibration,
+    /// What it does beyond its datasheet.
+    pub beyond: Beyond,
 }
 
 /// How an EMD-2A2Q turns what it measures into what it reports.
@@ -66,6 +68,7 @@ impl Eeprom {
             pulse_mask: 0,
             pulse_width: PulseWidth::DEFAULT,
             calibration: Calibration::NEUTRAL,
+            beyond: Beyond::NEUTRAL,
         }
     }
 }
@@ -99,6 +102,8 @@ pub struct Options {
     pub answer_bad_frames: bool,
     /// Requests that follow earlier traffic sooner than the family's gap are not heard.
     pub insist_on_gap: bool,
+    /// The module does what is beyond its datasheet: all of `docs/datasheets/beyond.md`.
+    pub beyond: bool,
 }
 
 /// What happens to a module.

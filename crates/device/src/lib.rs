@@ -18,6 +18,7 @@
 )]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::indexing_slicing))]
 
+mod beyond;
 mod eda;
 mod eda9050;
 mod eda9060a;
@@ -30,6 +31,7 @@ mod module;
 mod op;
 mod r55;
 
+pub use beyond::Beyond;
 pub use engine::{Applies, Calibration, Eeprom, Effect, Engine, Input, Options, Output};
 pub use family::{Family, Layout, Point, PointKind, Profile, Setup, SetupError};
 pub use module::Module;

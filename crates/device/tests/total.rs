@@ -178,9 +178,15 @@ fn options() -> impl Strategy<Value = Options> {
         Applies::AfterRestart,
         Applies::AddressAfterReply,
     ]);
-    let parts = (applies, any::<[bool; 4]>(), 0..30_000_u64);
+    let parts = (applies, any::<[bool; 5]>(), 0..30_000_u64);
     parts.prop_map(|(applies, switches, turnaround)| {
-        let [refuse_aloud, lower_case, answer_bad_frames, insist_on_gap] = switches;
+        let [
+            refuse_aloud,
+            lower_case,
+            answer_bad_frames,
+            insist_on_gap,
+            beyond,
+        ] = switches;
         Options {
             turnaround: Micros(turnaround),
             applies,
@@ -188,6 +194,7 @@ fn options() -> impl Strategy<Value = Options> {
             lower_case,
             answer_bad_frames,
             insist_on_gap,
+            beyond,
         }
     })
 }

@@ -51,6 +51,7 @@ const ALOUD: Options = Options {
     lower_case: false,
     answer_bad_frames: false,
     insist_on_gap: false,
+    beyond: false,
 };
 
 /// A configuration write; only ASCII has the checksum setting in it.

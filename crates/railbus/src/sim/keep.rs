@@ -4,7 +4,7 @@ use super::stage::Stage;
 use super::texts::SimText;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
-use railbus_device::{Calibration, Eeprom, Family, Setup};
+use railbus_device::{Beyond, Calibration, Eeprom, Family, Setup};
 use railbus_wire::{Address, Baud, Character, Protocol, PulseWidth, Settings};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -41,6 +41,39 @@ struct Kept {
     voltage: u16,
     zero: [i16; 2],
     span: [(u16, u16); 2],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    beyond: Option<KeptBeyond>,
+}
+
+/// What a module keeps that does more than its datasheet says.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeptBeyond {
+    watchdog_tenths: u8,
+    power_on: u32,
+    safe: u32,
+    tripped: bool,
+}
+
+impl KeptBeyond {
+    /// Nothing of a module that is like its maker's.
+    fn of(beyond: Beyond) -> Option<KeptBeyond> {
+        (beyond != Beyond::NEUTRAL).then_some(KeptBeyond {
+            watchdog_tenths: beyond.watchdog,
+            power_on: beyond.power_on,
+            safe: beyond.safe,
+            tripped: beyond.tripped,
+        })
+    }
+
+    const fn beyond(&self) -> Beyond {
+        Beyond {
+            watchdog: self.watchdog_tenths,
+            power_on: self.power_on,
+            safe: self.safe,
+            tripped: self.tripped,
+        }
+    }
 }
 
 impl Kept {
@@ -57,6 +90,7 @@ impl Kept {
             voltage: eeprom.calibration.voltage,
             zero: eeprom.calibration.zero,
             span: eeprom.calibration.span,
+            beyond: KeptBeyond::of(eeprom.beyond),
         }
     }
 
@@ -79,6 +113,10 @@ impl Kept {
                 zero: self.zero,
                 span: self.span,
             },
+            beyond: self
+                .beyond
+                .as_ref()
+                .map_or(Beyond::NEUTRAL, KeptBeyond::beyond),
         })
     }
 }
@@ -211,6 +249,12 @@ mod tests {
                     voltage: 432,
                     zero: [-3, 4],
                     span: [(490, 500), (510, 500)],
+                },
+                beyond: Beyond {
+                    watchdog: 15,
+                    power_on: 1,
+                    safe: 2,
+                    tripped: true,
                 },
                 ..Eeprom::of(&setup)
             };

@@ -28,7 +28,7 @@ texts! {
   [line.NAME.sim]     pty, tcp, faults
   [module.NAME.sim]   factory, power, dip, init, init_sampled, faults, inputs,
                       turnaround, applies, refuse_aloud, lower_case,
-                      answer_bad_frames, insist_on_gap
+                      answer_bad_frames, insist_on_gap, beyond
   inputs = { di0 = 1, di1 = { every = \"10s\" } }
   inputs = { di2 = { low = \"3s\", after = \"9s\", every = \"42s\" } }
   inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
@@ -58,7 +58,7 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
   [line.名称.sim]     pty、tcp、faults
   [module.名称.sim]   factory、power、dip、init、init_sampled、faults、inputs、
                       turnaround、applies、refuse_aloud、lower_case、
-                      answer_bad_frames、insist_on_gap
+                      answer_bad_frames、insist_on_gap、beyond
   inputs = { di0 = 1, di1 = { every = \"10s\" } }
   inputs = { di2 = { low = \"3s\", after = \"9s\", every = \"42s\" } }
   inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }

@@ -11,7 +11,7 @@ use std::net::SocketAddr;
 
 pub(super) const SIM_KEYS: [&str; 2] = ["seed", "speed"];
 pub(super) const LINE_KEYS: [&str; 3] = ["pty", "tcp", "faults"];
-pub(super) const MODULE_KEYS: [&str; 13] = [
+pub(super) const MODULE_KEYS: [&str; 14] = [
     "factory",
     "power",
     "dip",
@@ -25,6 +25,7 @@ pub(super) const MODULE_KEYS: [&str; 13] = [
     "lower_case",
     "answer_bad_frames",
     "insist_on_gap",
+    "beyond",
 ];
 /// What a moving input may say: a digital one the first three, an analog one the last four.
 pub(super) const SIGNAL_KEYS: [&str; 6] = ["low", "after", "every", "from", "to", "soft"];
@@ -229,6 +230,7 @@ impl<'t> Reader<'t> {
             lower_case: self.boolean(section, "lower_case")?,
             answer_bad_frames: self.boolean(section, "answer_bad_frames")?,
             insist_on_gap: self.boolean(section, "insist_on_gap")?,
+            beyond: self.boolean(section, "beyond")?,
         })
     }
 
