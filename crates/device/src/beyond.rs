@@ -1,6 +1,25 @@
 //! What our own modules do beyond the datasheets: nothing, unless [`crate::Options::beyond`] is on.
+//!
+//! The host watchdog works on the [`Body`] of any family; ASCII sets it by the commands that
+//! DCON modules have, Modbus by registers and 0x55 boards by variables, which are the same few
+//! numbers. Modbus modules tell besides what they are and how well they hear.
 
-/// What a module keeps for it over a loss of power [BEYOND §1.2].
+mod ascii;
+mod counters;
+mod rtu;
+
+pub(crate) use ascii::answer as ascii;
+pub(crate) use counters::{Counters, count};
+pub(crate) use rtu::answer as rtu;
+
+use crate::engine::{Body, Eeprom};
+use railbus_wire::r55::{self, Request, Response, U24};
+use railbus_wire::{Address, Instant, Micros};
+
+/// The version that a module tells.
+const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// What a module keeps for it over a loss of power [BEYOND §1.3].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Beyond {
     /// The host watchdog in tenths of a second, 0.1 s to 25.5 s; 0 does not watch.
@@ -13,6 +32,22 @@ pub struct Beyond {
     pub tripped: bool,
 }
 
+/// The settings as numbers, in Modbus from [`rtu::FIRST`] on and on 0x55 boards from
+/// [`FIRST_VARIABLE`] on [BEYOND §3.1, §3.6].
+mod number {
+    pub(super) const STATUS: u16 = 0;
+    pub(super) const WATCHDOG: u16 = 1;
+    pub(super) const POWER_ON: u16 = 2;
+    pub(super) const POWER_ON_HIGH: u16 = 3;
+    pub(super) const SAFE: u16 = 4;
+    pub(super) const SAFE_HIGH: u16 = 5;
+    /// How many there are.
+    pub(super) const COUNT: u16 = 6;
+}
+
+/// The variable of a 0x55 board that is number 0 [BEYOND §3.6].
+const FIRST_VARIABLE: u8 = 0xE0;
+
 impl Beyond {
     /// Nothing is watched, and all outputs are off at power-up: as the makers' modules are.
     pub const NEUTRAL: Beyond = Beyond {
@@ -21,4 +56,123 @@ impl Beyond {
         safe: 0,
         tripped: false,
     };
+
+    /// The status: 04 it has tripped, 80h it watches [BEYOND §1.8].
+    const fn status(self) -> u8 {
+        let tripped = if self.tripped { 0x04 } else { 0 };
+        let watches = if self.watchdog > 0 { 0x80 } else { 0 };
+        tripped | watches
+    }
+
+    const fn number(self, number: u16) -> u16 {
+        match number {
+            number::STATUS => self.status() as u16,
+            number::WATCHDOG => self.watchdog as u16,
+            number::POWER_ON => self.power_on as u16,
+            number::POWER_ON_HIGH => (self.power_on >> 16) as u16,
+            number::SAFE => self.safe as u16,
+            number::SAFE_HIGH => (self.safe >> 16) as u16,
+            _ => 0,
+        }
+    }
+
+    /// With one number written; nothing where it does not take that value. To the status only 0
+    /// is written, which clears it [BEYOND §3.2].
+    fn with(mut self, number: u16, value: u16) -> Option<Beyond> {
+        let low = |of: u32| of & 0xFFFF_0000 | u32::from(value);
+        let high = |of: u32| of & 0x0000_FFFF | u32::from(value) << 16;
+        match number {
+            number::STATUS if value == 0 => self.tripped = false,
+            number::WATCHDOG => self.watchdog = u8::try_from(value).ok()?,
+            number::POWER_ON => self.power_on = low(self.power_on),
+            number::POWER_ON_HIGH => self.power_on = high(self.power_on),
+            number::SAFE => self.safe = low(self.safe),
+            number::SAFE_HIGH => self.safe = high(self.safe),
+            _ => return None,
+        }
+        Some(self)
+    }
+}
+
+impl Body {
+    /// At power-up: outputs as kept for that, or safe where nobody has cleared the watchdog
+    /// [BEYOND §1.5].
+    pub(crate) fn power_up(&mut self, now: Instant) {
+        if self.options.beyond {
+            let Beyond {
+                power_on,
+                safe,
+                tripped,
+                ..
+            } = self.eeprom.beyond;
+            self.set_outputs(u32::MAX, if tripped { safe } else { power_on });
+            self.feed(now);
+        }
+    }
+
+    /// The host lives: the watchdog begins anew, where it watches [BEYOND §1.1].
+    pub(crate) fn feed(&mut self, now: Instant) {
+        let Beyond {
+            watchdog, tripped, ..
+        } = self.eeprom.beyond;
+        let watches = self.options.beyond && watchdog > 0 && !tripped;
+        let time = Micros::from_millis(100) * u64::from(watchdog);
+        self.watched_until = watches.then(|| now + time);
+    }
+
+    /// Brings the outputs into their safe states when the host was silent for too long. Pulses
+    /// and jogs end [BEYOND §1.2, §1.6].
+    pub(crate) fn run_watchdog(&mut self, now: Instant) {
+        if self.watched_until.take_if(|at| *at <= now).is_some() {
+            self.set_outputs(u32::MAX, self.eeprom.beyond.safe);
+            self.eeprom.beyond.tripped = true;
+        }
+    }
+
+    /// The watchdog has tripped, and no output moves until that is cleared [BEYOND §1.4].
+    pub(crate) const fn is_locked(&self) -> bool {
+        self.options.beyond && self.eeprom.beyond.tripped
+    }
+
+    /// Keeps new settings, if this module has the outputs that they name; whether it has.
+    fn keep_beyond(&mut self, now: Instant, beyond: Beyond) -> bool {
+        let fits = (beyond.power_on | beyond.safe) & !self.setup.output_mask() == 0;
+        if fits {
+            self.keep(Eeprom {
+                beyond,
+                ..self.eeprom
+            });
+            self.feed(now);
+        }
+        fits
+    }
+}
+
+/// A 0x55 board: the variables that hold the settings. Nothing where the request is for none of
+/// them; the inner nothing stays unanswered [BEYOND §3.6, §3.7].
+pub(crate) fn variable(
+    body: &mut Body,
+    now: Instant,
+    address: Address,
+    request: Request,
+) -> Option<Option<Response>> {
+    let (Request::ReadVariable(index) | Request::WriteVariable(index, _)) = request else {
+        return None;
+    };
+    let number = u16::from(index.checked_sub(FIRST_VARIABLE)?);
+    if !body.options.beyond || number >= number::COUNT {
+        return None;
+    }
+    Some(match request {
+        Request::WriteVariable(_, value) if address != r55::BROADCAST => u16::try_from(value.get())
+            .ok()
+            .and_then(|value| body.eeprom.beyond.with(number, value))
+            .filter(|beyond| body.keep_beyond(now, *beyond))
+            .map(|_| Response::variable(index, value)),
+        Request::ReadVariable(_) => {
+            let value = U24::new(body.eeprom.beyond.number(number).into());
+            value.map(|value| Response::variable(index, value))
+        }
+        _ => None,
+    })
 }

@@ -144,7 +144,10 @@ fn carry_out(body: &mut Body, now: Instant, request: Request<'_>) -> Result<Answ
             write_registers(body, now, &block)
         }
         Request::WriteRegisters(block) => write_registers(body, now, &block),
-        Request::ReadDiscreteInputs(_) | Request::ReadInputRegisters(_) => Err(Exception::FUNCTION),
+        Request::ReadDiscreteInputs(_)
+        | Request::ReadInputRegisters(_)
+        | Request::Diagnose { .. }
+        | Request::Identify { .. } => Err(Exception::FUNCTION),
     }
 }
 

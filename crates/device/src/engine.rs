@@ -7,6 +7,7 @@
 mod body;
 mod receiver;
 
+use crate::beyond::{self, count};
 use crate::{Beyond, Family, Setup, SetupError, eda, emd2a2q, erc8, r55};
 pub(crate) use body::Body;
 use railbus_wire::{
@@ -113,6 +114,8 @@ pub enum Input<'a> {
     Bytes(&'a [u8]),
     /// A character with a wrong stop bit or parity ended now.
     BadByte,
+    /// A character was lost, since the one before it was not fetched in time; it ended now.
+    Overrun,
     /// The deadline of [`Output::Wait`] has come.
     Timeout,
     /// The last stop bit of the reply has left.
@@ -216,11 +219,12 @@ impl Engine {
         self.body.run_timers(now);
         match input {
             Input::Bytes(bytes) if !self.sending => self.hear(bytes),
-            Input::BadByte if !self.sending => {
-                self.begin_hearing(1);
-                self.receiver.bad_byte(self.body.protocol(), now);
+            Input::BadByte if !self.sending => self.hear_bad_byte(),
+            Input::Overrun if !self.sending => {
+                count(&mut self.body.counters.overruns);
+                self.hear_bad_byte();
             }
-            Input::Bytes(_) | Input::BadByte => {}
+            Input::Bytes(_) | Input::BadByte | Input::Overrun => {}
             Input::Timeout => self.end_frame_if_silent(),
             Input::Sent if !self.sending => {}
             Input::Sent => {
@@ -365,6 +369,11 @@ impl Engine {
         self.receiver.begin(self.now, took, gap);
     }
 
+    fn hear_bad_byte(&mut self) {
+        self.begin_hearing(1);
+        self.receiver.bad_byte(self.body.protocol(), self.now);
+    }
+
     fn hear(&mut self, bytes: &[u8]) {
         let serial = self.body.active.serial;
         for (&byte, left) in bytes.iter().zip((1..=bytes.len()).rev()) {
@@ -390,7 +399,16 @@ impl Engine {
         };
         self.begin_reply();
         match decoded {
-            Ok(exchange) => eda::ascii(&mut self.body, self.now, &exchange, &mut self.reply),
+            Ok(exchange) => {
+                let (body, now, reply) = (&mut self.body, self.now, &mut self.reply);
+                let own = !exchange.request.is_broadcast() && body.hears(exchange.address);
+                if own || exchange.request == ascii::Request::HostOk {
+                    body.feed(now);
+                }
+                if !beyond::ascii(body, now, &exchange, reply) {
+                    eda::ascii(body, now, &exchange, reply);
+                }
+            }
             Err(address) => eda::refuse_ascii(&self.body, address, &mut self.reply),
         }
         self.schedule_reply();
@@ -400,6 +418,9 @@ impl Engine {
         self.receiver.push(byte);
         while let Some(exchange) = self.receiver.take(lc02::Exchange::decode_request) {
             self.begin_reply();
+            if self.body.hears(exchange.address) {
+                self.body.feed(self.now);
+            }
             eda::lc02(&mut self.body, self.now, &exchange, &mut self.reply);
             self.schedule_reply();
         }
@@ -410,6 +431,9 @@ impl Engine {
         let mut answered = self.reply_at.is_some();
         while let Some(frame) = self.receiver.take(r55::decode_frame) {
             if let Some(exchange) = frame {
+                if self.body.hears(exchange.address()) {
+                    self.body.feed(self.now);
+                }
                 answered |= r55::answer(&mut self.body, self.now, &exchange, &mut self.reply);
             }
         }
@@ -425,32 +449,35 @@ impl Engine {
 
     /// Silence has ended a Modbus frame.
     fn end_frame(&mut self) {
-        let frame = self.receiver.end_frame();
-        if !frame.heard_rightly {
+        let ended = self.receiver.end_frame();
+        if !ended.heard_rightly {
+            self.body.count_error(ended.too_long);
             self.receiver.clear();
             return;
         }
         self.begin_reply();
-        let had_bad_byte = frame.bad_byte;
-        let body = &mut self.body;
-        match rtu::Exchange::decode_frame(self.receiver.frame()) {
-            _ if had_bad_byte => {
-                let frame = self.receiver.frame();
-                body.answer_bad_frame(frame, rtu::Exception::FAILURE, &mut self.reply);
+        let (body, reply, frame) = (&mut self.body, &mut self.reply, self.receiver.frame());
+        match rtu::Exchange::decode_frame(frame) {
+            _ if ended.bad_byte => {
+                body.count_error(true);
+                body.answer_bad_frame(frame, rtu::Exception::FAILURE, reply);
             }
-            Ok(exchange) => match body.setup.family {
-                Family::Eda9060a | Family::Eda9050 => {
-                    eda::rtu(body, self.now, &exchange, &mut self.reply);
-                }
-                Family::Erc8 => erc8::answer(body, &exchange, &mut self.reply),
-                Family::Emd2a2q => emd2a2q::answer(body, self.now, &exchange, &mut self.reply),
-                Family::R55 => {}
-            },
             Err(rtu::RequestError::Garbled) => {
-                let frame = self.receiver.frame();
-                body.answer_bad_frame(frame, rtu::Exception::CHECKSUM, &mut self.reply);
+                body.count_error(true);
+                body.answer_bad_frame(frame, rtu::Exception::CHECKSUM, reply);
             }
-            Err(error) => body.refuse_rtu(error.exception(), &mut self.reply),
+            Ok(exchange) => {
+                let own = body.begin_message(self.now, exchange.address);
+                answer_rtu(body, self.now, &exchange, reply);
+                body.end_message(own, reply);
+            }
+            Err(error) => {
+                let refusal = error.exception();
+                let own =
+                    refusal.is_some_and(|(address, ..)| body.begin_message(self.now, address));
+                body.refuse_rtu(refusal, reply);
+                body.end_message(own, reply);
+            }
         }
         self.receiver.clear();
         self.schedule_reply();
@@ -469,5 +496,18 @@ impl Engine {
         } else {
             self.reply_at = Some(self.now + self.body.options.turnaround);
         }
+    }
+}
+
+/// Carries out a Modbus request, beyond the datasheet or as the family does.
+fn answer_rtu(body: &mut Body, now: Instant, exchange: &rtu::Exchange<'_>, reply: &mut Frame) {
+    if beyond::rtu(body, now, exchange, reply) {
+        return;
+    }
+    match body.setup.family {
+        Family::Eda9060a | Family::Eda9050 => eda::rtu(body, now, exchange, reply),
+        Family::Erc8 => erc8::answer(body, exchange, reply),
+        Family::Emd2a2q => emd2a2q::answer(body, now, exchange, reply),
+        Family::R55 => {}
     }
 }

@@ -120,7 +120,9 @@ fn carry_out(body: &mut Body, request: Request<'_>) -> Result<Answer, Exception>
         }
         Request::ReadDiscreteInputs(_)
         | Request::ReadInputRegisters(_)
-        | Request::WriteRegisters(_) => Err(Exception::FUNCTION),
+        | Request::WriteRegisters(_)
+        | Request::Diagnose { .. }
+        | Request::Identify { .. } => Err(Exception::FUNCTION),
     }
 }
 

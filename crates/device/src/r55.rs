@@ -1,5 +1,6 @@
 //! The 0x55/0x22 relay boards: up to 32 relays, inputs, or 16 of each.
 
+use crate::beyond;
 use crate::engine::{Body, Eeprom};
 use crate::{Bank, Change, Layout, Op, Profile, Seen, Setup};
 use railbus_wire::r55::{BROADCAST, Exchange, FRAME_LEN, Request, Response, U24};
@@ -175,7 +176,9 @@ pub(crate) fn answer(
     }
     let broadcast = exchange.address() == BROADCAST;
     let from = body.address();
-    let Some(response) = carry_out(body, now, exchange.request()) else {
+    let extra = beyond::variable(body, now, exchange.address(), exchange.request());
+    let response = extra.unwrap_or_else(|| carry_out(body, now, exchange.request()));
+    let Some(response) = response else {
         return false;
     };
     let to_one = !broadcast || matches!(exchange.request(), Request::ReadAddress);

@@ -1,4 +1,4 @@
-//! Modbus RTU: functions 01 02 03 04 05 06 0F 10 and their exceptions.
+//! Modbus RTU: functions 01 02 03 04 05 06 08 0F 10 2B and their exceptions.
 //!
 //! A frame is `address function data crc`, the CRC low byte first, and ends with silence
 //! [MODBUS §1]. A reply's length follows from its request, so nothing here waits for silence;
@@ -9,7 +9,9 @@ use crate::{Address, Bits, Decoded, Frame, Malformed, Reply, Words, crc16};
 use core::fmt;
 
 mod device;
+mod identity;
 pub use device::{RequestError, encode_exception};
+pub use identity::{Identification, encode_identification};
 
 /// The address that all modules listen to and none answers [MODBUS §1.6].
 pub const BROADCAST: Address = Address(0);
@@ -25,8 +27,10 @@ pub enum Function {
     ReadInputRegisters = 0x04,
     WriteCoil = 0x05,
     WriteRegister = 0x06,
+    Diagnose = 0x08,
     WriteCoils = 0x0F,
     WriteRegisters = 0x10,
+    Identify = 0x2B,
 }
 
 impl Function {
@@ -40,8 +44,10 @@ impl Function {
             0x04 => Function::ReadInputRegisters,
             0x05 => Function::WriteCoil,
             0x06 => Function::WriteRegister,
+            0x08 => Function::Diagnose,
             0x0F => Function::WriteCoils,
             0x10 => Function::WriteRegisters,
+            0x2B => Function::Identify,
             _ => return None,
         })
     }
@@ -250,6 +256,36 @@ pub enum Request<'a> {
     WriteCoils(BitBlock<'a>),
     /// Function 10.
     WriteRegisters(WordBlock<'a>),
+    /// Function 08, of which only forms with one word of data are spoken.
+    Diagnose {
+        /// Which sub-function; see [`diagnosis`].
+        sub: u16,
+        /// What goes with it.
+        data: u16,
+    },
+    /// Function 2B, kind 0E: what are you?
+    Identify {
+        /// 1 basic, 2 regular, 3 extended objects, 4 one object.
+        code: u8,
+        /// The first object wanted, or the one.
+        object: u8,
+    },
+}
+
+/// The sub-functions of [`Request::Diagnose`] [BEYOND §4].
+pub mod diagnosis {
+    /// Says the same again.
+    pub const ECHO: u16 = 0x00;
+    /// The diagnostic register.
+    pub const REGISTER: u16 = 0x02;
+    /// Sets all counters to 0.
+    pub const CLEAR: u16 = 0x0A;
+    /// The first of the eight counters.
+    pub const FIRST_COUNTER: u16 = 0x0B;
+    /// The last of them.
+    pub const LAST_COUNTER: u16 = 0x12;
+    /// Sets the counter of lost characters to 0.
+    pub const CLEAR_OVERRUN: u16 = 0x14;
 }
 
 impl Request<'_> {
@@ -266,6 +302,8 @@ impl Request<'_> {
             Request::WriteRegister { .. } => Function::WriteRegister,
             Request::WriteCoils(_) => Function::WriteCoils,
             Request::WriteRegisters(_) => Function::WriteRegisters,
+            Request::Diagnose { .. } => Function::Diagnose,
+            Request::Identify { .. } => Function::Identify,
         }
     }
 
@@ -283,13 +321,25 @@ impl Request<'_> {
             Request::WriteRegister { at, value } => (*at, *value),
             Request::WriteCoils(block) => (block.start, block.values.len()),
             Request::WriteRegisters(block) => (block.start, block.values.len()),
+            Request::Diagnose { sub, data } => (*sub, *data),
+            // The last of the four bytes does not go out.
+            Request::Identify { code, object } => (
+                u16::from_be_bytes([identity::KIND, *code]),
+                u16::from_be_bytes([*object, 0]),
+            ),
         }
     }
 
     /// Whether this only reads.
     #[must_use]
     pub const fn is_read(&self) -> bool {
-        self.read_bytes().is_some()
+        match self {
+            Request::Diagnose { sub, .. } => {
+                !matches!(*sub, diagnosis::CLEAR | diagnosis::CLEAR_OVERRUN)
+            }
+            Request::Identify { .. } => true,
+            _ => self.read_bytes().is_some(),
+        }
     }
 
     /// The byte count of the reply to a read.
@@ -305,7 +355,9 @@ impl Request<'_> {
             Request::WriteCoil { .. }
             | Request::WriteRegister { .. }
             | Request::WriteCoils(_)
-            | Request::WriteRegisters(_) => None,
+            | Request::WriteRegisters(_)
+            | Request::Diagnose { .. }
+            | Request::Identify { .. } => None,
         }
     }
 }
@@ -319,6 +371,10 @@ pub enum Response<'a> {
     Words(Words<'a>),
     /// The write was done; place and value (or count) were repeated rightly.
     Done,
+    /// What a sub-function of 08 brought.
+    Diagnosis(u16),
+    /// What the module says of itself.
+    Identification(Identification<'a>),
     /// The module refused.
     Exception(Exception),
 }
@@ -340,6 +396,11 @@ impl<'a> Exchange<'a> {
         let (bytes, count) = match &self.request {
             Request::WriteCoils(block) => (block.values.bytes(), block.values.len().div_ceil(8)),
             Request::WriteRegisters(block) => (block.values.bytes(), 2 * block.values.len()),
+            Request::Identify { .. } => {
+                let [a, b, c, d, e, _] = head;
+                out.set([a, b, c, d, e]);
+                return close(out);
+            }
             _ => return out.set(closed(head)),
         };
         out.set(head);
@@ -354,12 +415,13 @@ impl<'a> Exchange<'a> {
         self.address.0 != BROADCAST.0 || self.request.is_read()
     }
 
-    /// How many bytes the reply has when it is no exception.
+    /// How many bytes the reply has when it is no exception; the most where that varies.
     #[must_use]
     pub const fn response_len(&self) -> usize {
-        match self.request.read_bytes() {
-            Some(bytes) => 5 + bytes as usize,
-            None => 8,
+        match (self.request.read_bytes(), &self.request) {
+            (Some(bytes), _) => 5 + bytes as usize,
+            (None, Request::Identify { .. }) => crate::FRAME_MAX,
+            (None, _) => 8,
         }
     }
 
@@ -383,9 +445,10 @@ impl<'a> Exchange<'a> {
         if code != function {
             return Decoded::Malformed(Malformed::Function);
         }
-        match self.request.read_bytes() {
-            Some(bytes) => self.decode_read(rx, bytes),
-            None => self.decode_ack(rx),
+        match (self.request, self.request.read_bytes()) {
+            (Request::Identify { code, .. }, _) => self.decode_identification(code, rx),
+            (_, Some(bytes)) => self.decode_read(rx, bytes),
+            (_, None) => self.decode_ack(rx),
         }
     }
 
@@ -416,6 +479,18 @@ impl<'a> Exchange<'a> {
     #[inline]
     fn may_answer(&self, from: u8) -> bool {
         from == self.address.0 || self.address == BROADCAST
+    }
+
+    /// Whether a sub-function of 08 says again what it was told.
+    #[inline]
+    const fn wants_echo(&self) -> bool {
+        match self.request {
+            Request::Diagnose { sub, .. } => matches!(
+                sub,
+                diagnosis::ECHO | diagnosis::CLEAR | diagnosis::CLEAR_OVERRUN
+            ),
+            _ => true,
+        }
     }
 
     /// The six bytes that open a request and make the reply to a write.
@@ -485,10 +560,18 @@ impl<'a> Exchange<'a> {
         }
         let [from, _, a, b, c, d, ..] = *frame;
         let [_, _, echo @ ..] = self.echo();
-        if [a, b, c, d] != echo {
+        let response = match self.request {
+            Request::Diagnose { sub, .. } if [a, b] == sub.to_be_bytes() => {
+                Response::Diagnosis(u16::from_be_bytes([c, d]))
+            }
+            _ => Response::Done,
+        };
+        // What is asked by 08 comes in place of what was sent, unless that is to come back.
+        let answers = matches!(response, Response::Diagnosis(_)) && !self.wants_echo();
+        if [a, b, c, d] != echo && !answers {
             return Decoded::Malformed(Malformed::Echo);
         }
-        Reply::whole(8, Address(from), Response::Done)
+        Reply::whole(8, Address(from), response)
     }
 }
 

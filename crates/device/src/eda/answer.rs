@@ -94,6 +94,8 @@ pub(crate) fn lc02(body: &mut Body, now: Instant, exchange: &lc02::Exchange, rep
             outputs: body.outputs as u8,
             inputs: body.levels as u8,
         }),
+        // Locked outputs: silence is how LC-02 says no [BEYOND §1.4].
+        lc02::Request::WriteOutputs(_) if body.is_locked() => None,
         lc02::Request::WriteOutputs(outputs) => {
             switch(body, now, outputs).map(|()| lc02::Response::Done)
         }

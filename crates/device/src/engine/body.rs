@@ -1,6 +1,7 @@
 //! What a module consists of besides its ears and mouth, and what any family does with it.
 
 use super::{Applies, Eeprom, Options};
+use crate::beyond::Counters;
 use crate::{Family, Setup, eda9050, eda9060a, emd2a2q, erc8};
 use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, r55, rtu};
 
@@ -32,6 +33,9 @@ pub(crate) struct Body {
     pub(crate) started: Instant,
     /// A calibration step of an EMD-2A2Q: the bits of register 5, and when they are done.
     pub(crate) calibrating: Option<(u16, Instant)>,
+    /// When the host watchdog trips, where it watches.
+    pub(crate) watched_until: Option<Instant>,
+    pub(crate) counters: Counters,
     /// A change that waits for the reply's last stop bit.
     changed: bool,
     timers: [Option<Timer>; 32],
@@ -46,7 +50,7 @@ struct Timer {
 
 impl Body {
     pub(super) fn new(setup: &Setup, eeprom: Eeprom, options: Options, now: Instant) -> Body {
-        Body {
+        let mut body = Body {
             setup: *setup,
             options,
             eeprom,
@@ -61,9 +65,13 @@ impl Body {
             dip: 0,
             started: now,
             calibrating: None,
+            watched_until: None,
+            counters: Counters::default(),
             changed: false,
             timers: [None; 32],
-        }
+        };
+        body.power_up(now);
+        body
     }
 
     /// The address in force.
@@ -126,8 +134,16 @@ impl Body {
         };
     }
 
-    /// Brings outputs of the mask into these states; their timers are forgotten.
+    /// Brings outputs of the mask into these states, unless the host watchdog has tripped; their
+    /// timers are forgotten.
     pub(crate) fn switch(&mut self, mask: u32, on: u32) {
+        if !self.is_locked() {
+            self.set_outputs(mask, on);
+        }
+    }
+
+    /// Brings outputs of the mask into these states, whatever has tripped.
+    pub(crate) fn set_outputs(&mut self, mask: u32, on: u32) {
         let mask = mask & self.setup.output_mask();
         self.drive(mask, on);
         for (index, timer) in self.timers.iter_mut().enumerate() {
@@ -142,7 +158,7 @@ impl Body {
     pub(crate) fn switch_for(&mut self, now: Instant, channel: Channel, on: bool, time: Micros) {
         let instant = if time == Micros::ZERO { !on } else { on };
         self.switch(channel.mask(), if instant { channel.mask() } else { 0 });
-        let is_ours = self.setup.output_mask() & channel.mask() != 0;
+        let is_ours = self.setup.output_mask() & channel.mask() != 0 && !self.is_locked();
         if let Some(timer) = self.timers.get_mut(usize::from(channel.index()))
             && time != Micros::ZERO
             && is_ours
@@ -163,6 +179,7 @@ impl Body {
             }
         }
         self.drive(over, on);
+        self.run_watchdog(now);
         emd2a2q::run_calibration(self, now);
     }
 
@@ -174,7 +191,10 @@ impl Body {
 
     pub(super) fn timer_deadline(&self) -> Option<Instant> {
         let timers = self.timers.iter().flatten().map(|timer| timer.at);
-        timers.chain(self.calibrating.map(|(_, at)| at)).min()
+        timers
+            .chain(self.calibrating.map(|(_, at)| at))
+            .chain(self.watched_until)
+            .min()
     }
 
     /// The LED: the two EDA modules describe theirs, the others are just on
@@ -226,6 +246,8 @@ impl Body {
     ) {
         let aloud = match self.setup.family {
             Family::Erc8 | Family::Emd2a2q => true,
+            // What is beyond the datasheet is refused as in the standard [BEYOND §3.4].
+            _ if self.options.beyond && refusal.is_some_and(|(_, code, _)| is_beyond(code)) => true,
             Family::Eda9060a | Family::Eda9050 | Family::R55 => self.options.refuse_aloud,
         };
         if let Some((address, code, why)) = refusal
@@ -241,7 +263,9 @@ impl Body {
                 Family::R55 => &[],
             };
             // A function that is not there is refused before its quantity [MODBUS §3.5].
-            let why = if absent.iter().any(|function| function.code() == code) {
+            let is_absent = absent.iter().any(|function| function.code() == code)
+                || is_beyond(code) && !self.options.beyond;
+            let why = if is_absent {
                 rtu::Exception::FUNCTION
             } else {
                 why
@@ -280,4 +304,12 @@ impl Body {
             .profile()
             .baud_code(self.eeprom.serial.baud)
     }
+}
+
+/// A function that no datasheet has, and our own modules do [MODBUS §2.10].
+const fn is_beyond(code: u8) -> bool {
+    matches!(
+        rtu::Function::from_code(code),
+        Some(rtu::Function::Diagnose | rtu::Function::Identify)
+    )
 }

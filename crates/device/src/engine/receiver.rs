@@ -21,6 +21,8 @@ pub(super) struct Receiver {
 pub(super) struct Ended {
     /// It began late enough and is not too long.
     pub(super) heard_rightly: bool,
+    /// It is longer than any frame.
+    pub(super) too_long: bool,
     /// One of its characters had a wrong stop bit or parity.
     pub(super) bad_byte: bool,
 }
@@ -129,6 +131,7 @@ impl Receiver {
     pub(super) const fn end_frame(&self) -> Ended {
         Ended {
             heard_rightly: !self.overflow && !self.too_early,
+            too_long: self.overflow,
             bad_byte: self.bad_byte,
         }
     }

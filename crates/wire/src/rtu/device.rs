@@ -72,6 +72,16 @@ impl<'a> Exchange<'a> {
             return Err(RequestError::Function { address, code });
         };
         let quantity = RequestError::Quantity { address, function };
+        if function == Function::Identify {
+            return match *frame {
+                [_, _, super::identity::KIND, code, object, _, _] => {
+                    let request = Request::Identify { code, object };
+                    Ok(Exchange { address, request })
+                }
+                [_, _, super::identity::KIND, ..] => Err(quantity),
+                _ => Err(RequestError::Function { address, code }),
+            };
+        }
         let Some(&[_, _, at_high, at_low, high, low]) = frame.first_chunk::<6>() else {
             return Err(quantity);
         };
@@ -114,6 +124,7 @@ impl<'a> Exchange<'a> {
                     };
                 }
             },
+            Some(Function::Identify) => 7,
             Some(_) => 8,
         };
         if len > crate::FRAME_MAX {
@@ -149,6 +160,16 @@ impl<'a> Exchange<'a> {
             Response::Exception(why) => {
                 return encode_exception(from, function, *why, out);
             }
+            Response::Diagnosis(data) => {
+                let [_, _, sub_high, sub_low, ..] = self.echo();
+                let [high, low] = data.to_be_bytes();
+                return out.set(closed([from.0, function, sub_high, sub_low, high, low]));
+            }
+            Response::Identification(says) => {
+                out.set([from.0, function, super::identity::KIND]);
+                out.extend(says.bytes());
+                return close(out);
+            }
             Response::Bits(bits) => bits.bytes(),
             Response::Words(words) => words.bytes(),
         };
@@ -177,6 +198,11 @@ fn parse(function: Function, at: u16, value: u16, data: &[u8]) -> Option<Request
             value: CoilValue(value),
         },
         Function::WriteRegister => Request::WriteRegister { at, value },
+        Function::Diagnose => Request::Diagnose {
+            sub: at,
+            data: value,
+        },
+        Function::Identify => return None,
         Function::WriteCoils => {
             Request::WriteCoils(BitBlock::new(at, Bits::from_packed(data, value)?)?)
         }

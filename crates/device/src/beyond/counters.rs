@@ -1,0 +1,74 @@
+//! How well a module hears: the eight counters of the Modbus standard.
+
+use crate::engine::Body;
+use railbus_wire::rtu::diagnosis;
+use railbus_wire::{Address, Frame, Instant};
+
+/// What is counted since power-up, or since it was set to 0. A counter stays at FFFF
+/// [BEYOND §4.4].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Counters {
+    /// Frames with a right CRC, to whomever.
+    pub(crate) messages: u16,
+    /// Frames that did not arrive whole.
+    pub(crate) errors: u16,
+    /// Exceptions answered.
+    pub(crate) exceptions: u16,
+    /// Frames for this module, or for all.
+    pub(crate) own: u16,
+    /// Those of them that were not answered.
+    pub(crate) unanswered: u16,
+    /// Characters that the driver lost.
+    pub(crate) overruns: u16,
+}
+
+impl Counters {
+    /// The counter of a sub-function. Nothing here is ever refused as too early or busy, so that
+    /// two of the eight stay 0.
+    pub(super) const fn get(&self, sub: u16) -> u16 {
+        match sub - diagnosis::FIRST_COUNTER {
+            0 => self.messages,
+            1 => self.errors,
+            2 => self.exceptions,
+            3 => self.own,
+            4 => self.unanswered,
+            7 => self.overruns,
+            _ => 0,
+        }
+    }
+}
+
+impl Body {
+    /// A frame with a right CRC was heard. Whether it is for this module, or for all: then the
+    /// host lives.
+    pub(crate) fn begin_message(&mut self, now: Instant, address: Address) -> bool {
+        count(&mut self.counters.messages);
+        let own = self.hears(address);
+        if own {
+            count(&mut self.counters.own);
+            self.feed(now);
+        }
+        own
+    }
+
+    /// What came of it [BEYOND §4.3].
+    pub(crate) fn end_message(&mut self, own: bool, reply: &Frame) {
+        match reply.bytes() {
+            [] if own => count(&mut self.counters.unanswered),
+            [_, code, ..] if code & 0x80 != 0 => count(&mut self.counters.exceptions),
+            _ => {}
+        }
+    }
+
+    /// A frame did not arrive whole, where that is so.
+    pub(crate) const fn count_error(&mut self, so: bool) {
+        if so {
+            count(&mut self.counters.errors);
+        }
+    }
+}
+
+/// One more.
+pub(crate) const fn count(counter: &mut u16) {
+    *counter = counter.saturating_add(1);
+}

@@ -1,0 +1,140 @@
+//! What Modbus modules have beyond their datasheets: registers, diagnosis, identification.
+
+use super::{Beyond, Counters, VERSION, number};
+use crate::engine::Body;
+use crate::modbus::run_in;
+use railbus_wire::rtu::{
+    self, Exception, Exchange, Identification, Request, Response, WordBlock, WordSpan, diagnosis,
+};
+use railbus_wire::{Frame, Instant, Words};
+
+/// The register that is number 0. No datasheet has any near it [BEYOND §3.1].
+const FIRST: u16 = 0xBE00;
+
+/// Where to read about it.
+const URL: &str = env!("CARGO_PKG_REPOSITORY");
+
+/// Carries out a request that is beyond the datasheet, and writes the reply. Whether it is one.
+/// A request to all is none: it moves nothing here [BEYOND §3.5].
+pub(crate) fn answer(
+    body: &mut Body,
+    now: Instant,
+    exchange: &Exchange<'_>,
+    reply: &mut Frame,
+) -> bool {
+    if !body.options.beyond || exchange.address != body.address() {
+        return false;
+    }
+    let from = body.address();
+    let outcome = match exchange.request {
+        Request::ReadHoldingRegisters(span) if is_ours(span.start()) => {
+            read(body, exchange, span, reply)
+        }
+        Request::WriteRegister { at, value } if is_ours(at) => {
+            WordBlock::new(at, Words::one(value))
+                .ok_or(Exception::ADDRESS)
+                .and_then(|block| write(body, now, &block))
+                .map(|()| exchange.encode_response(from, &Response::Done, reply))
+        }
+        Request::WriteRegisters(block) if is_ours(block.start()) => write(body, now, &block)
+            .map(|()| exchange.encode_response(from, &Response::Done, reply)),
+        Request::WriteCoil { .. } | Request::WriteCoils(_) if body.is_locked() => {
+            Err(Exception::FAILURE)
+        }
+        Request::Diagnose { sub, data } => diagnose(body, sub, data)
+            .map(|data| exchange.encode_response(from, &Response::Diagnosis(data), reply)),
+        Request::Identify { code, object } => identify(body, code, object, reply),
+        _ => return false,
+    };
+    if let Err(why) = outcome {
+        exchange.encode_response(from, &Response::Exception(why), reply);
+    }
+    true
+}
+
+const fn is_ours(register: u16) -> bool {
+    register >= FIRST && register - FIRST < number::COUNT
+}
+
+fn read(
+    body: &Body,
+    exchange: &Exchange<'_>,
+    span: WordSpan,
+    reply: &mut Frame,
+) -> Result<(), Exception> {
+    let first = run_in(FIRST, number::COUNT, span.start(), span.count())?;
+    let mut packed = [0; 2 * number::COUNT as usize];
+    let (pairs, _) = packed.as_chunks_mut::<2>();
+    for (pair, number) in pairs.iter_mut().zip(first..) {
+        *pair = body.eeprom.beyond.number(number).to_be_bytes();
+    }
+    let bytes = packed.get(..2 * usize::from(span.count()));
+    let words = bytes.and_then(Words::from_packed);
+    let response = words.map_or(Response::Exception(Exception::VALUE), Response::Words);
+    exchange.encode_response(body.address(), &response, reply);
+    Ok(())
+}
+
+/// Writes all registers of a block, or none.
+fn write(body: &mut Body, now: Instant, block: &WordBlock<'_>) -> Result<(), Exception> {
+    let first = run_in(FIRST, number::COUNT, block.start(), block.values().len())?;
+    let written = |beyond: Beyond, (number, value)| beyond.with(number, value);
+    let beyond = (first..)
+        .zip(block.values().iter())
+        .try_fold(body.eeprom.beyond, written)
+        .ok_or(Exception::VALUE)?;
+    if body.keep_beyond(now, beyond) {
+        Ok(())
+    } else {
+        Err(Exception::VALUE)
+    }
+}
+
+/// Function 08 [BEYOND §4].
+fn diagnose(body: &mut Body, sub: u16, data: u16) -> Result<u16, Exception> {
+    match sub {
+        diagnosis::ECHO => return Ok(data),
+        diagnosis::REGISTER
+        | diagnosis::CLEAR
+        | diagnosis::FIRST_COUNTER..=diagnosis::LAST_COUNTER
+        | diagnosis::CLEAR_OVERRUN => {}
+        _ => return Err(Exception::FUNCTION),
+    }
+    if data != 0 {
+        return Err(Exception::VALUE);
+    }
+    match sub {
+        diagnosis::CLEAR => body.counters = Counters::default(),
+        diagnosis::CLEAR_OVERRUN => body.counters.overruns = 0,
+        diagnosis::REGISTER => return Ok(body.eeprom.beyond.status().into()),
+        _ => return Ok(body.counters.get(sub)),
+    }
+    Ok(0)
+}
+
+/// Function 2B [BEYOND §5].
+fn identify(body: &Body, code: u8, object: u8, reply: &mut Frame) -> Result<(), Exception> {
+    let profile = body.setup.family.profile();
+    let all = [
+        (Identification::VENDOR, "railbus"),
+        (Identification::PRODUCT, profile.name),
+        (Identification::REVISION, VERSION),
+        (Identification::URL, URL),
+        (Identification::NAME, profile.model),
+    ];
+    let from = usize::from(object);
+    let objects = match code {
+        1 => stream(all.split_at(3).0, from),
+        2 | 3 => stream(&all, from),
+        4 => all.get(from..=from).ok_or(Exception::ADDRESS)?,
+        _ => return Err(Exception::VALUE),
+    };
+    rtu::encode_identification(body.address(), code, objects, reply);
+    Ok(())
+}
+
+/// From an object on; one that does not exist begins at the first [BEYOND §5.3].
+fn stream<T>(objects: &[T], from: usize) -> &[T] {
+    let rest = objects.get(from..).filter(|rest| !rest.is_empty());
+    rest.unwrap_or(objects)
+}
