@@ -345,7 +345,7 @@ fn rtu_exchange([a, f, s0, s1, n0, n1, ..]: [u8; CHOICE]) -> Exchange<'static> {
     let coils = Bits::from_mask(u32::from(value), 1 + u16::from(n0 % 32));
     let coils = coils.and_then(|values| BitBlock::new(start, values));
     let registers = WordBlock::new(start, Words::two(value, start));
-    let request = match f % 8 {
+    let request = match f % 10 {
         0 => bits.map(Request::ReadCoils),
         1 => bits.map(Request::ReadDiscreteInputs),
         2 => words.map(Request::ReadHoldingRegisters),
@@ -355,6 +355,14 @@ fn rtu_exchange([a, f, s0, s1, n0, n1, ..]: [u8; CHOICE]) -> Exchange<'static> {
         6 => Some(Request::WriteCoil {
             at: start,
             value: CoilValue(value),
+        }),
+        7 => Some(Request::Diagnose {
+            sub: start,
+            data: value,
+        }),
+        8 => Some(Request::Identify {
+            code: s0,
+            object: n0,
         }),
         _ => None,
     };

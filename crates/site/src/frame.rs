@@ -45,6 +45,9 @@ fn rtu_read(bytes: &[u8]) -> Option<rtu::Exchange<'static>> {
         R::ReadDiscreteInputs(span) => R::ReadDiscreteInputs(span),
         R::ReadHoldingRegisters(span) => R::ReadHoldingRegisters(span),
         R::ReadInputRegisters(span) => R::ReadInputRegisters(span),
+        R::Diagnose { sub, data } if request.is_read() => R::Diagnose { sub, data },
+        R::Identify { code, object } => R::Identify { code, object },
+        R::Diagnose { .. } => return None,
         R::WriteCoil { .. } | R::WriteRegister { .. } => return None,
         R::WriteCoils(_) | R::WriteRegisters(_) => return None,
     };
@@ -85,6 +88,10 @@ mod tests {
         assert!(passes(Protocol::Rtu, &coils));
         let on = [0x03, 0x05, 0x00, 0x3C, 0xFF, 0x00, 0x4D, 0xD4];
         assert!(!passes(Protocol::Rtu, &on));
+        let counter = [0x03, 0x08, 0x00, 0x0C, 0x00, 0x00, 0x21, 0xEA];
+        assert!(passes(Protocol::Rtu, &counter));
+        let mute = [0x03, 0x08, 0x00, 0x04, 0x00, 0x00, 0xA0, 0x28];
+        assert!(!passes(Protocol::Rtu, &mute));
         assert!(passes(Protocol::Ascii, b"$016\r"));
         assert!(!passes(Protocol::Ascii, b"#010001\r"));
         assert!(!passes(Protocol::Ascii, b"$016\r$016\r"));

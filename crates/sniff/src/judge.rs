@@ -148,6 +148,8 @@ fn broken_rtu(bytes: &[u8]) -> Found {
             let bytes = bytes.get(6).copied().map(usize::from);
             (bytes.is_some_and(|bytes| len == 9 + bytes), len == 8)
         }
+        F::Diagnose => (len == 8, false),
+        F::Identify => (len == 7, third == 0x0E && len >= 10),
     };
     let role = match (code & 0x80 != 0, as_request, as_reply) {
         (true, _, _) if len == 5 => Role::Reply,

@@ -134,6 +134,20 @@ pub(crate) fn candidate_rtu(bytes: &[u8]) -> Option<Exchange<'static>> {
         F::WriteCoil | F::WriteRegister | F::WriteCoils | F::WriteRegisters => {
             return write_request(bytes, function, Address(address));
         }
+        F::Diagnose if is_exception => rtu::Request::Diagnose { sub: 0, data: 0 },
+        F::Diagnose => {
+            let &[_, _, sub_high, sub_low, high, low, ..] = bytes else {
+                return None;
+            };
+            rtu::Request::Diagnose {
+                sub: u16::from_be_bytes([sub_high, sub_low]),
+                data: u16::from_be_bytes([high, low]),
+            }
+        }
+        F::Identify => rtu::Request::Identify {
+            code: bytes.get(3).copied().filter(|_| !is_exception).unwrap_or(1),
+            object: 0,
+        },
     };
     Some(Exchange::rtu(Address(address), request))
 }

@@ -334,9 +334,11 @@ impl Request<'_> {
     #[must_use]
     pub const fn is_read(&self) -> bool {
         match self {
-            Request::Diagnose { sub, .. } => {
-                !matches!(*sub, diagnosis::CLEAR | diagnosis::CLEAR_OVERRUN)
-            }
+            Request::Diagnose { sub, .. } => matches!(
+                *sub,
+                diagnosis::ECHO | diagnosis::REGISTER | diagnosis::FIRST_COUNTER
+                    ..=diagnosis::LAST_COUNTER
+            ),
             Request::Identify { .. } => true,
             _ => self.read_bytes().is_some(),
         }

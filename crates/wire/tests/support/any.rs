@@ -56,6 +56,14 @@ impl RtuCase {
                 let values = Words::from_packed(&self.sent).unwrap();
                 Request::WriteRegisters(WordBlock::new(self.start, values).unwrap())
             }
+            Function::Diagnose => Request::Diagnose {
+                sub: self.start,
+                data: self.count,
+            },
+            Function::Identify => Request::Identify {
+                code: self.start as u8,
+                object: self.count as u8,
+            },
         };
         rtu::Exchange {
             address: self.address,
@@ -74,6 +82,10 @@ impl RtuCase {
             }
             Function::ReadHoldingRegisters | Function::ReadInputRegisters => {
                 Response::Words(Words::from_packed(&self.answered).unwrap())
+            }
+            Function::Diagnose => Response::Diagnosis(self.count),
+            Function::Identify => {
+                Response::Identification(rtu::Identification::from_packed(&self.answered).unwrap())
             }
             _ => Response::Done,
         }
@@ -181,7 +193,7 @@ fn count(most: u16) -> impl Strategy<Value = u16> {
 
 pub(crate) fn rtu() -> impl Strategy<Value = Case> {
     use rtu::{BitBlock, Function, WordBlock};
-    let numbers = select(&[0x01u8, 0x02, 0x03, 0x04, 0x05, 0x06, 0x0F, 0x10][..])
+    let numbers = select(&[0x01u8, 0x02, 0x03, 0x04, 0x05, 0x06, 0x08, 0x0F, 0x10, 0x2B][..])
         .prop_map(|code| Function::from_code(code).unwrap())
         .prop_flat_map(|function| {
             let counts = match function {
@@ -189,7 +201,11 @@ pub(crate) fn rtu() -> impl Strategy<Value = Case> {
                 Function::ReadHoldingRegisters | Function::ReadInputRegisters => {
                     count(Words::MAX).boxed()
                 }
-                Function::WriteCoil | Function::WriteRegister => any::<u16>().boxed(),
+                Function::WriteCoil | Function::WriteRegister | Function::Diagnose => {
+                    any::<u16>().boxed()
+                }
+                // How long the object is.
+                Function::Identify => (0u16..=240).boxed(),
                 Function::WriteCoils => count(BitBlock::MAX).boxed(),
                 Function::WriteRegisters => count(WordBlock::MAX).boxed(),
             };
@@ -203,10 +219,13 @@ pub(crate) fn rtu() -> impl Strategy<Value = Case> {
                 Function::ReadHoldingRegisters | Function::ReadInputRegisters => (0, words),
                 Function::WriteCoils => (bits, 0),
                 Function::WriteRegisters => (words, 0),
-                Function::WriteCoil | Function::WriteRegister => (0, 0),
+                Function::WriteCoil | Function::WriteRegister | Function::Diagnose => (0, 0),
+                Function::Identify => (0, 7 + usize::from(count)),
             };
             let last_start = match function {
                 Function::WriteCoil | Function::WriteRegister => u16::MAX,
+                Function::Diagnose => 0x14,
+                Function::Identify => 4,
                 _ => u16::MAX - (count - 1),
             };
             (
@@ -218,7 +237,11 @@ pub(crate) fn rtu() -> impl Strategy<Value = Case> {
         });
     let exception = prop::option::weighted(0.2, any::<u8>().prop_map(rtu::Exception));
     (address(), address(), numbers, exception).prop_map(
-        |(address, other, ((function, count), start, sent, answered), exception)| {
+        |(address, other, ((function, count), start, sent, mut answered), exception)| {
+            if function == Function::Identify {
+                let head = [start as u8, 0x82, 0, 0, 1, 0, count as u8];
+                answered[..7].copy_from_slice(&head);
+            }
             let from = if address == rtu::BROADCAST {
                 other
             } else {

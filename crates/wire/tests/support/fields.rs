@@ -47,7 +47,7 @@ pub(crate) mod rtu {
         WordSpan,
     };
 
-    const FUNCTIONS: [(&str, Function); 8] = [
+    const FUNCTIONS: [(&str, Function); 10] = [
         ("read_coils", Function::ReadCoils),
         ("read_discrete_inputs", Function::ReadDiscreteInputs),
         ("read_holding_registers", Function::ReadHoldingRegisters),
@@ -56,6 +56,8 @@ pub(crate) mod rtu {
         ("write_register", Function::WriteRegister),
         ("write_coils", Function::WriteCoils),
         ("write_registers", Function::WriteRegisters),
+        ("diagnose", Function::Diagnose),
+        ("identify", Function::Identify),
     ];
 
     fn function_name(function: Function) -> &'static str {
@@ -112,6 +114,8 @@ pub(crate) mod rtu {
                 let values: Vec<u16> = block.values().iter().collect();
                 json!({ "start": block.start(), "values": values })
             }
+            Request::Diagnose { sub, data } => json!({ "sub": sub, "data": data }),
+            Request::Identify { code, object } => json!({ "code": code, "object": object }),
         };
         with(head, body)
     }
@@ -143,6 +147,14 @@ pub(crate) mod rtu {
                 let values = Words::from_packed(packed).unwrap();
                 Request::WriteRegisters(WordBlock::new(number(fields, "start"), values).unwrap())
             }
+            Function::Diagnose => Request::Diagnose {
+                sub: number(fields, "sub"),
+                data: number(fields, "data"),
+            },
+            Function::Identify => Request::Identify {
+                code: number(fields, "code"),
+                object: number(fields, "object"),
+            },
         };
         Exchange {
             address: address(fields),
@@ -160,6 +172,7 @@ pub(crate) mod rtu {
             Response::Words(words) => json!({ "words": words.iter().collect::<Vec<u16>>() }),
             Response::Done => json!({ "ack": true }),
             Response::Exception(Exception(code)) => json!({ "exception": code }),
+            other => panic!("no vector has {other:?}"),
         };
         with(head, body)
     }

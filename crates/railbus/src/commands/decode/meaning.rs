@@ -102,6 +102,16 @@ fn of_rtu(lang: Lang, request: &rtu::Request<'_>) -> String {
                 "寄存器自 {from} 写入 {words}"
             )
         }
+        rtu::Request::Diagnose { sub, data } => say!(
+            lang,
+            "diagnosis {sub:02X}h with {data:04X}h",
+            "诊断 {sub:02X}h，数据 {data:04X}h"
+        ),
+        rtu::Request::Identify { code, object } => say!(
+            lang,
+            "read identification, kind {code}, from object {object}",
+            "读取设备标识，方式 {code}，自对象 {object}"
+        ),
     }
 }
 
@@ -122,6 +132,17 @@ fn by_rtu(lang: Lang, asked: &rtu::Request<'_>, response: &rtu::Response<'_>) ->
         rtu::Response::Done => {
             let what = of_rtu(lang, asked);
             say!(lang, "acknowledged: {what}", "已应答：{what}")
+        }
+        rtu::Response::Diagnosis(data) => {
+            say!(lang, "diagnosis: {data:04X}h", "诊断结果：{data:04X}h")
+        }
+        rtu::Response::Identification(says) => {
+            let objects: Vec<String> = says
+                .objects()
+                .map(|(number, text)| format!("{number} \"{}\"", text.escape_ascii()))
+                .collect();
+            let objects = objects.join(", ");
+            say!(lang, "identification: {objects}", "设备标识：{objects}")
         }
         rtu::Response::Exception(why) => {
             let why = wire_words::exception(lang, *why);
