@@ -66,7 +66,9 @@ fn measure(bytes: &[u8]) -> Result<usize, usize> {
     let &[_, _, _, _, count] = need::<HEAD>(bytes)?;
     let mut len = HEAD;
     for _ in 0..count {
-        let object = bytes.get(len + 1).ok_or(len + 2 - bytes.len())?;
+        let Some(object) = bytes.get(len + 1) else {
+            return Err(len + 2 - bytes.len());
+        };
         len += 2 + usize::from(*object);
     }
     len.checked_sub(bytes.len())
