@@ -5,7 +5,9 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use railbus_device::{Applies, Eeprom, Effect, Engine, Family, Input, Layout, Options, Output};
+use railbus_device::{
+    Applies, Beyond, Eeprom, Effect, Engine, Family, Input, Layout, Options, Output,
+};
 use railbus_device::{Setup, SetupError};
 use railbus_wire::{Address, Instant, Micros, Protocol, PulseWidth, crc16, sum8};
 
@@ -20,6 +22,7 @@ const OWN: u8 = 1;
 enum Event {
     Bytes(Vec<u8>),
     BadByte,
+    Overrun,
     Timeout,
     Sent,
     Levels(u32),
@@ -37,11 +40,17 @@ fn address() -> impl Strategy<Value = u8> {
 
 /// Small numbers mostly, as in requests that mean something.
 fn number() -> impl Strategy<Value = u16> {
-    prop_oneof![8 => 0..20_u16, 2 => 55..70_u16, 2 => Just(0xFF00), 1 => any::<u16>()]
+    prop_oneof![
+        8 => 0..20_u16,
+        2 => 55..70_u16,
+        2 => Just(0xFF00),
+        2 => 0xBE00..0xBE07_u16,
+        1 => any::<u16>(),
+    ]
 }
 
 fn rtu() -> impl Strategy<Value = Vec<u8>> {
-    let functions = vec![1, 2, 3, 4, 5, 6, 0x0F, 0x10, 0x2B];
+    let functions = vec![1, 2, 3, 4, 5, 6, 8, 0x0F, 0x10];
     let function = prop::sample::select(functions);
     let data = vec(number(), 0..5);
     let parts = (address(), function, number(), number(), data);
@@ -65,9 +74,20 @@ fn rtu() -> impl Strategy<Value = Vec<u8>> {
     })
 }
 
+/// What is this? With any code and object.
+fn identify() -> impl Strategy<Value = Vec<u8>> {
+    (address(), 0..6_u8, 0..6_u8).prop_map(|(address, code, object)| {
+        let mut frame = vec![address, 0x2B, 0x0E, code, object];
+        frame.extend(crc16(&frame).to_le_bytes());
+        frame
+    })
+}
+
 fn ascii() -> impl Strategy<Value = Vec<u8>> {
     let body = prop_oneof![
-        4 => "\\$0[01][M236]",
+        4 => "\\$0[01][MF236]",
+        2 => "~0[01](0|1|2|4|3[01][0-2][0-9A-F]|50[0-9A-F]0[0-9A-F])",
+        1 => "~\\*\\*",
         4 => "%0[01]0[0-9]400[2-8](00|40)",
         4 => "#0[01](00|1[0-8])[0-9A-F]{2}",
         2 => "#0[01]40[0-9A-F]{3}",
@@ -101,8 +121,8 @@ fn lc02() -> impl Strategy<Value = Vec<u8>> {
 }
 
 fn r55() -> impl Strategy<Value = Vec<u8>> {
-    let command = prop_oneof![0x10..0x48_u8, any::<u8>()];
-    let small = prop_oneof![3 => 0..40_u8, 1 => any::<u8>()];
+    let command = prop_oneof![4 => 0x10..0x48_u8, 1 => 0x70..0x72_u8, 1 => any::<u8>()];
+    let small = prop_oneof![3 => 0..40_u8, 1 => 0xE0..0xE7_u8, 1 => any::<u8>()];
     (address(), command, vec(small, 4)).prop_map(|(address, command, data)| {
         let mut frame = vec![0x55, address, command];
         frame.extend(data);
@@ -114,11 +134,13 @@ fn r55() -> impl Strategy<Value = Vec<u8>> {
 fn event() -> impl Strategy<Value = Event> {
     prop_oneof![
         3 => rtu().prop_map(Event::Bytes),
+        1 => identify().prop_map(Event::Bytes),
         3 => ascii().prop_map(Event::Bytes),
         3 => lc02().prop_map(Event::Bytes),
         3 => r55().prop_map(Event::Bytes),
         2 => vec(any::<u8>(), 0..300).prop_map(Event::Bytes),
         1 => Just(Event::BadByte),
+        1 => Just(Event::Overrun),
         3 => Just(Event::Timeout),
         2 => Just(Event::Sent),
         1 => any::<u32>().prop_map(Event::Levels),
@@ -199,6 +221,18 @@ fn options() -> impl Strategy<Value = Options> {
     })
 }
 
+/// What an EEPROM may hold, be it possible or not.
+fn beyond() -> impl Strategy<Value = Beyond> {
+    let watchdog = prop_oneof![1 => Just(0), 2 => 1..10_u8, 1 => any::<u8>()];
+    let parts = (watchdog, any::<[u32; 2]>(), any::<bool>());
+    parts.prop_map(|(watchdog, [power_on, safe], tripped)| Beyond {
+        watchdog,
+        power_on,
+        safe,
+        tripped,
+    })
+}
+
 /// A module under observation.
 struct Watched {
     engine: Engine,
@@ -236,6 +270,7 @@ impl Watched {
         let input = match event {
             Event::Bytes(bytes) => Input::Bytes(bytes),
             Event::BadByte => Input::BadByte,
+            Event::Overrun => Input::Overrun,
             Event::Timeout | Event::Attend => Input::Timeout,
             Event::Sent => Input::Sent,
             Event::Levels(levels) => Input::Levels(*levels),
@@ -246,7 +281,7 @@ impl Watched {
         };
         self.heard += match input {
             Input::Bytes(bytes) if !self.sending => bytes.len(),
-            Input::BadByte if !self.sending => 1,
+            Input::BadByte | Input::Overrun if !self.sending => 1,
             _ => 0,
         };
         if input == Input::Sent {
@@ -324,12 +359,14 @@ proptest! {
         setup in setup(),
         options in options(),
         (pulse_mask, tenths, checksum) in (0..16_u8, 1..=200_u8, any::<bool>()),
+        beyond in beyond(),
         events in vec((pause(), event()), 0..40),
     ) {
         let eeprom = Eeprom {
             pulse_mask,
             pulse_width: PulseWidth::from_tenths(tenths).expect("1 to 200"),
             checksum: checksum && setup.protocol != Protocol::R55,
+            beyond,
             ..Eeprom::of(&setup)
         };
         let mut module = Watched::new(setup, eeprom, options).expect("a possible module");

@@ -55,6 +55,11 @@ pub(crate) const SHEETS: &[Sheet] = &[
         path: "docs/datasheets/adam.md",
         tested: false,
     },
+    Sheet {
+        tag: "BEYOND",
+        path: "docs/datasheets/beyond.md",
+        tested: true,
+    },
 ];
 
 /// How a line begins that states a fact.

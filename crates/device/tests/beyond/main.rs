@@ -1,0 +1,58 @@
+//! What our own modules do beyond the datasheets.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+mod commands;
+mod numbers;
+mod off;
+mod standard;
+mod watchdog;
+
+use railbus_device::{Beyond, Eeprom, Family, Options, Setup};
+use railbus_wire::{Address, Protocol};
+use support::Bench;
+
+const ON: Options = Options {
+    refuse_aloud: false,
+    turnaround: railbus_wire::Micros::ZERO,
+    applies: railbus_device::Applies::AfterReply,
+    lower_case: false,
+    answer_bad_frames: false,
+    insist_on_gap: false,
+    beyond: true,
+};
+
+/// Every family in every protocol it speaks, at address 1, with eight outputs where that varies.
+fn setups() -> impl Iterator<Item = Setup> {
+    let all = Family::ALL.into_iter();
+    all.flat_map(|family| {
+        let protocols = family.profile().protocols.iter();
+        protocols.map(move |protocol| setup(family, *protocol))
+    })
+}
+
+fn setup(family: Family, protocol: Protocol) -> Setup {
+    let setup = Setup::new(family, Address(1));
+    Setup {
+        protocol,
+        outputs: setup.outputs.min(8),
+        ..setup
+    }
+}
+
+fn module(setup: Setup, beyond: Beyond) -> Bench {
+    let eeprom = Eeprom {
+        beyond,
+        ..Eeprom::of(&setup)
+    };
+    Bench::with(setup, eeprom, ON)
+}
+
+/// Watches for half a second; the first output is safe on, the second on at power-up.
+const HALF_SECOND: Beyond = Beyond {
+    watchdog: 5,
+    power_on: 0b10,
+    safe: 0b01,
+    tripped: false,
+};
