@@ -4,6 +4,7 @@
 mod support;
 
 mod commands;
+mod fuzz;
 mod numbers;
 mod off;
 mod standard;
@@ -56,3 +57,12 @@ const HALF_SECOND: Beyond = Beyond {
     safe: 0b01,
     tripped: false,
 };
+
+/// A number from 0 on, below `end`: SplitMix64 of a seed.
+fn dice(state: &mut u64, end: u64) -> u64 {
+    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let mut z = *state;
+    z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+    (z ^ z >> 31) % end
+}

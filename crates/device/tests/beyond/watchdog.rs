@@ -1,7 +1,7 @@
 //! The watchdog itself, in every family and protocol.
 
 use super::support::{Bench, request, with_crc};
-use super::{HALF_SECOND, module, setup, setups};
+use super::{HALF_SECOND, dice, module, setup, setups};
 use railbus_device::{Bank, Beyond, Effect, Family, Input, Op, Setup};
 use railbus_wire::{Address, Channel, Instant, Micros, Protocol, PulseWidth};
 
@@ -21,15 +21,6 @@ fn switch(module: &Bench, channel: u8, on: bool) -> Vec<u8> {
 
 fn is_safe(module: &Bench) -> bool {
     module.engine.outputs() == HALF_SECOND.safe && module.engine.eeprom().beyond.tripped
-}
-
-/// A number from 0 on, below `end`: SplitMix64 of a seed.
-fn dice(state: &mut u64, end: u64) -> u64 {
-    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let mut z = *state;
-    z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-    (z ^ z >> 31) % end
 }
 
 #[test]
