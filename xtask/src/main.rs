@@ -84,6 +84,11 @@ const COMMANDS: &[Command] = &[
         run: start::run,
     },
     Command {
+        name: "firmware",
+        help: "images for a board [build [--family F] | size [--update]]",
+        run: firmware::run,
+    },
+    Command {
         name: "firmware-check",
         help: "build the no_std crates for a microcontroller",
         run: firmware::check,

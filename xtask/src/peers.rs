@@ -19,22 +19,27 @@ struct Packages {
 const DEBIAN: &[Packages] = &[
     Packages {
         names: &[
-            "chromium",       // looks at the web pages
-            "fonts-noto-cjk", // Chinese in its pictures
-            "gcc",            // compiles the small libmodbus peers
-            "libmodbus-dev",  // foreign Modbus master and slave in C
-            "mbpoll",         // foreign Modbus master, command line
-            "pkg-config",     // finds libmodbus
-            "python3-venv",   // holds the Python peers below
-            "socat",          // pairs of pseudo terminals
-            "tshark",         // dissects what we capture
-            "valgrind",       // counts instructions
+            "chromium",        // looks at the web pages
+            "fonts-noto-cjk",  // Chinese in its pictures
+            "gcc",             // compiles the small libmodbus peers
+            "libmodbus-dev",   // foreign Modbus master and slave in C
+            "mbpoll",          // foreign Modbus master, command line
+            "pkg-config",      // finds libmodbus
+            "python3-venv",    // holds the Python peers below
+            "qemu-system-arm", // runs the firmware
+            "socat",           // pairs of pseudo terminals
+            "tshark",          // dissects what we capture
+            "valgrind",        // counts instructions
         ],
         needed: |_| true,
     },
     Packages {
         names: &["cargo-web", "rust-web-src", "rustc-web"],
         needed: |root| !firmware::target_installed(root),
+    },
+    Packages {
+        names: &["lld"], // links the firmware
+        needed: |root| !firmware::linker_there(root),
     },
 ];
 

@@ -1,0 +1,64 @@
+//! Time, and being woken: TIMER0 never stops, TIMER1 is the alarm.
+
+use crate::map::{CLOCK_HZ, TIMER0, TIMER1};
+use core::sync::atomic::{AtomicU32, Ordering};
+use railbus_wire::Instant;
+
+const RUN_AND_INTERRUPT: u32 = 1 | 1 << 3;
+const TICKS_PER_MICRO: u64 = CLOCK_HZ as u64 / 1_000_000;
+/// A timer that reaches this fires at once.
+const SHORTEST: u64 = 1;
+
+/// How often TIMER0 has come round: every 172 s.
+static ROUNDS: AtomicU32 = AtomicU32::new(0);
+
+pub(crate) fn start() {
+    TIMER0.reload.write(u32::MAX);
+    TIMER0.value.write(u32::MAX);
+    TIMER0.control.write(RUN_AND_INTERRUPT);
+}
+
+/// The time since [`start`].
+pub(crate) fn now() -> Instant {
+    let (rounds, passed, came_round) = loop {
+        let rounds = ROUNDS.load(Ordering::Relaxed);
+        let passed = !TIMER0.value.read();
+        let came_round = TIMER0.interrupt.read() & 1 == 1;
+        if ROUNDS.load(Ordering::Relaxed) == rounds {
+            break (rounds, passed, came_round);
+        }
+    };
+    // It came round, and the interrupt that counts it still has to.
+    let uncounted = came_round && passed < u32::MAX / 2;
+    let rounds = u64::from(rounds) + u64::from(uncounted);
+    Instant((rounds << 32 | u64::from(passed)) / TICKS_PER_MICRO)
+}
+
+/// Wakes the processor at that time, if it is later than now; or not at all.
+pub(crate) fn wake_at(at: Option<Instant>) {
+    TIMER1.control.write(0);
+    TIMER1.interrupt.write(1);
+    let Some(at) = at else { return };
+    let ticks = at
+        .since(now())
+        .0
+        .saturating_mul(TICKS_PER_MICRO)
+        .max(SHORTEST);
+    let ticks = u32::try_from(ticks).unwrap_or(u32::MAX);
+    TIMER1.reload.write(ticks);
+    TIMER1.value.write(ticks);
+    TIMER1.control.write(RUN_AND_INTERRUPT);
+}
+
+pub(crate) fn came_round() {
+    TIMER0.interrupt.write(1);
+    ROUNDS.store(
+        ROUNDS.load(Ordering::Relaxed).wrapping_add(1),
+        Ordering::Relaxed,
+    );
+}
+
+pub(crate) fn alarm() {
+    TIMER1.control.write(0);
+    TIMER1.interrupt.write(1);
+}

@@ -1,0 +1,61 @@
+//! What happens when the program fails: the line is let go of first, then all begins anew.
+
+use crate::line;
+use crate::map::{CLOCK_HZ, LAST_WORDS, WATCHDOG};
+use cortex_m::peripheral::SCB;
+use railbus_firmware::Reset;
+use railbus_wire::Micros;
+
+/// How long the loop may take to come round.
+const PATIENCE_SECS: u32 = 4;
+/// How often it comes round at least.
+pub(crate) const FEED_EVERY: Micros = Micros::from_secs(1);
+
+const UNLOCK: u32 = 0x1ACC_E551;
+const INTERRUPT_THEN_RESET: u32 = 0b11;
+
+/// Marks that the word after it is ours.
+const MARK: u32 = 0x7261_696C;
+const WATCHDOG_BIT: u32 = 1 << 31;
+const FAULT_BIT: u32 = 1 << 30;
+
+/// Starts the watchdog.
+pub(crate) fn start() {
+    WATCHDOG.lock.write(UNLOCK);
+    WATCHDOG.load.write(CLOCK_HZ * PATIENCE_SECS);
+    WATCHDOG.control.write(INTERRUPT_THEN_RESET);
+    WATCHDOG.lock.write(0);
+}
+
+/// The loop has come round.
+pub(crate) fn feed() {
+    WATCHDOG.lock.write(UNLOCK);
+    WATCHDOG.clear.write(1);
+    WATCHDOG.lock.write(0);
+}
+
+/// Why the program starts; asked once.
+pub(crate) fn why_reset() -> Reset {
+    let [mark, word] = LAST_WORDS;
+    if mark.read() != MARK {
+        return Reset::Power;
+    }
+    mark.write(0);
+    match word.read() {
+        WATCHDOG_BIT => Reset::Watchdog,
+        FAULT_BIT => Reset::Fault,
+        line => Reset::Panic(line),
+    }
+}
+
+pub(crate) fn give_up(why: Reset) -> ! {
+    line::listen();
+    let [mark, word] = LAST_WORDS;
+    word.write(match why {
+        Reset::Watchdog => WATCHDOG_BIT,
+        Reset::Panic(line) => line,
+        Reset::Fault | Reset::Power => FAULT_BIT,
+    });
+    mark.write(MARK);
+    SCB::sys_reset()
+}

@@ -1,0 +1,193 @@
+//! Board 1: QEMU's `mps2-an385`, a Cortex-M3 at 25 MHz.
+//!
+//! UART0 is the line and UART1 the console; terminals and settings are chips on the I2C bus of
+//! the first shield. `firmware/README.md` has QEMU's command line.
+
+#![no_std]
+#![no_main]
+
+mod clock;
+mod console;
+mod guard;
+mod line;
+mod map;
+
+use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicBool, Ordering};
+use cortex_m_rt::{ExceptionFrame, entry, exception};
+use railbus_device::Eeprom;
+use railbus_firmware::{About, Board, Heard, I2c, Module, Panel, Pins, Reset, Sensed, Text};
+use railbus_wire::{Instant, Settings};
+
+/// An interrupt has brought something since the loop began to look.
+static NEWS: AtomicBool = AtomicBool::new(true);
+
+#[entry]
+fn main() -> ! {
+    clock::start();
+    guard::start();
+    console::start();
+    map::let_through(&[
+        map::UART0_IN,
+        map::UART0_OUT,
+        map::UART1_IN,
+        map::UART1_OUT,
+        map::TIMER0_ZERO,
+        map::TIMER1_ZERO,
+    ]);
+    let setup = railbus_firmware::factory();
+    let mut board = Mps2 {
+        panel: Panel::new(I2c::new(ShieldPins), &setup),
+        reset: guard::why_reset(),
+        store: "factory",
+        next_line: 0,
+    };
+    let module = Module::new(&setup, Eeprom::of(&setup), clock::now());
+    let Ok(mut module) = module else {
+        panic!("the factory's settings suit the family");
+    };
+    module.start(&mut board);
+    loop {
+        guard::feed();
+        NEWS.store(false, Ordering::Relaxed);
+        let wake_at = module.step(&mut board);
+        board.talk(&module);
+        let feed_at = clock::now() + guard::FEED_EVERY;
+        clock::wake_at(Some(wake_at.map_or(feed_at, |at| at.min(feed_at))));
+        // What comes between the question and the sleep ends the sleep at once.
+        cortex_m::interrupt::disable();
+        if !NEWS.load(Ordering::Relaxed) {
+            cortex_m::asm::wfi();
+        }
+        // SAFETY: no critical section is open here.
+        unsafe { cortex_m::interrupt::enable() };
+    }
+}
+
+/// The board as its module sees it.
+struct Mps2 {
+    panel: Panel<ShieldPins>,
+    reset: Reset,
+    store: &'static str,
+    /// The line that the console says next.
+    next_line: u8,
+}
+
+impl Mps2 {
+    /// Says a line on the console, if there is one to say.
+    fn talk(&mut self, module: &Module) {
+        if self.next_line == 0 && !console::asked() || !console::is_idle() {
+            return;
+        }
+        if self.next_line == 0 {
+            console::answered();
+        }
+        let about = About {
+            board: "mps2-an385",
+            reset: self.reset,
+            store: self.store,
+            overruns: line::lost(),
+            stack: map::stack_used(),
+            uptime: (clock::now().0 / 1_000_000) as u32,
+        };
+        let mut text = Text::new();
+        let missing = self.panel.missing();
+        match railbus_firmware::line(self.next_line, module, &about, missing, &mut text) {
+            Ok(true) => {
+                self.next_line += 1;
+                console::say(text.bytes());
+            }
+            Ok(false) | Err(_) => self.next_line = 0,
+        }
+    }
+}
+
+impl Board for Mps2 {
+    fn now(&self) -> Instant {
+        clock::now()
+    }
+    fn hear(&mut self) -> Option<Heard> {
+        line::hear()
+    }
+    fn transmit(&mut self, bytes: &[u8]) {
+        line::transmit(bytes);
+    }
+    fn drained(&self) -> Option<Instant> {
+        line::drained()
+    }
+    fn listen(&mut self) {
+        line::listen();
+    }
+    fn retune(&mut self, serial: Settings) {
+        line::retune(serial);
+    }
+    fn light(&mut self, lit: bool) {
+        line::light(lit);
+    }
+    fn drive(&mut self, outputs: u32) {
+        self.panel.drive(outputs);
+    }
+    fn sense(&mut self) -> Sensed {
+        self.panel.sense()
+    }
+    fn save(&mut self, _settings: &Eeprom) {}
+}
+
+/// The I2C pins of the first shield: bit 0 is the clock, bit 1 the data.
+struct ShieldPins;
+
+impl ShieldPins {
+    fn put(bit: u32, high: bool) {
+        let register = if high {
+            map::SHIELD_I2C.set
+        } else {
+            map::SHIELD_I2C.clear
+        };
+        register.write(bit);
+    }
+}
+
+impl Pins for ShieldPins {
+    fn clock(&mut self, high: bool) {
+        ShieldPins::put(1, high);
+    }
+    fn data(&mut self, high: bool) {
+        ShieldPins::put(2, high);
+    }
+    fn data_is_high(&self) -> bool {
+        map::SHIELD_I2C.set.read() & 2 != 0
+    }
+    fn pause(&self) {
+        // 0.64 µs.
+        cortex_m::asm::delay(16);
+    }
+}
+
+#[exception]
+unsafe fn DefaultHandler(number: i16) {
+    match number {
+        map::UART0_IN => line::take_in(),
+        map::UART0_OUT => line::give_out(),
+        map::UART1_IN => console::take_in(),
+        map::UART1_OUT => console::give_out(),
+        map::TIMER0_ZERO => clock::came_round(),
+        map::TIMER1_ZERO => clock::alarm(),
+        _ => guard::give_up(Reset::Fault),
+    }
+    NEWS.store(true, Ordering::Relaxed);
+}
+
+#[exception]
+unsafe fn NonMaskableInt() {
+    guard::give_up(Reset::Watchdog);
+}
+
+#[exception]
+unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {
+    guard::give_up(Reset::Fault)
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    guard::give_up(Reset::Panic(info.location().map_or(0, |at| at.line())))
+}

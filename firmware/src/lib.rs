@@ -1,0 +1,67 @@
+//! The modules as firmware: all that is not one board's.
+//!
+//! [`Module`] is the loop around the engine that the simulator runs, too. A board gives it the
+//! functions of [`Board`], and calls [`Module::step`] whenever something happened or the moment
+//! has come that the last step named. [`Ring`] and [`Outbox`] are what interrupts and loop
+//! share; [`Panel`] is a module's relays and inputs on I2C chips.
+//!
+//! All of it is tested on the host, and none of it is unsafe.
+
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::unreachable
+)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::indexing_slicing))]
+
+mod i2c;
+mod module;
+mod outbox;
+mod panel;
+mod report;
+mod ring;
+
+pub use i2c::{Absent, I2c, Pins};
+pub use module::{Board, Counts, Module};
+pub use outbox::Outbox;
+pub use panel::{Panel, Pinned, Sensed};
+pub use report::{About, Reset, Text, line};
+pub use ring::{Heard, Ring};
+
+use railbus_device::{Eeprom, Family, Setup};
+use railbus_wire::Address;
+
+/// What this image is: the family that it was built for.
+pub const FAMILY: Family = if cfg!(feature = "eda9060a") {
+    Family::Eda9060a
+} else if cfg!(feature = "eda9050") {
+    Family::Eda9050
+} else if cfg!(feature = "r55") {
+    Family::R55
+} else if cfg!(feature = "emd2a2q") {
+    Family::Emd2a2q
+} else {
+    Family::Erc8
+};
+
+/// A module as it leaves the factory: address 1.
+#[must_use]
+pub fn factory() -> Setup {
+    Setup::new(FAMILY, Address(1))
+}
+
+/// The module that keeps these settings.
+#[must_use]
+pub fn setup_of(kept: &Eeprom) -> Setup {
+    Setup {
+        address: kept.address,
+        protocol: kept.protocol,
+        serial: kept.serial,
+        checksum: kept.checksum,
+        ..factory()
+    }
+}

@@ -1,0 +1,58 @@
+//! A board's image for a family of modules.
+
+use std::path::{Path, PathBuf};
+
+use super::toolchain::{self, TARGET};
+use crate::run::{self, Error, Result};
+
+/// The families, as the features of the boards' crates name them.
+pub(crate) const FAMILIES: &[&str] = &["eda9060a", "eda9050", "erc8", "r55", "emd2a2q"];
+
+/// The board that QEMU emulates.
+const BOARD: &str = "mps2-an385";
+
+/// The family of that name.
+pub(crate) fn family(name: &str) -> Result<&'static str> {
+    let found = FAMILIES.iter().copied().find(|family| *family == name);
+    found.ok_or_else(|| {
+        Error::new(
+            format!("there is no family `{name}`"),
+            format!("say one of {}", FAMILIES.join(", ")),
+        )
+    })
+}
+
+/// Where the image of a family lies once it is built.
+pub(crate) fn path(root: &Path, family: &str) -> PathBuf {
+    root.join(format!("target/firmware/{BOARD}-{family}.elf"))
+}
+
+/// Builds the images of all families.
+pub(crate) fn build_all(root: &Path) -> Result<Vec<PathBuf>> {
+    FAMILIES.iter().map(|family| build(root, family)).collect()
+}
+
+/// Builds the image of a family.
+pub(crate) fn build(root: &Path, family: &str) -> Result<PathBuf> {
+    let target = root.join("target/thumb");
+    let mut command = toolchain::build(root, toolchain::choose(root)?);
+    toolchain::with_linker(root, &mut command);
+    command
+        // The folder's own settings and lock file count.
+        .current_dir(root.join("firmware"))
+        .args(["--release", "--locked", "-p", BOARD, "--features", family])
+        .args(["--target", TARGET, "--target-dir"])
+        .arg(&target);
+    run::run(&mut command)?;
+    let image = path(root, family);
+    let built = target.join(TARGET).join("release").join(BOARD);
+    let copied = std::fs::create_dir_all(image.parent().unwrap_or(root))
+        .and_then(|()| std::fs::copy(&built, &image));
+    match copied {
+        Ok(_) => Ok(image),
+        Err(error) => Err(Error::new(
+            format!("{} could not be written: {error}", image.display()),
+            "see that the folder can be written to and has room",
+        )),
+    }
+}
