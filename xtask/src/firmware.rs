@@ -15,7 +15,7 @@ use toolchain::{TARGET, build, choose};
 pub(crate) use toolchain::{linker_there, target_installed};
 
 /// Crates that a module's firmware takes.
-const CRATES: &[&str] = &["wire", "device", "bus"];
+const CRATES: &[&str] = &["wire", "device", "keep", "bus"];
 
 /// Builds the core crates for the target.
 pub(crate) fn check(root: &Path, args: &[String]) -> Result<()> {

@@ -45,6 +45,11 @@ const RULES: &[Rule] = &[
         words: &[STD, HEAP, CLOCK, IO],
     },
     Rule {
+        name: "keep",
+        attributes: NO_STD,
+        words: &[STD, HEAP, CLOCK, IO],
+    },
+    Rule {
         name: "bus",
         attributes: NO_STD,
         words: &[STD, CLOCK, IO],

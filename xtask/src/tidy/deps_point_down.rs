@@ -1,5 +1,5 @@
 //! `deps-point-down`: `railbus -> site -> host -> bus -> device -> wire`, and `railbus -> sim ->
-//! device`. What a crate cannot see it cannot come to need.
+//! device`, and `keep -> device`. What a crate cannot see it cannot come to need.
 //!
 //! Dev-dependencies are free: the soak of `sim` takes `bus` to have something to torment.
 
@@ -28,6 +28,11 @@ const LAYERS: &[Layer] = &[
     },
     Layer {
         name: "bus",
+        below: &["device", "wire"],
+        foreign: true,
+    },
+    Layer {
+        name: "keep",
         below: &["device", "wire"],
         foreign: true,
     },

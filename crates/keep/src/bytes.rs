@@ -1,0 +1,95 @@
+//! A few bytes of a varying number, and reading and writing them from the front.
+
+/// Up to 128 bytes.
+#[derive(Clone, Copy, Debug)]
+pub struct Bytes {
+    buffer: [u8; Bytes::MAX],
+    len: usize,
+}
+
+impl Bytes {
+    /// The most there can be.
+    pub const MAX: usize = 128;
+
+    /// None at all.
+    #[must_use]
+    pub const fn new() -> Bytes {
+        Bytes {
+            buffer: [0; Bytes::MAX],
+            len: 0,
+        }
+    }
+
+    /// These bytes, or nothing where they are too many.
+    #[must_use]
+    pub fn of(bytes: &[u8]) -> Option<Bytes> {
+        let mut all = Bytes::new();
+        all.push(bytes).then_some(all)
+    }
+
+    /// The bytes.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        self.buffer.get(..self.len).unwrap_or_default()
+    }
+
+    /// Appends all of these bytes, or none where they are too many.
+    pub(crate) fn push(&mut self, bytes: &[u8]) -> bool {
+        let end = self.len.saturating_add(bytes.len());
+        let Some(room) = self.buffer.get_mut(self.len..end) else {
+            return false;
+        };
+        room.copy_from_slice(bytes);
+        self.len = end;
+        true
+    }
+
+    /// Room for so many bytes, which are to be filled in; nothing where they are too many.
+    pub(crate) fn room(&mut self, len: usize) -> Option<&mut [u8]> {
+        let room = self.buffer.get_mut(..len)?;
+        self.len = len;
+        Some(room)
+    }
+}
+
+impl Default for Bytes {
+    fn default() -> Bytes {
+        Bytes::new()
+    }
+}
+
+impl PartialEq for Bytes {
+    fn eq(&self, other: &Bytes) -> bool {
+        self.bytes() == other.bytes()
+    }
+}
+
+impl Eq for Bytes {}
+
+/// What is left of some bytes.
+pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
+
+impl Reader<'_> {
+    /// The next `N` bytes; nothing, and none taken, where there are fewer.
+    pub(crate) fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (taken, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(*taken)
+    }
+
+    pub(crate) fn u8(&mut self) -> Option<u8> {
+        self.take().map(u8::from_le_bytes)
+    }
+
+    pub(crate) fn u16(&mut self) -> Option<u16> {
+        self.take().map(u16::from_le_bytes)
+    }
+
+    pub(crate) fn i16(&mut self) -> Option<i16> {
+        self.take().map(i16::from_le_bytes)
+    }
+
+    pub(crate) fn u32(&mut self) -> Option<u32> {
+        self.take().map(u32::from_le_bytes)
+    }
+}

@@ -1,0 +1,43 @@
+//! What a module keeps while it has no power.
+//!
+//! A [`Record`] is everything that makes a module the module it is: its family, how it is built
+//! and behaves, and its settings. It becomes bytes ([`Record::encode`]) in a layout with a version.
+//! A [`Store`] holds such bytes so that a loss of power at any moment leaves either the old ones
+//! or the new ones: [`Slots`] in a byte EEPROM. A [`Keeper`] stands before it: it writes nothing
+//! that is there already, and never so often that the chip wears out.
+//!
+//! The image of a module as it leaves the factory, for a programmer or an emulator:
+//!
+//! ```
+//! use railbus_device::{Family, Setup};
+//! use railbus_keep::{Record, slot_image};
+//! use railbus_wire::Address;
+//!
+//! let record = Record::factory(&Setup::new(Family::Erc8, Address(7)))?;
+//! let image = slot_image(record.encode().bytes(), 1);
+//! assert_eq!(image.bytes().len(), Record::LEN + 9, "it goes to offset 0 of the EEPROM");
+//! # Ok::<(), railbus_keep::RecordError>(())
+//! ```
+
+#![no_std]
+#![forbid(unsafe_code)]
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing,
+    clippy::unreachable
+)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::indexing_slicing))]
+
+mod budget;
+mod bytes;
+mod keeper;
+mod record;
+mod slots;
+
+pub use budget::{BURST, PERIOD};
+pub use bytes::Bytes;
+pub use keeper::{Counters, Held, Keeper, RETRY, Store};
+pub use record::{Record, RecordError, Unreadable};
+pub use slots::{SLOT, Slots, slot_image};
