@@ -18,21 +18,25 @@
 )]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::indexing_slicing))]
 
+mod eeprom;
 mod i2c;
+mod kept;
 mod module;
 mod outbox;
 mod panel;
 mod report;
 mod ring;
 
+pub use eeprom::At24c;
 pub use i2c::{Absent, I2c, Pins};
+pub use kept::{Kept, Origin};
 pub use module::{Board, Counts, Module};
 pub use outbox::Outbox;
 pub use panel::{Panel, Pinned, Sensed};
 pub use report::{About, Reset, Text, line};
 pub use ring::{Heard, Ring};
 
-use railbus_device::{Eeprom, Family, Setup};
+use railbus_device::{Family, Setup};
 use railbus_wire::Address;
 
 /// What this image is: the family that it was built for.
@@ -52,16 +56,4 @@ pub const FAMILY: Family = if cfg!(feature = "eda9060a") {
 #[must_use]
 pub fn factory() -> Setup {
     Setup::new(FAMILY, Address(1))
-}
-
-/// The module that keeps these settings.
-#[must_use]
-pub fn setup_of(kept: &Eeprom) -> Setup {
-    Setup {
-        address: kept.address,
-        protocol: kept.protocol,
-        serial: kept.serial,
-        checksum: kept.checksum,
-        ..factory()
-    }
 }

@@ -1,7 +1,8 @@
 //! The loop around the engine: what boards do alike.
 
 use crate::{Heard, Sensed};
-use railbus_device::{Eeprom, Effect, Engine, Input, Options, Output, Setup, SetupError};
+use railbus_device::{Eeprom, Effect, Engine, Input, Output, SetupError};
+use railbus_keep::Record;
 use railbus_wire::{Instant, Micros, Settings};
 
 /// Inputs are read when a frame begins, unless they were so lately: they are only ever looked
@@ -47,8 +48,6 @@ pub struct Counts {
     pub replies: u32,
     /// Replies given up, since the transmitter did not send.
     pub stalled: u32,
-    /// Settings kept.
-    pub saves: u32,
 }
 
 /// Whose turn it is on the line.
@@ -75,13 +74,13 @@ pub struct Module {
 }
 
 impl Module {
-    /// A module that is powered up now and keeps these settings.
+    /// A module that is powered up now and keeps this.
     ///
     /// # Errors
     /// Where no module can be as described.
-    pub fn new(setup: &Setup, kept: Eeprom, now: Instant) -> Result<Module, SetupError> {
+    pub fn new(kept: &Record, now: Instant) -> Result<Module, SetupError> {
         Ok(Module {
-            engine: Engine::new(setup, kept, Options::default(), now)?,
+            engine: Engine::new(kept.setup(), kept.eeprom(), kept.options(), now)?,
             deadline: None,
             turn: Turn::Others,
             told: now,
@@ -199,7 +198,6 @@ impl Module {
                 Output::Effect(Effect::Led(lit)) => board.light(lit),
                 Output::Effect(Effect::Serial(serial)) => board.retune(serial),
                 Output::Effect(Effect::Save(settings)) => {
-                    self.counts.saves = self.counts.saves.wrapping_add(1);
                     board.save(&settings);
                 }
                 Output::Transmit(bytes) => {

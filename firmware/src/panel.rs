@@ -16,7 +16,6 @@ use railbus_device::Setup;
 const OUTPUTS: [u8; 2] = [0x60, 0x61];
 const INPUTS: u8 = 0x62;
 const ANALOGS: [u8; 2] = [0x48, 0x49];
-const EEPROM: u8 = 0x50;
 
 /// The first of the PCA9552's four registers with two bits for each LED, and the bit that makes
 /// it go on to the next by itself.
@@ -27,11 +26,10 @@ const CONFIGURATION: u8 = 1;
 const TWELVE_BITS: u8 = 0x60;
 
 /// Chips in the order of the bits of [`Panel::missing`].
-const NAMES: [&str; 6] = ["io0", "io1", "in0", "ai0", "ai1", "eeprom"];
+const NAMES: [&str; 5] = ["io0", "io1", "in0", "ai0", "ai1"];
 const IO: usize = 0;
 const IN: usize = 2;
 const AI: usize = 3;
-const EE: usize = 5;
 
 /// What lies at a module's inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

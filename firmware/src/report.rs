@@ -1,7 +1,8 @@
 //! What the console says.
 
-use crate::Module;
+use crate::{Module, Origin};
 use core::fmt::{self, Write};
+use railbus_keep::Counters;
 
 /// Why the module starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +36,9 @@ pub struct About {
     /// Why it started.
     pub reset: Reset,
     /// Where the settings come from.
-    pub store: &'static str,
+    pub origin: Origin,
+    /// What became of settings to be kept.
+    pub store: Counters,
     /// Characters lost since nobody took them in time.
     pub overruns: u32,
     /// The most bytes of stack that were in use.
@@ -102,6 +105,7 @@ pub fn line(
 ) -> Result<bool, fmt::Error> {
     let engine = module.engine();
     let counts = module.counts();
+    let store = about.store;
     match number {
         0 => write!(
             text,
@@ -117,7 +121,12 @@ pub fn line(
             engine.protocol().name(),
             engine.active().serial
         )?,
-        2 => write!(text, "reset: {}; settings: {}", about.reset, about.store)?,
+        2 => write!(
+            text,
+            "reset: {}; settings: {}",
+            about.reset,
+            about.origin.text()
+        )?,
         3 => {
             text.write_str("missing chips:")?;
             let mut none = true;
@@ -131,10 +140,15 @@ pub fn line(
         }
         4 => write!(
             text,
-            "heard {}, bad {}, lost {}, replies {}, stalled {}, saves {}",
-            counts.heard, counts.bad, about.overruns, counts.replies, counts.stalled, counts.saves
+            "heard {}, bad {}, lost {}, replies {}, stalled {}",
+            counts.heard, counts.bad, about.overruns, counts.replies, counts.stalled
         )?,
-        5 => write!(text, "up {} s, stack {} bytes", about.uptime, about.stack)?,
+        5 => write!(
+            text,
+            "kept {}, unchanged {}, deferred {}, failed {}, refused {}",
+            store.written, store.unchanged, store.deferred, store.failed, store.refused
+        )?,
+        6 => write!(text, "up {} s, stack {} bytes", about.uptime, about.stack)?,
         _ => return Ok(false),
     }
     text.write_str("\r\n")?;

@@ -34,11 +34,10 @@ pub(crate) fn now() -> Instant {
     Instant((rounds << 32 | u64::from(passed)) / TICKS_PER_MICRO)
 }
 
-/// Wakes the processor at that time, if it is later than now; or not at all.
-pub(crate) fn wake_at(at: Option<Instant>) {
+/// Wakes the processor at that time, or at once where it is over.
+pub(crate) fn wake_at(at: Instant) {
     TIMER1.control.write(0);
     TIMER1.interrupt.write(1);
-    let Some(at) = at else { return };
     let ticks = at
         .since(now())
         .0

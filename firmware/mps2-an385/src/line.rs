@@ -110,15 +110,6 @@ pub(crate) fn light(lit: bool) {
     LEDS.write(if lit { others | LED } else { others });
 }
 
-/// Whether the loop has something to do.
-pub(crate) fn has_news(listening: bool) -> bool {
-    if listening {
-        !RING.is_empty()
-    } else {
-        DRAINED.load(Ordering::Acquire)
-    }
-}
-
 /// Characters lost since the UART had no room, or since nobody took them.
 pub(crate) fn lost() -> u32 {
     OVERRUNS.load(Ordering::Relaxed)

@@ -16,7 +16,10 @@ use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use railbus_device::Eeprom;
-use railbus_firmware::{About, Board, Heard, I2c, Module, Panel, Pins, Reset, Sensed, Text};
+use railbus_firmware::{
+    About, At24c, Board, Heard, I2c, Kept, Module, Panel, Pins, Reset, Sensed, Text,
+};
+use railbus_keep::Slots;
 use railbus_wire::{Instant, Settings};
 
 /// An interrupt has brought something since the loop began to look.
@@ -35,25 +38,32 @@ fn main() -> ! {
         map::TIMER0_ZERO,
         map::TIMER1_ZERO,
     ]);
-    let setup = railbus_firmware::factory();
-    let mut board = Mps2 {
-        panel: Panel::new(I2c::new(ShieldPins), &setup),
-        reset: guard::why_reset(),
-        store: "factory",
-        next_line: 0,
+    let store = Slots::new(At24c::new(I2c::new(ShieldPins)));
+    let Ok(kept) = Kept::load(store, &railbus_firmware::factory()) else {
+        panic!("the factory makes modules of the family");
     };
-    let module = Module::new(&setup, Eeprom::of(&setup), clock::now());
-    let Ok(mut module) = module else {
-        panic!("the factory's settings suit the family");
+    let Ok(mut module) = Module::new(kept.record(), clock::now()) else {
+        panic!("what is kept is a possible module");
+    };
+    let mut board = Mps2 {
+        panel: Panel::new(I2c::new(ShieldPins), kept.record().setup()),
+        kept,
+        reset: guard::why_reset(),
+        next_line: 0,
     };
     module.start(&mut board);
     loop {
         guard::feed();
         NEWS.store(false, Ordering::Relaxed);
-        let wake_at = module.step(&mut board);
+        let step_at = module.step(&mut board);
+        let save_at = board.kept.poll(clock::now());
         board.talk(&module);
         let feed_at = clock::now() + guard::FEED_EVERY;
-        clock::wake_at(Some(wake_at.map_or(feed_at, |at| at.min(feed_at))));
+        let wake_at = [step_at, save_at]
+            .into_iter()
+            .flatten()
+            .fold(feed_at, Instant::min);
+        clock::wake_at(wake_at);
         // What comes between the question and the sleep ends the sleep at once.
         cortex_m::interrupt::disable();
         if !NEWS.load(Ordering::Relaxed) {
@@ -67,8 +77,8 @@ fn main() -> ! {
 /// The board as its module sees it.
 struct Mps2 {
     panel: Panel<ShieldPins>,
+    kept: Kept<Slots<At24c<ShieldPins>>>,
     reset: Reset,
-    store: &'static str,
     /// The line that the console says next.
     next_line: u8,
 }
@@ -85,7 +95,8 @@ impl Mps2 {
         let about = About {
             board: "mps2-an385",
             reset: self.reset,
-            store: self.store,
+            origin: self.kept.origin(),
+            store: self.kept.counters(),
             overruns: line::lost(),
             stack: map::stack_used(),
             uptime: (clock::now().0 / 1_000_000) as u32,
@@ -130,7 +141,9 @@ impl Board for Mps2 {
     fn sense(&mut self) -> Sensed {
         self.panel.sense()
     }
-    fn save(&mut self, _settings: &Eeprom) {}
+    fn save(&mut self, settings: &Eeprom) {
+        self.kept.save(clock::now(), *settings);
+    }
 }
 
 /// The I2C pins of the first shield: bit 0 is the clock, bit 1 the data.

@@ -115,13 +115,13 @@ pub(crate) fn let_through(interrupts: &[i16]) {
 }
 
 /// Two words that a reset leaves as they are; memory.x keeps variables out of them.
-pub(crate) const LAST_WORDS: [Register; 2] = [Register(0x2000_3000), Register(0x2000_3004)];
+pub(crate) const LAST_WORDS: [Register; 2] = [Register(0x2000_6000), Register(0x2000_6004)];
 
 /// How much of its stack the program has used at most, in bytes: it is painted at the start.
 pub(crate) fn stack_used() -> u32 {
     /// What cortex-m-rt paints with.
     const PAINT: u32 = 0xCCCC_CCCC;
-    const STACK: core::ops::Range<usize> = 0x2000_0000..0x2000_1000;
+    const STACK: core::ops::Range<usize> = 0x2000_0000..0x2000_4000;
     let untouched = STACK
         .step_by(4)
         .take_while(|at| Register(*at).read() == PAINT);
