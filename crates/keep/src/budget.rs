@@ -5,8 +5,8 @@
 //! poll would be through with that in a day. So writes are counted out: [`BURST`] at once, which
 //! is more than setting up a module takes, and then one every [`PERIOD`]. That is at most 36 in
 //! any hour and 52,590 in a year of such a master. Two slots share them, so an EEPROM lasts 38
-//! years of it, and one that takes only 100,000 still lasts nearly four. A flash store of two
-//! 4 KiB sectors is erased some 950 times in that year.
+//! years of it, and one that takes only 100,000 still lasts nearly four. Flash of
+//! two 4 KiB sectors, which hold 32 slots each, is erased 822 times a sector in that year.
 //!
 //! The count begins anew with each power-up: who can switch the power on and off can also wear
 //! out the relays.

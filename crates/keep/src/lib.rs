@@ -3,8 +3,8 @@
 //! A [`Record`] is everything that makes a module the module it is: its family, how it is built
 //! and behaves, and its settings. It becomes bytes ([`Record::encode`]) in a layout with a version.
 //! A [`Store`] holds such bytes so that a loss of power at any moment leaves either the old ones
-//! or the new ones: [`Slots`] in a byte EEPROM. A [`Keeper`] stands before it: it writes nothing
-//! that is there already, and never so often that the chip wears out.
+//! or the new ones: [`Slots`] in a byte EEPROM, [`Flash`] in NOR flash. A [`Keeper`] stands before
+//! either: it writes nothing that is there already, and never so often that the chip wears out.
 //!
 //! The image of a module as it leaves the factory, for a programmer or an emulator:
 //!
@@ -32,12 +32,16 @@
 
 mod budget;
 mod bytes;
+mod flash;
 mod keeper;
 mod record;
+mod slot;
 mod slots;
 
 pub use budget::{BURST, PERIOD};
 pub use bytes::Bytes;
+pub use flash::{BadRange, Flash};
 pub use keeper::{Counters, Held, Keeper, RETRY, Store};
 pub use record::{Record, RecordError, Unreadable};
-pub use slots::{SLOT, Slots, slot_image};
+pub use slot::{SLOT, slot_image};
+pub use slots::Slots;

@@ -1,5 +1,5 @@
-//! What the tests of this crate have in common: random numbers, records, and a model of a byte
-//! EEPROM that may lose its power at any byte.
+//! What the tests of this crate have in common: random numbers, records, and models of a byte
+//! EEPROM and of a NOR flash that may lose their power at any byte.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -7,6 +7,7 @@
 )]
 
 pub mod chip;
+pub mod nor;
 
 use proptest::prelude::*;
 use railbus_device::{Applies, Beyond, Calibration, Eeprom, Family, Layout, Options, Setup};
