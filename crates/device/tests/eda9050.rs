@@ -4,7 +4,7 @@
 mod eda;
 mod support;
 
-use eda::{PROTOCOLS, converse, converse_rtu, is_silent_to, read, setup};
+use eda::{PROTOCOLS, converse_rtu, is_silent_to, read, setup};
 use railbus_device::{Bank, Change, Eeprom, Effect, Family, Input, Module, Op, Options};
 use railbus_device::{Seen, Setup};
 use railbus_wire::{Address, Baud, Channel, Micros, Protocol, PulseWidth};
@@ -278,37 +278,6 @@ fn outputs_in_ascii() {
     is_silent_to(&mut module, &["#011801", "#011901", "#011A01", "#011F01"]);
 }
 
-/// [EDA9050 §3.3, §4.2]
-#[test]
-fn the_printed_data() {
-    let frames = [
-        (Protocol::Ascii, b"$016\r".to_vec(), b"!112200\r".to_vec()),
-        (
-            Protocol::Lc02,
-            hex("4C 57 01 03 04 0D"),
-            hex("6C 63 01 11 22 34 0D"),
-        ),
-    ];
-    for (protocol, request, reply) in frames {
-        let mut module = module(protocol);
-        module.op(write(0b0001_0001));
-        module.input(Input::Levels(0b0010_0010));
-        assert_eq!(module.ask(&request), Some(reply));
-    }
-}
-
-/// [EDA9050 §3.4, §3.5]
-#[test]
-fn configuration_in_ascii() {
-    let mut module = Bench::new(Setup::new(Family::Eda9050, Address(8)));
-    converse(&mut module, &[("$082", "!08400600")]);
-    is_silent_to(&mut module, &["082"]);
-    converse(
-        &mut module,
-        &[("%0809400700", "!09"), ("$092", "!09400700")],
-    );
-}
-
 /// [EDA9050 §4.1]
 #[test]
 fn outputs_in_lc02() {
@@ -329,38 +298,6 @@ fn outputs_in_lc02() {
         &mut module,
         &["01 04 08 01", "01 04 10 01", "01 04 80 01", "01 04 FE 01"],
     );
-}
-
-/// [EDA9050 §4.3]
-#[test]
-fn configuration_in_lc02() {
-    let reply = module(Protocol::Lc02).ask_hex("4C 57 01 01 02 0D");
-    assert_eq!(reply, Some(hex("6C 63 01 06 90 50 00 E7 0D")));
-}
-
-/// [EDA9050 §5.1]
-#[test]
-fn the_functions() {
-    let mut module = module(Protocol::Rtu);
-    let requests = [
-        "01 01 0000 0001",
-        "01 02 0000 0001",
-        "01 05 0000 0000",
-        "01 0F 0000 0001 01 00",
-        "01 10 0000 0001 02 0106",
-    ];
-    assert!(
-        requests
-            .iter()
-            .all(|request| module.ask_rtu(request).is_some())
-    );
-    let absent = [
-        "01 03 0000 0001",
-        "01 03 0000 0004",
-        "01 04 0000 0001",
-        "01 06 0000 0106",
-    ];
-    is_silent_to(&mut module, &absent);
 }
 
 /// [EDA9050 §5.2, §5.3, §5.5] every start and count, and whether it is inside.
@@ -394,38 +331,6 @@ fn spans() {
         assert_eq!(module.engine.outputs(), 0b1010_0110 | on);
         module.op(write(0b1010_0110));
     }
-}
-
-/// [EDA9050 §5.4]
-#[test]
-fn single_coils() {
-    let mut module = module(Protocol::Rtu);
-    for coil in 0..8 {
-        for value in ["FF00", "0000"] {
-            let request = format!("01 05 000{coil} {value}");
-            converse_rtu(&mut module, &[(&request, &request)]);
-            assert_eq!(module.engine.outputs(), u32::from(value == "FF00") << coil);
-        }
-    }
-    is_silent_to(
-        &mut module,
-        &["01 05 0008 FF00", "01 05 003C FF00", "01 05 FFFF 0000"],
-    );
-}
-
-/// [EDA9050 §5.6]
-#[test]
-fn the_register() {
-    let mut module = module(Protocol::Rtu);
-    let others = [
-        "01 10 0001 0001 02 0206",
-        "01 10 0000 0002 04 0206 0206",
-        "01 10 0000 0002 04 0206 000A",
-    ];
-    is_silent_to(&mut module, &others);
-    let reply = module.ask_hex("01 10 00 00 00 01 02 02 06 27 32");
-    assert_eq!(reply, Some(hex("01 10 00 00 00 01 01 C9")));
-    assert!(module.ask_rtu("02 01 0000 0008").is_some());
 }
 
 /// [EDA9050 §5.7]

@@ -9,7 +9,7 @@ use railbus_device::{Bank, Change, Eeprom, Effect, Family, Input, Module, Op, Op
 use railbus_device::{Seen, Setup};
 use railbus_wire::{Address, Baud, Channel, Decoded, Instant, Malformed, Micros};
 use railbus_wire::{Protocol, PulseWidth, rtu};
-use support::{Bench, hex, lc02, request, seen, with_crc};
+use support::{Bench, hex, request, seen, with_crc};
 
 fn module(protocol: Protocol) -> Bench {
     Bench::new(setup(Family::Eda9060a, protocol, 1))
@@ -327,23 +327,6 @@ fn what_the_host_may_repeat() {
     assert_eq!(host.pulse_mask(), 0b0001);
 }
 
-/// [EDA9060A §4.1, §4.2, §4.6]
-#[test]
-fn what_ascii_refuses() {
-    let mut module = module(Protocol::Ascii);
-    let outputs = ["#010010", "#0100FF", "#011401", "#011700", "#011801"];
-    let pulses = [
-        "#014100A", "#014FF0A", "#0140100", "#01401C9", "#01401FF", "#014010",
-    ];
-    is_silent_to(&mut module, &outputs);
-    is_silent_to(&mut module, &pulses);
-    for channel in 0..4 {
-        let request = format!("#011{channel}01");
-        assert_eq!(module.ask_text(&request).as_deref(), Some(">"));
-    }
-    assert_eq!(module.engine.outputs(), 0b1111);
-}
-
 /// [EDA9060A §4.3, §4.4, §4.5]
 #[test]
 fn pulses_in_ascii() {
@@ -410,115 +393,6 @@ fn four_bits_of_eight() {
     assert_eq!(impossible, masked);
 }
 
-/// [EDA9060A §4.9]
-#[test]
-fn a_new_address_is_acknowledged_from_the_old() {
-    let mut module = Bench::new(Setup::new(Family::Eda9060a, Address(8)));
-    assert_eq!(module.ask_text("%0809400700").as_deref(), Some("!08"));
-    assert_eq!(module.ask_text("$092").as_deref(), Some("!09400700"));
-}
-
-/// [EDA9060A §5.1, §5.4]
-#[test]
-fn what_lc02_refuses() {
-    let mut module = module(Protocol::Lc02);
-    let outputs = ["01 04 04 01", "01 04 07 00", "01 04 08 01", "01 04 00 02"];
-    let values = ["01 04 FF 10", "01 04 FF FF"];
-    let pulses = ["01 05 10 0A", "01 05 FF 0A", "01 05 01 00", "01 05 01 C9"];
-    is_silent_to(&mut module, &outputs);
-    is_silent_to(&mut module, &values);
-    is_silent_to(&mut module, &pulses);
-    for channel in 0..4 {
-        assert!(module.ask(&lc02(&format!("01 04 0{channel} 01"))).is_some());
-    }
-    assert!(module.ask(&lc02("01 04 FF 0F")).is_some());
-}
-
-/// [EDA9060A §5.2, §5.3]
-#[test]
-fn pulses_in_lc02() {
-    let mut module = module(Protocol::Lc02);
-    let conversation = [
-        ("4C 57 01 06 07 0D", "6C 63 01 00 0A 0B 0D"),
-        ("4C 57 01 05 0D C8 DB 0D", "6C 63 01 01 0D"),
-        ("4C 57 01 06 07 0D", "6C 63 01 0D C8 D6 0D"),
-    ];
-    for (request, reply) in conversation {
-        assert_eq!(module.ask_hex(request), Some(hex(reply)), "{request}");
-    }
-}
-
-/// [EDA9060A §6.1]
-#[test]
-fn the_functions() {
-    let mut module = module(Protocol::Rtu);
-    let requests = [
-        "01 01 0000 0001",
-        "01 02 0000 0001",
-        "01 03 0000 0001",
-        "01 05 0000 0000",
-        "01 0F 0000 0001 01 00",
-        "01 10 0001 0001 02 000A",
-    ];
-    assert!(
-        requests
-            .iter()
-            .all(|request| module.ask_rtu(request).is_some())
-    );
-    is_silent_to(
-        &mut module,
-        &["01 04 0000 0001", "01 06 0001 000A", "01 07", "01 11"],
-    );
-}
-
-/// [EDA9060A §6.2, §6.3, §6.19]
-#[test]
-fn coils_and_inputs() {
-    let mut module = module(Protocol::Rtu);
-    module.op(write(0b0010));
-    module.input(Input::Levels(0b0010));
-    let all = [
-        ("01 01 0000 0010", "01 01 02 0200"),
-        ("01 02 0000 0010", "01 02 02 0200"),
-        ("01 01 0004 000C", "01 01 02 0000"),
-        ("01 02 000F 0001", "01 02 01 00"),
-    ];
-    converse_rtu(&mut module, &all);
-    module.op(write(0b1000));
-    module.input(Input::Levels(0b0100));
-    let parts = [
-        ("01 01 0002 0002", "01 01 01 02"),
-        ("01 02 0001 0003", "01 02 01 02"),
-        ("01 01 0003 0001", "01 01 01 01"),
-        ("01 01 0003 000D", "01 01 02 0100"),
-    ];
-    converse_rtu(&mut module, &parts);
-    module.op(write(0b1111));
-    converse_rtu(&mut module, &[("01 01 0000 0010", "01 01 02 0F00")]);
-    converse_rtu(&mut module, &[("01 01 0000 0003", "01 01 01 07")]);
-}
-
-/// [EDA9060A §6.4, §6.5]
-#[test]
-fn reads_end_with_the_map() {
-    let mut module = module(Protocol::Rtu);
-    let bits = [
-        "01 01 0000 0011",
-        "01 02 0001 0010",
-        "01 01 000F 0002",
-        "01 02 0010 0001",
-    ];
-    let words = [
-        "01 03 0000 0005",
-        "01 03 0003 0002",
-        "01 03 0004 0001",
-        "01 03 FFFF 0001",
-    ];
-    is_silent_to(&mut module, &bits);
-    is_silent_to(&mut module, &words);
-    assert!(module.ask_rtu("01 03 0003 0001").is_some());
-}
-
 /// [EDA9060A §6.5, §6.6, §6.7, §6.8, §6.9]
 #[test]
 fn the_read_map() {
@@ -551,83 +425,6 @@ fn the_read_map() {
             ..
         })
     ));
-}
-
-/// [EDA9060A §6.10]
-#[test]
-fn single_coils() {
-    let mut module = module(Protocol::Rtu);
-    for coil in 0..4 {
-        for value in ["FF00", "0000"] {
-            let request = format!("01 05 000{coil} {value}");
-            converse_rtu(&mut module, &[(&request, &request)]);
-            assert_eq!(module.engine.outputs(), u32::from(value == "FF00") << coil);
-        }
-    }
-    is_silent_to(
-        &mut module,
-        &["01 05 0004 FF00", "01 05 000F FF00", "01 05 0010 0000"],
-    );
-}
-
-/// [EDA9060A §6.11, §6.12]
-#[test]
-fn many_coils() {
-    let mut module = module(Protocol::Rtu);
-    module.op(write(0b1010));
-    converse_rtu(
-        &mut module,
-        &[("01 0F 0000 0010 02 0500", "01 0F 0000 0010")],
-    );
-    assert_eq!(module.engine.outputs(), 0b0101);
-    let parts = [
-        ("01 0F 0000 0010 02 F0FF", "01 0F 0000 0010", 0b0000),
-        ("01 0F 0001 0002 01 FF", "01 0F 0001 0002", 0b0110),
-        ("01 0F 0004 000C 02 FFFF", "01 0F 0004 000C", 0b0110),
-        ("01 0F 0003 0002 01 03", "01 0F 0003 0002", 0b1110),
-    ];
-    for (request, reply, outputs) in parts {
-        converse_rtu(&mut module, &[(request, reply)]);
-        assert_eq!(module.engine.outputs(), outputs, "{request}");
-    }
-    let outside = [
-        "01 0F 0000 0011 03 000000",
-        "01 0F 000F 0002 01 00",
-        "01 0F 0010 0001 01 00",
-    ];
-    is_silent_to(&mut module, &outside);
-}
-
-/// [EDA9060A §6.13, §6.14, §6.15]
-#[test]
-fn the_write_map() {
-    let mut module = module(Protocol::Rtu);
-    let conversation = [
-        ("01 10 0001 0001 02 0F01", "01 10 0001 0001"),
-        ("01 03 0002 0001", "01 03 02 0F01"),
-        ("01 10 0001 0001 02 0D64", "01 10 0001 0001"),
-        ("01 10 0000 0001 02 0106", "01 10 0000 0001"),
-        ("01 03 0001 0002", "01 03 04 0106 0D64"),
-        ("01 10 0000 0002 04 0106 000A", "01 10 0000 0002"),
-        ("01 03 0001 0002", "01 03 04 0106 000A"),
-    ];
-    converse_rtu(&mut module, &conversation);
-    let behind = [
-        "01 10 0002 0001 02 000A",
-        "01 10 0001 0002 04 000A 0000",
-        "01 10 0000 0003 06 0106 000A 0000",
-        "01 10 FFFF 0001 02 0000",
-    ];
-    is_silent_to(&mut module, &behind);
-}
-
-/// [EDA9060A §6.16]
-#[test]
-fn pulse_registers_out_of_range() {
-    let mut module = module(Protocol::Rtu);
-    for value in ["0000", "00C9", "00FF", "100A", "200A", "400A", "8D64"] {
-        is_silent_to(&mut module, &[&format!("01 10 0001 0001 02 {value}")]);
-    }
 }
 
 /// [EDA9060A §6.17] what is read at one number is written at the one before it.

@@ -90,25 +90,6 @@ fn at_power_up() {
     }
 }
 
-/// [ERC-8 §1.2, §4.1, §4.6, §4.7, EMD-2A2Q §1.2, §4.2, §4.9] the address register takes 1-32 and
-/// is answered by its echo from the old address; other values give exception 03.
-#[test]
-fn addresses_are_written() {
-    for sister in BOTH {
-        for new in [1, 2, 31, 32] {
-            let mut module = sister.at(6);
-            let write = sister.set(6, 0, new);
-            assert_eq!(module.ask_rtu(&write), Some(hex(&write)));
-            assert_eq!(module.ask_rtu(&sister.read(6)), None, "it has moved");
-            assert!(module.ask_rtu(&sister.read(new as u8)).is_some());
-        }
-        let mut module = sister.at(6);
-        for wrong in [0, 33, 0xFF, 0x0101, 0xFFFF] {
-            module.refuses(&sister.set(6, 0, wrong), 3);
-        }
-    }
-}
-
 /// [ERC-8 §1.4, §1.5, §4.2, §4.3, §4.7, EMD-2A2Q §1.4, §1.5, §4.3, §4.4, §4.9] the codes of speed
 /// and parity; as shipped 9600 without parity.
 #[test]
@@ -506,26 +487,5 @@ fn codes_of_exceptions() {
     ];
     for (code, text) in meanings {
         assert_eq!(rtu::Exception(code).to_string(), text);
-    }
-}
-
-/// [ERC-8 §5.10, EMD-2A2Q §6.1, §6.2] nothing that is sent to address 0 is answered.
-#[test]
-fn broadcasts_are_never_answered() {
-    for sister in BOTH {
-        let mut module = sister.at(1);
-        let requests = [
-            sister.on(0),
-            sister.read(0),
-            sister.set(0, 0, 2),
-            sister.set(0, 0, 99),
-            "00 03 0000 0001".to_owned(),
-            "00 08 0000 0000".to_owned(),
-            "00 05 0000 1234".to_owned(),
-            "00 01 0000 0000".to_owned(),
-        ];
-        for request in requests {
-            assert_eq!(module.ask_rtu(&request), None, "{request}");
-        }
     }
 }

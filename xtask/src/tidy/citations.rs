@@ -1,6 +1,7 @@
 //! `citations`: whoever reads a constant must be able to read where it comes from.
 
 use super::cite::{self, Citation};
+use super::facts_tested::CASES;
 use super::report::Report;
 use super::sheets;
 use super::tree::Tree;
@@ -11,6 +12,13 @@ const WHERE: &[&str] = &["crates/", "firmware/", "fuzz/", "bench/"];
 pub(super) fn check(tree: &Tree, report: &mut Report) {
     for (path, source) in tree.rust(WHERE) {
         for (line, text) in source.lines() {
+            for citation in cite::in_line(text) {
+                resolve(tree, report, (path, line), &citation);
+            }
+        }
+    }
+    for (path, text) in tree.texts(&[CASES]) {
+        for (line, text) in (1..).zip(text.lines()) {
             for citation in cite::in_line(text) {
                 resolve(tree, report, (path, line), &citation);
             }
@@ -50,6 +58,7 @@ mod tests {
     fn fixture() {
         let found = crate::tidy::found("citations", check);
         let lines = ["4", "6", "6", "8", "11"].map(|line| format!("crates/wire/src/lib.rs:{line}"));
-        assert_eq!(found, lines);
+        let case = String::from("vectors/cases/erc8.txt:2");
+        assert_eq!(found, [&lines[..], &[case]].concat());
     }
 }

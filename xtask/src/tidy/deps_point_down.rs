@@ -27,6 +27,11 @@ const LAYERS: &[Layer] = &[
         foreign: false,
     },
     Layer {
+        name: "cases",
+        below: &["device", "wire"],
+        foreign: false,
+    },
+    Layer {
         name: "bus",
         below: &["device", "wire"],
         foreign: true,

@@ -21,27 +21,41 @@ pub(super) fn check(tree: &Tree, report: &mut Report) {
                     sheet.path,
                     fact.line,
                     format!("no test names this fact ({citation})"),
-                    format!("put `// {citation}` above or into the #[test] that would fail"),
+                    format!(
+                        "put `// {citation}` above or into the #[test] that would fail, or \
+                         {citation} behind the name of a case of vectors/cases"
+                    ),
                 );
             }
         }
     }
 }
 
-/// Tag and number of every fact that a test function under a `tests/` folder cites.
+/// The lists of cases, which a test runs; the line of a case cites what it shows.
+pub(super) const CASES: &str = "vectors/cases/*.txt";
+
+/// Tag and number of every fact that is cited by a test function under a `tests/` folder, or by a
+/// case.
 fn tested(tree: &Tree) -> BTreeSet<(&'static str, String)> {
     let mut tested = BTreeSet::new();
-    for (_, source) in tree.rust(&["crates/*/tests/"]) {
-        let functions = source.test_functions();
-        for citation in functions
-            .iter()
-            .flat_map(|text| text.lines())
-            .flat_map(cite::in_line)
-        {
+    let mut add = |line: &str| {
+        for citation in cite::in_line(line) {
             if let Citation::Section { sheet, number } = citation {
                 tested.insert((sheet.tag, number.to_owned()));
             }
         }
+    };
+    for (_, source) in tree.rust(&["crates/*/tests/"]) {
+        let functions = source.test_functions();
+        functions
+            .iter()
+            .flat_map(|text| text.lines())
+            .for_each(&mut add);
+    }
+    for (_, text) in tree.texts(&[CASES]) {
+        text.lines()
+            .filter(|line| line.starts_with("case "))
+            .for_each(&mut add);
     }
     tested
 }

@@ -2,27 +2,6 @@
 
 use super::*;
 
-/// [EDA §2.1, §2.11, §2.16, §2.17] the forms, byte for byte.
-#[test]
-fn ascii_frames() {
-    for mut module in both(Protocol::Ascii, 1) {
-        let (name, open) = match module.setup.family {
-            Family::Eda9060a => ("!019060\r", "!000F00\r"),
-            _ => ("!019050\r", "!007F00\r"),
-        };
-        let frames = [
-            ("$01M\r", name),
-            ("$012\r", "!01400600\r"),
-            ("$016\r", open),
-            ("#010000\r", ">\r"),
-            ("%0101400600\r", "!01\r"),
-        ];
-        for (request, reply) in frames {
-            assert_eq!(module.ask(request.as_bytes()), Some(reply.into()));
-        }
-    }
-}
-
 /// [EDA §2.2, §2.4] upper case, and no blanks.
 #[test]
 fn host_sends_upper_case_and_no_blanks() {
@@ -82,17 +61,6 @@ fn host_reads_digits_of_either_case_and_bit_6_of_the_format() {
         }
         let data = |reply: &[u8]| seen(&host, &Op::ReadInputs, reply);
         assert_eq!(data(b"!0a0b00\r"), data(b"!0A0B00\r"));
-    }
-}
-
-/// [EDA §2.4]
-#[test]
-fn a_blank_is_a_syntax_error() {
-    for mut module in both(Protocol::Ascii, 1) {
-        is_silent_to(
-            &mut module,
-            &["$ 016", "$0 16", "$01 6", "$016 ", "# 010001", "#01 00 01"],
-        );
     }
 }
 
@@ -166,17 +134,6 @@ fn more_than_32_characters_are_forgotten() {
     }
 }
 
-/// [EDA §2.10]
-#[test]
-fn a_delimiter_begins_anew() {
-    for mut module in both(Protocol::Ascii, 1) {
-        for unfinished in ["$01", "$", "%0102400", "#0100", "#01000F", "$0"] {
-            let inputs = module.ask_text("$016");
-            assert_eq!(module.ask_text(&format!("{unfinished}$016")), inputs);
-        }
-    }
-}
-
 /// [EDA §2.12, §2.13, §2.15, §2.31] format, speed and address change together, at once, and
 /// under no further condition.
 #[test]
@@ -221,45 +178,7 @@ fn who_acknowledges_a_configuration() {
     }
 }
 
-/// [EDA §2.17, §2.18, §2.19, §2.20]
-#[test]
-fn outputs_in_ascii() {
-    for mut module in both(Protocol::Ascii, 0x14) {
-        let inputs = if module.setup.family == Family::Eda9050 {
-            "7F"
-        } else {
-            "0F"
-        };
-        let steps = [
-            ("#14000A", 0b1010),
-            ("#140005", 0b0101),
-            ("#141101", 0b0111),
-            ("#141000", 0b0110),
-            ("#141000", 0b0110),
-            ("#141301", 0b1110),
-            ("#140000", 0b0000),
-        ];
-        for (request, outputs) in steps {
-            let data = format!("!{outputs:02X}{inputs}00");
-            converse(&mut module, &[(request, ">"), ("$146", &data)]);
-            assert_eq!(module.engine.outputs(), outputs, "{request}");
-        }
-    }
-    for mut module in both(Protocol::Ascii, 0x15) {
-        converse(&mut module, &[("#151201", ">")]);
-        assert_eq!(module.engine.outputs(), 0b100);
-    }
-}
-
 const VALID: [&str; 6] = ["$01M", "$012", "%0102400740", "$016", "#01000F", "#011201"];
-
-/// [EDA §2.21]
-#[test]
-fn requests_for_others_are_ignored() {
-    for mut module in both(Protocol::Ascii, 2) {
-        is_silent_to(&mut module, &VALID);
-    }
-}
 
 /// [EDA §2.22] with the checksum on, no damaged bit passes; and no `?AA` comes.
 #[test]
@@ -375,15 +294,5 @@ fn line_feeds_are_ignored() {
     }
     for mut module in sealing() {
         assert!(module.ask(b"$0\n16BB\n\r").is_some());
-    }
-}
-
-/// [EDA §2.30]
-#[test]
-fn no_checksum_where_none_is_set() {
-    for mut module in both(Protocol::Ascii, 1) {
-        for frame in VALID.map(sealed) {
-            module.ignores(&frame);
-        }
     }
 }

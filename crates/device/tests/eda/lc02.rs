@@ -2,41 +2,6 @@
 
 use super::*;
 
-/// [EDA §3.1, §3.3, §3.4, §3.5, §3.6, §3.7, §3.11, §3.14] the forms, byte for byte.
-#[test]
-fn lc02_frames() {
-    for mut module in both(Protocol::Lc02, 1) {
-        let (model, open) = match module.setup.family {
-            Family::Eda9060a => ("6C 63 01 06 90 60 00 F7 0D", "6C 63 01 00 0F 10 0D"),
-            _ => ("6C 63 01 06 90 50 00 E7 0D", "6C 63 01 00 7F 80 0D"),
-        };
-        let frames = [
-            ("4C 57 01 01 02 0D", model),
-            ("4C 57 01 03 04 0D", open),
-            ("4C 57 01 04 FF 00 04 0D", "6C 63 01 01 0D"),
-            ("4C 57 01 02 0A 06 00 13 0D", "6C 63 01 01 0D"),
-            (
-                "4C 57 0A 03 0D 0D",
-                &open
-                    .replace("63 01", "63 0A")
-                    .replace("10 0D", "19 0D")
-                    .replace("80 0D", "89 0D"),
-            ),
-            ("4C 57 0A 02 0D 06 00 1F 0D", "6C 63 0A 0A 0D"),
-            (
-                "4C 57 0D 03 10 0D",
-                &open
-                    .replace("63 01", "63 0D")
-                    .replace("10 0D", "1C 0D")
-                    .replace("80 0D", "8C 0D"),
-            ),
-        ];
-        for (request, reply) in frames {
-            assert_eq!(module.ask_hex(request), Some(hex(reply)), "{request}");
-        }
-    }
-}
-
 /// [EDA §3.2] 0D is a byte like others, and the end byte is not looked for.
 #[test]
 fn lc02_goes_by_length() {
@@ -108,25 +73,6 @@ fn configuration_in_lc02() {
         assert_eq!((active.address.0, active.serial.baud), (2, Baud::B19200));
         assert!(active.checksum && module.engine.eeprom().checksum);
         assert!(module.ask(&lc02("02 03")).is_some());
-    }
-}
-
-/// [EDA §3.12, §3.13]
-#[test]
-fn outputs_in_lc02() {
-    for mut module in both(Protocol::Lc02, 1) {
-        let steps = [
-            ("01 04 FF 05", 0b0101),
-            ("01 04 01 01", 0b0111),
-            ("01 04 00 00", 0b0110),
-            ("01 04 00 00", 0b0110),
-            ("01 04 03 01", 0b1110),
-            ("01 04 FF 00", 0b0000),
-        ];
-        for (request, outputs) in steps {
-            assert_eq!(module.ask(&lc02(request)), Some(hex("6C 63 01 01 0D")));
-            assert_eq!(module.engine.outputs(), outputs, "{request}");
-        }
     }
 }
 

@@ -86,20 +86,6 @@ fn host_takes_exceptions() {
     }
 }
 
-/// [EDA §4.5]
-#[test]
-fn coil_values() {
-    for mut module in both(Protocol::Rtu, 1) {
-        for (request, outputs) in [("01 05 0002 FF00", 0b100), ("01 05 0002 0000", 0)] {
-            assert_eq!(module.ask_rtu(request), Some(hex(request)));
-            assert_eq!(module.engine.outputs(), outputs);
-        }
-        for value in ["0001", "0100", "00FF", "FF01", "FFFF", "5500"] {
-            is_silent_to(&mut module, &[&format!("01 05 0002 {value}")]);
-        }
-    }
-}
-
 /// [EDA §4.6, §4.7, §4.8, §4.11]
 #[test]
 fn configuration_in_modbus() {
@@ -193,22 +179,4 @@ fn broadcasts_in_modbus() {
         let active = module.engine.active();
         assert_eq!((active.address.0, active.serial.baud), (9, Baud::B19200));
     }
-}
-
-/// [EDA §4.16]
-#[test]
-fn all_registers_or_none() {
-    let [mut eda9060a, mut eda9050] =
-        BOTH.map(|family| Bench::new(setup(family, Protocol::Rtu, 1)));
-    for words in ["0206 0D00", "0206 1D64", "0006 0D64", "0208 0D64"] {
-        is_silent_to(&mut eda9060a, &[&format!("01 10 0000 0002 04 {words}")]);
-    }
-    let both = "01 10 0000 0002 04 0207 0D64";
-    assert!(eda9060a.ask_rtu(both).is_some());
-    let kept = eda9060a.engine.eeprom();
-    assert_eq!(
-        (kept.address.0, kept.pulse_mask, kept.pulse_width.tenths()),
-        (2, 0x0D, 100)
-    );
-    is_silent_to(&mut eda9050, &[both]);
 }

@@ -2,43 +2,6 @@
 
 use super::*;
 
-/// [R55 §2.2] what each function and its twin do to relays 1, 3 and 32 being on:
-/// [R55 §2.3, §2.4, §2.5, §2.6, §2.7, §2.8, §2.9, §2.10, §2.11]. [R55 §3.1, §3.2, §3.6] the answer
-/// is the state after execution, under the function's own code. [R55 §3.7] twins say nothing.
-#[test]
-fn functions_and_their_twins() {
-    const BEFORE: u32 = 0x8000_0005;
-    let table = [
-        (0x10, None, 0x0000_0000_u32, BEFORE),
-        (0x11, Some(0x31), 0x0000_0003, 0x8000_0001),
-        (0x11, Some(0x31), 0x0000_0002, BEFORE),
-        (0x12, Some(0x32), 0x0000_0002, 0x8000_0007),
-        (0x12, Some(0x32), 0x0000_0001, BEFORE),
-        (0x13, Some(0x33), 0x1234_5678, 0x1234_5678),
-        (0x14, Some(0x34), 0x8000_0003, 0x0000_0004),
-        (0x15, Some(0x35), 0x4000_0003, 0xC000_0007),
-        (0x16, Some(0x36), 0xC000_0003, 0x4000_0006),
-        (0x20, Some(0x30), 0x0000_0020, 0x0000_0005),
-        (0x20, Some(0x30), 0x0000_0002, 0x8000_0007),
-        (0x21, Some(0x37), 0x0003_E802, 0x8000_0007),
-        (0x22, Some(0x38), 0x0003_E801, 0x8000_0004),
-    ];
-    for (code, twin, data, after) in table {
-        let mut board = with_on(BEFORE);
-        let answer = board.ask(&frame(&format!("01 {code:02X} {data:08X}")));
-        assert_eq!(answer, Some(reply(code, after)), "{code:02X}");
-        assert_eq!(board.engine.outputs(), after, "{code:02X}");
-        if let Some(twin) = twin {
-            let mut board = with_on(BEFORE);
-            let answer = board.ask_r55(&format!("01 {twin:02X} {data:08X}"));
-            assert_eq!(answer, None, "{twin:02X}");
-            assert_eq!(board.engine.outputs(), after, "{twin:02X}");
-            let changes = outputs_told(&mut board).len();
-            assert_eq!(changes as u32, (BEFORE ^ after).count_ones());
-        }
-    }
-}
-
 /// [R55 §2.10, §2.11, §2.12] a jog comes at once and goes after its time, to the microsecond, from
 /// 1 ms to 4.66 h.
 #[test]
@@ -73,24 +36,6 @@ fn jogs_on_small_boards() {
         let last = count - 1;
         let moves = [(begun, last, true), (begun + SECOND, last, false)];
         assert_eq!(outputs_told(&mut board), moves, "{count} relays");
-    }
-}
-
-/// [R55 §2.13] a jog time of 0 is the end state at once.
-#[test]
-fn jogs_of_no_time() {
-    for (request, before, after) in [
-        ("01 21 000000 01", 0, 0),
-        ("01 21 000000 01", 1, 0),
-        ("01 22 000000 01", 0, 1),
-        ("01 22 000000 01", 1, 1),
-    ] {
-        let mut board = with_on(before);
-        let answer = board.ask(&frame(request));
-        let code = hex(request)[1];
-        assert_eq!(answer, Some(reply(code, after)), "{request}");
-        board.wait(1000);
-        assert_eq!(board.engine.outputs(), after);
     }
 }
 
@@ -189,24 +134,6 @@ fn at_power_up() {
     assert_eq!((board.engine.outputs(), board.did()), (0, vec![]));
 }
 
-/// [R55 §2.16, §3.5] bits above the count have no effect and read 0.
-#[test]
-fn bits_above_the_count() {
-    let mut board = relays(5);
-    let table = [
-        ("01 13 FFFFFFFF", 0x1F),
-        ("01 14 FFFFFFF0", 0x0F),
-        ("01 16 FFFFFFE1", 0x0E),
-        ("01 15 80000020", 0x0E),
-        ("01 15 FFFFFFFF", 0x1F),
-    ];
-    for (request, state) in table {
-        let code = hex(request)[1];
-        assert_eq!(board.ask(&frame(request)), Some(reply(code, state)));
-        assert_eq!(board.engine.outputs(), state);
-    }
-}
-
 /// [R55 §3.2, §3.3] the state of each layout; outputs of an input board do not exist.
 #[test]
 fn layouts() {
@@ -234,46 +161,5 @@ fn layouts() {
             inputs: Bank::new(inputs, 0x89AB_CDEF & inputs),
         };
         assert_eq!(seen, expected);
-    }
-}
-
-/// [R55 §4.1, §4.2] everything from 10 to 38 is carried out for address 245, in silence;
-/// [R55 §4.12] the printed frames for all off and all on.
-#[test]
-fn broadcasts() {
-    for address in [1, 7, 255] {
-        let setup = Setup {
-            address: Address(address),
-            ..setup(Layout::Outputs, 32, 0)
-        };
-        let mut board = Bench::new(setup);
-        let table = [
-            ("F5 10 00000000", 0),
-            ("F5 12 00000020", 0x8000_0000),
-            ("F5 11 00000020", 0),
-            ("F5 13 00000007", 7),
-            ("F5 14 00000001", 6),
-            ("F5 15 00000008", 0xE),
-            ("F5 16 0000000A", 4),
-            ("F5 20 00000003", 0),
-            ("F5 21 0FFFFF 01", 1),
-            ("F5 22 0FFFFF 01", 0),
-            ("F5 30 00000001", 1),
-            ("F5 31 00000001", 0),
-            ("F5 32 00000002", 2),
-            ("F5 34 00000002", 0),
-            ("F5 35 00000003", 3),
-            ("F5 36 00000001", 2),
-            ("F5 37 0FFFFF 01", 3),
-            ("F5 38 0FFFFF 01", 2),
-        ];
-        for (request, outputs) in table {
-            assert_eq!(board.ask(&frame(request)), None, "{request}");
-            assert_eq!(board.engine.outputs(), outputs, "{request}");
-        }
-        assert_eq!(board.ask_hex("55 F5 33 FF FF FF FF 79"), None);
-        assert_eq!(board.engine.outputs(), u32::MAX);
-        assert_eq!(board.ask_hex("55 F5 33 00 00 00 00 7D"), None);
-        assert_eq!(board.engine.outputs(), 0);
     }
 }

@@ -119,40 +119,6 @@ fn new_addresses() {
     }
 }
 
-/// [R55 §4.8] a DIP switch other than 0 is the address, and then 41 does nothing.
-#[test]
-fn dip_switch() {
-    let mut board = relays(32);
-    board.input(Input::Dip(9));
-    board.ignores(&frame("01 10 00000000"));
-    assert_eq!(board.ask_r55("09 12 00000001"), Some(hex("09 12 00000001")));
-    assert_eq!(board.ask_r55("F5 40 00000000"), Some(hex("09 40 00000009")));
-    for address in ["09", "01", "F5"] {
-        board.ignores(&frame(&format!("{address} 41 00000007")));
-    }
-    board.input(Input::Dip(0));
-    board.ignores(&frame("09 10 00000000"));
-    assert_eq!(board.ask_r55("01 10 00000000"), Some(hex("01 10 00000001")));
-    assert_eq!(board.ask(&frame("01 41 00000007")), Some(reply(0x41, 7)));
-}
-
-/// [R55 §4.13] 41 and 71 to 245 are carried out without a reply, 70 to 245 is ignored.
-#[test]
-fn broadcasts_of_settings() {
-    let mut board = programmable();
-    board.ignores(&frame("F5 70 00000003"));
-    assert_eq!(board.ask(&frame("F5 71 ABCDEF 03")), None);
-    assert_eq!(
-        board.ask(&frame("01 70 00000003")),
-        Some(reply(0x70, 0xABCD_EF03))
-    );
-    assert_eq!(board.ask(&frame("F5 41 00000007")), None);
-    assert_eq!(board.ask_r55("07 10 00000000"), Some(hex("07 10 00000000")));
-    for refused in ["F5 41 00000000", "F5 41 000000F5", "F5 71 ABCDEF 20"] {
-        board.ignores(&frame(refused));
-    }
-}
-
 fn programmable() -> Bench {
     Bench::new(Setup {
         variables: 2,
@@ -183,12 +149,4 @@ fn variables() {
         let read = frame(&format!("01 70 000000 {index:02X}"));
         assert_eq!(board.ask(&read), Some(reply(0x70, index.into())));
     }
-}
-
-/// [R55 §5.2] boards without a programmable core have no variables.
-#[test]
-fn boards_without_variables() {
-    let mut board = relays(32);
-    board.ignores(&frame("01 70 00000000"));
-    board.ignores(&frame("01 71 00000100"));
 }

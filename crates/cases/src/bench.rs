@@ -1,0 +1,173 @@
+//! What runs a case, whatever the module is made of.
+
+use crate::read::{Case, Step};
+use railbus_device::{Family, Setup};
+use railbus_wire::Protocol;
+use std::fmt;
+
+/// What lies around a module and is none of its doing; no loss of power changes it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outside {
+    /// The levels at the digital inputs: bit n = input n is high or open.
+    pub levels: u32,
+    /// What lies at the analog inputs, in hundredths of their unit.
+    pub analogs: [i16; 2],
+    /// The INIT* pin is grounded.
+    pub init: bool,
+    /// The DIP switch.
+    pub dip: u8,
+}
+
+impl Outside {
+    /// Nothing is connected; but an EDA9050 that speaks LC-02 does so because its INIT* pin is
+    /// grounded [EDA9050 §2.1].
+    #[must_use]
+    pub fn of(setup: &Setup) -> Outside {
+        Outside {
+            levels: u32::MAX,
+            analogs: [0; 2],
+            init: (setup.family, setup.protocol) == (Family::Eda9050, Protocol::Lc02),
+            dip: 0,
+        }
+    }
+}
+
+/// A module on a bench.
+pub trait Bench {
+    /// Why the bench itself does not work.
+    type Error: fmt::Display;
+
+    /// Sends bytes after a silence, and gives back what is answered. So many bytes are worth
+    /// waiting for with patience; what comes beyond them shortly after is given back, too.
+    ///
+    /// # Errors
+    /// Where the bench does not work. Silence is no error.
+    fn ask(&mut self, request: &[u8], worth: usize) -> Result<Vec<u8>, Self::Error>;
+
+    /// The outputs as seen from outside: bit n = output n is on. They may take a moment to become
+    /// what is `expected`.
+    ///
+    /// # Errors
+    /// As above.
+    fn outputs(&mut self, expected: u32) -> Result<u32, Self::Error>;
+
+    /// Changes what lies around the module; it has noticed when this returns.
+    ///
+    /// # Errors
+    /// As above.
+    fn surround(&mut self, outside: &Outside) -> Result<(), Self::Error>;
+
+    /// Power off and on again.
+    ///
+    /// # Errors
+    /// As above.
+    fn power_cycle(&mut self) -> Result<(), Self::Error>;
+
+    /// Lets time pass, and gives back what the module says meanwhile.
+    ///
+    /// # Errors
+    /// As above.
+    fn wait(&mut self, millis: u64) -> Result<Vec<u8>, Self::Error>;
+}
+
+/// A case that a module did not pass.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failure {
+    /// `erc8.txt:12`
+    pub place: String,
+    /// The case's name.
+    pub case: String,
+    /// The module.
+    pub setup: Setup,
+    /// What is different.
+    pub what: String,
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Setup {
+            family, protocol, ..
+        } = self.setup;
+        let place = &self.place;
+        write!(
+            f,
+            "{place}: {family} ({protocol:?}): {}: {}",
+            self.case, self.what
+        )
+    }
+}
+
+/// Runs a case with one of its modules, which has just been put on the bench.
+///
+/// # Errors
+/// What is not as the case says.
+pub fn run<B: Bench>(case: &Case, setup: &Setup, bench: &mut B) -> Result<(), Failure> {
+    let mut outside = Outside::of(setup);
+    for (line, step) in &case.steps {
+        perform(step, &mut outside, bench).map_err(|what| failure(case, *line, setup, what))?;
+    }
+    // Nothing comes behind the last reply.
+    let end = case.steps.last().map_or(case.line, |(line, _)| *line);
+    said_nothing(bench, 50).map_err(|what| failure(case, end, setup, what))
+}
+
+fn failure(case: &Case, line: usize, setup: &Setup, what: String) -> Failure {
+    Failure {
+        place: format!("{}:{line}", case.file),
+        case: case.name.clone(),
+        setup: *setup,
+        what,
+    }
+}
+
+fn perform<B: Bench>(step: &Step, outside: &mut Outside, bench: &mut B) -> Result<(), String> {
+    let broken = |error: B::Error| format!("the bench does not work: {error}");
+    match step {
+        Step::Ask(request, reply) => {
+            let answer = bench.ask(request, reply.len()).map_err(broken)?;
+            let what = || format!("{} gets {}", Said(request), Said(&answer));
+            return (answer == *reply)
+                .then_some(())
+                .ok_or_else(|| format!("{}, not {}", what(), Said(reply)));
+        }
+        Step::Outputs(expected) => {
+            let outputs = bench.outputs(*expected).map_err(broken)?;
+            return (outputs == *expected)
+                .then_some(())
+                .ok_or_else(|| format!("the outputs are {outputs:X}, not {expected:X}"));
+        }
+        Step::Power => return bench.power_cycle().map_err(broken),
+        Step::Wait(millis) => return said_nothing(bench, *millis),
+        Step::Inputs(levels) => outside.levels = *levels,
+        Step::Analog(channel, value) => match outside.analogs.get_mut(usize::from(*channel)) {
+            Some(analog) => *analog = *value,
+            None => return Err(format!("no module has an analog input {channel}")),
+        },
+        Step::Dip(dip) => outside.dip = *dip,
+        Step::Init(grounded) => outside.init = *grounded,
+    }
+    bench.surround(outside).map_err(broken)
+}
+
+fn said_nothing<B: Bench>(bench: &mut B, millis: u64) -> Result<(), String> {
+    match bench.wait(millis) {
+        Ok(said) if said.is_empty() => Ok(()),
+        Ok(said) => Err(format!("unasked, it says {}", Said(&said))),
+        Err(error) => Err(format!("the bench does not work: {error}")),
+    }
+}
+
+/// Bytes as people read them.
+struct Said<'a>(&'a [u8]);
+
+impl fmt::Display for Said<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            [] => f.write_str("silence"),
+            [text @ .., b'\r'] if text.iter().all(|byte| (0x20..0x7F).contains(byte)) => {
+                write!(f, "\"{}\"", String::from_utf8_lossy(text))
+            }
+            bytes => write!(f, "{bytes:02X?}"),
+        }
+    }
+}

@@ -1,0 +1,45 @@
+//! The datasheets as cases: what is sent to a module, what it answers, and what its outputs then
+//! are. The simulated module and the firmware pass the same list, `vectors/cases`, so that neither
+//! can come to differ from the sheets, or from the other, unseen.
+//!
+//! A case needs a [`Bench`]: a module of which the inputs can be set, the outputs be seen and the
+//! power be cut. [`Simulated`] is one in virtual time. How a case is written stands in
+//! `vectors/cases/README.md`.
+
+mod bench;
+mod bytes;
+mod read;
+mod simulated;
+
+pub use bench::{Bench, Failure, Outside, run};
+pub use read::{Case, Flaw, Step, read};
+pub use simulated::Simulated;
+
+use std::path::{Path, PathBuf};
+
+/// The folder of the lists, in a checkout.
+#[must_use]
+pub fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../vectors/cases")
+}
+
+/// Every case of every list, in the order of file names.
+///
+/// # Errors
+/// What can't be read, as text with file and line.
+pub fn all() -> Result<Vec<Case>, String> {
+    let folder = folder();
+    let listed = std::fs::read_dir(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let mut paths: Vec<PathBuf> = listed.flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    let mut cases = Vec::new();
+    for path in paths
+        .iter()
+        .filter(|path| path.extension() == Some("txt".as_ref()))
+    {
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        let text = std::fs::read_to_string(path).map_err(|e| format!("{file}: {e}"))?;
+        cases.extend(read(&file, &text).map_err(|flaw| flaw.to_string())?);
+    }
+    Ok(cases)
+}
