@@ -32,6 +32,11 @@ const LAYERS: &[Layer] = &[
         foreign: false,
     },
     Layer {
+        name: "qemu",
+        below: &["cases", "keep", "device", "wire"],
+        foreign: true,
+    },
+    Layer {
         name: "bus",
         below: &["device", "wire"],
         foreign: true,

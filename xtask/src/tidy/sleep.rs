@@ -6,7 +6,10 @@ use super::rust::Source;
 use super::tree::{Tree, matches};
 
 /// Files that may, and why.
-const ALLOWED: &[(&str, &str)] = &[];
+const ALLOWED: &[(&str, &str)] = &[(
+    "crates/qemu/src/board.rs",
+    "QEMU tells nobody that a pin has changed",
+)];
 
 pub(super) fn check(tree: &Tree, report: &mut Report) {
     for (path, source) in tree.rust(&["crates/*/src/"]) {

@@ -1,0 +1,277 @@
+//! One QEMU with a board and its chips.
+
+use crate::Turn;
+use crate::qmp::{self, Qmp};
+use railbus_cases::Outside;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use serde_json::json;
+use std::io::{self, BufRead, BufReader, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Starts QEMU and ends it when standard input ends, which it does when our process does. Only
+/// QEMU keeps standard output, whose end therefore is QEMU's.
+const SHELL: &str = r#""$@" </dev/null & exec >&-; read -r _; kill -KILL $!; wait $!"#;
+
+/// The line and the console, in the order of QEMU's `-serial`.
+const QEMU: &[&str] = &[
+    "qemu-system-arm",
+    "-M",
+    "mps2-an385",
+    "-display",
+    "none",
+    "-monitor",
+    "none",
+    "-S",
+    "-serial",
+    "unix:line",
+    "-serial",
+    "unix:console",
+    "-qmp",
+    "unix:qmp",
+    "-drive",
+    "if=none,id=ee,file=ee.bin,format=raw",
+    "-device",
+    "at24c-eeprom,bus=i2c,address=0x50,rom-size=4096,drive=ee",
+    "-device",
+    "pca9552,bus=i2c,address=0x60,id=io0",
+    "-device",
+    "pca9552,bus=i2c,address=0x61,id=io1",
+    "-device",
+    "pca9552,bus=i2c,address=0x62,id=in0",
+    "-device",
+    "tmp105,bus=i2c,address=0x48,id=ai0",
+    "-device",
+    "tmp105,bus=i2c,address=0x49,id=ai1",
+    "-kernel",
+];
+
+/// The register of the line's UART that divides the clock, and the clock.
+const DIVIDER: u32 = 0x4000_4010;
+const CLOCK: u32 = 25_000_000;
+
+/// So long QEMU may take to start.
+const STARTS: Timespec = Timespec {
+    tv_sec: 60,
+    tv_nsec: 0,
+};
+
+/// A board that is powered for as long as this lives.
+#[derive(Debug)]
+pub struct Machine {
+    qmp: Arc<Mutex<Qmp>>,
+    line: UnixStream,
+    console: BufReader<UnixStream>,
+    qemu: Child,
+}
+
+impl Machine {
+    /// Puts power on a board with this program; `folder` has its EEPROM as `ee.bin`. The processor
+    /// does not run before [`Machine::go`].
+    ///
+    /// # Errors
+    /// Where QEMU does not start, with what it says.
+    pub fn start(image: &Path, folder: &Path) -> io::Result<Machine> {
+        let sockets = ["line", "console", "qmp"].map(|name| listen(&folder.join(name)));
+        let [line, console, qmp] = sockets;
+        let says = folder.join("qemu.txt");
+        let mut qemu = Command::new("sh")
+            .args(["-c", SHELL, "sh"])
+            .args(QEMU)
+            .arg(image.canonicalize().map_err(|error| named(image, &error))?)
+            .current_dir(folder)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(std::fs::File::create(&says)?)
+            .spawn()?;
+        let mut connect = |listener: io::Result<UnixListener>| accept(&listener?, &mut qemu, &says);
+        let (line, console, qmp) = (connect(line)?, connect(console)?, connect(qmp)?);
+        Ok(Machine {
+            qmp: Arc::new(Mutex::new(Qmp::new(qmp)?)),
+            line,
+            console: BufReader::new(console),
+            qemu,
+        })
+    }
+
+    /// Lets the processor run.
+    ///
+    /// # Errors
+    /// Where QEMU is gone.
+    pub fn go(&mut self) -> io::Result<()> {
+        self.qmp().go()
+    }
+
+    fn qmp(&self) -> MutexGuard<'_, Qmp> {
+        self.qmp.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells at which speed the board listens and talks, for as long as it has power. QEMU's UART
+    /// understands every speed; whoever joins boards to a line has to see to it that they don't.
+    ///
+    /// A reply goes out at the speed of its request: when it gets here, the board may have gone
+    /// on to another one.
+    pub fn speed(&self) -> impl FnMut(Turn) -> Option<u32> + Send + use<> {
+        let qmp = Arc::clone(&self.qmp);
+        let mut heard_at = None;
+        move |turn| {
+            if turn == Turn::Hears || heard_at.is_none() {
+                let mut qmp = qmp.lock().unwrap_or_else(PoisonError::into_inner);
+                let answers = qmp.execute(&[qmp::peek(DIVIDER)]).ok()?;
+                let divider = answers.first().and_then(qmp::peeked)?;
+                heard_at = CLOCK.checked_div(divider);
+            }
+            heard_at
+        }
+    }
+
+    /// The board's end of the line.
+    #[must_use]
+    pub const fn line(&self) -> &UnixStream {
+        &self.line
+    }
+
+    /// The outputs as their terminals show them: bit n = output n is on.
+    ///
+    /// # Errors
+    /// Where QEMU is gone.
+    pub fn outputs(&mut self) -> io::Result<u32> {
+        let leds = (0..32).map(|led| match led {
+            0..16 => qmp::get("io0", &format!("led{led}")),
+            _ => qmp::get("io1", &format!("led{}", led - 16)),
+        });
+        let states = self.qmp().execute(&leds.collect::<Vec<_>>())?;
+        let bits = (0..).zip(states);
+        Ok(bits.fold(0, |on, (led, state)| on | u32::from(state == "on") << led))
+    }
+
+    /// Puts this around the board. A LED of `in0` that is on is a pin pulled low.
+    ///
+    /// # Errors
+    /// Where QEMU is gone.
+    pub fn surround(&mut self, outside: &Outside) -> io::Result<()> {
+        let low = !outside.levels & 0xFF
+            | u32::from(outside.dip & 0x1F) << 8
+            | u32::from(outside.init) << 15;
+        let pins = (0..16).map(|led| {
+            let state = if low >> led & 1 == 1 { "on" } else { "off" };
+            qmp::set("in0", &format!("led{led}"), json!(state))
+        });
+        let analogs = ["ai0", "ai1"].into_iter().zip(outside.analogs);
+        let analogs = analogs.map(|(chip, hundredths)| {
+            qmp::set(chip, "temperature", json!(millidegrees(hundredths)))
+        });
+        let commands: Vec<_> = pins.chain(analogs).collect();
+        self.qmp().execute(&commands).map(|_| ())
+    }
+
+    /// What the module says of itself when it is asked on its console, up to its last line.
+    ///
+    /// # Errors
+    /// Where it says nothing.
+    pub fn report(&mut self) -> io::Result<String> {
+        let console = self.console.get_mut();
+        console.set_read_timeout(Some(Duration::from_secs(30)))?;
+        console.write_all(b"?")?;
+        let mut said = String::new();
+        // The first report is the one it makes when it starts.
+        for _ in 0..2 {
+            said.clear();
+            while !said.lines().any(|line| line.starts_with("up ")) {
+                let mut line = String::new();
+                if self.console.read_line(&mut line)? == 0 {
+                    return Err(io::Error::other("the console is gone"));
+                }
+                said.push_str(&line);
+            }
+            self.console
+                .get_ref()
+                .set_read_timeout(Some(Duration::from_secs(2)))?;
+            if !self.has_more()? {
+                break;
+            }
+        }
+        Ok(said)
+    }
+
+    fn has_more(&mut self) -> io::Result<bool> {
+        match self.console.fill_buf() {
+            Ok(more) => Ok(!more.is_empty()),
+            Err(error) if is_silence(&error) => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+}
+
+impl Drop for Machine {
+    fn drop(&mut self) {
+        drop(self.qemu.stdin.take());
+        let _ = self.qemu.wait();
+    }
+}
+
+/// Whether a read ended for want of anything to read.
+pub(crate) fn is_silence(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut
+    )
+}
+
+/// What to set a TMP105 to so that it shows so many sixteenths of a degree: it rounds to 0.
+fn millidegrees(hundredths: i16) -> i32 {
+    let exact = i32::from(hundredths) * 125;
+    exact / 2 + exact % 2
+}
+
+fn listen(path: &Path) -> io::Result<UnixListener> {
+    let _ = std::fs::remove_file(path);
+    UnixListener::bind(path).map_err(|error| named(path, &error))
+}
+
+/// Waits for QEMU to connect, or to end.
+fn accept(listener: &UnixListener, qemu: &mut Child, says: &Path) -> io::Result<UnixStream> {
+    let ended = qemu
+        .stdout
+        .as_ref()
+        .ok_or_else(|| io::Error::other("it has no output"))?;
+    let mut fds = [
+        PollFd::new(listener, PollFlags::IN),
+        PollFd::new(ended, PollFlags::IN),
+    ];
+    poll(&mut fds, Some(&STARTS))?;
+    if !fds[0].revents().is_empty() {
+        return Ok(listener.accept()?.0);
+    }
+    let said = std::fs::read_to_string(says).unwrap_or_default();
+    drop(qemu.stdin.take());
+    let _ = qemu.wait();
+    Err(io::Error::other(format!(
+        "QEMU does not start: {}",
+        said.trim()
+    )))
+}
+
+fn named(path: &Path, error: &io::Error) -> io::Error {
+    io::Error::new(error.kind(), format!("{}: {error}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// QEMU's own sum, in its own whole numbers.
+    fn shown(millidegrees: i32) -> i32 {
+        millidegrees * 0x800 / 128_000
+    }
+
+    #[test]
+    fn every_hundredth_can_be_shown() {
+        for hundredths in -2000..=2000 {
+            assert_eq!(shown(millidegrees(hundredths)), i32::from(hundredths));
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! Serves boards in QEMU on a pseudo terminal, as one line.
+//!
+//! ```text
+//! railbus-qemu LINK --images FOLDER --module name=oven,model=erc8,addr=3 [--module ...]
+//! ```
+//!
+//! Standard input is the panel of the modules, in the words of `interop/rig`; at its end the
+//! program ends, and the boards with it.
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    unreachable_pub,
+    reason = "it is a program, and shares a file with another one"
+)]
+
+#[path = "../../../interop/rig/src/describe.rs"]
+mod describe;
+
+use railbus_cases::{Bench, Outside};
+use railbus_qemu::{Board, Hub, Pty};
+use std::io::BufRead;
+use std::path::Path;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    match serve(&args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(why) => {
+            eprintln!("railbus-qemu: {why}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Until standard input ends.
+fn serve(args: &[String]) -> Result<(), String> {
+    let [link, flag, images, modules @ ..] = args else {
+        return Err(String::from("say LINK --images FOLDER --module ..."));
+    };
+    if flag != "--images" {
+        return Err(format!("`{flag}` is not `--images`"));
+    }
+    let mut line = Line::default();
+    for pair in modules.chunks(2) {
+        match pair {
+            [flag, text] if flag == "--module" => line.add(Path::new(images), text)?,
+            _ => return Err(format!("`{}` is not understood", pair.join(" "))),
+        }
+    }
+    let pty = Pty::open(Path::new(link)).map_err(|error| format!("{link}: {error}"))?;
+    pty.join(&line.hub).map_err(|error| error.to_string())?;
+    println!("ok");
+    for order in std::io::stdin().lock().lines().map_while(Result::ok) {
+        match line.obey(order.trim()) {
+            Ok(answer) if answer.is_empty() => println!("ok"),
+            Ok(answer) => println!("ok {answer}"),
+            Err(why) => println!("error {why}"),
+        }
+    }
+    Ok(())
+}
+
+/// The boards and what joins them.
+#[derive(Default)]
+struct Line {
+    hub: Hub,
+    boards: Vec<(String, Board)>,
+}
+
+impl Line {
+    fn add(&mut self, images: &Path, text: &str) -> Result<(), String> {
+        let module = describe::module(text)?;
+        let board = Board::with(images, &module.setup, module.options, module.eeprom);
+        let mut board = board.map_err(|error| format!("{text}: {error}"))?;
+        board.join(&self.hub).map_err(|error| error.to_string())?;
+        self.boards.push((module.name, board));
+        Ok(())
+    }
+
+    /// Does what one line of the panel says.
+    fn obey(&mut self, order: &str) -> Result<String, String> {
+        let words: Vec<&str> = order.split_whitespace().collect();
+        match words[..] {
+            // A pseudo terminal has no parity, and neither has QEMU's UART.
+            ["parity", _] => Ok(String::new()),
+            ["outputs", name] => {
+                let outputs = self
+                    .find(name)?
+                    .machine()
+                    .and_then(|machine| machine.outputs());
+                outputs
+                    .map(|on| format!("{on:X}"))
+                    .map_err(|error| error.to_string())
+            }
+            [verb, name, ref rest @ ..] => self.act(verb, name, rest).map(|()| String::new()),
+            _ => Err(format!("`{order}` is not understood")),
+        }
+    }
+
+    fn act(&mut self, verb: &str, name: &str, rest: &[&str]) -> Result<(), String> {
+        let hub = self.hub.clone();
+        let board = self.find(name)?;
+        let mut outside = *board.outside();
+        let done = match (verb, rest) {
+            ("power", ["off"]) => {
+                board.power_off();
+                Ok(())
+            }
+            ("power", [word @ ("on" | "cycle")]) => {
+                if *word == "cycle" {
+                    board.power_off();
+                }
+                board.power_on().and_then(|()| board.join(&hub))
+            }
+            _ => {
+                surround(&mut outside, verb, rest)?;
+                board.surround(&outside)
+            }
+        };
+        done.map_err(|error| error.to_string())
+    }
+
+    fn find(&mut self, name: &str) -> Result<&mut Board, String> {
+        let found = self.boards.iter_mut().find(|(known, _)| known == name);
+        found
+            .map(|(_, board)| board)
+            .ok_or_else(|| format!("no module `{name}`"))
+    }
+}
+
+fn surround(outside: &mut Outside, verb: &str, rest: &[&str]) -> Result<(), String> {
+    match (verb, rest) {
+        ("init", ["ground"]) => outside.init = true,
+        ("init", ["open"]) => outside.init = false,
+        ("dip", [dip]) => outside.dip = number(dip)?,
+        ("levels", [levels]) => outside.levels = number(levels)?,
+        ("analog", [channel, value]) => {
+            let channel: usize = number(channel)?;
+            let analog = outside.analogs.get_mut(channel);
+            *analog.ok_or("no such input")? = number(value)?;
+        }
+        _ => return Err(format!("`{verb} {}` is not understood", rest.join(" "))),
+    }
+    Ok(())
+}
+
+fn number<T: TryFrom<i64>>(text: &str) -> Result<T, String> {
+    let wide: Option<i64> = text.parse().ok();
+    let fits = wide.and_then(|wide| T::try_from(wide).ok());
+    fits.ok_or_else(|| format!("`{text}` is no number that fits"))
+}

@@ -1,0 +1,99 @@
+//! QEMU's monitor: one JSON object a line, each way.
+
+use serde_json::{Value, json};
+use std::io::{self, BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+/// So long QEMU may take for an answer. It answers in under a millisecond unless the machine is
+/// very busy.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// The monitor of one QEMU.
+#[derive(Debug)]
+pub(crate) struct Qmp {
+    lines: BufReader<UnixStream>,
+}
+
+impl Qmp {
+    /// Takes up the conversation on a fresh connection.
+    ///
+    /// # Errors
+    /// Where QEMU does not answer as it should.
+    pub(crate) fn new(stream: UnixStream) -> io::Result<Qmp> {
+        stream.set_read_timeout(Some(PATIENCE))?;
+        let mut qmp = Qmp {
+            lines: BufReader::new(stream),
+        };
+        qmp.line()?; // Its greeting.
+        qmp.execute(&[json!({"execute": "qmp_capabilities"})])?;
+        Ok(qmp)
+    }
+
+    /// Has commands carried out, one after another; what each returns.
+    ///
+    /// # Errors
+    /// Where one is refused, or QEMU is gone.
+    pub(crate) fn execute(&mut self, commands: &[Value]) -> io::Result<Vec<Value>> {
+        let lines: String = commands
+            .iter()
+            .map(|command| format!("{command}\n"))
+            .collect();
+        self.lines.get_mut().write_all(lines.as_bytes())?;
+        commands
+            .iter()
+            .map(|command| self.answer(command))
+            .collect()
+    }
+
+    /// Lets the processor run.
+    pub(crate) fn go(&mut self) -> io::Result<()> {
+        self.execute(&[json!({"execute": "cont"})]).map(|_| ())
+    }
+
+    fn answer(&mut self, command: &Value) -> io::Result<Value> {
+        loop {
+            let mut line = self.line()?;
+            if let Some(answer) = line.get_mut("return") {
+                return Ok(answer.take());
+            }
+            if let Some(error) = line.get("error") {
+                return Err(io::Error::other(format!("QEMU refuses {command}: {error}")));
+            }
+            // Else it is an event.
+        }
+    }
+
+    fn line(&mut self) -> io::Result<Value> {
+        let mut line = String::new();
+        if self.lines.read_line(&mut line)? == 0 {
+            return Err(io::Error::other("QEMU has ended"));
+        }
+        serde_json::from_str(&line).map_err(io::Error::other)
+    }
+}
+
+/// The command that reads a word at an address, as the debugger of a chip would.
+pub(crate) fn peek(address: u32) -> Value {
+    let line = format!("xp /1xw {address:#x}");
+    json!({"execute": "human-monitor-command", "arguments": {"command-line": line}})
+}
+
+/// The word that [`peek`] brought: `40004010: 0x00000a2c`.
+pub(crate) fn peeked(answer: &Value) -> Option<u32> {
+    let (_, word) = answer.as_str()?.trim().split_once("0x")?;
+    u32::from_str_radix(word, 16).ok()
+}
+
+/// The command that reads a property of a chip.
+pub(crate) fn get(chip: &str, property: &str) -> Value {
+    let path = format!("/machine/peripheral/{chip}");
+    json!({"execute": "qom-get", "arguments": {"path": path, "property": property}})
+}
+
+/// The command that sets a property of a chip.
+pub(crate) fn set(chip: &str, property: &str, value: Value) -> Value {
+    let path = format!("/machine/peripheral/{chip}");
+    let arguments = json!({"path": path, "property": property, "value": value});
+    json!({"execute": "qom-set", "arguments": arguments})
+}
