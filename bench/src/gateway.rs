@@ -1,17 +1,22 @@
-//! The whole program as a site has it: what a flood of clients costs a line, and what many lines
-//! cost the machine. The released `railbus` is measured, with simulated modules whose characters
+//! The whole program as a site has it: what it takes beyond the wire, what a flood of clients costs
+//! a line, and what many lines cost the machine. The released `railbus` is measured, with simulated modules whose characters
 //! take their time at 9600.
 
+use crate::daemon::{Folder, address_in, build, start};
+use crate::latency::{self, DELTA_MAX, Measured, WRITE_MAX};
 use crate::table::Table;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::fmt;
+use std::io::{Read, Write};
 use std::net::TcpStream;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// A line may become so much slower by a flood, in percent.
 pub const SLOWER_MAX: f64 = 20.0;
+/// Many lines may take so much memory, in MiB,
+pub const MEMORY_MAX: f64 = 64.0;
+/// and so much of one core, in percent.
+pub const SHARE_MAX: f64 = 25.0;
 /// So many lines with so many modules each.
 pub const LINES: usize = 32;
 /// See [`LINES`].
@@ -24,81 +29,6 @@ const ROUNDS: usize = 3;
 const CONNECTIONS: u32 = 1_000;
 /// Connections that send half a request each.
 const HALVES: usize = 100;
-
-/// A program that is ended with the measurement.
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-/// Starts railbus, and gives back what it said until the words came that end its beginning.
-fn start(words: &[&str], until: &str) -> Result<(Running, String), String> {
-    let program = program();
-    let mut child = Command::new(&program)
-        .args(words)
-        .env("RAILBUS_LANG", "en")
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .spawn()
-        .map_err(|why| format!("{}: {why}", program.display()))?;
-    let stdout = child.stdout.take().ok_or("it has no output")?;
-    let running = Running(child);
-    let mut stdout = BufReader::new(stdout);
-    let mut told = String::new();
-    while !told.contains(until) {
-        let read = stdout.read_line(&mut told).map_err(|why| why.to_string())?;
-        if read == 0 {
-            return Err(format!("railbus {} ended: {told}", words.join(" ")));
-        }
-    }
-    Ok((running, told))
-}
-
-/// Builds the program as users get it.
-fn build() -> Result<(), String> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut command = Command::new(cargo);
-    command.args(["build", "--quiet", "--release", "--package", "railbus"]);
-    command.current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
-    let status = command.status().map_err(|why| format!("cargo: {why}"))?;
-    status
-        .success()
-        .then_some(())
-        .ok_or_else(|| "railbus can't be built".to_owned())
-}
-
-/// Where it is then.
-fn program() -> PathBuf {
-    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
-    let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
-    Path::new(root).join(target).join("release/railbus")
-}
-
-/// A folder that goes with the measurement.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Result<Folder, String> {
-        let path =
-            std::env::temp_dir().join(format!("railbus-bench-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&path).map_err(|why| why.to_string())?;
-        Ok(Folder(path))
-    }
-
-    fn path(&self, name: &str) -> String {
-        self.0.join(name).display().to_string()
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 /// How many exchanges there were, by the program's own count over its socket.
 fn exchanges(socket: &str) -> Result<f64, String> {
@@ -168,7 +98,7 @@ fn send_halves(address: &str, over: &AtomicBool) {
 /// Exchanges in a second on the demo's line without a flood and with one, and how many connections
 /// a second that was.
 fn flood() -> Result<[f64; 3], String> {
-    let folder = Folder::new("flood")?;
+    let folder = Folder::new(&std::env::temp_dir(), "flood")?;
     let socket = folder.path("socket");
     let words = [
         "serve",
@@ -179,10 +109,7 @@ fn flood() -> Result<[f64; 3], String> {
         &socket,
     ];
     let (_daemon, told) = start(&words, "Ctrl-C")?;
-    let address = told
-        .lines()
-        .find_map(|line| line.trim().strip_prefix("web     http://"));
-    let address = address.ok_or("it listens nowhere")?.trim_end_matches('/');
+    let address = address_in(&told)?;
     std::thread::sleep(Duration::from_secs(3));
     let (mut calm, mut flooded, mut came) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
@@ -247,7 +174,7 @@ fn used(process: u32) -> Result<(f64, f64), String> {
 
 /// Memory in MiB, share of a processor and exchanges in a second of a site with many lines.
 fn many() -> Result<[f64; 3], String> {
-    let folder = Folder::new("many")?;
+    let folder = Folder::new(&std::env::temp_dir(), "many")?;
     let [plant, site] = plant(&folder)?;
     let control = folder.path("ctl");
     let (_sim, _) = start(&["sim", &plant, "--control", &control], "ctl")?;
@@ -264,41 +191,101 @@ fn many() -> Result<[f64; 3], String> {
     let (daemon, _) = start(&words, "Ctrl-C")?;
     // The first replies are waited for longer, for they may come twice.
     std::thread::sleep(Duration::from_secs(15));
-    let (begun, before) = (Instant::now(), used(daemon.0.id())?);
+    let (begun, before) = (Instant::now(), used(daemon.id())?);
     let rate = rate(&socket)?;
-    let after = used(daemon.0.id())?;
+    let after = used(daemon.id())?;
     let share = (after.0 - before.0) / begun.elapsed().as_secs_f64() * 100.0;
     Ok([after.1 / f64::from(1 << 20), share, rate])
 }
 
-/// The tables of both.
-pub fn tables() -> Result<[Table; 2], String> {
+/// What of all that was measured, and what exceeds its limit.
+pub struct Gateway {
+    /// Writes over HTTP.
+    pub writes: Table,
+    /// Changes, to a client of the WebSocket.
+    pub deltas: Table,
+    /// A flood of clients.
+    pub flood: Table,
+    /// Many lines.
+    pub many: Table,
+    exceeded: Vec<String>,
+}
+
+impl Gateway {
+    /// Fails where something exceeds its limit.
+    pub fn check(&self) -> Result<(), String> {
+        if self.exceeded.is_empty() {
+            return Ok(());
+        }
+        Err(self.exceeded.join("; "))
+    }
+}
+
+impl fmt::Display for Gateway {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Gateway {
+            writes,
+            deltas,
+            flood,
+            many,
+            ..
+        } = self;
+        write!(f, "{writes}\n{deltas}\n{flood}\n{many}")
+    }
+}
+
+/// Measures everything.
+pub fn measure() -> Result<Gateway, String> {
     build()?;
+    let ([writes, deltas], Measured { added, delta }) = latency::tables()?;
     let [calm, flooded, came] = flood()?;
-    let mut first = Table::new(&[
+    let slower = 100.0 - flooded / calm * 100.0;
+    let mut flood = Table::new(&[
         "exchanges/s",
         "the same in a flood",
         "slower by",
         "connections/s",
     ]);
-    first.row(&[
+    flood.row(&[
         &format!("{calm:.1}"),
         &format!("{flooded:.1}"),
-        &format!("{:.1} %", 100.0 - flooded / calm * 100.0),
+        &format!("{slower:.1} %"),
         &format!("{came:.0}"),
     ]);
     let [memory, share, rate] = many()?;
-    let mut second = Table::new(&[
+    let mut many = Table::new(&[
         "lines × modules",
         "exchanges/s",
         "memory, MiB",
         "of one core",
     ]);
-    second.row(&[
+    many.row(&[
         &format!("{LINES} × {MODULES}"),
         &format!("{rate:.0}"),
         &format!("{memory:.1}"),
         &format!("{share:.1} %"),
     ]);
-    Ok([first, second])
+    let limits = [
+        (
+            "what a write takes beyond the wire, p99, ms",
+            added,
+            WRITE_MAX,
+        ),
+        ("a change to a client, median, ms", delta, DELTA_MAX),
+        ("a line in a flood is slower, %", slower, SLOWER_MAX),
+        ("memory of many lines, MiB", memory, MEMORY_MAX),
+        ("many lines of one core, %", share, SHARE_MAX),
+    ];
+    // What is no number is beyond every limit.
+    let beyond = limits
+        .into_iter()
+        .filter(|(_, is, most)| is > most || is.is_nan());
+    let exceeded = beyond.map(|(what, is, most)| format!("{what}: {is:.1}, the limit is {most}"));
+    Ok(Gateway {
+        writes,
+        deltas,
+        flood,
+        many,
+        exceeded: exceeded.collect(),
+    })
 }

@@ -6,7 +6,8 @@
 //! railbus-bench codec --update         the same, and write them into `codec-limits.toml`
 //! railbus-bench line                   the line master on a line that takes no time
 //! railbus-bench paced                  the line master on a line whose characters take theirs
-//! railbus-bench gateway                the whole program: a flood of clients, and many lines
+//! railbus-bench gateway                the whole program: writes, changes, a flood, many lines
+//! railbus-bench gateway --check        the same, and fails where a limit is exceeded
 //! railbus-bench --check                what must never get worse; for CI
 //! ```
 //!
@@ -17,11 +18,14 @@
 
 mod codec;
 mod count;
+mod daemon;
 mod floor;
 mod gateway;
 mod jobs;
+mod latency;
 mod limits;
 mod line;
+mod live;
 mod master;
 mod paced;
 mod page;
@@ -45,7 +49,7 @@ fn main() -> ExitCode {
 }
 
 const USAGE: &str = "usage: railbus-bench \
-    [all [--write FILE] | codec [--check | --update] | line | paced | gateway | --check]";
+    [all [--write FILE] | codec [--check | --update] | line | paced | gateway [--check] | --check]";
 
 fn run(args: &[&str]) -> Result<(), String> {
     match *args {
@@ -61,7 +65,11 @@ fn run(args: &[&str]) -> Result<(), String> {
         }
         ["line"] => line::table().map(|table| print!("{table}")),
         ["paced"] => paced::tables().map(|[wire, strict]| print!("{wire}\n{strict}")),
-        ["gateway"] => gateway::tables().map(|[flood, many]| print!("{flood}\n{many}")),
+        ["gateway"] => gateway::measure().map(|told| print!("{told}")),
+        ["gateway", "--check"] => gateway::measure().and_then(|told| {
+            print!("{told}");
+            told.check()
+        }),
         ["--check"] | ["all", "--check"] => page::check(),
         // The programs that are measured.
         ["--one", name, "--iterations", times] => codec::one(name, times),

@@ -104,6 +104,7 @@ fn run(master: Master, name: &str, baud: u32) -> Result<Option<Run>, String> {
     let wire = Wire {
         baud,
         strict: false,
+        spins: true,
     };
     let round: f64 = scene
         .reads
@@ -152,6 +153,7 @@ pub fn answers(master: Master) -> Result<Option<usize>, String> {
     let wire = Wire {
         baud: 9_600,
         strict: true,
+        spins: true,
     };
     let record = record(master, ("rtu", wire.baud), STRICT, wire)?;
     Ok(record.map(|record| {

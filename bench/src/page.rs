@@ -2,7 +2,8 @@
 
 use crate::codec::{self, After};
 use crate::count::What;
-use crate::gateway::{self, SLOWER_MAX};
+use crate::gateway::{self, MEMORY_MAX, SHARE_MAX, SLOWER_MAX};
+use crate::latency::{DELTA_MAX, WRITE_MAX};
 use crate::line::{self, ADDED_MAX, INSTRUCTIONS_MAX};
 use crate::master::Master;
 use crate::paced::{self, STRICT};
@@ -21,7 +22,13 @@ pub fn write(file: &str) -> Result<(), String> {
     println!("line whose characters take their time");
     let [wires, strict] = paced::tables()?;
     println!("gateway");
-    let [flood, many] = gateway::tables()?;
+    let gateway::Gateway {
+        writes,
+        deltas,
+        flood,
+        many,
+        ..
+    } = gateway::measure()?;
     let date = date();
     let page = format!(
         "# Performance
@@ -71,6 +78,26 @@ by that is late enough for the next one.
 {strict}
 ## The gateway
 
+Writes over HTTP to the demo's five modules at 9600, which are polled as fast as the line goes, at
+moments that have nothing to do with the line's: from the first byte of the request to the last of
+the answer that says `readback`, in ms. The wire's own time is what is left of the exchange that it
+is at, the write, its read-back, and the silence before each. Nothing is sent before the entry in
+the audit log is durable: with the state folder in memory that costs nothing, and what it costs on
+a disk is the difference. A write that waits for the disk may be *overtaken* by a poll that begins
+meanwhile; all of that poll counts as added. The host's and the modules' bytes go through a
+pseudo-terminal four times in a write, and there are as many moments that somebody sleeps until; how
+late a machine is that has other things to do, *a byte* says, which is sent through another
+pseudo-terminal all the while.
+
+{writes}
+Limit: p99 {WRITE_MAX} ms in memory.
+
+From the last byte of a reply that shows that an input has moved to the client of a WebSocket that
+is told of it, in ms.
+
+{deltas}
+Limit: {DELTA_MAX} ms in the median.
+
 The released program with the demo's five modules at 9600, polled as fast as the line goes: alone,
 and while clients connect and leave, every hundredth with a body of 64 KB, and 100 more send half a
 request each and wait. Medians of 3 rounds of 10 s, turn by turn.
@@ -82,7 +109,7 @@ Many lines in one process, each at 9600 with modules that answer at once; memory
 resident.
 
 {many}
-Limits: 64 MiB, 25 % of one core.
+Limits: {MEMORY_MAX} MiB, {SHARE_MAX} % of one core.
 
 ## Codec
 

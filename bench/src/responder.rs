@@ -1,7 +1,7 @@
 //! The other end of the pseudo-terminal: modules that answer at once, or on a virtual wire whose
 //! characters take their time.
 
-use crate::scene::Scene;
+use crate::scene::{Scene, Step};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fd::OwnedFd;
 use rustix::io::Errno;
@@ -22,6 +22,24 @@ const PATIENCE: Timespec = Timespec {
     tv_nsec: 0,
 };
 
+/// The modules at this end.
+pub trait Modules {
+    /// From the end of a request to the reply.
+    fn turnaround(&self) -> Duration;
+    /// The exchange that begins with these bytes, if they are a whole request.
+    fn answer(&mut self, request: &[u8]) -> Option<&Step>;
+}
+
+impl Modules for &Scene {
+    fn turnaround(&self) -> Duration {
+        Duration::from_micros(self.turnaround.0)
+    }
+
+    fn answer(&mut self, request: &[u8]) -> Option<&Step> {
+        Scene::answer(self, request)
+    }
+}
+
 /// How a virtual wire behaves.
 #[derive(Clone, Copy)]
 pub struct Wire {
@@ -29,6 +47,9 @@ pub struct Wire {
     pub baud: u32,
     /// A request that follows earlier than 3.5 characters is not answered.
     pub strict: bool,
+    /// It keeps its moments by spinning, on whatever core it has; else by sleeping, and what it is
+    /// late by makes the wire slower.
+    pub spins: bool,
 }
 
 /// One request and what came of it.
@@ -74,14 +95,21 @@ impl Pty {
     }
 
     /// Answers until the master closes its end; the record of what was asked.
-    pub fn serve(&self, scene: &Scene, wire: Option<Wire>) -> Result<Vec<Heard>, String> {
+    pub fn serve(
+        &self,
+        mut modules: impl Modules,
+        wire: Option<Wire>,
+    ) -> Result<Vec<Heard>, String> {
+        let turnaround = modules.turnaround();
         let mut record: Vec<Heard> = Vec::with_capacity(100_000);
         let mut request = Vec::with_capacity(300);
         let mut began = Instant::now();
         let mut buffer = [0; 300];
         loop {
             let spin_until = match (wire, record.last()) {
-                (Some(wire), Some(last)) => Some(last.ended + wire.silence() + SPIN_FOR_REQUEST),
+                (Some(wire), Some(last)) if wire.spins => {
+                    Some(last.ended + wire.silence() + SPIN_FOR_REQUEST)
+                }
                 _ => None,
             };
             let Some(count) = self.read(&mut buffer, spin_until)? else {
@@ -91,7 +119,7 @@ impl Pty {
                 began = Instant::now();
             }
             request.extend_from_slice(&buffer[..count]);
-            let Some(step) = scene.answer(&request) else {
+            let Some(step) = modules.answer(&request) else {
                 continue;
             };
             let mut heard = Heard {
@@ -104,7 +132,6 @@ impl Pty {
             match wire {
                 None => self.write(&step.reply)?,
                 Some(wire) => {
-                    let turnaround = Duration::from_micros(scene.turnaround.0);
                     heard.too_early = record
                         .last()
                         .is_some_and(|last| began < last.ended + wire.silence());
@@ -116,7 +143,7 @@ impl Pty {
                         for byte in &step.reply {
                             heard.ended += wire.character();
                             // A responder that was held up is a slower wire.
-                            heard.ended = heard.ended.max(wait_until(heard.ended));
+                            heard.ended = heard.ended.max(wait_until(heard.ended, wire.spins));
                             self.write(std::slice::from_ref(byte))?;
                         }
                     }
@@ -152,7 +179,8 @@ impl Pty {
         }
     }
 
-    fn write(&self, bytes: &[u8]) -> Result<(), String> {
+    /// Writes these bytes; nothing is wrong where nobody is at the other end.
+    pub fn write(&self, bytes: &[u8]) -> Result<(), String> {
         match rustix::io::write(&self.fd, bytes) {
             // The master may have left already.
             Ok(_) | Err(Errno::IO) => Ok(()),
@@ -174,11 +202,12 @@ impl Wire {
 }
 
 /// Waits for a moment; the time then.
-fn wait_until(at: Instant) -> Instant {
+fn wait_until(at: Instant, spins: bool) -> Instant {
     loop {
         let now = Instant::now();
         match at.checked_duration_since(now) {
             None => return now,
+            Some(left) if !spins => thread::sleep(left),
             Some(left) if left > SPIN * 2 => thread::sleep(left - SPIN),
             Some(_) => std::hint::spin_loop(),
         }

@@ -128,7 +128,7 @@ fn step(module: &Module, op: &Op) -> Result<Option<Step>, String> {
 }
 
 /// What a line in virtual time answers within a second.
-fn ask(line: &mut Line, now: &mut Instant, request: &[u8]) -> Vec<u8> {
+pub fn ask(line: &mut Line, now: &mut Instant, request: &[u8]) -> Vec<u8> {
     let end = *now + Micros::from_secs(1);
     let settings = Settings::FACTORY;
     line.handle(

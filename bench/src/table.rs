@@ -42,3 +42,9 @@ pub fn median(numbers: &mut [f64]) -> f64 {
     numbers.sort_by(f64::total_cmp);
     numbers[numbers.len() / 2]
 }
+
+/// What so many of 100 of these numbers do not exceed; there must be one.
+pub fn percentile(numbers: &mut [f64], of_100: usize) -> f64 {
+    numbers.sort_by(f64::total_cmp);
+    numbers[(numbers.len() * of_100).div_ceil(100).max(1) - 1]
+}

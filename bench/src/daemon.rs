@@ -1,0 +1,96 @@
+//! The released program: how it is built, started and ended.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// A program that is ended with the measurement.
+pub struct Running(Child);
+
+impl Running {
+    /// Its number.
+    pub fn id(&self) -> u32 {
+        self.0.id()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Starts railbus, and gives back what it said until the words came that end its beginning.
+pub fn start(words: &[&str], until: &str) -> Result<(Running, String), String> {
+    let program = program();
+    let mut child = Command::new(&program)
+        .args(words)
+        .env("RAILBUS_LANG", "en")
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .spawn()
+        .map_err(|why| format!("{}: {why}", program.display()))?;
+    let stdout = child.stdout.take().ok_or("it has no output")?;
+    let running = Running(child);
+    let mut stdout = BufReader::new(stdout);
+    let mut told = String::new();
+    while !told.contains(until) {
+        let read = stdout.read_line(&mut told).map_err(|why| why.to_string())?;
+        if read == 0 {
+            return Err(format!("railbus {} ended: {told}", words.join(" ")));
+        }
+    }
+    Ok((running, told))
+}
+
+/// Builds the program as users get it.
+pub fn build() -> Result<(), String> {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut command = Command::new(cargo);
+    command.args(["build", "--quiet", "--release", "--package", "railbus"]);
+    command.current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."));
+    let status = command.status().map_err(|why| format!("cargo: {why}"))?;
+    status
+        .success()
+        .then_some(())
+        .ok_or_else(|| "railbus can't be built".to_owned())
+}
+
+/// Where it is then.
+fn program() -> PathBuf {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
+    Path::new(root).join(target).join("release/railbus")
+}
+
+/// A folder that goes with the measurement.
+pub struct Folder(PathBuf);
+
+impl Folder {
+    /// A new one below this.
+    pub fn new(below: &Path, name: &str) -> Result<Folder, String> {
+        let path = below.join(format!("railbus-bench-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&path).map_err(|why| format!("{}: {why}", path.display()))?;
+        Ok(Folder(path))
+    }
+
+    /// The path of a file in it.
+    pub fn path(&self, name: &str) -> String {
+        self.0.join(name).display().to_string()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Where the daemon that said this listens.
+pub fn address_in(told: &str) -> Result<&str, String> {
+    let address = told
+        .lines()
+        .find_map(|line| line.trim().strip_prefix("web     http://"));
+    Ok(address.ok_or("it listens nowhere")?.trim_end_matches('/'))
+}
