@@ -85,10 +85,11 @@ impl Flight {
     }
 }
 
-/// A read that a scan wants to make between the line's own exchanges.
+/// An exchange of somebody's own between the line's: a read of a scan, or a frame that somebody
+/// composed. It is sent once at most, and nothing is made of its reply here.
 #[derive(Clone, Copy, Debug)]
 pub struct Probe {
-    /// What to ask; it must be a read.
+    /// What to ask.
     pub exchange: Exchange<'static>,
     /// Speed and character format to ask in.
     pub settings: Settings,
@@ -99,6 +100,8 @@ pub struct Probe {
     /// A lone CR goes before it, in the same breath: an ASCII module that has taken bytes of other
     /// protocols for the beginning of a command drops them.
     pub clear: bool,
+    /// It may change something: whatever was learned of the modules is asked for anew after it.
+    pub changes: bool,
 }
 
 /// Writes the frame of an exchange as it goes out for a job.

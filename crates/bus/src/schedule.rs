@@ -92,8 +92,8 @@ impl Bus {
         Ok(ticket)
     }
 
-    /// Takes a read that a scan wants to make; one at a time. It ends with one
-    /// [`Event::Probed`]. False when the line is closed or has one already.
+    /// Takes an exchange of somebody's own; one at a time. It ends with one [`Event::Probed`].
+    /// False when the line is closed or has one already.
     pub fn submit_probe(&mut self, now: Instant, probe: Probe) -> bool {
         self.now = now;
         if matches!(self.state, State::Closed) || self.probe.is_some() {
@@ -101,6 +101,11 @@ impl Bus {
         }
         self.probe = Some(probe);
         true
+    }
+
+    /// Takes back a probe that was not sent yet; false where there is none. It has no end then.
+    pub const fn withdraw_probe(&mut self) -> bool {
+        self.probe.take().is_some()
     }
 
     /// A silent module that is being asked gives way to a command for another one.
@@ -191,7 +196,11 @@ impl Bus {
                     }
                 }
             }
-            Job::Probe { .. } => self.probe = None,
+            Job::Probe { .. } => {
+                if self.probe.take().is_some_and(|probe| probe.changes) {
+                    self.doubt_all();
+                }
+            }
             Job::Greeting { .. } | Job::ReadBack { .. } => {}
         }
         self.last = Last {
@@ -199,6 +208,16 @@ impl Bus {
             urgent: work.urgent,
             chain: in_chain(&work.exchange),
         };
+    }
+
+    /// Somebody else's frame may change any of the modules: each is greeted and read anew.
+    fn doubt_all(&mut self) {
+        for node in self.nodes.iter_mut().filter(|node| !node.retired) {
+            node.greeted = 0;
+            for poll in &mut node.polls {
+                poll.due = self.now;
+            }
+        }
     }
 
     /// Marks the commands that a frame carries.

@@ -402,6 +402,7 @@ impl Scenario {
                     gap: setup.request_gap(),
                     timeout,
                     clear: false,
+                    changes: !op.is_read(),
                 };
                 let taken = self.drive.bus.submit_probe(now, probe);
                 self.note("call", &format!("probe -> {taken}"));

@@ -3,19 +3,27 @@
 use crate::clock::Clock;
 use crate::line::{Done, LATE_MAX, LateReply, ProbeResult};
 use crate::tap::{Tap, Tapped};
-use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probed, Ticket};
+use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probe, Probed, Ticket};
 use railbus_device::{Op, Seen};
 use railbus_wire::{Micros, Settings};
+use std::collections::VecDeque;
 use tokio::sync::oneshot;
 
 /// The most bytes kept of what a probe meets.
 const TAPE_MAX: usize = 300;
+/// The most probes that wait for their turn.
+const PROBES_MAX: usize = 16;
+
+/// Whom the end of a probe is told.
+pub(crate) type ProbeReply = oneshot::Sender<Result<ProbeResult, Fault>>;
 
 /// Everyone who waits.
 #[derive(Debug)]
 pub(crate) struct Desk {
     runs: Vec<Run>,
     probe: Option<Probing>,
+    /// Probes that wait for the end of that one.
+    probes: VecDeque<(Probe, ProbeReply)>,
     late: Vec<LateReply>,
     tap: Option<Tapped>,
     /// There is a probe or a tap: one question for both, in the way of every byte.
@@ -39,7 +47,8 @@ pub(crate) struct Run {
 struct Probing {
     sent: Vec<u8>,
     heard: Vec<u8>,
-    reply: oneshot::Sender<Result<ProbeResult, Fault>>,
+    changes: bool,
+    reply: ProbeReply,
 }
 
 impl Desk {
@@ -47,6 +56,7 @@ impl Desk {
         Desk {
             runs: Vec::with_capacity(COMMANDS_MAX),
             probe: None,
+            probes: VecDeque::new(),
             late: Vec::new(),
             tap: None,
             records: false,
@@ -61,20 +71,52 @@ impl Desk {
 
     /// Whether nobody waits.
     pub(crate) fn is_idle(&self) -> bool {
-        self.runs.is_empty() && self.probe.is_none()
+        self.runs.is_empty() && self.probe.is_none() && self.probes.is_empty()
     }
 
     pub(crate) fn add(&mut self, run: Run) {
         self.runs.push(run);
     }
 
-    pub(crate) fn add_probe(&mut self, reply: oneshot::Sender<Result<ProbeResult, Fault>>) {
+    /// Lets a probe wait for its turn. Whoever went away meanwhile has left his place.
+    pub(crate) fn queue_probe(&mut self, probe: Probe, reply: ProbeReply) {
+        self.probes.retain(|(_, reply)| !reply.is_closed());
+        if self.probes.len() >= PROBES_MAX {
+            let _ = reply.send(Err(Fault::Overloaded));
+            return;
+        }
+        self.probes.push_back((probe, reply));
+    }
+
+    /// The next probe for which somebody still waits, unless one is under way.
+    pub(crate) fn next_probe(&mut self) -> Option<(Probe, ProbeReply)> {
+        if self.probe.is_some() {
+            return None;
+        }
+        let mut waiting = std::iter::from_fn(|| self.probes.pop_front());
+        waiting.find(|(_, reply)| !reply.is_closed())
+    }
+
+    /// Whether nobody waits any more for the probe under way.
+    pub(crate) fn is_forsaken(&self) -> bool {
+        let probe = self.probe.as_ref();
+        probe.is_some_and(|probe| probe.reply.is_closed())
+    }
+
+    /// The line has a probe. Its end is told with what came back.
+    pub(crate) fn add_probe(&mut self, changes: bool, reply: ProbeReply) {
         self.records = true;
         self.probe = Some(Probing {
             sent: Vec::new(),
             heard: Vec::new(),
+            changes,
             reply,
         });
+    }
+
+    /// The line has no probe any more, and sent none.
+    pub(crate) fn forget_probe(&mut self) {
+        self.probe = None;
     }
 
     /// A frame goes out.
@@ -175,13 +217,19 @@ impl Desk {
         }
     }
 
-    /// The line is closed: who still waits is told so.
-    pub(crate) fn clear(&mut self) {
+    /// The line is closed: who still waits is told so. Of a probe that was sent and may change
+    /// something nobody knows how it ended.
+    pub(crate) fn clear(&mut self, probe_was_sent: bool) {
         for run in self.runs.drain(..) {
             let _ = run.reply.send(Err(Fault::Unknown));
         }
         if let Some(probe) = self.probe.take() {
-            let _ = probe.reply.send(Err(Fault::Closed));
+            let unknown = probe_was_sent && probe.changes;
+            let fault = if unknown { Fault::Unknown } else { Fault::Closed };
+            let _ = probe.reply.send(Err(fault));
+        }
+        for (_, reply) in self.probes.drain(..) {
+            let _ = reply.send(Err(Fault::Closed));
         }
     }
 }
@@ -242,7 +290,7 @@ mod tests {
         for (echoes, bytes) in [(true, &[3, 4][..]), (false, &[1, 2, 3, 4][..])] {
             let (reply, mut end) = oneshot::channel();
             let mut desk = Desk::new();
-            desk.add_probe(reply);
+            desk.add_probe(false, reply);
             desk.heard(&[9], || false);
             desk.sent(&[1, 2], Settings::FACTORY);
             desk.heard(&[1, 2, 3], || false);

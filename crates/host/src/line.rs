@@ -1,6 +1,7 @@
 //! The handle of a line.
 
 use crate::clock::{Alarm, Clock};
+use crate::desk::ProbeReply;
 use crate::event::Teller;
 use crate::tap::Tap;
 use crate::task::Task;
@@ -125,7 +126,7 @@ pub(crate) enum Job {
     },
     Probe {
         probe: Probe,
-        reply: oneshot::Sender<Result<ProbeResult, Fault>>,
+        reply: ProbeReply,
     },
     Tap {
         reply: oneshot::Sender<Tap>,
@@ -255,14 +256,17 @@ impl Line {
         end.await.unwrap_or(Err(Fault::Unknown))
     }
 
-    /// Makes a read of a scan between the line's own exchanges; one at a time.
+    /// Makes an exchange of one's own between the line's, one after the other. To drop the future
+    /// takes it back as long as it was not sent.
     ///
     /// # Errors
-    /// [`Fault::Closed`], or [`Fault::Overloaded`] while another probe is under way.
+    /// [`Fault::Closed`], or [`Fault::Overloaded`] while too many wait; [`Fault::Unknown`] where
+    /// the port was lost behind one that may change something.
     pub async fn probe(&self, probe: Probe) -> Result<ProbeResult, Fault> {
         let (reply, end) = oneshot::channel();
         self.hand_in(Job::Probe { probe, reply })?;
-        end.await.unwrap_or(Err(Fault::Closed))
+        // Nobody answers only when the line's task broke down, or had no port.
+        end.await.unwrap_or(Err(Fault::Unknown))
     }
 
     /// Looks on at what passes from now on. It goes on when the port was lost and is found again.

@@ -211,11 +211,12 @@ impl<P: Port> Task<P> {
             self.let_frame_leave().await;
         }
         self.port.close();
+        let probe_was_sent = !self.bus.withdraw_probe();
         self.handle(self.alarm.now(), Input::Closed);
         while let Output::Event(event) = self.bus.poll() {
             self.on_event(event);
         }
-        self.desk.clear();
+        self.desk.clear(probe_was_sent);
         match stop {
             Stop::Lost(error) => Some(PortError::of_loss(&error)),
             Stop::Left => None,
@@ -254,6 +255,7 @@ impl<P: Port> Task<P> {
             if self.has_left() {
                 return Err(Stop::Left);
             }
+            self.turn_to_next_probe();
             match self.bus.poll() {
                 Output::Transmit { bytes, settings } => {
                     self.port.send(bytes, settings)?;
@@ -367,13 +369,7 @@ impl<P: Port> Task<P> {
                 }),
                 Err(fault) => drop(reply.send(Err(fault))),
             },
-            Some(Job::Probe { probe, reply }) => {
-                if self.bus.submit_probe(self.told, probe) {
-                    self.desk.add_probe(reply);
-                } else {
-                    let _ = reply.send(Err(Fault::Overloaded));
-                }
-            }
+            Some(Job::Probe { probe, reply }) => self.desk.queue_probe(probe, reply),
             Some(Job::Tap { reply }) => {
                 let _ = reply.send(self.desk.tap(self.alarm.clock()));
             }
@@ -382,6 +378,21 @@ impl<P: Port> Task<P> {
             }
             Some(Job::Close { reply }) => self.leave(Some(reply)),
             None => self.leave(None),
+        }
+    }
+
+    /// Probes go one after the other. One that was not sent yet goes no more when nobody waits
+    /// for it; one that was is heard to its end, so that the next one gets no foreign reply.
+    fn turn_to_next_probe(&mut self) {
+        if self.desk.is_forsaken() && self.bus.withdraw_probe() {
+            self.desk.forget_probe();
+        }
+        if let Some((probe, reply)) = self.desk.next_probe() {
+            if self.bus.submit_probe(self.told, probe) {
+                self.desk.add_probe(probe.changes, reply);
+            } else {
+                let _ = reply.send(Err(Fault::Closed));
+            }
         }
     }
 

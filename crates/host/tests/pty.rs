@@ -354,17 +354,56 @@ async fn what_nobody_takes_is_withdrawn() {
     drop(master);
 }
 
-#[tokio::test]
-async fn a_probe_brings_its_bytes() {
-    let (line, _player, _) = quiet_line().await;
+/// A read of the first coil.
+fn probe(address: u8) -> Probe {
     let span = rtu::BitSpan::new(60, 1).expect("one coil");
-    let probe = |address| Probe {
+    Probe {
         exchange: Exchange::rtu(Address(address), rtu::Request::ReadCoils(span)),
         settings: Settings::FACTORY,
         gap: Micros::from_millis(20),
         timeout: Micros::from_millis(100),
         clear: false,
+        changes: false,
+    }
+}
+
+/// Two who ask at once are each told of their own exchange, and who went away leaves his place.
+#[tokio::test]
+async fn probes_go_one_after_the_other() {
+    let (line, player, _) = quiet_line().await;
+    let slow = Probe {
+        timeout: Micros::from_millis(500),
+        ..probe(9)
     };
+    let nobody = tokio::spawn({
+        let line = line.clone();
+        async move { line.probe(slow).await }
+    });
+    let switch = rtu::Request::WriteCoil {
+        at: 60,
+        value: rtu::CoilValue::ON,
+    };
+    for _ in 0..40 {
+        // They wait behind the one that nobody answers, and are taken back before they are sent.
+        let gone = line.probe(Probe {
+            exchange: Exchange::rtu(Address(3), switch),
+            changes: true,
+            ..probe(3)
+        });
+        let gone = tokio::time::timeout(Duration::from_millis(1), gone).await;
+        assert!(gone.is_err());
+    }
+    let met = soon(line.probe(probe(3))).await.expect("its turn comes");
+    assert_eq!((met.outcome, met.bytes.first()), (Probed::Answered, Some(&3)));
+    let met = soon(nobody).await.expect("a task").expect("probed");
+    assert_eq!((met.outcome, met.bytes), (Probed::Silent, Vec::new()));
+    soon(line.close()).await;
+    assert_eq!(player.stop()[0].outputs(), 0, "what was taken back was not sent");
+}
+
+#[tokio::test]
+async fn a_probe_brings_its_bytes() {
+    let (line, _player, _) = quiet_line().await;
     let met = soon(line.probe(probe(3))).await.expect("probed");
     assert_eq!(met.outcome, Probed::Answered);
     assert_eq!(met.bytes[..4], [3, 1, 1, 0]);

@@ -235,6 +235,7 @@ impl Question {
             gap: self.gap(),
             timeout: patience,
             clear: self.clears(),
+            changes: false,
         })
     }
 

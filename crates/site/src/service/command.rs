@@ -224,6 +224,7 @@ impl Service {
             gap: terms.gap.unwrap_or(gap),
             timeout: terms.timeout.unwrap_or(RAW_TIMEOUT),
             clear: terms.clear,
+            changes: false,
         };
         Ok(handle.probe(probe).await?)
     }
