@@ -225,7 +225,11 @@ impl Desk {
         }
         if let Some(probe) = self.probe.take() {
             let unknown = probe_was_sent && probe.changes;
-            let fault = if unknown { Fault::Unknown } else { Fault::Closed };
+            let fault = if unknown {
+                Fault::Unknown
+            } else {
+                Fault::Closed
+            };
             let _ = probe.reply.send(Err(fault));
         }
         for (_, reply) in self.probes.drain(..) {

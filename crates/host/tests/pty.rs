@@ -394,11 +394,18 @@ async fn probes_go_one_after_the_other() {
         assert!(gone.is_err());
     }
     let met = soon(line.probe(probe(3))).await.expect("its turn comes");
-    assert_eq!((met.outcome, met.bytes.first()), (Probed::Answered, Some(&3)));
+    assert_eq!(
+        (met.outcome, met.bytes.first()),
+        (Probed::Answered, Some(&3))
+    );
     let met = soon(nobody).await.expect("a task").expect("probed");
     assert_eq!((met.outcome, met.bytes), (Probed::Silent, Vec::new()));
     soon(line.close()).await;
-    assert_eq!(player.stop()[0].outputs(), 0, "what was taken back was not sent");
+    assert_eq!(
+        player.stop()[0].outputs(),
+        0,
+        "what was taken back was not sent"
+    );
 }
 
 #[tokio::test]

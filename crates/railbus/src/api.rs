@@ -12,6 +12,8 @@ pub(crate) mod past;
 pub(crate) mod paths;
 pub(crate) mod problem;
 pub(crate) mod rules;
+pub(crate) mod send_types;
+pub(crate) mod sending;
 pub(crate) mod settings;
 pub(crate) mod sim_types;
 pub(crate) mod types;

@@ -8,9 +8,10 @@ mod remote;
 use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest};
 use crate::api::convert;
 use crate::api::problem::Problem;
+use crate::api::send_types::{SendAnswer, SendRequest};
 use crate::api::types::{
     FrameEvent, LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest,
-    Pulsed, RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest, Written,
+    Pulsed, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
 use crate::i18n::Lang;
 use local::Local;
@@ -240,9 +241,13 @@ impl Backend {
         either!(self.pulse(path, wanted))
     }
 
-    /// Sends a read of one's own.
-    pub(crate) async fn raw(&self, wanted: RawRequest) -> Result<RawAnswer, Problem> {
-        either!(self.raw(wanted))
+    /// Sends a frame of one's own.
+    pub(crate) async fn send(
+        &self,
+        line: &str,
+        wanted: SendRequest,
+    ) -> Result<SendAnswer, Problem> {
+        either!(self.send_frame(line, wanted))
     }
 
     /// What happens from now on, after every point as it is.

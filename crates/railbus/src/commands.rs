@@ -34,7 +34,6 @@ mod install;
 mod keeper;
 mod look;
 mod place;
-mod risk;
 mod stop;
 mod wireshark;
 

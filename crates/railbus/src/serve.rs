@@ -31,6 +31,7 @@ mod points;
 mod ports;
 mod routes;
 mod scans;
+mod send;
 mod settings;
 mod sim;
 pub(crate) mod socket;

@@ -330,6 +330,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "Sends also what is for all modules, changes settings, or is unknown",
         zh: "广播、更改设置或未知的帧也发送",
     }
+    RawOverride {
+        en: "Through the daemon: sends also past locks, interlocks and times of the configuration",
+        zh: "经守护进程时：越过配置中的锁定、互锁和时限也发送",
+    }
     NotUnderstood { en: "no reply to this", zh: "不是对此的应答" }
 
     // decode

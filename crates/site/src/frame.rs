@@ -1,43 +1,57 @@
-//! Frames of one's own: only reads may go out without a command of their own.
+//! Frames of one's own.
 
-use railbus_wire::{Decoded, Exchange, Protocol, ascii, lc02, r55, rtu};
+use crate::Risk;
+use railbus_wire::{Bits, Decoded, Exchange, Frame, Protocol, Words, ascii, lc02, r55, rtu};
 
-/// The read that these bytes are, checksum and all; nothing where they are none. An ASCII frame
-/// may carry a checksum or not.
+/// The request that exactly these bytes are, checksum and all; nothing where they are none, or
+/// one longer than any module takes. Where an ASCII frame can be read with and without a
+/// checksum, it is the one that may do more.
 #[must_use]
-pub fn read_request(protocol: Protocol, bytes: &[u8]) -> Option<Exchange<'static>> {
-    match protocol {
-        Protocol::Rtu => rtu_read(bytes).map(Exchange::Rtu),
-        Protocol::Ascii => [false, true]
-            .into_iter()
-            .filter_map(|checksum| {
-                let rules = ascii::Rules {
-                    checksum,
-                    lower_case: false,
-                };
-                all_of(ascii::Exchange::decode_request(bytes, rules), bytes)
-            })
-            .find(|exchange| is_ascii_read(&exchange.request))
-            .map(Exchange::Ascii),
-        Protocol::Lc02 => all_of(lc02::Exchange::decode_request(bytes), bytes)
-            .filter(|exchange| {
-                use lc02::Request::{ReadConfig, ReadData, ReadPulse};
-                matches!(exchange.request, ReadConfig | ReadData | ReadPulse)
-            })
-            .map(Exchange::Lc02),
-        Protocol::R55 => all_of(r55::Exchange::decode_request(bytes), bytes)
-            .filter(|exchange| {
-                use r55::Request::{ReadAddress, ReadState, ReadVariable};
-                matches!(
-                    exchange.request(),
-                    ReadState | ReadAddress | ReadVariable(_)
-                )
-            })
-            .map(Exchange::R55),
-    }
+pub fn request(protocol: Protocol, bytes: &[u8]) -> Option<Exchange<'static>> {
+    readings(protocol, bytes).max_by_key(Risk::of)
 }
 
-fn rtu_read(bytes: &[u8]) -> Option<rtu::Exchange<'static>> {
+/// The read that these bytes are; nothing where they are none.
+#[must_use]
+pub fn read_request(protocol: Protocol, bytes: &[u8]) -> Option<Exchange<'static>> {
+    readings(protocol, bytes).find(|exchange| Risk::of(exchange) == Risk::Read)
+}
+
+/// What these bytes may be. An ASCII frame may carry a checksum or not.
+fn readings(protocol: Protocol, bytes: &[u8]) -> impl Iterator<Item = Exchange<'static>> {
+    let found = match protocol {
+        Protocol::Rtu => [rtu_request(bytes).map(Exchange::Rtu), None],
+        Protocol::Lc02 => {
+            let whole = all_of(lc02::Exchange::decode_request(bytes), bytes);
+            [whole.map(Exchange::Lc02), None]
+        }
+        Protocol::R55 => {
+            let whole = all_of(r55::Exchange::decode_request(bytes), bytes);
+            [whole.map(Exchange::R55), None]
+        }
+        Protocol::Ascii => [false, true].map(|checksum| {
+            let rules = ascii::Rules {
+                checksum,
+                lower_case: false,
+            };
+            all_of(ascii::Exchange::decode_request(bytes, rules), bytes).map(Exchange::Ascii)
+        }),
+    };
+    // What is sent is the exchange, encoded anew.
+    let is_same = |exchange: &Exchange<'_>| {
+        let mut frame = Frame::new();
+        exchange.encode(&mut frame);
+        frame.bytes() == bytes
+    };
+    found
+        .into_iter()
+        .flatten()
+        .filter(is_same)
+        .collect::<Vec<_>>()
+        .into_iter()
+}
+
+fn rtu_request(bytes: &[u8]) -> Option<rtu::Exchange<'static>> {
     use rtu::Request as R;
     let rtu::Exchange { address, request } = rtu::Exchange::decode_frame(bytes).ok()?;
     let request = match request {
@@ -45,28 +59,24 @@ fn rtu_read(bytes: &[u8]) -> Option<rtu::Exchange<'static>> {
         R::ReadDiscreteInputs(span) => R::ReadDiscreteInputs(span),
         R::ReadHoldingRegisters(span) => R::ReadHoldingRegisters(span),
         R::ReadInputRegisters(span) => R::ReadInputRegisters(span),
-        R::Diagnose { sub, data } if request.is_read() => R::Diagnose { sub, data },
+        R::Diagnose { sub, data } => R::Diagnose { sub, data },
         R::Identify { code, object } => R::Identify { code, object },
-        R::Diagnose { .. } => return None,
-        R::WriteCoil { .. } | R::WriteRegister { .. } => return None,
-        R::WriteCoils(_) | R::WriteRegisters(_) => return None,
+        R::WriteCoil { at, value } => R::WriteCoil { at, value },
+        R::WriteRegister { at, value } => R::WriteRegister { at, value },
+        R::WriteCoils(block) => {
+            let values = Bits::from_mask(block.values().to_mask(), block.values().len())?;
+            R::WriteCoils(rtu::BitBlock::new(block.start(), values)?)
+        }
+        R::WriteRegisters(block) => {
+            let values = match (block.values().len(), block.values().get(0)?) {
+                (1, word) => Words::one(word),
+                (2, word) => Words::two(word, block.values().get(1)?),
+                _ => return None,
+            };
+            R::WriteRegisters(rtu::WordBlock::new(block.start(), values)?)
+        }
     };
-    // Nobody answers a broadcast.
-    (address.0 != 0).then_some(rtu::Exchange { address, request })
-}
-
-const fn is_ascii_read(request: &ascii::Request) -> bool {
-    use ascii::Request as R;
-    match request {
-        R::ReadName | R::ReadFirmware | R::ReadConfig | R::ReadData | R::ReadPulse => true,
-        R::ReadLatched | R::ReadInit | R::ReadAll => true,
-        R::ReadWatchdogStatus | R::ReadWatchdog | R::ReadSafe => true,
-        // Reading it clears it.
-        R::ReadReset => false,
-        R::WriteConfig { .. } | R::WriteOutputs { .. } | R::WritePulse { .. } => false,
-        R::SampleAll | R::HostOk | R::ClearWatchdog => false,
-        R::WriteWatchdog { .. } | R::WriteSafe { .. } | R::Rename(_) => false,
-    }
+    Some(rtu::Exchange { address, request })
 }
 
 /// The value of a frame that is all there is.

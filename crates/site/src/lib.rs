@@ -17,6 +17,7 @@ mod failure;
 mod frame;
 mod health;
 pub mod history;
+mod risk;
 pub mod rules;
 pub mod scan;
 mod service;
@@ -27,12 +28,13 @@ mod ulid;
 pub use audit::{AUDIT_MAX, Entry, Origin};
 pub use config::Config;
 pub use failure::Failure;
-pub use frame::read_request;
+pub use frame::{read_request, request};
+pub use risk::{Risk, is_answered, stowaway};
 pub use service::{
     BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, Counts, Events, GroupState, LEASE_MAX,
     LEASE_MIN, Leased, Left, LineStatus, Loan, ModuleStatus, PULSE_MAX, Part, PartDone,
-    PointStatus, Pulse, PulseDone, RawTerms, Reloaded, RuleStatus, STEPS, Service, StartError,
-    ToggleTerms, Update, Updates, Work, WriteDone, WriteTerms,
+    PointStatus, Pulse, PulseDone, RawTerms, Reloaded, RuleStatus, STEPS, Sent, Service,
+    StartError, ToggleTerms, Update, Updates, Work, WriteDone, WriteTerms, is_refused,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};
 pub use ulid::Ulids;

@@ -191,6 +191,14 @@ impl Site {
         }
     }
 
+    /// The values of these modules' points are not known any more; whether they are heard still is.
+    pub fn doubt(&mut self, of: impl Fn(&str) -> bool) {
+        for (_, state) in self.modules.iter_mut().filter(|(name, _)| of(name)) {
+            state.points.clear();
+            state.pulse = None;
+        }
+    }
+
     /// What is known of a point, and how good that is now.
     #[must_use]
     pub fn point(&self, module: &str, point: Point, now: Instant) -> (Option<PointState>, Quality) {

@@ -5,6 +5,7 @@ import { backup } from "./backup";
 import { events } from "./events";
 import { groups } from "./groups";
 import { rules } from "./rules";
+import { send } from "./send";
 import { settings } from "./settings";
 import { sim } from "./sim";
 import { system } from "./system";
@@ -18,6 +19,7 @@ export const later = {
   ...events,
   ...groups,
   ...rules,
+  ...send,
   ...settings,
   ...sim,
   ...system,

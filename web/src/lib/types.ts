@@ -240,3 +240,26 @@ export interface LoggedChange {
   undoable: boolean;
   set: Record<string, [string, string]>;
 }
+
+/** What a frame of one's own is and may do. */
+export interface SendPlan {
+  protocol: string;
+  bytes: string;
+  meaning: string;
+  risk: string;
+  /** Somebody answers it. */
+  answered: boolean;
+  modules: string[];
+  may: string[];
+  /** The words that the request must hold to be sent. */
+  needs: ("output" | "settings" | "broadcast" | "override")[];
+}
+
+export interface SendAnswer {
+  bytes: string;
+  outcome: "answered" | "garbled" | "silent" | "unsafe";
+  says?: string;
+  refused: boolean;
+  after_ms: number;
+  audit?: string;
+}

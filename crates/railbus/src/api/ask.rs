@@ -3,20 +3,13 @@
 
 use super::problem::{Problem, codes};
 use super::types::{
-    CommandInfo, LateAnswer, LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten,
-    PointInfo, PulseRequest, Pulsed, Quality, RawAnswer, RawRequest, Reason, SCHEMA, ToggleRequest,
-    WriteRequest, Written,
+    CommandInfo, LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten, PointInfo,
+    PulseRequest, Pulsed, Quality, Reason, ToggleRequest, WriteRequest, Written,
 };
 use super::{convert, failures, paths};
 use railbus_device::Point;
-use railbus_host::LateReply;
-use railbus_site::{
-    Failure, Pulse, RawTerms, Service, ToggleTerms, WriteDone, WriteTerms, read_request,
-};
-use railbus_wire::{Baud, Character, Frame, Micros, Protocol, Settings};
-
-/// The most digits of a frame of one's own.
-const RAW_MAX: usize = 256;
+use railbus_site::{Failure, Pulse, Service, ToggleTerms, WriteDone, WriteTerms};
+use railbus_wire::Micros;
 
 /// All lines.
 pub(crate) fn lines(service: &Service) -> Vec<LineInfo> {
@@ -212,77 +205,6 @@ pub(crate) fn command(service: &Service, id: &str) -> Result<CommandInfo, Proble
     known.ok_or_else(|| Problem::new(codes::NO_SUCH_COMMAND).with("name", id))
 }
 
-/// Sends a read of one's own.
-pub(crate) async fn raw(service: &Service, wanted: RawRequest) -> Result<RawAnswer, Problem> {
-    let line = match wanted.line {
-        Some(line) => line,
-        None => only_line(service)?,
-    };
-    let protocols = Protocol::ALL;
-    let protocol = protocols.into_iter().find(|p| p.name() == wanted.protocol);
-    let protocol = protocol.ok_or_else(|| {
-        let names = protocols.map(Protocol::name).to_vec();
-        let problem = Problem::new(codes::BAD_REQUEST).with("reason", "protocol");
-        problem.with("known", names)
-    })?;
-    let bad_frame = |reason: &str| Problem::new(codes::BAD_FRAME).with("reason", reason);
-    let bytes = from_hex(&wanted.bytes)
-        .ok_or_else(|| bad_frame("not pairs of hexadecimal digits, or too many of them"))?;
-    let exchange =
-        read_request(protocol, &bytes).ok_or_else(|| bad_frame("no read, or a wrong checksum"))?;
-    let own = service.line(&line).map(|status| status.serial);
-    let terms = RawTerms {
-        settings: own
-            .map(|own| settings(own, wanted.baud, wanted.format.as_deref()))
-            .transpose()?,
-        gap: wanted.gap_us.map(|us| Micros(us.min(1_000_000))),
-        timeout: wanted
-            .timeout_ms
-            .map(|ms| Micros::from_millis(ms.min(10_000))),
-        clear: wanted.clear,
-    };
-    let met = service.raw(&line, exchange, terms).await;
-    let met = met.map_err(|failure| failures::of_line(service, &line, &failure))?;
-    Ok(RawAnswer {
-        schema: SCHEMA,
-        line,
-        sent: to_hex(&bytes),
-        bytes: to_hex(&met.bytes),
-        outcome: convert::outcome(met.outcome),
-        after_ms: convert::millis_tenths(met.after),
-        late: met.late.iter().map(late).collect(),
-    })
-}
-
-/// The line's own speed and format, but for what is said otherwise.
-fn settings(own: Settings, baud: Option<u32>, format: Option<&str>) -> Result<Settings, Problem> {
-    let wrong = |what: &str| Problem::new(codes::BAD_REQUEST).with("reason", what);
-    let baud = match baud {
-        None => own.baud,
-        Some(rate) => Baud::from_rate(rate).ok_or_else(|| wrong("baud"))?,
-    };
-    let all = [Character::N1, Character::E1, Character::O1, Character::N2];
-    let character = match format {
-        None => Some(own.character),
-        Some(name) => all.into_iter().find(|known| known.to_string() == name),
-    };
-    Ok(Settings {
-        baud,
-        character: character.ok_or_else(|| wrong("format"))?,
-    })
-}
-
-fn late(reply: &LateReply) -> LateAnswer {
-    let mut sent = Frame::new();
-    reply.exchange.encode(&mut sent);
-    LateAnswer {
-        protocol: reply.exchange.protocol().name().to_owned(),
-        sent: to_hex(sent.bytes()),
-        after_ms: convert::millis_tenths(reply.after),
-        again: reply.again,
-    }
-}
-
 fn written(done: WriteDone) -> Written {
     let output = done.outputs.first();
     Written {
@@ -312,43 +234,5 @@ pub(crate) fn only_line(service: &Service) -> Result<String, Problem> {
     match (names.next(), names.next()) {
         (Some(line), None) => Ok(line),
         _ => Err(failures::of_line(service, "", &Failure::NoSuchLine)),
-    }
-}
-
-/// Digits in pairs; blanks do not count.
-fn from_hex(text: &str) -> Option<Vec<u8>> {
-    let digits: Vec<u8> = text
-        .chars()
-        .filter(|c| !c.is_whitespace())
-        .take(2 * RAW_MAX + 1)
-        .map(|c| c.to_digit(16).and_then(|digit| u8::try_from(digit).ok()))
-        .collect::<Option<_>>()?;
-    let pairs = digits.chunks_exact(2);
-    let whole = pairs.remainder().is_empty() && digits.len() <= 2 * RAW_MAX;
-    whole.then(|| {
-        pairs
-            .map(|pair| pair.iter().fold(0, |byte, d| byte << 4 | d))
-            .collect()
-    })
-}
-
-pub(crate) fn to_hex(bytes: &[u8]) -> String {
-    let pairs: Vec<String> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
-    pairs.join(" ")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn hexadecimal_digits_are_read_in_pairs() {
-        assert_eq!(from_hex("03 01\n00fC"), Some(vec![3, 1, 0, 0xFC]));
-        assert_eq!(from_hex(""), Some(Vec::new()));
-        for wrong in ["0", "0g", "03 0", "é1"] {
-            assert_eq!(from_hex(wrong), None, "{wrong}");
-        }
-        assert_eq!(from_hex(&"00".repeat(RAW_MAX + 1)), None);
-        assert_eq!(to_hex(&[3, 0xFC]), "03 FC");
     }
 }

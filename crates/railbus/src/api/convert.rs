@@ -247,7 +247,7 @@ pub(crate) fn passed(start: u64, passed: Result<Passed, u64>) -> FrameEvent {
     };
     let Instant(micros) = at;
     let at_us = start.saturating_add(micros);
-    let bytes = super::ask::to_hex(&bytes);
+    let bytes = crate::render::hex::spaced(&bytes);
     match sent {
         None => FrameEvent::Heard { at_us, bytes },
         Some(settings) => FrameEvent::Sent {

@@ -189,6 +189,7 @@ pub(crate) fn of_line(service: &Service, line: &str, failure: &Failure) -> Probl
         Failure::NoSuchLine => no_such_line(service, line),
         Failure::Line(Fault::Closed) | Failure::Lent => line_closed(service, line),
         Failure::Line(fault) => Problem::new(kind_of(fault)).with("line", line),
+        Failure::NotAudited => Problem::new(codes::NOT_AUDITED).with("line", line),
         _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
     }
 }

@@ -146,6 +146,8 @@ pub(crate) mod codes {
         UNDONE = "E0456", 409, "done and taken back, because another part failed";
         /// Also `scene`.
         PLAYING = "E0457", 409, "the scene is being played already";
+        /// Also `line`, `risk`, `needs`: the words that `confirm` must hold, `may`: what it may do.
+        SEND_CONFIRM = "E0458", 409, "the frame may change something: say that this is meant";
         /// Also `module`, `line`, ..., `attempts`, `rx_bytes`, `why`.
         GARBLED = "E0501", 502, "something came back that is no reply";
         /// Also `line`.
@@ -172,7 +174,7 @@ pub(crate) mod codes {
         /// Also `module`, `point`.
         NOT_AN_OUTPUT = "E0807", 422, "the point is no output";
         /// Also `reason`.
-        BAD_FRAME = "E0808", 422, "the bytes are no read of that protocol";
+        BAD_FRAME = "E0808", 422, "the bytes are no request of that protocol";
         /// No configuration, no flags. Also `looked`: the places.
         NO_CONFIG = "E0809", 422, "there is no configuration";
         /// Also `file`, `problems`: each with `line`, `column`, `path`, `code`, `reason`.

@@ -471,66 +471,6 @@ pub(crate) struct Pulsed {
     pub(crate) audit: String,
 }
 
-/// `POST /api/v1/raw`: a frame of one's own. Only reads are taken: what changes something has
-/// its own command.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct RawRequest {
-    /// The line; may be left out where there is only one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) line: Option<String>,
-    /// The protocol whose checksum it has: `rtu`, `ascii`, `lc02`, `r55`.
-    pub(crate) protocol: String,
-    /// The whole request with its checksum, in hexadecimal digits; blanks do not count.
-    pub(crate) bytes: String,
-    /// How long to wait for the reply to begin.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) timeout_ms: Option<u64>,
-    /// The speed; the line's own if not said.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) baud: Option<u32>,
-    /// The character format, as `8N1`; the line's own if not said.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) format: Option<String>,
-    /// The silence before it; 20 ms or more if not said.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) gap_us: Option<u64>,
-    /// A lone CR goes before it, which ends what an ASCII module has half read.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) clear: bool,
-}
-
-/// What came back to a frame of one's own.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct RawAnswer {
-    pub(crate) schema: u8,
-    /// The line it went to.
-    pub(crate) line: String,
-    /// What was sent, in hexadecimal digits.
-    pub(crate) sent: String,
-    /// What came back, in hexadecimal digits.
-    pub(crate) bytes: String,
-    /// In one word.
-    pub(crate) outcome: Outcome,
-    /// From the end of the request to the end of what came back.
-    pub(crate) after_ms: f64,
-    /// Replies to earlier frames that nobody waited for any more.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(crate) late: Vec<LateAnswer>,
-}
-
-/// A reply that came too late.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct LateAnswer {
-    /// The protocol of what was sent: `rtu`, `ascii`, `lc02`, `r55`.
-    pub(crate) protocol: String,
-    /// What was sent, in hexadecimal digits.
-    pub(crate) sent: String,
-    /// From the end of the request to the end of the reply.
-    pub(crate) after_ms: f64,
-    /// It had been answered before.
-    pub(crate) again: bool,
-}
-
 /// What came back, in one word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]

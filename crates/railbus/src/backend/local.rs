@@ -3,13 +3,16 @@
 use super::{AdHoc, Wanted};
 use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest};
 use crate::api::problem::{Problem, codes};
+use crate::api::send_types::{SendAnswer, SendRequest};
+use crate::api::sending;
 use crate::api::types::{
     LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest, Pulsed,
-    RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest, Written,
+    ToggleRequest, WatchEvent, WriteRequest, Written,
 };
 use crate::api::watching::Watching;
 use crate::api::{ask, control, failures, paths};
 use crate::config_file;
+use crate::i18n::Lang;
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Layout, Setup};
 use railbus_host::{LineState, Tap};
@@ -142,8 +145,14 @@ impl Local {
         ask::pulse(&self.service, path, wanted).await
     }
 
-    pub(super) async fn raw(&self, wanted: RawRequest) -> Result<RawAnswer, Problem> {
-        ask::raw(&self.service, wanted).await
+    pub(super) async fn send_frame(
+        &self,
+        line: &str,
+        wanted: SendRequest,
+    ) -> Result<SendAnswer, Problem> {
+        let plan = sending::plan(&self.service, Lang::En, line, &wanted)?;
+        sending::check_meant(&plan, &wanted)?;
+        sending::carry_out(&self.service, Lang::En, plan).await
     }
 
     pub(super) async fn watch(&self, selectors: &[String]) -> Result<Watch, Problem> {

@@ -5,10 +5,10 @@ mod http;
 use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest, Groups};
 use crate::api::past::{HistoryInfo, VerifiedInfo};
 use crate::api::problem::{Problem, codes};
+use crate::api::send_types::{SendAnswer, SendRequest};
 use crate::api::types::{
     FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
-    Points, PulseRequest, Pulsed, RawAnswer, RawRequest, ToggleRequest, WatchEvent, WriteRequest,
-    Written,
+    Points, PulseRequest, Pulsed, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
 use crate::serve::socket;
 use http::{Lines as TextLines, send};
@@ -159,8 +159,13 @@ impl Remote {
             .await
     }
 
-    pub(super) async fn raw(&self, wanted: RawRequest) -> Result<RawAnswer, Problem> {
-        self.send(Method::POST, "/api/v1/raw", &wanted).await
+    pub(super) async fn send_frame(
+        &self,
+        line: &str,
+        wanted: SendRequest,
+    ) -> Result<SendAnswer, Problem> {
+        let path = format!("/api/v1/lines/{}/send", encoded(line));
+        self.send(Method::POST, &path, &wanted).await
     }
 
     pub(super) async fn watch(&self, selectors: &[String]) -> Result<Watch, Problem> {

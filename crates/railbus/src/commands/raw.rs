@@ -4,10 +4,11 @@ mod talk;
 
 use super::decode::meaning;
 use super::place::{self, Access};
-use super::risk::{Risk, stowaway};
 use super::sniff::SniffText;
 use super::{Context, decode, stop};
-use crate::api::types::RawRequest;
+use crate::api::send_types::SendRequest;
+use crate::api::sending;
+use crate::backend::Backend;
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
@@ -15,9 +16,8 @@ use crate::render::table::Table;
 use crate::render::{Format, hex, out, records, time};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
-use railbus_wire::{
-    Address, Decoded, Exchange, Micros, Protocol, ascii, crc16, lc02, r55, rtu, sum8,
-};
+use railbus_site::{Risk, is_answered, is_refused, stowaway};
+use railbus_wire::{Address, Decoded, Exchange, Micros, Protocol, ascii, lc02, r55, rtu};
 use serde_json::json;
 
 /// The name of the command.
@@ -46,6 +46,7 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .conflicts_with("crc"),
         )
         .arg(cli::flag(lang, "yes", Text::RawYes).action(ArgAction::SetTrue))
+        .arg(cli::flag(lang, "override", Text::RawOverride).action(ArgAction::SetTrue))
 }
 
 /// What came back.
@@ -73,7 +74,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         let reasons = told.into_iter().chain(also);
         return Err(reasons.fold(failure, Failure::because));
     }
-    let answer = context.block(ask(&context, &frame, asked.as_ref()))?;
+    let meant = meant(matches, asked.as_ref());
+    let answer = context.block(ask(&context, &frame, asked.as_ref(), meant))?;
     show(&context, &frame, asked.as_ref(), &answer)?;
     verdict(&context, asked.as_ref(), &answer)
 }
@@ -90,19 +92,17 @@ fn frame(lang: Lang, matches: &ArgMatches) -> Result<Vec<u8>, Failure> {
         .cloned()
         .collect();
     let text = words.join(" ");
-    let mut bytes = hex::parse(&text).ok_or_else(|| decode::no_bytes(lang, &text))?;
-    let protocol = matches.get_one::<String>("proto").map(String::as_str);
-    match protocol {
-        _ if matches.get_flag("crc") => bytes.extend(crc16(&bytes).to_le_bytes()),
-        Some("rtu") => bytes.extend(crc16(&bytes).to_le_bytes()),
-        Some("r55") => bytes.push(sum8(&bytes)),
-        Some("lc02") => {
-            bytes.push(sum8(bytes.get(2..).unwrap_or_default()));
-            bytes.push(lc02::envelope::END);
-        }
-        _ => {}
-    }
-    Ok(bytes)
+    let bytes = hex::parse(&text).ok_or_else(|| decode::no_bytes(lang, &text))?;
+    let named = matches.get_one::<String>("proto");
+    let mut protocols = Protocol::ALL.into_iter();
+    let protocol = match matches.get_flag("crc") {
+        true => Some(Protocol::Rtu),
+        false => protocols.find(|protocol| named.is_some_and(|name| name == protocol.name())),
+    };
+    Ok(match protocol {
+        Some(protocol) => sending::completed(protocol, false, bytes),
+        None => bytes,
+    })
 }
 
 /// The request that the bytes are.
@@ -132,6 +132,16 @@ fn asked(bytes: &[u8]) -> Option<Exchange<'_>> {
     rtu::Exchange::decode_frame(bytes).ok().map(Exchange::Rtu)
 }
 
+/// What the daemon is told that is meant. What switches outputs of one module is sent without a
+/// question here, as on a line of one's own; what lies past a lock is not.
+fn meant(matches: &ArgMatches, asked: Option<&Exchange<'_>>) -> Vec<String> {
+    let risk = asked.map(Risk::of);
+    let said = risk.filter(|risk| *risk <= Risk::Output || matches.get_flag("yes"));
+    let past = matches.get_flag("override").then_some(sending::OVERRIDE);
+    let words = said.map(sending::word).into_iter().chain(past);
+    words.map(str::to_owned).collect()
+}
+
 /// Whether it is for all modules at once, or changes what a module keeps.
 fn is_risky(asked: &Exchange<'_>) -> bool {
     Risk::of(asked) >= Risk::Kept
@@ -141,6 +151,7 @@ async fn ask(
     context: &Context,
     frame: &[u8],
     asked: Option<&Exchange<'_>>,
+    confirm: Vec<String>,
 ) -> Result<Answer, Failure> {
     let mut stop = stop::Stop::new(context)?;
     let timeout = context.timeout.unwrap_or(TIMEOUT);
@@ -154,22 +165,36 @@ async fn ask(
         }
         Access::Daemon(backend) => {
             let protocol = asked.map_or(Protocol::Rtu, Exchange::protocol);
-            let wanted = RawRequest {
-                line: context.line.clone(),
+            let wanted = SendRequest {
                 protocol: protocol.name().to_owned(),
                 bytes: hex::spaced(frame),
                 timeout_ms: Some(timeout.0 / 1_000),
-                baud: None,
-                format: None,
-                gap_us: None,
-                clear: false,
+                confirm,
+                ..SendRequest::default()
             };
-            let answer = backend.raw(wanted).await;
+            let line = line_of(context, &backend).await?;
+            let answer = backend.send(&line, wanted).await;
             let answer = answer.map_err(|problem| context.failure(&problem))?;
             Ok(Answer {
                 bytes: hex::parse(&answer.bytes).unwrap_or_default(),
                 after_ms: answer.after_ms.round() as u64,
             })
+        }
+    }
+}
+
+/// The line named, or the only one.
+async fn line_of(context: &Context, daemon: &Backend) -> Result<String, Failure> {
+    if let Some(line) = &context.line {
+        return Ok(line.clone());
+    }
+    let lines = daemon.lines().await;
+    let lines = lines.map_err(|problem| context.failure(&problem))?;
+    match &lines[..] {
+        [one] => Ok(one.line.clone()),
+        all => {
+            let names: Vec<&str> = all.iter().map(|line| line.line.as_str()).collect();
+            Err(Failure::of(context.lang, Code::NoLine).because(names.join(" ")))
         }
     }
 }
@@ -183,11 +208,7 @@ fn read(
     let asked = asked?;
     let (_, found) = asked.find_response(bytes);
     let reply = found.whole()?;
-    let refused = matches!(
-        reply.response,
-        railbus_wire::Response::Rtu(rtu::Response::Exception(_))
-            | railbus_wire::Response::Ascii(ascii::Response::Invalid | ascii::Response::Ignored)
-    );
+    let refused = is_refused(asked, bytes);
     let text = meaning::response(lang, asked, &reply.response);
     Some((text, reply.from, refused))
 }
@@ -236,7 +257,7 @@ fn verdict(
     answer: &Answer,
 ) -> Result<(), Failure> {
     let lang = context.lang;
-    let expected = asked.is_none_or(Exchange::expects_reply);
+    let expected = asked.is_none_or(is_answered);
     match read(lang, asked, &answer.bytes) {
         Some((said, _, true)) => Err(Failure::of(lang, Code::Refused).because(said)),
         Some(_) => Ok(()),

@@ -5,13 +5,13 @@ mod module;
 mod script;
 mod texts;
 
-use super::risk::Risk;
 use super::{Context, place};
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::Format;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
+use railbus_site::Risk;
 use railbus_wire::Exchange;
 use script::Script;
 use std::path::PathBuf;

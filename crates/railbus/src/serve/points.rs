@@ -9,8 +9,7 @@ use crate::api::ask;
 use crate::api::problem::Problem;
 use crate::api::types::{
     CommandInfo, FrameEvent, Lines, Modules, OutputsRequest, OutputsWritten, PointInfo, Points,
-    PulseRequest, Pulsed, RawAnswer, RawRequest, SCHEMA, ToggleRequest, WatchEvent, WriteRequest,
-    Written,
+    PulseRequest, Pulsed, SCHEMA, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
 use axum::extract::{Path, State};
 use axum::routing::{get, post, put};
@@ -68,11 +67,6 @@ pub(super) const ROUTES: &[Route] = &[
         Doc::new("Switch an output for a time")
             .takes::<PulseRequest>()
             .answers::<Pulsed>(),
-    ),
-    Route::new("POST", "/raw", Need::ENGINEER, || post(raw)).doc(
-        Doc::new("Send a read of one's own")
-            .takes::<RawRequest>()
-            .answers::<RawAnswer>(),
     ),
     Route::new("GET", "/commands/{id}", Need::VIEWER, || get(given)).doc(
         Doc::new("A command that was given lately, and how it ended").answers::<CommandInfo>(),
@@ -168,11 +162,6 @@ async fn pulse(Path(place): Path<(String, String)>, order: Order) -> Answer {
 
 async fn given(State(site): State<Site>, Path(id): Path<String>) -> Answer {
     answer::json(ask::command(&site.service, &id))
-}
-
-async fn raw(order: Order) -> Answer {
-    let run = |service: Service, _, wanted| async move { ask::raw(&service, wanted).await };
-    order.carry_out(("raw", String::new()), run).await
 }
 
 fn is_set(asked: &Asked, key: &str) -> bool {

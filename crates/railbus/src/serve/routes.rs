@@ -10,7 +10,7 @@ use super::listen::ended;
 use super::tls::Tls;
 use super::{
     about, answer, capture, control, events, guard, happening, history, loan, metrics, openapi,
-    ops, points, ports, scans, settings, sim, spoken, web, webhook, ws,
+    ops, points, ports, scans, send, settings, sim, spoken, web, webhook, ws,
 };
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
@@ -91,6 +91,7 @@ pub(super) const ALL: &[&[Route]] = &[
     capture::ROUTES,
     happening::ROUTES,
     scans::ROUTES,
+    send::ROUTES,
     settings::ROUTES,
     sim::ROUTES,
     ws::ROUTES,

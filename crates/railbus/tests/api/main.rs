@@ -8,6 +8,7 @@ mod hostile;
 mod past;
 mod rules;
 mod scans;
+mod sending;
 mod serving;
 mod settings;
 mod sim;

@@ -52,7 +52,7 @@ fn outputs_are_switched_and_read_back() {
     let fresh = daemon.get("/api/v1/points/tank/ai1?fresh=1").json();
     assert_eq!(fresh["unit"], "V");
     let raw = r#"{"protocol":"rtu","bytes":"03 01 00 3C 00 08 FC 22"}"#;
-    let raw = daemon.send("POST", "/api/v1/raw", raw).json();
+    let raw = daemon.send("POST", "/api/v1/lines/main/send", raw).json();
     assert_eq!(raw["outcome"], "answered");
 }
 
@@ -117,7 +117,8 @@ fn what_can_not_be_done_says_why() {
     is(width, 422, "E0804");
     assert_eq!(tries, Some(2));
     let write = r#"{"protocol":"rtu","bytes":"03 05 00 3C FF 00 4D D4"}"#;
-    is(daemon.send("POST", "/api/v1/raw", write), 422, "E0808");
+    let send = "/api/v1/lines/main/send";
+    is(daemon.send("POST", send, write), 409, "E0458");
     is(daemon.get("/api/v1/nothing"), 404, "E0110");
     is(daemon.send("DELETE", "/api/v1/lines", ""), 405, "E0110");
     let long = format!("{{\"value\":true{}}}", " ".repeat(70_000));
@@ -196,6 +197,44 @@ fn the_socket_and_the_page_and_the_stream() {
         .output()
         .expect("it runs");
     assert_eq!(second.status.code(), Some(7), "one daemon at a socket");
+}
+
+/// `railbus raw` goes through the daemon, which is told what is meant.
+#[test]
+fn a_frame_of_ones_own_goes_through_the_daemon() {
+    let daemon = Daemon::demo("raw");
+    let raw = |words: &str| {
+        let socket = daemon.folder.join("socket");
+        let words = words.split(' ');
+        let run = railbus()
+            .arg("raw")
+            .args(words)
+            .env("RAILBUS_SOCKET", socket)
+            .output();
+        let run = run.expect("it runs");
+        (
+            run.status.code(),
+            String::from_utf8_lossy(&run.stderr).into_owned(),
+        )
+    };
+    let k1 = || daemon.get("/api/v1/points/oven/k1?fresh=1").json()["value"].clone();
+    assert_eq!(raw("--crc 03 05 00 3C FF 00").0, Some(0));
+    assert_eq!(k1(), true);
+    let lock = r#"{"locked":true}"#;
+    let locked = daemon.send("PATCH", "/api/v1/config/points/oven/k2", lock);
+    assert_eq!(locked.status, 200, "{}", locked.text());
+    let (code, told) = raw("--crc 03 05 00 3C 00 00");
+    assert!(code != Some(0) && told.contains("E0458"), "{told}");
+    assert_eq!(k1(), true);
+    assert_eq!(raw("--crc 03 05 00 3C 00 00 --override").0, Some(0));
+    assert_eq!(k1(), false);
+    let all = "55 F5 13 00 00 00 FF 5C";
+    let (code, told) = raw(all);
+    assert!(code == Some(2) && told.contains("E0202"), "{told}");
+    assert_eq!(raw(&format!("{all} --yes")).0, Some(0));
+    daemon.until("the yard is read anew", |daemon| {
+        daemon.get("/api/v1/points/yard/k1").json()["value"] == true
+    });
 }
 
 #[test]

@@ -6,7 +6,7 @@ use crate::audit::Note;
 use crate::config::{ModuleConfig, Place};
 use crate::{Failure, Value};
 use railbus_device::{Bank, Module, Op, Point, PointKind, Seen};
-use railbus_host::{Confirmed, Done, Fault, Probe, ProbeResult, Tap, Terms};
+use railbus_host::{Confirmed, Done, Fault, Line, Probe, ProbeResult, Tap, Terms};
 use railbus_wire::{Channel, Exchange, Micros, Settings};
 use std::fmt::Write;
 use std::sync::Arc;
@@ -213,8 +213,19 @@ impl Service {
         exchange: Exchange<'static>,
         terms: RawTerms,
     ) -> Result<ProbeResult, Failure> {
+        let (handle, probe) = self.probe_of(line, exchange, terms)?;
+        Ok(handle.probe(probe).await?)
+    }
+
+    /// A line, and a frame of one's own as it is to be sent there.
+    pub(super) fn probe_of(
+        &self,
+        line: &str,
+        exchange: Exchange<'static>,
+        terms: RawTerms,
+    ) -> Result<(Line, Probe), Failure> {
         let status = self.line(line).ok_or(Failure::NoSuchLine)?;
-        let handle = self.inner.handle(line).ok_or(Failure::NoSuchLine)?;
+        let handle = self.inner.handle(line).ok_or(Failure::Lent)?;
         let settings = terms.settings.unwrap_or(status.serial);
         // What the slowest of the families wants.
         let gap = Micros::from_millis(20).max(settings.t3_5());
@@ -226,7 +237,7 @@ impl Service {
             clear: terms.clear,
             changes: false,
         };
-        Ok(handle.probe(probe).await?)
+        Ok((handle, probe))
     }
 
     /// Looks on at what passes on a line, without touching it. The moment is now as the line

@@ -51,7 +51,7 @@ impl State {
             self.check_min_off(place, now)?;
         }
         for place in rising {
-            self.guard.output(place).rising += 1;
+            self.guard.rises(place);
         }
         Ok(())
     }
@@ -196,6 +196,11 @@ impl Guard {
 
     fn output(&mut self, place: &Place) -> &mut Output {
         self.outputs.entry(place.clone()).or_default()
+    }
+
+    /// Something is about to be sent that may switch an output on.
+    pub(super) fn rises(&mut self, place: &Place) {
+        self.output(place).rising += 1;
     }
 
     /// A command that may have switched an output on has ended. Where it is not known what

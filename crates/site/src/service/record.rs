@@ -125,6 +125,12 @@ pub struct Work {
 }
 
 impl Work {
+    /// Its number in the audit log.
+    #[must_use]
+    pub fn id(&self) -> &str {
+        &self.begun.id
+    }
+
     /// Writes down how it ended: `readback`, `reply`, `sent`, or the name of what went wrong.
     pub async fn end(self, end: &'static str) {
         self.service.inner.end(self.begun, end, &[]).await;

@@ -41,6 +41,15 @@ impl Boards {
     }
 
     fn answer(&self, request: &[u8]) -> Option<Vec<u8>> {
+        if request[0] == 0 {
+            // All obey, and none answers.
+            for address in 1..8 {
+                let mut one = request.to_vec();
+                one[0] = address;
+                self.answer(&one);
+            }
+            return None;
+        }
         let address = usize::from(request[0] & 7);
         if self.mute[address].load(Ordering::SeqCst) {
             return None;

@@ -2,6 +2,7 @@
 
 mod board;
 mod safety;
+mod sending;
 mod several;
 
 use board::{k, until};

@@ -1,7 +1,8 @@
 //! Who puts a scan's questions on the line: the scan itself, or the daemon that has it. There
 //! they go between its own polls.
 
-use crate::api::types::{LateAnswer, Outcome, RawRequest};
+use crate::api::send_types::{LateAnswer, SendRequest};
+use crate::api::types::Outcome;
 use crate::backend::Backend;
 use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
@@ -69,8 +70,7 @@ async fn ask_daemon(
 ) -> Result<Met, Failure> {
     let mut frame = Frame::new();
     probe.exchange.encode(&mut frame);
-    let request = RawRequest {
-        line: Some(place.line.clone()),
+    let request = SendRequest {
         protocol: probe.exchange.protocol().name().to_owned(),
         bytes: hex::spaced(frame.bytes()),
         timeout_ms: Some(probe.timeout.0.div_ceil(1000)),
@@ -78,8 +78,9 @@ async fn ask_daemon(
         format: Some(probe.settings.character.to_string()),
         gap_us: Some(probe.gap.0),
         clear: probe.clear,
+        ..SendRequest::default()
     };
-    let met = backend.raw(request).await;
+    let met = backend.send(&place.line, request).await;
     let met = met.map_err(|problem| context.failure(&problem))?;
     Ok(Met {
         outcome: match met.outcome {

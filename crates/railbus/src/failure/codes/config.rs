@@ -46,9 +46,9 @@ codes! {
         next: ["railbus ls points", "railbus ls points"],
     }
     BadFrame = "E0808" {
-        title: ["the bytes are no read of that protocol", "这些字节不是该协议的读取命令"],
-        likely: ["through the daemon raw only reads · a wrong checksum",
-            "经守护进程时 raw 只能读取 · 校验和有误"],
+        title: ["the bytes are no request of that protocol", "这些字节不是该协议的请求"],
+        likely: ["a wrong checksum · another protocol · through the daemon only known requests go",
+            "校验和有误 · 是另一协议 · 经守护进程时只发送已知的请求"],
         next: ["railbus decode", "railbus decode"],
     }
     NoConfig = "E0809" {

@@ -101,6 +101,14 @@ codes! {
         likely: ["somebody else has just started it", "刚由他人启动"],
         next: ["wait until it has ended", "等待其结束"],
     }
+    SendConfirm = "E0458" {
+        title: ["not sent: the frame may change something, and nobody said that this is meant",
+            "未发送：此帧可能造成改变，尚未确认"],
+        likely: ["it switches outputs, changes settings, is for all modules, or goes past a lock",
+            "会动作输出、更改设置、面向所有模块，或越过锁定"],
+        next: ["read what it may do, then say so: --yes, and --override where it goes past a lock",
+            "看清其作用后再确认：加 --yes；要越过锁定则再加 --override"],
+    }
     Garbled = "E0501" {
         title: ["garbled: bytes came back that are no reply", "应答损坏：收到的字节不是有效应答"],
         likely: ["other baud or parity · two modules on one address · noise, bias or termination",

@@ -4,7 +4,7 @@ use railbus_wire::{Exchange, Protocol, ascii, lc02, r55, rtu};
 
 /// What a request may do, the least first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Risk {
+pub enum Risk {
     /// It only reads.
     Read,
     /// It switches outputs of one module.
@@ -16,7 +16,9 @@ pub(super) enum Risk {
 }
 
 impl Risk {
-    pub(super) fn of(asked: &Exchange<'_>) -> Risk {
+    /// What this request may do.
+    #[must_use]
+    pub fn of(asked: &Exchange<'_>) -> Risk {
         match asked {
             Exchange::Rtu(e) => of_rtu(e),
             Exchange::R55(e) => of_r55(e),
@@ -32,9 +34,16 @@ impl Risk {
     }
 }
 
+/// Whether a module answers it: what is for all at once is carried out without a reply [R55 §4.2].
+#[must_use]
+pub fn is_answered(asked: &Exchange<'_>) -> bool {
+    asked.expects_reply() && Risk::of(asked) != Risk::All
+}
+
 /// A protocol other than the request's own of those named, in which the bytes hold a whole
 /// command: what a module of that protocol would obey.
-pub(super) fn stowaway(bytes: &[u8], own: Protocol, others: &[Protocol]) -> Option<Protocol> {
+#[must_use]
+pub fn stowaway(bytes: &[u8], own: Protocol, others: &[Protocol]) -> Option<Protocol> {
     let mut others = others.iter().copied().filter(|other| *other != own);
     others.find(|other| railbus_wire::carries_command(bytes, *other))
 }
@@ -42,9 +51,10 @@ pub(super) fn stowaway(bytes: &[u8], own: Protocol, others: &[Protocol]) -> Opti
 fn of_rtu(e: &rtu::Exchange<'_>) -> Risk {
     match e.request {
         _ if e.address == rtu::BROADCAST => Risk::All,
-        rtu::Request::WriteRegister { .. } | rtu::Request::WriteRegisters(_) => Risk::Kept,
         rtu::Request::WriteCoil { .. } | rtu::Request::WriteCoils(_) => Risk::Output,
-        _ => Risk::Read,
+        request if request.is_read() => Risk::Read,
+        // Registers, and diagnosis that clears counters or makes a module deaf.
+        _ => Risk::Kept,
     }
 }
 
@@ -99,10 +109,13 @@ mod tests {
         };
         let register = rtu::Request::WriteRegister { at: 4, value: 1 };
         let one = Channel::new(0).unwrap();
+        let diagnose = |sub| rtu::Request::Diagnose { sub, data: 0 };
         for (asked, risk) in [
             (Exchange::rtu(Address(3), coil), Risk::Output),
             (Exchange::rtu(Address(0), coil), Risk::All),
             (Exchange::rtu(Address(3), register), Risk::Kept),
+            (Exchange::rtu(Address(3), diagnose(0)), Risk::Read),
+            (Exchange::rtu(Address(3), diagnose(4)), Risk::Kept),
             (ascii(ascii::Request::ReadData), Risk::Read),
             (ascii(ascii::Request::ReadReset), Risk::Output),
             (ascii(ascii::Request::HostOk), Risk::All),

@@ -1,0 +1,169 @@
+//! A frame of somebody's own that may change something. It goes out between the polls of its
+//! line, once, and is no command: no rule of the configuration holds it back. So from before it
+//! is sent nothing that was known of the outputs of its modules counts any more, until they are
+//! read anew.
+
+use super::{Inner, RawTerms, Service, Update, lock};
+use crate::config::Place;
+use crate::{Failure, Risk, is_answered};
+use railbus_device::PointKind;
+use railbus_host::{Fault, ProbeResult, Probed};
+use railbus_wire::{Exchange, Response, ascii, rtu};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// What was not sent by then is taken back: it may be long after it was wanted.
+const SEND_TTL: Duration = Duration::from_secs(5);
+
+/// What came of a frame of somebody's own.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sent {
+    /// What came back.
+    pub met: ProbeResult,
+    /// The number of its audit entry.
+    pub audit: String,
+}
+
+impl Service {
+    /// The modules of a line that a request may concern: the one asked, or all that speak its
+    /// protocol.
+    #[must_use]
+    pub fn concerned(&self, line: &str, asked: &Exchange<'_>) -> Vec<String> {
+        let config = self.config();
+        let all = Risk::of(asked) == Risk::All;
+        let of_line = config.modules_of(line).filter(|(_, module)| {
+            let setup = &module.setup;
+            setup.protocol == asked.protocol() && (all || setup.address == asked.address())
+        });
+        of_line.map(|(name, _)| name.clone()).collect()
+    }
+
+    /// Sends a frame that may change something, once. What is written down of it beforehand says
+    /// `what`. Whoever calls this has told what it may do.
+    ///
+    /// # Errors
+    /// [`Failure`]; [`Failure::may_have_acted`] says whether it may have been sent.
+    pub async fn send(
+        &self,
+        line: &str,
+        exchange: Exchange<'static>,
+        terms: RawTerms,
+        what: String,
+    ) -> Result<Sent, Failure> {
+        let (handle, probe) = self.probe_of(line, exchange, terms)?;
+        if self.inner.timers.are_stopping() {
+            return Err(Fault::Closed.into());
+        }
+        let modules = self.concerned(line, &exchange);
+        let alone = match &modules[..] {
+            [module] => Some(module.clone()),
+            _ => None,
+        };
+        let work = self.begin_work(alone.as_deref().unwrap_or_default(), what);
+        let work = work.await?;
+        let audit = work.id().to_owned();
+        let doubt = Doubt::begin(&self.inner, modules);
+        let probe = railbus_host::Probe {
+            changes: true,
+            ..probe
+        };
+        let end = tokio::time::timeout(SEND_TTL, handle.probe(probe)).await;
+        // It was taken back, unless it was on its way just then.
+        let end = end.unwrap_or(Err(Fault::Unknown));
+        drop(doubt);
+        work.end(audited(&exchange, &end)).await;
+        let met = end?;
+        if met.outcome == Probed::Unsafe {
+            return Err(Fault::Unsupported.into());
+        }
+        if let Some(module) = alone {
+            // Where it does not answer, nothing is known of it, and that is what is told.
+            let _ = self.read_fresh(&module).await;
+        }
+        Ok(Sent { met, audit })
+    }
+}
+
+/// How it ended, as the audit log tells it.
+fn audited(asked: &Exchange<'_>, end: &Result<ProbeResult, Fault>) -> &'static str {
+    let met = match end {
+        Ok(met) => met,
+        Err(fault) => return fault.name(),
+    };
+    match met.outcome {
+        Probed::Answered if is_refused(asked, &met.bytes) => "refused",
+        Probed::Answered => "reply",
+        Probed::Garbled => "garbled",
+        Probed::Silent if is_answered(asked) => "no_reply",
+        Probed::Silent => "sent",
+        Probed::Unsafe => Fault::Unsupported.name(),
+    }
+}
+
+/// Whether a module said no.
+#[must_use]
+pub fn is_refused(asked: &Exchange<'_>, bytes: &[u8]) -> bool {
+    let reply = asked.find_response(bytes).1.whole();
+    reply.is_some_and(|reply| {
+        matches!(
+            reply.response,
+            Response::Rtu(rtu::Response::Exception(_))
+                | Response::Ascii(ascii::Response::Invalid | ascii::Response::Ignored)
+        )
+    })
+}
+
+/// While it lives, any output of these modules may be on; after it, only what is read then says
+/// how it is.
+struct Doubt {
+    inner: Arc<Inner>,
+    modules: Vec<String>,
+    outputs: Vec<Place>,
+}
+
+impl Doubt {
+    fn begin(inner: &Arc<Inner>, modules: Vec<String>) -> Doubt {
+        let mut state = lock(&inner.state);
+        let config = state.site.config();
+        let outputs = modules.iter().flat_map(|name| {
+            let setup = config.modules.get(name).map(|module| module.setup);
+            let points = setup.into_iter().flat_map(|setup| setup.points());
+            let outputs = points.filter(|point| point.kind == PointKind::Output);
+            outputs.map(|point| Place::new(name, point))
+        });
+        let outputs: Vec<Place> = outputs.collect();
+        for place in &outputs {
+            state.guard.rises(place);
+        }
+        drop(state);
+        Doubt {
+            inner: Arc::clone(inner),
+            modules,
+            outputs,
+        }
+    }
+}
+
+impl Drop for Doubt {
+    fn drop(&mut self) {
+        let from: Vec<_> = self
+            .outputs
+            .iter()
+            .map(|place| (place, self.inner.line_time(&place.module)))
+            .collect();
+        let now = self.inner.now();
+        let mut state = lock(&self.inner.state);
+        for (place, from) in from {
+            state.guard.ended(place, Some(from));
+            // Should it be off, it went off just now; where it is on, a reading says so.
+            state.went_off(place, now);
+        }
+        state
+            .site
+            .doubt(|module| self.modules.iter().any(|name| name == module));
+        drop(state);
+        for module in &self.modules {
+            self.inner.tell(Update::Module(module.clone()));
+        }
+    }
+}

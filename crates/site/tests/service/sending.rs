@@ -1,0 +1,98 @@
+//! Frames of somebody's own, which no rule of the configuration holds back: what is known after
+//! them must be true all the same.
+
+use crate::board::{k, until};
+use crate::safety::{site, switch};
+use railbus_host::Probed;
+use railbus_site::{Failure, Quality, RawTerms, Service, Value};
+use railbus_wire::{Address, Exchange, rtu};
+
+const LOCK: &str = "[module.oven.point.k1]\ninterlock = [\"yard.k1\"]\n";
+
+/// Switches a relay by a frame of its own.
+fn frame(address: u8, number: u8, on: bool) -> Exchange<'static> {
+    let request = rtu::Request::WriteCoil {
+        at: 59 + u16::from(number),
+        value: if on {
+            rtu::CoilValue::ON
+        } else {
+            rtu::CoilValue::OFF
+        },
+    };
+    Exchange::rtu(Address(address), request)
+}
+
+async fn send(service: &Service, frame: Exchange<'static>) -> Result<Probed, Failure> {
+    let sent = service.send("main", frame, RawTerms::default(), "send it".to_owned());
+    Ok(sent.await?.met.outcome)
+}
+
+#[tokio::test]
+async fn a_frame_of_ones_own_is_written_down_and_its_module_read_anew() {
+    let (service, boards) = site(LOCK).await;
+    switch(&service, "yard", 1, true).await.unwrap();
+    // It goes past what excludes it: that is what it is asked for.
+    let met = send(&service, frame(3, 1, true)).await.unwrap();
+    assert_eq!((met, boards.relays(3)), (Probed::Answered, 1));
+    let known = service.point("oven", k(1)).unwrap();
+    assert_eq!(
+        (known.value, known.quality),
+        (Some(Value::Bool(true)), Quality::Good)
+    );
+    let entry = service.audit().pop().unwrap();
+    assert_eq!(
+        (&*entry.module, &*entry.what, entry.end),
+        ("oven", "send it", Some("reply"))
+    );
+    // What it did is not forgotten: nothing that it excludes goes on.
+    switch(&service, "yard", 1, false).await.unwrap();
+    let refused = switch(&service, "yard", 1, true).await;
+    assert!(
+        matches!(refused, Err(Failure::Interlock { .. })),
+        "{refused:?}"
+    );
+    // A broadcast is for both, and answered by none.
+    let met = send(&service, frame(0, 1, false)).await.unwrap();
+    assert_eq!((met, boards.relays(3)), (Probed::Silent, 0));
+    let entry = service.audit().pop().unwrap();
+    assert_eq!((&*entry.module, entry.end), ("", Some("sent")));
+    let good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
+    until(|| good("oven") && good("yard")).await;
+    service.close().await;
+}
+
+#[tokio::test]
+async fn a_module_that_does_not_answer_may_have_obeyed() {
+    let (service, boards) = site(LOCK).await;
+    boards.mute(3, true);
+    let met = send(&service, frame(3, 1, true)).await.unwrap();
+    assert_eq!(met, Probed::Silent);
+    let entry = service.audit().pop().unwrap();
+    assert_eq!(entry.end, Some("no_reply"));
+    // What was known of it before does not count any more, though it is not offline yet.
+    assert_ne!(service.point("oven", k(1)).unwrap().quality, Quality::Good);
+    let refused = switch(&service, "yard", 1, true).await;
+    assert!(
+        matches!(refused, Err(Failure::Interlock { .. })),
+        "{refused:?}"
+    );
+    boards.mute(3, false);
+    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    switch(&service, "yard", 1, true).await.unwrap();
+    service.close().await;
+}
+
+#[tokio::test]
+async fn an_output_that_may_have_gone_off_stays_off_for_its_time() {
+    let (service, boards) = site("[module.oven.point.k2]\nmin_off = \"1h\"\n").await;
+    boards.set(3, 0b10);
+    until(|| service.point("oven", k(2)).unwrap().value == Some(Value::Bool(true))).await;
+    send(&service, frame(3, 2, false)).await.unwrap();
+    assert_eq!(boards.relays(3), 0);
+    let refused = switch(&service, "oven", 2, true).await;
+    assert!(
+        matches!(refused, Err(Failure::MinOff { .. })),
+        "{refused:?}"
+    );
+    service.close().await;
+}

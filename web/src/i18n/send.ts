@@ -1,0 +1,27 @@
+import type { Pair } from "./index.svelte";
+
+/** A frame of one's own. */
+export const send = {
+  send_open: ["Send frame…", "发送帧…"],
+  send_title: ["Send a frame on line {line}", "在总线 {line} 上发送一帧"],
+  send_bytes: ["Frame", "帧"],
+  send_form_hex: ["Hexadecimal, as 03 01 00 3C 00 08", "十六进制，如 03 01 00 3C 00 08"],
+  send_form_text: ["As it is, such as $016, or in hexadecimal", "原样输入，如 $016；也可用十六进制"],
+  send_complete: ["Add checksum and end", "自动补上校验和与结束符"],
+  send_whole: ["Goes out as", "实际发送"],
+  send_reads: ["It only reads: nothing changes.", "只读取，不造成任何改变。"],
+  send_may: ["What it may do", "可能造成的改变"],
+  send_mean_output: ["I mean to switch outputs with it", "确认：用此帧动作输出"],
+  send_mean_settings: ["I mean to change what the module keeps", "确认：用此帧更改模块保存的设置"],
+  send_mean_broadcast: ["All modules obey it: type “{word}” if you mean that", "所有模块都会执行：确认请输入“{word}”"],
+  send_mean_override: ["I mean to go past what the configuration says", "确认：越过配置中的规定"],
+  send_now: ["Send", "发送"],
+  send_log: ["Sent", "已发送"],
+  send_after: ["after {ms} ms", "{ms} 毫秒后"],
+  send_silent: ["no reply", "无应答"],
+  send_unanswered: ["sent; nobody answers such a frame", "已发送；此类帧无应答"],
+  send_garbled: ["what came back is no reply to it", "返回的不是对此帧的应答"],
+  send_unsafe: ["not sent: another module on this line would take it for a command", "未发送：总线上另一模块会把它当作命令"],
+  send_no: ["the module said no", "模块拒绝"],
+  send_anew: ["The modules concerned were asked anew.", "相关模块已重新读取。"],
+} as const satisfies Record<string, Pair>;
