@@ -196,6 +196,9 @@ impl Engine {
         now: Instant,
     ) -> Result<Engine, SetupError> {
         setup.check()?;
+        if Family::ONLY.is_some_and(|only| only != setup.family) {
+            return Err(SetupError::Family);
+        }
         Ok(Engine {
             body: Body::new(setup, eeprom, options, now),
             receiver: Receiver::new(now),
@@ -504,7 +507,7 @@ fn answer_rtu(body: &mut Body, now: Instant, exchange: &rtu::Exchange<'_>, reply
     if beyond::rtu(body, now, exchange, reply) {
         return;
     }
-    match body.setup.family {
+    match body.family() {
         Family::Eda9060a | Family::Eda9050 => eda::rtu(body, now, exchange, reply),
         Family::Erc8 => erc8::answer(body, exchange, reply),
         Family::Emd2a2q => emd2a2q::answer(body, now, exchange, reply),

@@ -29,6 +29,22 @@ impl Family {
         Family::Emd2a2q,
     ];
 
+    /// The family whose own half alone is built, where it is only one.
+    pub(crate) const ONLY: Option<Family> = match (
+        cfg!(feature = "eda9060a"),
+        cfg!(feature = "eda9050"),
+        cfg!(feature = "erc8"),
+        cfg!(feature = "r55"),
+        cfg!(feature = "emd2a2q"),
+    ) {
+        (true, false, false, false, false) => Some(Family::Eda9060a),
+        (false, true, false, false, false) => Some(Family::Eda9050),
+        (false, false, true, false, false) => Some(Family::Erc8),
+        (false, false, false, true, false) => Some(Family::R55),
+        (false, false, false, false, true) => Some(Family::Emd2a2q),
+        _ => None,
+    };
+
     /// The family's datasheet as data.
     #[must_use]
     pub const fn profile(self) -> &'static Profile {
@@ -213,6 +229,8 @@ pub enum SetupError {
     Channels,
     /// Only ASCII has a checksum that can be on or off.
     Checksum,
+    /// The module's own half was built for another family.
+    Family,
 }
 
 impl fmt::Display for SetupError {
@@ -226,6 +244,7 @@ impl fmt::Display for SetupError {
             SetupError::Character => f.write_str("this model does not have that parity"),
             SetupError::Channels => f.write_str("this model does not have so many channels"),
             SetupError::Checksum => f.write_str("only the ASCII protocol has a checksum switch"),
+            SetupError::Family => f.write_str("this firmware was built for another model"),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The two checksums: CRC-16 of Modbus and the 8-bit sum of everything else.
 
-const CRC_TABLE: [u16; 256] = crc_table();
+static CRC_TABLE: [u16; 256] = crc_table();
 
 const fn crc_table() -> [u16; 256] {
     let mut table = [0u16; 256];

@@ -114,7 +114,7 @@ fn diagnose(body: &mut Body, sub: u16, data: u16) -> Result<u16, Exception> {
 
 /// Function 2B [BEYOND §5].
 fn identify(body: &Body, code: u8, object: u8, reply: &mut Frame) -> Result<(), Exception> {
-    let profile = body.setup.family.profile();
+    let profile = body.family().profile();
     let all = [
         (Identification::VENDOR, "railbus"),
         (Identification::PRODUCT, profile.name),

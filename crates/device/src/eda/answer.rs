@@ -49,7 +49,7 @@ pub(crate) fn ascii(body: &mut Body, now: Instant, exchange: &ascii::Exchange, r
         _ => None,
     };
     // The EDA9050's sheet prints the new address in this one reply [EDA9050 §3.4].
-    let readdressed = match (exchange.request, body.setup.family) {
+    let readdressed = match (exchange.request, body.family()) {
         (ascii::Request::WriteConfig { new_address, .. }, Family::Eda9050) => new_address,
         _ => from,
     };
@@ -202,7 +202,7 @@ fn write_registers(body: &mut Body, block: &WordBlock<'_>) -> Result<Answer, Exc
         match at {
             write_map::SERIAL if high != 0 => {
                 eeprom.address = Address(high);
-                let baud = body.setup.family.profile().baud_of(low);
+                let baud = body.family().profile().baud_of(low);
                 eeprom.serial.baud = baud.ok_or(Exception::VALUE)?;
             }
             write_map::PULSE if high <= 0x0F => {
@@ -239,7 +239,7 @@ fn reconfigure(
 ) -> Option<()> {
     let mut eeprom = body.eeprom;
     eeprom.address = address;
-    eeprom.serial.baud = body.setup.family.profile().baud_of(baud_code)?;
+    eeprom.serial.baud = body.family().profile().baud_of(baud_code)?;
     eeprom.checksum = checksum.unwrap_or(eeprom.checksum);
     body.keep(eeprom);
     Some(())

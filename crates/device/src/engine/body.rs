@@ -74,9 +74,18 @@ impl Body {
         body
     }
 
+    /// Its family: a constant where only one is built, so that the compiler leaves out what
+    /// the others do.
+    pub(crate) const fn family(&self) -> Family {
+        match Family::ONLY {
+            Some(only) => only,
+            None => self.setup.family,
+        }
+    }
+
     /// The address in force.
     pub(crate) const fn address(&self) -> Address {
-        match (self.setup.family, self.dip) {
+        match (self.family(), self.dip) {
             (Family::R55, 1..) => Address(self.dip),
             _ => self.active.address,
         }
@@ -84,11 +93,16 @@ impl Body {
 
     /// The protocol in force: on an EDA9050 the INIT* pin chooses between two of the three.
     pub(crate) const fn protocol(&self) -> Protocol {
-        match (self.setup.family, self.active.protocol) {
+        match (self.family(), self.active.protocol) {
+            (Family::Erc8 | Family::Emd2a2q, _) => Protocol::Rtu,
+            (Family::R55, _) => Protocol::R55,
             (Family::Eda9050, Protocol::Ascii | Protocol::Lc02) => {
                 eda9050::protocol_by_pin(self.init_grounded)
             }
-            (_, protocol) => protocol,
+            (_, Protocol::Ascii) => Protocol::Ascii,
+            (_, Protocol::Lc02) => Protocol::Lc02,
+            // No EDA module keeps the last: only its own requests change what it keeps.
+            (_, Protocol::Rtu | Protocol::R55) => Protocol::Rtu,
         }
     }
 
@@ -180,7 +194,9 @@ impl Body {
         }
         self.drive(over, on);
         self.run_watchdog(now);
-        emd2a2q::run_calibration(self, now);
+        if matches!(self.family(), Family::Emd2a2q) {
+            emd2a2q::run_calibration(self, now);
+        }
     }
 
     /// Brings outputs into these states, but for those that are stuck.
@@ -200,7 +216,7 @@ impl Body {
     /// The LED: the two EDA modules describe theirs, the others are just on
     /// [EDA9060A §1.6, EDA9050 §1.8].
     pub(super) const fn led(&self, now: Instant, sending: bool) -> bool {
-        match self.setup.family {
+        match self.family() {
             Family::Eda9060a => eda9060a::led(now.since(self.started), sending),
             Family::Eda9050 => eda9050::led(sending),
             Family::Erc8 | Family::R55 | Family::Emd2a2q => true,
@@ -208,7 +224,7 @@ impl Body {
     }
 
     pub(super) fn led_deadline(&self, now: Instant) -> Option<Instant> {
-        match self.setup.family {
+        match self.family() {
             Family::Eda9060a => Some(now + eda9060a::led_holds(now.since(self.started))),
             _ => None,
         }
@@ -217,7 +233,7 @@ impl Body {
     /// The gap before a request that this module insists on.
     pub(super) fn insisted_gap(&self) -> Micros {
         match self.options.insist_on_gap {
-            true if self.setup.family != Family::R55 => self.request_gap(),
+            true if self.family() != Family::R55 => self.request_gap(),
             _ => Micros::ZERO,
         }
     }
@@ -244,7 +260,7 @@ impl Body {
         refusal: Option<(Address, u8, rtu::Exception)>,
         reply: &mut Frame,
     ) {
-        let aloud = match self.setup.family {
+        let aloud = match self.family() {
             Family::Erc8 | Family::Emd2a2q => true,
             // What is beyond the datasheet is refused as in the standard [BEYOND §3.4].
             _ if self.options.beyond && refusal.is_some_and(|(_, code, _)| is_beyond(code)) => true,
@@ -255,7 +271,7 @@ impl Body {
             && address == self.address()
             && address != rtu::BROADCAST
         {
-            let absent = match self.setup.family {
+            let absent = match self.family() {
                 Family::Erc8 => erc8::ABSENT,
                 Family::Emd2a2q => emd2a2q::ABSENT,
                 Family::Eda9060a => eda9060a::ABSENT,
@@ -277,7 +293,7 @@ impl Body {
     /// Answers a frame that did not arrive whole: with silence, or with an exception where that
     /// switch is on and the frame names this module [ERC-8 §5.8, §5.9].
     pub(super) fn answer_bad_frame(&self, frame: &[u8], why: rtu::Exception, reply: &mut Frame) {
-        let listed = matches!(self.setup.family, Family::Erc8 | Family::Emd2a2q);
+        let listed = matches!(self.family(), Family::Erc8 | Family::Emd2a2q);
         if let &[address, code, ..] = frame
             && listed
             && self.options.answer_bad_frames

@@ -196,5 +196,6 @@ fn setup(lang: Lang, why: SetupError) -> String {
         (Lang::Zh, SetupError::Character) => "该型号没有此校验方式".to_owned(),
         (Lang::Zh, SetupError::Channels) => "该型号没有这么多通道".to_owned(),
         (Lang::Zh, SetupError::Checksum) => "只有 ASCII 协议有校验和开关".to_owned(),
+        (Lang::Zh, SetupError::Family) => "此固件用于其他型号".to_owned(),
     }
 }

@@ -667,6 +667,7 @@ const fn key_of(error: SetupError) -> &'static str {
         SetupError::Character => "format",
         SetupError::Channels => "outputs",
         SetupError::Checksum => "checksum",
+        SetupError::Family => "family",
     }
 }
 
