@@ -136,6 +136,7 @@ fn wish(wanted: &ScanRequest, line: &LineStatus) -> Result<Wish, Problem> {
         characters: None,
         checksum: None,
         silence: None,
+        describes: false,
     })
 }
 

@@ -45,11 +45,18 @@ pub enum Ask {
     Registers8,
     /// Eight coils from 60: an ERC-8.
     Coils60,
+    /// What is it, by function 2B? [BEYOND §5]
+    Identification,
+    /// Does it know function 08, and so perhaps 2B? [BEYOND §4.2] It costs less than to ask for
+    /// what may be as long as any frame.
+    Diagnosis,
+    /// `$AAF`, with or without checksum [BEYOND §2.1].
+    AsciiFirmware(bool),
 }
 
 impl Ask {
     /// All of them.
-    pub const ALL: [Ask; 10] = [
+    pub const ALL: [Ask; 14] = [
         Ask::R55Address,
         Ask::R55State,
         Ask::Lc02Config,
@@ -60,6 +67,10 @@ impl Ask {
         Ask::Registers4,
         Ask::Registers8,
         Ask::Coils60,
+        Ask::Identification,
+        Ask::Diagnosis,
+        Ask::AsciiFirmware(false),
+        Ask::AsciiFirmware(true),
     ];
 
     /// The protocol it is asked in.
@@ -68,9 +79,10 @@ impl Ask {
         match self {
             Ask::R55Address | Ask::R55State => Protocol::R55,
             Ask::Lc02Config => Protocol::Lc02,
-            Ask::AsciiName(_) => Protocol::Ascii,
+            Ask::AsciiName(_) | Ask::AsciiFirmware(_) => Protocol::Ascii,
             Ask::Coils0 | Ask::NineCoils | Ask::Coils60 => Protocol::Rtu,
             Ask::Registers4 | Ask::Registers8 => Protocol::Rtu,
+            Ask::Identification | Ask::Diagnosis => Protocol::Rtu,
         }
     }
 
@@ -88,6 +100,10 @@ impl Ask {
             Ask::Registers4 => "registers_4",
             Ask::Registers8 => "registers_8",
             Ask::Coils60 => "coils_60",
+            Ask::Identification => "identification",
+            Ask::Diagnosis => "diagnosis",
+            Ask::AsciiFirmware(false) => "ascii_firmware",
+            Ask::AsciiFirmware(true) => "ascii_firmware_checksum",
         }
     }
 
@@ -95,6 +111,14 @@ impl Ask {
     #[must_use]
     pub fn from_name(name: &str) -> Option<Ask> {
         Ask::ALL.into_iter().find(|ask| ask.name() == name)
+    }
+
+    /// Whether it asks only what the module says of itself: nothing hangs on the answer.
+    pub(super) const fn is_description(self) -> bool {
+        matches!(
+            self,
+            Ask::Identification | Ask::Diagnosis | Ask::AsciiFirmware(_)
+        )
     }
 
     /// What may be asked instead where the frame must not be sent.
@@ -127,12 +151,21 @@ impl Ask {
             Ask::AsciiName(checksum) => {
                 return Some(Exchange::ascii(address, checksum, ascii::Request::ReadName));
             }
+            Ask::AsciiFirmware(checksum) => {
+                let request = ascii::Request::ReadFirmware;
+                return Some(Exchange::ascii(address, checksum, request));
+            }
             _ if address == rtu::BROADCAST => return None,
             Ask::Coils0 => coils(0, 8)?,
             Ask::NineCoils => coils(0, 9)?,
             Ask::Coils60 => coils(60, 8)?,
             Ask::Registers4 => registers(4)?,
             Ask::Registers8 => registers(8)?,
+            Ask::Identification => rtu::Request::Identify { code: 1, object: 0 },
+            Ask::Diagnosis => rtu::Request::Diagnose {
+                sub: rtu::diagnosis::REGISTER,
+                data: 0,
+            },
         };
         Some(Exchange::rtu(address, request))
     }
@@ -322,7 +355,10 @@ mod tests {
                     _ => false,
                 },
                 Exchange::Lc02(e) => e.request == lc02::Request::ReadConfig,
-                Exchange::Ascii(e) => e.request == ascii::Request::ReadName,
+                Exchange::Ascii(e) => matches!(
+                    e.request,
+                    ascii::Request::ReadName | ascii::Request::ReadFirmware
+                ),
             };
             assert!(reads, "{question:?}");
             let own = question.ask.protocol();

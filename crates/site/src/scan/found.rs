@@ -1,7 +1,7 @@
 //! A module that was found, and what its answers amount to.
 
-use super::ask::Question;
-use super::identify::{Answer, Identity, identify, state, version};
+use super::ask::{Ask, PATIENCE, Question};
+use super::identify::{Answer, Identity, describe, description, identify, state, version};
 use railbus_wire::{Micros, Protocol};
 
 /// What a module's answers amount to. Who was asked in vain is silent, and not told of.
@@ -101,7 +101,7 @@ impl Found {
     #[must_use]
     pub const fn checksum(&self) -> Option<bool> {
         match self.asked.ask {
-            super::Ask::AsciiName(checksum) => Some(checksum),
+            Ask::AsciiName(checksum) => Some(checksum),
             _ => None,
         }
     }
@@ -115,6 +115,26 @@ impl Found {
             Identity { refused: true, .. } => Verdict::Refused,
             Identity { .. } => Verdict::Odd,
         }
+    }
+
+    /// What it says of itself beyond its datasheet: maker, product and version, or its firmware.
+    #[must_use]
+    pub fn description(&self) -> Option<String> {
+        description(self.asked, &self.answers)
+    }
+
+    /// What it is to be asked yet, so that it says of itself what it is, and how long it is waited
+    /// for.
+    pub(super) fn to_describe(&self) -> Option<(Question, Micros)> {
+        let ask = describe(self.asked, &self.answers).filter(|_| !self.is_conflict())?;
+        let patience = self.rtt * 2 + Micros::from_millis(30);
+        Some((self.asked.with(ask), patience.min(PATIENCE)))
+    }
+
+    /// What it said to that; nothing where it was silent. Whether it now is known better.
+    pub(super) fn described(&mut self, ask: Ask, bytes: Vec<u8>) -> bool {
+        self.answers.push((ask, bytes));
+        self.description().is_some()
     }
 
     /// Whether two modules may have its address.

@@ -2,7 +2,7 @@
 
 use super::ask::{Ask, Question};
 use railbus_device::Family;
-use railbus_wire::{Address, Response, ascii, lc02, rtu};
+use railbus_wire::{Address, Protocol, Response, ascii, lc02, rtu};
 
 /// A question and the bytes that came back; none where it was silent.
 pub type Answer = (Ask, Vec<u8>);
@@ -123,6 +123,44 @@ pub(super) fn follow_up(asked: Question, answers: &[Answer]) -> Option<Ask> {
     }
 }
 
+/// What a module that was found is to be asked yet, so that it says of itself what it is. A module
+/// of the makers' refuses that, or an EDA module is silent: it is asked what costs less first.
+pub(super) fn describe(asked: Question, answers: &[Answer]) -> Option<Ask> {
+    let was_asked = |ask: Ask| answers.iter().any(|(known, _)| *known == ask);
+    let knows = |ask: Ask| took(asked.with(ask), answers) == Some(Took::Answered);
+    let next = match asked.ask {
+        Ask::AsciiName(checksum) => Ask::AsciiFirmware(checksum),
+        ask if ask.protocol() != Protocol::Rtu => return None,
+        _ => match identify(asked, answers).family {
+            Some(Family::Eda9060a | Family::Eda9050) if !knows(Ask::Diagnosis) => Ask::Diagnosis,
+            _ => Ask::Identification,
+        },
+    };
+    (!was_asked(next)).then_some(next)
+}
+
+/// What a module says of itself: maker, product and version, or its firmware.
+pub(super) fn description(asked: Question, answers: &[Answer]) -> Option<String> {
+    let firmware = |response: &Response<'_>| match response {
+        Response::Ascii(ascii::Response::Text(text)) => Some(text.as_str().to_owned()),
+        _ => None,
+    };
+    let says = |response: &Response<'_>| match response {
+        Response::Rtu(rtu::Response::Identification(says)) => {
+            let objects = says.objects().take(3);
+            let texts: Vec<String> = objects
+                .map(|(_, text)| text.escape_ascii().to_string())
+                .collect();
+            Some(texts.join(" "))
+        }
+        _ => None,
+    };
+    let by_ascii = [false, true].map(Ask::AsciiFirmware).into_iter();
+    let mut by_ascii = by_ascii.map(|ask| response(asked.with(ask), answers, firmware));
+    let by_rtu = response(asked.with(Ask::Identification), answers, says);
+    by_ascii.find_map(Option::flatten).or(by_rtu.flatten())
+}
+
 /// What the answers of one module say.
 pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
     let known = |family: Family, by_behaviour| Identity {
@@ -138,6 +176,10 @@ pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
     // An EDA9050 has eight coils, answers them, and is silent to all else [EDA9050 §5.1].
     let took = |ask: Ask| took(asked.with(ask), answers);
     let silent = |ask: Ask| took(ask) == Some(Took::Silent);
+    let any = |wanted: Took| {
+        let mut asks = answers.iter().map(|(ask, _)| *ask);
+        asks.any(|ask| !ask.is_description() && took(ask) == Some(wanted))
+    };
     let has_coils = took(Ask::Coils0) == Some(Took::Answered);
     if has_coils && silent(Ask::Registers4) && silent(Ask::NineCoils) {
         return known(Family::Eda9050, true);
@@ -146,12 +188,7 @@ pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
         family: None,
         model: named(asked, answers),
         by_behaviour: false,
-        refused: answers
-            .iter()
-            .any(|(ask, _)| took(*ask) == Some(Took::Refused))
-            && !answers
-                .iter()
-                .any(|(ask, _)| took(*ask) == Some(Took::Answered)),
+        refused: any(Took::Refused) && !any(Took::Answered),
     }
 }
 

@@ -73,6 +73,8 @@ enum Why {
     Closing,
     /// Where is the one 0x55 board?
     Boards,
+    /// What does a module that was found say of itself? The number is that of the module.
+    Describe(usize),
 }
 
 /// A scan.
@@ -309,6 +311,9 @@ impl Scanner {
             return self.ask_again(vec![question]);
         }
         self.counts.skipped += 1;
+        if let Why::Describe(index) = why {
+            self.meet_description(index, question, Vec::new());
+        }
         if let Why::Case(index) = why {
             let turn = self.cases.remove(index).unasked();
             self.turn(Some(turn));
@@ -346,6 +351,12 @@ impl Scanner {
             (Why::Case(index), _) => Some(self.cases.remove(index).met(now, met)),
             (Why::Boards, outcome) => {
                 self.meet_boards(question, outcome, &met.bytes);
+                None
+            }
+            (Why::Describe(index), outcome) => {
+                let answered = outcome == Probed::Answered;
+                let bytes = if answered { met.bytes } else { Vec::new() };
+                self.meet_description(index, question, bytes);
                 None
             }
             (_, Probed::Answered | Probed::Garbled) => {
@@ -403,7 +414,9 @@ impl Scanner {
         if let Some(question) = self.take_boards() {
             return Some((question, PATIENCE, Why::Boards));
         }
-        let (question, patience) = first?;
+        let Some((question, patience)) = first else {
+            return self.take_description();
+        };
         self.unanswered = None;
         self.owes_closing = false;
         self.take_first(question);
@@ -499,6 +512,25 @@ impl Scanner {
             }
             Probed::Garbled => self.crowd = true,
             Probed::Silent | Probed::Unsafe => {}
+        }
+    }
+
+    /// When all were found, those who can are asked what they are.
+    fn take_description(&self) -> Option<(Question, Micros, Why)> {
+        let mut found = self.found.iter().enumerate();
+        found.find_map(|(index, found)| {
+            let (question, patience) = found.to_describe().filter(|_| self.scope.describes)?;
+            Some((question, patience, Why::Describe(index)))
+        })
+    }
+
+    fn meet_description(&mut self, index: usize, question: Question, bytes: Vec<u8>) {
+        let mut found = self.found.get_mut(index);
+        if found
+            .as_mut()
+            .is_some_and(|found| found.described(question.ask, bytes))
+        {
+            self.news.push_back(index);
         }
     }
 

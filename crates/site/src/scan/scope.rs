@@ -102,6 +102,8 @@ pub struct Wish {
     pub checksum: Option<bool>,
     /// Silence is believed after so long, from the end of a request.
     pub silence: Option<Micros>,
+    /// Modules that were found are asked what they say of themselves.
+    pub describes: bool,
 }
 
 /// What is to be scanned: all first questions in their order.
@@ -118,6 +120,8 @@ pub struct Scope {
     pub(super) beyond: bool,
     /// A module as the factory sends it is looked for first.
     pub(super) factory: bool,
+    /// Modules that were found are asked what they say of themselves, when all were found.
+    pub(super) describes: bool,
 }
 
 /// One question to a row of addresses.
@@ -211,6 +215,7 @@ impl Scope {
             silence: wish.silence.unwrap_or(wish.depth.silence()),
             factory: wish.bauds.is_none() && wish.characters.is_none(),
             beyond: quick && wish.addresses.is_none() && asks_boards,
+            describes: wish.describes,
             runs,
         }
     }

@@ -61,7 +61,13 @@ impl Bench {
 
     /// A module that begins to answer after so many milliseconds.
     pub(crate) fn add(&mut self, setup: &Setup, turnaround: u64) -> ModuleId {
+        self.add_made_by(setup, turnaround, false)
+    }
+
+    /// The same; a module of our own does what is beyond its datasheet.
+    pub(crate) fn add_made_by(&mut self, setup: &Setup, turnaround: u64, us: bool) -> ModuleId {
         let options = Options {
+            beyond: us,
             turnaround: Micros::from_millis(turnaround),
             // Those whose datasheets say so.
             insist_on_gap: matches!(setup.family, Family::Erc8 | Family::Emd2a2q),

@@ -254,3 +254,57 @@ fn a_scan_that_was_broken_off_goes_on() {
         assert_eq!(second.found, whole, "broken off after {questions}");
     }
 }
+
+/// Modules that know how say what they are; the others are found as ever, and nothing moves.
+#[test]
+fn modules_say_what_they_are_where_they_can() {
+    let kinds = [
+        (Family::Erc8, Protocol::Rtu),
+        (Family::Emd2a2q, Protocol::Rtu),
+        (Family::Eda9060a, Protocol::Rtu),
+        (Family::Eda9050, Protocol::Rtu),
+        (Family::Eda9050, Protocol::Ascii),
+        (Family::Eda9050, Protocol::Lc02),
+        (Family::R55, Protocol::R55),
+    ];
+    let version = env!("CARGO_PKG_VERSION");
+    let describing = Wish {
+        describes: true,
+        ..Wish::default()
+    };
+    for describes in [false, true] {
+        let mut bench = Bench::new();
+        let mut wanted = Vec::new();
+        for (nth, us) in (0..14).map(|nth| (nth, nth % 2 == 1)) {
+            let (family, protocol) = kinds[nth / 2];
+            let address = u8::try_from(nth + 3).unwrap();
+            bench.add_made_by(&at_9600(family, address, protocol), 15, us);
+            let says = match protocol {
+                Protocol::Rtu => Some(format!("railbus {} {version}", family.name())),
+                Protocol::Ascii => Some(format!("railbus {version}")),
+                Protocol::Lc02 | Protocol::R55 => None,
+            };
+            wanted.push((address, says.filter(|_| us && describes)));
+        }
+        let wish = match describes {
+            true => &describing,
+            false => &Wish::default(),
+        };
+        let ran = bench.scan(Scope::of(wish, Vec::new()));
+        let says = ran
+            .all
+            .iter()
+            .map(|found| (found.asked.address.0, found.description()));
+        let mut says: Vec<_> = says.collect();
+        says.sort();
+        assert_eq!(says, wanted);
+        assert!(
+            ran.found.iter().all(|found| found.ends_with("ok")),
+            "{:?}",
+            ran.found
+        );
+        assert_eq!(bench.moved, 0);
+        let asks = |code: u8| ran.frames.iter().any(|frame| frame.get(1) == Some(&code));
+        assert_eq!(asks(0x2B), describes, "nobody is asked unasked");
+    }
+}

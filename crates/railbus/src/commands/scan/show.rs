@@ -256,7 +256,7 @@ fn left_out(left: &LeftOut) -> Value {
 
 fn row(place: &Place, found: &Found) -> Value {
     let format = found.asked.settings.character.to_string();
-    json!({
+    let mut row = json!({
         "line": place.line,
         "addr": found.asked.address.0,
         "proto": found.protocol().name(),
@@ -271,7 +271,11 @@ fn row(place: &Place, found: &Found) -> Value {
         "module": found.known,
         "differs": found.differs,
         "evidence": evidence(found),
-    })
+    });
+    if let Some(says) = found.description() {
+        row["says"] = says.into();
+    }
+    row
 }
 
 /// What it was asked, and what came back.
@@ -378,7 +382,9 @@ fn detail(lang: Lang, found: &Found) -> String {
         };
         lang.fill(text, &[("name", name)])
     });
-    let parts = [what, checksum.map(str::to_owned), known];
+    let says = found.description();
+    let says = says.map(|text| lang.fill(ScanText::Says, &[("text", &text)]));
+    let parts = [what, checksum.map(str::to_owned), says, known];
     let parts: Vec<String> = parts.into_iter().flatten().collect();
     parts.join(lang.of([", ", "，"]))
 }

@@ -31,6 +31,10 @@ crate::texts::texts! {
         en: "ASCII checksum: auto (both, if not said), on or off",
         zh: "ASCII 校验和：auto（默认，两种都试）、on 或 off",
     }
+    Describe {
+        en: "Asks those found for maker, product and firmware version",
+        zh: "询问所发现模块的厂商、产品和固件版本",
+    }
     Follow { en: "Shows each module as soon as it is found", zh: "每发现一个模块立即显示" }
     Add {
         en: "Writes what is found to railbus.toml, after asking",
@@ -92,6 +96,7 @@ crate::texts::texts! {
     Differ { en: "replies differ, wrong {tries} of {tries}", zh: "应答不一致，{tries} 次中 {tries} 次有误" }
     Wrong { en: "replies wrong {tries} of {tries}", zh: "{tries} 次应答中 {tries} 次有误" }
     Twice { en: "two replies to one question", zh: "一次询问收到两个应答" }
+    Says { en: "says \"{text}\"", zh: "自述“{text}”" }
     AsciiWithChecksum { en: "ascii with checksum", zh: "ascii（带校验和）" }
     KnownAs { en: "module {name}", zh: "即 {name}" }
     NotAsConfigured { en: "{name} is another model in the configuration", zh: "与配置中的 {name} 不符" }

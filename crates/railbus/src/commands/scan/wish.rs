@@ -67,6 +67,7 @@ pub(super) fn define(lang: Lang, command: Command) -> Command {
                 .value_parser(["auto", "on", "off"])
                 .hide_possible_values(true),
         )
+        .arg(switch("describe", ScanText::Describe))
         .arg(switch("follow", ScanText::Follow))
         .arg(switch("add", ScanText::Add))
         .arg(switch("yes", ScanText::Yes).requires("add"))
@@ -128,6 +129,7 @@ impl Wanted {
                     _ => None,
                 },
                 silence: context.timeout,
+                describes: flag("describe"),
             },
             follow: flag("follow"),
             add: flag("add"),
