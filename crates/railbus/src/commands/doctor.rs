@@ -4,6 +4,7 @@
 mod daemon;
 mod finding;
 mod fix;
+mod hearing;
 mod line;
 mod port;
 mod served;

@@ -292,6 +292,33 @@ pub(crate) const ALL: &[Finding] = &[
         ["railbus ls     shows how many", "railbus ls     查看次数"],
     ),
     finding(
+        "D305",
+        ["the module hears badly", "模块接收质量差"],
+        [
+            "noise, bias or termination · its microcontroller is too busy",
+            "干扰、偏置或终端电阻问题 · 模块的单片机过于繁忙",
+        ],
+        [
+            "check wiring, bias and termination",
+            "检查接线、偏置和终端电阻",
+        ],
+    ),
+    finding(
+        "D306",
+        [
+            "the module's host watchdog has tripped: its outputs are safe and locked",
+            "模块的主机看门狗已触发：输出处于安全值并锁定",
+        ],
+        [
+            "the host was silent for longer than the watchdog's time",
+            "主机静默超过看门狗时间",
+        ],
+        [
+            "find out why, then clear it: railbus raw --crc 03 06 BE 00 00 00",
+            "查明原因后清除：railbus raw --crc 03 06 BE 00 00 00",
+        ],
+    ),
+    finding(
         "D401",
         ["there is no configuration", "没有配置"],
         [

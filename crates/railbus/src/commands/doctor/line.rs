@@ -3,7 +3,7 @@
 
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
-use super::{device_of, port};
+use super::{device_of, hearing, port};
 use crate::commands::Context;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
@@ -15,7 +15,7 @@ use railbus_host::{
     SerialOptions, Settings, Terms,
 };
 use railbus_site::Config;
-use railbus_wire::{Decoded, ascii, lc02, r55, rtu};
+use railbus_wire::{Decoded, Protocol, ascii, lc02, r55, rtu};
 use std::time::Duration;
 use tokio::time::{Instant, timeout_at};
 
@@ -218,15 +218,19 @@ async fn read(lang: Lang, line: &Chosen) -> Vec<Finding> {
     let mut events = handle.events();
     // The port was open a moment ago; where it is not now, the reads say so.
     let _ = handle.opened().await;
-    let mut ends = Vec::new();
-    for (index, (_, module)) in line.modules.iter().enumerate() {
+    let mut protocols = line.modules.iter().map(|(_, m)| m.setup().protocol);
+    let only_modbus = protocols.all(|protocol| protocol == Protocol::Rtu);
+    let (mut ends, mut hearings) = (Vec::new(), Vec::new());
+    for (index, (name, module)) in line.modules.iter().enumerate() {
         let op = module.full_poll().next().unwrap_or(Op::ReadOutputs);
-        ends.push(
-            handle
-                .run(ModuleId(index), op, Terms::default())
-                .await
-                .err(),
-        );
+        let end = handle.run(ModuleId(index), op, Terms::default()).await;
+        if end.is_ok()
+            && let Some(told) = hearing::ask(&handle, module).await
+        {
+            let at = (name.as_str(), module.setup().address);
+            hearings.extend(hearing::judge(lang, at, only_modbus, told));
+        }
+        ends.push(end.err());
     }
     handle.close().await;
     let mut late = Vec::new();
@@ -244,6 +248,7 @@ async fn read(lang: Lang, line: &Chosen) -> Vec<Finding> {
         }
     }
     found.extend(verdicts(lang, line, &ends, &late));
+    found.extend(hearings);
     found
 }
 

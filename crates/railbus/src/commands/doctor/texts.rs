@@ -42,6 +42,12 @@ crate::texts::texts! {
         zh: "{line}，{time}内 {frames} 个请求：{bytes}",
     }
     Answers { en: "{count} on {line}: {modules}", zh: "{line} 上 {count} 个应答：{modules}" }
+    Hears {
+        en: "{module} (address {address}) heard {messages} frames, {errors} broken ones, \
+             lost {overruns} characters",
+        zh: "{module}（地址 {address}）收到 {messages} 帧，损坏 {errors} 帧，\
+             丢失 {overruns} 个字符",
+    }
     NoModules { en: "{line} has none to ask", zh: "{line} 上没有可询问的模块" }
     At {
         en: "{module} (address {address}, {protocol}, {settings})",
