@@ -126,3 +126,134 @@ impl<P: Pins> I2c<P> {
         self.pins.pause();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::{Cell, RefCell};
+
+    /// A chip at address 48h with four registers, as a state of the two lines sees it.
+    #[derive(Default)]
+    struct Chip {
+        clock: Cell<bool>,
+        master: Cell<bool>,
+        /// What the chip makes of the data line: true lets it go.
+        chip: Cell<bool>,
+        bits: RefCell<Vec<bool>>,
+        /// Bytes since the start, the address first; none while it is not meant.
+        bytes: RefCell<Vec<u8>>,
+        is_meant: Cell<bool>,
+        sends: Cell<bool>,
+        place: Cell<usize>,
+        registers: RefCell<[u8; 4]>,
+        stops: Cell<usize>,
+    }
+
+    impl Pins for &Chip {
+        fn clock(&mut self, high: bool) {
+            if self.clock.replace(high) && !high {
+                self.fell();
+            } else if high {
+                self.bits.borrow_mut().push(self.level());
+            }
+        }
+        fn data(&mut self, high: bool) {
+            let before = self.level();
+            self.master.set(high);
+            if self.clock.get() && before != self.level() {
+                // A start, or a stop.
+                self.bits.borrow_mut().clear();
+                self.bytes.borrow_mut().clear();
+                self.is_meant.set(before);
+                self.sends.set(false);
+                self.chip.set(true);
+                self.stops.set(self.stops.get() + usize::from(!before));
+            }
+        }
+        fn data_is_high(&self) -> bool {
+            self.level()
+        }
+        fn pause(&self) {}
+    }
+
+    impl Chip {
+        fn level(&self) -> bool {
+            self.master.get() && self.chip.get()
+        }
+
+        /// The clock falls: the time for the chip to move the data line.
+        fn fell(&self) {
+            let mut bits = self.bits.borrow_mut();
+            self.chip.set(true);
+            match bits.len() {
+                8 if !self.sends.get() => {
+                    let byte = bits.iter().fold(0, |byte, bit| byte << 1 | u8::from(*bit));
+                    self.chip.set(!self.takes(byte));
+                }
+                9 => {
+                    let refused = bits[8];
+                    bits.clear();
+                    let asked = self
+                        .bytes
+                        .borrow()
+                        .first()
+                        .is_some_and(|byte| byte & 1 == 1);
+                    self.sends.set(self.is_meant.get() && asked && !refused);
+                    self.send(0);
+                }
+                sent => self.send(sent),
+            }
+        }
+
+        fn send(&self, bit: usize) {
+            if self.sends.get() && bit < 8 {
+                let byte = self.registers.borrow()[self.place.get() % 4];
+                self.chip.set(byte >> (7 - bit) & 1 == 1);
+                self.place.set(self.place.get() + usize::from(bit == 7));
+            }
+        }
+
+        fn takes(&self, byte: u8) -> bool {
+            let mut bytes = self.bytes.borrow_mut();
+            if bytes.is_empty() && byte >> 1 != 0x48 {
+                self.is_meant.set(false);
+            }
+            if !self.is_meant.get() {
+                return false;
+            }
+            bytes.push(byte);
+            match bytes.len() {
+                1 => {}
+                2 => self.place.set(byte.into()),
+                _ => {
+                    self.registers.borrow_mut()[self.place.get() % 4] = byte;
+                    self.place.set(self.place.get() + 1);
+                }
+            }
+            true
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let chip = Chip::default();
+        let mut bus = I2c::new(&chip);
+        assert_eq!(bus.write(0x48, &[&[1], &[0xA5, 0x3C]]), Ok(()));
+        assert_eq!(*chip.registers.borrow(), [0, 0xA5, 0x3C, 0]);
+        let mut read = [0; 3];
+        assert_eq!(bus.read(0x48, &[1], &mut read), Ok(()));
+        assert_eq!(read, [0xA5, 0x3C, 0]);
+        assert!(chip.level() && chip.clock.get(), "the bus is let go");
+        assert_eq!(chip.stops.get(), 3, "that of the beginning, and one each");
+    }
+
+    #[test]
+    fn nobody_answers_for_a_chip_that_is_not_there() {
+        let chip = Chip::default();
+        let mut bus = I2c::new(&chip);
+        assert_eq!(bus.write(0x49, &[&[1, 2]]), Err(Absent));
+        assert_eq!(bus.read(0x49, &[1], &mut [0; 2]), Err(Absent));
+        assert_eq!(*chip.registers.borrow(), [0; 4]);
+        assert_eq!(bus.write(0x48, &[&[0, 9]]), Ok(()), "the next one is heard");
+    }
+}

@@ -34,7 +34,7 @@ pub use module::{Board, Counts, Module};
 pub use outbox::Outbox;
 pub use panel::{Panel, Pinned, Sensed};
 pub use report::{About, Reset, Text, line};
-pub use ring::{Heard, Ring};
+pub use ring::{Heard, Ring, What};
 
 use railbus_device::{Family, Setup};
 use railbus_wire::Address;

@@ -1,6 +1,6 @@
 //! The loop around the engine: what boards do alike.
 
-use crate::{Heard, Sensed};
+use crate::{Heard, Sensed, What};
 use railbus_device::{Eeprom, Effect, Engine, Input, Output, SetupError};
 use railbus_keep::Record;
 use railbus_wire::{Instant, Micros, Settings};
@@ -19,6 +19,8 @@ pub trait Board {
     fn now(&self) -> Instant;
     /// The oldest character heard and not taken yet.
     fn hear(&mut self) -> Option<Heard>;
+    /// When the oldest one will have ended that [`Board::hear`] holds back until then.
+    fn heard_at(&self) -> Option<Instant>;
     /// Takes the line and sends these bytes.
     fn transmit(&mut self, bytes: &[u8]);
     /// When the last byte to send went into the shift register; nothing before that.
@@ -44,6 +46,8 @@ pub struct Counts {
     pub heard: u32,
     /// Of these, characters with a wrong stop bit or parity.
     pub bad: u32,
+    /// Characters lost, as nobody took them in time.
+    pub lost: u32,
     /// Replies sent.
     pub replies: u32,
     /// Replies given up, since the transmitter did not send.
@@ -78,6 +82,8 @@ impl Module {
     ///
     /// # Errors
     /// Where no module can be as described.
+    // What it takes of the stack to make one is given back before the module runs.
+    #[inline(never)]
     pub fn new(kept: &Record, now: Instant) -> Result<Module, SetupError> {
         Ok(Module {
             engine: Engine::new(kept.setup(), kept.eeprom(), kept.options(), now)?,
@@ -113,7 +119,7 @@ impl Module {
             self.tell(now, Input::Timeout, board);
         }
         let turn = match self.turn {
-            Turn::Others => None,
+            Turn::Others => board.heard_at(),
             Turn::Ours { give_up: at } | Turn::Ending { at } => Some(at),
         };
         [turn, self.deadline].into_iter().flatten().min()
@@ -132,18 +138,22 @@ impl Module {
     }
 
     fn hear(&mut self, heard: Heard, board: &mut impl Board) {
-        self.counts.heard = self.counts.heard.wrapping_add(1);
+        count(&mut self.counts.heard);
         if self
             .sensed
             .is_none_or(|at| heard.at.since(at) >= SENSED_FOR)
         {
             self.sense(heard.at, board);
         }
-        match heard.byte {
-            Some(byte) => self.tell(heard.at, Input::Bytes(&[byte]), board),
-            None => {
-                self.counts.bad = self.counts.bad.wrapping_add(1);
+        match heard.what {
+            What::Byte(byte) => self.tell(heard.at, Input::Bytes(&[byte]), board),
+            What::Bad => {
+                count(&mut self.counts.bad);
                 self.tell(heard.at, Input::BadByte, board);
+            }
+            What::Lost => {
+                count(&mut self.counts.lost);
+                self.tell(heard.at, Input::Overrun, board);
             }
         }
     }
@@ -172,7 +182,7 @@ impl Module {
                 let at = drained + self.engine.active().serial.frame_time(1);
                 self.turn = Turn::Ending { at };
             } else if give_up <= now {
-                self.counts.stalled = self.counts.stalled.wrapping_add(1);
+                count(&mut self.counts.stalled);
                 self.turn = Turn::Ending { at: now };
             }
         }
@@ -206,7 +216,7 @@ impl Module {
                     let takes = self.engine.active().serial.frame_time(characters);
                     let give_up = board.now() + takes + takes + STALL;
                     self.turn = Turn::Ours { give_up };
-                    self.counts.replies = self.counts.replies.wrapping_add(1);
+                    count(&mut self.counts.replies);
                 }
                 Output::Wait(deadline) => {
                     self.deadline = deadline;
@@ -215,4 +225,8 @@ impl Module {
             }
         }
     }
+}
+
+const fn count(counter: &mut u32) {
+    *counter = counter.wrapping_add(1);
 }

@@ -3,7 +3,7 @@
 //! | address | chip | what |
 //! |---|---|---|
 //! | 0x50 | AT24C32 or larger | the settings |
-//! | 0x60, 0x61 | PCA9552 | outputs 0 to 15 and 16 to 31; an output that is on is a LED that is on |
+//! | 0x60, 0x61 | PCA9552 | outputs 0 to 15, 16 to 31; one that is on is a LED that is on |
 //! | 0x62 | PCA9552 | LED 0 to 7: inputs; 8 to 12: DIP switch; 15: INIT* |
 //! | 0x48, 0x49 | TMP105 | analog inputs, 1/16 °C = one hundredth |
 //!

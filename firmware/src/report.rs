@@ -1,7 +1,6 @@
-//! What the console says.
+//! What the console says. It goes without `core::fmt`, which takes 3 KiB.
 
 use crate::{Module, Origin};
-use core::fmt::{self, Write};
 use railbus_keep::Counters;
 
 /// Why the module starts.
@@ -17,17 +16,6 @@ pub enum Reset {
     Fault,
 }
 
-impl fmt::Display for Reset {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Reset::Power => f.write_str("power"),
-            Reset::Watchdog => f.write_str("watchdog"),
-            Reset::Panic(line) => write!(f, "panic, line {line}"),
-            Reset::Fault => f.write_str("fault"),
-        }
-    }
-}
-
 /// What the board knows besides the module.
 #[derive(Clone, Copy, Debug)]
 pub struct About {
@@ -39,8 +27,6 @@ pub struct About {
     pub origin: Origin,
     /// What became of settings to be kept.
     pub store: Counters,
-    /// Characters lost since nobody took them in time.
-    pub overruns: u32,
     /// The most bytes of stack that were in use.
     pub stack: u32,
     /// Seconds since the start.
@@ -72,6 +58,26 @@ impl Text {
     pub fn bytes(&self) -> &[u8] {
         self.bytes.get(..self.len).unwrap_or_default()
     }
+
+    fn say(&mut self, text: &str) -> &mut Text {
+        text.bytes().for_each(|byte| self.push(byte));
+        self
+    }
+
+    fn number(&mut self, number: u32) -> &mut Text {
+        if number >= 10 {
+            self.number(number / 10);
+        }
+        self.push(b'0' + (number % 10) as u8);
+        self
+    }
+
+    fn push(&mut self, byte: u8) {
+        if let Some(slot) = self.bytes.get_mut(self.len) {
+            *slot = byte;
+            self.len += 1;
+        }
+    }
 }
 
 impl Default for Text {
@@ -80,77 +86,91 @@ impl Default for Text {
     }
 }
 
-impl Write for Text {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        let room = self.bytes.get_mut(self.len..).unwrap_or_default();
-        for (slot, byte) in room.iter_mut().zip(text.bytes()) {
-            *slot = byte;
-            self.len += 1;
-        }
-        Ok(())
-    }
-}
-
 /// Line `number` of what the module says of itself, from 0; nothing after the last. `missing`
 /// names the chips that do not answer.
-///
-/// # Errors
-/// None that a [`Text`] has.
 pub fn line(
     number: u8,
     module: &Module,
     about: &About,
-    missing: impl Iterator<Item = &'static str>,
-    text: &mut Text,
-) -> Result<bool, fmt::Error> {
-    let engine = module.engine();
-    let counts = module.counts();
-    let store = about.store;
+    mut missing: impl Iterator<Item = &'static str>,
+) -> Option<Text> {
+    let mut line = Text::new();
+    let text = &mut line;
     match number {
-        0 => write!(
-            text,
-            "railbus {} {} on {}",
-            env!("CARGO_PKG_VERSION"),
-            crate::FAMILY,
-            about.board
-        )?,
-        1 => write!(
-            text,
-            "address {}, {}, {}",
-            engine.address().0,
-            engine.protocol().name(),
-            engine.active().serial
-        )?,
-        2 => write!(
-            text,
-            "reset: {}; settings: {}",
-            about.reset,
-            about.origin.text()
-        )?,
+        0 => {
+            let model = crate::FAMILY.profile().model;
+            text.say("railbus ").say(env!("CARGO_PKG_VERSION"));
+            text.say(" ").say(model).say(" on ").say(about.board);
+        }
+        1 => {
+            let engine = module.engine();
+            let serial = engine.active().serial;
+            text.say("address ").number(engine.address().0.into());
+            text.say(", ").say(engine.protocol().name()).say(", ");
+            text.number(serial.baud.rate())
+                .say(" ")
+                .say(serial.character.name());
+        }
+        2 => {
+            say_reset(about.reset, text.say("reset: "));
+            text.say("; settings: ").say(about.origin.text());
+        }
         3 => {
-            text.write_str("missing chips:")?;
-            let mut none = true;
+            text.say("missing chips: ")
+                .say(missing.next().unwrap_or("none"));
             for name in missing {
-                none = false;
-                write!(text, " {name}")?;
-            }
-            if none {
-                text.write_str(" none")?;
+                text.say(" ").say(name);
             }
         }
-        4 => write!(
-            text,
-            "heard {}, bad {}, lost {}, replies {}, stalled {}",
-            counts.heard, counts.bad, about.overruns, counts.replies, counts.stalled
-        )?,
-        5 => write!(
-            text,
-            "kept {}, unchanged {}, deferred {}, failed {}, refused {}",
-            store.written, store.unchanged, store.deferred, store.failed, store.refused
-        )?,
-        6 => write!(text, "up {} s, stack {} bytes", about.uptime, about.stack)?,
-        _ => return Ok(false),
+        4 => {
+            let counts = module.counts();
+            text.say("heard ").number(counts.heard);
+            text.say(", bad ").number(counts.bad);
+            text.say(", lost ").number(counts.lost);
+            text.say(", replies ").number(counts.replies);
+            text.say(", stalled ").number(counts.stalled);
+        }
+        5 => {
+            let store = about.store;
+            text.say("kept ").number(store.written.into());
+            text.say(", unchanged ").number(store.unchanged.into());
+            text.say(", deferred ").number(store.deferred.into());
+            text.say(", failed ").number(store.failed.into());
+            text.say(", refused ").number(store.refused.into());
+        }
+        6 => {
+            text.say("up ").number(about.uptime);
+            text.say(" s, stack ").number(about.stack).say(" bytes");
+        }
+        _ => return None,
     }
-    text.write_str("\r\n")?;
-    Ok(true)
+    text.say("\r\n");
+    Some(line)
+}
+
+fn say_reset(reset: Reset, text: &mut Text) {
+    match reset {
+        Reset::Power => text.say("power"),
+        Reset::Watchdog => text.say("watchdog"),
+        Reset::Panic(line) => text.say("panic, line ").number(line),
+        Reset::Fault => text.say("fault"),
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_decimal_and_lines_end_where_they_are_full() {
+        let mut text = Text::new();
+        text.number(0)
+            .say(" ")
+            .number(u32::MAX)
+            .say(" ")
+            .number(100);
+        assert_eq!(text.bytes(), b"0 4294967295 100");
+        text.say(&"x".repeat(Text::MAX));
+        assert_eq!(text.bytes().len(), Text::MAX);
+    }
 }

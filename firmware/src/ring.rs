@@ -12,14 +12,25 @@ const CAPACITY: u32 = 128;
 pub struct Heard {
     /// When it ended.
     pub at: Instant,
-    /// The character; nothing where its stop bit or parity was wrong.
-    pub byte: Option<u8>,
+    /// What it is.
+    pub what: What,
+}
+
+/// What a character is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum What {
+    /// This byte.
+    Byte(u8),
+    /// Nobody knows: its stop bit or parity was wrong.
+    Bad,
+    /// Nobody knows: nobody took it in time.
+    Lost,
 }
 
 /// The characters that wait, oldest first. One side pushes and one side pops.
 ///
-/// An entry is one word: the character, whether it was bad, and the lowest 23 bits of its
-/// microsecond, which are enough for a loop that looks within eight seconds.
+/// An entry is one word: nine bits for what was heard, and the lowest 23 bits of its microsecond,
+/// which are enough for times of up to four seconds before and after the one at which is looked.
 #[derive(Debug)]
 pub struct Ring {
     slots: [AtomicU32; CAPACITY as usize],
@@ -27,7 +38,9 @@ pub struct Ring {
     popped: AtomicU32,
 }
 
-const BAD: u32 = 1 << 8;
+const BAD: u32 = 0x100;
+const LOST: u32 = 0x101;
+const WHAT: u32 = 0x1FF;
 const TIME_SHIFT: u32 = 9;
 
 impl Ring {
@@ -60,27 +73,46 @@ impl Ring {
         let Some(slot) = self.slot(at).filter(|_| self.has_room()) else {
             return false;
         };
-        let what = heard.byte.map_or(BAD, u32::from);
+        let what = match heard.what {
+            What::Byte(byte) => byte.into(),
+            What::Bad => BAD,
+            What::Lost => LOST,
+        };
         slot.store((heard.at.0 as u32) << TIME_SHIFT | what, Ordering::Relaxed);
         self.pushed.store(at.wrapping_add(1), Ordering::Release);
         true
     }
 
-    /// Takes the oldest character. `now` is read after it is known to be there, so that it is
-    /// not older than what it helps to date.
-    pub fn pop(&self, now: impl FnOnce() -> Instant) -> Option<Heard> {
+    /// When the oldest character ended or will end. `now` is read after it is known to be there,
+    /// so that it is not older than what it helps to date.
+    pub fn next_at(&self, now: impl FnOnce() -> Instant) -> Option<Instant> {
+        let word = self.oldest()?;
+        let now = now();
+        // Both wrap, and what is in front of the highest bit is none of ours.
+        let ahead = (word & !WHAT).wrapping_sub((now.0 as u32) << TIME_SHIFT) as i32 >> TIME_SHIFT;
+        Some(Instant(now.0.saturating_add_signed(ahead.into())))
+    }
+
+    /// Takes the oldest character, once it has ended.
+    pub fn pop(&self, now: impl Fn() -> Instant) -> Option<Heard> {
+        let at = self.next_at(&now)?;
+        let word = self.oldest().filter(|_| at <= now())?;
+        let popped = self.popped.load(Ordering::Relaxed);
+        self.popped.store(popped.wrapping_add(1), Ordering::Release);
+        let what = match word & WHAT {
+            BAD => What::Bad,
+            LOST => What::Lost,
+            _ => What::Byte(word as u8),
+        };
+        Some(Heard { at, what })
+    }
+
+    fn oldest(&self) -> Option<u32> {
         if self.is_empty() {
             return None;
         }
         let at = self.popped.load(Ordering::Relaxed);
-        let word = self.slot(at)?.load(Ordering::Relaxed);
-        self.popped.store(at.wrapping_add(1), Ordering::Release);
-        let now = now();
-        let age = (now.0 as u32).wrapping_sub(word >> TIME_SHIFT) & (u32::MAX >> TIME_SHIFT);
-        Some(Heard {
-            at: Instant(now.0.saturating_sub(age.into())),
-            byte: (word & BAD == 0).then_some(word as u8),
-        })
+        Some(self.slot(at)?.load(Ordering::Relaxed))
     }
 
     fn slot(&self, count: u32) -> Option<&AtomicU32> {
@@ -98,10 +130,10 @@ impl Default for Ring {
 mod tests {
     use super::*;
 
-    const fn heard(at: u64, byte: Option<u8>) -> Heard {
+    const fn heard(at: u64, what: What) -> Heard {
         Heard {
             at: Instant(at),
-            byte,
+            what,
         }
     }
 
@@ -111,15 +143,29 @@ mod tests {
         // Far above 23 bits, and just before they wrap.
         let late = (7 << 23) - 2;
         let told = [
-            heard(late, Some(0xFF)),
-            heard(late + 4, None),
-            heard(late + 5, Some(0)),
+            heard(late, What::Byte(0xFF)),
+            heard(late + 4, What::Bad),
+            heard(late + 4, What::Lost),
+            heard(late + 5, What::Byte(0)),
         ];
         assert!(told.iter().all(|heard| ring.push(*heard)));
-        let popped: Vec<_> =
-            core::iter::from_fn(|| ring.pop(|| Instant(late + 8_000_000))).collect();
-        assert_eq!(popped, told);
+        let pop = || ring.pop(|| Instant(late + 4_000_000));
+        assert_eq!(core::iter::from_fn(pop).collect::<Vec<_>>(), told);
         assert!(ring.is_empty());
+    }
+
+    #[test]
+    fn what_has_not_ended_waits() {
+        let ring = Ring::new();
+        let end = (3 << 23) + 1;
+        assert_eq!(ring.next_at(|| Instant(0)), None);
+        ring.push(heard(end, What::Byte(7)));
+        for early in [1, 2, 4_000_000] {
+            let now = || Instant(end - early);
+            assert_eq!(ring.next_at(now), Some(Instant(end)));
+            assert_eq!(ring.pop(now), None);
+        }
+        assert_eq!(ring.pop(|| Instant(end)), Some(heard(end, What::Byte(7))));
     }
 
     #[test]
@@ -128,14 +174,14 @@ mod tests {
         for round in 0..3 {
             let mut pushed = 0;
             while ring.has_room() {
-                assert!(ring.push(heard(round, Some(pushed as u8))));
+                assert!(ring.push(heard(round, What::Byte(pushed as u8))));
                 pushed += 1;
             }
             assert_eq!(pushed, CAPACITY);
-            assert!(!ring.push(heard(round, Some(1))));
+            assert!(!ring.push(heard(round, What::Bad)));
             for byte in 0..CAPACITY {
-                let popped = ring.pop(|| Instant(round)).map(|heard| heard.byte);
-                assert_eq!(popped, Some(Some(byte as u8)));
+                let popped = ring.pop(|| Instant(round)).map(|heard| heard.what);
+                assert_eq!(popped, Some(What::Byte(byte as u8)));
             }
             assert_eq!(ring.pop(|| Instant(round)), None);
         }

@@ -42,3 +42,10 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
         )),
     }
 }
+
+/// What a whole test run does: the tests of what boards share, and the images.
+pub(crate) fn step(root: &Path) -> Result<()> {
+    let args = ["test", "--manifest-path", "firmware/Cargo.toml"];
+    run::run(&mut run::cargo(root, &args))?;
+    size::check(root)
+}

@@ -99,6 +99,12 @@ const STEPS: &[Step] = &[
         run: |root| firmware::check(root, &[]),
     },
     Step {
+        name: "firmware",
+        needs_peers: true,
+        skip: always,
+        run: firmware::step,
+    },
+    Step {
         name: "bench",
         needs_peers: true,
         skip: |root| BENCH.missing(root),
@@ -180,9 +186,10 @@ fn start(program: &Program, root: &Path, args: &[&str]) -> Result<()> {
 }
 
 /// Packages that are workspaces of their own, which `--all` and `--workspace` do not reach.
-/// `firmware` is not among them: its boards need a toolchain that has no clippy for them.
+/// Of `firmware` that is what its boards share; the boards need a toolchain that has no clippy.
 const APART: &[&str] = &[
     "bench/Cargo.toml",
+    "firmware/Cargo.toml",
     "fuzz/Cargo.toml",
     "interop/rig/Cargo.toml",
 ];
@@ -190,7 +197,7 @@ const APART: &[&str] = &[
 fn fmt(root: &Path) -> Result<()> {
     let main = run::run(&mut cargo(root, &["fmt", "--all", "--check"]));
     apart(root).fold(main, |before, path| {
-        let args = ["fmt", "--manifest-path", path, "--", "--check"];
+        let args = ["fmt", "--all", "--manifest-path", path, "--", "--check"];
         before.and(run::run(&mut cargo(root, &args)))
     })
 }

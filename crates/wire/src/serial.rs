@@ -81,16 +81,22 @@ impl Character {
             Character::E1 | Character::O1 | Character::N2 => 11,
         }
     }
-}
 
-impl fmt::Display for Character {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+    /// The name: `8N1`, `8E1`, `8O1`, `8N2`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
             Character::N1 => "8N1",
             Character::E1 => "8E1",
             Character::O1 => "8O1",
             Character::N2 => "8N2",
-        })
+        }
+    }
+}
+
+impl fmt::Display for Character {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 

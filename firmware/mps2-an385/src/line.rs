@@ -2,12 +2,16 @@
 //!
 //! LED 0 is the direction pin: high drives the line, low listens, which it does after a reset.
 //! The receiver is off while the line is driven.
+//!
+//! QEMU brings all characters of a frame at once, or late when its machine is busy. On a line
+//! they take their time, and so they do here: none ends earlier than the time of a character
+//! after the one before it. Where characters come as fast as they may, that changes nothing.
 
 use crate::clock;
 use crate::map::{CLOCK_HZ, LEDS, UART0};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use railbus_firmware::{Heard, Outbox, Ring};
-use railbus_wire::{FRAME_MAX, Instant, Settings};
+use railbus_firmware::{Heard, Outbox, Ring, What};
+use railbus_wire::{FRAME_MAX, Instant, Micros, Settings};
 
 const DRIVE: u32 = 1;
 const LED: u32 = 1 << 1;
@@ -25,7 +29,10 @@ const DEAF: u32 = OUT | IN | INTERRUPT_OUT;
 
 static RING: Ring = Ring::new();
 static OUTBOX: Outbox<FRAME_MAX> = Outbox::new();
-static OVERRUNS: AtomicU32 = AtomicU32::new(0);
+/// When the last character ended, in two halves: only [`take_in`] touches them.
+static LAST_AT: [AtomicU32; 2] = [AtomicU32::new(0), AtomicU32::new(0)];
+/// How many microseconds a character takes.
+static CHARACTER: AtomicU32 = AtomicU32::new(0);
 /// When the last byte of a reply went out: the low half of its microseconds.
 static DRAINED_AT: AtomicU32 = AtomicU32::new(0);
 static DRAINED: AtomicBool = AtomicBool::new(false);
@@ -33,23 +40,36 @@ static DRAINED: AtomicBool = AtomicBool::new(false);
 /// Characters came, or room for them.
 pub(crate) fn take_in() {
     UART0.interrupt.write(IN);
-    if UART0.state.read() & OVERRUN_IN != 0 {
-        UART0.state.write(OVERRUN_IN);
-        OVERRUNS.store(lost().wrapping_add(1), Ordering::Relaxed);
-    }
-    while UART0.state.read() & IS_FULL_IN != 0 {
-        if !RING.has_room() {
-            // The loop turns it on again; what the UART itself has to drop, it counts.
-            UART0.control.write(DEAF);
+    while RING.has_room() {
+        let state = UART0.state.read();
+        let what = if state & OVERRUN_IN != 0 {
+            UART0.state.write(OVERRUN_IN);
+            What::Lost
+        } else if state & IS_FULL_IN != 0 {
+            // It has neither parity nor a bit for a missing stop bit.
+            What::Byte(UART0.data.read() as u8)
+        } else {
             return;
-        }
-        // It has neither parity nor a bit for a missing stop bit.
-        let byte = Some(UART0.data.read() as u8);
+        };
         RING.push(Heard {
-            at: clock::now(),
-            byte,
+            at: ends_at(clock::now()),
+            what,
         });
     }
+    // The loop turns it on again; what the UART has to drop meanwhile, it tells then.
+    UART0.control.write(DEAF);
+}
+
+/// When a character ends that comes now.
+fn ends_at(now: Instant) -> Instant {
+    let [high, low] = &LAST_AT;
+    let last =
+        u64::from(high.load(Ordering::Relaxed)) << 32 | u64::from(low.load(Ordering::Relaxed));
+    let character = Micros(CHARACTER.load(Ordering::Relaxed).into());
+    let at = now.max(Instant(last) + character);
+    high.store((at.0 >> 32) as u32, Ordering::Relaxed);
+    low.store(at.0 as u32, Ordering::Relaxed);
+    at
 }
 
 /// There is room for another character to send.
@@ -66,14 +86,17 @@ pub(crate) fn give_out() {
 
 pub(crate) fn hear() -> Option<Heard> {
     let heard = RING.pop(clock::now);
-    if heard.is_none() && UART0.control.read() == DEAF {
+    if UART0.control.read() == DEAF && RING.has_room() {
         cortex_m::interrupt::free(|_| {
             UART0.control.write(HEARING);
             take_in();
         });
-        return RING.pop(clock::now);
     }
     heard
+}
+
+pub(crate) fn heard_at() -> Option<Instant> {
+    RING.next_at(clock::now)
 }
 
 pub(crate) fn transmit(bytes: &[u8]) {
@@ -101,6 +124,8 @@ pub(crate) fn listen() {
 /// Only the speed: this UART has one format of characters. The others' parity is neither sent
 /// nor checked, but their length counts in all times.
 pub(crate) fn retune(serial: Settings) {
+    let character = serial.frame_time(1).0 as u32;
+    CHARACTER.store(character, Ordering::Relaxed);
     UART0.divider.write(CLOCK_HZ / serial.baud.rate());
     UART0.control.write(HEARING);
 }
@@ -108,9 +133,4 @@ pub(crate) fn retune(serial: Settings) {
 pub(crate) fn light(lit: bool) {
     let others = LEDS.read() & !LED;
     LEDS.write(if lit { others | LED } else { others });
-}
-
-/// Characters lost since the UART had no room, or since nobody took them.
-pub(crate) fn lost() -> u32 {
-    OVERRUNS.load(Ordering::Relaxed)
 }

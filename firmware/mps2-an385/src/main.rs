@@ -9,6 +9,7 @@
 mod clock;
 mod console;
 mod guard;
+mod interrupts;
 mod line;
 mod map;
 
@@ -16,34 +17,22 @@ use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use railbus_device::Eeprom;
-use railbus_firmware::{
-    About, At24c, Board, Heard, I2c, Kept, Module, Panel, Pins, Reset, Sensed, Text,
-};
+use railbus_firmware::{About, At24c, Board, Heard, I2c, Kept, Module, Panel, Pins, Reset, Sensed};
 use railbus_keep::Slots;
 use railbus_wire::{Instant, Settings};
 
 /// An interrupt has brought something since the loop began to look.
-static NEWS: AtomicBool = AtomicBool::new(true);
+pub(crate) static NEWS: AtomicBool = AtomicBool::new(true);
 
 #[entry]
 fn main() -> ! {
     clock::start();
     guard::start();
     console::start();
-    map::let_through(&[
-        map::UART0_IN,
-        map::UART0_OUT,
-        map::UART1_IN,
-        map::UART1_OUT,
-        map::TIMER0_ZERO,
-        map::TIMER1_ZERO,
-    ]);
+    interrupts::let_through();
     let store = Slots::new(At24c::new(I2c::new(ShieldPins)));
     let Ok(kept) = Kept::load(store, &railbus_firmware::factory()) else {
         panic!("the factory makes modules of the family");
-    };
-    let Ok(mut module) = Module::new(kept.record(), clock::now()) else {
-        panic!("what is kept is a possible module");
     };
     let mut board = Mps2 {
         panel: Panel::new(I2c::new(ShieldPins), kept.record().setup()),
@@ -51,19 +40,25 @@ fn main() -> ! {
         reset: guard::why_reset(),
         next_line: 0,
     };
-    module.start(&mut board);
+    // By reference: a module is half of the memory that there is, and is not to be copied.
+    match &mut Module::new(board.kept.record(), clock::now()) {
+        Ok(module) => run(module, &mut board),
+        Err(_) => panic!("what is kept is a possible module"),
+    }
+}
+
+/// Goes round whenever something has happened or is due, and sleeps in between.
+fn run(module: &mut Module, board: &mut Mps2) -> ! {
+    module.start(board);
     loop {
         guard::feed();
         NEWS.store(false, Ordering::Relaxed);
-        let step_at = module.step(&mut board);
+        let step_at = module.step(board);
         let save_at = board.kept.poll(clock::now());
-        board.talk(&module);
+        board.talk(module);
         let feed_at = clock::now() + guard::FEED_EVERY;
-        let wake_at = [step_at, save_at]
-            .into_iter()
-            .flatten()
-            .fold(feed_at, Instant::min);
-        clock::wake_at(wake_at);
+        let due = [step_at, save_at].into_iter().flatten();
+        clock::wake_at(due.fold(feed_at, Instant::min));
         // What comes between the question and the sleep ends the sleep at once.
         cortex_m::interrupt::disable();
         if !NEWS.load(Ordering::Relaxed) {
@@ -97,18 +92,16 @@ impl Mps2 {
             reset: self.reset,
             origin: self.kept.origin(),
             store: self.kept.counters(),
-            overruns: line::lost(),
             stack: map::stack_used(),
             uptime: (clock::now().0 / 1_000_000) as u32,
         };
-        let mut text = Text::new();
         let missing = self.panel.missing();
-        match railbus_firmware::line(self.next_line, module, &about, missing, &mut text) {
-            Ok(true) => {
+        match railbus_firmware::line(self.next_line, module, &about, missing) {
+            Some(text) => {
                 self.next_line += 1;
                 console::say(text.bytes());
             }
-            Ok(false) | Err(_) => self.next_line = 0,
+            None => self.next_line = 0,
         }
     }
 }
@@ -119,6 +112,9 @@ impl Board for Mps2 {
     }
     fn hear(&mut self) -> Option<Heard> {
         line::hear()
+    }
+    fn heard_at(&self) -> Option<Instant> {
+        line::heard_at()
     }
     fn transmit(&mut self, bytes: &[u8]) {
         line::transmit(bytes);
@@ -177,17 +173,8 @@ impl Pins for ShieldPins {
 }
 
 #[exception]
-unsafe fn DefaultHandler(number: i16) {
-    match number {
-        map::UART0_IN => line::take_in(),
-        map::UART0_OUT => line::give_out(),
-        map::UART1_IN => console::take_in(),
-        map::UART1_OUT => console::give_out(),
-        map::TIMER0_ZERO => clock::came_round(),
-        map::TIMER1_ZERO => clock::alarm(),
-        _ => guard::give_up(Reset::Fault),
-    }
-    NEWS.store(true, Ordering::Relaxed);
+unsafe fn DefaultHandler(_number: i16) {
+    guard::give_up(Reset::Fault);
 }
 
 #[exception]

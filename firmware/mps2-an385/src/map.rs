@@ -100,19 +100,8 @@ pub(crate) const SHIELD_I2C: TwoPins = TwoPins {
     clear: Register(0x4002_A004),
 };
 
-/// Interrupts to be let through, a bit for each: UART0 and UART1 in and out, TIMER0, TIMER1.
-const INTERRUPTS: Register = Register(0xE000_E100);
-pub(crate) const UART0_IN: i16 = 0;
-pub(crate) const UART0_OUT: i16 = 1;
-pub(crate) const UART1_IN: i16 = 2;
-pub(crate) const UART1_OUT: i16 = 3;
-pub(crate) const TIMER0_ZERO: i16 = 8;
-pub(crate) const TIMER1_ZERO: i16 = 9;
-
-/// Lets interrupts through.
-pub(crate) fn let_through(interrupts: &[i16]) {
-    INTERRUPTS.write(interrupts.iter().fold(0, |bits, number| bits | 1 << number));
-}
+/// Interrupts to be let through: bit n = interrupt n.
+pub(crate) const INTERRUPTS: Register = Register(0xE000_E100);
 
 /// Two words that a reset leaves as they are; memory.x keeps variables out of them.
 pub(crate) const LAST_WORDS: [Register; 2] = [Register(0x2000_6000), Register(0x2000_6004)];
