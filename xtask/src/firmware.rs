@@ -32,8 +32,8 @@ pub(crate) fn check(root: &Path, args: &[String]) -> Result<()> {
 pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     let words: Vec<&str> = args.iter().map(String::as_str).collect();
     match words.as_slice() {
-        ["build"] => image::build_all(root).map(drop),
-        ["build", "--family", family] => image::build(root, image::family(family)?).map(drop),
+        ["build"] => image::build_all(root),
+        ["build", "--family", family] => image::build_boards(root, image::family(family)?),
         ["size"] => size::check(root),
         ["size", "--update"] => size::update(root),
         _ => Err(Error::new(

@@ -11,6 +11,9 @@ pub(crate) const FAMILIES: &[&str] = &["eda9060a", "eda9050", "erc8", "r55", "em
 /// The board that QEMU emulates.
 const BOARD: &str = "mps2-an385";
 
+/// All boards, by their crates' names.
+const BOARDS: &[&str] = &[BOARD, "bluepill"];
+
 /// The family of that name.
 pub(crate) fn family(name: &str) -> Result<&'static str> {
     let found = FAMILIES.iter().copied().find(|family| *family == name);
@@ -22,30 +25,43 @@ pub(crate) fn family(name: &str) -> Result<&'static str> {
     })
 }
 
-/// Where the image of a family lies once it is built.
-pub(crate) fn path(root: &Path, family: &str) -> PathBuf {
-    root.join(format!("target/firmware/{BOARD}-{family}.elf"))
+/// Where an image lies once it is built.
+fn path(root: &Path, board: &str, family: &str) -> PathBuf {
+    root.join(format!("target/firmware/{board}-{family}.elf"))
 }
 
-/// Builds the images of all families.
-pub(crate) fn build_all(root: &Path) -> Result<Vec<PathBuf>> {
-    FAMILIES.iter().map(|family| build(root, family)).collect()
+/// Builds the images of all families for all boards.
+pub(crate) fn build_all(root: &Path) -> Result<()> {
+    FAMILIES
+        .iter()
+        .try_for_each(|family| build_boards(root, family))
 }
 
-/// Builds the image of a family.
+/// Builds the images of a family for all boards.
+pub(crate) fn build_boards(root: &Path, family: &str) -> Result<()> {
+    BOARDS
+        .iter()
+        .try_for_each(|board| build_for(root, board, family).map(drop))
+}
+
+/// Builds the image of a family for QEMU.
 pub(crate) fn build(root: &Path, family: &str) -> Result<PathBuf> {
+    build_for(root, BOARD, family)
+}
+
+fn build_for(root: &Path, board: &str, family: &str) -> Result<PathBuf> {
     let target = root.join("target/thumb");
     let mut command = toolchain::build(root, toolchain::choose(root)?);
     toolchain::with_linker(root, &mut command);
     command
         // The folder's own settings and lock file count.
         .current_dir(root.join("firmware"))
-        .args(["--release", "--locked", "-p", BOARD, "--features", family])
+        .args(["--release", "--locked", "-p", board, "--features", family])
         .args(["--target", TARGET, "--target-dir"])
         .arg(&target);
     run::run(&mut command)?;
-    let image = path(root, family);
-    let built = target.join(TARGET).join("release").join(BOARD);
+    let image = path(root, board, family);
+    let built = target.join(TARGET).join("release").join(board);
     let copied = std::fs::create_dir_all(image.parent().unwrap_or(root))
         .and_then(|()| std::fs::copy(&built, &image));
     match copied {
