@@ -21,13 +21,19 @@ class Rig:
     def __init__(self, *modules):
         self.folder = tempfile.TemporaryDirectory(prefix="railbus-interop-")
         self.port = os.path.join(self.folder.name, "line")
-        binary = target() / "interop-rig/debug/railbus-interop-rig"
+        program, options = self.command()
         flags = [word for module in modules for word in ("--module", module)]
         self.process = subprocess.Popen(
-            [binary, self.port, *flags], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [*program, self.port, *options, *flags],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
         if self.process.stdout.readline() != "ok\n":
             raise RuntimeError(f"the rig does not start with {modules}")
+
+    @classmethod
+    def command(cls):
+        """The program that serves the modules, and what it wants behind the link's path."""
+        return [target() / "interop-rig/debug/railbus-interop-rig"], []
 
     def __enter__(self):
         return self

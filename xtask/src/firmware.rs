@@ -1,18 +1,21 @@
 //! The modules as firmware: whether the core crates can be there at all, and the images.
 //!
 //! `toolchain.rs` knows what compiles for a Cortex-M3 on this machine, `image.rs` builds a
-//! board's image for a family, and `size.rs` keeps the table of what they need.
+//! board's image for a family, `size.rs` keeps the table of what they need, and `trial.rs` runs
+//! them in QEMU.
 
 mod elf;
 mod image;
 mod size;
 mod toolchain;
+mod trial;
 
 use std::path::Path;
 
 use crate::run::{self, Error, Result};
 use toolchain::{TARGET, build, choose};
 pub(crate) use toolchain::{linker_there, target_installed};
+pub(crate) use trial::demo;
 
 /// Crates that a module's firmware takes.
 const CRATES: &[&str] = &["wire", "device", "keep", "bus"];
@@ -28,17 +31,19 @@ pub(crate) fn check(root: &Path, args: &[String]) -> Result<()> {
     run::run(&mut command)
 }
 
-/// `cargo xtask firmware build [--family F]`, `cargo xtask firmware size [--update]`.
+/// `cargo xtask firmware build [--family F]`, `cargo xtask firmware test [WORD...]`,
+/// `cargo xtask firmware size [--update]`.
 pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     let words: Vec<&str> = args.iter().map(String::as_str).collect();
     match words.as_slice() {
         ["build"] => image::build_all(root),
         ["build", "--family", family] => image::build_boards(root, image::family(family)?),
+        ["test", words @ ..] => trial::run(root, words),
         ["size"] => size::check(root),
         ["size", "--update"] => size::update(root),
         _ => Err(Error::new(
             format!("`{}` is not understood", words.join(" ")),
-            "say `build`, `build --family F`, `size` or `size --update`",
+            "say `build`, `build --family F`, `test [WORD...]`, `size` or `size --update`",
         )),
     }
 }

@@ -35,7 +35,7 @@ struct Command {
 const COMMANDS: &[Command] = &[
     Command {
         name: "demo",
-        help: "build the product and show it at work",
+        help: "build the product and show it at work; --qemu: the modules run our firmware",
         run: programs::demo,
     },
     Command {
@@ -85,7 +85,7 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "firmware",
-        help: "images for a board [build [--family F] | size [--update]]",
+        help: "images for a board [build [--family F] | test [WORD...] | size [--update]]",
         run: firmware::run,
     },
     Command {

@@ -94,6 +94,11 @@ impl Program {
 
 /// Shows what there is to see, until it is stopped.
 pub(crate) fn demo(root: &Path, args: &[String]) -> Result<()> {
+    if let Some((first, rest)) = args.split_first()
+        && first == "--qemu"
+    {
+        return crate::firmware::demo(root, rest);
+    }
     crate::web::build_or_tell(root);
     run::run_attended(&mut DEMO.command(root, args)?)
 }

@@ -112,6 +112,12 @@ const STEPS: &[Step] = &[
         run: firmware::step,
     },
     Step {
+        name: "firmware",
+        needs_peers: true,
+        skip: always,
+        run: |root| firmware::run(root, &[String::from("test")]),
+    },
+    Step {
         name: "bench",
         needs_peers: true,
         skip: |root| BENCH.missing(root),

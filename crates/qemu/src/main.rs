@@ -2,10 +2,12 @@
 //!
 //! ```text
 //! railbus-qemu LINK --images FOLDER --module name=oven,model=erc8,addr=3 [--module ...]
+//! railbus-qemu demo FOLDER RAILBUS [ARGUMENT...]
 //! ```
 //!
-//! Standard input is the panel of the modules, in the words of `interop/rig`; at its end the
-//! program ends, and the boards with it.
+//! Of the first one standard input is the panel of the modules, in the words of `interop/rig`; at
+//! its end the program ends, and the boards with it. The second one is the demo: its five modules
+//! as boards, whose inputs move as those of the simulated ones do, under `railbus serve`.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -13,6 +15,7 @@
     reason = "it is a program, and shares a file with another one"
 )]
 
+mod demo;
 #[path = "../../../interop/rig/src/describe.rs"]
 mod describe;
 
@@ -24,7 +27,11 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let args: Vec<String> = std::env::args().skip(1).collect();
-    match serve(&args) {
+    let done = match &args[..] {
+        [word, images, railbus, args @ ..] if word == "demo" => demo::run(images, railbus, args),
+        args => serve(args),
+    };
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(why) => {
             eprintln!("railbus-qemu: {why}");

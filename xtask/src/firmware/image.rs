@@ -25,9 +25,9 @@ pub(crate) fn family(name: &str) -> Result<&'static str> {
     })
 }
 
-/// Where an image lies once it is built.
-fn path(root: &Path, board: &str, family: &str) -> PathBuf {
-    root.join(format!("target/firmware/{board}-{family}.elf"))
+/// Where images lie once they are built.
+pub(crate) fn folder(root: &Path) -> PathBuf {
+    root.join("target/firmware")
 }
 
 /// Builds the images of all families for all boards.
@@ -60,10 +60,10 @@ fn build_for(root: &Path, board: &str, family: &str) -> Result<PathBuf> {
         .args(["--target", TARGET, "--target-dir"])
         .arg(&target);
     run::run(&mut command)?;
-    let image = path(root, board, family);
+    let folder = folder(root);
+    let image = folder.join(format!("{board}-{family}.elf"));
     let built = target.join(TARGET).join("release").join(board);
-    let copied = std::fs::create_dir_all(image.parent().unwrap_or(root))
-        .and_then(|()| std::fs::copy(&built, &image));
+    let copied = std::fs::create_dir_all(&folder).and_then(|()| std::fs::copy(&built, &image));
     match copied {
         Ok(_) => Ok(image),
         Err(error) => Err(Error::new(

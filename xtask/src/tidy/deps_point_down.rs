@@ -33,7 +33,7 @@ const LAYERS: &[Layer] = &[
     },
     Layer {
         name: "qemu",
-        below: &["cases", "keep", "device", "wire"],
+        below: &["cases", "keep", "sim", "device", "wire"],
         foreign: true,
     },
     Layer {

@@ -9,10 +9,13 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Streams of so many bursts each.
-const STREAMS: u64 = 24;
+const STREAMS: u64 = 25;
 const BURSTS: usize = 40;
+
+/// Boards side by side, and tries of each stream. As with cases: held up is not wrong, and wrong
+/// is wrong each time.
 const BOARDS: usize = 4;
-const TRIES: u32 = 3;
+const TRIES: u32 = 4;
 
 /// Valid requests, damaged ones and noise: replies and outputs are the same.
 pub(crate) fn the_same_bytes_get_the_same_replies(world: &World) -> Result<String, String> {
@@ -27,19 +30,10 @@ pub(crate) fn the_same_bytes_get_the_same_replies(world: &World) -> Result<Strin
                     if seed >= STREAMS {
                         break;
                     }
-                    let mut tries = (1..=TRIES).map(|slower| {
-                        stream(world, seed, slower, &requests)
-                            .map_err(|why| format!("seed {seed}: {why}"))
-                    });
-                    // As with cases: held up is not wrong, and wrong is wrong each time.
-                    match tries.find(Result::is_ok) {
-                        Some(replies) => {
-                            let replies = replies.unwrap_or_default();
-                            answered.fetch_add(replies, Ordering::Relaxed);
-                        }
-                        None => {
-                            let why = stream(world, seed, TRIES, &requests).err();
-                            let text = format!("seed {seed}: {why:?}");
+                    match tries(world, seed, &requests) {
+                        Ok(replies) => _ = answered.fetch_add(replies, Ordering::Relaxed),
+                        Err(why) => {
+                            let text = format!("seed {seed}: {why}");
                             failures.lock().expect("no thread panics").push(text);
                         }
                     }
@@ -49,18 +43,32 @@ pub(crate) fn the_same_bytes_get_the_same_replies(world: &World) -> Result<Strin
     });
     let failures = failures.into_inner().expect("no thread panics");
     let replies = answered.into_inner();
-    if failures.is_empty() && replies > STREAMS {
-        let bursts = STREAMS as usize * BURSTS;
-        Ok(format!(
-            "{STREAMS} streams, {bursts} bursts, {replies} replies"
-        ))
+    let bursts = STREAMS as usize * BURSTS;
+    let done = format!("{STREAMS} streams, {bursts} bursts, {replies} replies");
+    // Streams that nobody answers would prove nothing.
+    if failures.is_empty() && replies > bursts as u64 / 5 {
+        Ok(done)
     } else {
-        Err(format!("{replies} replies\n{}", failures.join("\n")))
+        Err(format!("{done}\n{}", failures.join("\n")))
     }
 }
 
+/// A request of a case, and whose it is.
+type Known = (Family, Protocol, Vec<u8>);
+
+fn tries(world: &World, seed: u64, requests: &[Known]) -> Result<u64, String> {
+    let mut result = Err(String::new());
+    for slower in 1..=TRIES {
+        result = stream(world, seed, slower, requests);
+        if result.is_ok() {
+            break;
+        }
+    }
+    result
+}
+
 /// The requests of the cases, as something to begin with.
-fn requests() -> Result<Vec<(Family, Protocol, Vec<u8>)>, String> {
+fn requests() -> Result<Vec<Known>, String> {
     let mut requests = Vec::new();
     for case in all()? {
         for (_, step) in &case.steps {
@@ -74,12 +82,7 @@ fn requests() -> Result<Vec<(Family, Protocol, Vec<u8>)>, String> {
 }
 
 /// One module's life; how many replies it gave.
-fn stream(
-    world: &World,
-    seed: u64,
-    slower: u32,
-    requests: &[(Family, Protocol, Vec<u8>)],
-) -> Result<u64, String> {
+fn stream(world: &World, seed: u64, slower: u32, requests: &[Known]) -> Result<u64, String> {
     let mut random = Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
     let setup = setup(seed, &mut random);
     let own: Vec<&Vec<u8>> = requests
@@ -92,7 +95,7 @@ fn stream(
     let mut board = board.map_err(|error| error.to_string())?.slower(slower);
     let mut replies = 0;
     for number in 0..BURSTS {
-        let burst = burst(&own, &mut random);
+        let burst = timeless(setup.family, &own, &mut random);
         let Ok(expected) = simulated.ask(&burst, 0);
         let answer = board
             .ask(&burst, expected.len())
@@ -133,8 +136,27 @@ fn setup(seed: u64, random: &mut Random) -> Setup {
     }
 }
 
-/// A request as it is, damaged, cut off or doubled, or noise. What makes a pulse, a jog or a
-/// calibration stays out of it where two clocks would have to agree.
+/// A burst that lets nothing run by the clock, as virtual and real time don't agree: no pulse, no
+/// jog, no calibration, no address that a board takes for its first ten seconds only.
+fn timeless(family: Family, own: &[&Vec<u8>], random: &mut Random) -> Vec<u8> {
+    loop {
+        let burst = burst(own, random);
+        let runs = match (family, &burst[..]) {
+            (Family::R55, bytes) => bytes
+                .iter()
+                .any(|byte| [0x21, 0x22, 0x37, 0x38, 0x41].contains(byte)),
+            (Family::Eda9060a, [b'#', _, _, b'4', ..] | [0x4C, 0x57, _, 0x05, ..]) => true,
+            (Family::Eda9060a, [_, 0x10, ..]) => true,
+            (Family::Emd2a2q, [_, 0x06, _, 0x05, ..] | [_, 0x10, ..]) => true,
+            _ => false,
+        };
+        if !runs {
+            return burst;
+        }
+    }
+}
+
+/// A request as it is, damaged, cut off or with another value, or noise.
 fn burst(own: &[&Vec<u8>], random: &mut Random) -> Vec<u8> {
     let mut bytes = own[random.below(own.len())].clone();
     match random.below(8) {

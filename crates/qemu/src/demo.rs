@@ -1,0 +1,78 @@
+//! The demo with boards in QEMU instead of simulated modules.
+
+use railbus_cases::{Bench, Outside};
+use railbus_device::Options;
+use railbus_qemu::{Board, Folder, Hub, Pty};
+use railbus_sim::demo;
+use railbus_wire::Instant;
+use std::path::Path;
+use std::process::Command;
+use std::time::{self, Duration};
+
+/// How often the inputs are moved on.
+const STEP: Duration = Duration::from_millis(250);
+
+/// Until `railbus serve` ends, which it does when somebody presses Ctrl-C.
+pub(crate) fn run(images: &str, railbus: &str, args: &[String]) -> Result<(), String> {
+    let folder = Folder::new().map_err(said)?;
+    let hub = Hub::new();
+    let mut boards = Vec::new();
+    for (name, setup) in demo::modules() {
+        let mut board = Board::new(Path::new(images), &setup, Options::default()).map_err(said)?;
+        board.join(&hub).map_err(said)?;
+        println!(
+            "{name:<8}{} in QEMU, address {}",
+            setup.family, setup.address.0
+        );
+        boards.push((name, board));
+    }
+    let link = folder.path().join("line");
+    let pty = Pty::open(&link).map_err(said)?;
+    pty.join(&hub).map_err(said)?;
+    let config = folder.path().join("railbus.toml");
+    let text = include_str!("../../railbus/src/serve/demo.toml");
+    let port = format!("pty:{}", link.display());
+    std::fs::write(&config, text.replace("PORT", &port)).map_err(said)?;
+    println!("line    {}", link.display());
+    let mut serve = Command::new(railbus)
+        .arg("serve")
+        .arg("--config")
+        .arg(&config)
+        .args(args)
+        .spawn()
+        .map_err(|error| format!("{railbus}: {error}"))?;
+    let began = time::Instant::now();
+    loop {
+        if let Some(status) = serve.try_wait().map_err(said)? {
+            return if status.success() {
+                Ok(())
+            } else {
+                Err(format!("serve: {status}"))
+            };
+        }
+        let now = Instant(began.elapsed().as_micros() as u64);
+        for (name, board) in &mut boards {
+            let outside = moved(name, board.outside(), now);
+            if outside != *board.outside() {
+                board.surround(&outside).map_err(said)?;
+            }
+        }
+        std::thread::park_timeout(STEP);
+    }
+}
+
+/// What lies around a module of the demo at a time.
+fn moved(name: &str, outside: &Outside, now: Instant) -> Outside {
+    let mut outside = *outside;
+    match name {
+        "pump" => outside.levels = demo::pump_inputs(now),
+        "gate" => outside.levels = demo::gate_inputs(now),
+        "tank" => outside.analogs = demo::tank_analogs(now),
+        _ => {}
+    }
+    outside
+}
+
+fn said(error: impl std::fmt::Display) -> String {
+    error.to_string()
+}

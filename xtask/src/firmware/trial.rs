@@ -1,0 +1,77 @@
+//! The images in QEMU: what they must do, and five of them to look at.
+
+use std::path::{Path, PathBuf};
+
+use super::image;
+use crate::peers;
+use crate::run::{self, Error, Result, cargo};
+
+/// Foreign masters against boards in QEMU.
+const MASTERS: &str = "interop/firmware.py";
+
+/// Builds all images and runs every trial, or those that have one of the words in their names.
+pub(super) fn run(root: &Path, words: &[&str]) -> Result<()> {
+    let images = images(root)?;
+    let railbus = railbus(root, &[])?;
+    let program = [
+        "run",
+        "--quiet",
+        "-p",
+        "railbus-qemu",
+        "--example",
+        "trial",
+        "--",
+    ];
+    let mut trial = cargo(root, &program);
+    let ours = run::run(trial.arg(&images).arg(railbus).args(words));
+    if !words.is_empty() && !words.contains(&"masters") {
+        return ours;
+    }
+    let build = ["build", "--quiet", "-p", "railbus-qemu", "--bins"];
+    let theirs = run::run(&mut cargo(root, &build)).and_then(|()| {
+        let mut python = run::program(root, &peers::python(root).to_string_lossy());
+        run::run(python.arg(MASTERS).arg(&images))
+    });
+    ours.and(theirs)
+}
+
+/// `cargo xtask demo --qemu`: the demo's five modules as boards in QEMU on one line, under
+/// `railbus serve`, until it is stopped.
+pub(crate) fn demo(root: &Path, args: &[String]) -> Result<()> {
+    let images = images(root)?;
+    crate::web::build_or_tell(root);
+    let railbus = railbus(root, &["--release"])?;
+    let program = [
+        "run",
+        "--quiet",
+        "-p",
+        "railbus-qemu",
+        "--bin",
+        "railbus-qemu",
+        "--",
+        "demo",
+    ];
+    let mut command = cargo(root, &program);
+    run::run_attended(command.arg(images).arg(railbus).args(args))
+}
+
+/// The folder with the images of all families for QEMU, built.
+fn images(root: &Path) -> Result<PathBuf> {
+    for family in image::FAMILIES {
+        image::build(root, family)?;
+    }
+    Ok(image::folder(root))
+}
+
+/// The host's program, built.
+fn railbus(root: &Path, how: &[&str]) -> Result<PathBuf> {
+    let mut build = cargo(root, &["build", "--quiet", "-p", "railbus"]);
+    run::run(build.args(how))?;
+    let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), PathBuf::from);
+    let profile = if how.contains(&"--release") {
+        "release"
+    } else {
+        "debug"
+    };
+    Ok(target.join(profile).join("railbus"))
+}
