@@ -16,10 +16,20 @@ import modbus_cases
 import pymodbus_suite
 import rig
 
-# QEMU paces no characters: what takes a set time on the wire is not judged here.
+# QEMU paces no characters, so that the EDA9060A and its pulses are left to the trial's cases.
 TABLES = ("ERC-8", "EMD-2A2Q", "EDA9050 Modbus")
-WORKERS = 3
+WORKERS = 4
 SHOWN = 10
+
+
+def reachable(steps):
+    """The steps that can be taken in QEMU. Its UART has no parity; and the firmware spares its
+    EEPROM, so that what the many changes before it come to at power-up is another matter."""
+    for step in steps:
+        if isinstance(step, modbus_cases.Do) and step.command.startswith("power "):
+            return
+        if "parity: silent" not in str(getattr(step, "entries", "")):
+            yield step
 
 
 class Board(rig.Rig):
@@ -67,6 +77,9 @@ class Patient:
 def suites(words):
     """The suites of both masters, over the tables that need no exact time."""
     masters.Rig = Board
+    lines = {table: modbus_cases.LINES[table] for table in TABLES}
+    masters.LINES = {table: (module, [*reachable(steps)])
+                     for table, (module, steps) in lines.items()}
     both = {"pymodbus": pymodbus_suite.Master, "mbpoll": mbpoll_suite.Master}
     for name, master in both.items():
         helper = None if master is pymodbus_suite.Master else pymodbus_suite.Master
@@ -76,8 +89,7 @@ def suites(words):
             helper and (lambda port, helper=helper: Patient(helper(port))),
         )
         for suite in driven:
-            table = suite[0].split(", ", 1)[1]
-            if table in TABLES and any(word in suite[0] for word in words or [""]):
+            if any(word in suite[0] for word in words or [""]):
                 yield suite
 
 
