@@ -12,6 +12,9 @@ use std::time::{Duration, Instant};
 /// So long the daemon may take to know everything.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// The time that the oven's watchdog waits for its host: 64h in tenths of a second.
+const WATCHDOG: Duration = Duration::from_secs(10);
+
 /// One output of each module, and what its board then shows.
 const SWITCHED: [(&str, &str, u32); 5] = [
     ("pump", "do1", 0b10),
@@ -21,14 +24,19 @@ const SWITCHED: [(&str, &str, u32); 5] = [
     ("tank", "k2", 0b10),
 ];
 
-/// They are scanned, one gets another address, and `railbus serve` polls and switches them.
+/// They are scanned, one gets another address, `railbus serve` polls and switches them, and dies.
 pub(crate) fn railbus_runs_five_boards(world: &World) -> Result<String, String> {
     let mut site = Site::new(world)?;
     let scanned = site.scan()?;
     site.change_address()?;
-    let points = site.serve()?;
+    site.watch()?;
+    let daemon = site.daemon()?;
+    let points = site.all_good()?;
+    site.switch()?;
+    site.host_dies(daemon)?;
     Ok(format!(
-        "{scanned} found, one moved, {points} points polled, five outputs seen to move"
+        "{scanned} found, one moved, {points} points polled, five outputs seen to move; \
+         the host died and the oven went to its safe states"
     ))
 }
 
@@ -46,8 +54,12 @@ impl<'a> Site<'a> {
         let folder = Folder::new().map_err(said)?;
         let hub = Hub::new();
         let mut boards = Vec::new();
+        let options = Options {
+            beyond: true,
+            ..Options::default()
+        };
         for (name, setup) in railbus_sim::demo::modules() {
-            let mut board = Board::new(&world.images, &setup, Options::default()).map_err(said)?;
+            let mut board = Board::new(&world.images, &setup, options).map_err(said)?;
             board.join(&hub).map_err(said)?;
             boards.push((name, board.slower(10)));
         }
@@ -119,18 +131,17 @@ impl<'a> Site<'a> {
         }
     }
 
-    /// How many points the daemon has, all of them good; outputs are switched by it.
-    fn serve(&mut self) -> Result<usize, String> {
-        let daemon = self.daemon()?;
+    /// How many points the daemon has, all of them good.
+    fn all_good(&self) -> Result<usize, String> {
         let until = Instant::now() + PATIENCE;
-        let count = loop {
+        loop {
             let points = self.points()?;
             let bad: Vec<&Value> = points
                 .iter()
                 .filter(|point| point["quality"] != "good")
                 .collect();
             if bad.is_empty() && !points.is_empty() {
-                break points.len();
+                return Ok(points.len());
             }
             if Instant::now() > until {
                 return Err(format!(
@@ -138,16 +149,44 @@ impl<'a> Site<'a> {
                     points.len()
                 ));
             }
-        };
+        }
+    }
+
+    /// Each module's output is switched, and its board shows it.
+    fn switch(&mut self) -> Result<(), String> {
         for (module, point, outputs) in SWITCHED {
             self.railbus(&["set", &format!("{module}.{point}"), "on"])?;
-            let shown = self.board(module)?.outputs(outputs).map_err(said)?;
-            if shown != outputs {
-                return Err(format!("{module} shows {shown:X}, not {outputs:X}"));
-            }
+            self.shows(module, outputs)?;
+        }
+        Ok(())
+    }
+
+    /// The oven gets a host watchdog [BEYOND §3.1], which waits for the daemon from now on.
+    fn watch(&self) -> Result<(), String> {
+        for write in ["09 06 BE04 0081", "09 06 BE01 0064"] {
+            let words: Vec<&str> = write.split(' ').collect();
+            self.railbus(&[&["raw", "-l", "main", "--yes", "--crc"], &words[..]].concat())?;
+        }
+        Ok(())
+    }
+
+    /// As long as the daemon polls it, the oven stays as it is; when the daemon is killed, its
+    /// outputs go to their safe states [BEYOND §1.1, §1.2].
+    fn host_dies(&mut self, daemon: Daemon) -> Result<(), String> {
+        let until = Instant::now() + WATCHDOG + WATCHDOG / 5;
+        while Instant::now() < until {
+            self.shows("oven", 0b100)?;
         }
         drop(daemon);
-        Ok(count)
+        self.shows("oven", 0x81)
+    }
+
+    fn shows(&mut self, module: &str, outputs: u32) -> Result<(), String> {
+        let shown = self.board(module)?.outputs(outputs).map_err(said)?;
+        if shown == outputs {
+            return Ok(());
+        }
+        Err(format!("{module} shows {shown:X}, not {outputs:X}"))
     }
 
     fn points(&self) -> Result<Vec<Value>, String> {
