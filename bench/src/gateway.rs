@@ -1,6 +1,6 @@
 //! The whole program as a site has it: what it takes beyond the wire, what a flood of clients costs
-//! a line, and what many lines cost the machine. The released `railbus` is measured, with simulated modules whose characters
-//! take their time at 9600.
+//! a line, and what many lines cost the machine. The released `railbus` is measured, with simulated
+//! modules whose characters take their time at 9600.
 
 use crate::daemon::{Folder, address_in, build, start};
 use crate::latency::{self, DELTA_MAX, Measured, WRITE_MAX};

@@ -8,6 +8,7 @@
 //! railbus-bench paced                  the line master on a line whose characters take theirs
 //! railbus-bench gateway                the whole program: writes, changes, a flood, many lines
 //! railbus-bench gateway --check        the same, and fails where a limit is exceeded
+//! railbus-bench gateway --write        the same, into its section of the page
 //! railbus-bench --check                what must never get worse; for CI
 //! ```
 //!
@@ -48,15 +49,16 @@ fn main() -> ExitCode {
     }
 }
 
+/// The page of all that is measured.
+const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/performance.md");
+
 const USAGE: &str = "usage: railbus-bench \
-    [all [--write FILE] | codec [--check | --update] | line | paced | gateway [--check] | --check]";
+    [all [--write FILE] | codec [--check | --update] | line | paced | \
+    gateway [--check | --write] | --check]";
 
 fn run(args: &[&str]) -> Result<(), String> {
     match *args {
-        [] | ["all"] => page::write(concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/../docs/performance.md"
-        )),
+        [] | ["all"] => page::write(PAGE),
         ["all", "--write", file] => page::write(file),
         ["codec"] => codec::table(After::Nothing).map(|table| print!("{table}")),
         ["codec", "--check"] => codec::table(After::Check).map(|table| print!("{table}")),
@@ -66,6 +68,7 @@ fn run(args: &[&str]) -> Result<(), String> {
         ["line"] => line::table().map(|table| print!("{table}")),
         ["paced"] => paced::tables().map(|[wire, strict]| print!("{wire}\n{strict}")),
         ["gateway"] => gateway::measure().map(|told| print!("{told}")),
+        ["gateway", "--write"] => page::renew(PAGE),
         ["gateway", "--check"] => gateway::measure().and_then(|told| {
             print!("{told}");
             told.check()

@@ -22,13 +22,7 @@ pub fn write(file: &str) -> Result<(), String> {
     println!("line whose characters take their time");
     let [wires, strict] = paced::tables()?;
     println!("gateway");
-    let gateway::Gateway {
-        writes,
-        deltas,
-        flood,
-        many,
-        ..
-    } = gateway::measure()?;
+    let section = section(&gateway::measure()?);
     let date = date();
     let page = format!(
         "# Performance
@@ -76,7 +70,58 @@ At 9600, {STRICT} requests. A master that asks too early loses that request, wai
 by that is late enough for the next one.
 
 {strict}
-## The gateway
+{section}
+## Codec
+
+Instructions for one exchange. A server reads a request and writes its reply, a client the
+reverse; all checks are done.
+
+{codec}
+`before` and `limit` are those of `bench/codec-limits.toml`.
+",
+        warm_up = paced::WARM_UP,
+    );
+    std::fs::write(file, page).map_err(|why| format!("{file} cannot be written: {why}"))?;
+    println!("written: {file}");
+    Ok(())
+}
+
+/// The heading of the section that [`renew`] writes, and of the one after it.
+const HEADINGS: [&str; 2] = ["## The gateway\n", "## Codec\n"];
+
+/// Measures the whole program, and writes that section of the page anew.
+pub fn renew(file: &str) -> Result<(), String> {
+    let failed = |why: std::io::Error| format!("{file}: {why}");
+    let page = std::fs::read_to_string(file).map_err(failed)?;
+    let [begin, end] = HEADINGS.map(|heading| page.find(heading));
+    let (Some(begin), Some(end)) = (begin, end) else {
+        return Err(format!("{file} has no section of the gateway"));
+    };
+    let section = section(&gateway::measure()?);
+    let page = format!("{}{section}\n{}", &page[..begin], &page[end..]);
+    std::fs::write(file, page).map_err(failed)
+}
+
+/// What the page says of the whole program.
+fn section(measured: &gateway::Gateway) -> String {
+    let gateway::Gateway {
+        writes,
+        deltas,
+        flood,
+        many,
+        ..
+    } = measured;
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let load = load.split(' ').next().unwrap_or_default().to_owned();
+    let built = match std::env::var("CARGO_PROFILE_RELEASE_LTO").as_deref() {
+        Ok("off") => "of a build without link-time optimisation",
+        _ => "of a build as users get it",
+    };
+    format!(
+        "## The gateway
+
+Measured {date} with `railbus-bench gateway`, {built}; at its end the load average was
+{load}, on 2 cores.
 
 Writes over HTTP to the demo's five modules at 9600, which are polled as fast as the line goes, at
 moments that have nothing to do with the line's: from the first byte of the request to the last of
@@ -110,20 +155,9 @@ resident.
 
 {many}
 Limits: {MEMORY_MAX} MiB, {SHARE_MAX} % of one core.
-
-## Codec
-
-Instructions for one exchange. A server reads a request and writes its reply, a client the
-reverse; all checks are done.
-
-{codec}
-`before` and `limit` are those of `bench/codec-limits.toml`.
 ",
-        warm_up = paced::WARM_UP,
-    );
-    std::fs::write(file, page).map_err(|why| format!("{file} cannot be written: {why}"))?;
-    println!("written: {file}");
-    Ok(())
+        date = date(),
+    )
 }
 
 fn date() -> String {
