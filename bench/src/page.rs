@@ -120,8 +120,8 @@ fn section(measured: &gateway::Gateway) -> String {
     format!(
         "## The gateway
 
-Measured {date} with `railbus-bench gateway`, {built}; at its end the load average was
-{load}, on 2 cores.
+Measured {date} with `railbus-bench gateway`, {built};
+at its end the load average was {load}, on 2 cores.
 
 Writes over HTTP to the demo's five modules at 9600, which are polled as fast as the line goes, at
 moments that have nothing to do with the line's: from the first byte of the request to the last of
