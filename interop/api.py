@@ -41,7 +41,7 @@ APART = {
     "/frames/stream": "a stream that ends only with its client; tests/api/streams.rs follows it",
     "/frames": "records for as many seconds as it is asked to, up to ten minutes",
     "/sim/{line}": SIM,
-    "/sim/{line}/faults": SIM,
+    "/sim/{line}/line-faults": SIM,
     "/sim/{line}/{module}": SIM,
     "/sim/{line}/{module}/inputs": SIM,
     "/sim/{line}/{module}/faults": SIM,

@@ -65,7 +65,7 @@ export function simulated(): { readonly lines: SimLine[] } {
 
   $effect(() => {
     let ends: (() => void)[] | null = [];
-    get<{ lines: SimLine[] }>("/sim/lines").then((all) => {
+    get<{ lines: SimLine[] }>("/sim").then((all) => {
       for (const one of all.lines) {
         take(one);
         ends?.push(hear(`sim/${one.line}`, (message) => take((message.data ?? message.sim) as SimLine)));

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// `GET /api/v1/sim/lines`.
+/// `GET /api/v1/sim`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct SimLines {
     pub(crate) schema: u8,
@@ -148,7 +148,7 @@ pub(crate) struct SimInputsRequest {
     pub(crate) set: BTreeMap<String, Option<SimValue>>,
 }
 
-/// `POST /api/v1/sim/{line}/faults` and `POST /api/v1/sim/{line}/{module}/faults`.
+/// `POST /api/v1/sim/{line}/line-faults` and `POST /api/v1/sim/{line}/{module}/faults`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SimFaultsRequest {

@@ -213,3 +213,24 @@ async fn not_so() -> Answer {
     };
     answer::problem(&problem.with("reason", "not with this method"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Names are made of `a-z`, `0-9` and `_`; a word of an address that stands where a name may
+    /// stand has a hyphen, so that whatever has a name can be asked for.
+    #[test]
+    fn no_word_of_an_address_hides_a_name() {
+        let routes = || ALL.iter().copied().flatten().map(|route| route.path);
+        let is_named = |part: &str| part.starts_with('{');
+        for (named, word) in routes().flat_map(|path| routes().map(move |other| (path, other))) {
+            let parts = || named.split('/').zip(word.split('/'));
+            let is_both = named.split('/').count() == word.split('/').count()
+                && parts().all(|(a, b)| a == b || is_named(a) || is_named(b));
+            let hidden = |(a, b): &(&str, &str)| is_named(a) && !is_named(b) && !b.contains('-');
+            let found = parts().find(hidden).filter(|_| is_both);
+            assert_eq!(found, None, "{named} can't be asked for where {word} is");
+        }
+    }
+}

@@ -22,7 +22,7 @@ use railbus_site::history::{Event, EventKind, Severity};
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
-    Route::new("GET", "/sim/lines", Need::VIEWER, || get(lines)).doc(
+    Route::new("GET", "/sim", Need::VIEWER, || get(lines)).doc(
         Doc::new("The simulated lines, and their modules as they really are").answers::<SimLines>(),
     ),
     Route::new("PUT", "/sim/{line}", Need::ENGINEER, || put(plug)).doc(
@@ -30,7 +30,7 @@ pub(super) const ROUTES: &[Route] = &[
             .takes::<SimLineRequest>()
             .answers::<SimLineInfo>(),
     ),
-    Route::new("POST", "/sim/{line}/faults", Need::ENGINEER, || {
+    Route::new("POST", "/sim/{line}/line-faults", Need::ENGINEER, || {
         post(add_line_faults)
     })
     .doc(
@@ -38,7 +38,7 @@ pub(super) const ROUTES: &[Route] = &[
             .takes::<SimFaultsRequest>()
             .answers::<SimLineInfo>(),
     ),
-    Route::new("DELETE", "/sim/{line}/faults", Need::ENGINEER, || {
+    Route::new("DELETE", "/sim/{line}/line-faults", Need::ENGINEER, || {
         delete(clear_line_faults)
     })
     .doc(

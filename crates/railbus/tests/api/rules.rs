@@ -96,7 +96,7 @@ fn a_rule_is_tried_before_it_is_armed_and_acts_then() {
 #[test]
 fn a_rule_that_is_not_written_yet_is_tried_as_it_would_be_read() {
     let daemon = Daemon::demo("rules-try");
-    let ask = |body: Value| daemon.send("POST", "/api/v1/rules/try", &body.to_string());
+    let ask = |body: Value| daemon.send("POST", "/api/v1/rules/try-text", &body.to_string());
     let daily = json!({ "when": { "time": "06:30" }, "then": [{ "notify": "morning" }] });
     let week = ask(json!({ "rule": daily, "hours": 168 })).json();
     assert_eq!(

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 impl Daemon {
     fn module(&self, name: &str) -> Value {
-        let lines = self.get("/api/v1/sim/lines").json();
+        let lines = self.get("/api/v1/sim").json();
         let modules = lines["lines"][0]["modules"].as_array().cloned();
         let mut modules = modules.expect("a list").into_iter();
         let found = modules.find(|module| module["module"] == name);
@@ -49,7 +49,7 @@ impl Daemon {
 #[test]
 fn the_panel_shows_the_modules_themselves() {
     let daemon = Daemon::demo("sim-panel");
-    let lines = daemon.get("/api/v1/sim/lines").json();
+    let lines = daemon.get("/api/v1/sim").json();
     let line = &lines["lines"][0];
     assert_eq!(
         (&line["line"], &line["plugged"]),
@@ -226,12 +226,12 @@ fn a_vanished_adapter_and_a_lost_power_are_seen_and_come_back() {
     assert_eq!(daemon.module("oven")["powered"], true);
     let line = daemon.order("PUT", "main", &json!({ "plugged": true }));
     assert_eq!(line["plugged"], true);
-    let line = daemon.order("POST", "main/faults", &json!({ "faults": "noise 5m" }));
+    let line = daemon.order("POST", "main/line-faults", &json!({ "faults": "noise 5m" }));
     assert_eq!(line["faults"][0]["fault"], "noise 5m");
     daemon.until("the points are good", |daemon| {
         daemon.known("oven.k1")["quality"] == "good"
     });
-    let line = daemon.order("DELETE", "main/faults?fault=noise", &json!({}));
+    let line = daemon.order("DELETE", "main/line-faults?fault=noise", &json!({}));
     assert_eq!(line["faults"], json!([]));
 
     assert_eq!(daemon.write("oven.k1", true).0, 200);
@@ -346,7 +346,7 @@ fn what_is_no_order_does_nothing() {
         ),
         (
             "POST",
-            "main/faults",
+            "main/line-faults",
             r#"{"faults":"stuck k1"}"#,
             422,
             "E0290",
@@ -382,7 +382,7 @@ fn what_is_no_order_does_nothing() {
     assert_eq!(daemon.at("pump.di0")["by_hand"], before);
     assert_eq!(daemon.module("pump")["faults"], json!([]));
     assert_eq!(
-        daemon.get("/api/v1/sim/lines").json()["lines"][0]["plugged"],
+        daemon.get("/api/v1/sim").json()["lines"][0]["plugged"],
         true
     );
 }

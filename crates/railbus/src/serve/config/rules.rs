@@ -27,7 +27,7 @@ use std::time::SystemTime;
 pub(in crate::serve) const ROUTES: &[Route] = &[
     Route::new("GET", "/rules", Need::VIEWER, || get(all))
         .doc(Doc::new("All rules, and how each is").answers::<Rules>()),
-    Route::new("POST", "/rules/try", Need::ENGINEER, || post(try_text)).doc(
+    Route::new("POST", "/rules/try-text", Need::ENGINEER, || post(try_text)).doc(
         Doc::new("When a rule would have acted that is not in the configuration yet")
             .takes::<TryRequest>()
             .answers::<TriedInfo>(),
