@@ -112,7 +112,12 @@ async fn replace(order: Order) -> Answer {
     if !order.headers.contains_key(IF_MATCH) {
         return answer::problem(&Problem::new(codes::NO_IF_MATCH));
     }
-    edit(&order, |_| order.read::<Text>().map(|body| body.text)).await
+    let change = |before: &str| {
+        let text = order.read::<Text>()?.text;
+        rules::may_bring(&order, before, &text)?;
+        Ok(text)
+    };
+    edit(&order, change).await
 }
 
 async fn check(order: Order) -> Answer {
@@ -179,7 +184,13 @@ async fn undo(order: Order) -> Answer {
         Err(problem) => Err(problem),
     };
     match found {
-        Ok(found) => edit(&order, |_| Ok(found.text)).await,
+        Ok(found) => {
+            let change = |before: &str| {
+                rules::may_bring(&order, before, &found.text)?;
+                Ok(found.text)
+            };
+            edit(&order, change).await
+        }
         Err(problem) => answer::problem(&problem),
     }
 }

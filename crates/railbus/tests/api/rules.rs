@@ -1,7 +1,8 @@
 //! Rules over HTTP: written, tried, armed, and acting in the demo.
 
-use crate::daemon::{Answer, Daemon};
+use crate::daemon::{Answer, Daemon, exchange};
 use serde_json::{Value, json};
+use std::time::{Duration, Instant};
 
 fn code(answer: &Answer) -> (u16, Value) {
     (answer.status, answer.json()["code"].clone())
@@ -91,6 +92,154 @@ fn a_rule_is_tried_before_it_is_armed_and_acts_then() {
         code(&daemon.get("/api/v1/rules/night")),
         (404, "E0853".into())
     );
+}
+
+/// An address with the word `try` in it stands in the way of none.
+#[test]
+fn a_rule_may_be_called_as_it_likes() {
+    let daemon = Daemon::demo("rules-names");
+    for name in ["try", "arm", "text", "rules"] {
+        let path = format!("/api/v1/rules/{name}");
+        assert_eq!(
+            daemon.send("PUT", &path, &night(-1.0).to_string()).status,
+            200,
+            "{name}"
+        );
+        assert_eq!(daemon.get(&path).json()["rule"], name);
+        for (step, status) in [("try", 200), ("arm", 200), ("disarm", 200)] {
+            let answer = daemon.send("POST", &format!("{path}/{step}"), "{}");
+            assert_eq!(answer.status, status, "{name} {step}");
+        }
+        assert_eq!(daemon.send("DELETE", &path, "").status, 200, "{name}");
+    }
+}
+
+#[test]
+fn a_whole_text_arms_no_rule_that_was_not_tried() {
+    let daemon = Daemon::demo("rules-text");
+    let text = || {
+        let text = daemon.get("/api/v1/config").json()["text"].clone();
+        text.as_str().expect("a text").to_owned()
+    };
+    let put = |text: &str| {
+        let etag = daemon.get("/api/v1/config").json()["etag"].clone();
+        let head = format!("{}If-Match: {etag}\r\n", daemon.head());
+        let body = json!({ "text": text }).to_string();
+        exchange(daemon.connect(), "PUT", "/api/v1/config", &head, &body)
+    };
+    let rule = |limit: &str, armed: bool| {
+        format!(
+            "[rule.night]\nwhen = {{ point = \"tank.ai1\", above = {limit}, unit = \"V\" }}\n\
+             then = [{{ notify = \"above\" }}]\narmed = {armed}\n"
+        )
+    };
+    let before = text();
+    let armed = format!("{before}\n{}", rule("-1.0", true));
+    let refused = put(&armed);
+    assert_eq!(code(&refused), (409, "E0854".into()));
+    assert_eq!(
+        (&refused.json()["name"], &refused.json()["hint"][0]),
+        (&json!("night"), &json!("POST /api/v1/rules/try-text"))
+    );
+    assert_eq!(text(), before, "nothing changes");
+    // Disarmed it may come; tried, it may be armed, and what is armed may stay.
+    assert_eq!(
+        put(&format!("{before}\n{}", rule("-1.0", false))).status,
+        200
+    );
+    assert_eq!(code(&put(&armed)), (409, "E0854".into()));
+    assert_eq!(
+        daemon.send("POST", "/api/v1/rules/night/try", "{}").status,
+        200
+    );
+    assert_eq!(put(&armed).status, 200);
+    assert_eq!(daemon.get("/api/v1/rules/night").json()["armed"], true);
+    assert_eq!(put(&format!("{armed}# The same.\n")).status, 200);
+    let other = format!("{before}\n{}", rule("-2.0", true));
+    assert_eq!(
+        code(&put(&other)),
+        (409, "E0854".into()),
+        "another limit is another rule"
+    );
+    // An earlier text that comes back is held to the same.
+    assert_eq!(daemon.send("POST", "/api/v1/config/undo", "{}").status, 200);
+    daemon.send("DELETE", "/api/v1/rules/night", "");
+    assert_eq!(daemon.send("POST", "/api/v1/config/undo", "{}").status, 200);
+    assert_eq!(daemon.get("/api/v1/rules/night").json()["armed"], true);
+}
+
+#[test]
+fn a_rule_that_was_stopped_begins_anew_when_it_is_armed_again() {
+    let daemon = Daemon::demo("rules-stopped");
+    let rule = |is: bool| {
+        json!({
+            "when": { "point": "yard.k1", "is": is }, "then": [{ "set": "yard.k1", "to": !is }],
+        })
+    };
+    let post = |name: &str, what: &str| {
+        let answer = daemon.send("POST", &format!("/api/v1/rules/{name}/{what}"), "{}");
+        assert_eq!(answer.status, 200, "{name} {what}: {}", answer.text());
+    };
+    let shown = |name: &str| daemon.get(&format!("/api/v1/rules/{name}")).json();
+    for (name, is) in [("off", true), ("on", false)] {
+        let path = format!("/api/v1/rules/{name}");
+        assert_eq!(daemon.send("PUT", &path, &rule(is).to_string()).status, 200);
+        post(name, "try");
+    }
+    // They undo each other's work until one of them has acted too often.
+    post("off", "arm");
+    post("on", "arm");
+    let names = ["off", "on"];
+    let is_stopped = |name: &&str| shown(name)["state"] == "stopped";
+    // A hundred writes and more, at the pace of the line.
+    let begun = Instant::now();
+    while !names.iter().any(|name| is_stopped(&name)) {
+        assert!(
+            begun.elapsed() < Duration::from_secs(300),
+            "none is stopped"
+        );
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    let stopped = names
+        .into_iter()
+        .find(|name| is_stopped(&name))
+        .expect("one of them");
+    let acted = shown(stopped)["count"].as_u64().expect("a count");
+    assert!(acted >= 60, "{acted}");
+    let events = daemon.get("/api/v1/events?kind=rule").json();
+    let told = events["items"].as_array().expect("a list").iter();
+    let told: Vec<_> = told
+        .filter(|event| event["code"] == "rule_stopped")
+        .collect();
+    assert_eq!(told.len(), 1, "{events}");
+
+    // Armed it was all the time; only that somebody arms it again lets it act.
+    let other = if stopped == "off" { "on" } else { "off" };
+    post(other, "disarm");
+    let condition = stopped == "off";
+    let set = |on: bool| {
+        let body = json!({ "value": on }).to_string();
+        assert_eq!(
+            daemon.send("PUT", "/api/v1/points/yard/k1", &body).status,
+            200
+        );
+    };
+    let is = || daemon.get("/api/v1/points/yard/k1").json()["value"].clone();
+    set(!condition);
+    set(condition);
+    assert_eq!(
+        (
+            shown(stopped)["armed"].clone(),
+            shown(stopped)["state"].clone(),
+            is()
+        ),
+        (json!(true), json!("stopped"), json!(condition))
+    );
+    post(stopped, "arm");
+    set(!condition);
+    set(condition);
+    daemon.until("it acts again", |_| is() == json!(!condition));
+    assert_ne!(shown(stopped)["state"], "stopped");
 }
 
 #[test]

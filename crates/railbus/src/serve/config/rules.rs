@@ -184,7 +184,8 @@ async fn arm(Path(id): Path<String>, order: Order) -> Answer {
         Ok(rule) => rule,
         Err(problem) => return answer::problem(&problem),
     };
-    if let Err(problem) = may_let_act(service, &id, &rule, &order.who) {
+    let untried = || not_tried(&id, &format!("/rules/{id}/try"));
+    if let Err(problem) = may_let_act(service, &rule, &order.who, untried) {
         return answer::problem(&problem);
     }
     let change = |text: &str| {
@@ -193,7 +194,7 @@ async fn arm(Path(id): Path<String>, order: Order) -> Answer {
         let now = now.and_then(|mut config| config.rules.remove(&id));
         match now.is_some_and(|now| now.acts_as(&rule)) {
             true => set_armed(text, &id, true),
-            false => Err(not_tried(&id)),
+            false => Err(untried()),
         }
     };
     let answer = edit(&order, change).await;
@@ -203,10 +204,38 @@ async fn arm(Path(id): Path<String>, order: Order) -> Answer {
     answer
 }
 
+/// A whole text brings no rule into force that acts and was not tried: what another program or
+/// another gateway sends is held to what a page is held to. Who edits the file itself is not
+/// asked.
+pub(super) fn may_bring(order: &Order, before: &str, text: &str) -> Result<(), Problem> {
+    // What is wrong with a text is told when it is checked.
+    let (Ok(new), old) = (Config::parse(text), Config::parse(before)) else {
+        return Ok(());
+    };
+    let old = old.map(|old| old.rules).unwrap_or_default();
+    let armed = new.rules.iter().filter(|(_, rule)| rule.armed);
+    let acts_already = |id: &str, rule: &Rule| {
+        let known: Option<&Rule> = old.get(id);
+        known.is_some_and(|known| known.armed && known.acts_as(rule))
+    };
+    armed
+        .filter(|(id, rule)| !acts_already(id, rule))
+        .try_for_each(|(id, rule)| {
+            // The text is no part of the site yet, and nor is its rule.
+            let untried = || not_tried(id, "/rules/try-text");
+            may_let_act(&order.site.service, rule, &order.who, untried)
+        })
+}
+
 /// A rule was tried just as it is, and switches nothing that the caller may not.
-fn may_let_act(service: &Service, id: &str, rule: &Rule, who: &Caller) -> Result<(), Problem> {
+fn may_let_act(
+    service: &Service,
+    rule: &Rule,
+    who: &Caller,
+    untried: impl FnOnce() -> Problem,
+) -> Result<(), Problem> {
     if !service.is_tried(rule) {
-        return Err(not_tried(id));
+        return Err(untried());
     }
     let config = service.config();
     rule.then.iter().try_for_each(|action| match action {
@@ -215,9 +244,9 @@ fn may_let_act(service: &Service, id: &str, rule: &Rule, who: &Caller) -> Result
     })
 }
 
-fn not_tried(id: &str) -> Problem {
+fn not_tried(id: &str, address: &str) -> Problem {
     let problem = Problem::new(codes::RULE_NOT_TRIED).with("name", id);
-    problem.with_hint(format!("POST /api/v1/rules/{id}/try"))
+    problem.with_hint(format!("POST /api/v1{address}"))
 }
 
 async fn disarm(Path(id): Path<String>, order: Order) -> Answer {
