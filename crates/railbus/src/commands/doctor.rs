@@ -134,6 +134,7 @@ pub(crate) fn of_daemon(
     modules: Vec<ModuleInfo>,
     points: &[PointInfo],
     certificate: Option<(String, Option<Timestamp>)>,
+    config: &config_file::Found,
 ) -> Vec<serde_json::Value> {
     let machine = Machine::this();
     let user = User::this(&machine);
@@ -145,6 +146,7 @@ pub(crate) fn of_daemon(
         found.extend(daemon::certificate(&path, end, now));
     }
     found.extend(served::told(lang, lines, modules.into_iter(), points));
+    found.extend(of_config(lang, &machine, config));
     found.sort_by_key(|finding| finding.section);
     found.iter().map(|finding| finding.json(lang)).collect()
 }
@@ -201,6 +203,12 @@ fn configuration(context: &Context, machine: &Machine) -> Result<Configuration, 
             return of(Config::default(), vec![finding]);
         }
     };
+    let findings = of_config(lang, machine, &found);
+    of(found.config, findings)
+}
+
+/// What is to be said of a configuration without problems.
+fn of_config(lang: Lang, machine: &Machine, found: &config_file::Found) -> Vec<Finding> {
     let text = config_file::text_of(&found.path).unwrap_or_default();
     let warnings = config_check::lints(machine, &found.config);
     let mut findings: Vec<Finding> = warnings
@@ -222,7 +230,7 @@ fn configuration(context: &Context, machine: &Machine) -> Result<Configuration, 
         let text = lang.fill(DoctorText::ConfigGood, values);
         findings.push(Finding::good(Section::Config, text));
     }
-    of(found.config, findings)
+    findings
 }
 
 /// The name of a port, where it is one of a serial device.

@@ -9,6 +9,7 @@ use crate::api::failures::no_such_line;
 use crate::api::problem::{Problem, codes};
 use crate::api::types::SCHEMA;
 use crate::commands::doctor;
+use crate::config_file;
 use crate::render::time::rfc3339;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
@@ -141,9 +142,13 @@ async fn examine(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> 
     let (lines, modules) = (ask::lines(&site.service), ask::modules(&site.service));
     let points = ask::points(&site.service, &[]);
     let certificate = site.tls.as_ref().map(|tls| tls.expiry());
+    let config = config_file::Found {
+        config: site.service.config(),
+        path: site.desk.file().to_owned(),
+    };
     // It walks through all programs, and reads files.
     let found = tokio::task::spawn_blocking(move || {
-        doctor::of_daemon(lang, lines, modules, &points, certificate)
+        doctor::of_daemon(lang, lines, modules, &points, certificate, &config)
     });
     let found = found.await;
     let found =

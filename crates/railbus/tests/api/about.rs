@@ -37,6 +37,45 @@ fn it_knows_how_its_line_is_used_and_what_is_wrong() {
 }
 
 #[test]
+fn the_doctor_says_what_is_unwise_with_the_configuration() {
+    let daemon = Daemon::demo("doctor-config");
+    let config = || {
+        let doctor = daemon.get("/api/v1/doctor?lang=en").json();
+        let all = doctor["findings"].as_array().expect("a list").clone();
+        let of = |found: &serde_json::Value| found["section"] == "config";
+        all.into_iter().filter(of).collect::<Vec<_>>()
+    };
+    let found = config();
+    assert_eq!(
+        (found.len(), &found[0]["state"]),
+        (1, &"ok".into()),
+        "{found:?}"
+    );
+    // More polls than the line has time for.
+    let body = r#"{"poll":"10ms"}"#;
+    assert_eq!(
+        daemon
+            .send("PATCH", "/api/v1/config/modules/pump", body)
+            .status,
+        200
+    );
+    let text = daemon.get("/api/v1/config").json()["text"].to_string();
+    let check = daemon.send(
+        "POST",
+        "/api/v1/config/check",
+        &format!("{{\"text\":{text}}}"),
+    );
+    let warnings = check.json()["warnings"].as_array().expect("a list").len();
+    assert_ne!(warnings, 0, "{}", check.text());
+    let found = config();
+    assert_eq!(found.len(), warnings, "{found:?}");
+    assert!(
+        found.iter().all(|one| one["state"] == "warning"),
+        "{found:?}"
+    );
+}
+
+#[test]
 fn metrics_say_what_the_line_did() {
     let daemon = Daemon::demo("metrics");
     let answer = daemon.get("/metrics");
