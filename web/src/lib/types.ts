@@ -8,6 +8,8 @@ export interface Session {
   setup: boolean;
   csrf: string | null;
   demo: boolean;
+  /** Some of its lines are simulated, and take orders. */
+  simulated: boolean;
   version: string;
   lang: "en" | "zh";
   site?: string;

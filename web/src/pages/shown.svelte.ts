@@ -4,6 +4,6 @@ import { PAGES, type Page } from "./index";
 
 /** Those with a place of their own in the rail. */
 export function pagesShown(): Page[] {
-  const simulated = who()?.demo ?? false;
+  const simulated = who()?.simulated ?? false;
   return PAGES.filter((page) => page.icon && may(page.role) && (simulated || !page.simulated));
 }

@@ -7,6 +7,7 @@ export const session = {
   setup: false,
   csrf: "proof",
   demo: true,
+  simulated: true,
   version: "0.1.0",
   lang: "en",
   site: "Pump house",

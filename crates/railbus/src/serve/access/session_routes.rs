@@ -87,6 +87,8 @@ struct SessionTold {
     /// What mutating requests of this session carry as `X-CSRF-Token`.
     csrf: Option<String>,
     demo: bool,
+    /// Some of its lines are simulated here, and take orders.
+    simulated: bool,
     version: &'static str,
     lang: String,
     site: String,
@@ -150,6 +152,7 @@ fn told(site: &Site, who: &Caller, csrf: Option<String>) -> SessionTold {
         setup: site.access.is_new(),
         csrf,
         demo: site.demo,
+        simulated: !site.simulated.is_empty(),
         version: env!("CARGO_PKG_VERSION"),
         lang: chosen.unwrap_or_else(|| site.lang.name().to_owned()),
         site: site.name(),
