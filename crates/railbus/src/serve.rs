@@ -8,6 +8,7 @@ mod body;
 mod capture;
 mod config;
 mod control;
+mod deadline;
 mod doc;
 mod ear;
 mod events;
@@ -418,6 +419,11 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         () = notify.stay_alive() => {}
     }
     notify.tell(notify::STOPPING);
+    deadline::after(deadline::END_MAX, move || {
+        let failure = Failure::of(lang, Code::CutOff);
+        complain(&failure.render(lang));
+        std::process::exit(failure.code().exit().into());
+    });
     // Fails where nobody listens any more.
     let _ = stop.send(true);
     for task in listening {
@@ -426,8 +432,8 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     }
     tokio::join!(room.emptied(), room_of_socket.emptied());
     service.close().await;
-    stores.close(&service).await;
-    hooks.close().await;
+    // That it stops is told to webhooks, too.
+    tokio::join!(stores.close(&service), hooks.close());
     Ok(())
 }
 

@@ -34,7 +34,7 @@ const HEAD_LEN_MAX: usize = 16 << 10;
 /// After a connection could not be let in, so long until the next.
 const PAUSE: Duration = Duration::from_millis(100);
 /// At the end, connections have this time to finish what they are at.
-const LINGER: Duration = Duration::from_millis(800);
+const LINGER: Duration = Duration::from_millis(600);
 
 /// The place of a connection, given back when it ends.
 type Place = (OwnedSemaphorePermit, Option<OfAddress>);

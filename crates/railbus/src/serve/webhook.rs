@@ -27,7 +27,7 @@ use tokio::sync::watch;
 use tokio::task::AbortHandle;
 
 /// At the end, what waits has this time to be delivered.
-const LINGER: Duration = Duration::from_secs(1);
+const LINGER: Duration = Duration::from_millis(500);
 /// How often it is looked whether anything waits then.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 

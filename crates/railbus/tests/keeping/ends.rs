@@ -18,7 +18,7 @@ const PLANT: &str = "[line.main]\nport = \"PORT\"\n\
 /// What becomes of some outputs at the end.
 const POLICY: &str = "[module.oven.point]\nk1.on_exit = \"off\"\nk2.on_exit = \"on\"\n\
     [module.yard.point]\nk1.on_exit = \"off\"\nk2.on_exit = \"on\"\n";
-/// As nothing but a program that hangs would take; its own bounds add up to less than 5 s.
+/// As nothing but a program that hangs would take; by its own clock it has 5 s.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// The simulator of a plant, which tells every frame.
@@ -126,18 +126,8 @@ fn end_under_load(daemon: &mut Daemon) {
             scope.spawn(move || load(socket, output, done, over));
         }
         daemon.until("commands", |_| done.load(Ordering::Relaxed) > 12);
-        let pid = Pid::from_child(&daemon.child);
-        kill_process(pid, Signal::TERM).expect("it runs");
-        let begun = Instant::now();
-        let status = loop {
-            if let Some(status) = daemon.child.try_wait().expect("ours") {
-                break status;
-            }
-            assert!(begun.elapsed() < PATIENCE, "it runs on");
-            std::thread::sleep(Duration::from_millis(5));
-        };
+        end(daemon);
         over.store(true, Ordering::Relaxed);
-        assert!(status.success(), "{status}");
     });
 }
 
@@ -155,6 +145,86 @@ fn outputs(plant: &Plant, folder: &Folder, of: &str) -> String {
         .expect("text")
         .trim()
         .to_owned()
+}
+
+/// Tells it to end, and waits for that. It says itself where it takes longer than it may, and then
+/// its status is none of success.
+fn end(daemon: &mut Daemon) {
+    let pid = Pid::from_child(&daemon.child);
+    kill_process(pid, Signal::TERM).expect("it runs");
+    let begun = Instant::now();
+    let status = loop {
+        if let Some(status) = daemon.child.try_wait().expect("ours") {
+            break status;
+        }
+        assert!(begun.elapsed() < PATIENCE, "it runs on");
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    let told = std::fs::read_to_string(daemon.folder.0.join("stderr")).unwrap_or_default();
+    assert!(status.success(), "{status}: {told}");
+}
+
+/// Somebody who is connected and says nothing more.
+fn hanging(daemon: &Daemon, said: &str) -> UnixStream {
+    let mut stream = UnixStream::connect(daemon.folder.0.join("socket")).expect("it listens");
+    stream.write_all(said.as_bytes()).expect("it takes bytes");
+    stream
+}
+
+/// Modules and receivers that never answer, and clients that never go.
+#[test]
+fn nothing_that_hangs_holds_up_the_end() {
+    let folder = Folder::new("hangs");
+    let plant = Plant::start(&folder);
+    let deaf = std::net::TcpListener::bind("127.0.0.1:0").expect("a place");
+    let url = format!("http://{}/", deaf.local_addr().expect("a place"));
+    // `dead` is on the line of the daemon, and not on that of the plant.
+    let site = format!(
+        "{}{POLICY}[module.dead]\nline = \"main\"\nmodel = \"erc8\"\naddress = 9\n\
+         [module.dead.point]\nk1.on_exit = \"off\"\nk2.on_exit = \"on\"\n\
+         [webhook.deaf]\nurl = \"{url}\"\nevents = [\"write\"]\n",
+        PLANT.replace("PORT", &plant.port)
+    );
+    let file = folder.file("railbus.toml", &site);
+    let other = Folder::new("hangs-daemon");
+    let mut daemon = Daemon::start_in(other, &["--config", file.to_str().expect("text")]);
+    daemon.until("good", |daemon| daemon.quality("oven.k1") == "good");
+    // One pulse that runs, and one whose end nobody will ever see.
+    let pulse = r#"{"ms":600000,"by":"host"}"#;
+    let pulses = ["oven", "dead"].map(|module| {
+        let path = format!("/api/v1/points/{module}/k4/pulse");
+        let length = pulse.len();
+        let head = format!("POST {path} HTTP/1.1\r\nHost: any\r\nContent-Length: {length}\r\n");
+        hanging(&daemon, &format!("{head}\r\n{pulse}"))
+    });
+    daemon.until("a pulse", |daemon| {
+        daemon.get("/points/oven/k4")["value"] == true
+    });
+    let key = "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
+    let upgrade = format!(
+        "GET /api/v1/ws HTTP/1.1\r\nHost: any\r\nConnection: Upgrade\r\n\
+         Upgrade: websocket\r\n{key}\r\n"
+    );
+    let body = r#"{"value":true}"#;
+    let write = format!(
+        "PUT /api/v1/points/dead/k3 HTTP/1.1\r\nHost: any\r\nContent-Length: {}\r\n\r\n{body}",
+        body.len()
+    );
+    let _open: Vec<UnixStream> = [
+        upgrade.as_str(),
+        upgrade.as_str(),
+        "GET /api/v1/watch HTTP/1.1\r\nHost: any\r\n\r\n",
+        "GET /api/v1/points HTTP/1.1\r\nHost:",
+        "PUT /api/v1/points/oven/k5 HTTP/1.1\r\nHost: any\r\nContent-Length: 60\r\n\r\n{",
+        &write,
+    ]
+    .map(|said| hanging(&daemon, said))
+    .into();
+    let (caught, _) = deaf.accept().expect("it tells what happened");
+    end(&mut daemon);
+    drop((caught, pulses));
+    let of = ["k1", "k2", "k4"].map(|k| outputs(&plant, &folder, &format!("oven.{k}")));
+    assert_eq!(of, ["off", "on", "off"], "off, on, and released");
 }
 
 #[test]

@@ -20,7 +20,7 @@ use tokio::time::Instant;
 /// An output that could not be released is tried again after this time.
 const RETRY: Duration = Duration::from_secs(1);
 /// When the site ends, its pulses have this time to be released.
-const STOP_MAX: Duration = Duration::from_millis(2_000);
+const STOP_MAX: Duration = Duration::from_millis(1_400);
 /// How often a release is tried then.
 const STOP_TRIES: u8 = 3;
 

@@ -43,6 +43,12 @@ codes! {
         likely: ["the daemon is of another version than this command", "守护进程与此命令版本不同"],
         next: ["restart the daemon", "重新启动守护进程"],
     }
+    CutOff = "E0115" {
+        title: ["the end took too long and was cut off", "退出超时，已强制结束"],
+        likely: ["a disk or the driver of a port hangs", "磁盘或串口驱动没有响应"],
+        next: ["read the log of the next start: what was under way is told there as unknown",
+            "查看下次启动的日志：未完成的操作记为未知"],
+    }
     Journal = "E0140" {
         title: ["the journal of changes can't be written; nothing was sent after it failed",
             "无法写入更改日志；失败后未再发送任何内容"],
