@@ -5,7 +5,7 @@
 mod local;
 mod remote;
 
-use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest};
+use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest, SceneInfo, SceneRequest};
 use crate::api::convert;
 use crate::api::problem::Problem;
 use crate::api::send_types::{SendAnswer, SendRequest};
@@ -210,6 +210,21 @@ impl Backend {
         wanted: OutputsRequest,
     ) -> Result<OutputsWritten, Problem> {
         either!(self.outputs(module, wanted))
+    }
+
+    /// All scenes.
+    pub(crate) async fn scenes(&self) -> Result<Vec<SceneInfo>, Problem> {
+        either!(self.scenes())
+    }
+
+    /// Plays a scene, up to the first step that fails. With a daemon it is played to its end,
+    /// whether or not anybody waits for that.
+    pub(crate) async fn play(
+        &self,
+        scene: &str,
+        wanted: SceneRequest,
+    ) -> Result<BatchAnswer, Problem> {
+        either!(self.play(scene, wanted))
     }
 
     /// All groups.

@@ -6,7 +6,7 @@ use crate::commands::{
 use crate::commands::{
     decode, get, global_flags, help, history, ls, man, pulse, raw, replay, scan,
 };
-use crate::commands::{schema, set, sniff, token, user, version, watch};
+use crate::commands::{scene, schema, set, sniff, token, user, version, watch};
 use crate::failure::Failure;
 use crate::i18n::Lang;
 use crate::texts::{Phrase, Text};
@@ -50,6 +50,11 @@ const VERBS: &[Verb] = &[
         name: pulse::NAME,
         define: pulse::define,
         run: pulse::run,
+    },
+    Verb {
+        name: scene::NAME,
+        define: scene::define,
+        run: scene::run,
     },
     Verb {
         name: watch::NAME,

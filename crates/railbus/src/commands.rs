@@ -19,6 +19,7 @@ pub(crate) mod pulse;
 pub(crate) mod raw;
 pub(crate) mod replay;
 pub(crate) mod scan;
+pub(crate) mod scene;
 pub(crate) mod schema;
 pub(crate) mod set;
 pub(crate) mod sniff;

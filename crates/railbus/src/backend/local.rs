@@ -1,7 +1,7 @@
 //! A site opened here and now, for one command.
 
 use super::{AdHoc, Wanted};
-use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest};
+use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest, SceneInfo, SceneRequest};
 use crate::api::problem::{Problem, codes};
 use crate::api::send_types::{SendAnswer, SendRequest};
 use crate::api::sending;
@@ -124,13 +124,23 @@ impl Local {
         group: &str,
         wanted: GroupRequest,
     ) -> Result<BatchAnswer, Problem> {
-        let mut members = control::members(&self.service, group)?;
-        members.dedup_by_key(|path| paths::split(path).map(|(module, _)| module.to_owned()));
-        for path in members {
-            // A line that is not open fails for its own members alone, and says so there.
-            let _ = self.read_before(&path).await;
-        }
+        let members = control::members(&self.service, group)?;
+        self.read_all_before(members).await;
         control::set_group(&self.service, group, wanted).await
+    }
+
+    pub(super) async fn scenes(&self) -> Result<Vec<SceneInfo>, Problem> {
+        Ok(control::scenes(&self.service))
+    }
+
+    pub(super) async fn play(
+        &self,
+        scene: &str,
+        wanted: SceneRequest,
+    ) -> Result<BatchAnswer, Problem> {
+        let outputs = control::outputs_of_scene(&self.service, scene)?;
+        self.read_all_before(outputs).await;
+        control::play(&self.service, scene, wanted).await
     }
 
     pub(super) async fn toggle(
@@ -187,6 +197,17 @@ impl Local {
         }
         let _ = self.service.read_fresh(module).await;
         Ok(())
+    }
+
+    /// The same for several outputs.
+    async fn read_all_before(&self, mut paths: Vec<String>) {
+        let module = |path: &String| paths::split(path).map(|(module, _)| module.to_owned());
+        paths.sort();
+        paths.dedup_by_key(|path| module(path));
+        for path in paths {
+            // A line that is not open fails for its own outputs alone, and says so there.
+            let _ = self.read_before(&path).await;
+        }
     }
 }
 

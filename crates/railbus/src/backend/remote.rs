@@ -2,7 +2,9 @@
 
 mod http;
 
-use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest, Groups};
+use crate::api::control_types::{
+    BatchAnswer, GroupInfo, GroupRequest, Groups, SceneInfo, SceneRequest, Scenes,
+};
 use crate::api::past::{HistoryInfo, VerifiedInfo};
 use crate::api::problem::{Problem, codes};
 use crate::api::send_types::{SendAnswer, SendRequest};
@@ -134,6 +136,20 @@ impl Remote {
     pub(super) async fn groups(&self) -> Result<Vec<GroupInfo>, Problem> {
         let groups: Groups = self.get("/api/v1/groups").await?;
         Ok(groups.groups)
+    }
+
+    pub(super) async fn scenes(&self) -> Result<Vec<SceneInfo>, Problem> {
+        let scenes: Scenes = self.get("/api/v1/scenes").await?;
+        Ok(scenes.scenes)
+    }
+
+    pub(super) async fn play(
+        &self,
+        scene: &str,
+        wanted: SceneRequest,
+    ) -> Result<BatchAnswer, Problem> {
+        let path = format!("/api/v1/scenes/{}/run", encoded(scene));
+        self.send(Method::POST, &path, &wanted).await
     }
 
     pub(super) async fn set_group(

@@ -64,6 +64,7 @@ fn candidates(lang: Lang, words: &[String]) -> Vec<String> {
         (_, Some("set" | "pulse" | "write")) => points(&config(), current, |point| {
             point.kind == railbus_device::PointKind::Output
         }),
+        (Some("run"), Some("scene")) => config().scenes.into_keys().collect(),
         (_, Some("config" | "plan" | "apply")) if !current.starts_with('-') => {
             config().modules.into_keys().collect()
         }

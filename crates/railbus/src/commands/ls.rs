@@ -176,7 +176,7 @@ fn lines(lang: Lang, lines: &[LineInfo]) -> Records {
     }
 }
 
-fn json_of<T: serde::Serialize>(rows: &[T]) -> Vec<serde_json::Value> {
+pub(super) fn json_of<T: serde::Serialize>(rows: &[T]) -> Vec<serde_json::Value> {
     let json = |row| serde_json::to_value(row).unwrap_or_default();
     rows.iter().map(json).collect()
 }

@@ -1,9 +1,9 @@
 //! `railbus set`: switches outputs.
 
 mod boards;
-mod frames;
+pub(super) mod frames;
 mod group;
-mod orders;
+pub(super) mod orders;
 
 use super::{Context, stop};
 use crate::api::types::{Kind, OutputsRequest, ToggleRequest, WriteRequest, Written};
@@ -16,6 +16,7 @@ use crate::render::table::Table;
 use crate::render::{Format, out, time, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+pub(super) use group::outcomes;
 use orders::{Order, State};
 use serde_json::{Value, json};
 
@@ -59,7 +60,7 @@ struct Terms {
 }
 
 /// What came of one output.
-struct Outcome {
+pub(super) struct Outcome {
     path: String,
     end: Result<Written, Failure>,
 }
@@ -91,7 +92,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             }
         };
         if dry {
-            let frames = frames::show(&context, &backend, &orders).await;
+            let groups = orders.chunk_by(|a, b| a.module == b.module);
+            let frames = frames::show(&context, &backend, groups).await;
             backend.finish(true).await;
             return frames.map(Err);
         }
@@ -234,7 +236,7 @@ async fn switch(
     group.iter().map(each).collect()
 }
 
-fn tell(context: &Context, outcomes: &[Outcome]) -> Result<(), Failure> {
+pub(super) fn tell(context: &Context, outcomes: &[Outcome]) -> Result<(), Failure> {
     let lang = context.lang;
     let mut table = Table::bare();
     let mut rows = Vec::new();
@@ -297,7 +299,11 @@ fn merge(row: &mut Value, more: Value) {
 }
 
 /// The failure that the outcomes amount to.
-fn conclude(context: &Context, outcomes: Vec<Outcome>, stopped: bool) -> Result<(), Failure> {
+pub(super) fn conclude(
+    context: &Context,
+    outcomes: Vec<Outcome>,
+    stopped: bool,
+) -> Result<(), Failure> {
     let count = outcomes.len();
     let failures: Vec<Failure> = outcomes
         .into_iter()

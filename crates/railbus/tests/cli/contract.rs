@@ -9,7 +9,7 @@ use std::io::Read;
 use std::process::Stdio;
 
 /// What works on the demo line, with the exit code.
-const GOOD: [&str; 30] = [
+const GOOD: [&str; 31] = [
     "scan --addr 1-2",
     "ls",
     "ls points",
@@ -23,6 +23,7 @@ const GOOD: [&str; 30] = [
     "set yard 1,3=on k2=toggle",
     "set oven all=off -n",
     "pulse oven.k1 100ms",
+    "scene list",
     "raw --crc 03 01 00 3C 00 08",
     "decode 550100030004C01D --all",
     "doctor",

@@ -5,7 +5,7 @@ use crate::published::{Forms, keeps_to};
 use crate::replay::asked_of_the_demo;
 use crate::site::{Ran, Site};
 use crate::sniff::{captured, listening};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// Runs it for a program; its end and its words are as expected.
 #[track_caller]
@@ -199,4 +199,84 @@ fn what_a_simulator_serves_is_as_published() {
             (&"main".into(), &5.into())
         );
     }
+}
+
+/// With a daemon and without one: what is shown, what would be sent, what is done, and how it ends.
+#[test]
+fn groups_and_scenes_are_shown_tried_and_played() {
+    const MORE: &str = "[group.night]\nmembers = [\"yard.k1\", \"oven.k2\", \"yard.k2\"]\n\
+        [scene.evening]\nname = { en = \"Evening\", zh = \"傍晚\" }\nsteps = [\n\
+        { set = \"yard.k1\", to = true }, { set = \"yard.k2\", to = true }, { wait = \"20ms\" },\n\
+        { set = \"oven.k2\", to = true }]\n\
+        [scene.guarded]\nsteps = [{ set = \"yard.k1\", to = false },\n\
+        { set = \"pump.do0\", to = true }, { set = \"yard.k2\", to = false }]\n\
+        [module.pump.point.do0]\nconfirm = \"hold\"\n";
+    let mut site = Site::demo("outputs-scenes");
+    let file = site.folder.join("railbus.toml");
+    let text = std::fs::read_to_string(file).expect("a file");
+    site.configure(&format!("{text}\n{MORE}"));
+    for served in [false, true] {
+        if served {
+            site.serve();
+        }
+        let mut forms = Forms::of(&site, "scene");
+        let asked = if served {
+            format!("--socket {} ", site.socket())
+        } else {
+            String::new()
+        };
+        let run = |line: &str, code| run(&site, &format!("{asked}{line}"), code);
+        let one = |line: &str, code| run(line, code).remove(0);
+
+        let listed = one("scene list", 0);
+        assert_eq!(listed["scenes"][0]["steps"][2]["wait_ms"], 20, "{listed}");
+        assert_eq!(
+            one("--lang zh scene list", 0)["scenes"][0]["name"]["zh"],
+            "傍晚"
+        );
+        let frames = one("scene run evening -n", 0);
+        let frames = frames["frames"].as_array().expect("a list").clone();
+        let modules: Vec<_> = frames.iter().map(|frame| frame["module"].clone()).collect();
+        assert_eq!(modules, ["yard", "oven"], "{frames:?}");
+        assert_eq!(
+            one("get yard.k1", 0)["points"][0]["value"],
+            served,
+            "nothing was sent"
+        );
+        let played = one("scene run evening", 0);
+        assert_eq!(played["set"].as_array().map(Vec::len), Some(3), "{played}");
+        assert_eq!(played["set"][2]["confirmed"], "readback");
+
+        // The same frames as the group is said to go out in; toggled, all of it goes off.
+        let off = one("set @night off -n", 0);
+        assert_eq!(off["frames"].as_array().map(Vec::len), Some(2), "{off}");
+        assert_eq!(one("set @night toggle -n", 0), off);
+        assert_eq!(
+            one("get oven.k2", 0)["points"][0]["value"],
+            true,
+            "nothing was sent"
+        );
+        let refused = |line: &str| {
+            let ran = site.run(&format!("-q -o json {asked}{line}"));
+            (ran.code, ran.error()["code"].clone())
+        };
+        assert_eq!(refused("set @nobody off -n"), (8, "E0860".into()));
+
+        // What follows the step that fails is not done.
+        let cut = run("scene run guarded", 11);
+        let ends = cut[0]["set"].as_array().expect("a list").clone();
+        assert_eq!(ends[0]["value"], false, "{cut:?}");
+        assert_eq!(ends[1]["error"]["code"], "E0450", "{cut:?}");
+        assert!(ends[2]["error"].is_object(), "{cut:?}");
+        assert_eq!(one("get yard.k2", 0)["points"][0]["value"], true, "{cut:?}");
+        run("scene run guarded --yes", 0);
+        run("set yard k1=on k2=on", 0);
+        for line in ["scene run nobody", "scene run nobody -n"] {
+            assert_eq!(refused(line), (8, "E0861".into()), "{line}");
+        }
+        assert_eq!(refused("scene").0, 2);
+        forms.see(&[listed, played, json!({"schema": 1, "frames": frames})]);
+        forms.all_seen();
+    }
+    assert_eq!(site.run("complete -- scene run ev").out, "evening\n");
 }

@@ -47,7 +47,10 @@ fn bash_completes_commands_flags_and_points() {
     let Some(commands) = complete("sc") else {
         return;
     };
-    assert_eq!(commands.lines().collect::<Vec<_>>(), ["scan", "schema"]);
+    assert_eq!(
+        commands.lines().collect::<Vec<_>>(),
+        ["scan", "scene", "schema"]
+    );
     let has = |words: &str, wanted: &[&str]| {
         let found = complete(words).expect("it was there a moment ago");
         for wanted in wanted {

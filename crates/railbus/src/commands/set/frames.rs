@@ -13,17 +13,17 @@ use railbus_device::{Bank, Family, Layout, Module, Op, PointKind, Setup};
 use railbus_wire::{Address, Channel, Frame, Protocol};
 use serde_json::json;
 
-/// Every frame.
-pub(super) async fn show(
+/// Every frame of orders that follow each other, each time those of one module together.
+pub(in crate::commands) async fn show<'o>(
     context: &Context,
     backend: &Backend,
-    orders: &[Order],
+    groups: impl Iterator<Item = &'o [Order]>,
 ) -> Result<String, Failure> {
     let modules = backend.modules().await;
     let modules = modules.map_err(|problem| context.failure(&problem))?;
     let mut table = Table::bare();
     let mut rows = Vec::new();
-    for group in orders.chunk_by(|a, b| a.module == b.module) {
+    for group in groups {
         let first = group.first().map_or("", |order| order.module.as_str());
         let info = modules.iter().find(|info| info.module == first);
         let module = info

@@ -1,12 +1,14 @@
 //! `railbus set '@night' off`: a group, in as few frames as can be.
 
-use super::orders::State;
-use super::{Outcome, Terms, bad_word, conclude, stop, tell};
+use super::orders::{Order, State};
+use super::{Outcome, Terms, bad_word, conclude, frames, stop, tell};
 use crate::api::control_types::{BatchAnswer, BatchResult, GroupRequest, GroupValue, GroupWord};
 use crate::api::problem::{Problem, codes};
-use crate::api::types::Written;
+use crate::api::types::{Value, Written};
+use crate::backend::Backend;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
+use crate::failure::Failure;
+use crate::render::out;
 
 /// Switches the group that the words name.
 pub(super) fn run(
@@ -18,8 +20,13 @@ pub(super) fn run(
     let lang = context.lang;
     let (group, value) = parse(words).map_err(|word| bad_word(lang, &word))?;
     if dry {
-        let failure = Failure::of(lang, Code::Usage).because("--dry-run @GROUP");
-        return Err(failure.with_try("railbus ls groups"));
+        let frames = context.block(async {
+            let backend = context.open().await?;
+            let frames = frames_of(context, &backend, &group, value).await;
+            backend.finish(true).await;
+            frames
+        })?;
+        return out::result(lang, &frames);
     }
     let wanted = GroupRequest {
         value,
@@ -48,6 +55,45 @@ pub(super) fn run(
     conclude(context, outcomes, stopped)
 }
 
+/// The frames that would switch it as it is now, module by module.
+async fn frames_of(
+    context: &Context,
+    backend: &Backend,
+    group: &str,
+    value: GroupValue,
+) -> Result<String, Failure> {
+    let told = |problem: Problem| context.failure(&problem);
+    let groups = backend.groups().await.map_err(told)?;
+    let Some(found) = groups.iter().find(|known| known.group == group) else {
+        let known: Vec<&str> = groups.iter().map(|known| known.group.as_str()).collect();
+        let problem = Problem::new(codes::NO_SUCH_GROUP).with("name", group);
+        return Err(told(problem.with("known", known)));
+    };
+    let state = match value {
+        GroupValue::Set(true) => State::On,
+        GroupValue::Set(false) => State::Off,
+        GroupValue::Word(GroupWord::Toggle) => {
+            let points = backend.points(&found.members, true).await.map_err(told)?;
+            // As the group itself does it: off where any is on, or may be.
+            match points
+                .iter()
+                .all(|point| point.value == Some(Value::Bool(false)))
+            {
+                true => State::On,
+                false => State::Off,
+            }
+        }
+    };
+    let mut orders: Vec<Order> = Vec::new();
+    for path in &found.members {
+        orders.extend(Order::to(path, state));
+    }
+    // In how many frames a module is switched does not depend on where it stands in the list.
+    orders.sort_by(|a, b| a.module.cmp(&b.module));
+    let modules = orders.chunk_by(|a, b| a.module == b.module);
+    frames::show(context, backend, modules).await
+}
+
 /// The group and what it is to become: `@night off`, `@night=toggle`; or the word that makes no
 /// sense.
 fn parse(words: &[String]) -> Result<(String, GroupValue), String> {
@@ -64,7 +110,8 @@ fn parse(words: &[String]) -> Result<(String, GroupValue), String> {
     Ok((group.trim_start_matches('@').to_owned(), value))
 }
 
-fn outcomes(context: &Context, answer: BatchAnswer) -> Vec<Outcome> {
+/// What came of each output.
+pub(in crate::commands) fn outcomes(context: &Context, answer: BatchAnswer) -> Vec<Outcome> {
     let end = |result: BatchResult| match (result.confirmed, result.error) {
         (Some(confirmed), None) => Ok(Written {
             value: result.value,

@@ -5,7 +5,7 @@ use crate::api::types::PointInfo;
 
 /// What an output is to become.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum State {
+pub(in crate::commands) enum State {
     On,
     Off,
     Toggle,
@@ -25,12 +25,12 @@ impl State {
 
 /// One output, or several, of a module.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Order {
+pub(in crate::commands) struct Order {
     /// The module; may hold patterns.
-    pub(super) module: String,
+    pub(in crate::commands) module: String,
     /// The point's label, its number as printed, a pattern, or `all`.
-    pub(super) point: String,
-    pub(super) state: State,
+    pub(in crate::commands) point: String,
+    pub(in crate::commands) state: State,
 }
 
 /// Reads the words, or gives back the one that makes no sense.
@@ -80,8 +80,18 @@ pub(super) fn parse(words: &[String]) -> Result<Vec<Order>, String> {
 }
 
 impl Order {
+    /// The order for the output of this path.
+    pub(in crate::commands) fn to(path: &str, state: State) -> Option<Order> {
+        let (module, point) = path.split_once('.')?;
+        Some(Order {
+            module: module.to_owned(),
+            point: point.to_owned(),
+            state,
+        })
+    }
+
     /// `pump.do0`.
-    pub(super) fn path(&self) -> String {
+    pub(in crate::commands) fn path(&self) -> String {
         format!("{}.{}", self.module, self.point)
     }
 

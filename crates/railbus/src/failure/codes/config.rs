@@ -294,7 +294,7 @@ codes! {
     NoScene = "E0861" {
         title: ["there is no such scene", "没有此场景"],
         likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
-        next: ["look into the configuration", "查看配置文件"],
+        next: ["railbus scene list", "railbus scene list"],
     }
     NotSimulated = "E0862" {
         title: ["this line is not simulated here", "此总线不是在此模拟的"],

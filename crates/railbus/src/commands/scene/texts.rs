@@ -1,0 +1,26 @@
+//! What `railbus scene` says.
+
+crate::texts::texts! {
+    SceneText;
+
+    About {
+        en: "Lists the scenes of the configuration, and plays one.",
+        zh: "列出配置中的场景，或执行一个场景。",
+    }
+    Examples {
+        en: "  railbus scene list
+  railbus scene run evening
+  railbus scene run evening -n               only shows the frames",
+        zh: "  railbus scene list
+  railbus scene run evening
+  railbus scene run evening -n               只显示帧",
+    }
+    List { en: "Lists all scenes and their steps.", zh: "列出所有场景及其步骤。" }
+    Run {
+        en: "Plays a scene: step by step, up to the first one that fails.",
+        zh: "执行场景：逐步进行，遇到失败的步骤即停止。",
+    }
+    Name { en: "The scene, as railbus scene list names it", zh: "场景名称，见 railbus scene list" }
+    Head { en: "SCENE|NAME|STEPS", zh: "场景|名称|步骤" }
+    Wait { en: "wait {time}", zh: "等待 {time}" }
+}
