@@ -1,14 +1,17 @@
 //! The daemon is killed while its configuration is changed and its outputs are switched: what it
 //! acknowledged is there afterwards, and what it was at is there whole or not at all.
 
-use crate::daemon::{Daemon, Folder};
+use crate::daemon::{Daemon, Folder, railbus};
 use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
+use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
+/// How often it is killed while it changes what a module keeps.
+const KILLS_IN_CHANGES: u64 = 6;
 /// How often it is killed.
 const KILLS: u64 = 100;
 /// Of the texts of one round so many are kept at least: beside them there may be one that was
@@ -162,4 +165,152 @@ fn kill_loses_no_change_that_was_acknowledged() {
         .expect("a folder")
         .count();
     assert!(files < 16, "{files} files: what was begun is cleared away");
+}
+
+/// The plant of a module whose address is changed, and the site that has it.
+const BENCH: &str = "[line.main]\nport = \"PORT\"\n\n\
+                     [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+const SETTINGS: &str = "/modules/oven/settings";
+
+/// The simulator of that module, which keeps what it was told whatever becomes of the daemon.
+struct Plant(Child);
+
+impl Plant {
+    fn start(folder: &Folder) -> (Plant, String) {
+        let port = folder.0.join("line").display().to_string();
+        let text = BENCH.replace("PORT", &format!("pty:{port}"));
+        let child = railbus()
+            .arg("sim")
+            .arg(folder.file("plant.toml", &text))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .spawn();
+        let mut plant = Plant(child.expect("railbus starts"));
+        while !Path::new(&port).exists() {
+            assert!(plant.0.try_wait().expect("ours").is_none(), "it ended");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        (plant, port)
+    }
+}
+
+impl Drop for Plant {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The address under which a module answers on the line, whatever any file says of it.
+fn answers_at(port: &str) -> Vec<u64> {
+    let at = |address: &u64| {
+        let output = railbus()
+            .args([
+                "-l",
+                &format!("pty:{port}"),
+                "-m",
+                "erc8",
+                "-a",
+                &address.to_string(),
+            ])
+            .args(["get", "erc8.k1", "-o", "value"])
+            .output();
+        output.expect("it runs").status.success()
+    };
+    [3, 9].into_iter().filter(at).collect()
+}
+
+/// How many changes the journal has.
+fn changes(daemon: &Daemon) -> usize {
+    let log = daemon.get(&format!("{SETTINGS}/log"));
+    log["changes"].as_array().map_or(0, Vec::len)
+}
+
+/// What the journal says of the last change, if there is any: its state, and whether it can be
+/// undone.
+fn last_change(daemon: &Daemon) -> Option<(String, bool)> {
+    let log = daemon.get(&format!("{SETTINGS}/log"));
+    let last = log["changes"].get(0)?;
+    let state = last["state"].as_str().expect("a state").to_owned();
+    Some((state, last["undoable"] == true))
+}
+
+/// `railbus config recover` finds it with nobody else on the line; then the change is taken back
+/// over HTTP, where it was made.
+fn bring_back(daemon: &mut Daemon, config: &str, arguments: &[&str]) {
+    daemon.child.kill().expect("it runs");
+    daemon.child.wait().expect("it ends");
+    let recover = railbus()
+        .args(["--config", config, "config", "recover", "oven"])
+        .output();
+    let told = recover.expect("it runs");
+    assert!(told.status.success(), "{told:?}");
+    daemon.start_again(arguments);
+    daemon.until("good", |daemon| daemon.quality("oven.k1") == "good");
+    if daemon.get("/config")["text"]
+        .to_string()
+        .contains("address = 9")
+    {
+        assert_eq!(last_change(daemon), Some(("filed".to_owned(), true)));
+        let undo = daemon.send("POST", &format!("{SETTINGS}/undo"), &json!({}));
+        assert_eq!(undo.status, 202, "{}", undo.body);
+        let op = format!("/ops/{}", undo.json()["op"].as_str().expect("a number"));
+        daemon.until("it ends", |daemon| daemon.get(&op)["state"] != "running");
+        assert_eq!(daemon.get(&op)["state"], "done");
+    }
+    let text = daemon.get("/config")["text"].to_string();
+    assert!(text.contains("address = 3"), "{text}");
+    daemon.until("good", |daemon| daemon.quality("oven.k1") == "good");
+    let modules = daemon.get("/modules")["modules"].clone();
+    assert_eq!(modules[0]["address"], 3);
+}
+
+/// The module answers at one place, and where it has moved the journal knows of it: recovery finds
+/// it, and the change can be taken back.
+#[test]
+fn kill_in_the_middle_of_a_change_of_settings_leaves_a_module_that_is_found() {
+    let folder = Folder::new("kills-settings");
+    let (_plant, port) = Plant::start(&folder);
+    let file = folder.file("railbus.toml", &BENCH.replace("PORT", &port));
+    let config = file.display().to_string();
+    let arguments = ["--config", &config];
+    let mut daemon = Daemon::start_in(Folder::new("kills-settings-daemon"), &arguments);
+    let (mut moved, mut open) = (0, 0);
+    for round in 0..KILLS_IN_CHANGES {
+        daemon.until("good", |daemon| daemon.quality("oven.k1") == "good");
+        let etag = daemon.get(SETTINGS)["etag"].clone();
+        let before = changes(&daemon);
+        let head = format!("If-Match: {etag}\r\n");
+        let begun = daemon.ask("PATCH", SETTINGS, &head, r#"{"address":9}"#);
+        assert_eq!(begun.status, 202, "{}", begun.body);
+        // While it looks whether the new place is vacant; and from the moment on at which the
+        // journal has it, over the write and the read-back.
+        if round % 4 != 0 {
+            daemon.until("the intent", |daemon| changes(daemon) > before);
+        }
+        std::thread::sleep(Duration::from_millis(round * 37 % 200));
+        daemon.child.kill().expect("it runs");
+        daemon.child.wait().expect("it ends");
+        let there = answers_at(&port);
+        assert_eq!(there.len(), 1, "round {round}: it answers at {there:?}");
+
+        daemon.start_again(&arguments);
+        let told = last_change(&daemon);
+        let is_open = told.as_ref().is_some_and(|(state, _)| state == "intent");
+        let text = daemon.get("/config")["text"].to_string();
+        let filed = if text.contains("address = 9") { 9 } else { 3 };
+        let is_known =
+            filed == there[0] || told.as_ref().is_some_and(|(state, _)| state != "filed");
+        assert!(
+            is_known,
+            "round {round}: at {there:?}, {filed} in the file, {told:?}"
+        );
+        moved += u64::from(there == [9]);
+        open += u64::from(is_open);
+        bring_back(&mut daemon, &config, &arguments);
+    }
+    assert!(
+        open + moved > 0,
+        "no kill came in the middle: {open} {moved}"
+    );
 }
