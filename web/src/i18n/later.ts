@@ -2,6 +2,7 @@
 import { admin } from "./admin";
 import { api } from "./api";
 import { backup } from "./backup";
+import { calibrate } from "./calibrate";
 import { events } from "./events";
 import { groups } from "./groups";
 import { rules } from "./rules";
@@ -16,6 +17,7 @@ export const later = {
   ...admin,
   ...api,
   ...backup,
+  ...calibrate,
   ...events,
   ...groups,
   ...rules,

@@ -230,6 +230,9 @@ export interface SettingsRun {
   changes: SettingChange[];
   end?: string;
   place?: string;
+  /** What is asked now. */
+  question?: { step: "zero" | "span"; readings: [number, number]; voltage?: number; wait_s: number };
+  calibration?: Record<"before" | "zero" | "span", [number, number] | null>;
 }
 
 /** A change in the journal. */

@@ -58,7 +58,7 @@ pub(crate) struct Ops {
 pub(crate) struct OpInfo {
     /// Its number.
     pub(crate) op: String,
-    /// What it is: `scan`, `settings`.
+    /// What it is: `scan`, `settings`, `calibration`.
     pub(crate) kind: String,
     /// The lines it is on.
     pub(crate) lines: Vec<String>,
@@ -183,4 +183,12 @@ pub(crate) struct ScanLeftOut {
     pub(crate) format: String,
     /// Who was not asked: `1-32,64`.
     pub(crate) addresses: String,
+}
+
+/// `POST /api/v1/ops/{op}/answer`: the answer to what an operation asks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct OpAnswer {
+    /// Go on; otherwise it ends there.
+    pub(crate) go: bool,
 }

@@ -1,7 +1,9 @@
 //! What modules keep, as the API tells of it and takes it.
 
+use railbus_site::commission::{Calibrated, Question};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::time::Duration;
 use utoipa::ToSchema;
 
 /// `GET /api/v1/modules/{module}/settings`: what a module keeps, as it says now.
@@ -93,7 +95,8 @@ pub(crate) struct SettingsRun {
     pub(crate) module: String,
     /// The number of the change in the journal; 0 where nothing had to be written.
     pub(crate) change: u64,
-    /// What is being done: `reading`, `vacancy`, `writing`, `looking`, `power_cycle`, `filing`.
+    /// What is being done: `reading`, `vacancy`, `writing`, `looking`, `power_cycle`, `filing`,
+    /// `calibrating`.
     pub(crate) stage: String,
     /// How long the module may still be switched off and on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -107,6 +110,77 @@ pub(crate) struct SettingsRun {
     /// Where the module answers now: `9 (09h), 19200 8N1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) place: Option<String>,
+    /// What is asked now, to be answered by `POST /api/v1/ops/{op}/answer`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) question: Option<SettingsQuestion>,
+    /// Of a calibration: the readings, as far as it came.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) calibration: Option<Calibration>,
+}
+
+/// What somebody is asked meanwhile.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct SettingsQuestion {
+    /// `zero`: all inputs are disconnected; `span`: the voltage lies at all of them.
+    pub(crate) step: String,
+    /// What the inputs read now, in volts or milliamperes as the module is made.
+    pub(crate) readings: [f64; 2],
+    /// The voltage that must lie at the inputs, in volts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) voltage: Option<f64>,
+    /// So long an answer is waited for. Without one it ends there.
+    pub(crate) wait_s: u64,
+}
+
+/// What the inputs of a module read in the course of a calibration.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct Calibration {
+    /// Before it.
+    pub(crate) before: Option<[f64; 2]>,
+    /// After the zero step; none where it was not done.
+    pub(crate) zero: Option<[f64; 2]>,
+    /// After the span step; none where it was not done.
+    pub(crate) span: Option<[f64; 2]>,
+}
+
+fn values(readings: [u16; 2]) -> [f64; 2] {
+    readings.map(|hundredths| f64::from(hundredths) / 100.0)
+}
+
+impl SettingsQuestion {
+    /// A question of a procedure, and how long it may take to be answered.
+    pub(crate) fn of(question: Question, wait: Duration) -> SettingsQuestion {
+        let (step, voltage, readings) = match question {
+            Question::ZeroReady(readings) => ("zero", None, readings),
+            Question::SpanReady(voltage, readings) => ("span", Some(voltage), readings),
+        };
+        SettingsQuestion {
+            step: step.to_owned(),
+            readings: values(readings),
+            voltage: voltage.map(|hundredths| f64::from(hundredths) / 100.0),
+            wait_s: wait.as_secs(),
+        }
+    }
+}
+
+impl Calibration {
+    /// How far one came.
+    pub(crate) fn of(done: &Calibrated) -> Calibration {
+        Calibration {
+            before: done.before.map(values),
+            zero: done.zero.map(values),
+            span: done.span.map(values),
+        }
+    }
+}
+
+/// `POST /api/v1/modules/{module}/settings/calibrate`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct CalibrateRequest {
+    /// What lies at all inputs in the second step: `5.00 V`, which it is if not said.
+    #[serde(default)]
+    pub(crate) voltage: Option<String>,
 }
 
 /// `GET /api/v1/modules/{module}/settings/log`: the changes of a module, newest first.

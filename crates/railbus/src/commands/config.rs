@@ -7,7 +7,7 @@ mod drive;
 pub(crate) mod file;
 mod find;
 pub(crate) mod ground;
-mod guided;
+pub(crate) mod guided;
 pub(crate) mod log;
 pub(crate) mod outcome;
 pub(crate) mod plan;

@@ -3,18 +3,19 @@
 use super::access::Need;
 use super::answer;
 use super::doc::Doc;
+use super::order::Order;
 use super::routes::{Answer, Route, Site};
-use crate::api::ops::{OpInfo, OpState, Ops as OpList, ScanResult};
+use crate::api::ops::{OpAnswer, OpInfo, OpState, Ops as OpList, ScanResult};
 use crate::api::problem::{Problem, codes};
 use crate::api::types::SCHEMA;
 use crate::render::time::rfc3339;
 use axum::extract::{Path, State};
-use axum::routing::{delete, get};
+use axum::routing::{delete, get, post};
 use railbus_site::Ulids;
 use std::collections::VecDeque;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
-use tokio::sync::watch;
+use tokio::sync::{oneshot, watch};
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
@@ -24,6 +25,11 @@ pub(super) const ROUTES: &[Route] = &[
         .doc(Doc::new("How something is that takes its time").answers::<OpInfo>()),
     Route::new("DELETE", "/ops/{op}", Need::ENGINEER, || delete(cancel))
         .doc(Doc::new("End it; what was found stays").answers::<OpInfo>()),
+    Route::new("POST", "/ops/{op}/answer", Need::ENGINEER, || post(reply)).doc(
+        Doc::new("Answer what it asks")
+            .takes::<OpAnswer>()
+            .answers::<OpInfo>(),
+    ),
 ];
 
 /// How many are remembered.
@@ -34,6 +40,8 @@ const OPS_MAX: usize = 32;
 pub(super) struct Op {
     told: watch::Sender<OpInfo>,
     cancel: watch::Sender<bool>,
+    /// Who waits for an answer.
+    asks: Arc<Mutex<Option<oneshot::Sender<bool>>>>,
 }
 
 impl Op {
@@ -56,6 +64,23 @@ impl Op {
     pub(super) async fn cancelled(&self) {
         // The sender is this very handle's.
         let _ = self.cancel.subscribe().wait_for(|cancel| *cancel).await;
+    }
+
+    /// Waits for an answer from outside.
+    pub(super) fn ask(&self) -> oneshot::Receiver<bool> {
+        let (asks, answer) = oneshot::channel();
+        *self.asks.lock().unwrap_or_else(PoisonError::into_inner) = Some(asks);
+        answer
+    }
+
+    /// Gives the answer; false where nothing is asked.
+    fn answer(&self, go: bool) -> bool {
+        let asks = self
+            .asks
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        asks.is_some_and(|asks| asks.send(go).is_ok())
     }
 
     fn is_running(&self) -> bool {
@@ -126,6 +151,7 @@ impl Ops {
         let op = Op {
             told: watch::Sender::new(info),
             cancel: watch::Sender::new(false),
+            asks: Arc::default(),
         };
         all.push_back(op.clone());
         Ok(op)
@@ -152,6 +178,15 @@ async fn cancel(State(site): State<Site>, Path(op): Path<String>) -> Answer {
     let ended = told.wait_for(|info| info.state != OpState::Running).await;
     let info = ended.map(|info| info.clone());
     answer::json(info.map_err(|_| Problem::new(codes::INTERNAL)))
+}
+
+async fn reply(Path(number): Path<String>, order: Order) -> Answer {
+    let told = order.read::<OpAnswer>().and_then(|answer| {
+        let op = order.site.ops.get(&number)?;
+        let nothing = || Problem::new(codes::BAD_REQUEST).with("reason", "it asks nothing now");
+        op.answer(answer.go).then(|| op.info()).ok_or_else(nothing)
+    });
+    answer::json(told)
 }
 
 #[cfg(test)]

@@ -2,7 +2,9 @@
 //! line; for a write the line is taken for as long as that lasts, by the procedure of `railbus
 //! config set`.
 
+mod calibrate;
 mod carry;
+mod drive;
 mod look;
 mod registers;
 mod wish;
@@ -15,7 +17,9 @@ use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, language};
 use crate::api::ops::OpBegun;
 use crate::api::problem::{Problem, codes};
-use crate::api::settings::{Registers, Settings, SettingsLog, SettingsPlan, SettingsUndo};
+use crate::api::settings::{
+    CalibrateRequest, Registers, Settings, SettingsLog, SettingsPlan, SettingsUndo,
+};
 use axum::extract::{Path, State};
 use axum::http::header::IF_MATCH;
 use axum::http::{HeaderMap, StatusCode};
@@ -69,7 +73,22 @@ pub(super) const ROUTES: &[Route] = &[
             .status("202")
             .plans::<SettingsPlan>(),
     ),
+    Route::new(
+        "POST",
+        "/modules/{module}/settings/calibrate",
+        Need::ENGINEER,
+        || post(calibration),
+    )
+    .doc(
+        Doc::new("Calibrate a module, which asks before each step")
+            .takes::<CalibrateRequest>()
+            .answers::<OpBegun>()
+            .status("202"),
+    ),
 ];
+
+/// What lies at the inputs of a calibration, where nobody says.
+const VOLTAGE: &str = "5.00V";
 
 const DRY_RUN: (&str, &str) = ("dry_run", "1: say which frames it takes, and write nothing");
 
@@ -118,6 +137,25 @@ async fn undo(Path(module): Path<String>, asked: Asked, order: Order) -> Answer 
     carry_out(order, "settings undo", module, &asked, want).await
 }
 
+async fn calibration(Path(module): Path<String>, order: Order) -> Answer {
+    let lang = language::spoken(&order.headers, order.site.lang);
+    let (site, who) = (order.site.clone(), order.who.name.clone());
+    let run = move |service: Service, module: String, wanted: CalibrateRequest| async move {
+        let wish = Wish::new(&site, &service, lang, module, None);
+        let voltage = wanted.voltage.as_deref().unwrap_or(VOLTAGE);
+        calibrate::begin(wish, who, voltage).await
+    };
+    accepted(order.carry_out(("calibrate", module), run).await)
+}
+
+/// What was begun is no end yet.
+fn accepted(mut answer: Answer) -> Answer {
+    if answer.status() == StatusCode::OK {
+        *answer.status_mut() = StatusCode::ACCEPTED;
+    }
+    answer
+}
+
 fn is_dry(asked: &Asked) -> bool {
     asked.get("dry_run").is_some_and(|value| value == "1")
 }
@@ -147,9 +185,5 @@ async fn carry_out<T: DeserializeOwned + Send + 'static>(
         let plan = wish.plan(want(wanted)).await?;
         carry::begin(wish, who, plan).await
     };
-    let mut answer = order.carry_out((what, module), run).await;
-    if answer.status() == StatusCode::OK {
-        *answer.status_mut() = StatusCode::ACCEPTED;
-    }
-    answer
+    accepted(order.carry_out((what, module), run).await)
 }

@@ -2,6 +2,7 @@
 
 mod about;
 mod access;
+mod calibration;
 mod daemon;
 mod flood;
 mod hostile;

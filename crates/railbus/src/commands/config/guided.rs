@@ -121,7 +121,7 @@ pub(super) fn calibrate(lang: Lang, matches: &ArgMatches) -> Result<(), Failure>
     show(&context, &target, number, &done)?;
     match done.hindered {
         None => Ok(()),
-        Some(why) => Err(hindered(&context, &target, why)),
+        Some(why) => Err(hindered(context.lang, &target, why)),
     }
 }
 
@@ -161,8 +161,8 @@ fn show(context: &Context, target: &Target, number: u64, done: &Calibrated) -> R
     out::result(lang, &records.render(context.format))
 }
 
-fn hindered(context: &Context, target: &Target, why: Hindrance) -> Failure {
-    let lang = context.lang;
+/// Why a calibration came no further.
+pub(crate) fn hindered(lang: Lang, target: &Target, why: Hindrance) -> Failure {
     let of = |code: Code| Failure::of(lang, code).with_fact("module", target.name.as_str());
     match why {
         Hindrance::Stopped => of(Code::NotConfirmed),

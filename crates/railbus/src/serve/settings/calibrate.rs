@@ -1,0 +1,154 @@
+//! A calibration as an operation: it asks before each of its two steps, and may be ended there.
+
+use super::drive::{Drive, journal, on_loan, open};
+use super::wish::Wish;
+use crate::api::failures;
+use crate::api::ops::{OpBegun, OpInfo};
+use crate::api::problem::{Problem, codes};
+use crate::api::settings::{Calibration, SettingsRun};
+use crate::commands::config::guided::hindered;
+use crate::commands::config::outcome;
+use crate::commands::config::target::Target;
+use crate::failure::{Code, Failure};
+use railbus_device::Family;
+use railbus_site::commission::{By, Calibrated, Hindrance, Job, Trouble, calibrate};
+use railbus_site::settings::{Key, Wanted};
+
+/// The steps of a calibration, zero and span.
+const STEPS: u64 = 2;
+
+/// A calibration under way.
+struct Work {
+    wish: Wish,
+    target: Target,
+    job: Job,
+    /// What lies at the inputs in the second step, in hundredths.
+    voltage: u16,
+    drive: Drive,
+}
+
+/// Begins it, where the module has one.
+pub(super) async fn begin(wish: Wish, who: String, voltage: &str) -> Result<OpBegun, Problem> {
+    let target = wish.target()?;
+    if target.setup.family != Family::Emd2a2q {
+        let told = format!("{} ({})", target.name, target.setup.family);
+        return Err(Failure::of(wish.lang, Code::SettingFixed)
+            .because(told)
+            .to_problem());
+    }
+    let mut wanted = Wanted::default();
+    wanted
+        .set(&target.setup, &Key::CalibrationVoltage.to_string(), voltage)
+        .map_err(|why| outcome::wrong(wish.lang, &target, &why).to_problem())?;
+    let voltage = wanted.kept.voltage;
+    let voltage =
+        voltage.ok_or_else(|| Problem::new(codes::BAD_REQUEST).with("reason", "voltage"))?;
+    let store = journal(&wish).await?;
+    let job = Job {
+        change: store.log().next_change(),
+        line: target.line.clone(),
+        module: target.name.clone(),
+        setup: target.setup,
+        wanted: Wanted::default(),
+        neighbours: target.neighbours.clone(),
+        by: By::Calibrate,
+        undoes: None,
+    };
+    let run = SettingsRun {
+        module: wish.module.clone(),
+        change: job.change,
+        stage: "reading".to_owned(),
+        calibration: Some(Calibration::default()),
+        ..SettingsRun::default()
+    };
+    let op = wish.site.ops.begin(OpInfo {
+        total: STEPS,
+        settings: Some(run),
+        ..wish
+            .site
+            .ops
+            .begins_now("calibration", vec![target.line.clone()], who)
+    })?;
+    let begun = OpBegun { op: op.info().op };
+    let drive = Drive::new(&wish, op, store);
+    let work = Work {
+        wish,
+        target,
+        job,
+        voltage,
+        drive,
+    };
+    tokio::spawn(work.run());
+    Ok(begun)
+}
+
+/// What is known of a calibration that ended: a module says that it did it, and no more.
+fn audited(end: &Result<Calibrated, Trouble>, has_written: bool) -> &'static str {
+    match end {
+        Ok(done) => match done.hindered {
+            None => "reply",
+            Some(Hindrance::Refused(_)) => "refused",
+            Some(Hindrance::Stopped) if done.zero.is_some() => "reply",
+            Some(Hindrance::Stopped) => "not_tried",
+            Some(Hindrance::NotFinished | Hindrance::Voltage) => "unknown",
+        },
+        Err(_) if has_written => "unknown",
+        Err(_) => "not_tried",
+    }
+}
+
+impl Work {
+    async fn run(mut self) {
+        let end = self.logged().await;
+        self.drive.end(self.wish.lang, end);
+    }
+
+    /// With its entry in the audit log, on a line that nobody else has.
+    async fn logged(&mut self) -> Result<(), Problem> {
+        let (site, service) = (self.wish.site.clone(), self.wish.service.clone());
+        let (module, line) = (self.target.name.clone(), self.target.line.clone());
+        let volts = self.voltage;
+        let what = format!(
+            "calibrate zero, span at {}.{:02} V",
+            volts / 100,
+            volts % 100
+        );
+        let work = service.begin_work(&module, what).await;
+        let refused = |failure| failures::problem(&service, &module, None, &failure);
+        let work = work.map_err(refused)?;
+        let mut told = "not_tried";
+        let end = on_loan(&site, &service, &line, self.on_line(&mut told)).await;
+        work.end(told).await;
+        end
+    }
+
+    async fn on_line(&mut self, told: &mut &'static str) -> Result<(), Problem> {
+        let mut talk = open(&self.target).await?;
+        let procedure = calibrate(self.job.clone(), self.voltage);
+        let end = self.drive.run(&mut talk, procedure).await;
+        drop(talk);
+        *told = audited(&end, self.drive.has_written);
+        let lang = self.wish.lang;
+        let failed = |trouble: Trouble| outcome::trouble(lang, &self.target, &trouble).to_problem();
+        let done = end.map_err(failed)?;
+        self.drive.op.tell(|info| {
+            info.done = u64::from(done.zero.is_some()) + u64::from(done.span.is_some());
+            if let Some(run) = &mut info.settings {
+                run.calibration = Some(Calibration::of(&done));
+                run.end = Some(
+                    if done.hindered.is_none() {
+                        "done"
+                    } else {
+                        "halfway"
+                    }
+                    .to_owned(),
+                );
+            }
+        });
+        match done.hindered {
+            None => Ok(()),
+            Some(Hindrance::Stopped) => Err(Failure::of(lang, Code::Interrupted).to_problem()),
+            Some(why) => Err(hindered(lang, &self.target, why).to_problem()),
+        }
+    }
+}

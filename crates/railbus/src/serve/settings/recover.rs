@@ -1,0 +1,134 @@
+//! Looking for a module as an operation: one whose change was cut short, or that is not where it
+//! should be. It only reads; where the module is found, the configuration follows it.
+
+use super::drive::{Drive, journal, on_loan, open};
+use super::wish::Wish;
+use crate::api::ops::{OpBegun, OpInfo};
+use crate::api::problem::Problem;
+use crate::api::settings::SettingsRun;
+use crate::commands::config::log::{not_found, parting};
+use crate::commands::config::outcome::{self, placed};
+use crate::commands::config::target::Target;
+use railbus_site::commission::{Found, Place, Record, Recovered, Search, State, Trouble};
+use railbus_site::commission::{look_up, recover};
+
+/// A search under way.
+struct Work {
+    wish: Wish,
+    target: Target,
+    who: String,
+    /// The last record of a change whose end is not known.
+    open: Option<Record>,
+    drive: Drive,
+}
+
+/// What it found out, in one word, and the module.
+type Traced = (&'static str, Option<Found>);
+
+/// Begins it.
+pub(super) async fn begin(wish: Wish, who: String) -> Result<OpBegun, Problem> {
+    let target = wish.target()?;
+    let store = journal(&wish).await?;
+    let mut records = store.log().open().into_iter();
+    let record = records.find(|record| record.module == target.name).cloned();
+    let run = SettingsRun {
+        module: wish.module.clone(),
+        change: record.as_ref().map_or(0, |record| record.change),
+        stage: "looking".to_owned(),
+        ..SettingsRun::default()
+    };
+    let lines = vec![target.line.clone()];
+    let op = wish.site.ops.begin(OpInfo {
+        settings: Some(run),
+        ..wish.site.ops.begins_now("recovery", lines, who.clone())
+    })?;
+    let begun = OpBegun { op: op.info().op };
+    let drive = Drive::new(&wish, op, store);
+    let work = Work {
+        wish,
+        target,
+        who,
+        open: record,
+        drive,
+    };
+    tokio::spawn(work.run());
+    Ok(begun)
+}
+
+impl Work {
+    async fn run(mut self) {
+        let (site, service) = (self.wish.site.clone(), self.wish.service.clone());
+        let line = self.target.line.clone();
+        let end = on_loan(&site, &service, &line, self.on_line()).await;
+        self.drive.end(self.wish.lang, end);
+    }
+
+    async fn on_line(&mut self) -> Result<(), Problem> {
+        let lang = self.wish.lang;
+        let end = self.search().await?;
+        let failed = |trouble: Trouble| outcome::trouble(lang, &self.target, &trouble).to_problem();
+        let (word, found) = end.map_err(failed)?;
+        let place = found.map(|found| placed(lang, found.place));
+        let way = (word == "two").then(|| parting(&self.target.setup).0);
+        self.drive.op.tell(|info| {
+            if let Some(run) = &mut info.settings {
+                run.end = Some(word.to_owned());
+                run.place = place;
+                run.parting = way.map(str::to_owned);
+            }
+        });
+        let Some(found) = found else {
+            return Err(not_found(lang, &self.target, word == "two").to_problem());
+        };
+        let change = self.open.as_ref().map(|record| record.change);
+        let last = change.and_then(|change| self.drive.last_word(change));
+        let last = last.filter(|last| last.state == State::Done);
+        let who = self.who.clone();
+        self.drive.follow(&self.wish, &who, found.place, last).await
+    }
+
+    /// Looks where it should be, then outwards. Other modules are not taken for it.
+    async fn search(&mut self) -> Result<Result<Traced, Trouble>, Problem> {
+        let target = &self.target;
+        let same = |other: &&railbus_site::commission::Neighbour| {
+            other.protocol == target.setup.protocol
+        };
+        let others = target.neighbours.iter().filter(same);
+        let others: Vec<Place> = others.map(|other| other.place).collect();
+        let mut talk = open(target).await?;
+        let here = Place::of(&target.setup);
+        if let Some(record) = self.open.clone() {
+            let log = self.drive.log();
+            let earlier = log.map(|log| log.places(record.change)).unwrap_or_default();
+            let work = recover(record, earlier, target.setup, true, others);
+            let end = self.drive.run(&mut talk, work).await;
+            return Ok(end.map(traced));
+        }
+        let known = self.drive.log().and_then(|log| log.unfiled(&target.name));
+        let search = Search {
+            setup: target.setup,
+            first: [here].into_iter().chain(known).collect(),
+            outwards: true,
+            others,
+        };
+        let end = self.drive.run(&mut talk, look_up(search)).await;
+        Ok(end.map(|(found, garbled)| match found {
+            Some(found) if found.place == here => ("in_place", Some(found)),
+            Some(found) => ("moved", Some(found)),
+            None if garbled => ("two", None),
+            None => ("lost", None),
+        }))
+    }
+}
+
+const fn traced(end: Recovered) -> Traced {
+    match end {
+        Recovered::New(found) => ("done", Some(found)),
+        Recovered::Old(found) => ("unchanged", Some(found)),
+        Recovered::Pending(found) => ("pending", Some(found)),
+        Recovered::Else(found) => ("elsewhere", Some(found)),
+        Recovered::Untold(found) => ("untold", Some(found)),
+        Recovered::Nowhere(true) => ("two", None),
+        Recovered::Nowhere(false) => ("lost", None),
+    }
+}
