@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::image;
 use crate::peers;
-use crate::run::{self, Error, Result, cargo};
+use crate::run::{self, Result, cargo};
 
 /// Foreign masters against boards in QEMU.
 const MASTERS: &str = "interop/firmware.py";

@@ -78,6 +78,7 @@ async fn reply_to(
         gap: setup.request_gap(),
         timeout: PATIENCE,
         clear: false,
+        changes: false,
     };
     let result = line.probe(probe).await.ok()?;
     Some((exchange, result.bytes))
