@@ -6,8 +6,10 @@ use cortex_m::peripheral::SCB;
 use railbus_firmware::Reset;
 use railbus_wire::Micros;
 
-/// How long the loop may take to come round.
-const PATIENCE_SECS: u32 = 4;
+/// How long the loop may take to come round, and while it drives the line beyond twice the time
+/// that its characters take.
+const PATIENCE_MICROS: u32 = 4_000_000;
+const DRIVING_MICROS: u32 = 1_000_000;
 /// How often it comes round at least.
 pub(crate) const FEED_EVERY: Micros = Micros::from_secs(1);
 
@@ -22,8 +24,24 @@ const FAULT_BIT: u32 = 1 << 30;
 /// Starts the watchdog.
 pub(crate) fn start() {
     WATCHDOG.lock.write(UNLOCK);
-    WATCHDOG.load.write(CLOCK_HZ * PATIENCE_SECS);
     WATCHDOG.control.write(INTERRUPT_THEN_RESET);
+    WATCHDOG.lock.write(0);
+    listening();
+}
+
+/// The line is driven, and its characters take so many microseconds.
+pub(crate) fn driving(micros: u32) {
+    expect(2 * micros + DRIVING_MICROS);
+}
+
+/// The line is let go of.
+pub(crate) fn listening() {
+    expect(PATIENCE_MICROS);
+}
+
+fn expect(micros: u32) {
+    WATCHDOG.lock.write(UNLOCK);
+    WATCHDOG.load.write(micros * (CLOCK_HZ / 1_000_000));
     WATCHDOG.lock.write(0);
 }
 

@@ -7,8 +7,8 @@
 //! they take their time, and so they do here: none ends earlier than the time of a character
 //! after the one before it. Where characters come as fast as they may, that changes nothing.
 
-use crate::clock;
 use crate::map::{CLOCK_HZ, LEDS, UART0};
+use crate::{clock, guard};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use railbus_firmware::{Heard, Outbox, Ring, What};
 use railbus_wire::{FRAME_MAX, Instant, Micros, Settings};
@@ -100,6 +100,7 @@ pub(crate) fn heard_at() -> Option<Instant> {
 }
 
 pub(crate) fn transmit(bytes: &[u8]) {
+    guard::driving(CHARACTER.load(Ordering::Relaxed) * bytes.len() as u32);
     LEDS.write(LEDS.read() | DRIVE);
     DRAINED.store(false, Ordering::Relaxed);
     OUTBOX.fill(bytes);
@@ -118,6 +119,7 @@ pub(crate) fn drained() -> Option<Instant> {
 /// Lets go of the line, whatever was being done.
 pub(crate) fn listen() {
     LEDS.write(LEDS.read() & !DRIVE);
+    guard::listening();
     OUTBOX.clear();
 }
 

@@ -53,6 +53,9 @@ fn build_for(root: &Path, board: &str, family: &str) -> Result<PathBuf> {
     let target = root.join("target/thumb");
     let mut command = toolchain::build(root, toolchain::choose(root)?);
     toolchain::with_linker(root, &mut command);
+    // The same image and size wherever the repository lies: panics name files by their path.
+    let remap = format!("--remap-path-prefix={}/=", root.display());
+    command.env(toolchain::FLAGS, remap);
     command
         // The folder's own settings and lock file count.
         .current_dir(root.join("firmware"))

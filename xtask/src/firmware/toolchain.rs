@@ -13,7 +13,8 @@ use crate::run::{self, Error, Result};
 
 pub(super) const TARGET: &str = "thumbv7m-none-eabi";
 
-/// The linker's variable for cargo.
+/// The variables of cargo for the compiler's flags and the linker.
+pub(super) const FLAGS: &str = "CARGO_TARGET_THUMBV7M_NONE_EABI_RUSTFLAGS";
 const LINKER: &str = "CARGO_TARGET_THUMBV7M_NONE_EABI_LINKER";
 /// Debian's linker.
 const DEBIAN_LINKER: &str = "/usr/bin/ld.lld";
