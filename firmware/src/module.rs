@@ -19,8 +19,11 @@ pub trait Board {
     fn now(&self) -> Instant;
     /// The oldest character heard and not taken yet.
     fn hear(&mut self) -> Option<Heard>;
-    /// When the oldest one will have ended that [`Board::hear`] holds back until then.
-    fn heard_at(&self) -> Option<Instant>;
+    /// When the oldest one will have ended that [`Board::hear`] holds back until then. Boards
+    /// whose UART has the pace of the line hold none back.
+    fn heard_at(&self) -> Option<Instant> {
+        None
+    }
     /// Takes the line and sends these bytes.
     fn transmit(&mut self, bytes: &[u8]);
     /// When the last byte to send went into the shift register; nothing before that.
