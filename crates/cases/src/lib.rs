@@ -12,7 +12,7 @@ mod read;
 mod simulated;
 
 pub use bench::{Bench, Failure, Outside, run};
-pub use read::{Case, Flaw, Step, read};
+pub use read::{Case, Flaw, Step, Subject, read};
 pub use simulated::Simulated;
 
 use std::path::{Path, PathBuf};

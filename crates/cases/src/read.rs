@@ -1,7 +1,7 @@
 //! Cases as text become cases as data.
 
 use crate::bytes::bytes;
-use railbus_device::{Family, Layout, Setup};
+use railbus_device::{Family, Layout, Options, Setup};
 use railbus_wire::{Address, Protocol};
 use std::fmt;
 
@@ -15,9 +15,18 @@ pub struct Case {
     /// What holds, with the facts that say so.
     pub name: String,
     /// The modules of which it holds; each goes through it fresh from the factory.
-    pub modules: Vec<Setup>,
+    pub modules: Vec<Subject>,
     /// What is done and seen, each with its line.
     pub steps: Vec<(usize, Step)>,
+}
+
+/// A module that a case is about.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Subject {
+    /// What it is.
+    pub setup: Setup,
+    /// Its switches.
+    pub options: Options,
 }
 
 /// One thing that is done or seen.
@@ -147,11 +156,12 @@ fn step(word: &str, rest: &str) -> Result<Step, String> {
 }
 
 /// `eda9050 lc02 address=8`: a module as shipped, but for what is said.
-fn module(text: &str) -> Result<Setup, String> {
+fn module(text: &str) -> Result<Subject, String> {
     let mut words = text.split_whitespace();
     let family = words.next().and_then(Family::from_name);
     let family = family.ok_or_else(|| format!("`{text}` begins with no family"))?;
     let mut setup = Setup::new(family, Address(1));
+    let mut options = Options::default();
     for word in words {
         let (key, value) = word.split_once('=').unwrap_or((word, ""));
         let number = || {
@@ -169,12 +179,13 @@ fn module(text: &str) -> Result<Setup, String> {
             "inputs" => setup.inputs = number()?,
             "variables" => setup.variables = number()?,
             "layout" => setup.layout = layout(value)?,
+            "beyond" => options.beyond = true,
             "inverted" => setup.invert_on_off = true,
             _ => return Err(format!("`{word}` says nothing of a module")),
         }
     }
     setup.check().map_err(|error| error.to_string())?;
-    Ok(setup)
+    Ok(Subject { setup, options })
 }
 
 fn layout(text: &str) -> Result<Layout, String> {
@@ -197,7 +208,11 @@ mod tests {
         let cases = read("erc8.txt", text).expect("it is well-formed");
         let [case] = &cases[..] else { panic!("one") };
         assert_eq!((case.line, case.name.as_str()), (3, "on [ERC-8 §3.5]"));
-        assert_eq!(case.modules, [Setup::new(Family::Erc8, Address(7))]);
+        let subject = Subject {
+            setup: Setup::new(Family::Erc8, Address(7)),
+            options: Options::default(),
+        };
+        assert_eq!(case.modules, [subject]);
         let write = bytes("07 05 003C FF00 crc").expect("bytes");
         let silent = bytes("02 07 crc").expect("bytes");
         let steps = [

@@ -9,33 +9,37 @@ use std::convert::Infallible;
 #[derive(Debug)]
 pub struct Simulated {
     setup: Setup,
+    options: Options,
     engine: Engine,
     now: Instant,
     outside: Outside,
     /// Shown to the world by effects, as a relay's terminals are.
     outputs: u32,
+    /// What it said and nobody was told yet.
+    said: Vec<u8>,
 }
 
 impl Simulated {
-    /// A module fresh from the factory, but for what `setup` says.
+    /// A module fresh from the factory, but for what `setup` and `options` say.
     ///
     /// # Errors
     /// Where there can be no such module.
-    pub fn new(setup: Setup) -> Result<Simulated, SetupError> {
+    pub fn new(setup: Setup, options: Options) -> Result<Simulated, SetupError> {
         let now = Instant(1_000_000);
-        let engine = Engine::new(&setup, Eeprom::of(&setup), Options::default(), now)?;
+        let engine = Engine::new(&setup, Eeprom::of(&setup), options, now)?;
         Ok(Simulated {
             setup,
+            options,
             engine,
             now,
             outside: Outside::of(&setup),
             outputs: 0,
+            said: Vec::new(),
         })
     }
 
-    /// Runs the module up to a moment; what it says in that time, or has begun to say.
-    fn run_until(&mut self, end: Instant) -> Vec<u8> {
-        let mut said = Vec::new();
+    /// Runs the module up to a moment, and until it has said what it then has begun to say.
+    fn run_until(&mut self, end: Instant) {
         loop {
             match self.engine.poll() {
                 Output::Effect(railbus_device::Effect::Output { channel, on }) => {
@@ -48,7 +52,7 @@ impl Simulated {
                 }
                 Output::Effect(_) => {}
                 Output::Transmit(bytes) => {
-                    said.extend(bytes);
+                    self.said.extend(bytes);
                     let count = bytes.len();
                     self.now = self.now + self.engine.active().serial.frame_time(count);
                     self.engine.handle(self.now, Input::Sent);
@@ -59,14 +63,14 @@ impl Simulated {
                 }
                 Output::Wait(_) => {
                     self.now = self.now.max(end);
-                    return said;
+                    return;
                 }
             }
         }
     }
 
-    fn run_for(&mut self, millis: u64) -> Vec<u8> {
-        self.run_until(self.now + Micros::from_millis(millis))
+    fn run_for(&mut self, millis: u64) {
+        self.run_until(self.now + Micros::from_millis(millis));
     }
 }
 
@@ -74,17 +78,18 @@ impl Bench for Simulated {
     type Error = Infallible;
 
     fn ask(&mut self, request: &[u8], _: usize) -> Result<Vec<u8>, Infallible> {
-        let mut said = self.run_for(50);
+        self.run_for(50);
         for byte in request {
             let character = self.engine.active().serial.frame_time(1);
-            said.extend(self.run_until(self.now + character));
+            self.run_until(self.now + character);
             self.engine.handle(self.now, Input::Bytes(&[*byte]));
         }
-        said.extend(self.run_for(300));
-        Ok(said)
+        self.run_for(300);
+        Ok(std::mem::take(&mut self.said))
     }
 
     fn outputs(&mut self, _: u32) -> Result<u32, Infallible> {
+        self.run_until(self.now);
         Ok(self.outputs)
     }
 
@@ -106,7 +111,7 @@ impl Bench for Simulated {
     fn power_cycle(&mut self) -> Result<(), Infallible> {
         let eeprom = *self.engine.eeprom();
         // The description was good enough for the first time.
-        if let Ok(engine) = Engine::new(&self.setup, eeprom, Options::default(), self.now) {
+        if let Ok(engine) = Engine::new(&self.setup, eeprom, self.options, self.now) {
             self.engine = engine;
         }
         self.outputs = 0;
@@ -115,6 +120,7 @@ impl Bench for Simulated {
     }
 
     fn wait(&mut self, millis: u64) -> Result<Vec<u8>, Infallible> {
-        Ok(self.run_for(millis))
+        self.run_for(millis);
+        Ok(std::mem::take(&mut self.said))
     }
 }

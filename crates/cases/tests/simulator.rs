@@ -1,6 +1,6 @@
 //! The simulated modules pass every case.
 
-use railbus_cases::{Case, Simulated, Step, all, folder, run};
+use railbus_cases::{Case, Simulated, Step, Subject, all, folder, run};
 use railbus_device::Family;
 use serde_json::Value;
 
@@ -12,8 +12,8 @@ fn cases() -> Vec<Case> {
 fn every_case_holds_of_the_simulated_module() {
     let mut failures = Vec::new();
     for case in cases() {
-        for setup in &case.modules {
-            let mut bench = Simulated::new(*setup).expect("a possible module");
+        for Subject { setup, options } in &case.modules {
+            let mut bench = Simulated::new(*setup, *options).expect("a possible module");
             failures.extend(run(&case, setup, &mut bench).err());
         }
     }
@@ -59,8 +59,8 @@ fn exchanges() -> Vec<(Family, Vec<u8>, Vec<u8>)> {
     for case in cases() {
         for (_, step) in &case.steps {
             if let Step::Ask(request, reply) = step {
-                for setup in &case.modules {
-                    exchanges.push((setup.family, request.clone(), reply.clone()));
+                for subject in &case.modules {
+                    exchanges.push((subject.setup.family, request.clone(), reply.clone()));
                 }
             }
         }

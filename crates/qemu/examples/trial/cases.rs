@@ -1,8 +1,7 @@
 //! The datasheets' cases, the very list that the simulator passes.
 
 use crate::World;
-use railbus_cases::{Case, all, run};
-use railbus_device::{Options, Setup};
+use railbus_cases::{Case, Subject, all, run};
 use railbus_qemu::Board;
 use std::path::Path;
 use std::sync::Mutex;
@@ -18,22 +17,22 @@ const TRIES: u32 = 4;
 /// Passes all, and most of them at once.
 pub(crate) fn every_case_holds(world: &World) -> Result<String, String> {
     let cases = all()?;
-    let runs: Vec<(&Case, &Setup)> = cases
+    let runs: Vec<(&Case, &Subject)> = cases
         .iter()
-        .flat_map(|case| case.modules.iter().map(move |setup| (case, setup)))
+        .flat_map(|case| case.modules.iter().map(move |subject| (case, subject)))
         .collect();
     let (next, repeated) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let again = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
         for _ in 0..BOARDS {
             scope.spawn(|| {
-                while let Some((case, setup)) = runs.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    match once(&world.images, case, setup, 1) {
+                while let Some((case, subject)) = runs.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    match once(&world.images, case, subject, 1) {
                         Ok(times) => _ = repeated.fetch_add(times, Ordering::Relaxed),
                         Err(_) => again
                             .lock()
                             .expect("no thread panics")
-                            .push((*case, *setup)),
+                            .push((*case, *subject)),
                     }
                 }
             });
@@ -42,7 +41,7 @@ pub(crate) fn every_case_holds(world: &World) -> Result<String, String> {
     let again = again.into_inner().expect("no thread panics");
     let failures: Vec<String> = again
         .iter()
-        .filter_map(|(case, setup)| tries(&world.images, case, setup))
+        .filter_map(|(case, subject)| tries(&world.images, case, subject))
         .collect();
     let done = format!(
         "{} runs of {} cases, {} requests sent again, {} cases tried again",
@@ -59,10 +58,10 @@ pub(crate) fn every_case_holds(world: &World) -> Result<String, String> {
 }
 
 /// Why a case was not passed, where no try was good.
-fn tries(images: &Path, case: &Case, setup: &Setup) -> Option<String> {
+fn tries(images: &Path, case: &Case, subject: &Subject) -> Option<String> {
     let mut why = String::new();
     for slower in 1..=TRIES {
-        match once(images, case, setup, slower) {
+        match once(images, case, subject, slower) {
             Ok(_) => return None,
             Err(error) => why = error,
         }
@@ -71,10 +70,10 @@ fn tries(images: &Path, case: &Case, setup: &Setup) -> Option<String> {
 }
 
 /// How many requests had to be sent again, or why the case was not passed.
-fn once(images: &Path, case: &Case, setup: &Setup, slower: u32) -> Result<usize, String> {
-    let board = Board::new(images, setup, Options::default());
+fn once(images: &Path, case: &Case, subject: &Subject, slower: u32) -> Result<usize, String> {
+    let board = Board::new(images, &subject.setup, subject.options);
     let board = board.map_err(|error| format!("{}:{}: {error}", case.file, case.line));
     let mut board = board?.slower(slower);
-    run(case, setup, &mut board).map_err(|failure| failure.to_string())?;
+    run(case, &subject.setup, &mut board).map_err(|failure| failure.to_string())?;
     Ok(board.repeated() as usize)
 }

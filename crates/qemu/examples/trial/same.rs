@@ -73,7 +73,8 @@ fn requests() -> Result<Vec<Known>, String> {
     for case in all()? {
         for (_, step) in &case.steps {
             if let Step::Ask(request, _) = step {
-                let setup = case.modules.first().ok_or("a case without a module")?;
+                let subject = case.modules.first().ok_or("a case without a module")?;
+                let setup = subject.setup;
                 requests.push((setup.family, setup.protocol, request.clone()));
             }
         }
@@ -90,7 +91,8 @@ fn stream(world: &World, seed: u64, slower: u32, requests: &[Known]) -> Result<u
         .filter(|(family, protocol, _)| (*family, *protocol) == (setup.family, setup.protocol))
         .map(|(_, _, request)| request)
         .collect();
-    let mut simulated = Simulated::new(setup).map_err(|error| error.to_string())?;
+    let mut simulated =
+        Simulated::new(setup, Options::default()).map_err(|error| error.to_string())?;
     let board = Board::new(&world.images, &setup, Options::default());
     let mut board = board.map_err(|error| error.to_string())?.slower(slower);
     let mut replies = 0;
