@@ -314,8 +314,8 @@ pub(crate) const ALL: &[Finding] = &[
             "主机静默超过看门狗时间",
         ],
         [
-            "find out why, then clear it: railbus raw --crc 03 06 BE 00 00 00",
-            "查明原因后清除：railbus raw --crc 03 06 BE 00 00 00",
+            "find out why, then clear it: railbus raw --yes --crc 03 06 BE 00 00 00",
+            "查明原因后清除：railbus raw --yes --crc 03 06 BE 00 00 00",
         ],
     ),
     finding(
