@@ -193,17 +193,14 @@ fn a_rule_that_was_stopped_begins_anew_when_it_is_armed_again() {
     let is_stopped = |name: &&str| shown(name)["state"] == "stopped";
     // A hundred writes and more, at the pace of the line.
     let begun = Instant::now();
-    while !names.iter().any(|name| is_stopped(&name)) {
+    while !names.iter().any(is_stopped) {
         assert!(
             begun.elapsed() < Duration::from_secs(300),
             "none is stopped"
         );
         std::thread::sleep(Duration::from_millis(200));
     }
-    let stopped = names
-        .into_iter()
-        .find(|name| is_stopped(&name))
-        .expect("one of them");
+    let stopped = names.into_iter().find(is_stopped).expect("one of them");
     let acted = shown(stopped)["count"].as_u64().expect("a count");
     assert!(acted >= 60, "{acted}");
     let events = daemon.get("/api/v1/events?kind=rule").json();
