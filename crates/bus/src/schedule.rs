@@ -447,6 +447,12 @@ impl Bus {
         let Some(probe) = self.probe else {
             return false;
         };
+        // The echo of a write can look like its acknowledgement: a poll finds out first whether
+        // the adapter echoes.
+        let polled = |node: &Node| node.plan.enabled && !node.is_silent();
+        if probe.changes && self.ear.echoes.is_none() && self.nodes.iter().any(polled) {
+            return false;
+        }
         let work = Work {
             job: Job::Probe { clear: probe.clear },
             exchange: probe.exchange,

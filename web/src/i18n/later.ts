@@ -5,6 +5,7 @@ import { backup } from "./backup";
 import { calibrate } from "./calibrate";
 import { events } from "./events";
 import { groups } from "./groups";
+import { recover } from "./recover";
 import { rules } from "./rules";
 import { send } from "./send";
 import { settings } from "./settings";
@@ -20,6 +21,7 @@ export const later = {
   ...calibrate,
   ...events,
   ...groups,
+  ...recover,
   ...rules,
   ...send,
   ...settings,

@@ -62,8 +62,8 @@ export const settings = {
   set_journal: ["Journal", "更改日志"],
   set_none: ["Nothing was changed yet.", "尚无更改。"],
   set_open: [
-    "Change #{n} has no known end. The module keeps the old values or the new ones; railbus config recover finds out.",
-    "更改 #{n} 的结果未知：模块保存的可能是旧值或新值；请用 railbus config recover 查明。",
+    "Change #{n} has no known end. The module keeps the old values or the new ones: look for it below.",
+    "更改 #{n} 的结果未知：模块保存的可能是旧值或新值：请在下方寻找模块。",
   ],
   set_undoes: ["takes #{n} back", "撤销 #{n}"],
   logged_intent: ["end not known", "结果未知"],

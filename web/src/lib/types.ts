@@ -129,7 +129,8 @@ export interface Operation {
 export interface ScanResult {
   modules: Found[];
   complete: boolean;
-  conflicts: unknown[];
+  /** Where two modules seem to be. */
+  conflicts: { line: string; address: number; protocol: string; baud: number }[];
   /** Modules of the configuration that did not answer. */
   missing?: string[];
 }
@@ -230,6 +231,10 @@ export interface SettingsRun {
   changes: SettingChange[];
   end?: string;
   place?: string;
+  /** Where it is being looked for. */
+  looking?: string;
+  /** How two on one address are parted. */
+  parting?: "plug" | "pin" | "boards";
   /** What is asked now. */
   question?: { step: "zero" | "span"; readings: [number, number]; voltage?: number; wait_s: number };
   calibration?: Record<"before" | "zero" | "span", [number, number] | null>;

@@ -58,7 +58,7 @@ pub(crate) struct Ops {
 pub(crate) struct OpInfo {
     /// Its number.
     pub(crate) op: String,
-    /// What it is: `scan`, `settings`, `calibration`.
+    /// What it is: `scan`, `settings`, `calibration`, `recovery`.
     pub(crate) kind: String,
     /// The lines it is on.
     pub(crate) lines: Vec<String>,

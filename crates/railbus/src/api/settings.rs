@@ -104,12 +104,20 @@ pub(crate) struct SettingsRun {
     /// What changes.
     pub(crate) changes: Vec<SettingChange>,
     /// How it ended: `done` (read back equal), `same`, `pending`, `unchanged`, `rolled_back`,
-    /// `halfway`, `untold`, `lost`.
+    /// `halfway`, `untold`, `lost`; of a recovery also `elsewhere` (neither old nor new),
+    /// `in_place`, `moved`, `two` (modules on one address).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) end: Option<String>,
     /// Where the module answers now: `9 (09h), 19200 8N1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) place: Option<String>,
+    /// Where it is being looked for: `9 (09h), 19200 8N1`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) looking: Option<String>,
+    /// How two modules on one address are parted, where a recovery found them: `plug`, `pin`,
+    /// `boards`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) parting: Option<String>,
     /// What is asked now, to be answered by `POST /api/v1/ops/{op}/answer`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) question: Option<SettingsQuestion>,

@@ -6,6 +6,7 @@ mod calibrate;
 mod carry;
 mod drive;
 mod look;
+mod recover;
 mod registers;
 mod wish;
 
@@ -26,6 +27,7 @@ use axum::http::{HeaderMap, StatusCode};
 use axum::routing::{get, patch, post};
 use railbus_site::Service;
 use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
 use wish::{Want, Wish};
 
 /// The routes of this file.
@@ -72,6 +74,17 @@ pub(super) const ROUTES: &[Route] = &[
             .answers::<OpBegun>()
             .status("202")
             .plans::<SettingsPlan>(),
+    ),
+    Route::new(
+        "POST",
+        "/modules/{module}/settings/recover",
+        Need::ENGINEER,
+        || post(recovery),
+    )
+    .doc(
+        Doc::new("Look for a module that is not where it should be, or whose change was cut short")
+            .answers::<OpBegun>()
+            .status("202"),
     ),
     Route::new(
         "POST",
@@ -146,6 +159,15 @@ async fn calibration(Path(module): Path<String>, order: Order) -> Answer {
         calibrate::begin(wish, who, voltage).await
     };
     accepted(order.carry_out(("calibrate", module), run).await)
+}
+
+async fn recovery(Path(module): Path<String>, order: Order) -> Answer {
+    let lang = language::spoken(&order.headers, order.site.lang);
+    let (site, who) = (order.site.clone(), order.who.name.clone());
+    let run = move |service: Service, module: String, _: Map<String, Value>| async move {
+        recover::begin(Wish::new(&site, &service, lang, module, None), who).await
+    };
+    accepted(order.carry_out(("recover", module), run).await)
 }
 
 /// What was begun is no end yet.

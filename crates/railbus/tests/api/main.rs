@@ -7,6 +7,7 @@ mod daemon;
 mod flood;
 mod hostile;
 mod past;
+mod recovery;
 mod rules;
 mod scans;
 mod sending;

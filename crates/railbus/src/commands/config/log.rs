@@ -418,37 +418,36 @@ fn show_recovered(context: &Context, results: Vec<Traced>) -> Result<(), Failure
     out::result(lang, &records.render(context.format))?;
     match results.iter().find(|result| result.found.is_none()) {
         None => Ok(()),
-        Some(missing) => Err(not_found(context, missing)),
+        Some(missing) => Err(not_found(lang, &missing.target, missing.garbled)),
     }
 }
 
 /// Not found at all, or two at once: then how to part them, which differs from family to family.
-fn not_found(context: &Context, missing: &Traced) -> Failure {
-    let lang = context.lang;
-    let setup = &missing.target.setup;
-    let code = if missing.garbled {
+pub(crate) fn not_found(lang: Lang, target: &Target, garbled: bool) -> Failure {
+    let setup = &target.setup;
+    let code = if garbled {
         Code::TwoModules
     } else {
         Code::NotFound
     };
     let failure = Failure::of(lang, code)
-        .because(&missing.target.name)
-        .with_fact("module", missing.target.name.as_str());
-    if !missing.garbled {
-        return failure.with_try(format!("railbus scan -l {}", missing.target.line));
+        .because(&target.name)
+        .with_fact("module", target.name.as_str());
+    if !garbled {
+        return failure.with_try(format!("railbus scan -l {}", target.line));
     }
-    let steps = parting(setup);
+    let (_, steps) = parting(setup);
     let address = setup.address.0;
     let values: &[(&str, &dyn std::fmt::Display)] =
-        &[("module", &missing.target.name), ("address", &address)];
+        &[("module", &target.name), ("address", &address)];
     failure.because(lang.fill(steps, values))
 }
 
-/// How two modules on one address are parted.
-const fn parting(setup: &Setup) -> ConfigText {
+/// How two modules on one address are parted: its name, and the steps.
+pub(crate) const fn parting(setup: &Setup) -> (&'static str, ConfigText) {
     match (setup.family, setup.protocol) {
-        (Family::R55, _) => ConfigText::PartBoards,
-        (Family::Eda9050, Protocol::Ascii) => ConfigText::PartByPin,
-        _ => ConfigText::PartByPlug,
+        (Family::R55, _) => ("boards", ConfigText::PartBoards),
+        (Family::Eda9050, Protocol::Ascii) => ("pin", ConfigText::PartByPin),
+        _ => ("plug", ConfigText::PartByPlug),
     }
 }

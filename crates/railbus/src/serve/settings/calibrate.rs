@@ -100,7 +100,7 @@ fn audited(end: &Result<Calibrated, Trouble>, has_written: bool) -> &'static str
 impl Work {
     async fn run(mut self) {
         let end = self.logged().await;
-        self.drive.end(self.wish.lang, end);
+        self.drive.end(end);
     }
 
     /// With its entry in the audit log, on a line that nobody else has.

@@ -85,7 +85,7 @@ impl Carry {
             }
             false => self.logged().await,
         };
-        self.drive.end(self.wish.lang, end);
+        self.drive.end(end);
     }
 
     /// With its entry in the audit log.

@@ -8,6 +8,7 @@ use crate::api::problem::{Problem, codes};
 use crate::api::settings::SettingsQuestion;
 use crate::commands::config::file::not_followed;
 use crate::commands::config::ground::store_failure;
+use crate::commands::config::outcome::placed;
 use crate::commands::config::talk::{Talk, keep};
 use crate::commands::config::target::Target;
 use crate::failure::{Code, Failure};
@@ -31,6 +32,7 @@ const ANSWER_MAX: Duration = Duration::from_secs(300);
 
 /// A procedure under way.
 pub(super) struct Drive {
+    lang: Lang,
     pub(super) op: Op,
     stop: watch::Receiver<bool>,
     /// The journal; none while it is at the disk.
@@ -79,6 +81,7 @@ pub(super) async fn open(target: &Target) -> Result<Talk, Problem> {
 impl Drive {
     pub(super) fn new(wish: &Wish, op: Op, store: Store) -> Drive {
         Drive {
+            lang: wish.lang,
             op,
             stop: wish.site.stop.clone(),
             store: Some(store),
@@ -97,7 +100,8 @@ impl Drive {
     }
 
     /// The operation has ended.
-    pub(super) fn end(&self, lang: Lang, end: Result<(), Problem>) {
+    pub(super) fn end(&self, end: Result<(), Problem>) {
+        let lang = self.lang;
         self.op.tell(|info| {
             (info.state, info.error) = match end {
                 Ok(()) => (OpState::Done, None),
@@ -212,11 +216,16 @@ impl Drive {
 
     fn tell(&mut self, progress: Progress) {
         self.has_written |= matches!(progress, Progress::Writing(..) | Progress::Calibrating);
+        let lang = self.lang;
         self.op.tell(|info| {
             let Some(run) = &mut info.settings else {
                 return;
             };
             run.power_left_s = None;
+            run.looking = match progress {
+                Progress::Looking(place) => Some(placed(lang, place)),
+                _ => None,
+            };
             let stage = match progress {
                 Progress::Reading(_) => "reading",
                 Progress::Vacancy(_) => "vacancy",

@@ -60,7 +60,7 @@ impl Work {
         let (site, service) = (self.wish.site.clone(), self.wish.service.clone());
         let line = self.target.line.clone();
         let end = on_loan(&site, &service, &line, self.on_line()).await;
-        self.drive.end(self.wish.lang, end);
+        self.drive.end(end);
     }
 
     async fn on_line(&mut self) -> Result<(), Problem> {
@@ -90,9 +90,8 @@ impl Work {
     /// Looks where it should be, then outwards. Other modules are not taken for it.
     async fn search(&mut self) -> Result<Result<Traced, Trouble>, Problem> {
         let target = &self.target;
-        let same = |other: &&railbus_site::commission::Neighbour| {
-            other.protocol == target.setup.protocol
-        };
+        let same =
+            |other: &&railbus_site::commission::Neighbour| other.protocol == target.setup.protocol;
         let others = target.neighbours.iter().filter(same);
         let others: Vec<Place> = others.map(|other| other.place).collect();
         let mut talk = open(target).await?;
