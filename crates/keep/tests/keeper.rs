@@ -53,6 +53,7 @@ fn hammer(every: Micros, how_long: Micros) -> (Tally, Counters, Record) {
         keeper.save(now, record);
         let next = now + every;
         while let Some(due) = keeper.poll(now).filter(|due| *due < next) {
+            assert!(due > now, "it does not turn in circles");
             now = due;
             clock.set(now);
         }

@@ -11,7 +11,7 @@ use embassy_stm32::pac::USART1 as UART;
 use embassy_stm32::peripherals::{PA8, PA9, PA10, USART1};
 use embassy_stm32::usart::{Config, Parity, StopBits, Uart};
 use embassy_stm32::{Peri, interrupt};
-use railbus_firmware::{Heard, Outbox, Ring};
+use railbus_firmware::{Heard, Outbox, Ring, What};
 use railbus_wire::{Character, FRAME_MAX, Instant, Settings};
 
 static RING: Ring = Ring::new();
@@ -31,11 +31,13 @@ fn USART1() {
     if state.rxne() || state.ore() {
         // Reading takes the character, and what was wrong with it.
         let byte = UART.dr().read().dr() as u8;
-        let whole = !(state.fe() || state.pe() || state.ore());
-        RING.push(Heard {
-            at: now(),
-            byte: whole.then_some(byte),
-        });
+        if state.rxne() {
+            let bad = state.fe() || state.pe();
+            heard(if bad { What::Bad } else { What::Byte(byte) });
+        }
+        if state.ore() {
+            heard(What::Lost);
+        }
     }
     if UART.cr1().read().txeie() && state.txe() {
         match OUTBOX.take() {
@@ -48,6 +50,10 @@ fn USART1() {
         }
     }
     NEWS.store(true, Ordering::Relaxed);
+}
+
+fn heard(what: What) {
+    RING.push(Heard { at: now(), what });
 }
 
 /// The loop begins to look.
