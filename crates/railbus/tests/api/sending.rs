@@ -108,7 +108,10 @@ fn what_a_frame_may_do_is_told_before_it_is_sent() {
 #[test]
 fn a_frame_that_may_change_something_is_sent_where_it_is_meant() {
     let daemon = Daemon::demo("send");
-    let on = |confirm: Value| json!({"protocol": "rtu", "bytes": ON, "complete": true, "confirm": confirm});
+    let on = |confirm: Value| {
+        let complete = true;
+        json!({"protocol": "rtu", "bytes": ON, "complete": complete, "confirm": confirm})
+    };
     for confirm in [json!([]), json!(["read"]), json!(["settings", "override"])] {
         let refused = send(&daemon, &on(confirm));
         let problem = refused.json();
