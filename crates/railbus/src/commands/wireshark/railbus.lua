@@ -63,15 +63,25 @@ local ENVELOPE, MARKS, SUM, CRC, PAIRED = 1, 2, 3, 4, 5
 -- Modbus RTU ----------------------------------------------------------------------------------
 
 local FUNCTIONS = { [1] = "read coils", [2] = "read inputs", [3] = "read registers",
-  [4] = "read input registers", [5] = "write coil", [6] = "write register",
-  [15] = "write coils", [16] = "write registers" }
+  [4] = "read input registers", [5] = "write coil", [6] = "write register", [8] = "diagnosis",
+  [15] = "write coils", [16] = "write registers", [43] = "read identification" }
+
+-- Sub-functions of 08: those that change nothing, and those that are said again.
+local function diagnosis_reads(sub) return sub == 0 or sub == 2 or sub >= 11 and sub <= 18 end
+local DIAGNOSIS_ECHOED = { [0] = true, [10] = true, [20] = true }
 
 local function rtu_request(b)
   local n = #b
-  if n < 8 or n > 256 or not FUNCTIONS[b[2]] or crc16(b, n) ~= 0 then return nil end
+  if n < 7 or n > 256 or not FUNCTIONS[b[2]] or crc16(b, n) ~= 0 then return nil end
+  if b[2] == 43 then
+    local asked = { protocol = "rtu", address = b[1], code = 43, b = b, identity = b[4] }
+    return n == 7 and b[3] == 14
+      and find("rtu", "request", b[1], "ok", CRC, FUNCTIONS[43], asked) or nil
+  end
+  if n < 8 then return nil end
   local code, at, count = b[2], word(b, 3), word(b, 5)
   local most = code <= 2 and 2000 or code <= 4 and 125 or code == 15 and 1968 or 123
-  if code == 5 or code == 6 then
+  if code == 5 or code == 6 or code == 8 then
     if n ~= 8 then return nil end
   else
     if count < 1 or count > most or at + count - 1 > 65535 then return nil end
@@ -83,10 +93,37 @@ local function rtu_request(b)
     end
   end
   local asked = { protocol = "rtu", address = b[1], code = code, b = b,
-    silent = b[1] == 0 and code > 4 }
+    silent = b[1] == 0 and code > 4 and not (code == 8 and diagnosis_reads(at)) }
   if code <= 2 then asked.bytes = math.ceil(count / 8) end
   if code == 3 or code == 4 then asked.bytes = 2 * count end
   return find("rtu", "request", b[1], "ok", CRC, FUNCTIONS[code], asked)
+end
+
+-- How long a reply with an identification is; where it is not there whole, nothing, and how many
+-- bytes are missing at least. Each object is a number, a length and as many bytes.
+local function identity_len(b)
+  local n, len = #b, 8
+  if n < 8 then return nil, 8 - n end
+  for _ = 1, b[8] do
+    if n < len + 2 then return nil, len + 2 - n end
+    len = len + 2 + b[len + 2]
+  end
+  if n < len then return nil, len - n end
+  return len + 2
+end
+
+local function identity_reply_to(asked, b)
+  local n = #b
+  if n < 4 then return nil, "short" end
+  if b[3] ~= 14 then return nil, "other" end
+  if b[4] ~= asked.identity then return nil, "form" end
+  local len, more = identity_len(b)
+  if not len then return nil, n + more + 2 > 256 and "form" or "short" end
+  if len > 256 then return nil, "form" end
+  if n < len then return nil, "short" end
+  if crc16(b, len) ~= 0 then return nil, "checksum" end
+  if n ~= len then return nil, "form" end
+  return find("rtu", "reply", b[1], "ok", PAIRED, FUNCTIONS[43])
 end
 
 -- What the reply to a request is: a find, or why it is none.
@@ -101,6 +138,7 @@ local function rtu_reply_to(asked, b)
     return find("rtu", "reply", b[1], "refused", PAIRED, "refused")
   end
   if b[2] ~= asked.code then return nil, "other" end
+  if asked.identity then return identity_reply_to(asked, b) end
   local len = 8
   if asked.bytes then
     if n < 3 then return nil, "short" end
@@ -110,7 +148,9 @@ local function rtu_reply_to(asked, b)
   if n < len then return nil, "short" end
   if crc16(b, len) ~= 0 then return nil, "checksum" end
   if not asked.bytes then
-    for i = 3, 6 do
+    -- What is asked by 08 comes in place of what was sent, unless that is to come back.
+    local answers = asked.code == 8 and not DIAGNOSIS_ECHOED[word(asked.b, 3)]
+    for i = 3, answers and 4 or 6 do
       if b[i] ~= asked.b[i] then return nil, "form" end
     end
   end
@@ -130,8 +170,12 @@ local function rtu_reply(b)
     local whole = b[3] > 0 and n == 5 + b[3] and b[3] <= 250 and (code < 3 or b[3] % 2 == 0)
     return whole and find("rtu", "reply", b[1], "ok", CRC, FUNCTIONS[code]) or nil
   end
+  if code == 43 then
+    local whole = b[3] == 14 and n <= 256 and identity_len(b) == n
+    return whole and find("rtu", "reply", b[1], "ok", CRC, FUNCTIONS[43]) or nil
+  end
   if n ~= 8 then return nil end
-  if code > 6 then
+  if code > 8 then
     local count = word(b, 5)
     if count < 1 or count > (code == 15 and 1968 or 123) then return nil end
   end
@@ -458,7 +502,9 @@ local function broken_rtu(b)
   end
   local code, request, reply = b[2], n == 8, false
   if code <= 4 then reply = b[3] > 0 and n == 5 + b[3] end
-  if code > 6 then
+  if code == 43 then
+    request, reply = n == 7, b[3] == 14 and n >= 10
+  elseif code > 8 then
     request, reply = b[7] ~= nil and n == 9 + b[7], n == 8
   end
   local role = request and "request" or reply and "reply" or nil
@@ -466,6 +512,7 @@ local function broken_rtu(b)
 end
 
 local function reply_len_max(asked)
+  if asked.identity then return 256 end
   if asked.protocol == "rtu" then return asked.bytes and 5 + asked.bytes or 8 end
   if asked.protocol == "lc02" then return 5 + LC02_DATA[asked.code] end
   return asked.protocol == "ascii" and ascii_len_max(asked) or 8
