@@ -148,6 +148,7 @@ impl Carry {
                 run.end = Some(end.name().to_owned());
                 run.place = place;
                 run.power_left_s = None;
+                run.looking = None;
             }
         });
     }

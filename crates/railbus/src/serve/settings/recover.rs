@@ -73,6 +73,7 @@ impl Work {
         self.drive.op.tell(|info| {
             if let Some(run) = &mut info.settings {
                 run.end = Some(word.to_owned());
+                run.looking = None;
                 run.place = place;
                 run.parting = way.map(str::to_owned);
             }
