@@ -164,7 +164,7 @@ fn what_is_wrong_is_told_with_the_reason() {
     ear.frame(b"$01");
     ear.pass(Micros::from_millis(50));
     ear.frame(b"#01\r");
-    ear.frame(&rtu(&[0x01, 0x2B, 0x0E, 0x01, 0x00]));
+    ear.frame(&rtu(&[0x01, 0x42, 0x0E, 0x01, 0x00]));
     ear.pass(Micros::from_millis(500));
     let expected = [
         "rtu → 3 ok",

@@ -239,7 +239,7 @@ fn groups_and_scenes_are_shown_tried_and_played() {
         let modules: Vec<_> = frames.iter().map(|frame| frame["module"].clone()).collect();
         assert_eq!(modules, ["yard", "oven"], "{frames:?}");
         assert_eq!(
-            one("get yard.k1", 0)["points"][0]["value"],
+            one("get yard.k1 --fresh", 0)["points"][0]["value"],
             served,
             "nothing was sent"
         );
@@ -252,7 +252,7 @@ fn groups_and_scenes_are_shown_tried_and_played() {
         assert_eq!(off["frames"].as_array().map(Vec::len), Some(2), "{off}");
         assert_eq!(one("set @night toggle -n", 0), off);
         assert_eq!(
-            one("get oven.k2", 0)["points"][0]["value"],
+            one("get oven.k2 --fresh", 0)["points"][0]["value"],
             true,
             "nothing was sent"
         );
