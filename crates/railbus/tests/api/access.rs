@@ -2,6 +2,7 @@
 //! out, and secrets that must not come out.
 
 use super::daemon::{Answer, Daemon, answer_of};
+use super::websocket::Client;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::time::Duration;
@@ -156,6 +157,57 @@ fn every_route_asks_for_its_role() {
             assert_ne!(answer.status, 401, "{what} as {}", ROLES[at]);
         }
     }
+}
+
+/// The names of all topics of the WebSocket, by the daemon's own word, of things that there are.
+fn topics(daemon: &Daemon) -> Vec<String> {
+    let mut client = Client::open(daemon);
+    client.send(r#"{"sub":["nothing"]}"#);
+    let told = client.until("what it knows", |message| message["type"] == "problem");
+    let begun = daemon.send("POST", "/api/v1/scans", r#"{"lines":["main"]}"#);
+    let op = begun.json()["op"].as_str().expect("a number").to_owned();
+    let known = told["problem"]["known"].as_array().expect("a list").iter();
+    let names = known.map(|name| name.as_str().expect("a name"));
+    let there = [
+        ("MODULE", "pump"),
+        ("LABEL", "do0"),
+        ("LINE", "main"),
+        ("ID", &op),
+    ];
+    let put = |name: String, (word, thing): &(&str, &str)| name.replace(word, thing);
+    names
+        .map(|name| there.iter().fold(name.to_owned(), put))
+        .collect()
+}
+
+#[test]
+fn every_topic_is_told_to_whom_it_may_be() {
+    let daemon = Daemon::demo("topics");
+    let topics = topics(&daemon);
+    assert!(topics.len() >= 9, "{topics:?}");
+    let stream = || Box::new(daemon.connect());
+    let host = format!("Host: {}\r\n", daemon.address);
+    for stranger in ["", "Authorization: Bearer rb_0\r\n"] {
+        let refused = Client::over(stream(), &format!("{host}{stranger}"), "/api/v1/ws");
+        assert_eq!(refused.err(), Some(401), "{stranger}");
+    }
+    // Nothing can be done over it: whoever may look may hear all.
+    for role in ROLES {
+        let head = format!("{host}{}", token(&daemon, role, role, &[]));
+        let client = Client::over(stream(), &head, "/api/v1/ws");
+        let mut client = client.unwrap_or_else(|status| panic!("{role}: {status}"));
+        for topic in &topics {
+            client.send(&json!({ "sub": [topic] }).to_string());
+            let what = format!("{topic} for {role}");
+            client.until(&what, |message| {
+                assert_ne!(message["type"], "problem", "{what}: {message}");
+                message["topic"] == topic.as_str()
+            });
+        }
+        client.send(r#"{"set":{"pump.do0":true}}"#);
+        client.until("it is no order", |message| message["type"] == "problem");
+    }
+    assert_eq!(is_on(&daemon, "pump.do0"), false);
 }
 
 #[test]
