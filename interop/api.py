@@ -45,6 +45,11 @@ APART = {
     "/sim/{line}/{module}": SIM,
     "/sim/{line}/{module}/inputs": SIM,
     "/sim/{line}/{module}/faults": SIM,
+    "/modules/{module}/settings/calibrate": "it has the line until it is answered; "
+    "tests/api/calibration.rs answers it",
+    "/modules/{module}/settings/recover": "it has the line for minutes; "
+    "tests/api/recovery.rs asks it",
+    "/ops/{op}/answer": "there is one to answer only while a calibration asks; so does that test",
     "/scans": "what it starts would have the line during all that follows; it is asked last",
     "/ops/{op}": "there is one only after a scan; it is asked last",
 }

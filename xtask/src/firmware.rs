@@ -48,9 +48,12 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     }
 }
 
-/// What a whole test run does: the tests of what boards share, and the images.
+/// What a whole test run does: the tests of what boards share, the images of every family for every
+/// board, also for those that nothing here can run, and the trials in QEMU.
 pub(crate) fn step(root: &Path) -> Result<()> {
     let args = ["test", "--manifest-path", "firmware/Cargo.toml"];
     run::run(&mut run::cargo(root, &args))?;
-    size::check(root)
+    image::build_all(root)?;
+    size::check(root)?;
+    trial::run(root, &[])
 }

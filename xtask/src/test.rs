@@ -98,24 +98,11 @@ const STEPS: &[Step] = &[
         skip: always,
         run: |root| firmware::check(root, &[]),
     },
-    // Every family for every board, also for those that nothing here can run.
-    Step {
-        name: "firmware",
-        needs_peers: true,
-        skip: always,
-        run: |root| firmware::run(root, &[String::from("build")]),
-    },
     Step {
         name: "firmware",
         needs_peers: true,
         skip: always,
         run: firmware::step,
-    },
-    Step {
-        name: "firmware",
-        needs_peers: true,
-        skip: always,
-        run: |root| firmware::run(root, &[String::from("test")]),
     },
     Step {
         name: "bench",
