@@ -211,6 +211,7 @@ impl Bus {
     }
 
     /// Somebody else's frame may change any of the modules: each is greeted and read anew.
+    #[cold]
     fn doubt_all(&mut self) {
         for node in self.nodes.iter_mut().filter(|node| !node.retired) {
             node.greeted = 0;

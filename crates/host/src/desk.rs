@@ -88,6 +88,11 @@ impl Desk {
         self.probes.push_back((probe, reply));
     }
 
+    /// Whether there is a probe, under way or waiting: asked at every step of the line.
+    pub(crate) fn has_probes(&self) -> bool {
+        self.probe.is_some() || !self.probes.is_empty()
+    }
+
     /// The next probe for which somebody still waits, unless one is under way.
     pub(crate) fn next_probe(&mut self) -> Option<(Probe, ProbeReply)> {
         if self.probe.is_some() {

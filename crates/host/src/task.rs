@@ -255,7 +255,9 @@ impl<P: Port> Task<P> {
             if self.has_left() {
                 return Err(Stop::Left);
             }
-            self.turn_to_next_probe();
+            if self.desk.has_probes() {
+                self.turn_to_next_probe();
+            }
             match self.bus.poll() {
                 Output::Transmit { bytes, settings } => {
                     self.port.send(bytes, settings)?;
@@ -383,6 +385,7 @@ impl<P: Port> Task<P> {
 
     /// Probes go one after the other. One that was not sent yet goes no more when nobody waits
     /// for it; one that was is heard to its end, so that the next one gets no foreign reply.
+    #[cold]
     fn turn_to_next_probe(&mut self) {
         if self.desk.is_forsaken() && self.bus.withdraw_probe() {
             self.desk.forget_probe();
