@@ -119,6 +119,8 @@ pub(crate) mod codes {
         NO_SUCH_EVENT = "E0173", 404, "there is no such event";
         /// A shorter time may go.
         TOO_MUCH_ASKED = "E0174", 422, "that is too much for one answer";
+        /// Told by the command line alone: a daemon checks what it writes itself.
+        AUDIT_HELD = "E0175", 409, "another program writes the audit log";
         /// Also `line`, `op`: the one that runs.
         SCAN_RUNS = "E0210", 409, "a scan of this line runs already";
         /// Also `reason`.

@@ -84,6 +84,7 @@ fn of_folder(folder: &Path) -> Result<VerifiedInfo, Problem> {
 fn missing(error: &std::io::Error) -> Problem {
     match error.kind() {
         std::io::ErrorKind::NotFound => Problem::new(codes::NO_HISTORY).with_hint("railbus serve"),
+        std::io::ErrorKind::WouldBlock => Problem::new(codes::AUDIT_HELD),
         _ => unread(error),
     }
 }

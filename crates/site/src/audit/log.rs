@@ -152,7 +152,7 @@ impl AuditLog {
     /// What the system says.
     pub async fn verify(&self) -> std::io::Result<Verified> {
         let (folder, reach) = (Arc::clone(&self.folder), self.reach());
-        aside(move || read::verify(&folder, Some(&reach))).await
+        aside(move || read::verify(&folder, &reach)).await
     }
 
     /// The records from a place on, or from the oldest that is kept, as many as go into one

@@ -2,7 +2,7 @@
 
 use super::chain::{HASH_LEN, LINE_MAX, Numbered, Record, decode, follows};
 use super::files::{self, Mark};
-use super::tail::{Reach, first_of, head_of, read_at};
+use super::tail::{Reach, first_of, head_of, hold, read_at};
 use std::collections::HashMap;
 use std::fmt;
 use std::fs::File;
@@ -109,27 +109,44 @@ pub struct Exported {
     pub next: Place,
 }
 
-/// Goes along the whole log. It must end as was remembered: by the one who writes it, or else by
-/// the file beside it.
-pub(super) fn verify(folder: &Path, known: Option<&Reach>) -> Result<Verified> {
+/// Goes along the whole log. It must end as whoever writes it remembers.
+pub(super) fn verify(folder: &Path, known: &Reach) -> Result<Verified> {
     let anchor = files::anchor(folder);
+    let files = to_verify(folder, Some(known), anchor.seq)?;
+    along_all(anchor, Some(known.last.clone()), files)
+}
+
+/// Goes along the log of a folder that nobody writes. It must end as the file beside it says.
+///
+/// # Errors
+/// What the system says; [`ErrorKind::WouldBlock`] while somebody writes it: what is half written
+/// would look broken.
+pub fn verify_folder(folder: &Path) -> Result<Verified> {
+    // Whoever wants to write need not wait for more than this: what comes later is not read.
+    let held = hold(folder)?;
+    let (anchor, head) = (files::anchor(folder), head_of(folder));
+    let files = to_verify(folder, None, anchor.seq)?;
+    drop(held);
+    along_all(anchor, head, files)
+}
+
+/// Goes along files that follow upon the anchor, and must lead to the head.
+fn along_all(anchor: Mark, head: Option<Mark>, files: Vec<(File, u64)>) -> Result<Verified> {
+    let mut found = Verified {
+        first: anchor.seq + 1,
+        ..Verified::default()
+    };
+    let Some(head) = head else {
+        found.broken_at = Some(found.first);
+        return Ok(found);
+    };
     let mut walk = Walk {
-        found: Verified {
-            first: anchor.seq + 1,
-            ..Verified::default()
-        },
-        head_seen: false,
-        head: Mark::default(),
+        found,
+        head_seen: head == anchor,
+        head,
         last: anchor,
     };
-    let head = known.map(|reach| reach.last.clone());
-    let Some(head) = head.or_else(|| head_of(folder)) else {
-        walk.found.broken_at = Some(walk.found.first);
-        return Ok(walk.found);
-    };
-    walk.head_seen = head == walk.last;
-    walk.head = head;
-    for (file, len) in to_verify(folder, known, walk.last.seq)? {
+    for (file, len) in files {
         if !walk.along(&mut BufReader::new(file.take(len)))? {
             return Ok(walk.found);
         }
@@ -151,7 +168,10 @@ fn to_verify(folder: &Path, known: Option<&Reach>, anchor: u64) -> Result<Vec<(F
     }
     let newest = match known {
         Some(reach) => files::open(folder, reach.first, reach),
-        None => File::open(files::newest(folder)).map(|file| (file, u64::MAX)),
+        None => File::open(files::newest(folder)).and_then(|file| {
+            let len = file.metadata()?.len();
+            Ok((file, len))
+        }),
     };
     match newest {
         Ok(newest) => found.push(newest),
@@ -211,14 +231,6 @@ impl Walk {
         self.head_seen |= self.last == self.head;
         true
     }
-}
-
-/// Goes along the log of a folder that nobody writes.
-///
-/// # Errors
-/// What the system says.
-pub fn verify_folder(folder: &Path) -> Result<Verified> {
-    verify(folder, None)
 }
 
 /// Records from a place on.

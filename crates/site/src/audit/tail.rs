@@ -7,12 +7,16 @@ use crate::history::millis;
 use std::fs::File;
 use std::io::{Error, ErrorKind, Read, Result, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::time::{Instant, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 /// The name of the file that remembers how far the log reached.
 const HEAD: &str = "audit.head";
 /// So much of the log is looked through when it is opened.
 const WINDOW: u64 = 4 << 20;
+/// Who checks the log holds it for a moment; who writes it does so for good. So often it is tried.
+const LOCK_TRIES: u32 = 10;
+/// So long passes between two tries.
+const LOCK_PAUSE: Duration = Duration::from_millis(10);
 
 /// How far the log reaches.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -65,9 +69,7 @@ impl Tail {
     pub(super) fn open(folder: &Path) -> Result<(Tail, Found)> {
         std::fs::create_dir_all(folder)?;
         let head = files::open_or_make(&folder.join(HEAD))?;
-        // Two who add to one chain break it.
-        head.try_lock()
-            .map_err(|_| Error::from(ErrorKind::WouldBlock))?;
+        lock(&head)?;
         let path = files::newest(folder);
         let mut found = Found::default();
         let before = before_newest(folder, &mut found)?;
@@ -218,6 +220,30 @@ impl Tail {
 /// How far the log of a folder is said to reach.
 pub(super) fn head_of(folder: &Path) -> Option<Mark> {
     Mark::read(&mut File::open(folder.join(HEAD)).ok()?)
+}
+
+/// Keeps all others away: two who add to one chain break it.
+fn lock(head: &File) -> Result<()> {
+    for _ in 0..LOCK_TRIES {
+        if head.try_lock().is_ok() {
+            return Ok(());
+        }
+        std::thread::sleep(LOCK_PAUSE);
+    }
+    Err(ErrorKind::WouldBlock.into())
+}
+
+/// Keeps whoever would write the log of a folder away, for as long as this is kept; nothing where
+/// there is none yet.
+pub(super) fn hold(folder: &Path) -> Result<Option<File>> {
+    let head = match File::open(folder.join(HEAD)) {
+        Ok(head) => head,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(error),
+    };
+    head.try_lock_shared()
+        .map_err(|_| Error::from(ErrorKind::WouldBlock))?;
+    Ok(Some(head))
 }
 
 /// The last record before the newest file, and what was begun before it; none where nobody knows.

@@ -69,7 +69,7 @@ async fn one_chain_goes_through_all_files() {
 async fn what_is_taken_out_of_any_file_shows() {
     let folder = Folder::new("audit-out");
     three_files(&folder).await;
-    assert_eq!(verify_folder(&folder.0).unwrap().broken_at, None);
+    assert_eq!(checked(&folder.0).broken_at, None);
     let mut files = full(&folder);
     files.push(folder.log());
     for path in &files {
@@ -78,17 +78,17 @@ async fn what_is_taken_out_of_any_file_shows() {
             let mut bad = good.clone();
             bad[at] ^= 1;
             std::fs::write(path, &bad).unwrap();
-            let found = verify_folder(&folder.0).unwrap();
+            let found = checked(&folder.0);
             assert!(found.broken_at.is_some(), "{path:?}: byte {at}");
         }
         std::fs::write(path, &good).unwrap();
         let aside = folder.0.join("aside");
         std::fs::rename(path, &aside).unwrap();
-        let found = verify_folder(&folder.0).unwrap();
+        let found = checked(&folder.0);
         assert!(found.broken_at.is_some(), "{path:?} is missing");
         std::fs::rename(&aside, path).unwrap();
     }
-    assert_eq!(verify_folder(&folder.0).unwrap().broken_at, None);
+    assert_eq!(checked(&folder.0).broken_at, None);
 }
 
 #[tokio::test]
@@ -120,14 +120,14 @@ async fn the_oldest_go_and_the_rest_is_checked_from_there() {
     assert_eq!((page.entries.len(), page.next), (0, None));
     drop(service);
     drop(reopened(&folder.0).await);
-    assert_eq!(verify_folder(&folder.0).unwrap().first, verified.first);
+    assert_eq!(checked(&folder.0).first, verified.first);
     let anchor = folder.0.join("audit.anchor");
     let good = std::fs::read(&anchor).unwrap();
     for at in 0..good.len() {
         let mut bad = good.clone();
         bad[at] ^= 1;
         std::fs::write(&anchor, &bad).unwrap();
-        let found = verify_folder(&folder.0).unwrap();
+        let found = checked(&folder.0);
         assert!(found.broken_at.is_some(), "byte {at} of the anchor");
     }
 }
@@ -148,7 +148,7 @@ async fn cut_off_between_two_files_it_goes_on() {
         if is_begun {
             std::fs::write(folder.log(), "").unwrap();
         }
-        assert_eq!(verify_folder(&folder.0).unwrap().broken_at, None);
+        assert_eq!(checked(&folder.0).broken_at, None);
         let (log, found) = reopened(&folder.0).await;
         assert_eq!(found, Found::default());
         assert_eq!(log.verify().await.unwrap().broken_at, None);
@@ -168,7 +168,7 @@ async fn cut_off_between_two_files_it_goes_on() {
     let hash = oldest.lines().last().unwrap().split(' ').next().unwrap();
     let anchor = format!("{:020} {hash}\n", oldest.lines().count());
     std::fs::write(folder.0.join("audit.anchor"), anchor).unwrap();
-    let found = verify_folder(&folder.0).unwrap();
+    let found = checked(&folder.0);
     assert_eq!(found.broken_at, None);
     assert_eq!(found.first, oldest.lines().count() as u64 + 1);
 }

@@ -111,6 +111,12 @@ codes! {
         likely: ["a long time of a point that changes often", "时间跨度长且该点变化频繁"],
         next: ["ask for a shorter time", "缩短查询时间"],
     }
+    AuditHeld = "E0175" {
+        title: ["not checked: another program writes the audit log", "未校验：审计日志正由其他程序写入"],
+        likely: ["a daemon runs with it, at another socket", "有守护进程在别的套接字上使用它"],
+        next: ["leave out --config, or name its socket with --socket",
+            "去掉 --config，或用 --socket 指定其套接字"],
+    }
     Capture = "E0180" {
         title: ["the capture file can't be read", "无法读取抓包文件"],
         likely: ["it is no pcapng file · it was cut off while it was written",
