@@ -33,8 +33,8 @@ pub(crate) struct Node {
     misses: u8,
     turnaround: Turnaround,
     pub(crate) polls: Vec<Poll>,
-    /// How many of the greeting's ops were done since the module was last heard anew.
-    pub(crate) greeted: usize,
+    /// Whether the greeting's op was done since the module was last heard anew.
+    pub(crate) greeted: bool,
     pub(crate) plan: Plan,
     /// It was taken off the line; only its number is left.
     pub(crate) retired: bool,
@@ -91,7 +91,7 @@ impl Node {
             misses: 0,
             turnaround: Turnaround::default(),
             polls,
-            greeted: 0,
+            greeted: false,
             plan,
             retired: false,
         }
@@ -117,7 +117,7 @@ impl Node {
         }
         self.presence = Presence::Unheard;
         self.misses = 0;
-        self.greeted = 0;
+        self.greeted = false;
     }
 
     /// What reading everything once takes, about.
@@ -192,7 +192,7 @@ impl Node {
         let news = self.presence != Presence::Online;
         if news {
             self.presence = Presence::Online;
-            self.greeted = 0;
+            self.greeted = false;
         }
         news
     }
@@ -223,10 +223,10 @@ impl Node {
         polls.chain([Op::ReadConfig]).find(addressed)
     }
 
-    /// Whether it was asked everything that the greeting asks since it was heard anew. Until
+    /// Whether it was asked what the greeting asks since it was heard anew. Until
     /// then what it does with commands may have changed.
     fn is_known(&self) -> bool {
-        self.module.greeting().nth(self.greeted).is_none()
+        self.greeted || self.module.greeting().is_none()
     }
 
     /// Whether doing the op twice is certainly the same as doing it once.
@@ -237,19 +237,18 @@ impl Node {
 
     /// Which outputs may give pulses.
     pub(crate) fn pulse_mask(&self) -> u32 {
-        let has_pulses = self.module.greeting().next().is_some();
-        if has_pulses && !self.is_known() {
-            u32::MAX
-        } else {
+        if self.is_known() {
             self.module.pulse_mask()
+        } else {
+            u32::MAX
         }
     }
 
-    /// The next op of the greeting.
-    pub(crate) fn greeting(&self) -> Option<Op> {
+    /// The greeting's op, where it is still to be done.
+    pub(crate) const fn greeting(&self) -> Option<Op> {
         match self.presence {
-            Presence::Online => self.module.greeting().nth(self.greeted),
-            Presence::Unheard | Presence::Silent => None,
+            Presence::Online if !self.greeted => self.module.greeting(),
+            Presence::Online | Presence::Unheard | Presence::Silent => None,
         }
     }
 }

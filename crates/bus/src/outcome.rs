@@ -18,7 +18,7 @@ impl Bus {
             node.module.learn(&seen);
             node.polled(&op, flight.asked);
             if node.greeting() == Some(op) {
-                node.greeted += 1;
+                node.greeted = true;
             }
         }
         if !matches!(seen, Seen::Done | Seen::Refused(_)) {

@@ -156,7 +156,7 @@ impl Bus {
             }
             Job::Poll { module, op } | Job::Greeting { module, op } => {
                 if let (Some(node), Job::Greeting { .. }) = (self.nodes.get_mut(module.0), job) {
-                    node.greeted += 1;
+                    node.greeted = true;
                 }
                 self.events.tell(Event::Missed { module, op, fault });
             }
@@ -185,7 +185,7 @@ impl Bus {
             Job::Command { module, op } => {
                 self.mark_sent(module, &op);
                 if let (Op::Configure(_), Some(node)) = (op, self.nodes.get_mut(module.0)) {
-                    node.greeted = 0;
+                    node.greeted = false;
                 }
             }
             Job::Poll { module, op } => {
@@ -214,7 +214,7 @@ impl Bus {
     #[cold]
     fn doubt_all(&mut self) {
         for node in self.nodes.iter_mut().filter(|node| !node.retired) {
-            node.greeted = 0;
+            node.greeted = false;
             for poll in &mut node.polls {
                 poll.due = self.now;
             }

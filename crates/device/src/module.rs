@@ -129,12 +129,14 @@ impl Module {
             .chain((0..setup.variables).map(Op::ReadVariable))
     }
 
-    /// The ops to do once when the module is first heard, or heard again: what it does with
-    /// commands may have been changed meanwhile.
-    pub fn greeting(&self) -> impl Iterator<Item = Op> + use<> {
-        (self.setup.family == Family::Eda9060a)
-            .then_some(Op::ReadPulse)
-            .into_iter()
+    /// The op to do once when the module is first heard, or heard again: what it does with
+    /// commands may have been changed meanwhile. None where that can't change.
+    #[must_use]
+    pub const fn greeting(&self) -> Option<Op> {
+        match self.setup.family {
+            Family::Eda9060a => Some(Op::ReadPulse),
+            Family::Eda9050 | Family::Erc8 | Family::R55 | Family::Emd2a2q => None,
+        }
     }
 
     /// As much of these states as one frame can bring about, as an op. Never empty for a bank
