@@ -6,6 +6,7 @@ use railbus_bus::Medium;
 use railbus_wire::Settings;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io;
+use std::task::{Context, Poll, ready};
 use tokio::net::TcpStream;
 
 /// A connection to a Modbus TCP gateway. Speed and format are the gateway's affair, and it
@@ -48,14 +49,14 @@ impl Port for ModbusTcpPort {
         Ok(())
     }
 
-    async fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+    fn poll_read(&mut self, cx: &mut Context<'_>, buffer: &mut [u8]) -> Poll<io::Result<usize>> {
         let connection = self.connection.as_deref_mut();
         let (stream, mbap) = connection.ok_or(io::ErrorKind::NotConnected)?;
         loop {
             if let Some(len) = mbap.unwrap(buffer)? {
-                return Ok(len);
+                return Poll::Ready(Ok(len));
             }
-            let count = tcp::read(Some(stream), mbap.room()).await?;
+            let count = ready!(tcp::poll_read(stream, cx, mbap.room()))?;
             mbap.received(count);
         }
     }

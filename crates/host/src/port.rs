@@ -3,8 +3,9 @@
 use crate::{Granted, LineName, ModbusTcpPort, PortError, SerialOptions, SerialPort, TcpPort};
 use railbus_bus::Medium;
 use railbus_wire::Settings;
-use std::future::Future;
+use std::future::{Future, poll_fn};
 use std::io;
+use std::task::{Context, Poll};
 
 /// What carries a line's bytes. It is opened again and again under the same name; between a
 /// failure and the next [`Port::open`] nothing else is asked of it.
@@ -29,11 +30,19 @@ pub trait Port: Send + 'static {
     /// Opens it, or opens it anew. To drop the future ends the attempt.
     fn open(&mut self) -> impl Future<Output = Result<(), PortError>> + Send;
 
-    /// The next bytes, as many as there are. To drop the future loses none.
+    /// The next bytes, as many as there are; until there are any, the task is woken for them.
     ///
     /// # Errors
     /// Where the port is lost. Never `Ok(0)`: an end is an error, too.
-    fn read(&mut self, buffer: &mut [u8]) -> impl Future<Output = io::Result<usize>> + Send;
+    fn poll_read(&mut self, cx: &mut Context<'_>, buffer: &mut [u8]) -> Poll<io::Result<usize>>;
+
+    /// The same as a future. To drop it loses no bytes.
+    ///
+    /// # Errors
+    /// As of [`Port::poll_read`].
+    fn read(&mut self, buffer: &mut [u8]) -> impl Future<Output = io::Result<usize>> + Send {
+        poll_fn(|cx| self.poll_read(cx, buffer))
+    }
 
     /// Hands one frame to the system, at this speed and in this format. It does not wait: what
     /// can't leave now must not leave later, when the line's time for it is over.
@@ -113,11 +122,11 @@ impl Port for AnyPort {
         }
     }
 
-    async fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+    fn poll_read(&mut self, cx: &mut Context<'_>, buffer: &mut [u8]) -> Poll<io::Result<usize>> {
         match self {
-            AnyPort::Serial(port) => port.read(buffer).await,
-            AnyPort::Tcp(port) => port.read(buffer).await,
-            AnyPort::ModbusTcp(port) => port.read(buffer).await,
+            AnyPort::Serial(port) => port.poll_read(cx, buffer),
+            AnyPort::Tcp(port) => port.poll_read(cx, buffer),
+            AnyPort::ModbusTcp(port) => port.poll_read(cx, buffer),
         }
     }
 

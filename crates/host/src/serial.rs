@@ -9,9 +9,9 @@ mod tty;
 use crate::{LineName, Port, PortError};
 use railbus_bus::Medium;
 use railbus_wire::Settings;
-use std::future::poll_fn;
 use std::io;
 use std::path::PathBuf;
+use std::task::{Context, Poll};
 use std::time::Duration;
 use tty::Tty;
 
@@ -153,9 +153,11 @@ impl Port for SerialPort {
         Ok(())
     }
 
-    async fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let tty = self.tty.as_ref().ok_or(io::ErrorKind::NotConnected)?;
-        poll_fn(|cx| tty.poll_read(cx, buffer)).await
+    fn poll_read(&mut self, cx: &mut Context<'_>, buffer: &mut [u8]) -> Poll<io::Result<usize>> {
+        match &self.tty {
+            Some(tty) => tty.poll_read(cx, buffer),
+            None => Poll::Ready(Err(io::ErrorKind::NotConnected.into())),
+        }
     }
 
     fn send(&mut self, bytes: &[u8], settings: Settings) -> io::Result<()> {

@@ -293,9 +293,8 @@ impl<P: Port> Task<P> {
     /// holds up nothing.
     async fn next(&mut self, buffer: &mut [u8; BUFFER]) -> Happened {
         let takes_jobs = self.leaving.is_none();
-        let mut read = pin!(self.port.read(buffer));
         poll_fn(|cx| {
-            if let Poll::Ready(count) = read.as_mut().poll(cx) {
+            if let Poll::Ready(count) = self.port.poll_read(cx, buffer) {
                 return Poll::Ready(Happened::Bytes(count));
             }
             if let Poll::Ready(now) = self.alarm.poll(cx) {

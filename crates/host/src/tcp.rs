@@ -6,6 +6,7 @@ use railbus_bus::Medium;
 use railbus_wire::{Micros, Settings};
 use rustix::net::sockopt;
 use std::io;
+use std::task::{Context, Poll, ready};
 use std::time::Duration;
 use tokio::net::TcpStream;
 
@@ -51,8 +52,11 @@ impl Port for TcpPort {
         Ok(())
     }
 
-    async fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        read(self.stream.as_ref(), buffer).await
+    fn poll_read(&mut self, cx: &mut Context<'_>, buffer: &mut [u8]) -> Poll<io::Result<usize>> {
+        match &self.stream {
+            Some(stream) => poll_read(stream, cx, buffer),
+            None => Poll::Ready(Err(io::ErrorKind::NotConnected.into())),
+        }
     }
 
     fn send(&mut self, bytes: &[u8], _: Settings) -> io::Result<()> {
@@ -86,14 +90,18 @@ fn watch(stream: &TcpStream) -> rustix::io::Result<()> {
     sockopt::set_socket_keepalive(stream, true)
 }
 
-pub(crate) async fn read(stream: Option<&TcpStream>, buffer: &mut [u8]) -> io::Result<usize> {
-    let stream = stream.ok_or(io::ErrorKind::NotConnected)?;
+/// The next bytes of a connection; never `Ok(0)`.
+pub(crate) fn poll_read(
+    stream: &TcpStream,
+    cx: &mut Context<'_>,
+    buffer: &mut [u8],
+) -> Poll<io::Result<usize>> {
     loop {
-        stream.readable().await?;
+        ready!(stream.poll_read_ready(cx))?;
         match stream.try_read(buffer) {
-            Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(0) => return Poll::Ready(Err(io::ErrorKind::UnexpectedEof.into())),
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-            end => return end,
+            end => return Poll::Ready(end),
         }
     }
 }

@@ -9,6 +9,7 @@ use railbus_host::{
 use railbus_wire::Micros;
 use std::io;
 use std::sync::{Arc, Mutex};
+use std::task::{Context, Poll};
 use std::thread;
 use std::time::{Duration, Instant};
 use support::{module, setup, soon};
@@ -35,8 +36,8 @@ impl Port for Slow {
         Ok(())
     }
 
-    async fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
-        std::future::pending().await
+    fn poll_read(&mut self, _: &mut Context<'_>, _: &mut [u8]) -> Poll<io::Result<usize>> {
+        Poll::Pending
     }
 
     fn send(&mut self, bytes: &[u8], _: Settings) -> io::Result<()> {
