@@ -11,7 +11,7 @@ const PICTURES = [
   { name: "overview-en", path: "/", lang: "en", width: 1280, scheme: "light" },
   { name: "overview-zh", path: "/", lang: "zh", width: 1280, scheme: "light" },
   { name: "phone-zh", path: "/", lang: "zh", width: 360, scheme: "dark" },
-  { name: "trends-en", path: "/trends?points=tank.ai1,pump.do0,oven.k1", lang: "en", width: 1280, scheme: "dark" },
+  { name: "trends-en", path: "/trends?for=60&points=tank.ai1,pump.do0,oven.k1", lang: "en", width: 1280, scheme: "dark" },
   { name: "scope-en", path: "/lines/main/scope", lang: "en", width: 1280, scheme: "light" },
 ];
 /** So long something happens before it is shown. */
