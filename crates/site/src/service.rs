@@ -16,6 +16,7 @@ mod scene;
 mod send;
 mod state;
 mod status;
+mod taken;
 mod timer;
 mod underway;
 mod update;
@@ -48,6 +49,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use taken::Claims;
 use timer::Timers;
 use tokio::sync::broadcast;
 use underway::Commands;
@@ -100,6 +102,7 @@ pub(crate) struct Inner {
     journal: Journal,
     commands: Commands,
     timers: Timers,
+    claims: Claims,
     promises: Promises,
     /// The scenes that are being played.
     playing: Mutex<BTreeSet<String>>,
@@ -167,6 +170,7 @@ impl Service {
                 journal: Journal::default(),
                 commands: Commands::default(),
                 timers: Timers::default(),
+                claims: Claims::default(),
                 promises,
                 playing: Mutex::default(),
                 rules: Standings::default(),

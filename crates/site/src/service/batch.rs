@@ -172,7 +172,7 @@ impl Service {
     }
 
     /// What an output is, where that is known now.
-    fn known(&self, place: &Place) -> Option<bool> {
+    pub(super) fn known(&self, place: &Place) -> Option<bool> {
         let status = self.point(&place.module, place.point)?;
         match (status.quality, status.value) {
             (Quality::Good, Some(Value::Bool(on))) => Some(on),

@@ -134,9 +134,7 @@ impl Service {
             .inner
             .command(module, &points, op, terms.verify, note, wanted)
             .await;
-        if end.is_err() {
-            self.inner.give_back(taken);
-        }
+        taken.settle(&end);
         end
     }
 
@@ -177,9 +175,7 @@ impl Service {
                 .inner
                 .command(module, &[point], op, true, note, |_| None)
                 .await;
-            if end.is_err() {
-                self.inner.give_back(taken);
-            }
+            taken.settle(&end);
             return end;
         }
         self.read_fresh(module).await?;

@@ -46,9 +46,9 @@ impl Service {
         let left = Duration::from_micros(time.0);
         let key = (Place::new(module, point), Why::Lease);
         let end = self.end_of_lease(&key.0, value);
-        let is_held = self.inner.promises.end_of(&key) == Some(end)
-            && self.inner.output(module, point) == Some(value);
-        if is_held && self.inner.timers.put_off(&key, left) {
+        let is_held =
+            self.inner.promises.end_of(&key) == Some(end) && self.known(&key.0) == Some(value);
+        if is_held && self.inner.timers.put_off(&key, None, left) {
             return Ok(Leased {
                 written: None,
                 left,
@@ -59,9 +59,7 @@ impl Service {
         let label = self.inner.label(module, point);
         let note = self.note(format!("lease {label}={on} {}ms", time.0 / 1_000));
         let written = self.inner.begin_timed(key, (value, end), left, note).await;
-        if written.is_err() {
-            self.inner.give_back(taken);
-        }
+        taken.settle(&written);
         let written = written?;
         Ok(Leased {
             written: Some(written),
@@ -82,16 +80,18 @@ impl Service {
         self.inner.may_command(module, &[point], true)?;
         let key = (Place::new(module, point), Why::Lease);
         let end = self.inner.promises.end_of(&key);
-        let (Some(end), Some(_)) = (end, self.inner.timers.due(&key)) else {
+        let number = end.and_then(|_| self.inner.timers.anticipate(&key));
+        let (Some(end), Some(number)) = (end, number) else {
             return Err(Failure::NoLease(point));
         };
         let Some(on) = end else {
-            self.inner.timers.take_over(&key);
+            self.inner.timers.take_over_one(&key, number);
             return Ok(None);
         };
-        // It is taken over by this command, and switched by itself where this one fails.
+        // It is taken over by this command, and switched by itself where this one fails. Who
+        // takes the output meanwhile, has it.
         let done = self.release_now(module, point, on).await?;
-        self.inner.timers.take_over(&key);
+        self.inner.timers.take_over_one(&key, number);
         Ok(Some(done))
     }
 

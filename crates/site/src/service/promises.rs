@@ -89,7 +89,8 @@ pub(super) struct Promises {
 
 #[derive(Debug, Default)]
 struct Made {
-    by_key: BTreeMap<Key, Promise>,
+    /// Each with the number of whoever made it: a newer one counts, whoever comes first.
+    by_key: BTreeMap<Key, (u64, Promise)>,
     version: u64,
 }
 
@@ -117,29 +118,35 @@ impl Promises {
     pub(super) fn all(&self) -> Vec<(Key, Promise)> {
         let made = lock(&self.made);
         let each = made.by_key.iter();
-        each.map(|(key, promise)| (key.clone(), *promise)).collect()
+        each.map(|(key, (_, promise))| (key.clone(), *promise))
+            .collect()
     }
 
     /// What becomes of an output at the end of what was promised, where anything was.
     pub(super) fn end_of(&self, key: &Key) -> Option<Option<bool>> {
         let made = lock(&self.made);
-        made.by_key.get(key).map(|promise| promise.end)
+        made.by_key.get(key).map(|(_, promise)| promise.end)
     }
 
-    /// Makes a promise; it is on the disk when this returns.
-    pub(super) async fn make(&self, key: &Key, promise: Promise) -> io::Result<()> {
-        let made = self.change(|made| made.insert(key.clone(), promise));
+    /// Makes a promise, unless there is a newer one; it is on the disk when this returns.
+    pub(super) async fn make(&self, key: &Key, number: u64, promise: Promise) -> io::Result<()> {
+        let made = self.change(|made| {
+            if made.get(key).is_none_or(|(there, _)| *there <= number) {
+                made.insert(key.clone(), (number, promise));
+            }
+        });
         let end = self.write(made).await;
         if end.is_err() {
-            self.change(|made| made.remove(key));
+            self.change(|made| take_out(made, key, number));
         }
         end
     }
 
-    /// A promise was kept, or does not hold any more. Where the disk refuses, it is done once
-    /// more after a restart, which an output that was released already does not mind.
-    pub(super) async fn drop(&self, key: &Key) {
-        let changed = self.change(|made| made.remove(key));
+    /// A promise was kept, or does not hold any more; a newer one still does. Where the disk
+    /// refuses, it is done once more after a restart, which an output that was released already
+    /// does not mind.
+    pub(super) async fn drop(&self, key: &Key, number: u64) {
+        let changed = self.change(|made| take_out(made, key, number));
         let _ = self.write(changed).await;
     }
 
@@ -149,13 +156,13 @@ impl Promises {
             made.retain(|(_, why), _| *why != Why::MinOff);
             let each = outputs.into_iter();
             made.extend(
-                each.map(|(place, left)| ((place, Why::MinOff), Promise::after(left, None))),
+                each.map(|(place, left)| ((place, Why::MinOff), (0, Promise::after(left, None)))),
             );
         });
         let _ = self.write(changed).await;
     }
 
-    fn change<T>(&self, how: impl FnOnce(&mut BTreeMap<Key, Promise>) -> T) -> u64 {
+    fn change<T>(&self, how: impl FnOnce(&mut BTreeMap<Key, (u64, Promise)>) -> T) -> u64 {
         let mut made = lock(&self.made);
         how(&mut made.by_key);
         made.version += 1;
@@ -183,9 +190,15 @@ impl Promises {
     }
 }
 
-fn text(made: &BTreeMap<Key, Promise>) -> io::Result<String> {
+fn take_out(made: &mut BTreeMap<Key, (u64, Promise)>, key: &Key, number: u64) {
+    if made.get(key).is_some_and(|(there, _)| *there <= number) {
+        made.remove(key);
+    }
+}
+
+fn text(made: &BTreeMap<Key, (u64, Promise)>) -> io::Result<String> {
     let millis = |time: Duration| u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
-    let promises = made.iter().map(|((place, why), promise)| Row {
+    let promises = made.iter().map(|((place, why), (_, promise))| Row {
         module: place.module.clone(),
         output: place.point.index,
         why: *why,
@@ -205,7 +218,7 @@ fn text(made: &BTreeMap<Key, Promise>) -> io::Result<String> {
     Ok(serde_json::to_string(&document)?)
 }
 
-fn read(path: &Path) -> io::Result<BTreeMap<Key, Promise>> {
+fn read(path: &Path) -> io::Result<BTreeMap<Key, (u64, Promise)>> {
     let mut text = String::new();
     File::open(path)?.take(LEN_MAX).read_to_string(&mut text)?;
     let document: Document = serde_json::from_str(&text)
@@ -221,7 +234,7 @@ fn read(path: &Path) -> io::Result<BTreeMap<Key, Promise>> {
             at: SystemTime::UNIX_EPOCH.checked_add(since)?,
             length: Duration::from_millis(row.length_ms),
         };
-        Some(((Place::new(&row.module, point), row.why), promise))
+        Some(((Place::new(&row.module, point), row.why), (0, promise)))
     });
     Ok(known.collect())
 }
@@ -245,12 +258,12 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("railbus-promises-{}", std::process::id()));
         let promises = Promises::open(&folder).unwrap();
         let pulse = Promise::after(Duration::from_secs(60), Some(false));
-        promises.make(&key(0, Why::Pulse), pulse).await.unwrap();
-        promises.make(&key(1, Why::Lease), pulse).await.unwrap();
+        promises.make(&key(0, Why::Pulse), 1, pulse).await.unwrap();
+        promises.make(&key(1, Why::Lease), 2, pulse).await.unwrap();
         promises
             .must_stay_off(vec![(key(2, Why::MinOff).0, Duration::from_secs(9))])
             .await;
-        promises.drop(&key(1, Why::Lease)).await;
+        promises.drop(&key(1, Why::Lease), 2).await;
 
         let again = Promises::open(&folder).unwrap().all();
         let keys: Vec<&Key> = again.iter().map(|(key, _)| key).collect();
@@ -263,6 +276,22 @@ mod tests {
         assert_eq!(Promises::open(&folder).unwrap().all(), []);
         assert!(folder.join(format!("{NAME}.unreadable")).exists());
         std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// Tasks come in any order: the end of an older pulse is not the end of a newer one.
+    #[tokio::test]
+    async fn a_newer_promise_stands_whoever_comes_late() {
+        let promises = Promises::default();
+        let pulse = |seconds| Promise::after(Duration::from_secs(seconds), Some(false));
+        let key = key(0, Why::Pulse);
+        promises.make(&key, 2, pulse(9)).await.unwrap();
+        promises.make(&key, 1, pulse(60)).await.unwrap();
+        promises.drop(&key, 1).await;
+        let all = promises.all();
+        assert_eq!(all.len(), 1);
+        assert_eq!(all[0].1.length, Duration::from_secs(9));
+        promises.drop(&key, 2).await;
+        assert_eq!(promises.all(), []);
     }
 
     #[test]

@@ -104,9 +104,7 @@ impl Service {
                 (begun.await, By::Host, width)
             }
         };
-        if begun.is_err() {
-            self.inner.give_back(taken);
-        }
+        taken.settle(&begun);
         let begun = begun?;
         Ok(PulseDone {
             value,

@@ -54,7 +54,12 @@ impl Timer {
     /// Switches the output, which is promised to end before the first frame goes out, and ends
     /// it. Once that frame may have gone, nothing depends on the caller any more.
     pub(super) async fn begin(self, begin: Begin) {
-        let kept = self.inner.promises.make(&self.key, self.promise).await;
+        let number = self.turn.number;
+        let kept = self
+            .inner
+            .promises
+            .make(&self.key, number, self.promise)
+            .await;
         let begun = match kept {
             Ok(()) => self.switch(begin.value, begin.note).await,
             Err(why) => Err(Failure::NotKept(why.kind())),
@@ -63,7 +68,9 @@ impl Timer {
             .as_ref()
             .is_err_and(|failure| !failure.may_have_acted());
         // From now on: that it was asked for long before does not make it shorter.
-        self.inner.timers.put_off(&self.key, self.promise.length);
+        self.inner
+            .timers
+            .put_off(&self.key, Some(number), self.promise.length);
         if did_nothing {
             self.end().await;
             // Fails where the caller has gone away.
@@ -76,7 +83,12 @@ impl Timer {
 
     /// Runs from when it is promised on. What the disk refuses holds as long as the process does.
     pub(super) async fn promised(self) {
-        let _ = self.inner.promises.make(&self.key, self.promise).await;
+        let number = self.turn.number;
+        let _ = self
+            .inner
+            .promises
+            .make(&self.key, number, self.promise)
+            .await;
         tokio::spawn(self.waiting());
     }
 
@@ -87,24 +99,31 @@ impl Timer {
 
     /// Waits until the time has come, and does what was promised.
     async fn wait(mut self) {
-        let due = loop {
+        let why = loop {
             let at = *self.turn.at.borrow_and_update();
             tokio::select! {
-                _ = &mut self.turn.taken_over => break false,
-                () = tokio::time::sleep_until(at) => break true,
+                biased;
+                over = &mut self.turn.taken_over => break over.unwrap_or(Over::ForGood),
+                () = tokio::time::sleep_until(at) => {
+                    if self.inner.timers.is_up(&self.key, self.turn.number) {
+                        break Over::Due;
+                    }
+                }
                 Ok(()) = self.turn.at.changed() => {}
                 _ = self.turn.stop.wait_for(|stop| *stop) => {
                     if self.key.1 == Why::MaxOn {
                         // It goes on when the site does.
-                        self.inner.timers.ended(&self.key, self.turn.number);
-                        return;
+                        break Over::ForNow;
                     }
-                    break true;
+                    break Over::Due;
                 }
             }
         };
-        if due && !self.release().await {
-            // It is promised still, and done when the site starts again.
+        let why = match why {
+            Over::Due => self.release().await,
+            why => why,
+        };
+        if why == Over::ForNow {
             self.inner.timers.ended(&self.key, self.turn.number);
             return;
         }
@@ -112,33 +131,33 @@ impl Timer {
     }
 
     async fn end(self) {
-        if self.inner.timers.ended(&self.key, self.turn.number) {
-            self.inner.promises.drop(&self.key).await;
-        }
+        self.inner.timers.ended(&self.key, self.turn.number);
+        let number = self.turn.number;
+        self.inner.promises.drop(&self.key, number).await;
     }
 
-    /// Brings the output back, however often that takes; says whether there is nothing left to
-    /// be done.
-    async fn release(&mut self) -> bool {
+    /// Brings the output back, however often that takes; says what is left of the promise.
+    async fn release(&mut self) -> Over {
         let Some(end) = self.promise.end else {
-            return true;
+            return Over::ForGood;
         };
         let mut tries_when_stopping = 0;
         loop {
             let done = self.switch(end, self.note_of_end()).await;
             let (Place { module, point }, _) = &self.key;
             if done.is_ok() || self.inner.writable(module, &[*point]).is_err() {
-                return true;
+                return Over::ForGood;
             }
             let stopping = *self.turn.stop.borrow();
             if stopping {
                 tries_when_stopping += 1;
                 if tries_when_stopping >= STOP_TRIES {
-                    return false;
+                    // It is done when the site starts again.
+                    return Over::ForNow;
                 }
             }
             tokio::select! {
-                _ = &mut self.turn.taken_over => return true,
+                over = &mut self.turn.taken_over => return over.unwrap_or(Over::ForGood),
                 () = tokio::time::sleep(RETRY) => {}
                 _ = self.turn.stop.wait_for(|stop| *stop), if !stopping => {}
             }
@@ -250,32 +269,6 @@ impl Inner {
         }
     }
 
-    /// Another command takes outputs over: their pulses and leases will not be ended from here.
-    /// What they were comes back, for [`Inner::give_back`].
-    pub(super) fn take_over(&self, module: &str, points: &[Point]) -> Vec<(Key, Promise)> {
-        let mut taken = Vec::new();
-        for point in points {
-            for why in [Why::Pulse, Why::Lease] {
-                let key = (Place::new(module, *point), why);
-                let (left, end) = (self.timers.due(&key), self.promises.end_of(&key));
-                self.timers.take_over(&key);
-                if let (Some(left), Some(end)) = (left, end) {
-                    taken.push((key, Promise::after(left, end)));
-                }
-            }
-        }
-        taken
-    }
-
-    /// That command failed: what it took over still ends when it was to end.
-    pub(super) fn give_back(self: &Arc<Inner>, taken: Vec<(Key, Promise)>) {
-        for (key, promise) in taken {
-            if self.timers.due(&key).is_none() {
-                tokio::spawn(Timer::new(self, key, promise).promised());
-            }
-        }
-    }
-
     /// Takes up what was promised before the process began.
     pub(super) fn take_up(self: &Arc<Inner>) {
         for ((place, why), mut promise) in self.promises.all() {
@@ -304,11 +297,22 @@ impl Inner {
     }
 }
 
+/// Why a timer does not wait any more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Over {
+    /// Its time is up.
+    Due,
+    /// What it was to do is not to be done any more.
+    ForGood,
+    /// It is promised still; somebody else sees to it.
+    ForNow,
+}
+
 /// A timer's own end of its entry among the [`Timers`].
 struct Turn {
     number: u64,
     at: watch::Receiver<Instant>,
-    taken_over: oneshot::Receiver<()>,
+    taken_over: oneshot::Receiver<Over>,
     stop: watch::Receiver<bool>,
 }
 
@@ -332,7 +336,9 @@ struct Running {
 struct Entry {
     number: u64,
     at: watch::Sender<Instant>,
-    take_over: oneshot::Sender<()>,
+    take_over: oneshot::Sender<Over>,
+    /// The output is being released, or about to be: it is too late to put that off.
+    is_ending: bool,
 }
 
 impl Default for Timers {
@@ -356,10 +362,11 @@ impl Timers {
             number,
             at: put_off,
             take_over,
+            is_ending: false,
         };
         if let Some(older) = running.by_key.insert(key.clone(), entry) {
             // Fails where that one has just ended.
-            let _ = older.take_over.send(());
+            let _ = older.take_over.send(Over::ForGood);
         }
         running.count += 1;
         self.count.send_replace(running.count);
@@ -371,8 +378,8 @@ impl Timers {
         }
     }
 
-    /// One has ended; says whether none came in its place.
-    fn ended(&self, key: &Key, number: u64) -> bool {
+    /// One has ended.
+    fn ended(&self, key: &Key, number: u64) {
         let mut running = lock(&self.running);
         let newest = running.by_key.get(key).map(|entry| entry.number);
         if newest == Some(number) {
@@ -380,21 +387,62 @@ impl Timers {
         }
         running.count = running.count.saturating_sub(1);
         self.count.send_replace(running.count);
-        newest.is_none_or(|newest| newest == number)
     }
 
     /// One is not to be done any more.
     pub(super) fn take_over(&self, key: &Key) {
         if let Some(older) = lock(&self.running).by_key.remove(key) {
-            let _ = older.take_over.send(());
+            let _ = older.take_over.send(Over::ForGood);
         }
     }
 
-    /// From now on it is so long until it is done; says whether there is one.
-    pub(super) fn put_off(&self, key: &Key, length: Duration) -> bool {
+    /// A command takes one over, and what was promised stands until that has ended. Gives back
+    /// which one it was, and how long it would have been.
+    pub(super) fn claim(&self, key: &Key) -> Option<(u64, Duration)> {
+        let older = lock(&self.running).by_key.remove(key)?;
+        let left = (*older.at.borrow()).saturating_duration_since(Instant::now());
+        let _ = older.take_over.send(Over::ForNow);
+        Some((older.number, left))
+    }
+
+    /// The same of this one only, not of one that came in its place.
+    pub(super) fn take_over_one(&self, key: &Key, number: u64) {
+        let mut running = lock(&self.running);
+        if running.by_key.get(key).map(|entry| entry.number) == Some(number)
+            && let Some(older) = running.by_key.remove(key)
+        {
+            let _ = older.take_over.send(Over::ForGood);
+        }
+    }
+
+    /// From now on it is so long until it is done, where it is this one or no other is meant; says
+    /// whether that is so. What is being done already can't be put off.
+    pub(super) fn put_off(&self, key: &Key, number: Option<u64>, length: Duration) -> bool {
         let running = lock(&self.running);
         let entry = running.by_key.get(key);
-        entry.is_some_and(|entry| entry.at.send(Instant::now() + length).is_ok())
+        let entry = entry.filter(|entry| number.is_none_or(|number| entry.number == number));
+        entry
+            .is_some_and(|entry| !entry.is_ending && entry.at.send(Instant::now() + length).is_ok())
+    }
+
+    /// Whether the time of this one is up. If so, it can't be put off any more.
+    fn is_up(&self, key: &Key, number: u64) -> bool {
+        let mut running = lock(&self.running);
+        let entry = running.by_key.get_mut(key);
+        let entry = entry.filter(|entry| entry.number == number);
+        entry.is_some_and(|entry| {
+            entry.is_ending |= *entry.at.borrow() <= Instant::now();
+            entry.is_ending
+        })
+    }
+
+    /// Somebody does now what was to be done later: it can't be put off any more. Gives back which
+    /// one it is, where there is one.
+    pub(super) fn anticipate(&self, key: &Key) -> Option<u64> {
+        let mut running = lock(&self.running);
+        let entry = running.by_key.get_mut(key)?;
+        entry.is_ending = true;
+        Some(entry.number)
     }
 
     /// How long it is until it is done, where there is one.

@@ -15,6 +15,8 @@ pub(crate) struct Boards {
     relays: [AtomicU8; 8],
     /// These addresses do not answer, and do nothing.
     mute: [AtomicBool; 8],
+    /// So many writes are refused from now on.
+    refused: AtomicU8,
     /// Every state that there was, as the relays of all addresses.
     states: Mutex<Vec<[u8; 8]>>,
 }
@@ -28,6 +30,11 @@ impl Boards {
     /// Switches a board off its line, or on again.
     pub(crate) fn mute(&self, address: usize, mute: bool) {
         self.mute[address].store(mute, Ordering::SeqCst);
+    }
+
+    /// Lets the boards refuse the next writes.
+    pub(crate) fn refuse(&self, writes: u8) {
+        self.refused.store(writes, Ordering::SeqCst);
     }
 
     /// Moves relays by hand.
@@ -56,7 +63,12 @@ impl Boards {
         }
         let relays = &self.relays[address];
         let coil = request[3] - 60;
+        let is_refused = request[1] != 1 && self.refused.load(Ordering::SeqCst) > 0;
         let mut reply = match request[1] {
+            function if is_refused => {
+                self.refused.fetch_sub(1, Ordering::SeqCst);
+                vec![request[0], function | 0x80, 4]
+            }
             1 => vec![request[0], 1, 1, self.relays(address) >> coil],
             5 => {
                 let bit = 1 << coil;

@@ -1,6 +1,7 @@
 //! A site at work, over TCP with relay boards of a few lines.
 
 mod board;
+mod held;
 mod safety;
 mod sending;
 mod several;

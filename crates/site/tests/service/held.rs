@@ -1,0 +1,64 @@
+//! What is done to outputs later, while others want something else of them.
+
+use crate::board::{k, until};
+use crate::safety::{site, switch};
+use railbus_site::{Failure, Leased, Pulse, Service};
+use railbus_wire::Micros;
+use std::time::Duration;
+
+async fn hold(service: &Service, number: u8, millis: u64) -> Result<Leased, Failure> {
+    let held = (true, Micros::from_millis(millis));
+    service.lease("oven", k(number), held, false).await
+}
+
+#[tokio::test]
+async fn a_lease_that_is_over_can_not_be_held_on() {
+    let (service, boards) = site("").await;
+    hold(&service, 1, 300).await.unwrap();
+    boards.mute(3, true);
+    let has_begun_to_end = || {
+        let entries = service.audit();
+        entries.iter().any(|entry| entry.origin.who == "lease")
+    };
+    until(has_begun_to_end).await;
+    // Its end is on its way: to say that it is held on would not be true.
+    let late = hold(&service, 1, 60_000).await;
+    assert!(late.is_err(), "{late:?}");
+    boards.mute(3, false);
+    until(|| boards.relays(3) == 0).await;
+    service.close().await;
+}
+
+#[tokio::test]
+async fn a_lease_taken_while_another_is_given_back_is_one_of_its_own() {
+    let (service, boards) = site("").await;
+    hold(&service, 1, 60_000).await.unwrap();
+    let (ended, taken) = tokio::join!(service.end_lease("oven", k(1)), hold(&service, 1, 60_000));
+    assert!(ended.unwrap().is_some());
+    let taken = taken.unwrap();
+    assert!(taken.written.is_some(), "it was given back already");
+    assert_eq!(boards.relays(3), 1);
+    let left = || service.point("oven", k(1)).unwrap().left.lease;
+    assert!(left().is_some(), "and ends by itself");
+    service.close().await;
+    assert_eq!(boards.relays(3), 0);
+}
+
+#[tokio::test]
+async fn a_command_that_fails_beside_one_that_is_carried_out_gives_nothing_back() {
+    let (service, boards) = site("").await;
+    let pulse = Pulse {
+        width: Some(Micros::from_millis(500)),
+        ..Pulse::default()
+    };
+    service.pulse("oven", k(1), pulse).await.unwrap();
+    boards.refuse(1);
+    let (refused, done) = tokio::join!(
+        switch(&service, "oven", 1, true),
+        switch(&service, "oven", 1, true)
+    );
+    assert!(refused.is_err() && done.is_ok(), "{refused:?} {done:?}");
+    tokio::time::sleep(Duration::from_millis(1_000)).await;
+    assert_eq!(boards.relays(3), 1, "it is switched on, and no pulse");
+    service.close().await;
+}
