@@ -111,9 +111,18 @@ impl Service {
             self.ask_unknown(&items).await;
         }
         let before: Vec<_> = items.iter().map(|item| self.known(&item.1)).collect();
+        let places = || items.iter().map(|item| item.1.clone()).collect();
+        let taken = terms
+            .all_or_nothing
+            .then(|| self.inner.take_over_all(places()));
         self.switch_in_turn(&mut done, &items, terms).await;
-        if terms.all_or_nothing && done.has_failed() {
-            self.undo(&mut done, &items, &before).await;
+        match taken {
+            Some(taken) if done.has_failed() => {
+                self.undo(&mut done, &items, &before).await;
+                taken.give_back();
+            }
+            Some(taken) => taken.settle(&Ok::<_, Failure>(())),
+            None => {}
         }
         done
     }

@@ -37,6 +37,16 @@ impl Taken {
     pub(super) fn settle<T, E>(mut self, end: &Result<T, E>) {
         self.is_done = end.is_ok();
     }
+
+    /// All that was done was taken back: the outputs are as they were found, in their pulses and
+    /// leases.
+    pub(super) fn give_back(self) {
+        for place in &self.places {
+            if let Some(claim) = lock(&self.inner.claims.0).get_mut(place) {
+                claim.is_settled = false;
+            }
+        }
+    }
 }
 
 impl Drop for Taken {
@@ -80,7 +90,11 @@ impl Inner {
     /// promised stays written down until the command has ended.
     pub(super) fn take_over(self: &Arc<Inner>, module: &str, points: &[Point]) -> Taken {
         let places = points.iter().map(|point| Place::new(module, *point));
-        let places: Vec<Place> = places.collect();
+        self.take_over_all(places.collect())
+    }
+
+    /// The same of outputs of any modules.
+    pub(super) fn take_over_all(self: &Arc<Inner>, places: Vec<Place>) -> Taken {
         for place in &places {
             let mut all = lock(&self.claims.0);
             let claim = all.entry(place.clone()).or_default();

@@ -2,7 +2,8 @@
 
 use crate::board::{k, until};
 use crate::safety::{site, switch};
-use railbus_site::{Failure, Leased, Pulse, Service};
+use railbus_site::config::Place;
+use railbus_site::{BatchTerms, Failure, Leased, Pulse, Service};
 use railbus_wire::Micros;
 use std::time::Duration;
 
@@ -60,5 +61,23 @@ async fn a_command_that_fails_beside_one_that_is_carried_out_gives_nothing_back(
     assert!(refused.is_err() && done.is_ok(), "{refused:?} {done:?}");
     tokio::time::sleep(Duration::from_millis(1_000)).await;
     assert_eq!(boards.relays(3), 1, "it is switched on, and no pulse");
+    service.close().await;
+}
+
+#[tokio::test]
+async fn all_or_nothing_that_is_taken_back_leaves_a_pulse_its_end() {
+    let (service, boards) = site("").await;
+    hold(&service, 1, 2_000).await.unwrap();
+    boards.mute(4, true);
+    let both = [("oven", true), ("yard", true)].map(|(module, on)| (Place::new(module, k(1)), on));
+    let terms = BatchTerms {
+        all_or_nothing: true,
+        ..BatchTerms::default()
+    };
+    let done = service.batch(&both, terms).await;
+    assert_eq!(done.parts[0].end, Err(Failure::Undone));
+    let left = || service.point("oven", k(1)).unwrap().left.lease;
+    until(|| left().is_some() || boards.relays(3) == 0).await;
+    until(|| boards.relays(3) == 0).await;
     service.close().await;
 }
