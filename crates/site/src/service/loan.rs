@@ -2,6 +2,7 @@
 
 use super::{Service, Update, close_all, lock};
 use crate::Failure;
+use crate::config::Place;
 use railbus_host::{LineState, PortError};
 use std::sync::Arc;
 
@@ -14,8 +15,8 @@ pub struct Loan {
 }
 
 impl Service {
-    /// Closes the port of a line and leaves it to the caller. Commands under way get a second to
-    /// end.
+    /// Closes the port of a line and leaves it to the caller. Pulses and leases of its outputs end
+    /// before that, since nobody could end them meanwhile; commands under way get a second to end.
     ///
     /// # Errors
     /// [`Failure::NoSuchLine`]; [`Failure::Lent`] while somebody else has it.
@@ -28,6 +29,13 @@ impl Service {
                 return Err(Failure::Lent);
             }
         }
+        let config = self.config();
+        let of_line = |place: &Place| {
+            let module = config.modules.get(&place.module);
+            module.is_some_and(|module| module.line == line)
+        };
+        // What could not be ended is, once the line is back.
+        self.inner.timers.end_now(of_line).await;
         let handle = lock(&self.inner.lines).remove(line);
         close_all(handle.into_iter()).await;
         if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {

@@ -55,6 +55,7 @@ impl Service {
                 .collect(),
         };
 
+        self.end_on_others(&old, &config).await;
         let gone: Vec<_> = {
             let mut lines = lock(&self.inner.lines);
             let ending = reloaded.opened.iter().chain(&reloaded.closed);
@@ -113,6 +114,24 @@ impl Service {
         self.inner.limit_anew();
         self.inner.tell(Update::Reloaded);
         Ok(reloaded)
+    }
+
+    /// What was to be done later to outputs of modules whose name is no more, or another's, is
+    /// done now: afterwards it would meet nobody, or another module. What can't be done is not
+    /// done to that one.
+    async fn end_on_others(&self, old: &Config, new: &Config) {
+        let is_other = |place: &Place| {
+            let setup = |config: &Config| {
+                let module = config.modules.get(&place.module);
+                module.map(|module| (module.line.clone(), module.setup))
+            };
+            // Who has a line that is lent may have moved its modules: there the name counts.
+            let is_here = || self.inner.place(&place.module).is_some();
+            setup(old).is_some() && setup(old) != setup(new) && is_here()
+        };
+        for (key, number) in self.inner.timers.end_now(is_other).await {
+            self.inner.timers.take_over_one(&key, number);
+        }
     }
 
     /// Opens a line of a configuration that was checked. What the system refuses even so is the

@@ -408,7 +408,8 @@ impl Timers {
     /// The same of this one only, not of one that came in its place.
     pub(super) fn take_over_one(&self, key: &Key, number: u64) {
         let mut running = lock(&self.running);
-        if running.by_key.get(key).map(|entry| entry.number) == Some(number)
+        let newest = running.by_key.get(key).map(|entry| entry.number);
+        if newest == Some(number)
             && let Some(older) = running.by_key.remove(key)
         {
             let _ = older.take_over.send(Over::ForGood);
@@ -482,6 +483,39 @@ impl Timers {
         let mut count = self.count.subscribe();
         // Fails only where the site has gone.
         let _ = count.wait_for(|count| *count == 0).await;
+    }
+
+    /// Ends the pulses and leases of these outputs now, and waits for that as long as may be. Those
+    /// that could not be ended by then come back.
+    pub(super) async fn end_now(&self, of: impl Fn(&Place) -> bool) -> Vec<(Key, u64)> {
+        let mut count = self.count.subscribe();
+        let mut ending = Vec::new();
+        for (key, entry) in &mut lock(&self.running).by_key {
+            if key.1 != Why::MaxOn && of(&key.0) {
+                entry.is_ending = true;
+                entry.at.send_replace(Instant::now());
+                ending.push((key.clone(), entry.number));
+            }
+        }
+        let until = Instant::now() + STOP_MAX;
+        loop {
+            ending.retain(|(key, number)| self.runs(key, *number));
+            if ending.is_empty() {
+                return ending;
+            }
+            // Fails only where the site has gone.
+            if tokio::time::timeout_at(until, count.changed())
+                .await
+                .is_err()
+            {
+                return ending;
+            }
+        }
+    }
+
+    fn runs(&self, key: &Key, number: u64) -> bool {
+        let running = lock(&self.running);
+        running.by_key.get(key).map(|entry| entry.number) == Some(number)
     }
 
     /// Ends all of them now, and waits for that as long as may be.

@@ -1,9 +1,9 @@
 //! What is done to outputs later, while others want something else of them.
 
-use crate::board::{k, until};
+use crate::board::{self, k, until};
 use crate::safety::{site, switch};
 use railbus_site::config::Place;
-use railbus_site::{BatchTerms, Failure, Leased, Pulse, Service};
+use railbus_site::{BatchTerms, Config, Failure, Leased, Pulse, Quality, Service};
 use railbus_wire::Micros;
 use std::time::Duration;
 
@@ -79,5 +79,75 @@ async fn all_or_nothing_that_is_taken_back_leaves_a_pulse_its_end() {
     let left = || service.point("oven", k(1)).unwrap().left.lease;
     until(|| left().is_some() || boards.relays(3) == 0).await;
     until(|| boards.relays(3) == 0).await;
+    service.close().await;
+}
+
+/// Two boards, named so.
+fn named(port: &str, third: &str, fourth: &str) -> String {
+    let module = |name, address| {
+        format!("[module.{name}]\nline = \"main\"\nmodel = \"erc8\"\naddress = {address}\n")
+    };
+    let modules = [module(third, 3), module(fourth, 4)].concat();
+    format!("[line.main]\nport = \"{port}\"\n{modules}")
+}
+
+/// A site in which both boards are known.
+async fn two(port: &str) -> Service {
+    let config = Config::parse(&named(port, "oven", "yard")).unwrap();
+    let service = Service::start(config).unwrap();
+    let good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
+    until(|| good("oven") && good("yard")).await;
+    service
+}
+
+const LONG: Pulse = Pulse {
+    width: Some(Micros::from_secs(600)),
+    by: railbus_site::By::Host,
+    off: false,
+    confirm: false,
+};
+
+#[tokio::test]
+async fn a_pulse_of_a_module_that_gets_another_name_ends_before_that() {
+    let (port, boards) = board::start().await;
+    let service = two(&port).await;
+    service.pulse("oven", k(1), LONG).await.unwrap();
+    service.pulse("yard", k(2), LONG).await.unwrap();
+    let renamed = named(&port, "kiln", "yard");
+    service.reload(&renamed).await.unwrap();
+    assert_eq!(boards.relays(3), 0, "nobody could end it any more");
+    assert_eq!(boards.relays(4), 0b10, "it is where it was");
+    let left = service.point("yard", k(2)).unwrap().left.pulse;
+    assert!(left.is_some(), "{left:?}");
+    service.close().await;
+}
+
+#[tokio::test]
+async fn the_end_of_a_pulse_never_meets_another_module_of_that_name() {
+    let (port, boards) = board::start().await;
+    let service = two(&port).await;
+    let short = Pulse {
+        width: Some(Micros::from_millis(2_000)),
+        ..LONG
+    };
+    switch(&service, "yard", 1, true).await.unwrap();
+    service.pulse("oven", k(1), short).await.unwrap();
+    // It can't be ended in time.
+    boards.mute(3, true);
+    let swapped = named(&port, "yard", "oven");
+    service.reload(&swapped).await.unwrap();
+    tokio::time::sleep(Duration::from_millis(2_500)).await;
+    assert_eq!(boards.relays(4), 1, "it gave no pulse");
+    service.close().await;
+}
+
+#[tokio::test]
+async fn a_line_is_lent_without_pulses_that_nobody_could_end() {
+    let (port, boards) = board::start().await;
+    let service = two(&port).await;
+    service.pulse("oven", k(1), LONG).await.unwrap();
+    let loan = service.lend("main").await.unwrap();
+    assert_eq!(boards.relays(3), 0);
+    loan.end(None).await;
     service.close().await;
 }
