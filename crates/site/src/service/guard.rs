@@ -141,6 +141,20 @@ impl State {
         }
     }
 
+    /// Nobody looked on: those outputs of these modules that are off, may have gone off just now.
+    /// Where they are on, a reading says so.
+    pub(super) fn may_have_gone_off(&mut self, of: impl Fn(&str) -> bool, at: Micros) {
+        let modules = self.site.config().modules.iter();
+        let modules = modules.filter(|(name, _)| of(name));
+        let places = modules.flat_map(|(name, module)| {
+            let points = module.points.keys();
+            points.map(|point| Place::new(name, *point))
+        });
+        for place in places.collect::<Vec<_>>() {
+            self.went_off(&place, at);
+        }
+    }
+
     /// How long each output must stay off yet that was seen to go off.
     pub(super) fn must_stay_off(&self, now: Micros) -> Vec<(Place, Duration)> {
         let outputs = self.guard.outputs.iter();

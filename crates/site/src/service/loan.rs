@@ -74,6 +74,7 @@ impl Loan {
                 let mut state = lock(&service.inner.state);
                 state.site.forget(of_line);
                 state.guard.forget_doubts(of_line);
+                state.may_have_gone_off(of_line, service.inner.now());
             }
             service.open_again(&config, &line);
             service.inner.tell(Update::Line(line));

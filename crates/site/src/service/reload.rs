@@ -91,6 +91,10 @@ impl Service {
             state.guard.forget_doubts(|module| !keep(module));
             let outputs = |place: &Place| config.safety(place).is_some();
             state.guard.retain(outputs);
+            state.may_have_gone_off(
+                |module| !same_board(&old, &config, module),
+                self.inner.now(),
+            );
             memberships
         };
         for (line, change) in memberships {
@@ -121,17 +125,15 @@ impl Service {
     /// done to that one.
     async fn end_on_others(&self, old: &Config, new: &Config) {
         let is_other = |place: &Place| {
-            let setup = |config: &Config| {
-                let module = config.modules.get(&place.module);
-                module.map(|module| (module.line.clone(), module.setup))
-            };
             // Who has a line that is lent may have moved its modules: there the name counts.
             let is_here = || self.inner.place(&place.module).is_some();
-            setup(old).is_some() && setup(old) != setup(new) && is_here()
+            !same_board(old, new, &place.module) && is_here()
         };
         for (key, number) in self.inner.timers.end_now(is_other).await {
             self.inner.timers.take_over_one(&key, number);
         }
+        // How long its outputs may be on counts anew, once they are seen.
+        self.inner.timers.forget_limits(is_other);
     }
 
     /// Opens a line of a configuration that was checked. What the system refuses even so is the
@@ -200,10 +202,15 @@ impl Service {
     }
 }
 
+/// Whether a name is that of the same module, however often that is read.
+fn same_board(old: &Config, new: &Config, module: &str) -> bool {
+    let both = (old.modules.get(module), new.modules.get(module));
+    matches!(both, (Some(a), Some(b)) if a.line == b.line && a.setup == b.setup)
+}
+
 /// Whether a module is the same to its line. What its points are called and which are locked is
 /// no business of that.
 fn same_module(old: &Config, new: &Config, module: &str) -> bool {
-    let both = (old.modules.get(module), new.modules.get(module));
-    matches!(both, (Some(a), Some(b))
-        if a.line == b.line && a.setup == b.setup && a.plan == b.plan)
+    let plan = |config: &Config| config.modules.get(module).map(|module| module.plan);
+    same_board(old, new, module) && plan(old) == plan(new)
 }

@@ -513,6 +513,16 @@ impl Timers {
         }
     }
 
+    /// How long these outputs may be on is not counted any more.
+    pub(super) fn forget_limits(&self, of: impl Fn(&Place) -> bool) {
+        let counted = |key: &&Key| key.1 == Why::MaxOn && of(&key.0);
+        let mut running = lock(&self.running);
+        let keys: Vec<Key> = running.by_key.keys().filter(counted).cloned().collect();
+        for older in keys.iter().filter_map(|key| running.by_key.remove(key)) {
+            let _ = older.take_over.send(Over::ForGood);
+        }
+    }
+
     fn runs(&self, key: &Key, number: u64) -> bool {
         let running = lock(&self.running);
         running.by_key.get(key).map(|entry| entry.number) == Some(number)

@@ -151,3 +151,44 @@ async fn a_line_is_lent_without_pulses_that_nobody_could_end() {
     loan.end(None).await;
     service.close().await;
 }
+
+#[tokio::test]
+async fn who_had_a_line_may_have_switched_an_output_off_just_now() {
+    let (service, boards) = site("[module.oven.point]\nk1.min_off = \"1500ms\"\n").await;
+    boards.set(3, 1);
+    let is_on = |on| {
+        let known = service.point("oven", k(1)).unwrap();
+        known.value == Some(railbus_site::Value::Bool(on)) && known.quality == Quality::Good
+    };
+    until(|| is_on(true)).await;
+    tokio::time::sleep(Duration::from_millis(1_600)).await;
+    let loan = service.lend("main").await.unwrap();
+    boards.set(3, 0);
+    loan.end(None).await;
+    let too_early = switch(&service, "oven", 1, true).await;
+    assert!(
+        matches!(too_early, Err(Failure::MinOff { .. })),
+        "{too_early:?}"
+    );
+    service.close().await;
+}
+
+#[tokio::test]
+async fn how_long_an_output_is_on_is_not_counted_for_another_module_of_that_name() {
+    let (port, boards) = board::start().await;
+    let service = two(&port).await;
+    let limited = |text: String| format!("{text}[module.oven.point]\nk1.max_on = \"60s\"\n");
+    let text = limited(named(&port, "oven", "yard"));
+    service.reload(&text).await.unwrap();
+    boards.set(3, 1);
+    let left = || service.point("oven", k(1)).unwrap().left.max_on;
+    until(|| left().is_some()).await;
+    tokio::time::sleep(Duration::from_millis(2_000)).await;
+    boards.set(4, 1);
+    let swapped = limited(named(&port, "yard", "oven"));
+    let before = left();
+    service.reload(&swapped).await.unwrap();
+    until(|| left().is_some()).await;
+    assert!(left() > before, "{:?}", left());
+    service.close().await;
+}
