@@ -41,7 +41,7 @@ use crate::{Config, Failure};
 use promises::Promises;
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, Plan, PortError};
-use railbus_wire::Micros;
+use railbus_wire::{Instant, Micros};
 use record::Journal;
 use rules::Standings;
 use state::State;
@@ -217,6 +217,10 @@ impl Service {
             }
         }));
         let opened = Line::open(config)?;
+        let began = self.inner.now() - opened.now().since(Instant(0));
+        if let Some(now) = lock(&self.inner.state).lines.get_mut(&name) {
+            now.began = began;
+        }
         lock(&self.inner.lines).insert(name, opened);
         Ok(())
     }

@@ -30,6 +30,8 @@ pub(super) struct LineNow {
     pub(super) busy: Busy,
     /// Somebody else has it for a while.
     pub(super) lent: bool,
+    /// When its clock began, in the time of the site: values grow old without it, too.
+    pub(super) began: Micros,
     /// The names of its modules, by their numbers on the line; empty for those that left.
     pub(super) modules: Vec<String>,
 }
@@ -41,6 +43,7 @@ impl LineNow {
             babble: false,
             busy: Busy::default(),
             lent: false,
+            began: Micros::ZERO,
             modules: config
                 .modules_of(line)
                 .map(|(name, _)| name.clone())

@@ -154,8 +154,10 @@ impl Service {
 impl Inner {
     /// The time in which readings of a module are told.
     pub(super) fn line_time(&self, module: &str) -> Instant {
-        let place = self.place(module);
-        place.map_or(Instant(0), |(line, _)| line.now())
+        match self.place(module) {
+            Some((line, _)) => line.now(),
+            None => Instant(0) + (self.now() - lock(&self.state).began(module)),
+        }
     }
 }
 
@@ -168,6 +170,13 @@ fn named(modules: &[String]) -> Vec<String> {
 }
 
 impl State {
+    /// When the clock of a module's line began, in the time of the site.
+    fn began(&self, module: &str) -> Micros {
+        let module = self.site.config().modules.get(module);
+        let line = module.and_then(|module| self.lines.get(&module.line));
+        line.map_or(Micros::ZERO, |line| line.began)
+    }
+
     fn line(&self, name: &str) -> Option<LineStatus> {
         let config = self.site.config().lines.get(name)?;
         let now = self.lines.get(name)?;

@@ -148,6 +148,10 @@ async fn a_line_is_lent_without_pulses_that_nobody_could_end() {
     service.pulse("oven", k(1), LONG).await.unwrap();
     let loan = service.lend("main").await.unwrap();
     assert_eq!(boards.relays(3), 0);
+    // What is known from before is as old as it is.
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let age = service.point("oven", k(1)).unwrap().age.unwrap();
+    assert!(age >= Micros::from_millis(300), "{age:?}");
     loan.end(None).await;
     service.close().await;
 }
