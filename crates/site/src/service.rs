@@ -289,7 +289,9 @@ impl Inner {
 
     /// The line's handle of a module, and its number there.
     fn place(&self, module: &str) -> Option<(Line, ModuleId)> {
-        let (line, id) = lock(&self.state).place(module)?;
+        // Together: a line that is opened anew numbers its modules anew.
+        let state = lock(&self.state);
+        let (line, id) = state.place(module)?;
         Some((self.handle(&line)?, id))
     }
 

@@ -63,8 +63,13 @@ impl Loan {
         }
         let _one_at_a_time = service.inner.reloading.lock().await;
         let config = service.config();
+        let is_lent = {
+            let state = lock(&service.inner.state);
+            state.lines.get(&line).is_some_and(|now| now.lent)
+        };
+        // Somebody else may have been quicker to borrow it again.
         let is_open = lock(&service.inner.lines).contains_key(&line);
-        if !is_open && config.lines.contains_key(&line) {
+        if !is_open && !is_lent && config.lines.contains_key(&line) {
             // Who had it may have done anything, and the line's clock begins anew.
             let of_line = |module: &str| {
                 let config = config.modules.get(module);

@@ -196,3 +196,26 @@ async fn how_long_an_output_is_on_is_not_counted_for_another_module_of_that_name
     assert!(left() > before, "{:?}", left());
     service.close().await;
 }
+
+#[tokio::test]
+async fn a_line_that_is_borrowed_again_at_once_is_not_opened_between() {
+    let (port, boards) = board::start().await;
+    let service = two(&port).await;
+    let text = named(&port, "oven", "yard");
+    let other = format!("{text}[line.other]\nport = \"/dev/railbus-test-nothing-here\"\n");
+    service.reload(&other).await.unwrap();
+    let loan = service.lend("main").await.unwrap();
+    // Who changes the configuration holds both up: they come one after the other then.
+    let (_, (), again) = tokio::join!(
+        service.reload(&text),
+        loan.end(Some(&text)),
+        service.lend("main")
+    );
+    let again = again.unwrap();
+    let _ = service.opened("main").await;
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    assert!(switch(&service, "oven", 1, true).await.is_err());
+    assert_eq!(boards.relays(3), 0, "it is lent");
+    again.end(None).await;
+    service.close().await;
+}
