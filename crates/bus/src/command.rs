@@ -28,6 +28,8 @@ pub(crate) struct Command {
     pub(crate) left: u32,
     /// Every frame so far was acknowledged.
     pub(crate) acknowledged: bool,
+    /// A reply of its own denies it: it shows another state than it wants, or says no.
+    pub(crate) denied: bool,
     /// When the last of its own replies had come in.
     pub(crate) replied: Option<Instant>,
     pub(crate) evidence: Evidence,
@@ -87,6 +89,7 @@ impl Command {
             stage: Stage::Queued,
             left,
             acknowledged: true,
+            denied: false,
             replied: None,
             evidence: Evidence {
                 attempts: 0,
@@ -158,11 +161,29 @@ impl Command {
 
     /// The end where nothing can be read back.
     pub(crate) fn end_by_reply(&self) -> Result<Confirmed, Fault> {
-        if self.acknowledged {
-            Ok(Confirmed::Reply)
-        } else {
-            Err(self.lost())
+        match (self.acknowledged, self.denied) {
+            (true, false) => Ok(Confirmed::Reply),
+            (true, true) => Err(Fault::NotVerified),
+            (false, _) => Err(self.lost()),
         }
+    }
+
+    /// Its last frame was refused. One before it may have acted, another one of several or the
+    /// same with its reply lost: then the outputs say what became of it.
+    pub(crate) fn refused(
+        &mut self,
+        refused: Fault,
+        reads_back: bool,
+    ) -> Option<Result<Confirmed, Fault>> {
+        if self.evidence.attempts <= 1 {
+            return Some(Err(refused));
+        }
+        if !reads_back {
+            return Some(Err(self.lost()));
+        }
+        (self.acknowledged, self.denied) = (true, true);
+        self.stage = Stage::ReadBack(0);
+        None
     }
 
     /// The fault of an exchange without a good reply.

@@ -61,10 +61,11 @@ impl Bus {
         self.decide_sent(module, |command| {
             command.replied = Some(now);
             if let Seen::Refused(refusal) = seen {
-                return Some(Err(Fault::Refused(refusal)));
+                return command.refused(Fault::Refused(refusal), reads_back);
             }
             let to_be_read = command.verify && reads_back;
-            if !to_be_read && is_denied(&command.op, op, &seen) {
+            command.denied = is_denied(&command.op, op, &seen);
+            if !to_be_read && command.denied {
                 return Some(Err(Fault::NotVerified));
             }
             if let Some(mask) = carried {

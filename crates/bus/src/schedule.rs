@@ -148,7 +148,10 @@ impl Bus {
     fn refuse(&mut self, job: Job) {
         let fault = Fault::Unsupported;
         match job {
-            Job::Command { module, .. } => self.decide_sent(module, |_| Some(Err(fault))),
+            Job::Command { module, op } => {
+                let reads_back = bank_of(&op).is_some();
+                self.decide_sent(module, |command| command.refused(fault, reads_back));
+            }
             Job::ReadBack { module } => self.miss_read_back(module),
             Job::Probe { .. } => {
                 let (outcome, after) = (Probed::Unsafe, Micros::ZERO);
