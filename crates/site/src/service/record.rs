@@ -305,7 +305,8 @@ impl Recorder {
                     self.look_at(site, &module);
                 }
             }
-            Update::Reloaded => {
+            // What was missed may have been another configuration.
+            Update::Reloaded | Update::Gap(_) => {
                 self.modules_changed(site);
                 let past = site.config().past;
                 self.history.keep(past.history);
@@ -313,8 +314,8 @@ impl Recorder {
                     log.require(past.audit_required);
                     log.keep(past.audit_bytes);
                 }
+                self.look(site).await;
             }
-            Update::Gap(_) => self.look(site).await,
         }
     }
 
@@ -357,7 +358,7 @@ impl Recorder {
             return;
         };
         let known = points.entry(point).or_insert_with(|| Recorded {
-            path: Arc::from(format!("{module}.{}", site.inner.label(module, point))),
+            path: Arc::from(path(site, module, point)),
             value: None,
             grade: Grade::Bad,
         });
@@ -375,7 +376,13 @@ impl Recorder {
     fn modules_changed(&mut self, site: &Service) {
         let mut before = std::mem::take(&mut self.points);
         for module in site.config().modules.keys() {
-            let known = before.remove(module).unwrap_or_default();
+            let mut known = before.remove(module).unwrap_or_default();
+            // Another model has other labels.
+            let same =
+                |point: &Point, known: &mut Recorded| *known.path == *path(site, module, *point);
+            let others: BTreeMap<_, _> =
+                known.extract_if(.., |at, known| !same(at, known)).collect();
+            before.insert(module.clone(), others);
             self.points.insert(module.clone(), known);
         }
         let t = millis(SystemTime::now());
@@ -440,6 +447,11 @@ impl Recorder {
     }
 }
 
+/// What a point is called in the history.
+fn path(site: &Service, module: &str, point: Point) -> String {
+    format!("{module}.{}", site.inner.label(module, point))
+}
+
 /// What the history itself has to tell; never, where somebody else was told already.
 async fn next_notice(notices: &mut Option<mpsc::Receiver<Event>>) -> Event {
     if let Some(listening) = notices {
@@ -456,5 +468,50 @@ fn number(value: Value) -> f64 {
         Value::Bool(on) => f64::from(u8::from(on)),
         Value::Analog(value, _) => value,
         Value::Number(number) => f64::from(number),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Config;
+    use crate::history::{Chart, HistoryError, Keep};
+    use railbus_device::PointKind;
+
+    fn oven(model: &str) -> String {
+        format!(
+            "[line.main]\nport = \"/dev/railbus-test-nothing-here\"\n\
+             [module.oven]\nline = \"main\"\nmodel = \"{model}\"\naddress = 3\n"
+        )
+    }
+
+    #[tokio::test]
+    async fn a_value_is_kept_under_the_label_that_its_point_has_now() {
+        let unique = format!("railbus-record-{}", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        let history = History::open(&folder, Keep::default()).unwrap();
+        let service = Service::start(Config::parse(&oven("erc8")).unwrap()).unwrap();
+        let mut recorder = Recorder::new(Arc::downgrade(&service.inner), history.clone());
+        recorder.modules_changed(&service);
+        let first = Point {
+            kind: PointKind::Output,
+            index: 0,
+        };
+        recorder.record(&service, "oven", first, Some(1.0), Grade::Good);
+        // Two samples of one millisecond are one.
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        service.reload(&oven("eda9060a")).await.unwrap();
+        recorder.take(&service, Update::Gap(7)).await;
+        recorder.record(&service, "oven", first, Some(0.0), Grade::Good);
+        let now = millis(SystemTime::now());
+        let values = async |path: &str| match history.chart(path, 0, now + 1_000, 60).await {
+            Ok(Chart::Samples(samples)) => samples.iter().map(|sample| sample.value).collect(),
+            Err(HistoryError::NoSuchPoint) => Vec::new(),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(values("oven.k1").await, [Some(1.0), None]);
+        assert_eq!(values("oven.do0").await, [Some(0.0)]);
+        service.close().await;
+        let _ = std::fs::remove_dir_all(folder);
     }
 }
