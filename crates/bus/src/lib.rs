@@ -180,14 +180,28 @@ impl Bus {
             return;
         };
         node.retire();
-        decide(&mut self.commands, &mut self.events, now, |command| {
+        self.end_commands_of(id);
+        self.measure();
+    }
+
+    /// Ends the commands for a module that has left, but for those on the wire.
+    fn end_commands_of(&mut self, id: ModuleId) {
+        decide(&mut self.commands, &mut self.events, self.now, |command| {
             let waits = command.module == id && command.stage != Stage::Sent;
             waits.then(|| match command.is_unsent() {
                 true => Err(Fault::Closed),
                 false => command.end_by_time(),
             })
         });
-        self.measure();
+    }
+
+    /// An exchange has ended: what it was for may have left meanwhile, and gets no other one.
+    fn end_if_left(&mut self, flight: &Flight) {
+        if let Some(id) = flight.job.module()
+            && self.nodes.get(id.0).is_some_and(|node| node.retired)
+        {
+            self.end_commands_of(id);
+        }
     }
 
     /// What the modules that are there make of the line.
@@ -513,6 +527,7 @@ impl Bus {
             Outcome::Seen(Seen::Unexpected) => self.fail(flight, Some(Malformed::Value)),
             Outcome::Seen(seen) => self.learn(flight, seen),
         }
+        self.end_if_left(flight);
     }
 
     /// No good reply came in time.
@@ -545,6 +560,7 @@ impl Bus {
             }
         }
         self.fail(&flight, why);
+        self.end_if_left(&flight);
     }
 
     /// The request becomes a ghost: its reply may still come.

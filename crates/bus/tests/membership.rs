@@ -3,7 +3,7 @@
 mod support;
 
 use railbus_bus::{Bus, Config, EchoMode, Event, Fault, Input, ModuleId, Plan, Presence, Terms};
-use railbus_device::{Eeprom, Engine, Family, Module, Op, Options, Setup};
+use railbus_device::{Bank, Eeprom, Engine, Family, Module, Op, Options, Setup};
 use railbus_wire::{Address, Instant, Micros};
 use support::{Drive, Happening, millis};
 
@@ -125,6 +125,52 @@ fn commands_for_a_module_that_leaves_end() {
     });
     assert_eq!(ends.count(), 2, "{told:?}");
     assert!(asked.iter().all(|(_, address)| *address == 3));
+}
+
+#[test]
+fn a_command_on_the_wire_ends_with_its_exchange_and_is_not_repeated() {
+    let mut drive = line(&[3, 4], 2);
+    run(&mut drive, Micros::from_secs(2));
+    drive.players[1].alive = false;
+    let now = drive.now;
+    let taken = drive.bus.submit(
+        now,
+        ModuleId(1),
+        Op::Write(Bank::new(1, 1)),
+        Terms::default(),
+    );
+    taken.expect("taken");
+    drive.touched();
+    let (mut asked, mut told) = (0, Vec::new());
+    let until = now + Micros::from_secs(4);
+    while let Some(happening) = drive.step(until) {
+        match happening {
+            Happening::Frame { bytes, end, .. } => {
+                drive.ask_players(end, &bytes);
+                if bytes[..2] == [4, 5] {
+                    asked += 1;
+                    let now = drive.now;
+                    drive.bus.leave(now, ModuleId(1));
+                    drive.touched();
+                } else if asked > 0 {
+                    assert_eq!(bytes[0], 3, "somebody else may have that address by now");
+                }
+            }
+            Happening::Told(event) => told.push(event),
+            Happening::Heard(_) => {}
+        }
+    }
+    assert_eq!(asked, 1);
+    let lost = |event: &&Event| {
+        matches!(
+            event,
+            Event::Done {
+                end: Err(Fault::NoReply(_)),
+                ..
+            }
+        )
+    };
+    assert_eq!(told.iter().filter(lost).count(), 1, "{told:?}");
 }
 
 #[test]
