@@ -7,6 +7,9 @@ use railbus_device::{Bank, Point, PointKind, Seen};
 use railbus_wire::{Channel, Instant, PulseWidth};
 use std::collections::BTreeMap;
 
+/// After so many misses in a row a module counts as silent, as on its line.
+const MISSES_SILENT: u8 = 3;
+
 /// The value of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Value {
@@ -72,6 +75,8 @@ pub struct Change {
 #[derive(Clone, Debug, Default)]
 struct ModuleState {
     presence: Presence,
+    /// It was heard before its line was lent, and so often it did not answer since that came back.
+    missing: Option<u8>,
     points: BTreeMap<Point, PointState>,
     pulse: Option<Pulses>,
 }
@@ -134,8 +139,23 @@ impl Site {
     /// A module is heard, or no longer.
     pub fn heard(&mut self, module: &str, presence: Presence) {
         if let Some(state) = self.modules.get_mut(module) {
-            state.presence = presence;
+            (state.presence, state.missing) = (presence, None);
         }
+    }
+
+    /// A module did not answer; true when that makes one that was heard before its line was lent
+    /// count as silent from now on.
+    pub fn missed(&mut self, module: &str) -> bool {
+        let state = self.modules.get_mut(module);
+        let Some((state, misses)) = state.and_then(|state| state.missing.map(|m| (state, m + 1)))
+        else {
+            return false;
+        };
+        state.missing = Some(misses);
+        if misses >= MISSES_SILENT {
+            (state.presence, state.missing) = (Presence::Silent, None);
+        }
+        misses >= MISSES_SILENT
     }
 
     /// A module said something that was true at `read` or later; gives back what is new in it.
@@ -187,7 +207,11 @@ impl Site {
     /// What was known of these modules is not known any more.
     pub fn forget(&mut self, of: impl Fn(&str) -> bool) {
         for (_, state) in self.modules.iter_mut().filter(|(name, _)| of(name)) {
-            *state = ModuleState::default();
+            let was_heard = state.presence != Presence::Unheard || state.missing.is_some();
+            *state = ModuleState {
+                missing: was_heard.then_some(0),
+                ..ModuleState::default()
+            };
         }
     }
 

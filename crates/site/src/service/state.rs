@@ -151,7 +151,11 @@ impl State {
             Event::Missed { module, fault, .. } => {
                 let module = name(*module);
                 self.missed(&module, now, fault);
-                Vec::new()
+                let is_lost = self.site.missed(&module);
+                is_lost
+                    .then_some(Update::Module(module))
+                    .into_iter()
+                    .collect()
             }
             Event::Presence { module, presence } => {
                 let module = name(*module);

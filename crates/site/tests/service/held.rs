@@ -2,8 +2,9 @@
 
 use crate::board::{self, k, until};
 use crate::safety::{site, switch};
+use railbus_host::Presence;
 use railbus_site::config::Place;
-use railbus_site::{BatchTerms, Config, Failure, Leased, Pulse, Quality, Service};
+use railbus_site::{BatchTerms, Config, Failure, Leased, Pulse, Quality, Reason, Service};
 use railbus_wire::Micros;
 use std::time::Duration;
 
@@ -194,6 +195,21 @@ async fn how_long_an_output_is_on_is_not_counted_for_another_module_of_that_name
     service.reload(&swapped).await.unwrap();
     until(|| left().is_some()).await;
     assert!(left() > before, "{:?}", left());
+    service.close().await;
+}
+
+#[tokio::test]
+async fn a_module_that_left_while_its_line_was_lent_is_offline() {
+    let (port, boards) = board::start().await;
+    let service = two(&port).await;
+    let loan = service.lend("main").await.unwrap();
+    boards.mute(3, true);
+    loan.end(None).await;
+    let presence = |module| service.module(module).unwrap().presence;
+    until(|| presence("oven") == Presence::Silent).await;
+    until(|| presence("yard") == Presence::Online).await;
+    let lost = service.point("oven", k(1)).unwrap().quality;
+    assert_eq!(lost, Quality::Bad(Reason::Offline));
     service.close().await;
 }
 
