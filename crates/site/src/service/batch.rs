@@ -4,7 +4,7 @@ use super::{Service, lock};
 use crate::config::Place;
 use crate::{Failure, Quality, Value, WriteDone, WriteTerms};
 use railbus_device::{Bank, Module, Point};
-use railbus_host::Confirmed;
+use railbus_host::{Confirmed, Fault};
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -284,7 +284,13 @@ impl Service {
             verify: terms.verify,
             ..WriteTerms::default()
         };
-        match self.write_for_itself(module, set, terms).await {
+        // The site may have begun to end since: its own policies have the last word.
+        let ends = self.inner.timers.are_stopping();
+        let done = match ends {
+            true => Err(Fault::Closed.into()),
+            false => self.write_for_itself(module, set, terms).await,
+        };
+        match done {
             Ok(done) => parts_of(&done).into_iter().map(Ok).collect(),
             Err(failure) => set.iter().map(|_| Err(failure.clone())).collect(),
         }
@@ -359,4 +365,37 @@ fn frames_of(module: &Module, mask: u32) -> usize {
         frames += 1;
     }
     frames
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Config;
+    use railbus_device::PointKind;
+
+    #[tokio::test]
+    async fn a_batch_goes_no_further_once_the_site_ends() {
+        let text = "[line.main]\nport = \"/dev/railbus-test-nothing-here\"\n\
+                    [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+        let service = Service::start(Config::parse(text).unwrap()).unwrap();
+        service.inner.timers.stop_all().await;
+        let kind = PointKind::Output;
+        let place = Place::new("oven", Point { kind, index: 0 });
+        let mut done = BatchDone {
+            parts: vec![Part {
+                place: place.clone(),
+                wanted: true,
+                end: Err(Failure::NotTried),
+            }],
+            undone: false,
+        };
+        // It was checked before the end began.
+        let items = [(0, place, true)];
+        service
+            .switch_in_turn(&mut done, &items, BatchTerms::default())
+            .await;
+        assert_eq!(done.parts[0].end, Err(Fault::Closed.into()));
+        assert!(service.audit().is_empty(), "nothing was tried");
+        service.close().await;
+    }
 }
