@@ -35,7 +35,9 @@ impl Keys {
             return (*same == command).then(|| Arc::clone(slot));
         }
         if known.len() >= KEYS_MAX {
-            known.pop_front();
+            // One whose command is under way would be done again.
+            let ended = known.iter().position(|(.., slot)| slot.initialized());
+            known.remove(ended.unwrap_or_default());
         }
         let slot = Slot::default();
         known.push_back((key.to_owned(), command, Arc::clone(&slot)));
@@ -62,9 +64,13 @@ mod tests {
             .clone();
         assert_eq!(end, same);
         assert!(keys.slot("a", "pump.do0=off").is_none());
+        let under_way = keys.slot("scene", "evening").unwrap();
         for number in 0..KEYS_MAX {
-            assert!(keys.slot(&number.to_string(), 0).is_some());
+            let slot = keys.slot(&number.to_string(), 0).unwrap();
+            let _ = slot.set(Ok(Bytes::new()));
         }
         assert!(keys.slot("a", "pump.do0=off").is_some(), "it is forgotten");
+        let again = keys.slot("scene", "evening").unwrap();
+        assert!(Arc::ptr_eq(&under_way, &again), "it is not done twice");
     }
 }
