@@ -2,7 +2,7 @@
 
 use super::{Service, lock};
 use crate::config::Place;
-use crate::{Failure, Quality, Value, WriteDone, WriteTerms};
+use crate::{Failure, WriteDone, WriteTerms};
 use railbus_device::{Bank, Module, Point};
 use railbus_host::{Confirmed, Fault};
 use railbus_wire::Micros;
@@ -182,11 +182,7 @@ impl Service {
 
     /// What an output is, where that is known now.
     pub(super) fn known(&self, place: &Place) -> Option<bool> {
-        let status = self.point(&place.module, place.point)?;
-        match (status.quality, status.value) {
-            (Quality::Good, Some(Value::Bool(on))) => Some(on),
-            _ => None,
-        }
+        self.inner.known(place)
     }
 
     /// Asks the modules of outputs of which nothing is known now.

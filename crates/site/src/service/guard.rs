@@ -24,6 +24,9 @@ struct Output {
     rising: u32,
     /// Only a reading that began at this time of its line, or later, says that it is off.
     doubt: Option<Instant>,
+    /// So long its module goes on by itself with what it was told, in the time of the site: until
+    /// then nothing says that it stays as it is.
+    busy_until: Micros,
     /// From when on it may be switched on, in the time of the site; none where it is on, or was
     /// never seen to go off.
     free_at: Option<Micros>,
@@ -63,7 +66,7 @@ impl State {
         let on = excluded
             .into_iter()
             .flatten()
-            .find(|other| rising.contains(other) || self.may_be_on(other, now.of(&other.module)));
+            .find(|other| rising.contains(other) || self.may_be_on(other, now));
         match on {
             None => Ok(()),
             Some(other) => Err(Failure::Interlock {
@@ -79,7 +82,7 @@ impl State {
         let Some(min_off) = safety.and_then(|safety| safety.min_off) else {
             return Ok(());
         };
-        if self.is(place, true, now.of(&place.module)) {
+        if self.is(place, true, now) {
             return Ok(());
         }
         let known = self.guard.outputs.get(place);
@@ -96,15 +99,20 @@ impl State {
 
     /// Whether an output may be on. Only a good reading that says off, of a time after whatever
     /// was done to it, says that it is not.
-    pub(super) fn may_be_on(&self, place: &Place, now: Instant) -> bool {
+    fn may_be_on(&self, place: &Place, now: &Now) -> bool {
         let rising = self.guard.outputs.get(place).map_or(0, |out| out.rising);
         rising > 0 || !self.is(place, false, now)
     }
 
     /// Whether an output is in this state beyond doubt.
-    fn is(&self, place: &Place, wanted: bool, now: Instant) -> bool {
-        let (known, quality) = self.site.point(&place.module, place.point, now);
-        let doubt = self.guard.outputs.get(place).and_then(|out| out.doubt);
+    fn is(&self, place: &Place, wanted: bool, now: &Now) -> bool {
+        let at = now.of(&place.module);
+        let (known, quality) = self.site.point(&place.module, place.point, at);
+        let output = self.guard.outputs.get(place);
+        if output.is_some_and(|output| output.busy_until > now.site) {
+            return false;
+        }
+        let doubt = output.and_then(|output| output.doubt);
         known.is_some_and(|known| {
             let after = doubt.is_none_or(|doubt| known.read >= doubt);
             quality == Quality::Good && after && known.value == Value::Bool(wanted)
@@ -172,10 +180,7 @@ impl State {
             .iter()
             .filter_map(|place| self.site.config().safety(place));
         let excluded = safety.flat_map(|safety| &safety.interlock);
-        let unsure = |place: &&Place| {
-            let now = now.of(&place.module);
-            !self.is(place, true, now) && !self.is(place, false, now)
-        };
+        let unsure = |place: &&Place| !self.is(place, true, now) && !self.is(place, false, now);
         excluded
             .filter(unsure)
             .map(|place| place.module.clone())
@@ -195,7 +200,7 @@ impl State {
 
     /// Of these outputs, those that are not off beyond doubt.
     pub(super) fn not_off(&self, places: Vec<Place>, now: &Now) -> Vec<Place> {
-        let off = |place: &Place| self.is(place, false, now.of(&place.module));
+        let off = |place: &Place| self.is(place, false, now);
         places.into_iter().filter(|place| !off(place)).collect()
     }
 }
@@ -225,13 +230,20 @@ impl Guard {
         output.doubt = output.doubt.max(doubt);
     }
 
+    /// The module goes on by itself with an output until this time of the site.
+    pub(super) fn busy_until(&mut self, place: &Place, until: Micros) {
+        let output = self.output(place);
+        output.busy_until = output.busy_until.max(until);
+    }
+
     /// An output must not be switched on before this time of the site.
     pub(super) fn free_at(&mut self, place: &Place, at: Micros) {
         let output = self.output(place);
         output.free_at = output.free_at.max(Some(at));
     }
 
-    /// The clocks of these modules' lines begin anew, and nothing is known of their outputs.
+    /// The clocks of these modules' lines begin anew, and nothing is known of their outputs; what
+    /// the modules do by themselves goes on.
     pub(super) fn forget_doubts(&mut self, of: impl Fn(&str) -> bool) {
         for (_, output) in self.outputs.iter_mut().filter(|(at, _)| of(&at.module)) {
             output.doubt = None;
@@ -242,5 +254,42 @@ impl Guard {
     pub(super) fn retain(&mut self, there: impl Fn(&Place) -> bool) {
         self.outputs
             .retain(|place, output| output.rising > 0 || there(place));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Config;
+    use railbus_device::{Bank, Point, PointKind, Seen};
+    use railbus_host::Presence;
+
+    /// A board lets go of a relay for an hour, and pulls it in again by itself.
+    #[test]
+    fn what_a_module_does_by_itself_goes_on_while_its_line_is_lent() {
+        let text = "[line.main]\nport = \"/dev/ttyUSB0\"\n[module.gate]\nline = \"main\"\n\
+                    model = \"r55\"\naddress = 4\n[module.gate.point.k1]\ninterlock = [\"gate.k2\"]\n";
+        let mut state = State::new(Config::parse(text).unwrap(), true);
+        let kind = PointKind::Output;
+        let place = |index| Place::new("gate", Point { kind, index });
+        let hour = Micros::from_secs(3_600);
+        state.guard.rises(&place(0));
+        state.guard.ended(&place(0), Some(Instant(7)));
+        state.guard.busy_until(&place(0), hour);
+        state.site.forget(|_| true);
+        state.guard.forget_doubts(|_| true);
+        let off = Seen::Channels {
+            outputs: Bank::new(0xF, 0),
+            inputs: Bank::default(),
+        };
+        state.site.heard("gate", Presence::Online);
+        state.site.saw("gate", &off, Instant(0));
+        let at = |site| Now {
+            site,
+            lines: BTreeMap::default(),
+        };
+        let refused = state.rise(&[place(1)], &at(Micros::from_secs(9)));
+        assert!(matches!(refused, Err(Failure::Interlock { .. })));
+        assert_eq!(state.rise(&[place(1)], &at(hour)), Ok(()));
     }
 }

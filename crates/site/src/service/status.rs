@@ -143,15 +143,28 @@ impl Service {
     /// A point.
     #[must_use]
     pub fn point(&self, module: &str, point: Point) -> Option<PointStatus> {
-        let now = self.inner.line_time(module);
-        let state = lock(&self.inner.state);
-        let config = state.site.config().modules.get(module)?;
-        (point.index < config.setup.count(point.kind))
-            .then(|| state.point(&self.inner.timers, module, config, point, now))
+        self.inner.point(module, point)
     }
 }
 
 impl Inner {
+    fn point(&self, module: &str, point: Point) -> Option<PointStatus> {
+        let now = self.line_time(module);
+        let state = lock(&self.state);
+        let config = state.site.config().modules.get(module)?;
+        (point.index < config.setup.count(point.kind))
+            .then(|| state.point(&self.timers, module, config, point, now))
+    }
+
+    /// What an output is, where that is known now.
+    pub(super) fn known(&self, place: &Place) -> Option<bool> {
+        let status = self.point(&place.module, place.point)?;
+        match (status.quality, status.value) {
+            (Quality::Good, Some(Value::Bool(on))) => Some(on),
+            _ => None,
+        }
+    }
+
     /// The time in which readings of a module are told.
     pub(super) fn line_time(&self, module: &str) -> Instant {
         match self.place(module) {

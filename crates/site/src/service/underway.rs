@@ -105,7 +105,7 @@ impl Underway {
         note: Note,
         mut effect: Effect,
     ) -> Result<Underway, Failure> {
-        let before = |point: &Point| (*point, inner.output(module, *point));
+        let before = |point: &Point| (*point, inner.known(&Place::new(module, *point)));
         let before: Vec<_> = points.iter().map(before).collect();
         let (origin, what) = (note.origin.clone(), note.what.clone());
         let begun = inner.begin(module, &before, note).await?;
@@ -183,7 +183,7 @@ impl Underway {
             falling,
             busy,
         } = &self.effect;
-        let from = self.inner.line_time(&self.module) + *busy;
+        let from = self.inner.line_time(&self.module);
         let doubt = match acted {
             Acted::No => None,
             Acted::Surely if *busy == Micros::ZERO => None,
@@ -194,6 +194,7 @@ impl Underway {
         for place in rising {
             state.guard.ended(place, doubt);
             if acted != Acted::No && *busy > Micros::ZERO {
+                state.guard.busy_until(place, now + *busy);
                 state.went_off(place, now + *busy);
             }
         }

@@ -4,7 +4,9 @@ use crate::board::{self, k, until};
 use crate::safety::{site, switch};
 use railbus_host::Presence;
 use railbus_site::config::Place;
-use railbus_site::{BatchTerms, Config, Failure, Leased, Pulse, Quality, Reason, Service};
+use railbus_site::{
+    BatchTerms, Config, Failure, Leased, Pulse, Quality, Reason, Service, WriteTerms,
+};
 use railbus_wire::Micros;
 use std::time::Duration;
 
@@ -233,5 +235,20 @@ async fn a_line_that_is_borrowed_again_at_once_is_not_opened_between() {
     assert!(switch(&service, "oven", 1, true).await.is_err());
     assert_eq!(boards.relays(3), 0, "it is lent");
     again.end(None).await;
+    service.close().await;
+}
+
+#[tokio::test]
+async fn what_was_known_of_a_silent_module_is_not_what_was_before() {
+    let (service, boards) = site("").await;
+    boards.mute(3, true);
+    let quality = || service.point("oven", k(1)).unwrap().quality;
+    until(|| quality() == Quality::Bad(Reason::Offline)).await;
+    boards.set(3, 1);
+    boards.mute(3, false);
+    let set = [(k(1), true)];
+    let done = service.write("oven", &set, WriteTerms::default()).await;
+    let (_, _, before) = done.unwrap().outputs[0];
+    assert_ne!(before, Some(false), "it was switched by hand meanwhile");
     service.close().await;
 }
