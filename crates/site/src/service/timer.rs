@@ -490,11 +490,11 @@ impl Timers {
     pub(super) async fn end_now(&self, of: impl Fn(&Place) -> bool) -> Vec<(Key, u64)> {
         let mut count = self.count.subscribe();
         let mut ending = Vec::new();
-        for (key, entry) in &mut lock(&self.running).by_key {
-            if key.1 != Why::MaxOn && of(&key.0) {
+        for key in self.keys(|key| key.1 != Why::MaxOn && of(&key.0)) {
+            if let Some(entry) = lock(&self.running).by_key.get_mut(&key) {
                 entry.is_ending = true;
                 entry.at.send_replace(Instant::now());
-                ending.push((key.clone(), entry.number));
+                ending.push((key, entry.number));
             }
         }
         let until = Instant::now() + STOP_MAX;
@@ -515,12 +515,17 @@ impl Timers {
 
     /// How long these outputs may be on is not counted any more.
     pub(super) fn forget_limits(&self, of: impl Fn(&Place) -> bool) {
-        let counted = |key: &&Key| key.1 == Why::MaxOn && of(&key.0);
-        let mut running = lock(&self.running);
-        let keys: Vec<Key> = running.by_key.keys().filter(counted).cloned().collect();
-        for older in keys.iter().filter_map(|key| running.by_key.remove(key)) {
-            let _ = older.take_over.send(Over::ForGood);
+        for key in self.keys(|key| key.1 == Why::MaxOn && of(&key.0)) {
+            self.take_over(&key);
         }
+    }
+
+    /// Those that run. Who is asked which of them are meant may look at the site: its lock is
+    /// taken before the one of this.
+    fn keys(&self, of: impl Fn(&Key) -> bool) -> Vec<Key> {
+        let mut keys: Vec<Key> = lock(&self.running).by_key.keys().cloned().collect();
+        keys.retain(of);
+        keys
     }
 
     fn runs(&self, key: &Key, number: u64) -> bool {
