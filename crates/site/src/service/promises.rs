@@ -128,6 +128,12 @@ impl Promises {
         made.by_key.get(key).map(|(_, promise)| promise.end)
     }
 
+    /// How long it was from the beginning until what was promised, where anything was.
+    pub(super) fn length_of(&self, key: &Key) -> Option<Duration> {
+        let made = lock(&self.made);
+        made.by_key.get(key).map(|(_, promise)| promise.length)
+    }
+
     /// Makes a promise, unless there is a newer one; it is on the disk when this returns.
     pub(super) async fn make(&self, key: &Key, number: u64, promise: Promise) -> io::Result<()> {
         let made = self.change(|made| {

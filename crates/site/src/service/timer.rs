@@ -221,16 +221,27 @@ impl Inner {
         }
     }
 
-    /// The timer of an output that may be on for so long only, where none runs.
+    /// The timer of an output that may be on for so long only, where none of that length runs.
     pub(super) fn limit_on(self: &Arc<Inner>, place: &Place) -> Option<Timer> {
         let longest = {
             let state = lock(&self.state);
             state.site.config().safety(place)?.max_on?
         };
         let key = (place.clone(), Why::MaxOn);
-        let runs = !self.polls || self.timers.due(&key).is_some();
-        let promise = Promise::after(Duration::from_micros(longest.0), Some(false));
-        (!runs).then(|| Timer::new(self, key, promise))
+        let length = Duration::from_micros(longest.0);
+        let passed = match self.timers.due(&key) {
+            None => Duration::ZERO,
+            // It is on already, and may be so for longer or less long by now.
+            Some(left) => {
+                let before = self.promises.length_of(&key)?;
+                (before != length).then(|| before.saturating_sub(left))?
+            }
+        };
+        let promise = Promise {
+            length,
+            ..Promise::after(length.saturating_sub(passed), Some(false))
+        };
+        self.polls.then(|| Timer::new(self, key, promise))
     }
 
     /// There is another configuration: outputs that are on are limited as it says.

@@ -252,3 +252,20 @@ async fn what_was_known_of_a_silent_module_is_not_what_was_before() {
     assert_ne!(before, Some(false), "it was switched by hand meanwhile");
     service.close().await;
 }
+
+#[tokio::test]
+async fn an_output_that_is_on_may_be_on_for_less_long_from_now_on() {
+    let (port, boards) = board::start().await;
+    let service = two(&port).await;
+    let limited = |longest: &str| {
+        let text = named(&port, "oven", "yard");
+        format!("{text}[module.oven.point]\nk1.max_on = \"{longest}\"\n")
+    };
+    service.reload(&limited("1h")).await.unwrap();
+    switch(&service, "oven", 1, true).await.unwrap();
+    let left = || service.point("oven", k(1)).unwrap().left.max_on;
+    assert!(left().is_some());
+    service.reload(&limited("300ms")).await.unwrap();
+    until(|| boards.relays(3) == 0).await;
+    service.close().await;
+}
