@@ -268,7 +268,8 @@ mod tests {
     #[test]
     fn what_a_module_does_by_itself_goes_on_while_its_line_is_lent() {
         let text = "[line.main]\nport = \"/dev/ttyUSB0\"\n[module.gate]\nline = \"main\"\n\
-                    model = \"r55\"\naddress = 4\n[module.gate.point.k1]\ninterlock = [\"gate.k2\"]\n";
+                    model = \"r55\"\naddress = 4\n\
+                    [module.gate.point.k1]\ninterlock = [\"gate.k2\"]\n";
         let mut state = State::new(Config::parse(text).unwrap(), true);
         let kind = PointKind::Output;
         let place = |index| Place::new("gate", Point { kind, index });
