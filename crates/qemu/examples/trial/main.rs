@@ -12,6 +12,7 @@ mod burst;
 mod cases;
 mod five;
 mod same;
+mod site;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
