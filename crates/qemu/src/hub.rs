@@ -19,10 +19,20 @@ struct Member {
     speed: Box<dyn FnMut(Turn) -> Option<u32> + Send>,
 }
 
-/// A line. Members keep their places; who has left leaves an empty one.
+/// What lies between the members.
+type Noise = Box<dyn FnMut(&mut Vec<u8>) + Send>;
+
+/// Members keep their places; who has left leaves an empty one.
+#[derive(Default)]
+struct Wire {
+    members: Vec<Option<Member>>,
+    noise: Option<Noise>,
+}
+
+/// A line.
 #[derive(Clone, Default)]
 pub struct Hub {
-    members: Arc<Mutex<Vec<Option<Member>>>>,
+    wire: Arc<Mutex<Wire>>,
 }
 
 impl std::fmt::Debug for Hub {
@@ -45,9 +55,9 @@ impl Hub {
         hears: impl Write + Send + 'static,
         speed: impl FnMut(Turn) -> Option<u32> + Send + 'static,
     ) {
-        let mut members = self.members();
-        let own = members.len();
-        members.push(Some(Member {
+        let mut wire = self.wire();
+        let own = wire.members.len();
+        wire.members.push(Some(Member {
             hears: Box::new(hears),
             speed: Box::new(speed),
         }));
@@ -57,12 +67,22 @@ impl Hub {
             while let Ok(count @ 1..) = says.read(&mut buffer) {
                 hub.broadcast(own, &buffer[..count]);
             }
-            hub.members()[own] = None;
+            hub.wire().members[own] = None;
         });
     }
 
+    /// Whatever is said from now on goes through this, which may spoil it.
+    pub fn disturb(&self, noise: impl FnMut(&mut Vec<u8>) + Send + 'static) {
+        self.wire().noise = Some(Box::new(noise));
+    }
+
     fn broadcast(&self, from: usize, bytes: &[u8]) {
-        let mut members = self.members();
+        let mut wire = self.wire();
+        let Wire { members, noise } = &mut *wire;
+        let mut bytes = bytes.to_vec();
+        if let Some(noise) = noise {
+            noise(&mut bytes);
+        }
         let speed = members[from]
             .as_mut()
             .and_then(|member| (member.speed)(Turn::Speaks));
@@ -73,14 +93,14 @@ impl Hub {
                 (Some(one), Some(other)) => is_same(one, other),
                 _ => false,
             };
-            if understood && member.hears.write_all(bytes).is_err() {
+            if understood && member.hears.write_all(&bytes).is_err() {
                 *slot = None;
             }
         }
     }
 
-    fn members(&self) -> MutexGuard<'_, Vec<Option<Member>>> {
-        self.members.lock().unwrap_or_else(PoisonError::into_inner)
+    fn wire(&self) -> MutexGuard<'_, Wire> {
+        self.wire.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -128,6 +148,17 @@ mod tests {
         members[1].read_exact(&mut [0]).expect("it hears");
         members[2].set_nonblocking(true).expect("a socket");
         assert!(members[2].read(&mut [0]).is_err());
+    }
+
+    #[test]
+    fn what_disturbs_the_line_spoils_what_is_heard() {
+        let hub = Hub::new();
+        let mut members = [member(&hub, 9600), member(&hub, 9600)];
+        hub.disturb(|bytes| bytes.retain(|byte| *byte != b'1'));
+        members[0].write_all(b"$016\r").expect("it is heard");
+        let mut heard = [0; 4];
+        members[1].read_exact(&mut heard).expect("it hears");
+        assert_eq!(&heard, b"$06\r");
     }
 
     #[test]

@@ -108,6 +108,14 @@ impl Machine {
         self.qmp().go()
     }
 
+    /// Stops the processor: what is seen from now on stays as it is.
+    ///
+    /// # Errors
+    /// Where QEMU is gone.
+    pub fn halt(&mut self) -> io::Result<()> {
+        self.qmp().halt()
+    }
+
     fn qmp(&self) -> MutexGuard<'_, Qmp> {
         self.qmp.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -51,6 +51,11 @@ impl Qmp {
         self.execute(&[json!({"execute": "cont"})]).map(|_| ())
     }
 
+    /// Stops it.
+    pub(crate) fn halt(&mut self) -> io::Result<()> {
+        self.execute(&[json!({"execute": "stop"})]).map(|_| ())
+    }
+
     fn answer(&mut self, command: &Value) -> io::Result<Value> {
         loop {
             let mut line = self.line()?;

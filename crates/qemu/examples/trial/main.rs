@@ -11,8 +11,16 @@
 mod burst;
 mod cases;
 mod five;
+mod http;
 mod same;
 mod site;
+mod truth;
+
+#[path = "../../../sim/examples/soak/dice.rs"]
+mod dice;
+#[path = "../../../sim/examples/soak/oracle.rs"]
+#[allow(dead_code, reason = "the soak adds up many runs")]
+mod oracle;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -25,6 +33,7 @@ const TRIALS: &[(&str, Trial)] = &[
     ("cases", cases::every_case_holds),
     ("burst", burst::no_frame_of_a_burst_is_lost),
     ("five", five::railbus_runs_five_boards),
+    ("truth", truth::what_is_told_is_so),
     ("same", same::the_same_bytes_get_the_same_replies),
 ];
 
