@@ -1,19 +1,24 @@
 //! The demo with boards in QEMU instead of simulated modules.
 
+use crate::signals;
 use railbus_cases::{Bench, Outside};
 use railbus_device::Options;
 use railbus_qemu::{Board, Folder, Hub, Pty};
 use railbus_sim::demo;
 use railbus_wire::Instant;
+use rustix::process::{Pid, Signal, kill_process};
 use std::path::Path;
-use std::process::Command;
+use std::process::{Child, Command};
+use std::sync::mpsc;
 use std::time::{self, Duration};
 
 /// How often the inputs are moved on.
 const STEP: Duration = Duration::from_millis(250);
 
-/// Until `railbus serve` ends, which it does when somebody presses Ctrl-C.
+/// Until `railbus serve` ends, which it does when somebody presses Ctrl-C, or tells us to end.
 pub(crate) fn run(images: &str, railbus: &str, args: &[String]) -> Result<(), String> {
+    let (asked, asked_to_end) = mpsc::sync_channel(1);
+    signals::tell(asked, ()).map_err(said)?;
     let folder = Folder::new().map_err(said)?;
     let hub = Hub::new();
     let mut boards = Vec::new();
@@ -57,8 +62,16 @@ pub(crate) fn run(images: &str, railbus: &str, args: &[String]) -> Result<(), St
                 board.surround(&outside).map_err(said)?;
             }
         }
-        std::thread::park_timeout(STEP);
+        if asked_to_end.recv_timeout(STEP).is_ok() {
+            stop(&serve);
+        }
     }
+}
+
+/// Asks it to end, which it may have been already: Ctrl-C is for all programs of a terminal.
+fn stop(serve: &Child) {
+    // It may have ended by itself.
+    let _ = kill_process(Pid::from_child(serve), Signal::TERM);
 }
 
 /// What lies around a module of the demo at a time.

@@ -18,12 +18,14 @@
 mod demo;
 #[path = "../../../interop/rig/src/describe.rs"]
 mod describe;
+mod signals;
 
 use railbus_cases::{Bench, Outside};
 use railbus_qemu::{Board, Hub, Pty};
 use std::io::BufRead;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::mpsc::{self, Receiver};
 
 fn main() -> ExitCode {
     let args: Vec<String> = std::env::args().skip(1).collect();
@@ -40,7 +42,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Until standard input ends.
+/// Until standard input ends, or a signal comes.
 fn serve(args: &[String]) -> Result<(), String> {
     let [link, flag, images, modules @ ..] = args else {
         return Err(String::from("say LINK --images FOLDER --module ..."));
@@ -48,6 +50,7 @@ fn serve(args: &[String]) -> Result<(), String> {
     if flag != "--images" {
         return Err(format!("`{flag}` is not `--images`"));
     }
+    let orders = orders().map_err(|error| error.to_string())?;
     let mut line = Line::default();
     for pair in modules.chunks(2) {
         match pair {
@@ -58,7 +61,7 @@ fn serve(args: &[String]) -> Result<(), String> {
     let pty = Pty::open(Path::new(link)).map_err(|error| format!("{link}: {error}"))?;
     pty.join(&line.hub).map_err(|error| error.to_string())?;
     println!("ok");
-    for order in std::io::stdin().lock().lines().map_while(Result::ok) {
+    for order in orders.into_iter().map_while(|order| order) {
         match line.obey(order.trim()) {
             Ok(answer) if answer.is_empty() => println!("ok"),
             Ok(answer) => println!("ok {answer}"),
@@ -66,6 +69,18 @@ fn serve(args: &[String]) -> Result<(), String> {
         }
     }
     Ok(())
+}
+
+/// What standard input says line by line; none when it has ended, or a signal came.
+fn orders() -> std::io::Result<Receiver<Option<String>>> {
+    let (says, orders) = mpsc::sync_channel(1);
+    signals::tell(says.clone(), None)?;
+    std::thread::spawn(move || {
+        let lines = std::io::stdin().lock().lines().map_while(Result::ok);
+        let mut orders = lines.map(Some).chain([None]);
+        orders.try_for_each(|order| says.send(order))
+    });
+    Ok(orders)
 }
 
 /// The boards and what joins them.
