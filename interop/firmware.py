@@ -8,6 +8,7 @@ mbpoll say them, to boards whose relays are seen on another way.
 import concurrent.futures
 import os
 import sys
+import threading
 import time
 
 import masters
@@ -16,20 +17,45 @@ import modbus_cases
 import pymodbus_suite
 import rig
 
-# QEMU paces no characters, so that the EDA9060A and its pulses are left to the trial's cases.
-TABLES = ("ERC-8", "EMD-2A2Q", "EDA9050 Modbus")
-WORKERS = 4
+WORKERS = 6
 SHOWN = 10
+
+# Of so many requests one may have to be asked again, and a few in any case.
+ONE_IN = 20
+A_FEW = 5
+
+# Tables that try every address and speed before the power goes off. The firmware spares its EEPROM:
+# what so many changes come to at power-up is another matter, so that follows on a fresh board.
+SPARED = ("ERC-8", "EDA9060A Modbus", "EDA9050 Modbus")
 
 
 def reachable(steps):
-    """The steps that can be taken in QEMU. Its UART has no parity; and the firmware spares its
-    EEPROM, so that what the many changes before it come to at power-up is another matter."""
-    for step in steps:
-        if isinstance(step, modbus_cases.Do) and step.command.startswith("power "):
-            return
-        if "parity: silent" not in str(getattr(step, "entries", "")):
-            yield step
+    """The steps that can be taken in QEMU. Its UART has no parity, and nobody there tells when an
+    output moved: pulses are left to the trials."""
+    moved = [at for at, step in enumerate(steps) if is_done(step, "changes ")
+             or isinstance(step, modbus_cases.Pulses)]
+    if moved:
+        steps = steps[:moved[0]] + steps[moved[-1] + 1:]
+    silent = modbus_cases.SILENT
+    return [step for step in steps
+            if "parity" not in str(getattr(step, "entries", "")) or step.want != silent]
+
+
+def lives(table, module, steps):
+    """What happens to one module, or to one until it loses its power and to another one from
+    shortly before that."""
+    if table not in SPARED:
+        return [(table, table, module, steps)]
+    before = next(at for at, step in enumerate(steps) if is_done(step, "power "))
+    while not getattr(steps[before - 1], "entries", ""):
+        before -= 1
+    return [(table, table, module, steps[:before]),
+            (f"{table}, power", table, module, steps[before:])]
+
+
+def is_done(step, command):
+    """Whether a step does this at the panel."""
+    return isinstance(step, modbus_cases.Do) and step.command.startswith(command)
 
 
 class Board(rig.Rig):
@@ -50,7 +76,11 @@ class Board(rig.Rig):
 
 class Patient:
     """A master that asks again where nothing came and something must: a busy machine may hold up
-    QEMU in the middle of a frame, which ends a Modbus frame."""
+    QEMU in the middle of a frame, which ends a Modbus frame. What then comes must be right, and so
+    must what comes to the same question after it; and it must be rare."""
+
+    lock = threading.Lock()
+    asked = again = 0
 
     def __init__(self, master):
         self.master = master
@@ -67,19 +97,29 @@ class Patient:
 
     def request(self, unit, step, timeout):
         """Asks, up to five times."""
-        for _ in range(5):
-            got = self.master.request(unit, step, timeout)
+        got = self.master.request(unit, step, timeout)
+        for again in range(4):
+            self._count(again)
             if got == step.want or got != modbus_cases.SILENT:
-                break
+                return got
+            got = self.master.request(unit, step, timeout)
+            if got == step.want and isinstance(getattr(step, "arg", None), int):
+                # Read anew, it is the same.
+                return self.master.request(unit, step, timeout)
         return got
+
+    @classmethod
+    def _count(cls, again):
+        with cls.lock:
+            cls.asked += not again
+            cls.again += bool(again)
 
 
 def suites(words):
-    """The suites of both masters, over the tables that need no exact time."""
+    """The suites of both masters, over all tables."""
     masters.Rig = Board
-    lines = {table: modbus_cases.LINES[table] for table in TABLES}
-    masters.LINES = {table: (module, [*reachable(steps)])
-                     for table, (module, steps) in lines.items()}
+    lines = [life for table, (module, steps) in modbus_cases.LINES.items()
+             for life in lives(table, module, reachable(steps))]
     both = {"pymodbus": pymodbus_suite.Master, "mbpoll": mbpoll_suite.Master}
     for name, master in both.items():
         helper = None if master is pymodbus_suite.Master else pymodbus_suite.Master
@@ -87,6 +127,7 @@ def suites(words):
             name,
             lambda port, master=master: Patient(master(port)),
             helper and (lambda port, helper=helper: Patient(helper(port))),
+            lines,
         )
         for suite in driven:
             if any(word in suite[0] for word in words or [""]):
@@ -114,6 +155,10 @@ def main(images, *words):
         for line, failures in pool.map(judge, suites(words)):
             print("\n".join([line, *failures[:SHOWN]]), flush=True)
             failed += len(failures)
+    print(f"{Patient.asked} requests, {Patient.again} asked again", flush=True)
+    if Patient.again > A_FEW + Patient.asked // ONE_IN:
+        print(f"FAILED: more than one in {ONE_IN} had to be asked again")
+        failed += 1
     return 1 if failed else 0
 
 

@@ -8,21 +8,22 @@ PATIENCE = 2.0
 SILENCE = 0.4
 
 
-def drive(name, open_master, open_helper=None):
+def drive(name, open_master, open_helper=None, lines=None):
     """The suites of one master, one for each line: a name, and a function that gives back a tally.
+    `lines` are title, table, module and steps of each; if not said, all there are.
 
     What the master cannot say is not counted; where it would change the module, a helper says
     it, so that the steps after it find what they expect.
     """
+    lines = lines or [(table, table, *line) for table, line in LINES.items()]
     return [
-        (f"{name}, {table}", lambda table=table: _suite(table, open_master, open_helper))
-        for table in LINES
+        (f"{name}, {title}", lambda line=line: _suite(*line, open_master, open_helper))
+        for title, *line in lines
     ]
 
 
-def _suite(table, open_master, open_helper):
+def _suite(table, module, steps, open_master, open_helper):
     tally = Tally(table)
-    module, steps = LINES[table]
     with Rig(module) as rig, open_master(rig.port) as master:
         helper = open_helper(rig.port) if open_helper else None
         unit = 1
