@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Boards side by side. Most of the time each waits for silence.
-const BOARDS: usize = 4;
+const BOARDS: usize = 6;
 
 /// What is not passed side by side has so many tries alone: a busy machine may hold up QEMU in
 /// the middle of a frame that gets no reply. A firmware that is wrong is wrong each time.

@@ -29,12 +29,15 @@ use std::time::Instant;
 /// Something that the firmware must do; what was seen, or why it failed.
 type Trial = fn(&World) -> Result<String, String>;
 
-const TRIALS: &[(&str, Trial)] = &[
-    ("cases", cases::every_case_holds),
-    ("burst", burst::no_frame_of_a_burst_is_lost),
-    ("five", five::railbus_runs_five_boards),
-    ("truth", truth::what_is_told_is_so),
-    ("same", same::the_same_bytes_get_the_same_replies),
+/// One after another; those of a row side by side, as they mostly wait.
+const TRIALS: &[&[(&str, Trial)]] = &[
+    &[("cases", cases::every_case_holds)],
+    &[("burst", burst::no_frame_of_a_burst_is_lost)],
+    &[
+        ("five", five::railbus_runs_five_boards),
+        ("truth", truth::what_is_told_is_so),
+    ],
+    &[("same", same::the_same_bytes_get_the_same_replies)],
 ];
 
 /// What a trial needs to know.
@@ -57,22 +60,33 @@ fn main() -> ExitCode {
     };
     let words: Vec<String> = args.collect();
     let wanted = |name: &str| words.is_empty() || words.iter().any(|word| name.contains(word));
-    let mut failed = 0;
-    for (name, trial) in TRIALS.iter().filter(|(name, _)| wanted(name)) {
-        let began = Instant::now();
-        let result = trial(&world);
-        let took = began.elapsed().as_secs();
-        match result {
-            Ok(seen) => println!("passed {name} in {took} s: {seen}"),
-            Err(why) => {
-                failed += 1;
-                println!("FAILED {name} in {took} s: {why}");
+    let mut passed = true;
+    for row in TRIALS {
+        std::thread::scope(|scope| {
+            let wanted = row.iter().filter(|(name, _)| wanted(name));
+            let running: Vec<_> = wanted
+                .map(|(name, trial)| scope.spawn(|| run(name, *trial, &world)))
+                .collect();
+            for trial in running {
+                passed &= trial.join().is_ok_and(|passed| passed);
             }
-        }
+        });
     }
-    if failed == 0 {
+    if passed {
         ExitCode::SUCCESS
     } else {
         ExitCode::FAILURE
     }
+}
+
+/// Whether a trial passes; says so, and what was seen.
+fn run(name: &str, trial: Trial, world: &World) -> bool {
+    let began = Instant::now();
+    let result = trial(world);
+    let took = began.elapsed().as_secs();
+    match &result {
+        Ok(seen) => println!("passed {name} in {took} s: {seen}"),
+        Err(why) => println!("FAILED {name} in {took} s: {why}"),
+    }
+    result.is_ok()
 }
