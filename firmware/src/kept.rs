@@ -80,11 +80,11 @@ impl<S: Store> Kept<S> {
     }
 
     /// Keeps these settings, now or as soon as that may be.
-    pub fn save(&mut self, now: Instant, settings: Eeprom) {
+    pub fn save(&mut self, now: Instant, settings: &Eeprom) {
         // The engine has no settings that its module cannot have.
-        if let Ok(record) = self.record.with(settings) {
+        if let Ok(record) = self.record.with(*settings) {
             self.record = record;
-            self.keeper.save(now, record);
+            self.keeper.save(now, &self.record);
         }
     }
 
@@ -106,8 +106,11 @@ mod tests {
 
     impl Store for &mut Holds {
         type Error = ();
-        fn read(&mut self) -> Result<Option<Bytes>, ()> {
-            self.0
+        fn read<'a>(&mut self, room: &'a mut Bytes) -> Result<Option<&'a [u8]>, ()> {
+            Ok(self.0?.map(|held| {
+                *room = held;
+                room.bytes()
+            }))
         }
         fn write(&mut self, bytes: &[u8]) -> Result<(), ()> {
             self.0 = Ok(Bytes::of(bytes));
@@ -126,7 +129,7 @@ mod tests {
 
     #[test]
     fn only_settings_of_the_own_family_are_used() {
-        let holding = |family| Holds(Ok(Some(record(family, 7).encode())));
+        let holding = |family| Holds(Ok(Bytes::of(&record(family, 7).encode())));
         assert_eq!(load(&mut holding(Family::Erc8)), (Origin::Kept, 7));
         assert_eq!(load(&mut holding(Family::R55)), (Origin::OtherFamily, 1));
         assert_eq!(load(&mut Holds(Ok(None))), (Origin::Factory, 1));
@@ -144,7 +147,7 @@ mod tests {
             address,
             ..kept.record().eeprom()
         };
-        kept.save(Instant(0), settings);
+        kept.save(Instant(0), &settings);
         assert_eq!(kept.counters().written, 1);
         assert_eq!(load(&mut store), (Origin::Kept, 9));
     }

@@ -93,3 +93,16 @@ impl Reader<'_> {
         self.take().map(u32::from_le_bytes)
     }
 }
+
+/// Room to write into from the front.
+pub(crate) struct Writer<'a>(pub(crate) &'a mut [u8]);
+
+impl Writer<'_> {
+    /// Writes these bytes, or nothing where there is no room for all.
+    pub(crate) fn put<const N: usize>(&mut self, bytes: [u8; N]) {
+        if let Some((room, rest)) = core::mem::take(&mut self.0).split_first_chunk_mut() {
+            *room = bytes;
+            self.0 = rest;
+        }
+    }
+}

@@ -7,7 +7,7 @@
 
 use crate::bytes::Bytes;
 use crate::keeper::Store;
-use crate::slot::{SLOT, Slot, slot_image};
+use crate::slot::{SLOT, Slot, kept, slot_image};
 use core::ops::Range;
 use embedded_storage::nor_flash::NorFlash;
 
@@ -56,11 +56,18 @@ impl<F: NorFlash> Flash<F> {
         Ok(image)
     }
 
-    /// The slot that counts.
-    fn newest(&mut self) -> Result<Option<Slot>, F::Error> {
-        let mut newest = None;
+    /// The slot that counts, read into `room`.
+    fn newest(&mut self, room: &mut Bytes) -> Result<Option<Slot>, F::Error> {
+        let mut newest: Option<Slot> = None;
         for at in self.range.clone().step_by(SLOT as usize) {
-            newest = Slot::later(newest, Slot::of(at, &self.image(at)?));
+            let image = self.image(at)?;
+            let later = Slot::later(newest, Slot::of(at, &image));
+            if let Some(found) = later
+                && found.at == at
+            {
+                *room = Bytes::of(&image).unwrap_or_default();
+            }
+            newest = later;
         }
         Ok(newest)
     }
@@ -86,12 +93,13 @@ impl<F: NorFlash> Flash<F> {
 impl<F: NorFlash> Store for Flash<F> {
     type Error = F::Error;
 
-    fn read(&mut self) -> Result<Option<Bytes>, F::Error> {
-        Ok(self.newest()?.map(|slot| slot.kept))
+    fn read<'a>(&mut self, room: &'a mut Bytes) -> Result<Option<&'a [u8]>, F::Error> {
+        let newest = self.newest(room)?;
+        Ok(newest.and_then(|_| kept(room.bytes())))
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), F::Error> {
-        let newest = self.newest()?;
+        let newest = self.newest(&mut Bytes::new())?;
         let at = self.blank_after(newest)?;
         let mut image = BLANK;
         let slot = slot_image(bytes, Slot::next(newest));

@@ -10,11 +10,12 @@ pub trait Store {
     /// What the chip or its bus can fail with.
     type Error;
 
-    /// The bytes that are held, where there are any.
+    /// The bytes that are held, where there are any. The store reads them into `room`, and hands
+    /// out that part of it.
     ///
     /// # Errors
     /// Where the chip can't be read.
-    fn read(&mut self) -> Result<Option<Bytes>, Self::Error>;
+    fn read<'a>(&mut self, room: &'a mut Bytes) -> Result<Option<&'a [u8]>, Self::Error>;
 
     /// Holds these bytes, 1 to 119, instead.
     ///
@@ -53,15 +54,42 @@ pub struct Counters {
     pub refused: u16,
 }
 
+/// A record as bytes: half of what it takes as a [`Record`], and compared as quickly.
+type Packed = [u8; Record::LEN];
+
+/// What a keeper knows of what its store holds.
+#[derive(Clone, Copy, Debug)]
+enum Known {
+    /// Nothing that could be what is to be kept.
+    Other,
+    /// These bytes.
+    Packed(Packed),
+    /// What a newer firmware wrote.
+    Newer,
+}
+
+impl Known {
+    fn of(bytes: Option<&[u8]>) -> Known {
+        let Some(bytes) = bytes else {
+            return Known::Other;
+        };
+        match bytes.try_into() {
+            _ if Record::is_newer(bytes) => Known::Newer,
+            Ok(packed) => Known::Packed(packed),
+            Err(_) => Known::Other,
+        }
+    }
+}
+
 /// Keeps the settings of one module.
 #[derive(Clone, Debug)]
 pub struct Keeper<S> {
     store: S,
     budget: Budget,
     /// What the store is known to hold.
-    held: Option<Held>,
+    held: Option<Known>,
     /// What it does not hold yet.
-    wanted: Option<Record>,
+    wanted: Option<Packed>,
     /// Not before then.
     due: Instant,
     counters: Counters,
@@ -108,20 +136,18 @@ impl<S: Store> Keeper<S> {
     /// # Errors
     /// Where the chip can't be read: what it holds is not known then.
     pub fn load(&mut self) -> Result<Held, S::Error> {
-        let bytes = self.store.read()?;
-        let held = match bytes.map(|bytes| Record::decode(bytes.bytes())) {
+        let mut room = Bytes::new();
+        Ok(match self.look(&mut room)?.map(Record::decode) {
             Some(Ok(record)) => Held::Record(record),
             Some(Err(Unreadable::Newer(version))) => Held::Newer(version),
             Some(Err(Unreadable::Malformed)) | None => Held::Nothing,
-        };
-        self.held = Some(held);
-        Ok(held)
+        })
     }
 
     /// Keeps this: at once where that may be, else as soon as [`Keeper::poll`] is asked when it
     /// may. What was still waiting is forgotten.
-    pub fn save(&mut self, now: Instant, record: Record) {
-        self.wanted = Some(record);
+    pub fn save(&mut self, now: Instant, record: &Record) {
+        self.wanted = Some(record.encode());
         if self.poll(now).is_some() {
             count(&mut self.counters.deferred);
         }
@@ -129,40 +155,52 @@ impl<S: Store> Keeper<S> {
 
     /// Writes what is waiting, where its time has come; when to ask again.
     pub fn poll(&mut self, now: Instant) -> Option<Instant> {
-        let record = self.wanted?;
-        if self.held == Some(Held::Record(record)) {
+        if self.is_held() {
             self.end(|counters| &mut counters.unchanged);
-        } else if self.due <= now {
-            self.attempt(now, record);
+        } else if self.is_waiting() && self.due <= now {
+            self.attempt(now);
         }
-        self.wanted.map(|_| self.due)
+        self.is_waiting().then_some(self.due)
     }
 
-    fn attempt(&mut self, now: Instant, record: Record) {
-        let held = match self.held {
-            Some(held) => Ok(held),
-            None => self.load(),
-        };
-        match held {
-            Ok(Held::Record(held)) if held == record => {
-                self.end(|counters| &mut counters.unchanged);
-            }
-            Ok(Held::Newer(_)) => self.end(|counters| &mut counters.refused),
-            Ok(_) => self.write(now, record),
-            Err(_) => self.fail(now),
+    /// The bytes that are held, in their room; they are known from now on.
+    fn look<'a>(&mut self, room: &'a mut Bytes) -> Result<Option<&'a [u8]>, S::Error> {
+        let bytes = self.store.read(room)?;
+        self.held = Some(Known::of(bytes));
+        Ok(bytes)
+    }
+
+    /// Whether what is to be kept is known to be held already.
+    fn is_held(&self) -> bool {
+        matches!(
+            (&self.held, &self.wanted),
+            (Some(Known::Packed(held)), Some(wanted)) if held == wanted
+        )
+    }
+
+    fn attempt(&mut self, now: Instant) {
+        if self.held.is_none() && self.look(&mut Bytes::new()).is_err() {
+            self.fail(now);
+        } else if self.is_held() {
+            self.end(|counters| &mut counters.unchanged);
+        } else if matches!(self.held, Some(Known::Newer)) {
+            self.end(|counters| &mut counters.refused);
+        } else {
+            self.write(now);
         }
     }
 
-    fn write(&mut self, now: Instant, record: Record) {
+    fn write(&mut self, now: Instant) {
         if let Err(later) = self.budget.take(now) {
             self.due = later;
             return;
         }
         // Until it is read back, nobody knows what is held.
         self.held = None;
-        let written = self.store.write(record.encode().bytes());
-        let held = written.and_then(|()| self.load());
-        if held.is_ok_and(|held| held == Held::Record(record)) {
+        let bytes = self.wanted.as_ref().map_or(&[][..], |wanted| wanted);
+        let written = self.store.write(bytes);
+        let read = written.and_then(|()| self.look(&mut Bytes::new()).map(drop));
+        if read.is_ok() && self.is_held() {
             self.end(|counters| &mut counters.written);
         } else {
             self.fail(now);

@@ -14,7 +14,7 @@
 //! use railbus_wire::Address;
 //!
 //! let record = Record::factory(&Setup::new(Family::Erc8, Address(7)))?;
-//! let image = slot_image(record.encode().bytes(), 1);
+//! let image = slot_image(&record.encode(), 1);
 //! assert_eq!(image.bytes().len(), Record::LEN + 9, "it goes to offset 0 of the EEPROM");
 //! # Ok::<(), railbus_keep::RecordError>(())
 //! ```

@@ -39,7 +39,7 @@
 //! version, and may be longer, up to 119 bytes. A firmware reads every version up to its own, and
 //! refuses a higher one ([`Unreadable::Newer`]).
 
-use crate::bytes::{Bytes, Reader};
+use crate::bytes::{Reader, Writer};
 use core::fmt;
 use railbus_device::{Applies, Beyond, Calibration, Eeprom, Family, Layout, Options};
 use railbus_device::{Setup, SetupError};
@@ -173,12 +173,14 @@ impl Record {
 
     /// The record as bytes.
     #[must_use]
-    pub fn encode(&self) -> Bytes {
-        let mut bytes = Bytes::new();
-        bytes.push(&[VERSION]);
-        encode_setup(&self.setup, &mut bytes);
-        encode_options(&self.options, &mut bytes);
-        encode_eeprom(&self.eeprom, &mut bytes);
+    pub fn encode(&self) -> [u8; Record::LEN] {
+        let (setup, options, eeprom) = (&self.setup, &self.options, &self.eeprom);
+        let mut bytes = [0; Record::LEN];
+        let mut room = Writer(&mut bytes);
+        room.put([VERSION]);
+        encode_setup(setup, &mut room);
+        encode_options(options, &mut room);
+        encode_eeprom(eeprom, &mut room);
         bytes
     }
 
@@ -189,9 +191,14 @@ impl Record {
     pub fn decode(bytes: &[u8]) -> Result<Record, Unreadable> {
         match bytes.split_first() {
             Some((&VERSION, rest)) => decode_1(rest).ok_or(Unreadable::Malformed),
-            Some((&newer, _)) if newer > VERSION => Err(Unreadable::Newer(newer)),
+            Some((&newer, _)) if Record::is_newer(bytes) => Err(Unreadable::Newer(newer)),
             _ => Err(Unreadable::Malformed),
         }
+    }
+
+    /// Whether a newer firmware wrote these bytes.
+    pub(crate) fn is_newer(bytes: &[u8]) -> bool {
+        bytes.first().is_some_and(|version| *version > VERSION)
     }
 }
 
@@ -205,7 +212,7 @@ fn decode_1(bytes: &[u8]) -> Option<Record> {
     record.filter(|_| from.0.is_empty())
 }
 
-fn encode_setup(setup: &Setup, bytes: &mut Bytes) {
+fn encode_setup(setup: &Setup, bytes: &mut Writer<'_>) {
     let Setup {
         family,
         outputs,
@@ -220,7 +227,7 @@ fn encode_setup(setup: &Setup, bytes: &mut Bytes) {
         serial: _,
         checksum: _,
     } = *setup;
-    bytes.push(&[
+    bytes.put([
         family_code(family),
         outputs,
         inputs,
@@ -247,7 +254,7 @@ fn decode_setup(from: &mut Reader<'_>) -> Option<Setup> {
     })
 }
 
-fn encode_options(options: &Options, bytes: &mut Bytes) {
+fn encode_options(options: &Options, bytes: &mut Writer<'_>) {
     let Options {
         turnaround,
         applies,
@@ -264,7 +271,7 @@ fn encode_options(options: &Options, bytes: &mut Bytes) {
         insist_on_gap,
         beyond,
     ]);
-    bytes.push(&[bits, applies_code(applies)]);
+    bytes.put([bits, applies_code(applies)]);
     encode_time(turnaround, bytes);
 }
 
@@ -289,7 +296,7 @@ fn decode_options(from: &mut Reader<'_>) -> Option<Options> {
 }
 
 /// The settings, with what is beyond the datasheet.
-fn encode_eeprom(eeprom: &Eeprom, bytes: &mut Bytes) {
+fn encode_eeprom(eeprom: &Eeprom, bytes: &mut Writer<'_>) {
     let Eeprom {
         address,
         serial,
@@ -300,9 +307,9 @@ fn encode_eeprom(eeprom: &Eeprom, bytes: &mut Bytes) {
         calibration,
         beyond,
     } = eeprom;
-    bytes.push(&[address.0, protocol_code(*protocol)]);
-    bytes.push(&serial.baud.rate().to_le_bytes());
-    bytes.push(&[
+    bytes.put([address.0, protocol_code(*protocol)]);
+    bytes.put(serial.baud.rate().to_le_bytes());
+    bytes.put([
         character_code(serial.character),
         u8::from(*checksum),
         *pulse_mask,
@@ -332,17 +339,17 @@ fn decode_eeprom(from: &mut Reader<'_>) -> Option<Eeprom> {
     })
 }
 
-fn encode_beyond(beyond: &Beyond, bytes: &mut Bytes) {
+fn encode_beyond(beyond: &Beyond, bytes: &mut Writer<'_>) {
     let Beyond {
         watchdog,
         power_on,
         safe,
         tripped,
     } = *beyond;
-    bytes.push(&[watchdog]);
-    bytes.push(&power_on.to_le_bytes());
-    bytes.push(&safe.to_le_bytes());
-    bytes.push(&[u8::from(tripped)]);
+    bytes.put([watchdog]);
+    bytes.put(power_on.to_le_bytes());
+    bytes.put(safe.to_le_bytes());
+    bytes.put([u8::from(tripped)]);
 }
 
 fn decode_beyond(from: &mut Reader<'_>) -> Option<Beyond> {
@@ -356,19 +363,19 @@ fn decode_beyond(from: &mut Reader<'_>) -> Option<Beyond> {
     })
 }
 
-fn encode_calibration(calibration: &Calibration, bytes: &mut Bytes) {
+fn encode_calibration(calibration: &Calibration, bytes: &mut Writer<'_>) {
     let Calibration {
         voltage,
         zero,
         span,
     } = calibration;
-    bytes.push(&voltage.to_le_bytes());
+    bytes.put(voltage.to_le_bytes());
     for zero in zero {
-        bytes.push(&zero.to_le_bytes());
+        bytes.put(zero.to_le_bytes());
     }
     for (measured, applied) in span {
-        bytes.push(&measured.to_le_bytes());
-        bytes.push(&applied.to_le_bytes());
+        bytes.put(measured.to_le_bytes());
+        bytes.put(applied.to_le_bytes());
     }
 }
 
@@ -381,8 +388,8 @@ fn decode_calibration(from: &mut Reader<'_>) -> Option<Calibration> {
 }
 
 /// A time that [`Record::new`] has found to fit.
-fn encode_time(time: Micros, bytes: &mut Bytes) {
-    bytes.push(&(time.0 as u32).to_le_bytes());
+fn encode_time(time: Micros, bytes: &mut Writer<'_>) {
+    bytes.put((time.0 as u32).to_le_bytes());
 }
 
 fn decode_time(from: &mut Reader<'_>) -> Option<Micros> {

@@ -11,7 +11,7 @@
 //! Numbers go low byte first. Slots begin every [`SLOT`] bytes. A chip as it leaves its factory,
 //! all FF, or all 00, holds nothing. This framing has no version of its own: it stays.
 
-use crate::bytes::{Bytes, Reader};
+use crate::bytes::Bytes;
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 
 /// The distance of slots: a whole number of pages of any 24C chip, and of words of any flash.
@@ -32,22 +32,16 @@ pub(crate) struct Slot {
     /// Where it lies.
     pub(crate) at: u32,
     pub(crate) sequence: u32,
-    pub(crate) kept: Bytes,
 }
 
 impl Slot {
     /// The slot that this image begins with, where it is whole.
     pub(crate) fn of(at: u32, image: &[u8]) -> Option<Slot> {
-        let (header, _) = image.split_first_chunk::<HEADER>()?;
-        let [.., len] = *header;
-        let image = image.get(..HEADER + usize::from(len) + CHECK)?;
-        let (body, check) = image.split_last_chunk()?;
-        let mut from = Reader(body);
-        let sequence = from.u32()?;
-        from.u8()?;
+        let sequence = u32::from_le_bytes(*image.first_chunk()?);
+        let whole = image.get(..HEADER + kept(image)?.len() + CHECK)?;
+        let (body, check) = whole.split_last_chunk()?;
         let right = CRC.checksum(body) == u32::from_le_bytes(*check);
-        let kept = Bytes::of(from.0).filter(|_| right && len > 0)?;
-        Some(Slot { at, sequence, kept })
+        right.then_some(Slot { at, sequence })
     }
 
     /// The one of two that counts; the first where neither does more.
@@ -65,6 +59,15 @@ impl Slot {
     pub(crate) fn next(slot: Option<Slot>) -> u32 {
         slot.map_or(1, |slot| slot.sequence.wrapping_add(1))
     }
+}
+
+/// The bytes that the slot keeps which this image begins with; nothing where they can't be so
+/// few or so many.
+pub(crate) fn kept(image: &[u8]) -> Option<&[u8]> {
+    let (&[.., len], rest) = image.split_first_chunk::<HEADER>()?;
+    let kept = rest.get(..usize::from(len))?;
+    let fits = (1..=Bytes::MAX - HEADER - CHECK).contains(&kept.len());
+    fits.then_some(kept)
 }
 
 /// A slot as it lies in the chip; empty where the bytes are none, or more than 119.

@@ -6,7 +6,7 @@
 
 use crate::bytes::Bytes;
 use crate::keeper::Store;
-use crate::slot::{CHECK, HEADER, SLOT, Slot, slot_image};
+use crate::slot::{CHECK, HEADER, SLOT, Slot, kept, slot_image};
 use embedded_storage::Storage;
 
 /// How often a slot is read that seems broken, so that a disturbed I²C does not make a module
@@ -32,14 +32,11 @@ impl<S> Slots<S> {
 }
 
 impl<S: Storage> Slots<S> {
-    /// The slot that counts.
-    fn newest(&mut self) -> Result<Option<Slot>, S::Error> {
-        Ok(Slot::later(self.slot(0)?, self.slot(SLOT)?))
-    }
-
-    fn slot(&mut self, at: u32) -> Result<Option<Slot>, S::Error> {
+    /// The slot at this place, read into `image`.
+    fn slot(&mut self, at: u32, image: &mut Bytes) -> Result<Option<Slot>, S::Error> {
         for _ in 0..READS {
-            let slot = self.read_slot(at)?;
+            self.read_slot(at, image)?;
+            let slot = Slot::of(at, image.bytes());
             if slot.is_some() {
                 return Ok(slot);
             }
@@ -47,30 +44,40 @@ impl<S: Storage> Slots<S> {
         Ok(None)
     }
 
-    fn read_slot(&mut self, at: u32) -> Result<Option<Slot>, S::Error> {
+    /// Reads as much of a slot as it says that it has; nothing where that is too much.
+    fn read_slot(&mut self, at: u32, image: &mut Bytes) -> Result<(), S::Error> {
         let mut header = [0; HEADER];
         self.storage.read(at, &mut header)?;
         let [.., len] = header;
-        let mut image = Bytes::new();
-        let Some(room) = image.room(HEADER + usize::from(len) + CHECK) else {
-            return Ok(None);
-        };
-        self.storage.read(at, room)?;
-        Ok(Slot::of(at, image.bytes()))
+        match image.room(HEADER + usize::from(len) + CHECK) {
+            Some(room) => self.storage.read(at, room),
+            None => {
+                *image = Bytes::new();
+                Ok(())
+            }
+        }
     }
 }
 
 impl<S: Storage> Store for Slots<S> {
     type Error = S::Error;
 
-    fn read(&mut self) -> Result<Option<Bytes>, S::Error> {
-        Ok(self.newest()?.map(|slot| slot.kept))
+    fn read<'a>(&mut self, room: &'a mut Bytes) -> Result<Option<&'a [u8]>, S::Error> {
+        let mut image = Bytes::new();
+        let second = self.slot(SLOT, &mut image)?;
+        let newest = Slot::later(self.slot(0, room)?, second);
+        if newest.is_some_and(|newest| newest.at == SLOT) {
+            *room = image;
+        }
+        Ok(newest.and_then(|_| kept(room.bytes())))
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), S::Error> {
-        let newest = self.newest()?;
+        let mut image = Bytes::new();
+        let first = self.slot(0, &mut image)?;
+        let newest = Slot::later(first, self.slot(SLOT, &mut image)?);
         let at = newest.map_or(0, |newest| SLOT - newest.at);
-        let image = slot_image(bytes, Slot::next(newest));
+        image = slot_image(bytes, Slot::next(newest));
         self.storage.write(at, image.bytes())
     }
 }

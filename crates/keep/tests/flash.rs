@@ -26,7 +26,7 @@ fn load(nor: Nor) -> (Held, Nor) {
 
 fn save(nor: Nor, record: Record) -> Nor {
     let mut keeper = keeper(nor);
-    keeper.save(Instant(0), record);
+    keeper.save(Instant(0), &record);
     keeper.into_inner().into_inner()
 }
 

@@ -66,7 +66,7 @@ fn version_1_is_what_it_was() {
         15 02  0D0C0B0A
         42 04 80250000 00 01 0A C8  2211 FEFF4433 66558877 AA99CCBB
         77 EFBEADDE 08040201 01");
-    assert_eq!(full().encode().bytes(), bytes);
+    assert_eq!(full().encode()[..], bytes);
     assert_eq!(Record::decode(&bytes), Ok(full()));
     assert_eq!(bytes.len(), Record::LEN);
 }
@@ -96,13 +96,13 @@ fn version_1_of_each_family_is_what_it_was() {
     ];
     for (family, head, settings) in expected {
         let bytes = hex(&[head, tail, settings, neutral].concat());
-        assert_eq!(factory(family, 7).encode().bytes(), bytes, "{family}");
+        assert_eq!(factory(family, 7).encode()[..], bytes, "{family}");
     }
 }
 
 #[test]
 fn a_newer_version_is_refused_whatever_it_holds() {
-    let mut bytes = full().encode().bytes().to_vec();
+    let mut bytes = full().encode().to_vec();
     for version in 2..=255 {
         bytes[0] = version;
         assert_eq!(Record::decode(&bytes), Err(Unreadable::Newer(version)));
@@ -115,8 +115,7 @@ fn a_newer_version_is_refused_whatever_it_holds() {
 
 #[test]
 fn what_is_cut_short_or_too_long_is_nothing() {
-    let bytes = full().encode();
-    let bytes = bytes.bytes();
+    let bytes = &full().encode()[..];
     for len in 1..bytes.len() {
         assert_eq!(Record::decode(&bytes[..len]), Err(Unreadable::Malformed));
     }
@@ -147,7 +146,7 @@ fn codes_and_switches_that_no_version_1_writes_are_refused() {
         (50, 2),    // tripped
     ];
     for (at, value) in bad {
-        let mut bytes = full().encode().bytes().to_vec();
+        let mut bytes = full().encode().to_vec();
         bytes[at] = value;
         let read = Record::decode(&bytes);
         assert_eq!(read, Err(Unreadable::Malformed), "{value} at {at}");
@@ -265,7 +264,7 @@ proptest! {
 
     #[test]
     fn every_record_comes_back(record in record()) {
-        prop_assert_eq!(Record::decode(record.encode().bytes()), Ok(record));
+        prop_assert_eq!(Record::decode(&record.encode()), Ok(record));
     }
 
     #[test]
@@ -280,11 +279,11 @@ proptest! {
     fn a_changed_byte_is_nothing_or_a_possible_module(
         record in record(), at in 0..Record::LEN, value: u8,
     ) {
-        let mut bytes = record.encode().bytes().to_vec();
+        let mut bytes = record.encode().to_vec();
         bytes[at] = value;
         if let Ok(read) = Record::decode(&bytes) {
             prop_assert_eq!(read.setup().check(), Ok(()));
-            prop_assert_eq!(read.encode().bytes().len(), Record::LEN);
+            prop_assert_eq!(read.encode().len(), Record::LEN);
         }
     }
 }
@@ -297,7 +296,7 @@ proptest! {
     fn what_a_module_wants_kept_can_be_kept(record in record(), happens in vec(happens(), 0..30)) {
         for eeprom in saves(&record, &happens) {
             let kept = record.with(eeprom);
-            let back = kept.ok().map(|kept| Record::decode(kept.encode().bytes()));
+            let back = kept.ok().map(|kept| Record::decode(&kept.encode()));
             prop_assert_eq!(back.map(|back| back.map(|back| back.eeprom())), Some(Ok(eeprom)));
         }
     }

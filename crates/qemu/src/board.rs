@@ -72,7 +72,7 @@ impl Board {
         let folder = Folder::new()?;
         let record = Record::new(setup, options, eeprom).map_err(io::Error::other)?;
         let mut bytes = vec![0xFF; EEPROM];
-        let slot = slot_image(record.encode().bytes(), 1);
+        let slot = slot_image(&record.encode(), 1);
         bytes[..slot.bytes().len()].copy_from_slice(slot.bytes());
         std::fs::write(folder.path().join("ee.bin"), bytes)?;
         let mut board = Board {

@@ -173,7 +173,7 @@ impl Board for BluePill {
         self.terminals.sense()
     }
     fn save(&mut self, settings: &Eeprom) {
-        self.kept.save(now(), *settings);
+        self.kept.save(now(), settings);
     }
 }
 

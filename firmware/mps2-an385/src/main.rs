@@ -138,7 +138,7 @@ impl Board for Mps2 {
         self.panel.sense()
     }
     fn save(&mut self, settings: &Eeprom) {
-        self.kept.save(clock::now(), *settings);
+        self.kept.save(clock::now(), settings);
     }
 }
 
