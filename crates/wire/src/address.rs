@@ -45,7 +45,8 @@ impl Channel {
     /// The mask with only this channel's bit set: bit 0 is index 0.
     #[must_use]
     pub const fn mask(self) -> u32 {
-        1 << self.0
+        // No index is above 31: so the compiler sees it, too.
+        1 << (self.0 & 31)
     }
 }
 

@@ -199,13 +199,13 @@ impl Request {
                 type_code,
                 baud_code,
                 format,
-            } => put(out, [new_address.0, type_code, baud_code, format]),
+            } => put(out, &[new_address.0, type_code, baud_code, format]),
             Request::ReadData => out.push(b'6'),
-            Request::WriteOutputs { order, data } => put(out, [order, data]),
+            Request::WriteOutputs { order, data } => put(out, &[order, data]),
             Request::ReadPulse => out.push(b'3'),
             Request::WritePulse { mask, width } => {
                 out.push(b'4');
-                put(out, [mask, width.tenths()]);
+                put(out, &[mask, width.tenths()]);
             }
             Request::ReadLatched | Request::ReadSafe => out.push(b'4'),
             Request::SampleAll | Request::HostOk | Request::ReadAll => {}
@@ -215,11 +215,11 @@ impl Request {
             Request::ClearWatchdog => out.push(b'1'),
             Request::WriteWatchdog { enabled, tenths } => {
                 out.extend(&[b'3', b'0' + u8::from(enabled)]);
-                put(out, [tenths]);
+                put(out, &[tenths]);
             }
             Request::WriteSafe { power_on, safe } => {
                 out.push(b'5');
-                put(out, [power_on, safe]);
+                put(out, &[power_on, safe]);
             }
             Request::Rename(name) => {
                 out.push(b'O');
@@ -276,10 +276,12 @@ impl Exchange {
 }
 
 /// Appends bytes as digits.
-#[inline]
-fn put<const N: usize>(out: &mut Frame, bytes: [u8; N]) {
-    let pairs = bytes.map(crate::hex::digits);
-    out.extend(pairs.as_flattened());
+#[cfg_attr(feature = "small", inline(never))]
+#[cfg_attr(not(feature = "small"), inline)]
+fn put(out: &mut Frame, bytes: &[u8]) {
+    for byte in bytes {
+        out.extend(&crate::hex::digits(*byte));
+    }
 }
 
 /// Appends the checksum, where there is one, and the CR. The sum is of the codes of all

@@ -1,14 +1,18 @@
 //! The two checksums: CRC-16 of Modbus and the 8-bit sum of everything else.
 
-static CRC_TABLE: [u16; 256] = crc_table();
+/// Entries of the table: 256 take a byte a step, 16 half a byte.
+const ENTRIES: usize = if cfg!(feature = "small") { 16 } else { 256 };
 
-const fn crc_table() -> [u16; 256] {
-    let mut table = [0u16; 256];
-    let mut byte = 0;
-    while byte < 256 {
-        let mut crc = byte as u16;
+static CRC_TABLE: [u16; ENTRIES] = crc_table();
+
+/// What the lowest bits of a CRC become, as many as count the table's entries.
+const fn crc_table<const N: usize>() -> [u16; N] {
+    let mut table = [0u16; N];
+    let mut low = 0;
+    while low < N {
+        let mut crc = low as u16;
         let mut bit = 0;
-        while bit < 8 {
+        while bit < N.ilog2() {
             crc = if crc & 1 == 1 {
                 (crc >> 1) ^ 0xA001
             } else {
@@ -18,12 +22,12 @@ const fn crc_table() -> [u16; 256] {
         }
         #[allow(
             clippy::indexing_slicing,
-            reason = "byte < 256, evaluated by the compiler"
+            reason = "low < N, evaluated by the compiler"
         )]
         {
-            table[byte] = crc;
+            table[low] = crc;
         }
-        byte += 1;
+        low += 1;
     }
     table
 }
@@ -31,19 +35,29 @@ const fn crc_table() -> [u16; 256] {
 /// CRC-16/MODBUS: polynomial 8005h reflected, start FFFFh. It goes on the wire low byte first
 /// [MODBUS §1.2]. Over a frame *with* its CRC the result is 0.
 #[must_use]
-#[inline]
+#[cfg_attr(feature = "small", inline(never))]
+#[cfg_attr(not(feature = "small"), inline)]
 pub fn crc16(bytes: &[u8]) -> u16 {
+    crc16_by(&CRC_TABLE, bytes)
+}
+
+#[inline]
+fn crc16_by<const N: usize>(table: &[u16; N], bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xFFFF, |crc, &byte| {
-        let index = usize::from((crc as u8) ^ byte);
-        #[allow(clippy::indexing_slicing, reason = "a byte always indexes 256 entries")]
-        let entry = CRC_TABLE[index];
-        (crc >> 8) ^ entry
+        let mut crc = crc ^ u16::from(byte);
+        for _ in 0..8 / N.ilog2() {
+            #[allow(clippy::indexing_slicing, reason = "the lowest bits count its entries")]
+            let entry = table[usize::from(crc) % N];
+            crc = crc >> N.ilog2() ^ entry;
+        }
+        crc
     })
 }
 
 /// The low byte of the sum of all bytes, as ASCII, LC-02 and the 0x55 boards use it.
 #[must_use]
-#[inline]
+#[cfg_attr(feature = "small", inline(never))]
+#[cfg_attr(not(feature = "small"), inline)]
 pub fn sum8(bytes: &[u8]) -> u8 {
     bytes
         .iter()
@@ -60,5 +74,14 @@ mod tests {
         assert_eq!(crc16(&[1, 1, 0, 0x3C, 0, 1]), 0xC63D); // printed as 3D C6
         assert_eq!(crc16(&[1, 1, 0, 0x3C, 0, 1, 0x3D, 0xC6]), 0);
         assert_eq!(sum8(b"$016"), 0xBB); // printed as BB
+    }
+
+    #[test]
+    fn a_small_table_says_the_same() {
+        let bytes: [u8; 256] = core::array::from_fn(|at| (at * 167 + 3) as u8);
+        for len in 0..bytes.len() {
+            let large = crc16_by::<256>(&crc_table(), &bytes[..len]);
+            assert_eq!(crc16_by::<16>(&crc_table(), &bytes[..len]), large);
+        }
     }
 }

@@ -34,9 +34,10 @@ impl Frame {
     }
 
     /// Adds bytes at the end; false, and nothing added, when they do not fit.
-    #[inline]
+    #[cfg_attr(feature = "small", inline(never))]
+    #[cfg_attr(not(feature = "small"), inline)]
     pub fn extend(&mut self, bytes: &[u8]) -> bool {
-        let end = self.len + bytes.len();
+        let end = self.len.saturating_add(bytes.len());
         match self.buffer.get_mut(self.len..end) {
             Some(free) => {
                 free.copy_from_slice(bytes);
@@ -45,6 +46,18 @@ impl Frame {
             }
             None => false,
         }
+    }
+
+    /// Forgets the first bytes; the others move up.
+    pub fn drop_front(&mut self, count: usize) {
+        let rest = self.len.saturating_sub(count);
+        for at in 0..rest {
+            let byte = self.buffer.get(at.saturating_add(count)).copied();
+            if let (Some(slot), Some(byte)) = (self.buffer.get_mut(at), byte) {
+                *slot = byte;
+            }
+        }
+        self.len = rest;
     }
 
     /// Replaces the content.
@@ -56,11 +69,13 @@ impl Frame {
         }
     }
 
-    #[inline]
+    #[cfg_attr(feature = "small", inline(never))]
+    #[cfg_attr(not(feature = "small"), inline)]
     pub(crate) fn push(&mut self, byte: u8) {
-        if let Some(slot) = self.buffer.get_mut(self.len) {
+        let at = self.len;
+        if let Some(slot) = self.buffer.get_mut(at) {
             *slot = byte;
-            self.len += 1;
+            self.len = at + 1;
         }
     }
 }
@@ -82,5 +97,26 @@ impl Eq for Frame {}
 impl core::fmt::Debug for Frame {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(f, "{:02X?}", self.bytes())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_behind_moves_up() {
+        let mut frame = Frame::new();
+        frame.extend(&[1, 2, 3, 4, 5]);
+        frame.drop_front(0);
+        assert_eq!(frame.bytes(), [1, 2, 3, 4, 5]);
+        frame.drop_front(2);
+        assert_eq!(frame.bytes(), [3, 4, 5]);
+        frame.drop_front(usize::MAX);
+        assert_eq!(frame.bytes(), []);
+        frame.extend(&[9; FRAME_MAX]);
+        frame.drop_front(1);
+        assert_eq!(frame.bytes(), [9; FRAME_MAX - 1]);
+        assert!(frame.extend(&[7]) && !frame.extend(&[8]));
     }
 }

@@ -10,17 +10,29 @@ const VALUES: [u8; 256] = values();
 
 const fn values() -> [u8; 256] {
     let mut values = [NONE; 256];
-    let mut nibble = 0;
-    while nibble < 16 {
-        let upper = digit(nibble);
-        #[allow(clippy::indexing_slicing, reason = "a byte always indexes 256 entries")]
+    let mut character = 0;
+    while character < 256 {
+        #[allow(
+            clippy::indexing_slicing,
+            reason = "character < 256, evaluated by the compiler"
+        )]
         {
-            values[upper.to_ascii_lowercase() as usize] = nibble | LOWER;
-            values[upper as usize] = nibble;
+            values[character] = worth(character as u8);
         }
-        nibble += 1;
+        character += 1;
     }
     values
+}
+
+/// What a character is worth as a digit, with [`LOWER`], or [`NONE`].
+#[cfg_attr(feature = "small", inline(never))]
+const fn worth(character: u8) -> u8 {
+    match character {
+        b'0'..=b'9' => character - b'0',
+        b'A'..=b'F' => character - b'A' + 10,
+        b'a'..=b'f' => (character - b'a' + 10) | LOWER,
+        _ => NONE,
+    }
 }
 
 /// Two upper-case digits for each byte, the high one first.
@@ -35,16 +47,24 @@ const fn pairs() -> [[u8; 2]; 256] {
             reason = "byte < 256, evaluated by the compiler"
         )]
         {
-            pairs[byte] = [digit(byte as u8 >> 4), digit(byte as u8 & 0x0F)];
+            pairs[byte] = pair(byte as u8);
         }
         byte += 1;
     }
     pairs
 }
 
+const fn pair(byte: u8) -> [u8; 2] {
+    [digit(byte >> 4), digit(byte & 0x0F)]
+}
+
 /// Two upper-case digits, the high one first.
-#[inline]
+#[cfg_attr(feature = "small", inline(never))]
+#[cfg_attr(not(feature = "small"), inline)]
 pub(crate) const fn digits(byte: u8) -> [u8; 2] {
+    if cfg!(feature = "small") {
+        return pair(byte);
+    }
     #[allow(clippy::indexing_slicing, reason = "a byte always indexes 256 entries")]
     DIGITS[byte as usize]
 }
@@ -60,7 +80,8 @@ pub(crate) const fn digit(nibble: u8) -> u8 {
 }
 
 /// The byte that two digits spell, in upper case or in either.
-#[inline]
+#[cfg_attr(feature = "small", inline(never))]
+#[cfg_attr(not(feature = "small"), inline)]
 pub(crate) const fn byte(high: u8, low: u8, lower_case: bool) -> Option<u8> {
     let (high, low) = (value(high), value(low));
     let refused = if lower_case { NONE } else { NONE | LOWER };
@@ -72,6 +93,9 @@ pub(crate) const fn byte(high: u8, low: u8, lower_case: bool) -> Option<u8> {
 }
 
 const fn value(digit: u8) -> u8 {
+    if cfg!(feature = "small") {
+        return worth(digit);
+    }
     #[allow(clippy::indexing_slicing, reason = "a byte always indexes 256 entries")]
     VALUES[digit as usize]
 }

@@ -225,6 +225,17 @@ impl<'a> WordBlock<'a> {
     pub const fn values(&self) -> &Words<'a> {
         &self.values
     }
+
+    /// Each register that is written, 0-based, and its value.
+    pub fn words(&self) -> impl Iterator<Item = (u16, u16)> {
+        // The block ends with 65535 at the latest, and only behind it a count goes round.
+        let mut next = self.start;
+        self.values.iter().map(move |word| {
+            let at = next;
+            next = next.wrapping_add(1);
+            (at, word)
+        })
+    }
 }
 
 /// What one asks of a module. Starts are 0-based, as on the wire.

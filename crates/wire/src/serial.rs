@@ -119,12 +119,13 @@ impl Settings {
     /// The time that so many characters take on the wire, rounded up to the microsecond.
     #[must_use]
     pub const fn frame_time(self, characters: usize) -> Micros {
-        self.tenths_of_characters(characters as u64 * 10)
+        self.times(characters, self.character.bits() * 1_000_000)
     }
 
     /// The silence that ends a Modbus RTU frame: 3.5 characters of this line's own length up to
     /// 19200 baud, 1.75 ms above [MODBUS §1.4].
     #[must_use]
+    #[cfg_attr(feature = "small", inline(never))]
     pub const fn t3_5(self) -> Micros {
         if self.baud.rate() > 19200 {
             Micros(1750)
@@ -144,9 +145,20 @@ impl Settings {
         }
     }
 
-    const fn tenths_of_characters(self, tenths: u64) -> Micros {
-        let bit_micros = tenths.saturating_mul(self.character.bits() as u64 * 100_000);
-        Micros(bit_micros.div_ceil(self.baud.rate() as u64))
+    const fn tenths_of_characters(self, tenths: usize) -> Micros {
+        self.times(tenths, self.character.bits() * 100_000)
+    }
+
+    /// `count` times so many millionths of a bit, rounded up. Every speed and both lengths are
+    /// multiples of 400; and as many times as there are bits in a second of it take whole
+    /// microseconds, so that only what is beyond that is divided, and in 32 bits.
+    #[cfg_attr(feature = "small", inline(never))]
+    const fn times(self, count: usize, millionths: u32) -> Micros {
+        let (each, rate) = (millionths / 400, self.baud.rate() / 400);
+        let whole = (count / rate as usize) as u64;
+        let rest = (count % rate as usize) as u32;
+        let whole = whole.saturating_mul(each as u64);
+        Micros(whole.saturating_add((rest * each).div_ceil(rate) as u64))
     }
 }
 
@@ -172,6 +184,26 @@ mod tests {
         assert_eq!(at(Baud::B38400, Character::N1).t3_5(), Micros(1_750));
         assert_eq!(at(Baud::B115200, Character::N1).t1_5(), Micros(750));
         assert_eq!(Settings::FACTORY.frame_time(8), Micros(8_334));
+    }
+
+    #[test]
+    fn times_are_what_division_says() {
+        let characters = [Character::N1, Character::E1];
+        for (baud, character) in Baud::ALL
+            .into_iter()
+            .flat_map(|b| characters.map(|c| (b, c)))
+        {
+            let settings = Settings { baud, character };
+            let (bits, rate) = (u128::from(character.bits()), u128::from(baud.rate()));
+            for count in (0..1000).chain([65_535, 1 << 24, u32::MAX as usize]) {
+                let right = (count as u128 * bits * 1_000_000).div_ceil(rate);
+                assert_eq!(
+                    u128::from(settings.frame_time(count).0),
+                    right,
+                    "{settings} {count}"
+                );
+            }
+        }
     }
 
     #[test]

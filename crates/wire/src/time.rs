@@ -9,13 +9,22 @@ pub struct Instant(pub u64);
 impl Instant {
     /// The time from `earlier` to here; zero when `earlier` is later.
     #[must_use]
+    #[cfg_attr(feature = "small", inline(never))]
     pub const fn since(self, earlier: Instant) -> Micros {
         Micros(self.0.saturating_sub(earlier.0))
+    }
+
+    /// The earliest of some moments, of which any may be none.
+    #[must_use]
+    #[cfg_attr(feature = "small", inline(never))]
+    pub fn earliest(all: &[Option<Instant>]) -> Option<Instant> {
+        all.iter().copied().flatten().min()
     }
 }
 
 impl Add<Micros> for Instant {
     type Output = Instant;
+    #[cfg_attr(feature = "small", inline(never))]
     fn add(self, span: Micros) -> Instant {
         Instant(self.0.saturating_add(span.0))
     }
@@ -39,6 +48,26 @@ impl Micros {
     #[must_use]
     pub const fn from_secs(secs: u64) -> Micros {
         Micros(secs.saturating_mul(1_000_000))
+    }
+
+    /// Whole seconds, and the microseconds beyond them.
+    ///
+    /// In steps of 16 bits, as a small processor divides 32 bits by 32, and dividing 64 by a
+    /// function takes half a KiB there.
+    #[must_use]
+    #[cfg_attr(feature = "small", inline(never))]
+    pub const fn seconds(self) -> (u64, u32) {
+        // A second is 64 times 15625 µs.
+        const UNIT: u32 = 15_625;
+        let units = self.0 >> 6;
+        let [high, low] = [(units >> 32) as u32, units as u32];
+        let (first, rest) = (high / UNIT, high % UNIT);
+        let part = rest << 16 | low >> 16;
+        let (second, rest) = (part / UNIT, part % UNIT);
+        let part = rest << 16 | low & 0xFFFF;
+        let (third, rest) = (part / UNIT, part % UNIT);
+        let seconds = (first as u64) << 32 | (second << 16 | third) as u64;
+        (seconds, rest << 6 | self.0 as u32 & 63)
     }
 }
 
@@ -67,5 +96,22 @@ impl Mul<u64> for Micros {
     type Output = Micros;
     fn mul(self, times: u64) -> Micros {
         Micros(self.0.saturating_mul(times))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seconds_are_what_division_says() {
+        let second: u64 = 1_000_000;
+        let around = |at: u64| [at.wrapping_sub(1), at, at.wrapping_add(1)];
+        let ends = [0, 1 << 16, 1 << 22, 1 << 32, 1 << 38, 1 << 54, u64::MAX];
+        let wholes = [1, 2, 15_625, 4_294_967_296, u64::MAX / second].map(|n| n * second);
+        for micros in ends.into_iter().chain(wholes).flat_map(around) {
+            let right = (micros / second, (micros % second) as u32);
+            assert_eq!(Micros(micros).seconds(), right, "{micros}");
+        }
     }
 }

@@ -68,7 +68,6 @@ fn parse(line: Line<'_>, rules: Rules) -> Result<Exchange, Malformed> {
 
 #[inline]
 fn parse_body(delimiter: u8, body: &[u8], lower_case: bool) -> Result<Request, Malformed> {
-    let two = |high: &u8, low: &u8| byte(*high, *low, lower_case).ok_or(Malformed::Syntax);
     Ok(match (delimiter, body) {
         (b'$', [b'M']) => Request::ReadName,
         (b'$', [b'F']) => Request::ReadFirmware,
@@ -78,40 +77,58 @@ fn parse_body(delimiter: u8, body: &[u8], lower_case: bool) -> Result<Request, M
         (b'$', [b'5']) => Request::ReadReset,
         (b'$', [b'6']) => Request::ReadData,
         (b'$', [b'I']) => Request::ReadInit,
-        (b'%', [a, b, c, d, e, f, g, h]) => Request::WriteConfig {
-            new_address: Address(two(a, b)?),
-            type_code: two(c, d)?,
-            baud_code: two(e, f)?,
-            format: two(g, h)?,
-        },
-        (b'#', [a, b, c, d]) => Request::WriteOutputs {
-            order: two(a, b)?,
-            data: two(c, d)?,
-        },
-        (b'#', [b'4', a, b, c, d]) => Request::WritePulse {
-            mask: two(a, b)?,
-            width: PulseWidth::from_tenths(two(c, d)?).ok_or(Malformed::Value)?,
-        },
+        (b'%', [_, _, _, _, _, _, _, _]) => {
+            let [address, type_code, baud_code, format] = bytes(body, lower_case)?;
+            Request::WriteConfig {
+                new_address: Address(address),
+                type_code,
+                baud_code,
+                format,
+            }
+        }
+        (b'#', [_, _, _, _]) => {
+            let [order, data, ..] = bytes(body, lower_case)?;
+            Request::WriteOutputs { order, data }
+        }
+        (b'#', [b'4', rest @ ..]) if rest.len() == 4 => {
+            let [mask, width, ..] = bytes(rest, lower_case)?;
+            Request::WritePulse {
+                mask,
+                width: PulseWidth::from_tenths(width).ok_or(Malformed::Value)?,
+            }
+        }
         (b'@', []) => Request::ReadAll,
         (b'~', [b'0']) => Request::ReadWatchdogStatus,
         (b'~', [b'1']) => Request::ClearWatchdog,
         (b'~', [b'2']) => Request::ReadWatchdog,
-        (b'~', [b'3', e, a, b]) => Request::WriteWatchdog {
-            enabled: match e {
+        (b'~', [b'3', e, rest @ ..]) if rest.len() == 2 => {
+            let enabled = match e {
                 b'0' => false,
                 b'1' => true,
                 _ => return Err(Malformed::Value),
-            },
-            tenths: two(a, b)?,
-        },
+            };
+            let [tenths, ..] = bytes(rest, lower_case)?;
+            Request::WriteWatchdog { enabled, tenths }
+        }
         (b'~', [b'4']) => Request::ReadSafe,
-        (b'~', [b'5', a, b, c, d]) => Request::WriteSafe {
-            power_on: two(a, b)?,
-            safe: two(c, d)?,
-        },
-        (b'~', [b'O', ..]) => Request::Rename(Text::parse(body.get(1..).unwrap_or_default())?),
+        (b'~', [b'5', rest @ ..]) if rest.len() == 4 => {
+            let [power_on, safe, ..] = bytes(rest, lower_case)?;
+            Request::WriteSafe { power_on, safe }
+        }
+        (b'~', [b'O', name @ ..]) => Request::Rename(Text::parse(name)?),
         _ => return Err(Malformed::Function),
     })
+}
+
+/// The bytes that up to eight digits spell; 0 where there are none.
+#[cfg_attr(feature = "small", inline(never))]
+fn bytes(digits: &[u8], lower_case: bool) -> Result<[u8; 4], Malformed> {
+    let mut bytes = [0; 4];
+    let (pairs, _) = digits.as_chunks::<2>();
+    for (to, [high, low]) in bytes.iter_mut().zip(pairs) {
+        *to = byte(*high, *low, lower_case).ok_or(Malformed::Syntax)?;
+    }
+    Ok(bytes)
 }
 
 /// The address in a frame that ends with CR but is no request, where its checksum is right: so

@@ -329,16 +329,16 @@ fn write_body(response: &Response, out: &mut Frame) {
             type_code,
             baud_code,
             format,
-        } => put(out, [type_code, baud_code, format]),
-        Response::Data { outputs, inputs } => put(out, [outputs, inputs, 0]),
-        Response::Pulse { mask, width } => put(out, [mask, width.tenths()]),
-        Response::Safe { power_on, safe } => put(out, [power_on, safe]),
-        Response::Status(status) => put(out, [status]),
-        Response::All(word) => put(out, word.to_be_bytes()),
+        } => put(out, &[type_code, baud_code, format]),
+        Response::Data { outputs, inputs } => put(out, &[outputs, inputs, 0]),
+        Response::Pulse { mask, width } => put(out, &[mask, width.tenths()]),
+        Response::Safe { power_on, safe } => put(out, &[power_on, safe]),
+        Response::Status(status) => put(out, &[status]),
+        Response::All(word) => put(out, &word.to_be_bytes()),
         Response::Flag(flag) => out.push(digit(u8::from(flag))),
         Response::Watchdog { enabled, tenths } => {
             out.push(digit(u8::from(enabled)));
-            put(out, [tenths]);
+            put(out, &[tenths]);
         }
         Response::Latched {
             first,
@@ -346,7 +346,7 @@ fn write_body(response: &Response, out: &mut Frame) {
             inputs,
         } => {
             out.push(digit(u8::from(first)));
-            put(out, [outputs, inputs, 0]);
+            put(out, &[outputs, inputs, 0]);
         }
         Response::Done | Response::Invalid | Response::Ignored => {}
     }
