@@ -12,7 +12,7 @@ pub(crate) use ascii::answer as ascii;
 pub(crate) use counters::{Counters, count};
 pub(crate) use rtu::answer as rtu;
 
-use crate::engine::{Body, Eeprom};
+use crate::engine::{Body, Options};
 use railbus_wire::r55::{self, Request, Response, U24};
 use railbus_wire::{Address, Instant, Micros};
 
@@ -64,6 +64,25 @@ impl Beyond {
         tripped | watches
     }
 
+    /// The outputs at power-up: as kept for that, or safe where nobody has cleared the watchdog
+    /// [BEYOND §1.5].
+    pub(crate) const fn outputs_at_power_up(&self, options: Options) -> u32 {
+        match (options.beyond, self.tripped) {
+            (false, _) => 0,
+            (true, false) => self.power_on,
+            (true, true) => self.safe,
+        }
+    }
+
+    /// When the watchdog trips if the host is not heard after now, where it watches.
+    // Out of line: every protocol begins here.
+    #[inline(never)]
+    pub(crate) fn watched_until(&self, options: Options, now: Instant) -> Option<Instant> {
+        let watches = options.beyond && self.watchdog > 0 && !self.tripped;
+        let time = Micros::from_millis(100) * u64::from(self.watchdog);
+        watches.then(|| now + time)
+    }
+
     const fn number(self, number: u16) -> u16 {
         match number {
             number::STATUS => self.status() as u16,
@@ -95,29 +114,9 @@ impl Beyond {
 }
 
 impl Body {
-    /// At power-up: outputs as kept for that, or safe where nobody has cleared the watchdog
-    /// [BEYOND §1.5].
-    pub(crate) fn power_up(&mut self, now: Instant) {
-        if self.options.beyond {
-            let Beyond {
-                power_on,
-                safe,
-                tripped,
-                ..
-            } = self.eeprom.beyond;
-            self.set_outputs(u32::MAX, if tripped { safe } else { power_on });
-            self.feed(now);
-        }
-    }
-
     /// The host lives: the watchdog begins anew, where it watches [BEYOND §1.1].
     pub(crate) fn feed(&mut self, now: Instant) {
-        let Beyond {
-            watchdog, tripped, ..
-        } = self.eeprom.beyond;
-        let watches = self.options.beyond && watchdog > 0 && !tripped;
-        let time = Micros::from_millis(100) * u64::from(watchdog);
-        self.watched_until = watches.then(|| now + time);
+        self.watched_until = self.eeprom.beyond.watched_until(self.options, now);
     }
 
     /// Brings the outputs into their safe states when the host was silent for too long. Pulses
@@ -135,13 +134,12 @@ impl Body {
     }
 
     /// Keeps new settings, if this module has the outputs that they name; whether it has.
+    // Out of line: two protocols end here, whose code is large as it is.
+    #[inline(never)]
     fn keep_beyond(&mut self, now: Instant, beyond: Beyond) -> bool {
         let fits = (beyond.power_on | beyond.safe) & !self.setup.output_mask() == 0;
         if fits {
-            self.keep(Eeprom {
-                beyond,
-                ..self.eeprom
-            });
+            self.keep().beyond = beyond;
             self.feed(now);
         }
         fits

@@ -9,7 +9,7 @@ mod host;
 pub(crate) use answer::{ascii, lc02, refuse_ascii, rtu};
 pub(crate) use host::{exchange, group, interpret, recognises};
 
-use crate::{Family, Setup};
+use crate::Family;
 use railbus_wire::Baud;
 
 /// The speeds and their codes, the same in all three protocols [EDA §1.2].
@@ -40,16 +40,16 @@ mod write_map {
 /// Bit 7 of the protocol register: ASCII frames carry a checksum [EDA9060A §6.9].
 const PROTOCOL_CHECKSUM: u16 = 1 << 7;
 
-const fn has_pulses(setup: &Setup) -> bool {
-    matches!(setup.family, Family::Eda9060a)
+const fn has_pulses(family: Family) -> bool {
+    matches!(family, Family::Eda9060a)
 }
 
 /// The name a module tells: not the one on its front [EDA9060A §1.2].
-const fn name(setup: &Setup) -> &'static [u8; 4] {
-    if has_pulses(setup) { b"9060" } else { b"9050" }
+const fn name(family: Family) -> &'static [u8; 4] {
+    if has_pulses(family) { b"9060" } else { b"9050" }
 }
 
 /// The model number, BCD [EDA §3.7].
-const fn model(setup: &Setup) -> u16 {
-    if has_pulses(setup) { 0x9060 } else { 0x9050 }
+const fn model(family: Family) -> u16 {
+    if has_pulses(family) { 0x9060 } else { 0x9050 }
 }

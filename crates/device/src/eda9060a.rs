@@ -24,14 +24,17 @@ pub(crate) static PROFILE: Profile = Profile {
 pub(crate) const ABSENT: &[Function] = &[Function::ReadInputRegisters, Function::WriteRegister];
 
 /// Half of the LED's blinking, once a second [EDA9060A §1.6].
-const HALF_BLINK: Micros = Micros::from_millis(500);
+const HALF_BLINK: u32 = 500_000;
 
 /// The LED blinks, and is lit while the module sends.
 pub(crate) const fn led(since_start: Micros, sending: bool) -> bool {
-    sending || (since_start.0 / HALF_BLINK.0).is_multiple_of(2)
+    let (_, into_blink) = since_start.seconds();
+    sending || into_blink < HALF_BLINK
 }
 
 /// How long the LED stays as it is.
 pub(crate) const fn led_holds(since_start: Micros) -> Micros {
-    Micros(HALF_BLINK.0 - since_start.0 % HALF_BLINK.0)
+    let (_, into_blink) = since_start.seconds();
+    let left = HALF_BLINK - into_blink % HALF_BLINK;
+    Micros(left as u64)
 }

@@ -137,7 +137,7 @@ fn carry_out(body: &mut Body, now: Instant, request: Request<'_>) -> Result<Answ
         }
         Request::ReadHoldingRegisters(span) => {
             run_in(0, REGISTERS, span.start(), span.count())?;
-            Ok(Answer::words(&registers(body), span))
+            Ok(Answer::span(&registers(body), span))
         }
         Request::WriteRegister { at, value } => {
             let block = WordBlock::new(at, Words::one(value)).ok_or(Exception::ADDRESS)?;
@@ -178,9 +178,12 @@ fn reading(body: &Body, channel: usize) -> u16 {
     let measured = body.analogs.get(channel).copied().unwrap_or_default();
     let zero = calibration.zero.get(channel).copied().unwrap_or_default();
     let (at_span, voltage) = calibration.span.get(channel).copied().unwrap_or((1, 1));
-    let above_zero = i64::from(measured) - i64::from(zero);
-    let scaled = above_zero * i64::from(voltage) / i64::from(at_span.max(1));
-    u16::try_from(scaled.max(0)).unwrap_or(u16::MAX)
+    // At most 65535, and so the product fits; what lies below zero reads 0.
+    let above_zero = (i32::from(measured) - i32::from(zero))
+        .max(0)
+        .unsigned_abs();
+    let scaled = above_zero * u32::from(voltage) / u32::from(at_span.max(1));
+    u16::try_from(scaled).unwrap_or(u16::MAX)
 }
 
 /// Writes all registers of a block, or none [EMD-2A2Q §2.4].
@@ -192,7 +195,7 @@ fn write_registers(
     run_in(0, REGISTERS, block.start(), block.values().len())?;
     let mut eeprom = body.eeprom;
     let mut command = 0;
-    for (at, value) in (block.start()..).zip(block.values().iter()) {
+    for (at, value) in block.words() {
         let code = u8::try_from(value).map_err(|_| Exception::VALUE);
         match at {
             ADDRESS => eeprom.address = modbus::address(&PROFILE, value)?,
@@ -216,16 +219,16 @@ fn start(body: &mut Body, now: Instant, command: u16, eeprom: Eeprom) {
     if command & RESTORE != 0 {
         // A calibration under way would undo its part of the restore [EMD-2A2Q §5.8].
         body.calibrating = None;
-        body.keep(Eeprom {
+        *body.keep() = Eeprom {
             address: Address(1),
             serial: Settings::FACTORY,
             calibration: Calibration::NEUTRAL,
             ..eeprom
-        });
+        };
         return;
     }
     if eeprom != body.eeprom {
-        body.keep(eeprom);
+        *body.keep() = eeprom;
     }
     let bit = if command & ZERO != 0 {
         ZERO
@@ -259,8 +262,5 @@ pub(crate) fn run_calibration(body: &mut Body, now: Instant) {
             );
         }
     }
-    body.keep(Eeprom {
-        calibration,
-        ..body.eeprom
-    });
+    body.keep().calibration = calibration;
 }

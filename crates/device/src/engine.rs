@@ -6,6 +6,7 @@
 
 mod body;
 mod receiver;
+mod timers;
 
 use crate::beyond::{self, count};
 use crate::{Beyond, Family, Setup, SetupError, eda, emd2a2q, erc8, r55};
@@ -169,7 +170,10 @@ pub struct Engine {
     reply: Frame,
     /// When the reply goes out.
     reply_at: Option<Instant>,
+    /// The reply is on its way, and nothing is heard or written into its frame until it has left.
     sending: bool,
+    /// It is on its way, and the driver has not got it yet.
+    unsent: bool,
     reported: Reported,
     now: Instant,
 }
@@ -195,16 +199,14 @@ impl Engine {
         options: Options,
         now: Instant,
     ) -> Result<Engine, SetupError> {
-        setup.check()?;
-        if Family::ONLY.is_some_and(|only| only != setup.family) {
-            return Err(SetupError::Family);
-        }
+        setup.check_built()?;
         Ok(Engine {
             body: Body::new(setup, eeprom, options, now),
             receiver: Receiver::new(now),
             reply: Frame::new(),
             reply_at: None,
             sending: false,
+            unsent: false,
             reported: Reported {
                 outputs: 0,
                 led: None,
@@ -231,7 +233,7 @@ impl Engine {
             Input::Timeout => self.end_frame_if_silent(),
             Input::Sent if !self.sending => {}
             Input::Sent => {
-                self.sending = false;
+                (self.sending, self.unsent) = (false, false);
                 self.receiver.line_was_busy(now);
                 self.body.apply();
             }
@@ -250,15 +252,15 @@ impl Engine {
         }
         if self.reply_at.is_some_and(|at| at <= self.now) && !self.sending {
             self.reply_at = None;
-            self.sending = true;
+            (self.sending, self.unsent) = (true, true);
             // Half duplex: what is being heard while it begins to talk is lost.
             self.receiver.clear();
         }
         if let Some(lit) = self.led_change() {
             return Output::Effect(Effect::Led(lit));
         }
-        if self.sending && !self.reply.bytes().is_empty() {
-            return self.transmit();
+        if core::mem::take(&mut self.unsent) {
+            return Output::Transmit(self.reply.bytes());
         }
         Output::Wait(self.deadline())
     }
@@ -291,14 +293,6 @@ impl Engine {
     #[must_use]
     pub const fn eeprom(&self) -> &Eeprom {
         &self.body.eeprom
-    }
-
-    fn transmit(&mut self) -> Output<'_> {
-        // The frame is handed out once: an empty one marks it as taken.
-        let taken = core::mem::take(&mut self.receiver.outgoing);
-        self.receiver.outgoing = core::mem::replace(&mut self.reply, taken);
-        self.reply.clear();
-        Output::Transmit(self.receiver.outgoing.bytes())
     }
 
     fn next_effect(&mut self) -> Option<Effect> {
@@ -335,10 +329,7 @@ impl Engine {
         let reply_at = self.reply_at.filter(|_| !self.sending);
         let led = self.body.led_deadline(self.now).filter(|_| !self.sending);
         let frame_end = self.frame_end();
-        [reply_at, led, frame_end, self.body.timer_deadline()]
-            .into_iter()
-            .flatten()
-            .min()
+        Instant::earliest(&[reply_at, led, frame_end, self.body.timer_deadline()])
     }
 
     /// When silence will have ended the frame being heard.

@@ -111,11 +111,11 @@ fn carry_out(body: &mut Body, request: Request<'_>) -> Result<Answer, Exception>
         }
         Request::ReadHoldingRegisters(span) => {
             run_in(ADDRESS, REGISTERS, span.start(), span.count())?;
-            Ok(Answer::words(&registers(body), span))
+            Ok(Answer::span(&registers(body), span))
         }
         Request::WriteRegister { at, value } => {
             let eeprom = configured(body.eeprom, at, value)?;
-            body.keep(eeprom);
+            *body.keep() = eeprom;
             Ok(Answer::Done)
         }
         Request::ReadDiscreteInputs(_)

@@ -280,7 +280,23 @@ impl Setup {
     /// # Errors
     /// The first [`SetupError`] found.
     pub fn check(&self) -> Result<(), SetupError> {
-        let profile = self.family.profile();
+        self.check_by(self.family.profile())
+    }
+
+    /// Checks, too, that the family's own half is built here.
+    ///
+    /// # Errors
+    /// The first [`SetupError`] found.
+    pub fn check_built(&self) -> Result<(), SetupError> {
+        match Family::ONLY {
+            Some(only) if only != self.family => Err(SetupError::Family),
+            // By name, so that the other families' data are left out.
+            Some(only) => self.check_by(only.profile()),
+            None => self.check(),
+        }
+    }
+
+    fn check_by(&self, profile: &Profile) -> Result<(), SetupError> {
         let (low, high) = profile.addresses;
         let low = if self.protocol == Protocol::Rtu {
             low.max(1)
@@ -387,11 +403,21 @@ impl Setup {
     /// The silence that must lie before a request to this module.
     #[must_use]
     pub fn request_gap(&self) -> Micros {
-        let family = self.family.profile().gap;
-        match (self.gap, family, self.protocol) {
+        self.gap_of(self.family.profile(), self.protocol, self.serial)
+    }
+
+    /// The same while the module talks otherwise than described.
+    #[inline]
+    pub(crate) const fn gap_of(
+        &self,
+        profile: &Profile,
+        protocol: Protocol,
+        serial: Settings,
+    ) -> Micros {
+        match (self.gap, profile.gap, protocol) {
             (Some(gap), ..) => gap,
             (None, Some(gap), _) => gap,
-            (None, None, Protocol::Rtu) => self.serial.t3_5(),
+            (None, None, Protocol::Rtu) => serial.t3_5(),
             (None, None, _) => Micros::from_millis(5),
         }
     }

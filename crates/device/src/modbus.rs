@@ -41,22 +41,27 @@ pub(crate) enum Answer {
     Bits(u32, u16),
     /// Registers, packed, and how many bytes of them.
     Words([u8; 16], usize),
+    /// What a diagnosis says.
+    Diagnosis(u16),
     /// A write was carried out.
     Done,
 }
 
 impl Answer {
     /// The registers of a span, of a map that begins at 0 and holds the span.
-    pub(crate) fn words(map: &[u16], span: WordSpan) -> Answer {
+    pub(crate) fn span(map: &[u16], span: WordSpan) -> Answer {
+        let words = map.get(usize::from(span.start())..);
+        Answer::words(words.unwrap_or_default(), span.count())
+    }
+
+    /// The first of these registers, of which there are as many.
+    pub(crate) fn words(words: &[u16], count: u16) -> Answer {
         let mut packed = [0; 16];
         let (pairs, _) = packed.as_chunks_mut::<2>();
-        for (pair, word) in pairs
-            .iter_mut()
-            .zip(map.iter().skip(usize::from(span.start())))
-        {
+        for (pair, word) in pairs.iter_mut().zip(words) {
             *pair = word.to_be_bytes();
         }
-        Answer::Words(packed, 2 * usize::from(span.count()))
+        Answer::Words(packed, 2 * usize::from(count))
     }
 }
 
@@ -70,19 +75,20 @@ pub(crate) fn coils(
     match request {
         Request::ReadCoils(span) => {
             let first = run_in(first_coil, outputs, span.start(), span.count())?;
-            Ok(Answer::Bits(body.outputs >> first, span.count()))
+            Ok(Answer::Bits(body.outputs.wrapping_shr(first), span.count()))
         }
         Request::WriteCoil { at, value } => {
             // The value is looked at before the address [MODBUS §3.5].
             let on = value.state().ok_or(Exception::VALUE)?;
-            let mask = 1 << run_in(first_coil, outputs, at, 1)?;
+            let mask = 1u32.wrapping_shl(run_in(first_coil, outputs, at, 1)?);
             body.switch(mask, if on { mask } else { 0 });
             Ok(Answer::Done)
         }
         Request::WriteCoils(block) => {
             let first = run_in(first_coil, outputs, block.start(), block.values().len())?;
-            let mask = crate::family::mask(block.values().len() as u8) << first;
-            body.switch(mask, block.values().to_mask() << first);
+            let mask = crate::family::mask(block.values().len() as u8);
+            let on = block.values().to_mask().wrapping_shl(first);
+            body.switch(mask.wrapping_shl(first), on);
             Ok(Answer::Done)
         }
         _ => Err(Exception::FUNCTION),
@@ -102,6 +108,7 @@ pub(crate) fn respond(
     let mut send = |response| exchange.encode_response(from, &response, reply);
     match outcome {
         Ok(Answer::Done) => send(Response::Done),
+        Ok(Answer::Diagnosis(data)) => send(Response::Diagnosis(data)),
         Ok(Answer::Bits(bits, count)) => {
             if let Some(bits) = Bits::from_mask(bits, count) {
                 send(Response::Bits(bits));
@@ -118,11 +125,11 @@ pub(crate) fn respond(
 
 /// Where a run of coils or registers begins inside a map that has `len` of them from `first`
 /// on, or the exception of a run that leaves it.
-pub(crate) fn run_in(first: u16, len: u16, at: u16, count: u16) -> Result<u16, Exception> {
+pub(crate) fn run_in(first: u16, len: u16, at: u16, count: u16) -> Result<u32, Exception> {
     let offset = at.checked_sub(first).ok_or(Exception::ADDRESS)?;
     let inside = offset.checked_add(count).is_some_and(|end| end <= len);
     if inside {
-        Ok(offset)
+        Ok(offset.into())
     } else {
         Err(Exception::ADDRESS)
     }

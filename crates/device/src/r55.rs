@@ -1,8 +1,8 @@
 //! The 0x55/0x22 relay boards: up to 32 relays, inputs, or 16 of each.
 
 use crate::beyond;
-use crate::engine::{Body, Eeprom};
-use crate::{Bank, Change, Layout, Op, Profile, Seen, Setup};
+use crate::engine::Body;
+use crate::{Bank, Change, Family, Layout, Op, Profile, Seen, Setup};
 use railbus_wire::r55::{BROADCAST, Exchange, FRAME_LEN, Request, Response, U24};
 use railbus_wire::{
     Address, Baud, Channel, Character, Decoded, Frame, Instant, Malformed, Micros, Protocol, Reply,
@@ -27,7 +27,10 @@ pub(crate) static PROFILE: Profile = Profile {
 /// How long after power-up an address can be written [R55 §4.6].
 const ADDRESS_WINDOW: Micros = Micros::from_secs(10);
 /// The variables of a programmable board in the simulator [R55 §5.3].
-const VARIABLES: usize = 32;
+pub(crate) const VARIABLES: usize = match Family::ONLY {
+    None | Some(Family::R55) => 32,
+    Some(_) => 0,
+};
 
 /// The host's half: the one exchange of an op. Every op but `WriteSilent` takes the form that
 /// is answered.
@@ -240,19 +243,13 @@ fn readdress(body: &mut Body, now: Instant, new: Address) -> Option<Response> {
     if !in_window || body.dip != 0 || !allowed {
         return None;
     }
-    body.keep(Eeprom {
-        address: new,
-        ..body.eeprom
-    });
+    body.keep().address = new;
     Some(Response::word(new.0.into()))
 }
 
 /// A variable, on boards that have any.
 fn variable(body: &mut Body, index: u8) -> Option<&mut u32> {
     let programmable = body.setup.variables > 0;
-    let variables = body
-        .variables
-        .get_mut(..VARIABLES)
-        .filter(|_| programmable)?;
-    variables.get_mut(usize::from(index))
+    let variable = body.variables.get_mut(usize::from(index));
+    variable.filter(|_| programmable)
 }

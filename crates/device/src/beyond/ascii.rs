@@ -1,6 +1,6 @@
 //! The commands of DCON modules that the EDA modules do not have [BEYOND §2].
 
-use super::{Beyond, VERSION};
+use super::Beyond;
 use crate::engine::Body;
 use railbus_wire::ascii::{Exchange, Request, Response, Text};
 use railbus_wire::{Frame, Instant};
@@ -72,8 +72,6 @@ fn carry_out(body: &mut Body, now: Instant, request: Request) -> Option<Response
 
 /// Whose firmware it is, and its version [BEYOND §2.1].
 fn firmware() -> Option<Text> {
-    let mut text = Frame::new();
-    text.extend(b"railbus ");
-    text.extend(VERSION.as_bytes());
-    Text::new(text.bytes().get(..Text::MAX).unwrap_or(text.bytes()))
+    const FIRMWARE: &[u8] = concat!("railbus ", env!("CARGO_PKG_VERSION")).as_bytes();
+    Text::new(FIRMWARE.get(..Text::MAX).unwrap_or(FIRMWARE))
 }

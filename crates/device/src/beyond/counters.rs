@@ -26,7 +26,7 @@ impl Counters {
     /// The counter of a sub-function. Nothing here is ever refused as too early or busy, so that
     /// two of the eight stay 0.
     pub(super) const fn get(&self, sub: u16) -> u16 {
-        match sub - diagnosis::FIRST_COUNTER {
+        match sub.wrapping_sub(diagnosis::FIRST_COUNTER) {
             0 => self.messages,
             1 => self.errors,
             2 => self.exceptions,

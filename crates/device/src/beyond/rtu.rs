@@ -1,10 +1,10 @@
 //! What Modbus modules have beyond their datasheets: registers, diagnosis, identification.
 
-use super::{Beyond, Counters, VERSION, number};
+use super::{Counters, VERSION, number};
 use crate::engine::Body;
-use crate::modbus::run_in;
+use crate::modbus::{Answer, respond, run_in};
 use railbus_wire::rtu::{
-    self, Exception, Exchange, Identification, Request, Response, WordBlock, WordSpan, diagnosis,
+    self, Exception, Exchange, Identification, Request, WordBlock, WordSpan, diagnosis,
 };
 use railbus_wire::{Frame, Instant, Words};
 
@@ -27,28 +27,24 @@ pub(crate) fn answer(
     }
     let from = body.address();
     let outcome = match exchange.request {
-        Request::ReadHoldingRegisters(span) if is_ours(span.start()) => {
-            read(body, exchange, span, reply)
-        }
+        Request::ReadHoldingRegisters(span) if is_ours(span.start()) => read(body, span),
         Request::WriteRegister { at, value } if is_ours(at) => {
             WordBlock::new(at, Words::one(value))
                 .ok_or(Exception::ADDRESS)
                 .and_then(|block| write(body, now, &block))
-                .map(|()| exchange.encode_response(from, &Response::Done, reply))
         }
-        Request::WriteRegisters(block) if is_ours(block.start()) => write(body, now, &block)
-            .map(|()| exchange.encode_response(from, &Response::Done, reply)),
+        Request::WriteRegisters(block) if is_ours(block.start()) => write(body, now, &block),
         Request::WriteCoil { .. } | Request::WriteCoils(_) if body.is_locked() => {
             Err(Exception::FAILURE)
         }
-        Request::Diagnose { sub, data } => diagnose(body, sub, data)
-            .map(|data| exchange.encode_response(from, &Response::Diagnosis(data), reply)),
-        Request::Identify { code, object } => identify(body, code, object, reply),
+        Request::Diagnose { sub, data } => diagnose(body, sub, data).map(Answer::Diagnosis),
+        Request::Identify { code, object } => match identify(body, code, object, reply) {
+            Ok(()) => return true,
+            Err(why) => Err(why),
+        },
         _ => return false,
     };
-    if let Err(why) = outcome {
-        exchange.encode_response(from, &Response::Exception(why), reply);
-    }
+    respond(exchange, from, outcome, reply);
     true
 }
 
@@ -56,35 +52,25 @@ const fn is_ours(register: u16) -> bool {
     register >= FIRST && register - FIRST < number::COUNT
 }
 
-fn read(
-    body: &Body,
-    exchange: &Exchange<'_>,
-    span: WordSpan,
-    reply: &mut Frame,
-) -> Result<(), Exception> {
+fn read(body: &Body, span: WordSpan) -> Result<Answer, Exception> {
     let first = run_in(FIRST, number::COUNT, span.start(), span.count())?;
-    let mut packed = [0; 2 * number::COUNT as usize];
-    let (pairs, _) = packed.as_chunks_mut::<2>();
-    for (pair, number) in pairs.iter_mut().zip(first..) {
-        *pair = body.eeprom.beyond.number(number).to_be_bytes();
-    }
-    let bytes = packed.get(..2 * usize::from(span.count()));
-    let words = bytes.and_then(Words::from_packed);
-    let response = words.map_or(Response::Exception(Exception::VALUE), Response::Words);
-    exchange.encode_response(body.address(), &response, reply);
-    Ok(())
+    let beyond = &body.eeprom.beyond;
+    let all: [u16; number::COUNT as usize] =
+        core::array::from_fn(|number| beyond.number(number as u16));
+    let asked = all.get(first as usize..).unwrap_or_default();
+    Ok(Answer::words(asked, span.count()))
 }
 
 /// Writes all registers of a block, or none.
-fn write(body: &mut Body, now: Instant, block: &WordBlock<'_>) -> Result<(), Exception> {
-    let first = run_in(FIRST, number::COUNT, block.start(), block.values().len())?;
-    let written = |beyond: Beyond, (number, value)| beyond.with(number, value);
-    let beyond = (first..)
-        .zip(block.values().iter())
-        .try_fold(body.eeprom.beyond, written)
-        .ok_or(Exception::VALUE)?;
+fn write(body: &mut Body, now: Instant, block: &WordBlock<'_>) -> Result<Answer, Exception> {
+    run_in(FIRST, number::COUNT, block.start(), block.values().len())?;
+    let mut beyond = body.eeprom.beyond;
+    for (at, value) in block.words() {
+        let number = at.wrapping_sub(FIRST);
+        beyond = beyond.with(number, value).ok_or(Exception::VALUE)?;
+    }
     if body.keep_beyond(now, beyond) {
-        Ok(())
+        Ok(Answer::Done)
     } else {
         Err(Exception::VALUE)
     }

@@ -16,7 +16,9 @@ pub(crate) fn ascii(body: &mut Body, now: Instant, exchange: &ascii::Exchange, r
     }
     let from = body.address();
     let response = match exchange.request {
-        ascii::Request::ReadName => ascii::Text::new(name(&body.setup)).map(ascii::Response::Text),
+        ascii::Request::ReadName => {
+            ascii::Text::new(name(body.family())).map(ascii::Response::Text)
+        }
         ascii::Request::ReadConfig => ascii_config(body),
         ascii::Request::WriteConfig {
             new_address,
@@ -83,7 +85,7 @@ pub(crate) fn lc02(body: &mut Body, now: Instant, exchange: &lc02::Exchange, rep
     let response = match exchange.request {
         lc02::Request::ReadConfig => body.baud_code().map(|baud_code| lc02::Response::Config {
             baud_code,
-            model: model(&body.setup),
+            model: model(body.family()),
             type_code: 0,
         }),
         lc02::Request::WriteConfig {
@@ -133,7 +135,7 @@ fn carry_out(
 ) -> Result<Answer, Exception> {
     // Reserved coils and inputs of an EDA9060A read 0 [EDA9060A §6.2, §6.3]; an EDA9050 has none
     // [EDA9050 §5.2, §5.3].
-    let (coils, inputs) = if has_pulses(&body.setup) {
+    let (coils, inputs) = if has_pulses(body.family()) {
         (16, 16)
     } else {
         (8, 7)
@@ -141,28 +143,34 @@ fn carry_out(
     match request {
         rtu::Request::ReadCoils(span) => {
             let first = run_in(0, coils, span.start(), span.count())?;
-            Ok(Answer::Bits(body.outputs >> first, span.count()))
+            Ok(Answer::Bits(body.outputs.wrapping_shr(first), span.count()))
         }
         rtu::Request::ReadDiscreteInputs(span) => {
             let first = run_in(0, inputs, span.start(), span.count())?;
-            Ok(Answer::Bits(body.levels >> first, span.count()))
+            Ok(Answer::Bits(body.levels.wrapping_shr(first), span.count()))
         }
         rtu::Request::WriteCoil { at, value } => {
             // The value is looked at before the address [MODBUS §3.5].
             let on = value.state().ok_or(Exception::VALUE)?;
             let channel = run_in(0, body.setup.outputs.into(), *at, 1)?;
-            switch_bits(body, now, 1 << channel, if on { u32::MAX } else { 0 });
+            switch_bits(
+                body,
+                now,
+                1u32.wrapping_shl(channel),
+                if on { u32::MAX } else { 0 },
+            );
             Ok(Answer::Done)
         }
         rtu::Request::WriteCoils(block) => {
             let first = run_in(0, coils, block.start(), block.values().len())?;
-            let mask = crate::family::mask(block.values().len() as u8) << first;
-            switch_bits(body, now, mask, block.values().to_mask() << first);
+            let mask = crate::family::mask(block.values().len() as u8);
+            let on = block.values().to_mask().wrapping_shl(first);
+            switch_bits(body, now, mask.wrapping_shl(first), on);
             Ok(Answer::Done)
         }
-        rtu::Request::ReadHoldingRegisters(span) if has_pulses(&body.setup) => {
+        rtu::Request::ReadHoldingRegisters(span) if has_pulses(body.family()) => {
             run_in(0, read_map::LEN, span.start(), span.count())?;
-            Ok(Answer::words(&registers(body), *span))
+            Ok(Answer::span(&registers(body), *span))
         }
         rtu::Request::WriteRegisters(block) => write_registers(body, block),
         _ => Err(Exception::FUNCTION),
@@ -185,7 +193,7 @@ fn registers(body: &Body) -> [u16; 4] {
         Protocol::Ascii => 0b10,
     };
     [
-        model(&body.setup),
+        model(body.family()),
         u16::from_be_bytes([address.0, body.baud_code().unwrap_or_default()]),
         u16::from_be_bytes([pulse_mask, pulse_width.tenths()]),
         protocol << 8 | if checksum { PROTOCOL_CHECKSUM } else { 0 },
@@ -194,10 +202,10 @@ fn registers(body: &Body) -> [u16; 4] {
 
 /// Writes all registers of a block, or none [EDA §4.16].
 fn write_registers(body: &mut Body, block: &WordBlock<'_>) -> Result<Answer, Exception> {
-    let writable = if has_pulses(&body.setup) { 2 } else { 1 };
+    let writable = if has_pulses(body.family()) { 2 } else { 1 };
     run_in(0, writable, block.start(), block.values().len())?;
     let mut eeprom = body.eeprom;
-    for (at, word) in (block.start()..).zip(block.values().iter()) {
+    for (at, word) in block.words() {
         let [high, low] = word.to_be_bytes();
         match at {
             write_map::SERIAL if high != 0 => {
@@ -212,7 +220,7 @@ fn write_registers(body: &mut Body, block: &WordBlock<'_>) -> Result<Answer, Exc
             _ => return Err(Exception::VALUE),
         }
     }
-    body.keep(eeprom);
+    *body.keep() = eeprom;
     Ok(Answer::Done)
 }
 
@@ -237,11 +245,11 @@ fn reconfigure(
     baud_code: u8,
     checksum: Option<bool>,
 ) -> Option<()> {
-    let mut eeprom = body.eeprom;
+    let baud = body.family().profile().baud_of(baud_code)?;
+    let eeprom = body.keep();
     eeprom.address = address;
-    eeprom.serial.baud = body.family().profile().baud_of(baud_code)?;
+    eeprom.serial.baud = baud;
     eeprom.checksum = checksum.unwrap_or(eeprom.checksum);
-    body.keep(eeprom);
     Some(())
 }
 
@@ -252,18 +260,16 @@ fn pulse(body: &Body) -> Option<(u8, PulseWidth)> {
         pulse_width,
         ..
     } = body.eeprom;
-    has_pulses(&body.setup).then_some((pulse_mask, pulse_width))
+    has_pulses(body.family()).then_some((pulse_mask, pulse_width))
 }
 
 fn set_pulse(body: &mut Body, mask: u8, width: PulseWidth) -> Option<()> {
-    if !has_pulses(&body.setup) || u32::from(mask) & !body.setup.output_mask() != 0 {
+    if !has_pulses(body.family()) || u32::from(mask) & !body.setup.output_mask() != 0 {
         return None;
     }
-    body.keep(Eeprom {
-        pulse_mask: mask,
-        pulse_width: width,
-        ..body.eeprom
-    });
+    let eeprom = body.keep();
+    eeprom.pulse_mask = mask;
+    eeprom.pulse_width = width;
     Some(())
 }
 

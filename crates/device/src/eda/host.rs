@@ -9,7 +9,7 @@ use railbus_wire::{ascii, lc02};
 /// The one exchange of an op.
 pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
     let pulses = matches!(op, Op::ReadPulse | Op::Configure(Change::Pulse { .. }));
-    if pulses && !has_pulses(setup) {
+    if pulses && !has_pulses(setup.family) {
         return None;
     }
     let address = setup.address;
@@ -77,7 +77,7 @@ fn in_lc02(setup: &Setup, op: &Op) -> Option<lc02::Request> {
 
 fn in_rtu(setup: &Setup, op: &Op) -> Option<rtu::Request<'static>> {
     let registers = |at, count| {
-        let span = WordSpan::new(at, count).filter(|_| has_pulses(setup))?;
+        let span = WordSpan::new(at, count).filter(|_| has_pulses(setup.family))?;
         Some(rtu::Request::ReadHoldingRegisters(span))
     };
     let write = |at, word| {
@@ -221,7 +221,7 @@ fn of_rtu(setup: &Setup, op: &Op, response: &rtu::Response<'_>) -> Option<Seen> 
 /// Whether a name or model number is this model's. Numbers come in BCD or in binary, names with
 /// or without the letter [EDA §3.7, EDA9060A §1.2, §1.3, EDA9050 §1.2, §1.3].
 pub(crate) fn recognises(setup: &Setup, seen: &Seen) -> bool {
-    match (seen, has_pulses(setup)) {
+    match (seen, has_pulses(setup.family)) {
         (Seen::Name(name), true) => matches!(name.bytes(), b"9060" | b"9060A"),
         (Seen::Name(name), false) => name.bytes() == b"9050",
         (Seen::Model(model), true) => matches!(model, 0x9060 | 9060),

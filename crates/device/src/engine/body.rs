@@ -1,9 +1,10 @@
 //! What a module consists of besides its ears and mouth, and what any family does with it.
 
+use super::timers::Timers;
 use super::{Applies, Eeprom, Options};
 use crate::beyond::Counters;
-use crate::{Family, Setup, eda9050, eda9060a, emd2a2q, erc8};
-use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, r55, rtu};
+use crate::{Family, Setup, eda9050, eda9060a, emd2a2q, erc8, r55};
+use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, rtu};
 
 /// The state that the families' behaviour works on.
 #[derive(Clone, Debug)]
@@ -24,7 +25,7 @@ pub(crate) struct Body {
     /// What lies at the analog inputs, in hundredths.
     pub(crate) analogs: [i16; 2],
     /// Internal variables of a programmable board.
-    pub(crate) variables: [u32; 32],
+    pub(crate) variables: [u32; r55::VARIABLES],
     /// The level of the INIT* pin.
     pub(crate) init_pin: bool,
     /// The level that the protocol in force goes by.
@@ -38,40 +39,31 @@ pub(crate) struct Body {
     pub(crate) counters: Counters,
     /// A change that waits for the reply's last stop bit.
     changed: bool,
-    timers: [Option<Timer>; 32],
-}
-
-/// An output that goes to another state by itself.
-#[derive(Clone, Copy, Debug)]
-struct Timer {
-    at: Instant,
-    on: bool,
+    timers: Timers,
 }
 
 impl Body {
     pub(super) fn new(setup: &Setup, eeprom: Eeprom, options: Options, now: Instant) -> Body {
-        let mut body = Body {
+        Body {
             setup: *setup,
             options,
             eeprom,
             active: eeprom,
-            outputs: 0,
+            outputs: eeprom.beyond.outputs_at_power_up(options) & setup.output_mask(),
             stuck: 0,
             levels: setup.input_mask(),
             analogs: [0; 2],
-            variables: [0; 32],
+            variables: [0; r55::VARIABLES],
             init_pin: setup.protocol == Protocol::Lc02,
             init_grounded: setup.protocol == Protocol::Lc02,
             dip: 0,
             started: now,
             calibrating: None,
-            watched_until: None,
+            watched_until: eeprom.beyond.watched_until(options, now),
             counters: Counters::default(),
             changed: false,
-            timers: [None; 32],
-        };
-        body.power_up(now);
-        body
+            timers: Timers::NONE,
+        }
     }
 
     /// Its family: a constant where only one is built, so that the compiler leaves out what
@@ -116,10 +108,10 @@ impl Body {
         }
     }
 
-    /// Keeps new settings; they come into force after the reply.
-    pub(crate) fn keep(&mut self, eeprom: Eeprom) {
-        self.eeprom = eeprom;
+    /// The settings that are kept, to be changed; they come into force after the reply.
+    pub(crate) const fn keep(&mut self) -> &mut Eeprom {
         self.changed = true;
+        &mut self.eeprom
     }
 
     /// Brings kept settings into force, as far as they act without a restart.
@@ -135,17 +127,14 @@ impl Body {
             ..
         } = self.active;
         self.active = self.eeprom;
-        match self.options.applies {
-            Applies::AfterReply => return,
-            Applies::AfterRestart => self.active.address = address,
-            Applies::AddressAfterReply => {}
+        if self.options.applies == Applies::AfterRestart {
+            self.active.address = address;
         }
-        self.active = Eeprom {
-            serial,
-            protocol,
-            checksum,
-            ..self.active
-        };
+        if self.options.applies != Applies::AfterReply {
+            self.active.serial = serial;
+            self.active.protocol = protocol;
+            self.active.checksum = checksum;
+        }
     }
 
     /// Brings outputs of the mask into these states, unless the host watchdog has tripped; their
@@ -160,11 +149,7 @@ impl Body {
     pub(crate) fn set_outputs(&mut self, mask: u32, on: u32) {
         let mask = mask & self.setup.output_mask();
         self.drive(mask, on);
-        for (index, timer) in self.timers.iter_mut().enumerate() {
-            if mask >> index & 1 == 1 {
-                *timer = None;
-            }
-        }
+        self.timers.stop(mask);
     }
 
     /// Brings one output into a state now and into the other one after `time`; no time at all
@@ -173,25 +158,13 @@ impl Body {
         let instant = if time == Micros::ZERO { !on } else { on };
         self.switch(channel.mask(), if instant { channel.mask() } else { 0 });
         let is_ours = self.setup.output_mask() & channel.mask() != 0 && !self.is_locked();
-        if let Some(timer) = self.timers.get_mut(usize::from(channel.index()))
-            && time != Micros::ZERO
-            && is_ours
-        {
-            *timer = Some(Timer {
-                at: now + time,
-                on: !on,
-            });
+        if time != Micros::ZERO && is_ours {
+            self.timers.start(channel, now + time, !on);
         }
     }
 
     pub(super) fn run_timers(&mut self, now: Instant) {
-        let (mut over, mut on) = (0, 0);
-        for (index, timer) in self.timers.iter_mut().enumerate() {
-            if let Some(due) = timer.take_if(|timer| timer.at <= now) {
-                over |= 1 << index;
-                on |= u32::from(due.on) << index;
-            }
-        }
+        let (over, on) = self.timers.over(now);
         self.drive(over, on);
         self.run_watchdog(now);
         if matches!(self.family(), Family::Emd2a2q) {
@@ -206,11 +179,11 @@ impl Body {
     }
 
     pub(super) fn timer_deadline(&self) -> Option<Instant> {
-        let timers = self.timers.iter().flatten().map(|timer| timer.at);
-        timers
-            .chain(self.calibrating.map(|(_, at)| at))
-            .chain(self.watched_until)
-            .min()
+        let calibrated_at = match self.family() {
+            Family::Emd2a2q => self.calibrating.map(|(_, at)| at),
+            _ => None,
+        };
+        Instant::earliest(&[self.timers.next(), calibrated_at, self.watched_until])
     }
 
     /// The LED: the two EDA modules describe theirs, the others are just on
@@ -240,12 +213,8 @@ impl Body {
 
     /// The gap that a host leaves before a request, in the settings in force.
     pub(super) fn request_gap(&self) -> Micros {
-        let setup = Setup {
-            serial: self.active.serial,
-            protocol: self.protocol(),
-            ..self.setup
-        };
-        setup.request_gap()
+        let (protocol, serial) = (self.protocol(), self.active.serial);
+        self.setup.gap_of(self.family().profile(), protocol, serial)
     }
 
     /// Goes by what the INIT* pin says now.
@@ -307,7 +276,7 @@ impl Body {
     pub(crate) fn hears(&self, address: Address) -> bool {
         let broadcast = match self.protocol() {
             Protocol::Rtu => address == rtu::BROADCAST,
-            Protocol::R55 => address == r55::BROADCAST,
+            Protocol::R55 => address == railbus_wire::r55::BROADCAST,
             Protocol::Ascii | Protocol::Lc02 => false,
         };
         address == self.address() || broadcast
@@ -315,10 +284,7 @@ impl Body {
 
     /// The code of the speed that is kept.
     pub(crate) fn baud_code(&self) -> Option<u8> {
-        self.setup
-            .family
-            .profile()
-            .baud_code(self.eeprom.serial.baud)
+        self.family().profile().baud_code(self.eeprom.serial.baud)
     }
 }
 

@@ -13,8 +13,6 @@ pub(super) struct Receiver {
     too_early: bool,
     /// When the last character ended, of whomever.
     pub(super) last: Instant,
-    /// The frame that the driver is sending.
-    pub(super) outgoing: Frame,
 }
 
 /// What silence ended.
@@ -35,7 +33,6 @@ impl Receiver {
             bad_byte: false,
             too_early: false,
             last: now,
-            outgoing: Frame::new(),
         }
     }
 
@@ -105,12 +102,12 @@ impl Receiver {
             match decode(heard) {
                 Decoded::Partial { .. } if heard.len() < FRAME_MAX => return None,
                 Decoded::Whole { len, value } => {
-                    self.drop_front(len);
+                    self.heard.drop_front(len);
                     if !self.too_early {
                         return Some(value);
                     }
                 }
-                Decoded::Partial { .. } | Decoded::Malformed(_) => self.drop_front(1),
+                Decoded::Partial { .. } | Decoded::Malformed(_) => self.heard.drop_front(1),
             }
         }
     }
@@ -140,11 +137,5 @@ impl Receiver {
         self.heard.clear();
         self.overflow = false;
         self.bad_byte = false;
-    }
-
-    fn drop_front(&mut self, count: usize) {
-        let mut rest = Frame::new();
-        rest.extend(self.heard.bytes().get(count..).unwrap_or_default());
-        self.heard = rest;
     }
 }
