@@ -46,13 +46,15 @@ impl<S: Store> Kept<S> {
     ///
     /// # Errors
     /// Where the factory cannot have made such a module.
+    // What reading takes of the stack is given back before the module runs.
+    #[inline(never)]
     pub fn load(store: S, factory: &Setup) -> Result<Kept<S>, RecordError> {
         let mut keeper = Keeper::new(store);
         let factory = Record::factory(factory)?;
         let family = factory.setup().family;
         let (record, origin) = match keeper.load() {
             Ok(Held::Record(record)) if record.setup().family == family => (record, Origin::Kept),
-            Ok(Held::Record(_)) => (factory, Origin::OtherFamily),
+            Ok(Held::Record(_) | Held::OtherFamily) => (factory, Origin::OtherFamily),
             Ok(Held::Nothing) => (factory, Origin::Factory),
             Ok(Held::Newer(_)) => (factory, Origin::Newer),
             Err(_) => (factory, Origin::Unreadable),

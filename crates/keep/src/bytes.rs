@@ -33,6 +33,11 @@ impl Bytes {
         self.buffer.get(..self.len).unwrap_or_default()
     }
 
+    /// Forgets all.
+    pub(crate) const fn clear(&mut self) {
+        self.len = 0;
+    }
+
     /// Appends all of these bytes, or none where they are too many.
     pub(crate) fn push(&mut self, bytes: &[u8]) -> bool {
         let end = self.len.saturating_add(bytes.len());
@@ -66,31 +71,33 @@ impl PartialEq for Bytes {
 
 impl Eq for Bytes {}
 
-/// What is left of some bytes.
+/// What is left of some bytes. Who reads has seen before that they are as many.
 pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
 
 impl Reader<'_> {
-    /// The next `N` bytes; nothing, and none taken, where there are fewer.
-    pub(crate) fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (taken, rest) = self.0.split_first_chunk()?;
+    /// The next `N` bytes; zeros, and none taken, where there are fewer.
+    pub(crate) fn take<const N: usize>(&mut self) -> [u8; N] {
+        let Some((taken, rest)) = self.0.split_first_chunk() else {
+            return [0; N];
+        };
         self.0 = rest;
-        Some(*taken)
+        *taken
     }
 
-    pub(crate) fn u8(&mut self) -> Option<u8> {
-        self.take().map(u8::from_le_bytes)
+    pub(crate) fn u8(&mut self) -> u8 {
+        u8::from_le_bytes(self.take())
     }
 
-    pub(crate) fn u16(&mut self) -> Option<u16> {
-        self.take().map(u16::from_le_bytes)
+    pub(crate) fn u16(&mut self) -> u16 {
+        u16::from_le_bytes(self.take())
     }
 
-    pub(crate) fn i16(&mut self) -> Option<i16> {
-        self.take().map(i16::from_le_bytes)
+    pub(crate) fn i16(&mut self) -> i16 {
+        i16::from_le_bytes(self.take())
     }
 
-    pub(crate) fn u32(&mut self) -> Option<u32> {
-        self.take().map(u32::from_le_bytes)
+    pub(crate) fn u32(&mut self) -> u32 {
+        u32::from_le_bytes(self.take())
     }
 }
 

@@ -34,6 +34,8 @@ pub enum Held {
     Nothing,
     /// This.
     Record(Record),
+    /// A module of a family whose own half is not built here. It is overwritten.
+    OtherFamily,
     /// What a newer firmware wrote, in a layout of this version. It is neither used nor
     /// overwritten; who wants the older firmware to keep anything erases the chip.
     Newer(u8),
@@ -140,6 +142,7 @@ impl<S: Store> Keeper<S> {
         Ok(match self.look(&mut room)?.map(Record::decode) {
             Some(Ok(record)) => Held::Record(record),
             Some(Err(Unreadable::Newer(version))) => Held::Newer(version),
+            Some(Err(Unreadable::OtherFamily)) => Held::OtherFamily,
             Some(Err(Unreadable::Malformed)) | None => Held::Nothing,
         })
     }

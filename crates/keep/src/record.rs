@@ -101,6 +101,8 @@ impl From<SetupError> for RecordError {
 pub enum Unreadable {
     /// A firmware newer than this one wrote them, in this version.
     Newer(u8),
+    /// They are a module of a family whose own half is not built here.
+    OtherFamily,
     /// They are nothing that any version writes.
     Malformed,
 }
@@ -124,7 +126,7 @@ impl Record {
             checksum: eeprom.checksum && eeprom.protocol == Protocol::Ascii,
             ..*setup
         };
-        setup.check()?;
+        setup.check_built()?;
         let times = [setup.gap.unwrap_or_default(), options.turnaround];
         if times.iter().any(|time| u32::try_from(time.0).is_err()) {
             return Err(RecordError::Long);
@@ -141,7 +143,7 @@ impl Record {
     /// # Errors
     /// Where there is no such module.
     pub fn factory(setup: &Setup) -> Result<Record, RecordError> {
-        setup.check()?;
+        setup.check_built()?;
         Record::new(setup, Options::default(), Eeprom::of(setup))
     }
 
@@ -187,10 +189,11 @@ impl Record {
     /// The record that these bytes are.
     ///
     /// # Errors
-    /// Where a newer firmware wrote them, and where nobody did.
+    /// Where a newer firmware wrote them, where they are another family's, and where nobody wrote
+    /// them.
     pub fn decode(bytes: &[u8]) -> Result<Record, Unreadable> {
         match bytes.split_first() {
-            Some((&VERSION, rest)) => decode_1(rest).ok_or(Unreadable::Malformed),
+            Some((&VERSION, _)) => decode_1(bytes.try_into().map_err(|_| Unreadable::Malformed)?),
             Some((&newer, _)) if Record::is_newer(bytes) => Err(Unreadable::Newer(newer)),
             _ => Err(Unreadable::Malformed),
         }
@@ -202,14 +205,17 @@ impl Record {
     }
 }
 
-/// What follows the first byte of version 1.
-fn decode_1(bytes: &[u8]) -> Option<Record> {
+/// The record that bytes of version 1 are.
+fn decode_1(bytes: &[u8; Record::LEN]) -> Result<Record, Unreadable> {
     let mut from = Reader(bytes);
-    let setup = decode_setup(&mut from)?;
-    let options = decode_options(&mut from)?;
-    let eeprom = decode_eeprom(&mut from)?;
-    let record = Record::new(&setup, options, eeprom).ok();
-    record.filter(|_| from.0.is_empty())
+    from.u8();
+    let setup = decode_setup(&mut from).ok_or(Unreadable::Malformed)?;
+    let options = decode_options(&mut from).ok_or(Unreadable::Malformed)?;
+    let eeprom = decode_eeprom(&mut from).ok_or(Unreadable::Malformed)?;
+    Record::new(&setup, options, eeprom).map_err(|error| match error {
+        RecordError::Setup(SetupError::Family) => Unreadable::OtherFamily,
+        _ => Unreadable::Malformed,
+    })
 }
 
 fn encode_setup(setup: &Setup, bytes: &mut Writer<'_>) {
@@ -239,18 +245,22 @@ fn encode_setup(setup: &Setup, bytes: &mut Writer<'_>) {
 }
 
 fn decode_setup(from: &mut Reader<'_>) -> Option<Setup> {
-    let [family, outputs, inputs, variables, layout, bits] = from.take()?;
+    let [family, outputs, inputs, variables, layout, bits] = from.take();
     let [invert_on_off, has_gap] = switches_of(bits)?;
-    let gap = decode_time(from)?;
+    let gap = decode_time(from);
     Some(Setup {
+        family: find(Family::ALL, family_code, family)?,
         outputs,
         inputs,
         variables,
         layout: find(LAYOUTS, layout_code, layout)?,
         invert_on_off,
         gap: has_gap.then_some(gap),
-        // The address comes with the settings.
-        ..Setup::new(find(Family::ALL, family_code, family)?, Address(0))
+        // These come with the settings.
+        address: Address(0),
+        protocol: Protocol::Rtu,
+        serial: Settings::FACTORY,
+        checksum: false,
     })
 }
 
@@ -276,7 +286,7 @@ fn encode_options(options: &Options, bytes: &mut Writer<'_>) {
 }
 
 fn decode_options(from: &mut Reader<'_>) -> Option<Options> {
-    let [bits, applies] = from.take()?;
+    let [bits, applies] = from.take();
     let [
         refuse_aloud,
         lower_case,
@@ -285,7 +295,7 @@ fn decode_options(from: &mut Reader<'_>) -> Option<Options> {
         beyond,
     ] = switches_of(bits)?;
     Some(Options {
-        turnaround: decode_time(from)?,
+        turnaround: decode_time(from),
         applies: find(APPLIES, applies_code, applies)?,
         refuse_aloud,
         lower_case,
@@ -320,9 +330,9 @@ fn encode_eeprom(eeprom: &Eeprom, bytes: &mut Writer<'_>) {
 }
 
 fn decode_eeprom(from: &mut Reader<'_>) -> Option<Eeprom> {
-    let [address, protocol] = from.take()?;
-    let baud = Baud::from_rate(from.u32()?)?;
-    let [character, checksum, pulse_mask, pulse_width] = from.take()?;
+    let [address, protocol] = from.take();
+    let baud = Baud::from_rate(from.u32())?;
+    let [character, checksum, pulse_mask, pulse_width] = from.take();
     let [checksum] = switches_of(checksum)?;
     Some(Eeprom {
         address: Address(address),
@@ -334,7 +344,7 @@ fn decode_eeprom(from: &mut Reader<'_>) -> Option<Eeprom> {
         checksum,
         pulse_mask,
         pulse_width: PulseWidth::from_tenths(pulse_width)?,
-        calibration: decode_calibration(from)?,
+        calibration: decode_calibration(from),
         beyond: decode_beyond(from)?,
     })
 }
@@ -353,8 +363,8 @@ fn encode_beyond(beyond: &Beyond, bytes: &mut Writer<'_>) {
 }
 
 fn decode_beyond(from: &mut Reader<'_>) -> Option<Beyond> {
-    let (watchdog, power_on, safe) = (from.u8()?, from.u32()?, from.u32()?);
-    let [tripped] = switches_of(from.u8()?)?;
+    let (watchdog, power_on, safe) = (from.u8(), from.u32(), from.u32());
+    let [tripped] = switches_of(from.u8())?;
     Some(Beyond {
         watchdog,
         power_on,
@@ -379,12 +389,12 @@ fn encode_calibration(calibration: &Calibration, bytes: &mut Writer<'_>) {
     }
 }
 
-fn decode_calibration(from: &mut Reader<'_>) -> Option<Calibration> {
-    Some(Calibration {
-        voltage: from.u16()?,
-        zero: [from.i16()?, from.i16()?],
-        span: [(from.u16()?, from.u16()?), (from.u16()?, from.u16()?)],
-    })
+fn decode_calibration(from: &mut Reader<'_>) -> Calibration {
+    Calibration {
+        voltage: from.u16(),
+        zero: [from.i16(), from.i16()],
+        span: [(from.u16(), from.u16()), (from.u16(), from.u16())],
+    }
 }
 
 /// A time that [`Record::new`] has found to fit.
@@ -392,8 +402,8 @@ fn encode_time(time: Micros, bytes: &mut Writer<'_>) {
     bytes.put((time.0 as u32).to_le_bytes());
 }
 
-fn decode_time(from: &mut Reader<'_>) -> Option<Micros> {
-    from.u32().map(|time| Micros(time.into()))
+fn decode_time(from: &mut Reader<'_>) -> Micros {
+    Micros(from.u32().into())
 }
 
 /// Bit n = the n-th is on.

@@ -74,6 +74,13 @@ pub(crate) fn kept(image: &[u8]) -> Option<&[u8]> {
 #[must_use]
 pub fn slot_image(bytes: &[u8], sequence: u32) -> Bytes {
     let mut image = Bytes::new();
+    make_slot(bytes, sequence, &mut image);
+    image
+}
+
+/// Makes [`slot_image`] where something else lay.
+pub(crate) fn make_slot(bytes: &[u8], sequence: u32, image: &mut Bytes) {
+    image.clear();
     let fits = (1..=Bytes::MAX - HEADER - CHECK).contains(&bytes.len());
     if let Ok(len) = u8::try_from(bytes.len())
         && fits
@@ -84,5 +91,4 @@ pub fn slot_image(bytes: &[u8], sequence: u32) -> Bytes {
         let check = CRC.checksum(image.bytes());
         image.push(&check.to_le_bytes());
     }
-    image
 }

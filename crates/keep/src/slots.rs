@@ -6,7 +6,7 @@
 
 use crate::bytes::Bytes;
 use crate::keeper::Store;
-use crate::slot::{CHECK, HEADER, SLOT, Slot, kept, slot_image};
+use crate::slot::{CHECK, HEADER, SLOT, Slot, kept, make_slot};
 use embedded_storage::Storage;
 
 /// How often a slot is read that seems broken, so that a disturbed I²C does not make a module
@@ -52,7 +52,7 @@ impl<S: Storage> Slots<S> {
         match image.room(HEADER + usize::from(len) + CHECK) {
             Some(room) => self.storage.read(at, room),
             None => {
-                *image = Bytes::new();
+                image.clear();
                 Ok(())
             }
         }
@@ -76,8 +76,12 @@ impl<S: Storage> Store for Slots<S> {
         let mut image = Bytes::new();
         let first = self.slot(0, &mut image)?;
         let newest = Slot::later(first, self.slot(SLOT, &mut image)?);
-        let at = newest.map_or(0, |newest| SLOT - newest.at);
-        image = slot_image(bytes, Slot::next(newest));
+        // The other one.
+        let at = match newest {
+            Some(Slot { at: 0, .. }) => SLOT,
+            _ => 0,
+        };
+        make_slot(bytes, Slot::next(newest), &mut image);
         self.storage.write(at, image.bytes())
     }
 }
