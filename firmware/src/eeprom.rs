@@ -49,7 +49,7 @@ impl<P: Pins> Storage for At24c<P> {
             let (page, rest) = bytes.split_at_checked(room).unwrap_or((bytes, &[]));
             self.bus.write(ADDRESS, &[&place(offset), page])?;
             self.wait()?;
-            offset += page.len() as u32;
+            offset = offset.wrapping_add(page.len() as u32);
             bytes = rest;
         }
         Ok(())

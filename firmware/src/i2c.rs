@@ -58,12 +58,13 @@ impl<P: Pins> I2c<P> {
             self.start();
             result = self.send(address << 1 | 1, &[]);
         }
-        if result.is_ok() {
-            let mut left = into.len();
-            for byte in into {
-                left -= 1;
-                *byte = self.take(left > 0);
+        if result.is_ok()
+            && let Some((last, others)) = into.split_last_mut()
+        {
+            for byte in others {
+                *byte = self.take(true);
             }
+            *last = self.take(false);
         }
         self.stop();
         result
@@ -90,6 +91,8 @@ impl<P: Pins> I2c<P> {
     }
 
     /// One clock. What lies on the data line while it is high.
+    // Out of line: a bit takes longer than a call, and there are many places that make one.
+    #[inline(never)]
     fn bit(&mut self, high: bool) -> bool {
         self.pins.clock(false);
         self.pins.pause();
@@ -103,6 +106,7 @@ impl<P: Pins> I2c<P> {
     }
 
     /// The data line falls while the clock is high.
+    #[inline(never)]
     fn start(&mut self) {
         self.pins.clock(false);
         self.pins.pause();
@@ -115,6 +119,7 @@ impl<P: Pins> I2c<P> {
     }
 
     /// The data line rises while the clock is high.
+    #[inline(never)]
     fn stop(&mut self) {
         self.pins.clock(false);
         self.pins.pause();

@@ -125,7 +125,7 @@ impl Module {
             Turn::Others => board.heard_at(),
             Turn::Ours { give_up: at } | Turn::Ending { at } => Some(at),
         };
-        [turn, self.deadline].into_iter().flatten().min()
+        Instant::earliest(&[turn, self.deadline])
     }
 
     /// The module itself.

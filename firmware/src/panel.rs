@@ -26,7 +26,7 @@ const CONFIGURATION: u8 = 1;
 const TWELVE_BITS: u8 = 0x60;
 
 /// Chips in the order of the bits of [`Panel::missing`].
-const NAMES: [&str; 5] = ["io0", "io1", "in0", "ai0", "ai1"];
+static NAMES: [&str; 5] = ["io0", "io1", "in0", "ai0", "ai1"];
 const IO: usize = 0;
 const IN: usize = 2;
 const AI: usize = 3;
@@ -57,9 +57,8 @@ pub struct Pinned {
 #[derive(Debug)]
 pub struct Panel<P> {
     bus: I2c<P>,
-    /// How many chips of outputs and analog inputs this module has.
+    /// How many chips of outputs this module has.
     output_chips: usize,
-    analogs: usize,
     /// What the outputs shall be.
     outputs: u32,
     /// What each chip was told; nothing where that did not arrive.
@@ -73,12 +72,11 @@ impl<P: Pins> Panel<P> {
         let mut panel = Panel {
             bus,
             output_chips: usize::from(setup.outputs).div_ceil(16),
-            analogs: usize::from(setup.family.profile().analogs),
             outputs: 0,
             shown: [None; 2],
             missing: 0,
         };
-        for (index, address) in panel.analogs() {
+        for (index, address) in analogs() {
             let done = panel.bus.write(address, &[&[CONFIGURATION, TWELVE_BITS]]);
             panel.note(AI + index, done);
         }
@@ -118,7 +116,7 @@ impl<P: Pins> Panel<P> {
             panel: self.pins().ok(),
             analogs: [None; 2],
         };
-        for ((index, address), value) in self.analogs().zip(&mut sensed.analogs) {
+        for ((index, address), value) in analogs().zip(&mut sensed.analogs) {
             let mut word = [0; 2];
             let done = self.bus.read(address, &[TEMPERATURE], &mut word);
             self.note(AI + index, done);
@@ -130,8 +128,8 @@ impl<P: Pins> Panel<P> {
     /// The chips that did not answer when they were last asked.
     pub fn missing(&self) -> impl Iterator<Item = &'static str> {
         let missing = self.missing;
-        let bits = NAMES.into_iter().enumerate();
-        bits.filter_map(move |(bit, name)| (missing >> bit & 1 == 1).then_some(name))
+        let named = NAMES.iter().zip([1u8, 2, 4, 8, 16]);
+        named.filter_map(move |(name, bit)| (missing & bit != 0).then_some(*name))
     }
 
     fn pins(&mut self) -> Result<Pinned, Absent> {
@@ -148,14 +146,16 @@ impl<P: Pins> Panel<P> {
         })
     }
 
-    fn analogs(&self) -> impl Iterator<Item = (usize, u8)> + use<P> {
-        ANALOGS.into_iter().enumerate().take(self.analogs)
-    }
-
     fn note(&mut self, chip: usize, done: Result<(), Absent>) {
         let bit = 1 << chip;
         self.missing = self.missing & !bit | if done.is_err() { bit } else { 0 };
     }
+}
+
+/// The chips of the analog inputs that this family has.
+fn analogs() -> impl Iterator<Item = (usize, u8)> {
+    let count = crate::FAMILY.profile().analogs;
+    ANALOGS.into_iter().enumerate().take(usize::from(count))
 }
 
 /// Two bits for each LED: 00 on, 01 off.

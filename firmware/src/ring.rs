@@ -94,8 +94,8 @@ impl Ring {
     }
 
     /// Takes the oldest character, once it has ended.
-    pub fn pop(&self, now: impl Fn() -> Instant) -> Option<Heard> {
-        let at = self.next_at(&now)?;
+    pub fn pop(&self, now: impl Fn() -> Instant + Copy) -> Option<Heard> {
+        let at = self.next_at(now)?;
         let word = self.oldest().filter(|_| at <= now())?;
         let popped = self.popped.load(Ordering::Relaxed);
         self.popped.store(popped.wrapping_add(1), Ordering::Release);

@@ -5,16 +5,20 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use railbus_wire::Instant;
 
 const RUN_AND_INTERRUPT: u32 = 1 | 1 << 3;
-const TICKS_PER_MICRO: u64 = CLOCK_HZ as u64 / 1_000_000;
+const TICKS_PER_MICRO: u32 = CLOCK_HZ / 1_000_000;
+/// TIMER0 comes round every 2^27 µs, so that no time is ever divided in 64 bits.
+const ROUND_SHIFT: u32 = 27;
+const ROUND_TICKS: u32 = TICKS_PER_MICRO << ROUND_SHIFT;
+const LAST: u32 = ROUND_TICKS - 1;
 /// A timer that reaches this fires at once.
 const SHORTEST: u64 = 1;
 
-/// How often TIMER0 has come round: every 172 s.
+/// How often TIMER0 has come round: every 134 s.
 static ROUNDS: AtomicU32 = AtomicU32::new(0);
 
 pub(crate) fn start() {
-    TIMER0.reload.write(u32::MAX);
-    TIMER0.value.write(u32::MAX);
+    TIMER0.reload.write(LAST);
+    TIMER0.value.write(LAST);
     TIMER0.control.write(RUN_AND_INTERRUPT);
 }
 
@@ -22,16 +26,16 @@ pub(crate) fn start() {
 pub(crate) fn now() -> Instant {
     let (rounds, passed, came_round) = loop {
         let rounds = ROUNDS.load(Ordering::Relaxed);
-        let passed = !TIMER0.value.read();
+        let passed = LAST.wrapping_sub(TIMER0.value.read());
         let came_round = TIMER0.interrupt.read() & 1 == 1;
         if ROUNDS.load(Ordering::Relaxed) == rounds {
             break (rounds, passed, came_round);
         }
     };
     // It came round, and the interrupt that counts it still has to.
-    let uncounted = came_round && passed < u32::MAX / 2;
+    let uncounted = came_round && passed < ROUND_TICKS / 2;
     let rounds = u64::from(rounds) + u64::from(uncounted);
-    Instant((rounds << 32 | u64::from(passed)) / TICKS_PER_MICRO)
+    Instant(rounds << ROUND_SHIFT | u64::from(passed / TICKS_PER_MICRO))
 }
 
 /// Wakes the processor at that time, or at once where it is over.
@@ -41,7 +45,7 @@ pub(crate) fn wake_at(at: Instant) {
     let ticks = at
         .since(now())
         .0
-        .saturating_mul(TICKS_PER_MICRO)
+        .saturating_mul(TICKS_PER_MICRO.into())
         .max(SHORTEST);
     let ticks = u32::try_from(ticks).unwrap_or(u32::MAX);
     TIMER1.reload.write(ticks);

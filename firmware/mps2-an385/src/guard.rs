@@ -31,7 +31,7 @@ pub(crate) fn start() {
 
 /// The line is driven, and its characters take so many microseconds.
 pub(crate) fn driving(micros: u32) {
-    expect(2 * micros + DRIVING_MICROS);
+    expect(micros.saturating_mul(2).saturating_add(DRIVING_MICROS));
 }
 
 /// The line is let go of.
@@ -41,7 +41,9 @@ pub(crate) fn listening() {
 
 fn expect(micros: u32) {
     WATCHDOG.lock.write(UNLOCK);
-    WATCHDOG.load.write(micros * (CLOCK_HZ / 1_000_000));
+    WATCHDOG
+        .load
+        .write(micros.saturating_mul(CLOCK_HZ / 1_000_000));
     WATCHDOG.lock.write(0);
 }
 

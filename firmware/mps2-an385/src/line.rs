@@ -100,7 +100,8 @@ pub(crate) fn heard_at() -> Option<Instant> {
 }
 
 pub(crate) fn transmit(bytes: &[u8]) {
-    guard::driving(CHARACTER.load(Ordering::Relaxed) * bytes.len() as u32);
+    let takes = CHARACTER.load(Ordering::Relaxed);
+    guard::driving(takes.saturating_mul(bytes.len() as u32));
     LEDS.write(LEDS.read() | DRIVE);
     DRAINED.store(false, Ordering::Relaxed);
     OUTBOX.fill(bytes);

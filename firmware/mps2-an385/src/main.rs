@@ -31,7 +31,9 @@ fn main() -> ! {
     console::start();
     interrupts::let_through();
     let store = Slots::new(At24c::new(I2c::new(ShieldPins)));
-    let Ok(kept) = Kept::load(store, &railbus_firmware::factory()) else {
+    // By reference, and so is the module: they are most of the memory that is in use, and are
+    // not to be copied.
+    let Ok(kept) = &mut Kept::load(store, &railbus_firmware::factory()) else {
         panic!("the factory makes modules of the family");
     };
     let mut board = Mps2 {
@@ -40,7 +42,6 @@ fn main() -> ! {
         reset: guard::why_reset(),
         next_line: 0,
     };
-    // By reference: a module is half of the memory that there is, and is not to be copied.
     match &mut Module::new(board.kept.record(), clock::now()) {
         Ok(module) => run(module, &mut board),
         Err(_) => panic!("what is kept is a possible module"),
@@ -48,7 +49,7 @@ fn main() -> ! {
 }
 
 /// Goes round whenever something has happened or is due, and sleeps in between.
-fn run(module: &mut Module, board: &mut Mps2) -> ! {
+fn run(module: &mut Module, board: &mut Mps2<'_>) -> ! {
     module.start(board);
     loop {
         guard::feed();
@@ -57,8 +58,8 @@ fn run(module: &mut Module, board: &mut Mps2) -> ! {
         let save_at = board.kept.poll(clock::now());
         board.talk(module);
         let feed_at = clock::now() + guard::FEED_EVERY;
-        let due = [step_at, save_at].into_iter().flatten();
-        clock::wake_at(due.fold(feed_at, Instant::min));
+        let due = Instant::earliest(&[step_at, save_at, Some(feed_at)]);
+        clock::wake_at(due.unwrap_or(feed_at));
         // What comes between the question and the sleep ends the sleep at once.
         cortex_m::interrupt::disable();
         if !NEWS.load(Ordering::Relaxed) {
@@ -70,15 +71,15 @@ fn run(module: &mut Module, board: &mut Mps2) -> ! {
 }
 
 /// The board as its module sees it.
-struct Mps2 {
+struct Mps2<'a> {
     panel: Panel<ShieldPins>,
-    kept: Kept<Slots<At24c<ShieldPins>>>,
+    kept: &'a mut Kept<Slots<At24c<ShieldPins>>>,
     reset: Reset,
     /// The line that the console says next.
     next_line: u8,
 }
 
-impl Mps2 {
+impl Mps2<'_> {
     /// Says a line on the console, if there is one to say.
     fn talk(&mut self, module: &Module) {
         if self.next_line == 0 && !console::asked() || !console::is_idle() {
@@ -93,7 +94,7 @@ impl Mps2 {
             origin: self.kept.origin(),
             store: self.kept.counters(),
             stack: map::stack_used(),
-            uptime: (clock::now().0 / 1_000_000) as u32,
+            uptime: clock::now().since(Instant(0)).seconds().0 as u32,
         };
         let missing = self.panel.missing();
         match railbus_firmware::line(self.next_line, module, &about, missing) {
@@ -106,7 +107,7 @@ impl Mps2 {
     }
 }
 
-impl Board for Mps2 {
+impl Board for Mps2<'_> {
     fn now(&self) -> Instant {
         clock::now()
     }

@@ -111,8 +111,9 @@ pub(crate) fn stack_used() -> u32 {
     /// What cortex-m-rt paints with.
     const PAINT: u32 = 0xCCCC_CCCC;
     const STACK: core::ops::Range<usize> = 0x2000_0000..0x2000_4000;
-    let untouched = STACK
-        .step_by(4)
-        .take_while(|at| Register(*at).read() == PAINT);
-    (STACK.len() - untouched.count() * 4) as u32
+    let mut at = STACK.start;
+    while at < STACK.end && Register(at).read() == PAINT {
+        at += 4;
+    }
+    STACK.end.wrapping_sub(at) as u32
 }
