@@ -1,12 +1,13 @@
 //! The modules as firmware: whether the core crates can be there at all, and the images.
 //!
 //! `toolchain.rs` knows what compiles for a Cortex-M3 on this machine, `image.rs` builds a
-//! board's image for a family, `size.rs` keeps the table of what they need, and `trial.rs` runs
-//! them in QEMU.
+//! board's image for a family, `size.rs` keeps the table of what they need, `stack.rs`
+//! finds how much stack that is, and `trial.rs` runs them in QEMU.
 
 mod elf;
 mod image;
 mod size;
+mod stack;
 mod toolchain;
 mod trial;
 

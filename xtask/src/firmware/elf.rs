@@ -1,9 +1,13 @@
 //! As much of an ELF file as it takes to say how large a program is.
 
+use std::collections::BTreeMap;
+
 /// What a program needs, in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Needs {
+    /// Vectors, code, constants and first values.
     pub(super) flash: u32,
+    /// What has a fixed place in memory.
     pub(super) ram: u32,
 }
 
@@ -13,29 +17,134 @@ const ALLOCATED: u32 = 2;
 /// The type of a section that takes no room in the file.
 const EMPTY: u32 = 8;
 
-/// What a 32-bit little-endian ELF needs; nothing where the file is none.
-pub(super) fn needs(file: &[u8]) -> Option<Needs> {
+/// The type of the section of symbols.
+const SYMBOLS: u32 = 2;
+
+/// A section of the file.
+#[derive(Clone, Copy)]
+struct Section {
+    kind: u32,
+    flags: u32,
+    address: u32,
+    offset: u32,
+    bytes: u32,
+    link: u32,
+}
+
+/// The sections of a 32-bit little-endian ELF; nothing where the file is none.
+fn sections(file: &[u8]) -> Option<Vec<Section>> {
     if !file.starts_with(b"\x7fELF\x01\x01") {
         return None;
     }
     let table = word(file, 32)? as usize;
     let (size, count) = (half(file, 46)?, half(file, 48)?);
+    let section = |index: u16| {
+        let at = table + usize::from(index) * usize::from(size);
+        Some(Section {
+            kind: word(file, at + 4)?,
+            flags: word(file, at + 8)?,
+            address: word(file, at + 12)?,
+            offset: word(file, at + 16)?,
+            bytes: word(file, at + 20)?,
+            link: word(file, at + 24)?,
+        })
+    };
+    (0..count).map(section).collect()
+}
+
+/// What an image needs; nothing where it is none.
+pub(super) fn needs(file: &[u8]) -> Option<Needs> {
     let mut needs = Needs::default();
-    for index in 0..count {
-        let section = table + usize::from(index) * usize::from(size);
-        let (kind, flags) = (word(file, section + 4)?, word(file, section + 8)?);
-        let bytes = word(file, section + 20)?;
-        if flags & ALLOCATED == 0 {
+    for section in sections(file)? {
+        if section.flags & ALLOCATED == 0 {
             continue;
         }
-        if kind != EMPTY {
-            needs.flash += bytes;
+        if section.kind != EMPTY {
+            needs.flash += section.bytes;
         }
-        if flags & WRITABLE != 0 {
-            needs.ram += bytes;
+        if section.flags & WRITABLE != 0 {
+            needs.ram += section.bytes;
         }
     }
     Some(needs)
+}
+
+/// The code of an image, and what is where in it.
+pub(super) struct Code<'a> {
+    /// Where the program begins.
+    pub(super) entry: u32,
+    /// The vectors at address 0.
+    pub(super) vectors: Vec<u32>,
+    /// Where each function begins, and its bytes.
+    pub(super) functions: BTreeMap<u32, u32>,
+    /// From there on: is it data in between?
+    pub(super) marks: BTreeMap<u32, bool>,
+    /// Sections with their addresses.
+    pub(super) parts: Vec<(u32, &'a [u8])>,
+}
+
+/// The code of an image; nothing where it is none, or has no symbols.
+pub(super) fn code(file: &[u8]) -> Option<Code<'_>> {
+    let sections = sections(file)?;
+    let bytes = |section: &Section| {
+        let rest = file.get(section.offset as usize..)?;
+        rest.get(..section.bytes as usize)
+    };
+    let symbols = sections.iter().find(|section| section.kind == SYMBOLS)?;
+    let names = bytes(sections.get(symbols.link as usize)?)?;
+    let there = |section: &&Section| section.flags & ALLOCATED != 0 && section.kind != EMPTY;
+    let parts = sections.iter().filter(there);
+    let parts: Vec<_> = parts
+        .filter_map(|part| Some((part.address, bytes(part)?)))
+        .collect();
+    let vectors = parts.iter().find(|(address, _)| *address == 0)?.1;
+    let vectors = vectors.as_chunks::<4>().0;
+    let mut code = Code {
+        entry: word(file, 24)?,
+        vectors: vectors
+            .iter()
+            .map(|word| u32::from_le_bytes(*word))
+            .collect(),
+        functions: BTreeMap::new(),
+        marks: BTreeMap::new(),
+        parts,
+    };
+    for symbol in bytes(symbols)?.as_chunks::<16>().0 {
+        code.note(symbol, names)?;
+    }
+    Some(code)
+}
+
+impl Code<'_> {
+    /// Takes in a symbol, if it is a function or says what is code and what is data.
+    fn note(&mut self, symbol: &[u8; 16], names: &[u8]) -> Option<()> {
+        /// The type of a function among the lower bits of its kind.
+        const FUNCTION: u8 = 2;
+        let (value, len) = (word(symbol, 4)?, word(symbol, 8)?);
+        let name = names.get(word(symbol, 0)? as usize..)?;
+        if symbol.get(12)? & 0xF == FUNCTION {
+            let known = self.functions.entry(value & !1).or_default();
+            *known = len.max(*known);
+        } else if let [b'$', kind @ (b't' | b'd'), b'\0' | b'.', ..] = name {
+            self.marks.insert(value, *kind == b'd');
+        }
+        Some(())
+    }
+
+    /// Whether data lie there.
+    pub(super) fn is_data(&self, at: u32) -> bool {
+        self.marks
+            .range(..=at)
+            .next_back()
+            .is_some_and(|(_, data)| *data)
+    }
+
+    /// Sixteen bits of it.
+    pub(super) fn half(&self, at: u32) -> Option<u16> {
+        self.parts
+            .iter()
+            .find_map(|(address, bytes)| half(bytes, at.checked_sub(*address)? as usize))
+    }
 }
 
 fn word(file: &[u8], at: usize) -> Option<u32> {
@@ -87,5 +196,41 @@ mod tests {
         assert_eq!(needs(b"#!/bin/sh"), None);
         let whole = elf(&[(1, 6, 1000)]);
         assert_eq!(needs(&whole[..whole.len() - 20]), None);
+    }
+
+    #[test]
+    fn functions_are_found_and_the_data_between() {
+        let code = [0xAAu8; 8];
+        let names = b"\0main\0$t\0$d.1\0";
+        // Name, value, size, kind and section of each.
+        let symbols = [(1, 5, 4, 2u8), (6, 4, 0, 0), (9, 8, 0, 0)];
+        let mut file = elf(&[(1, 6, 8), (SYMBOLS, 0, 48), (3, 0, names.len() as u32)]);
+        let begin = file.len() as u32;
+        for (index, offset) in [(0, begin), (1, begin + 8), (2, begin + 56)] {
+            let at = 52 + 40 * index;
+            file[at + 16..at + 20].copy_from_slice(&u32::to_le_bytes(offset));
+        }
+        file[52 + 40 + 24] = 2;
+        file[24] = 5;
+        file.extend(code);
+        for (name, value, len, kind) in symbols {
+            for word in [name, value, len, u32::from(kind)] {
+                file.extend(u32::to_le_bytes(word));
+            }
+        }
+        file.extend(names);
+        let code = super::code(&file).unwrap();
+        assert_eq!(code.entry, 5);
+        assert_eq!(code.vectors, [0xAAAA_AAAA; 2]);
+        assert_eq!(code.functions, BTreeMap::from([(4, 4)]));
+        assert_eq!(
+            [3, 4, 7, 8].map(|at| code.is_data(at)),
+            [false, false, false, true]
+        );
+        assert_eq!((code.half(6), code.half(7)), (Some(0xAAAA), None));
+        assert!(
+            super::code(&elf(&[(1, 6, 8)])).is_none(),
+            "it has no symbols"
+        );
     }
 }
