@@ -49,10 +49,20 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     }
 }
 
-/// What a whole test run does: the tests of what boards share, the images of every family for every
-/// board, also for those that nothing here can run, and the trials in QEMU.
+/// What a whole test run does: the tests of what boards share, and of the codecs as boards have
+/// them, the images of every family for every board, also for those that nothing here can run,
+/// and the trials in QEMU.
 pub(crate) fn step(root: &Path) -> Result<()> {
     let args = ["test", "--manifest-path", "firmware/Cargo.toml"];
+    run::run(&mut run::cargo(root, &args))?;
+    let args = [
+        "test",
+        "--quiet",
+        "-p",
+        "railbus-wire",
+        "--features",
+        "small",
+    ];
     run::run(&mut run::cargo(root, &args))?;
     image::build_all(root)?;
     size::check(root)?;
