@@ -4,13 +4,21 @@
 //! Node comes from the system where it is new enough, or else as a Python package, so that
 //! nobody has to install it by hand.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::SystemTime;
 
 use crate::run::{self, Error, Result};
 
 /// The folder of the pages.
 const WEB: &str = "web";
+
+/// What the pages are not made of.
+const NO_SOURCES: [&str; 3] = ["dist", "node_modules", "tests"];
+
+/// Its time is when the pages were built last.
+const BUILT: &str = "target/web-built";
 
 /// The oldest Node that Vite runs on.
 const OLDEST: (u32, u32) = (20, 19);
@@ -122,7 +130,42 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     let node = Node::find(root)?;
     node.packages(root)?;
     node.npm(root, &["run", "check"])?;
-    node.npm(root, &["run", "build"])
+    build(root, &node)
+}
+
+/// Builds the pages, unless nothing that they are made of has changed since: the program has them
+/// inside, and would be built anew for the same pages.
+fn build(root: &Path, node: &Node) -> Result<()> {
+    let (web, stamp) = (root.join(WEB), root.join(BUILT));
+    let built = stamp.metadata().and_then(|file| file.modified()).ok();
+    let is_there = web.join("dist/index.html").is_file();
+    if is_there && built.is_some() && built >= newest(&web) {
+        return Ok(());
+    }
+    // What changes from now on is not in them.
+    let now = SystemTime::now();
+    node.npm(root, &["run", "build"])?;
+    let marked = std::fs::create_dir_all(root.join("target"))
+        .and_then(|()| File::create(&stamp))
+        .and_then(|file| file.set_modified(now));
+    marked.map_err(|error| {
+        Error::new(
+            format!("{BUILT}: {error}"),
+            "look whether it may be written",
+        )
+    })
+}
+
+/// When something in a folder was last changed, but for what is not of the pages.
+fn newest(folder: &Path) -> Option<SystemTime> {
+    let entries = std::fs::read_dir(folder).ok()?.flatten();
+    let sources = entries.filter(|entry| !NO_SOURCES.iter().any(|name| entry.file_name() == *name));
+    let changed = sources.flat_map(|entry| {
+        let path = entry.path();
+        let own = path.metadata().and_then(|file| file.modified()).ok();
+        [own, if path.is_dir() { newest(&path) } else { None }]
+    });
+    changed.flatten().max()
 }
 
 /// Builds the pages for what is built next. Without them the program works, too, and its own
@@ -130,7 +173,7 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
 pub(crate) fn build_or_tell(root: &Path) {
     let built = Node::find(root).and_then(|node| {
         node.packages(root)?;
-        node.npm(root, &["run", "build"])
+        build(root, &node)
     });
     if let Err(error) = built {
         println!("note: {error}; going on without the web pages");
@@ -159,6 +202,27 @@ fn against_the_daemon(root: &Path, script: &str) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn what_is_built_is_no_source() {
+        let web = std::env::temp_dir().join(format!("railbus-newest-{}", std::process::id()));
+        let set = |name: &str, second| {
+            let path = web.join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            let at = SystemTime::UNIX_EPOCH + Duration::from_secs(second);
+            File::create(path).unwrap().set_modified(at).unwrap();
+        };
+        let far = 10_000_000_000;
+        set("dist/index.html", far);
+        set("node_modules/a/index.js", far);
+        set("tests/a.test.js", far);
+        let at = |second| SystemTime::UNIX_EPOCH + Duration::from_secs(second);
+        assert!(newest(&web).is_none_or(|newest| newest < at(far)));
+        set("src/pages/Rules.svelte", far - 1);
+        assert_eq!(newest(&web), Some(at(far - 1)));
+        std::fs::remove_dir_all(web).unwrap();
+    }
 
     #[test]
     fn an_old_node_is_not_enough() {
