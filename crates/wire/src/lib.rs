@@ -22,6 +22,9 @@
 //! # Ok::<(), &str>(())
 //! ```
 //!
+//! With the feature `small` the tables are small or computed, for a microcontroller: a KiB less,
+//! and slower.
+//!
 //! Sections in brackets, as `[ERC-8 §2.1]`, are numbered facts of `docs/datasheets`.
 
 #![no_std]
