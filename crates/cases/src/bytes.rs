@@ -3,8 +3,12 @@
 
 use railbus_wire::{crc16, sum8};
 
-/// The bytes of a line; why it has none, where it can't be read.
-pub(crate) fn bytes(line: &str) -> Result<Vec<u8>, String> {
+/// The bytes of a line, as of `01 05 003C FF00 crc`: hexadecimal, texts in quotation marks, and
+/// `crc`, `sum` and `cr` for what ends a frame.
+///
+/// # Errors
+/// Why it has none, where it can't be read.
+pub fn bytes(line: &str) -> Result<Vec<u8>, String> {
     let mut frame = Frame::default();
     let mut rest = line.trim();
     while !rest.is_empty() {

@@ -12,6 +12,7 @@ mod read;
 mod simulated;
 
 pub use bench::{Bench, Failure, Outside, run};
+pub use bytes::bytes;
 pub use read::{Case, Flaw, Step, Subject, read};
 pub use simulated::Simulated;
 

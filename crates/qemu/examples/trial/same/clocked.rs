@@ -4,8 +4,9 @@
 use super::pair::{Count, Pair};
 use crate::World;
 use crate::dice::Dice;
+use railbus_cases::bytes;
 use railbus_device::{Family, Options, Setup};
-use railbus_wire::{Address, Protocol, crc16, sum8};
+use railbus_wire::{Address, Protocol};
 
 /// So long something runs at least, in milliseconds; the few frames before its end are exchanged
 /// in a third of that. A busy machine gets a multiple.
@@ -80,67 +81,83 @@ pub(super) fn live(world: &World, clock: Clock, slower: u32) -> Result<Count, St
 }
 
 /// It still runs, and then it is over; each time it is asked what is.
-fn during_and_after(pair: &mut Pair, time: u64, state: &[u8]) -> Result<(), String> {
+fn during_and_after(pair: &mut Pair, time: u64, state: &str) -> Result<(), String> {
     pair.wait(time / 3)?;
-    pair.ask(state)?;
+    ask(pair, state)?;
     pair.wait(time * 3 / 2)?;
-    pair.ask(state)
+    ask(pair, state)
 }
 
 /// Jogs of several channels, answered or not, and something that may end one.
 fn jogs(pair: &mut Pair, dice: &mut Dice, time: u64) -> Result<(), String> {
-    let frame = |code: u64, data: [u8; 4]| {
-        let mut frame = vec![0x55, 0x01, code as u8];
-        frame.extend(data);
-        frame.push(sum8(&frame));
-        frame
-    };
     for _ in 0..2 {
         let code = [0x21, 0x22, 0x37, 0x38][dice.between(0, 3) as usize];
-        let [_, high, middle, low] = (dice.between(time, time * 5 / 4) as u32).to_be_bytes();
-        pair.ask(&frame(code, [high, middle, low, dice.between(1, 32) as u8]))?;
+        let (jog, channel) = (dice.between(time, time * 5 / 4), dice.between(1, 32));
+        ask(
+            pair,
+            &format!("55 01 {code:02X} {jog:06X} {channel:02X} sum"),
+        )?;
     }
     let other = dice.between(0x11, 0x12) + if dice.one_in(2) { 0x20 } else { 0 };
-    pair.ask(&frame(other, [0, 0, 0, dice.between(1, 32) as u8]))?;
-    during_and_after(pair, time, &frame(0x10, [0; 4]))
+    let channel = dice.between(1, 32);
+    ask(pair, &format!("55 01 {other:02X} 000000 {channel:02X} sum"))?;
+    during_and_after(pair, time, "55 01 10 00000000 sum")
 }
 
 /// Pulses of some outputs while others stay, begun anew while they run.
 fn pulses(pair: &mut Pair, dice: &mut Dice, time: u64, protocol: Protocol) -> Result<(), String> {
     let width = (time / 100).min(200) as u8;
-    pair.ask(&eda(
-        protocol,
-        Say::Pulses(dice.between(1, 15) as u8, width),
-    ))?;
+    let mask = dice.between(1, 15);
+    ask(
+        pair,
+        &match protocol {
+            Protocol::Ascii => format!("\"#014{mask:02X}{width:02X}\" cr"),
+            Protocol::Lc02 => format!("4C57 01 05 {mask:02X} {width:02X} sum cr"),
+            _ => format!("01 10 0001 0001 02 {mask:02X} {width:02X} crc"),
+        },
+    )?;
     for _ in 0..2 {
-        pair.ask(&eda(protocol, Say::Outputs(dice.between(0, 15) as u8)))?;
+        let on = dice.between(0, 15);
+        ask(
+            pair,
+            &match protocol {
+                Protocol::Ascii => format!("\"#0100{on:02X}\" cr"),
+                Protocol::Lc02 => format!("4C57 01 04 FF {on:02X} sum cr"),
+                _ => format!("01 0F 0000 0004 01 {on:02X} crc"),
+            },
+        )?;
     }
-    during_and_after(pair, time, &eda(protocol, Say::Read))
+    let read = match protocol {
+        Protocol::Ascii => "\"$016\" cr",
+        Protocol::Lc02 => "4C57 01 03 sum cr",
+        _ => "01 01 0000 0004 crc",
+    };
+    during_and_after(pair, time, read)
 }
 
 /// The host falls silent: the outputs stay for a while, and go to their safe states.
 fn watchdog(pair: &mut Pair, dice: &mut Dice, time: u64, setup: Setup) -> Result<(), String> {
     let outputs = u64::from(setup.output_mask());
-    let tenths = (time / 100).min(255) as u8;
-    let safe = dice.between(0, outputs) as u8;
-    let coil = if setup.family == Family::Erc8 {
-        0x3C
-    } else {
-        8
-    };
-    pair.ask(&rtu(&[0x06, 0xBE, 0x04, 0, safe]))?;
-    pair.ask(&rtu(&[0x06, 0xBE, 0x01, 0, tenths]))?;
-    let on = dice.between(0, outputs) as u8;
-    pair.ask(&rtu(&[0x0F, 0, coil, 0, setup.outputs, 1, on]))?;
-    during_and_after(pair, time, &rtu(&[0x03, 0xBE, 0, 0, 6]))?;
+    let tenths = (time / 100).min(255);
+    let safe = dice.between(0, outputs);
+    let on = dice.between(0, outputs);
+    let (first, count) = (
+        if setup.family == Family::Erc8 { 60 } else { 8 },
+        setup.outputs,
+    );
+    let switch = format!("01 0F {first:04X} {count:04X} 01 {on:02X} crc");
+    ask(pair, &format!("01 06 BE04 {safe:04X} crc"))?;
+    ask(pair, &format!("01 06 BE01 {tenths:04X} crc"))?;
+    ask(pair, &switch)?;
+    during_and_after(pair, time, "01 03 BE00 0006 crc")?;
     // It has tripped: nobody switches anything before it is cleared.
     for tried in [
-        &[0x0F, 0, coil, 0, setup.outputs, 1, on][..],
-        &[0x06, 0xBE, 0x01, 0, 0],
-        &[0x06, 0xBE, 0x00, 0, 0],
-        &[0x0F, 0, coil, 0, setup.outputs, 1, on],
+        &switch,
+        "01 06 BE01 0000 crc",
+        "01 06 BE00 0000 crc",
+        &switch,
     ] {
-        pair.ask(&rtu(tried))?;
+        ask(pair, tried)?;
     }
     Ok(())
 }
@@ -150,54 +167,18 @@ fn calibration(pair: &mut Pair, dice: &mut Dice) -> Result<(), String> {
     for command in [1, 2] {
         let input = |dice: &mut Dice| dice.between(100 * command, 900) as i16;
         pair.analogs([input(dice), input(dice)])?;
-        let [high, low] = (dice.between(1, 2000) as u16).to_be_bytes();
-        pair.ask(&rtu(&[0x06, 0, 4, high, low]))?;
-        pair.ask(&rtu(&[0x06, 0, 5, 0, command as u8]))?;
+        let voltage = dice.between(1, 2000);
+        ask(pair, &format!("01 06 0004 {voltage:04X} crc"))?;
+        ask(pair, &format!("01 06 0005 {command:04X} crc"))?;
         pair.wait(CALIBRATION)?;
-        pair.ask(&rtu(&[0x03, 0, 0, 0, 8]))?;
+        ask(pair, "01 03 0000 0008 crc")?;
         pair.analogs([input(dice), input(dice)])?;
-        pair.ask(&rtu(&[0x03, 0, 6, 0, 2]))?;
+        ask(pair, "01 03 0006 0002 crc")?;
     }
     Ok(())
 }
 
-/// What one says to an EDA9060A.
-enum Say {
-    /// These outputs give pulses, so many tenths of a second wide.
-    Pulses(u8, u8),
-    /// The outputs go into these states.
-    Outputs(u8),
-    /// How are they?
-    Read,
-}
-
-fn eda(protocol: Protocol, say: Say) -> Vec<u8> {
-    match (protocol, say) {
-        (Protocol::Ascii, Say::Pulses(mask, width)) => {
-            format!("#014{mask:02X}{width:02X}\r").into_bytes()
-        }
-        (Protocol::Ascii, Say::Outputs(on)) => format!("#0100{on:02X}\r").into_bytes(),
-        (Protocol::Ascii, Say::Read) => b"$016\r".to_vec(),
-        (Protocol::Lc02, Say::Pulses(mask, width)) => lc02(&[0x05, mask, width]),
-        (Protocol::Lc02, Say::Outputs(on)) => lc02(&[0x04, 0xFF, on]),
-        (Protocol::Lc02, Say::Read) => lc02(&[0x03]),
-        (_, Say::Pulses(mask, width)) => rtu(&[0x10, 0, 1, 0, 1, 2, mask, width]),
-        (_, Say::Outputs(on)) => rtu(&[0x0F, 0, 0, 0, 4, 1, on]),
-        (_, Say::Read) => rtu(&[0x01, 0, 0, 0, 4]),
-    }
-}
-
-fn rtu(pdu: &[u8]) -> Vec<u8> {
-    let mut frame = vec![1];
-    frame.extend(pdu);
-    frame.extend(crc16(&frame).to_le_bytes());
-    frame
-}
-
-fn lc02(command: &[u8]) -> Vec<u8> {
-    let mut frame = vec![0x4C, 0x57, 1];
-    frame.extend(command);
-    frame.push(sum8(&frame[2..]));
-    frame.push(b'\r');
-    frame
+/// Asks both, in the words of the cases.
+fn ask(pair: &mut Pair, frame: &str) -> Result<(), String> {
+    pair.ask(&bytes(frame)?)
 }
