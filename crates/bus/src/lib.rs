@@ -33,6 +33,7 @@ pub use config::{Config, EchoMode, Medium, Plan, Terms};
 use event::Events;
 pub use event::{Confirmed, Event, Evidence, Fault, Presence, Probed, Ticket};
 pub use ghost::GHOSTS_MAX;
+pub use node::MISSES_SILENT;
 pub use schedule::COMMANDS_MAX;
 
 use alloc::collections::VecDeque;

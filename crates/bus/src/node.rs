@@ -14,7 +14,7 @@ const TIMEOUT_MAX: Micros = Micros::from_millis(300);
 /// The least time after which no late reply can arrive any more.
 pub(crate) const LATE_MIN: Micros = Micros::from_millis(500);
 /// After so many misses in a row a module counts as silent and is only probed.
-const MISSES_SILENT: u8 = 3;
+pub const MISSES_SILENT: u8 = 3;
 /// What asking a silent module costs in all, gap and wire included: little, so that its turn
 /// comes soon again. A reply that comes later is known by its ghost and wakes the module all the
 /// same.

@@ -4,11 +4,9 @@ use crate::Config;
 use crate::config::ModuleConfig;
 use railbus_bus::Presence;
 use railbus_device::{Bank, Point, PointKind, Seen};
+use railbus_host::MISSES_SILENT;
 use railbus_wire::{Channel, Instant, PulseWidth};
 use std::collections::BTreeMap;
-
-/// After so many misses in a row a module counts as silent, as on its line.
-const MISSES_SILENT: u8 = 3;
 
 /// The value of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
