@@ -110,7 +110,7 @@ impl Service {
         if terms.all_or_nothing {
             self.ask_unknown(&items).await;
         }
-        let before: Vec<_> = items.iter().map(|item| self.known(&item.1)).collect();
+        let before: Vec<_> = items.iter().map(|item| self.inner.known(&item.1)).collect();
         let places = || items.iter().map(|item| item.1.clone()).collect();
         let taken = terms
             .all_or_nothing
@@ -121,7 +121,7 @@ impl Service {
                 self.undo(&mut done, &items, &before).await;
                 taken.give_back();
             }
-            Some(taken) => taken.settle(&Ok::<_, Failure>(())),
+            Some(taken) => taken.settle(true),
             None => {}
         }
         done
@@ -149,7 +149,7 @@ impl Service {
                 self.ask_unknown(&items).await;
                 members
                     .iter()
-                    .all(|member| self.known(member) == Some(false))
+                    .all(|member| self.inner.known(member) == Some(false))
             }
         };
         let set: Vec<_> = members.into_iter().map(|member| (member, on)).collect();
@@ -180,14 +180,11 @@ impl Service {
         self.inner.watched(&place.module, rising)
     }
 
-    /// What an output is, where that is known now.
-    pub(super) fn known(&self, place: &Place) -> Option<bool> {
-        self.inner.known(place)
-    }
-
     /// Asks the modules of outputs of which nothing is known now.
     async fn ask_unknown(&self, items: &[Item]) {
-        let unknown = items.iter().filter(|item| self.known(&item.1).is_none());
+        let unknown = items
+            .iter()
+            .filter(|item| self.inner.known(&item.1).is_none());
         let modules: BTreeSet<_> = unknown.map(|item| item.1.module.clone()).collect();
         for module in modules {
             // What could not be read stays unknown.

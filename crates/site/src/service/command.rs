@@ -134,7 +134,7 @@ impl Service {
             .inner
             .command(module, &points, op, terms.verify, note, wanted)
             .await;
-        taken.settle(&end);
+        taken.settle(end.is_ok());
         end
     }
 
@@ -175,7 +175,7 @@ impl Service {
                 .inner
                 .command(module, &[point], op, true, note, |_| None)
                 .await;
-            taken.settle(&end);
+            taken.settle(end.is_ok());
             return end;
         }
         self.read_fresh(module).await?;

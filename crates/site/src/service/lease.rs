@@ -46,8 +46,8 @@ impl Service {
         let left = Duration::from_micros(time.0);
         let key = (Place::new(module, point), Why::Lease);
         let end = self.end_of_lease(&key.0, value);
-        let is_held =
-            self.inner.promises.end_of(&key) == Some(end) && self.known(&key.0) == Some(value);
+        let is_held = self.inner.promises.end_of(&key) == Some(end)
+            && self.inner.known(&key.0) == Some(value);
         if is_held && self.inner.timers.put_off(&key, None, left) {
             return Ok(Leased {
                 written: None,
@@ -59,7 +59,7 @@ impl Service {
         let label = self.inner.label(module, point);
         let note = self.note(format!("lease {label}={on} {}ms", time.0 / 1_000));
         let written = self.inner.begin_timed(key, (value, end), left, note).await;
-        taken.settle(&written);
+        taken.settle(written.is_ok());
         let written = written?;
         Ok(Leased {
             written: Some(written),

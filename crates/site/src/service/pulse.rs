@@ -104,7 +104,7 @@ impl Service {
                 (begun.await, By::Host, width)
             }
         };
-        taken.settle(&begun);
+        taken.settle(begun.is_ok());
         let begun = begun?;
         Ok(PulseDone {
             value,

@@ -33,9 +33,9 @@ pub(super) struct Taken {
 }
 
 impl Taken {
-    /// The command has ended.
-    pub(super) fn settle<T, E>(mut self, end: &Result<T, E>) {
-        self.is_done = end.is_ok();
+    /// The command has ended, and was carried out or not.
+    pub(super) fn settle(mut self, is_done: bool) {
+        self.is_done = is_done;
     }
 
     /// All that was done was taken back: the outputs are as they were found, in their pulses and

@@ -54,13 +54,7 @@ impl Timer {
     /// Switches the output, which is promised to end before the first frame goes out, and ends
     /// it. Once that frame may have gone, nothing depends on the caller any more.
     pub(super) async fn begin(self, begin: Begin) {
-        let number = self.turn.number;
-        let kept = self
-            .inner
-            .promises
-            .make(&self.key, number, self.promise)
-            .await;
-        let begun = match kept {
+        let begun = match self.write_down().await {
             Ok(()) => self.switch(begin.value, begin.note).await,
             Err(why) => Err(Failure::NotKept(why.kind())),
         };
@@ -70,7 +64,7 @@ impl Timer {
         // From now on: that it was asked for long before does not make it shorter.
         self.inner
             .timers
-            .put_off(&self.key, Some(number), self.promise.length);
+            .put_off(&self.key, Some(self.turn.number), self.promise.length);
         if did_nothing {
             self.end().await;
             // Fails where the caller has gone away.
@@ -83,13 +77,14 @@ impl Timer {
 
     /// Runs from when it is promised on. What the disk refuses holds as long as the process does.
     pub(super) async fn promised(self) {
-        let number = self.turn.number;
-        let _ = self
-            .inner
-            .promises
-            .make(&self.key, number, self.promise)
-            .await;
+        let _ = self.write_down().await;
         tokio::spawn(self.waiting());
+    }
+
+    /// Writes down what is to be done.
+    async fn write_down(&self) -> std::io::Result<()> {
+        let (promises, number) = (&self.inner.promises, self.turn.number);
+        promises.make(&self.key, number, self.promise).await
     }
 
     /// [`Timer::wait`], which ends in a command that may begin another timer.
