@@ -99,11 +99,13 @@ fn table(root: &Path) -> Result<String> {
     for family in image::FAMILIES {
         let needs = measure(&image::build(root, family)?)?;
         if needs.is_too_much() {
+            let (flash, memory) = (needs.flash, needs.memory());
             return Err(Error::new(
-                format!("{family} needs more than is promised: {needs:?}"),
                 format!(
-                    "it may need {FLASH} bytes of flash, and {MEMORY} of memory with the stack"
+                    "{family} needs {flash} bytes of flash and {memory} of memory, of {FLASH} and \
+                     {MEMORY}"
                 ),
+                "look at what has grown: `nm --size-sort` of the image, and the longest way down",
             ));
         }
         let Needs {
