@@ -5,7 +5,7 @@ use railbus_device::Op;
 use railbus_wire::{Exchange, Frame, Instant, Micros, Settings, ascii};
 
 /// The longest pause inside a reply, as adapters hand it over in pieces.
-const PIECE_PAUSE: Micros = Micros::from_millis(50);
+pub const PIECE_PAUSE: Micros = Micros::from_millis(50);
 /// The longest that pauses inside a reply put off its deadline, in all.
 const PIECES_MAX: Micros = Micros::from_millis(300);
 

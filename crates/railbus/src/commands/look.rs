@@ -58,7 +58,7 @@ impl Lookers {
                 lang: context.lang,
                 bytes: context.verbose > 1,
                 line: wire.name.clone(),
-                ear: Ear::new(wire.name, wire.settings, context.timeout),
+                ear: Ear::own(wire.name, wire.settings, context.timeout),
                 log,
             };
             let task = tokio::spawn(looker.run(tape, self.stop.subscribe()));

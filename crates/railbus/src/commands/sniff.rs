@@ -21,7 +21,7 @@ use crate::render::{Format, out};
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 pub(crate) use facts::{Facts, Named};
 use filter::Filter;
-use railbus_host::LineName;
+use railbus_host::{LineName, PIECE_PAUSE};
 use railbus_sniff::{Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Micros, Settings};
 use record::Recorder;
@@ -273,7 +273,7 @@ impl<'a> Hearing<'a> {
         self.modules = named.filter_map(Named::of).collect();
         let values: &[(&str, &dyn std::fmt::Display)] = &[("line", &wire.name)];
         context.note(&context.lang.fill(SniffText::ListeningDaemon, values));
-        let ear = Ear::new(wire.name, wire.settings, context.timeout);
+        let ear = Ear::own(wire.name, wire.settings, context.timeout);
         Ok((Source::Daemon(frames), ear))
     }
 
@@ -419,6 +419,13 @@ impl Ear {
                 None => listener,
             },
         }
+    }
+
+    /// The same for a line of our own: a reply that its master takes in pieces is whole here, too.
+    pub(super) fn own(line: String, settings: Settings, patience: Option<Micros>) -> Ear {
+        let mut ear = Ear::new(line, settings, patience);
+        ear.listener = ear.listener.with_silence(PIECE_PAUSE);
+        ear
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::api::ask;
 use crate::commands::sniff::Named;
-use railbus_host::Passed;
+use railbus_host::{PIECE_PAUSE, Passed};
 use railbus_site::Service;
 use railbus_sniff::{Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Settings};
@@ -31,7 +31,7 @@ impl Ear {
     pub(super) fn new(start: u64, settings: Settings) -> Ear {
         let epoch = u64::try_from(jiff::Timestamp::now().as_microsecond());
         Ear {
-            listener: Listener::new(settings),
+            listener: Listener::new(settings).with_silence(PIECE_PAUSE),
             settings,
             start,
             began: tokio::time::Instant::now(),
@@ -89,5 +89,40 @@ impl Ear {
             None => Input::Bytes(&passed.bytes),
         };
         self.listener.handle(ends, input);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_sniff::Verdict;
+
+    /// The line master takes such a reply as good, so the list of frames must not call it cut.
+    #[tokio::test]
+    async fn a_reply_that_the_line_takes_in_pieces_is_one_frame() {
+        let settings = Settings::FACTORY;
+        let passed = |at: u64, sent: bool, bytes: &[u8]| Passed {
+            at: Instant(at),
+            sent: sent.then_some(settings),
+            bytes: bytes.into(),
+        };
+        let mut ear = Ear::new(1_000_000, settings);
+        let mut heard = Vec::new();
+        ear.take(&passed(0, true, b"$016\r"), &mut heard);
+        ear.take(&passed(20_000, false, b"!0302"), &mut heard);
+        ear.take(&passed(68_000, false, b"00\r"), &mut heard);
+        ear.hear(&mut heard);
+        let verdicts: Vec<_> = heard
+            .iter()
+            .map(|heard| match heard {
+                Heard::Frame(frame) => Some(frame.verdict),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(
+            verdicts,
+            [Some(Verdict::Good), Some(Verdict::Good)],
+            "{heard:?}"
+        );
     }
 }
