@@ -34,6 +34,7 @@ mod context;
 mod install;
 mod keeper;
 mod look;
+mod own_line;
 mod place;
 mod stop;
 mod wireshark;

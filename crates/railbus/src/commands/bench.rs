@@ -101,6 +101,7 @@ async fn measure(
         line: line.name.clone(),
         port: line.port.clone(),
         settings: line.settings,
+        echo: line.bus.echo,
     };
     let failed = |error| port_failure(context, &place, &error);
     let handle = Line::open(config).map_err(failed)?;

@@ -4,7 +4,7 @@ use super::Context;
 use crate::api::types::LineInfo;
 use crate::backend::{AdHoc, Backend};
 use crate::failure::{Code, Failure};
-use railbus_host::{LineName, PortError};
+use railbus_host::{EchoMode, LineName, PortError};
 use railbus_wire::{Baud, Character, Settings};
 
 /// A line to open oneself.
@@ -13,6 +13,7 @@ pub(super) struct Place {
     pub(super) line: String,
     pub(super) port: LineName,
     pub(super) settings: Settings,
+    pub(super) echo: EchoMode,
 }
 
 /// Who has the line.
@@ -28,14 +29,10 @@ pub(super) async fn find(context: &Context) -> Result<Access, Failure> {
     if let Some(ad_hoc) = &context.wanted.ad_hoc {
         return described(context, ad_hoc).map(Access::Here);
     }
-    let backend = context.open().await?;
-    if backend.is_daemon() {
-        return Ok(Access::Daemon(backend));
+    if Backend::daemon(&context.wanted).await.is_some() {
+        return context.open().await.map(Access::Daemon);
     }
-    let place = of(context, &backend).await;
-    // The port is opened anew by whoever asks.
-    backend.finish(true).await;
-    Ok(Access::Here(place?))
+    without_opening(context).map(Access::Here)
 }
 
 /// The line that flags alone describe.
@@ -48,11 +45,12 @@ fn described(context: &Context, ad_hoc: &AdHoc) -> Result<Place, Failure> {
             baud: baud.unwrap_or(Baud::B9600),
             character: ad_hoc.format.unwrap_or_default(),
         },
+        echo: EchoMode::Auto,
     })
 }
 
-/// The line that the flags or the configuration mean, which is not opened: who only listens must
-/// not raise a wire of the port, let alone send.
+/// The line that the flags or the configuration mean, which is not opened here: who only listens
+/// must not raise a wire of the port, let alone send.
 pub(super) fn without_opening(context: &Context) -> Result<Place, Failure> {
     if let Some(ad_hoc) = &context.wanted.ad_hoc {
         return described(context, ad_hoc);
@@ -72,6 +70,7 @@ pub(super) fn without_opening(context: &Context) -> Result<Place, Failure> {
         line: line.clone(),
         port: name(context, &config.port)?,
         settings: config.serial,
+        echo: config.echo,
     })
 }
 
@@ -92,6 +91,7 @@ pub(super) async fn of(context: &Context, backend: &Backend) -> Result<Place, Fa
     Ok(Place {
         port: name(context, &line.port)?,
         settings: settings(Some(line.baud), Some(&line.format), Settings::FACTORY),
+        echo: EchoMode::Auto,
         line: line.line,
     })
 }

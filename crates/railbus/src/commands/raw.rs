@@ -1,13 +1,15 @@
 //! `railbus raw`: a frame of one's own.
 
-mod talk;
+mod unknown;
 
 use super::decode::meaning;
-use super::place::{self, Access};
+use super::own_line::OwnLine;
+use super::place::{self, Access, Place};
 use super::sniff::SniffText;
 use super::{Context, decode, stop};
 use crate::api::send_types::SendRequest;
-use crate::api::sending;
+use crate::api::types::Outcome;
+use crate::api::{convert, sending};
 use crate::backend::Backend;
 use crate::cli;
 use crate::failure::{Code, Failure};
@@ -53,13 +55,16 @@ pub(crate) fn define(lang: Lang) -> Command {
 struct Answer {
     bytes: Vec<u8>,
     after_ms: u64,
+    /// What that is; none where nobody can know, because it was no request that is known.
+    outcome: Option<Outcome>,
 }
 
 /// Sends it and prints what comes back.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let frame = frame(lang, matches)?;
-    let asked = asked(&frame);
+    let exact = exact(&frame);
+    let asked = exact.or_else(|| asked(&frame));
     let stowaway = asked
         .as_ref()
         .and_then(|asked| stowaway(&frame, asked.protocol(), &Protocol::ALL));
@@ -75,7 +80,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         return Err(reasons.fold(failure, Failure::because));
     }
     let meant = meant(matches, asked.as_ref());
-    let answer = context.block(ask(&context, &frame, asked.as_ref(), meant))?;
+    let answer = context.block(ask(&context, &frame, exact, meant))?;
     show(&context, &frame, asked.as_ref(), &answer)?;
     verdict(&context, asked.as_ref(), &answer)
 }
@@ -103,6 +108,12 @@ fn frame(lang: Lang, matches: &ArgMatches) -> Result<Vec<u8>, Failure> {
         Some(protocol) => sending::completed(protocol, false, bytes),
         None => bytes,
     })
+}
+
+/// The request that exactly these bytes are, as the line's master sends it.
+fn exact(bytes: &[u8]) -> Option<Exchange<'static>> {
+    let protocol = asked(bytes)?.protocol();
+    railbus_site::request(protocol, bytes)
 }
 
 /// The request that the bytes are.
@@ -150,21 +161,21 @@ fn is_risky(asked: &Exchange<'_>) -> bool {
 async fn ask(
     context: &Context,
     frame: &[u8],
-    asked: Option<&Exchange<'_>>,
+    asked: Option<Exchange<'static>>,
     confirm: Vec<String>,
 ) -> Result<Answer, Failure> {
-    let mut stop = stop::Stop::new(context)?;
     let timeout = context.timeout.unwrap_or(TIMEOUT);
     match place::find(context).await? {
         Access::Here(place) => {
-            let silent = asked.is_some_and(|asked| !asked.expects_reply());
-            let talk = talk::talk(context, &place, frame, timeout, silent);
-            stop.or(talk)
-                .await
-                .ok_or_else(|| stop::interrupted(context))?
+            let mut stop = stop::Stop::new(context)?;
+            let answer = match asked {
+                Some(asked) => here(context, &place, asked, timeout, &mut stop).await,
+                None => stop.or(unknown::ask(context, &place, frame, timeout)).await,
+            };
+            answer.ok_or_else(|| stop::interrupted(context))?
         }
         Access::Daemon(backend) => {
-            let protocol = asked.map_or(Protocol::Rtu, Exchange::protocol);
+            let protocol = asked.map_or(Protocol::Rtu, |asked| asked.protocol());
             let wanted = SendRequest {
                 protocol: protocol.name().to_owned(),
                 bytes: hex::spaced(frame),
@@ -178,9 +189,32 @@ async fn ask(
             Ok(Answer {
                 bytes: hex::parse(&answer.bytes).unwrap_or_default(),
                 after_ms: answer.after_ms.round() as u64,
+                outcome: Some(answer.outcome),
             })
         }
     }
+}
+
+/// Asks on a line of one's own; none where it was interrupted. The port is kept, also then, until
+/// no late reply can come any more.
+async fn here(
+    context: &Context,
+    place: &Place,
+    asked: Exchange<'static>,
+    timeout: Micros,
+    stop: &mut stop::Stop,
+) -> Option<Result<Answer, Failure>> {
+    let mut line = match stop.or(OwnLine::open(context, place)).await? {
+        Ok(line) => line,
+        Err(failure) => return Some(Err(failure)),
+    };
+    let met = stop.or(line.ask(asked, timeout)).await;
+    line.close().await;
+    Some(met?.map(|met| Answer {
+        bytes: met.bytes,
+        after_ms: met.after.0 / 1_000,
+        outcome: Some(convert::outcome(met.outcome)),
+    }))
 }
 
 /// The line named, or the only one.
@@ -203,12 +237,12 @@ async fn line_of(context: &Context, daemon: &Backend) -> Result<String, Failure>
 fn read(
     lang: Lang,
     asked: Option<&Exchange<'_>>,
-    bytes: &[u8],
+    answer: &Answer,
 ) -> Option<(String, Option<Address>, bool)> {
-    let asked = asked?;
-    let (_, found) = asked.find_response(bytes);
+    let asked = asked.filter(|_| answer.outcome == Some(Outcome::Answered))?;
+    let (_, found) = asked.find_response(&answer.bytes);
     let reply = found.whole()?;
-    let refused = is_refused(asked, bytes);
+    let refused = is_refused(asked, &answer.bytes);
     let text = meaning::response(lang, asked, &reply.response);
     Some((text, reply.from, refused))
 }
@@ -220,7 +254,7 @@ fn show(
     answer: &Answer,
 ) -> Result<(), Failure> {
     let lang = context.lang;
-    let said = read(lang, asked, &answer.bytes);
+    let said = read(lang, asked, answer);
     let text = match context.format {
         Format::Table | Format::Csv => {
             let mut table = Table::bare();
@@ -258,7 +292,7 @@ fn verdict(
 ) -> Result<(), Failure> {
     let lang = context.lang;
     let expected = asked.is_none_or(is_answered);
-    match read(lang, asked, &answer.bytes) {
+    match read(lang, asked, answer) {
         Some((said, _, true)) => Err(Failure::of(lang, Code::Refused).because(said)),
         Some(_) => Ok(()),
         None if answer.bytes.is_empty() && !expected => Ok(()),

@@ -6,7 +6,7 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::os::fd::OwnedFd;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// A pseudo-terminal, the side that others open, held open, and where that is.
 fn terminal() -> (File, OwnedFd, String) {
@@ -33,6 +33,33 @@ pub(crate) fn liar(answer: impl Fn(&[u8; 8]) -> Vec<u8> + Send + 'static) -> Str
         while line.read_exact(&mut request).is_ok() {
             if line.write_all(&answer(&request)).is_err() {
                 return;
+            }
+        }
+    });
+    path
+}
+
+/// What a slave sends for a request, and how long after it each piece of it comes.
+pub(crate) type Replies = Vec<(Duration, Vec<u8>)>;
+
+/// Answers each request of eight bytes as `script` says, which is told the number of the request,
+/// from 0. Replies come when their time has come, whatever was asked meanwhile.
+pub(crate) fn slave(script: impl Fn(usize, &[u8; 8]) -> Replies + Send + 'static) -> String {
+    let (mut line, slave, path) = terminal();
+    std::thread::spawn(move || {
+        let _open = slave;
+        let mut request = [0; 8];
+        for number in 0.. {
+            if line.read_exact(&mut request).is_err() {
+                return;
+            }
+            let heard = Instant::now();
+            for (after, bytes) in script(number, &request) {
+                let mut line = line.try_clone().expect("a descriptor");
+                std::thread::spawn(move || {
+                    std::thread::sleep(after.saturating_sub(heard.elapsed()));
+                    let _ = line.write_all(&bytes);
+                });
             }
         }
     });

@@ -11,6 +11,7 @@ mod line;
 mod measure;
 mod outputs;
 mod published;
+mod raw;
 mod replay;
 mod scan;
 mod shells;

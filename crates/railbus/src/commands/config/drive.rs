@@ -10,7 +10,7 @@ use crate::commands::Context;
 use crate::commands::place::{Place as At, port_failure};
 use crate::commands::stop::Stop;
 use crate::failure::{Code, Failure};
-use railbus_host::{LineName, PortError};
+use railbus_host::{EchoMode, LineName, PortError};
 use railbus_site::commission::{
     Act, Ask, Event, Heard, Procedure, Progress, Question, Record, Step, Store,
 };
@@ -55,6 +55,7 @@ impl<'c> Driver<'c> {
             line: line.to_owned(),
             port: port.clone(),
             settings,
+            echo: EchoMode::Auto,
         };
         let stop = Stop::new(context)?;
         let borrowed = borrow(context, &at.port).await?;

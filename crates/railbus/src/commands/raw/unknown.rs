@@ -1,4 +1,6 @@
-//! One frame out, whatever it is, and what comes back, on a line that nobody else has.
+//! Bytes that are no request of any protocol. The line's master sends none of them: it could not
+//! know what may answer. So nothing is made of what comes back, and for as long as a reply can be
+//! late the line is only listened to, before and after.
 
 use super::Answer;
 use crate::commands::Context;
@@ -11,17 +13,17 @@ use tokio::time::{Instant, timeout_at};
 
 /// Silence that ends a reply; adapters hand it over in pieces.
 const SILENCE: Duration = Duration::from_millis(50);
-/// Silence before the frame: replies to someone's earlier request may still come.
-const QUIET: Duration = Duration::from_millis(50);
+/// After so long no late reply comes any more.
+const LATE: Duration = Duration::from_millis(500);
 /// Something that never stops talking is not listened to for ever.
 const BYTES_MAX: usize = 600;
 
-pub(super) async fn talk(
+/// Sends them, and says what comes back.
+pub(super) async fn ask(
     context: &Context,
     place: &Place,
     frame: &[u8],
     timeout: Micros,
-    silent: bool,
 ) -> Result<Answer, Failure> {
     let settings = place.settings;
     let options = SerialOptions {
@@ -32,19 +34,23 @@ pub(super) async fn talk(
     let failed = |error: &PortError| port_failure(context, place, error);
     let lost = |error: std::io::Error| failed(&PortError::of_loss(&error));
     port.open().await.map_err(|error| failed(&error))?;
-    hear(&mut port, Instant::now() + QUIET, QUIET, &[])
-        .await
-        .map_err(lost)?;
+    if !port.rested() {
+        let quiet = Instant::now() + LATE;
+        hear(&mut port, quiet, LATE, &[]).await.map_err(lost)?;
+    }
     port.send(frame, settings).map_err(lost)?;
     let sent = Instant::now() + micros(settings.frame_time(frame.len()));
-    let patience = if silent { Micros::ZERO } else { timeout };
-    let heard = hear(&mut port, sent + micros(patience), SILENCE, frame).await;
+    let heard = hear(&mut port, sent + micros(timeout), SILENCE, frame).await;
     let (bytes, last) = heard.map_err(lost)?;
+    // What comes now is for nobody, and must not meet whoever opens the port next.
+    let rest = hear(&mut port, sent + LATE, Duration::ZERO, &[]).await;
+    rest.map_err(lost)?;
     port.close();
     let after = last.saturating_duration_since(sent).as_millis();
     Ok(Answer {
         bytes: without_echo(bytes, frame),
         after_ms: u64::try_from(after).unwrap_or(u64::MAX),
+        outcome: None,
     })
 }
 
@@ -76,7 +82,7 @@ async fn hear(
     Ok((heard, last))
 }
 
-/// Some replies repeat the request: only where more follows is the first an echo.
+/// Where more follows than what was sent, that is an echo. Alone it may be a reply.
 fn without_echo(mut heard: Vec<u8>, sent: &[u8]) -> Vec<u8> {
     if heard.len() > sent.len() && heard.starts_with(sent) {
         heard.drain(..sent.len());
