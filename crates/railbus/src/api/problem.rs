@@ -260,6 +260,8 @@ pub(crate) mod codes {
         BAD_NAME = "E0920", 422, "the name is none: 1 to 32 letters, digits, and . _ - @ within";
         /// Also `most`.
         BAD_POINTS = "E0921", 422, "points are up to 32 patterns such as pump, pump.* or *.do0";
+        /// Also `points`: those that the caller is limited to.
+        LIMITED = "E0922", 403, "the caller is limited to points, and this may reach others";
     }
 }
 

@@ -36,6 +36,11 @@ pub(crate) struct Plan {
 }
 
 impl Plan {
+    /// The most that it may do.
+    pub(crate) fn risk(&self) -> Risk {
+        Risk::of(&self.asked)
+    }
+
     /// Whether it may change something.
     pub(crate) fn changes(&self) -> bool {
         !self.told.needs.is_empty()

@@ -115,6 +115,7 @@ fn message(lang: Lang, code: Code, problem: &Problem) -> String {
             with_name(lang, title, &format!("{module}.{}", text("name")))
         }
         Code::ConfigFile => with_name(lang, title, &text("file")),
+        Code::Limited => with_name(lang, title, &plain(&text("points"))),
         _ if text("point").is_empty() => {
             let name = [text("port"), module]
                 .into_iter()

@@ -82,6 +82,30 @@ impl Need {
     pub(super) const ADMIN: Need = Need::Role(Role::Admin);
 }
 
+/// What a route is to those who are limited to points. One that says nothing of it is closed to
+/// them if it changes anything: a route that was forgotten lets nobody through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Reach {
+    /// The same as to everybody: it reads, or is about the caller alone.
+    Harmless,
+    /// Its handler asks of each output, or each point, whether it is one of theirs.
+    Points,
+    /// Nothing: it may reach other outputs, by whatever way.
+    Beyond,
+}
+
+impl Reach {
+    /// What a route has that says nothing of it.
+    pub(super) const fn of(method: &str, need: Need) -> Reach {
+        let reads = matches!(method.as_bytes(), b"GET");
+        let is_own = matches!(need, Need::Nothing | Need::Role(Role::Viewer));
+        match reads || is_own {
+            true => Reach::Harmless,
+            false => Reach::Beyond,
+        }
+    }
+}
+
 /// How a caller is known.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Known {
@@ -140,8 +164,24 @@ impl Caller {
         may_write(&self.points, module, label)
     }
 
-    /// Why this caller may not do what needs this.
-    fn refused(&self, need: Need, method: &Method, is_upgrade: bool) -> Option<Problem> {
+    /// Whether some points only may be switched: then nothing may be changed from which another
+    /// could be.
+    pub(super) fn is_limited(&self) -> bool {
+        !self.points.is_empty()
+    }
+
+    /// Why somebody who is limited to points may not do this.
+    pub(super) fn limited(&self) -> Problem {
+        limited(&self.points)
+    }
+
+    /// Why this caller may not do what needs and reaches this.
+    fn refused(
+        &self,
+        (need, reach): (Need, Reach),
+        method: &Method,
+        is_upgrade: bool,
+    ) -> Option<Problem> {
         // Routes for the owner alone are not there for others.
         let (Need::Role(least), Some(role)) = (need, self.role) else {
             let is_unknown = matches!(need, Need::Role(_));
@@ -150,6 +190,9 @@ impl Caller {
         if role < least {
             let problem = Problem::new(codes::ROLE).with("role", role.name());
             return Some(problem.with("need", least.name()));
+        }
+        if reach == Reach::Beyond && self.is_limited() {
+            return Some(self.limited());
         }
         let reads = matches!(*method, Method::GET | Method::HEAD) && !is_upgrade;
         match self.known {
@@ -168,11 +211,20 @@ pub(super) fn may_write(points: &[String], module: &str, label: &str) -> Result<
     Err(problem.with("point", label))
 }
 
+/// Why somebody who is limited to these points may not do what could reach another.
+pub(super) fn limited(points: &[String]) -> Problem {
+    Problem::new(codes::LIMITED).with("points", points)
+}
+
 /// Lets through who may.
-pub(super) async fn check(State(need): State<Need>, request: Request, next: Next) -> Response {
+pub(super) async fn check(
+    State(rule): State<(Need, Reach)>,
+    request: Request,
+    next: Next,
+) -> Response {
     let is_upgrade = gate::is_upgrade(request.headers());
     let refused = match request.extensions().get::<Caller>() {
-        Some(caller) => caller.refused(need, request.method(), is_upgrade),
+        Some(caller) => caller.refused(rule, request.method(), is_upgrade),
         // Nobody said who asks: nobody is let through.
         None => Some(Problem::new(codes::UNAUTHENTICATED)),
     };
@@ -260,7 +312,8 @@ mod tests {
     #[test]
     fn each_need_is_met_by_those_who_may() {
         let code = |role, need| {
-            let refused = caller(role, Known::Owner).refused(need, &Method::PUT, false);
+            let refused =
+                caller(role, Known::Owner).refused((need, Reach::Harmless), &Method::PUT, false);
             refused.map(|problem| (problem.status, problem.code))
         };
         assert_eq!(code(None, Need::Nothing), None);
@@ -281,7 +334,7 @@ mod tests {
         };
         let code = |known, method: Method, is_upgrade| {
             let admin = caller(Some(Role::Admin), known);
-            let refused = admin.refused(Need::VIEWER, &method, is_upgrade);
+            let refused = admin.refused((Need::VIEWER, Reach::Harmless), &method, is_upgrade);
             refused.map(|problem| problem.code)
         };
         for method in [Method::POST, Method::PUT, Method::PATCH, Method::DELETE] {

@@ -6,7 +6,7 @@ pub(super) mod edits;
 mod rules;
 mod tables;
 
-use super::access::Need;
+use super::access::{Caller, Need};
 use super::doc::Doc;
 use super::order::Order;
 use super::routes::{Answer, Asked, Route, Site};
@@ -42,6 +42,7 @@ pub(super) const ROUTES: &[Route] = &[
     Route::new("POST", "/config/check", Need::ENGINEER, || {
         whole(post(check))
     })
+    .reads()
     .doc(Doc::new("What would be wrong or unwise with a configuration").takes::<Text>()),
     Route::new("GET", "/config/generations", Need::ENGINEER, || {
         get(generations)
@@ -81,6 +82,7 @@ pub(super) const ROUTES: &[Route] = &[
         Need::ENGINEER,
         || patch(change_point),
     )
+    .within_points()
     .doc(Doc::new("Change keys of a point").takes_object()),
 ];
 
@@ -231,8 +233,21 @@ async fn remove_module(Path(module): Path<String>, order: Order) -> Answer {
 }
 
 async fn change_point(Path((module, label)): Path<(String, String)>, order: Order) -> Answer {
-    let change = |text: &str| edits::change_point(text, &module, &label, &order.read()?);
+    let change = |text: &str| {
+        let keys: edits::Keys = order.read()?;
+        may_change_point(&order.who, &format!("{module}.{label}"), &keys)?;
+        edits::change_point(text, &module, &label, &keys)
+    };
     edit(&order, change).await
+}
+
+/// Who is limited to points gives them names; whatever else is said of a point may switch another.
+fn may_change_point(who: &Caller, path: &str, keys: &edits::Keys) -> Result<(), Problem> {
+    who.may_write(path)?;
+    match who.is_limited() && keys.keys().any(|key| key != "name") {
+        true => Err(who.limited()),
+        false => Ok(()),
+    }
 }
 
 /// Changes the file for somebody, and says what came of it.

@@ -20,16 +20,19 @@ use serde_json::Value;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
-    Route::new("POST", "/batch", Need::OPERATOR, || post(batch)).doc(
-        Doc::new("Switch several outputs of any modules")
-            .takes::<BatchRequest>()
-            .answers::<BatchAnswer>(),
-    ),
+    Route::new("POST", "/batch", Need::OPERATOR, || post(batch))
+        .within_points()
+        .doc(
+            Doc::new("Switch several outputs of any modules")
+                .takes::<BatchRequest>()
+                .answers::<BatchAnswer>(),
+        ),
     Route::new("GET", "/groups", Need::VIEWER, || get(groups))
         .doc(Doc::new("All groups").answers::<Groups>()),
     Route::new("POST", "/groups/{group}/set", Need::OPERATOR, || {
         post(set_group)
     })
+    .within_points()
     .doc(
         Doc::new("Switch a group")
             .takes::<GroupRequest>()
@@ -37,17 +40,20 @@ pub(super) const ROUTES: &[Route] = &[
     ),
     Route::new("GET", "/scenes", Need::VIEWER, || get(scenes))
         .doc(Doc::new("All scenes").answers::<Scenes>()),
-    Route::new("POST", "/scenes/{scene}/run", Need::OPERATOR, || post(play)).doc(
-        Doc::new("Play a scene, up to the first step that fails")
-            .takes::<SceneRequest>()
-            .answers::<BatchAnswer>(),
-    ),
+    Route::new("POST", "/scenes/{scene}/run", Need::OPERATOR, || post(play))
+        .within_points()
+        .doc(
+            Doc::new("Play a scene, up to the first step that fails")
+                .takes::<SceneRequest>()
+                .answers::<BatchAnswer>(),
+        ),
     Route::new(
         "PUT",
         "/points/{module}/{label}/lease",
         Need::OPERATOR,
         || put(lease),
     )
+    .within_points()
     .doc(
         Doc::new("Hold an output for as long as that is said again")
             .takes::<LeaseRequest>()
@@ -59,6 +65,7 @@ pub(super) const ROUTES: &[Route] = &[
         Need::OPERATOR,
         || delete(end_lease),
     )
+    .within_points()
     .doc(Doc::new("Give an output back").answers::<LeaseAnswer>()),
 ];
 

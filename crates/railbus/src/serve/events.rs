@@ -32,6 +32,7 @@ pub(super) const ROUTES: &[Route] = &[
     Route::new("POST", "/events/{id}/ack", Need::OPERATOR, || {
         post(acknowledge)
     })
+    .reads()
     .doc(
         Doc::new("Say that an event was seen")
             .takes::<AckRequest>()

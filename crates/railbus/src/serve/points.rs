@@ -24,6 +24,7 @@ pub(super) const ROUTES: &[Route] = &[
     Route::new("PUT", "/modules/{module}/outputs", Need::OPERATOR, || {
         put(outputs)
     })
+    .within_points()
     .doc(
         Doc::new("Switch several outputs of a module at once")
             .takes::<OutputsRequest>()
@@ -41,6 +42,7 @@ pub(super) const ROUTES: &[Route] = &[
     Route::new("PUT", "/points/{module}/{label}", Need::OPERATOR, || {
         put(write)
     })
+    .within_points()
     .doc(
         Doc::new("Switch an output")
             .takes::<WriteRequest>()
@@ -52,6 +54,7 @@ pub(super) const ROUTES: &[Route] = &[
         Need::OPERATOR,
         || post(toggle),
     )
+    .within_points()
     .doc(
         Doc::new("Switch an output over")
             .takes::<ToggleRequest>()
@@ -63,6 +66,7 @@ pub(super) const ROUTES: &[Route] = &[
         Need::OPERATOR,
         || post(pulse),
     )
+    .within_points()
     .doc(
         Doc::new("Switch an output for a time")
             .takes::<PulseRequest>()

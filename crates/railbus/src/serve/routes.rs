@@ -1,7 +1,7 @@
 //! The addresses of the API, and who may use each. Every file of handlers brings a table of its
 //! routes; [`ALL`] is the list of tables, and nothing is served that is in none of them.
 
-use super::access::{Access, Caller, Need, SESSION_ROUTES, USER_ROUTES, check, identify};
+use super::access::{Access, Caller, Need, Reach, SESSION_ROUTES, USER_ROUTES, check, identify};
 use super::config::{self, Desk};
 use super::doc::Doc;
 use super::guard::Front;
@@ -41,6 +41,8 @@ pub(super) struct Route {
     pub(super) path: &'static str,
     /// Who may use it.
     pub(super) need: Need,
+    /// What it is to those who are limited to points.
+    pub(super) reach: Reach,
     /// What the API's document says of it.
     pub(super) doc: Option<Doc>,
     /// What answers.
@@ -58,8 +60,25 @@ impl Route {
             method,
             path,
             need,
+            reach: Reach::of(method, need),
             doc: None,
             handler,
+        }
+    }
+
+    /// Its handler holds those who are limited to points to these.
+    pub(super) const fn within_points(self) -> Route {
+        Route {
+            reach: Reach::Points,
+            ..self
+        }
+    }
+
+    /// It reaches no output and no configuration, though it is no GET.
+    pub(super) const fn reads(self) -> Route {
+        Route {
+            reach: Reach::Harmless,
+            ..self
         }
     }
 
@@ -176,7 +195,7 @@ pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
     // What only the daemon's own user may ask for is not there for anybody else.
     let is_there = |route: &&Route| route.need != Need::Owner || front.is_none();
     let add = |router: Router<Site>, route: &Route| {
-        let ruled = (route.handler)().layer(from_fn_with_state(route.need, check));
+        let ruled = (route.handler)().layer(from_fn_with_state((route.need, route.reach), check));
         router.route(route.path, ruled)
     };
     let routes = ALL.iter().copied().flatten().filter(is_there);

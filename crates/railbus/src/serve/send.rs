@@ -1,6 +1,6 @@
 //! `POST /api/v1/lines/{line}/send`: a frame of one's own.
 
-use super::access::{Need, may_write};
+use super::access::{Need, limited, may_write};
 use super::doc::Doc;
 use super::order::Order;
 use super::routes::{Answer, Asked, Route};
@@ -11,17 +11,19 @@ use crate::api::sending::{self, Plan};
 use axum::extract::Path;
 use axum::routing::post;
 use railbus_device::PointKind;
-use railbus_site::Service;
+use railbus_site::{Risk, Service};
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] =
     &[
-        Route::new("POST", "/lines/{line}/send", Need::ENGINEER, || post(send)).doc(
-            Doc::new("Send a frame of one's own, or say what it may do")
-                .query(&[DRY_RUN])
-                .takes::<SendRequest>()
-                .answers::<SendAnswer>(),
-        ),
+        Route::new("POST", "/lines/{line}/send", Need::ENGINEER, || post(send))
+            .within_points()
+            .doc(
+                Doc::new("Send a frame of one's own, or say what it may do")
+                    .query(&[DRY_RUN])
+                    .takes::<SendRequest>()
+                    .answers::<SendAnswer>(),
+            ),
     ];
 
 const DRY_RUN: (&str, &str) = ("dry_run", "1: say what it is and may do, and send nothing");
@@ -50,6 +52,10 @@ async fn send(Path(line): Path<String>, asked: Asked, order: Order) -> Answer {
 fn may_send(service: &Service, rights: &[String], plan: &Plan) -> Result<(), Problem> {
     if rights.is_empty() || !plan.changes() {
         return Ok(());
+    }
+    // What a module keeps is its address, too: another would answer to the name of this one.
+    if plan.risk() > Risk::Output {
+        return Err(limited(rights));
     }
     if plan.modules.is_empty() {
         let problem = Problem::new(codes::POINT_RIGHT);

@@ -263,6 +263,125 @@ fn rights_of_points_hold_on_every_way_to_switch() {
     assert_eq!(is_on(&daemon, "pump.do1"), true);
 }
 
+/// What somebody who is limited to `pump` could do to reach `oven` all the same.
+const WAYS_ROUND: [(&str, &str, &str); 25] = [
+    (
+        "PUT",
+        "/config",
+        r#"{"text":"[line.x]\nport = \"/dev/ttyS7\"\n"}"#,
+    ),
+    ("POST", "/config/undo", "{}"),
+    (
+        "POST",
+        "/config/lines",
+        r#"{"line":"x","port":"/dev/ttyS7"}"#,
+    ),
+    ("PATCH", "/config/lines/main", r#"{"baud":19200}"#),
+    ("DELETE", "/config/lines/main?modules=1", ""),
+    (
+        "POST",
+        "/config/modules",
+        r#"{"modules":[{"name":"pump2","line":"main","model":"erc8","address":2}]}"#,
+    ),
+    ("PATCH", "/config/modules/oven", r#"{"rename":"pump2"}"#),
+    (
+        "PATCH",
+        "/config/modules/pump",
+        r#"{"address":2,"model":"erc8"}"#,
+    ),
+    ("DELETE", "/config/modules/oven", ""),
+    ("PATCH", "/config/points/oven/k1", r#"{"on_return":"on"}"#),
+    ("PATCH", "/config/points/oven/k1", r#"{"name":"mine"}"#),
+    (
+        "PATCH",
+        "/config/points/pump/do0",
+        r#"{"interlock":["oven.k1"]}"#,
+    ),
+    (
+        "PATCH",
+        "/config/points/pump/do0",
+        r#"{"name":"x","max_on":"1s"}"#,
+    ),
+    ("PUT", "/config/groups/mine", r#"{"members":["oven.k1"]}"#),
+    (
+        "PUT",
+        "/config/scenes/mine",
+        r#"{"steps":[{"set":"oven.k1","to":true}]}"#,
+    ),
+    (
+        "PUT",
+        "/rules/mine",
+        r#"{"when":{"point":"pump.di0","is":"on"},"then":[{"set":"oven.k1","to":true}]}"#,
+    ),
+    ("POST", "/rules/mine/arm", ""),
+    ("PUT", "/webhooks/mine", r#"{"url":"https://example.com/"}"#),
+    (
+        "PATCH",
+        "/modules/pump/settings",
+        r#"{"settings":{"address":2}}"#,
+    ),
+    ("POST", "/modules/pump/settings/undo", "{}"),
+    ("PUT", "/sim/main/oven", r#"{"power":false}"#),
+    ("POST", "/sim/main/oven/faults", r#"{"faults":"welded=k1"}"#),
+    ("POST", "/scans", r#"{"lines":["main"]}"#),
+    ("POST", "/tokens", r#"{"name":"free","role":"admin"}"#),
+    ("PATCH", "/users/li", r#"{"points":[]}"#),
+];
+
+#[test]
+fn who_is_limited_to_points_reaches_no_other_by_any_way() {
+    let daemon = Daemon::demo("limited");
+    let text = || daemon.as_owner("GET", "/api/v1/config", "").json()["text"].clone();
+    let before = text();
+    for role in ["engineer", "admin"] {
+        let token = token(&daemon, role, role, &["pump.*"]);
+        let any = format!("{token}If-Match: *\r\n");
+        let ask = |method: &str, path: &str, body: &str| {
+            ask(&daemon, method, &format!("/api/v1{path}"), &any, body)
+        };
+        for (method, path, body) in WAYS_ROUND {
+            let admins = ["/webhooks", "/tokens", "/users"];
+            let is_admins = admins.iter().any(|only| path.starts_with(only));
+            let code = match (role, is_admins) {
+                ("engineer", true) => "E0905",
+                _ if path.starts_with("/config/points/oven") => "E0906",
+                _ => "E0922",
+            };
+            let answer = ask(method, path, body);
+            let what = format!("{method} {path} {body} as {role}: {}", answer.text());
+            assert_eq!(answer.end(), (403, code.to_owned()), "{what}");
+        }
+        assert_eq!(text(), before, "{role}");
+        // It is told what is missing, in both languages.
+        for (lang, word) in [("en", "pump.*"), ("zh", "权限")] {
+            let any = format!("{any}Accept-Language: {lang}\r\n");
+            let told = super::access::ask(&daemon, "POST", "/api/v1/config/undo", &any, "{}");
+            assert!(told.text().contains(word), "{}", told.text());
+        }
+        // A frame of one's own: neither what a module keeps nor all modules at once.
+        let kept = r#"{"protocol":"rtu","bytes":"01 06 00 00 00 02","complete":true}"#;
+        let sent = ask("POST", "/lines/main/send", kept);
+        assert_ne!(sent.status, 200, "{}", sent.text());
+        // What is his own he may call as he likes, and the rest is his to look at.
+        let named = ask(
+            "PATCH",
+            "/config/points/pump/do0",
+            r#"{"name":"Feed pump"}"#,
+        );
+        assert_eq!(named.status, 200, "{}", named.text());
+        let back = json!({ "text": before }).to_string();
+        let owner = daemon.as_owner("GET", "/api/v1/config", "").json()["etag"].clone();
+        let head = format!("Host: railbus\r\nIf-Match: {owner}\r\n");
+        let socket = daemon.connect_to_socket();
+        let put = super::daemon::exchange(socket, "PUT", "/api/v1/config", &head, &back);
+        assert_eq!(put.status, 200, "{}", put.text());
+        for path in ["/config", "/config/generations", "/rules", "/ports"] {
+            assert_eq!(ask("GET", path, "").status, 200, "{path}");
+        }
+    }
+    assert_eq!(is_on(&daemon, "oven.k1"), false);
+}
+
 #[test]
 fn the_first_user_comes_by_the_link_and_nobody_after() {
     let daemon = Daemon::demo("setup");

@@ -121,6 +121,14 @@ codes! {
             "模式如 pump、pump.* 或 *.do0，最多 32 个"],
         next: ["railbus ls points", "railbus ls points"],
     }
+    Limited = "E0922" {
+        title: ["you are limited to some points, and this may reach others",
+            "您的权限只限于部分测点，而此操作可能影响其他测点"],
+        likely: ["who is limited to points switches and names these, and changes nothing else",
+            "权限限于部分测点者只能操作和命名这些测点，不能更改其他内容"],
+        next: ["ask an engineer or an administrator without this limit: railbus user list",
+            "请由不受此限制的工程师或管理员操作：railbus user list"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not those wanted", "模块设置与期望不同"],

@@ -1,6 +1,6 @@
 //! Rules: how they are, what the configuration says of them, and when they would have acted.
 
-use super::super::access::{Caller, Need};
+use super::super::access::Need;
 use super::super::answer;
 use super::super::doc::Doc;
 use super::super::history::kept;
@@ -17,7 +17,7 @@ use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::routing::{delete, get, post, put};
 use jiff::tz::TimeZone;
-use railbus_site::config::{Action, Rule};
+use railbus_site::config::Rule;
 use railbus_site::history::millis;
 use railbus_site::{Config, Service};
 use serde_json::Value;
@@ -27,11 +27,13 @@ use std::time::SystemTime;
 pub(in crate::serve) const ROUTES: &[Route] = &[
     Route::new("GET", "/rules", Need::VIEWER, || get(all))
         .doc(Doc::new("All rules, and how each is").answers::<Rules>()),
-    Route::new("POST", "/rules/try-text", Need::ENGINEER, || post(try_text)).doc(
-        Doc::new("When a rule would have acted that is not in the configuration yet")
-            .takes::<TryRequest>()
-            .answers::<TriedInfo>(),
-    ),
+    Route::new("POST", "/rules/try-text", Need::ENGINEER, || post(try_text))
+        .reads()
+        .doc(
+            Doc::new("When a rule would have acted that is not in the configuration yet")
+                .takes::<TryRequest>()
+                .answers::<TriedInfo>(),
+        ),
     Route::new("GET", "/rules/{id}", Need::VIEWER, || get(one))
         .doc(Doc::new("One of them").answers::<RuleInfo>()),
     Route::new("PUT", "/rules/{id}", Need::ENGINEER, || put(write))
@@ -41,6 +43,7 @@ pub(in crate::serve) const ROUTES: &[Route] = &[
     Route::new("POST", "/rules/{id}/try", Need::ENGINEER, || {
         post(try_known)
     })
+    .reads()
     .doc(
         Doc::new("When a rule would have acted")
             .takes::<TryRequest>()
@@ -185,8 +188,8 @@ async fn arm(Path(id): Path<String>, order: Order) -> Answer {
         Err(problem) => return answer::problem(&problem),
     };
     let untried = || not_tried(&id, &format!("/rules/{id}/try"));
-    if let Err(problem) = may_let_act(service, &rule, &order.who, untried) {
-        return answer::problem(&problem);
+    if !service.is_tried(&rule) {
+        return answer::problem(&untried());
     }
     let change = |text: &str| {
         // The file may say something else than what was tried.
@@ -222,26 +225,11 @@ pub(super) fn may_bring(order: &Order, before: &str, text: &str) -> Result<(), P
         .filter(|(id, rule)| !acts_already(id, rule))
         .try_for_each(|(id, rule)| {
             // The text is no part of the site yet, and nor is its rule.
-            let untried = || not_tried(id, "/rules/try-text");
-            may_let_act(&order.site.service, rule, &order.who, untried)
+            match order.site.service.is_tried(rule) {
+                true => Ok(()),
+                false => Err(not_tried(id, "/rules/try-text")),
+            }
         })
-}
-
-/// A rule was tried just as it is, and switches nothing that the caller may not.
-fn may_let_act(
-    service: &Service,
-    rule: &Rule,
-    who: &Caller,
-    untried: impl FnOnce() -> Problem,
-) -> Result<(), Problem> {
-    if !service.is_tried(rule) {
-        return Err(untried());
-    }
-    let config = service.config();
-    rule.then.iter().try_for_each(|action| match action {
-        Action::Set(place, _) | Action::Pulse(place, _) => who.may_write(&config.path(place)),
-        Action::Notify(_) => Ok(()),
-    })
 }
 
 fn not_tried(id: &str, address: &str) -> Problem {
