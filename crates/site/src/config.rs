@@ -153,7 +153,8 @@ impl Config {
             ("history", self.past.history != other.past.history),
             (
                 "audit",
-                self.past.audit_required != other.past.audit_required,
+                (self.past.audit_required, self.past.audit_bytes)
+                    != (other.past.audit_required, other.past.audit_bytes),
             ),
         ];
         let rest = rest.into_iter().filter(|(_, differs)| *differs);

@@ -1,6 +1,7 @@
 //! The configuration over HTTP: the file as a text, and changes of single lines, modules and
 //! points, which keep its comments.
 
+mod bring;
 mod desk;
 pub(super) mod edits;
 mod rules;
@@ -116,7 +117,7 @@ async fn replace(order: Order) -> Answer {
     }
     let change = |before: &str| {
         let text = order.read::<Text>()?.text;
-        rules::may_bring(&order, before, &text)?;
+        bring::may_bring(&order, before, &text)?;
         Ok(text)
     };
     edit(&order, change).await
@@ -188,7 +189,7 @@ async fn undo(order: Order) -> Answer {
     match found {
         Ok(found) => {
             let change = |before: &str| {
-                rules::may_bring(&order, before, &found.text)?;
+                bring::may_bring(&order, before, &found.text)?;
                 Ok(found.text)
             };
             edit(&order, change).await

@@ -383,6 +383,51 @@ fn who_is_limited_to_points_reaches_no_other_by_any_way() {
 }
 
 #[test]
+fn what_administrators_say_comes_from_them_however_it_is_made() {
+    let daemon = Daemon::demo("bring");
+    let [engineer, admin] = ["engineer", "admin"].map(|role| token(&daemon, role, role, &[]));
+    let any = |token: &str| format!("{token}If-Match: *\r\n");
+    let put = |token: &str, text: &str| {
+        let body = json!({ "text": text }).to_string();
+        ask(&daemon, "PUT", "/api/v1/config", &any(token), &body)
+    };
+    let text = daemon.as_owner("GET", "/api/v1/config", "").json()["text"].clone();
+    let text = text.as_str().expect("a text");
+    let hook = "\n[webhook.x]\nurl = \"https://192.0.2.7/a\"\n";
+    let with = format!("{text}{hook}");
+    for brought in [with.clone(), format!("{text}\n[audit]\nrequired = true\n")] {
+        let refused = put(&engineer, &brought);
+        assert_eq!(refused.end(), (403, "E0905".into()), "{}", refused.text());
+        assert_eq!(refused.json()["need"], "admin", "{}", refused.text());
+    }
+    let made = put(&admin, &with);
+    assert_eq!(made.status, 200, "{}", made.text());
+    // It stays as it is, whatever else an engineer says.
+    let more = format!("{with}# Checked.\n");
+    assert_eq!(put(&engineer, &more).status, 200);
+    for changed in [
+        text.to_owned(),
+        more.replace("/a", "/b"),
+        format!("{more}enabled = false\n"),
+        more.replace("webhook.x", "webhook.y"),
+    ] {
+        let refused = put(&engineer, &changed);
+        assert_eq!(refused.end(), (403, "E0905".into()), "{}", refused.text());
+    }
+    let kept = ask(&daemon, "GET", "/api/v1/config/generations", &engineer, "").json();
+    let first = kept["generations"].as_array().and_then(|all| all.last());
+    let first = first.expect("there are some")["id"].clone();
+    let undo = |token: &str| {
+        let body = json!({ "to": first }).to_string();
+        ask(&daemon, "POST", "/api/v1/config/undo", token, &body)
+    };
+    assert_eq!(undo(&engineer).end(), (403, "E0905".into()), "{first}");
+    assert_eq!(undo(&admin).status, 200);
+    let back = ask(&daemon, "POST", "/api/v1/config/undo", &engineer, "{}");
+    assert_eq!(back.end(), (403, "E0905".into()), "{}", back.text());
+}
+
+#[test]
 fn the_first_user_comes_by_the_link_and_nobody_after() {
     let daemon = Daemon::demo("setup");
     let before = ask(&daemon, "GET", "/api/v1/session", "", "").json();

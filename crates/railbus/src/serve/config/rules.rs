@@ -207,29 +207,19 @@ async fn arm(Path(id): Path<String>, order: Order) -> Answer {
     answer
 }
 
-/// A whole text brings no rule into force that acts and was not tried: what another program or
-/// another gateway sends is held to what a page is held to. Who edits the file itself is not
-/// asked.
-pub(super) fn may_bring(order: &Order, before: &str, text: &str) -> Result<(), Problem> {
-    // What is wrong with a text is told when it is checked.
-    let (Ok(new), old) = (Config::parse(text), Config::parse(before)) else {
-        return Ok(());
-    };
-    let old = old.map(|old| old.rules).unwrap_or_default();
+/// A rule that acts, and did not already, was tried just as it is.
+pub(super) fn are_tried(service: &Service, old: &Config, new: &Config) -> Result<(), Problem> {
     let armed = new.rules.iter().filter(|(_, rule)| rule.armed);
     let acts_already = |id: &str, rule: &Rule| {
-        let known: Option<&Rule> = old.get(id);
+        let known = old.rules.get(id);
         known.is_some_and(|known| known.armed && known.acts_as(rule))
     };
-    armed
-        .filter(|(id, rule)| !acts_already(id, rule))
-        .try_for_each(|(id, rule)| {
-            // The text is no part of the site yet, and nor is its rule.
-            match order.site.service.is_tried(rule) {
-                true => Ok(()),
-                false => Err(not_tried(id, "/rules/try-text")),
-            }
-        })
+    let mut acting = armed.filter(|(id, rule)| !acts_already(id, rule));
+    acting.try_for_each(|(id, rule)| match service.is_tried(rule) {
+        true => Ok(()),
+        // The text is no part of the site yet, and nor is its rule.
+        false => Err(not_tried(id, "/rules/try-text")),
+    })
 }
 
 fn not_tried(id: &str, address: &str) -> Problem {
