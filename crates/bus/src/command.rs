@@ -30,6 +30,11 @@ pub(crate) struct Command {
     pub(crate) acknowledged: bool,
     /// A reply of its own denies it: it shows another state than it wants, or says no.
     pub(crate) denied: bool,
+    /// The outputs that were otherwise than it wants when they were last read after its frame,
+    /// but for those that are known to give pulses, whose pulse may be over.
+    pub(crate) wrong: u32,
+    /// Which outputs give pulses is to be asked before its outputs are read once more.
+    pub(crate) asks_pulses: bool,
     /// When the last of its own replies had come in.
     pub(crate) replied: Option<Instant>,
     pub(crate) evidence: Evidence,
@@ -90,6 +95,8 @@ impl Command {
             left,
             acknowledged: true,
             denied: false,
+            wrong: 0,
+            asks_pulses: false,
             replied: None,
             evidence: Evidence {
                 attempts: 0,
@@ -114,18 +121,29 @@ impl Command {
             return Some(self.end_by_reply());
         };
         let seen = outputs.mask & want.mask;
-        let wrong = (outputs.on ^ want.on) & want.mask;
+        let wrong = (outputs.on ^ want.on) & seen;
         if seen == want.mask && wrong == 0 {
             return Some(Ok(Confirmed::Readback));
         }
+        let pulses = node.pulses();
+        self.wrong = wrong & !(pulses.unwrap_or(0) & want.on);
         // A pulse may be over before it is looked for: then only its reply is left.
-        let may_be_over = node.pulse_mask() & want.on;
+        let may_be_over = pulses.unwrap_or(u32::MAX) & want.on;
         if wrong & !may_be_over == 0 && seen == want.mask {
-            return Some(self.end_by_reply());
+            if pulses.is_some() || !self.acknowledged {
+                return Some(self.end_by_reply());
+            }
+            // Whether it is one is asked once. A module that does not say has none.
+            if node.greeting().is_some() && (reads == 0 || self.asks_pulses) {
+                self.asks_pulses = true;
+                self.stage = Stage::ReadBack(1);
+                return None;
+            }
         }
         if !self.acknowledged && node.repeatable(&self.op) && self.evidence.attempts < TRIES_MAX {
             self.left = want.mask;
             self.acknowledged = true;
+            (self.denied, self.wrong) = (false, 0);
             self.stage = Stage::Queued;
             return None;
         }
@@ -138,6 +156,14 @@ impl Command {
         } else {
             self.lost()
         }))
+    }
+
+    /// The module was asked which outputs give pulses, and said so unless it was silent: what was
+    /// read otherwise may be a pulse that is over, and then only its reply is left.
+    pub(crate) fn told_pulses(&mut self, pulses: u32) -> Option<Result<Confirmed, Fault>> {
+        let want = bank_of(&self.op).filter(|_| core::mem::take(&mut self.asks_pulses))?;
+        self.wrong &= !(pulses & want.on);
+        (self.wrong == 0).then(|| self.end_by_reply())
     }
 
     /// When it ends because its time is up; a frame on the line is waited for.
@@ -159,9 +185,9 @@ impl Command {
         }
     }
 
-    /// The end where nothing can be read back.
+    /// The end where nothing more can be read back. What was read otherwise before is not done.
     pub(crate) fn end_by_reply(&self) -> Result<Confirmed, Fault> {
-        match (self.acknowledged, self.denied) {
+        match (self.acknowledged, self.denied || self.wrong != 0) {
             (true, false) => Ok(Confirmed::Reply),
             (true, true) => Err(Fault::NotVerified),
             (false, _) => Err(self.lost()),

@@ -235,13 +235,9 @@ impl Node {
         self.module.repeatable(op) && (self.is_known() || !switches_on)
     }
 
-    /// Which outputs may give pulses.
-    pub(crate) fn pulse_mask(&self) -> u32 {
-        if self.is_known() {
-            self.module.pulse_mask()
-        } else {
-            u32::MAX
-        }
+    /// Which outputs give pulses, where that is known.
+    pub(crate) fn pulses(&self) -> Option<u32> {
+        self.module.pulses().filter(|_| self.is_known())
     }
 
     /// The greeting's op, where it is still to be done.

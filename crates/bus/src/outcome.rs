@@ -2,6 +2,7 @@
 
 use crate::command::{self, Command, Stage, bank_of, decide};
 use crate::flight::{Flight, Job};
+use crate::node::Node;
 use crate::{Bus, Confirmed, Event, Evidence, Fault, ModuleId, Probed};
 use railbus_device::{Bank, Op, Seen};
 use railbus_wire::Malformed;
@@ -30,6 +31,9 @@ impl Bus {
                 asked,
                 heard,
             });
+        }
+        if let Job::Greeting { .. } = flight.job {
+            self.tell_pulses(module);
         }
         if let Job::Command { .. } = flight.job {
             self.acknowledge(module, &op, seen);
@@ -106,6 +110,9 @@ impl Bus {
                 });
             }
             Job::Poll { module, op } | Job::Greeting { module, op } => {
+                if let Job::Greeting { .. } = flight.job {
+                    self.tell_pulses(module);
+                }
                 self.events.tell(Event::Missed {
                     module,
                     op,
@@ -168,6 +175,16 @@ impl Bus {
             } else {
                 None
             }
+        });
+    }
+
+    /// The commands that waited for it learn which outputs of their module give pulses, as far as
+    /// the module has said.
+    pub(crate) fn tell_pulses(&mut self, module: ModuleId) {
+        let pulses = self.nodes.get(module.0).and_then(Node::pulses);
+        decide(&mut self.commands, &mut self.events, self.now, |command| {
+            let asks = command.module == module && command.asks_pulses;
+            asks.then(|| command.told_pulses(pulses.unwrap_or(0)))?
         });
     }
 

@@ -160,6 +160,7 @@ impl Bus {
             Job::Poll { module, op } | Job::Greeting { module, op } => {
                 if let (Some(node), Job::Greeting { .. }) = (self.nodes.get_mut(module.0), job) {
                     node.greeted = true;
+                    self.tell_pulses(module);
                 }
                 self.events.tell(Event::Missed { module, op, fault });
             }
@@ -301,7 +302,10 @@ impl Bus {
             };
             let job = match command.stage {
                 Stage::Sent => continue,
-                Stage::ReadBack(_) => Job::ReadBack { module },
+                Stage::ReadBack(_) => match node.greeting() {
+                    Some(op) if command.asks_pulses => Job::Greeting { module, op },
+                    _ => Job::ReadBack { module },
+                },
                 Stage::Queued if self.is_barred(index, command) => continue,
                 Stage::Queued => self.job_of(index, command, node),
             };

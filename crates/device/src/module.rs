@@ -103,10 +103,11 @@ impl Module {
         }
     }
 
-    /// Which outputs may give pulses: those that do, or all while the module was not asked.
+    /// Which outputs give pulses; nothing as long as the module has not said so.
     #[must_use]
-    pub fn pulse_mask(&self) -> u32 {
-        u32::from(self.pulse_mask.unwrap_or(u8::MAX)) & self.setup.output_mask()
+    pub fn pulses(&self) -> Option<u32> {
+        let mask = self.pulse_mask.map(u32::from);
+        mask.map(|mask| mask & self.setup.output_mask())
     }
 
     /// The ops that read everything once.

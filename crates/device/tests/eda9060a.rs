@@ -320,11 +320,14 @@ fn what_the_host_may_repeat() {
     let mut host = host(Protocol::Ascii);
     let repeatable = |host: &Module| [0, 1].map(|relay| host.repeatable(&switch(relay, true)));
     assert_eq!(repeatable(&host), [false; 2], "not asked yet");
-    assert_eq!(host.greeting(), Some(Op::ReadPulse));
+    assert_eq!(
+        (host.greeting(), host.pulses()),
+        (Some(Op::ReadPulse), None)
+    );
     host.learn(&seen(&host, &Op::ReadPulse, b"!01010A\r"));
     assert_eq!(repeatable(&host), [false, true]);
     assert!(host.repeatable(&switch(0, false)) && !host.repeatable(&pulse(0, 10)));
-    assert_eq!(host.pulse_mask(), 0b0001);
+    assert_eq!(host.pulses(), Some(0b0001));
 }
 
 /// [EDA9060A §4.3, §4.4, §4.5]

@@ -5,7 +5,7 @@ use crate::line::{Done, LATE_MAX, LateReply, ProbeResult};
 use crate::tap::{Tap, Tapped};
 use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probe, Probed, Ticket};
 use railbus_device::{Op, Seen};
-use railbus_wire::{Micros, Settings};
+use railbus_wire::{Instant, Micros, Settings};
 use std::collections::VecDeque;
 use tokio::sync::oneshot;
 
@@ -36,8 +36,9 @@ pub(crate) struct Run {
     pub(crate) ticket: Ticket,
     pub(crate) module: ModuleId,
     pub(crate) op: Op,
-    /// The last thing seen that may be the answer.
-    pub(crate) seen: Option<Seen>,
+    pub(crate) submitted: Instant,
+    /// The last thing seen that may be the answer, and when it was asked for.
+    pub(crate) seen: Option<(Seen, Instant)>,
     pub(crate) reply: oneshot::Sender<Result<Done, Fault>>,
 }
 
@@ -168,7 +169,7 @@ impl Desk {
     }
 
     /// A module said something.
-    pub(crate) fn seen(&mut self, module: ModuleId, op: &Op, seen: Seen) {
+    pub(crate) fn seen(&mut self, module: ModuleId, op: &Op, seen: Seen, asked: Instant) {
         for run in self.runs.iter_mut().filter(|run| run.module == module) {
             let answers = if run.op.is_read() {
                 run.op == *op
@@ -176,7 +177,7 @@ impl Desk {
                 matches!(seen, Seen::Channels { outputs, .. } if outputs.mask != 0)
             };
             if answers {
-                run.seen = Some(seen);
+                run.seen = Some((seen, asked));
             }
         }
     }
@@ -190,10 +191,15 @@ impl Desk {
         let done = end.map(|confirmed| Done {
             confirmed,
             took,
-            // Outputs seen before a write that was not read back say nothing of it.
-            seen: run
-                .seen
-                .filter(|_| run.op.is_read() || confirmed == Confirmed::Readback),
+            seen: run.seen.and_then(|(seen, asked)| {
+                // Outputs asked for before a write was answered say nothing of it.
+                let is_after = match confirmed {
+                    Confirmed::Readback => true,
+                    Confirmed::Reply => asked >= run.submitted + took,
+                    Confirmed::Sent => false,
+                };
+                (run.op.is_read() || is_after).then_some(seen)
+            }),
         });
         // Fails where the caller has gone away.
         let _ = run.reply.send(done);
@@ -255,6 +261,7 @@ mod tests {
             ticket: Ticket(7),
             module: ModuleId(1),
             op,
+            submitted: Instant(100),
             seen: None,
             reply,
         });
@@ -271,10 +278,11 @@ mod tests {
     #[test]
     fn a_read_gets_what_was_seen_last_of_its_own_module_and_op() {
         let (mut desk, mut end) = desk_with(Op::ReadOutputs);
-        desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(1));
-        desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(2));
-        desk.seen(ModuleId(0), &Op::ReadOutputs, outputs(3));
-        desk.seen(ModuleId(1), &Op::ReadAnalogs, Seen::Analogs([1, 2]));
+        let at = Instant(50);
+        desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(1), at);
+        desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(2), at);
+        desk.seen(ModuleId(0), &Op::ReadOutputs, outputs(3), at);
+        desk.seen(ModuleId(1), &Op::ReadAnalogs, Seen::Analogs([1, 2]), at);
         desk.end(Ticket(7), Ok(Confirmed::Reply), Micros(5));
         let done = end.try_recv().unwrap().unwrap();
         assert_eq!(done.seen, Some(outputs(2)));
@@ -282,13 +290,15 @@ mod tests {
     }
 
     #[test]
-    fn a_write_that_was_not_read_back_has_seen_nothing() {
-        for (confirmed, seen) in [
-            (Confirmed::Reply, None),
-            (Confirmed::Readback, Some(outputs(4))),
+    fn a_write_has_seen_what_was_asked_for_after_its_reply() {
+        for (confirmed, asked, seen) in [
+            (Confirmed::Reply, 104, None),
+            (Confirmed::Reply, 105, Some(outputs(4))),
+            (Confirmed::Readback, 104, Some(outputs(4))),
+            (Confirmed::Sent, 105, None),
         ] {
             let (mut desk, mut end) = desk_with(Op::Toggle(4));
-            desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(4));
+            desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(4), Instant(asked));
             desk.end(Ticket(7), Ok(confirmed), Micros(5));
             assert_eq!(end.try_recv().unwrap().unwrap().seen, seen);
         }

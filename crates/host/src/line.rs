@@ -73,8 +73,8 @@ pub struct Done {
     pub confirmed: Confirmed,
     /// From handing it in to the last byte of its own reply, the read-back apart.
     pub took: Micros,
-    /// What was read: for a read what was asked for; for a write the outputs as read back, where
-    /// they were.
+    /// What was read: for a read what was asked for; for a write the outputs as they were last
+    /// read after its reply, where they were.
     pub seen: Option<Seen>,
 }
 

@@ -322,8 +322,12 @@ impl<P: Port> Task<P> {
         self.teller.tell(event);
         match event {
             Event::Seen {
-                module, op, seen, ..
-            } => self.desk.seen(module, &op, seen),
+                module,
+                op,
+                seen,
+                asked,
+                ..
+            } => self.desk.seen(module, &op, seen, asked),
             Event::Done { ticket, end, took } => self.desk.end(ticket, end, took),
             Event::ProbedLate {
                 exchange,
@@ -365,6 +369,7 @@ impl<P: Port> Task<P> {
                     ticket,
                     module,
                     op,
+                    submitted: self.told,
                     seen: None,
                     reply,
                 }),

@@ -376,12 +376,9 @@ impl Inner {
             let done = end.as_ref().ok()?;
             match (done.confirmed, done.seen) {
                 (Confirmed::Sent, _) => None,
-                (Confirmed::Readback, Some(Seen::Channels { outputs, .. })) => {
-                    bank_state(outputs, *point)
-                }
-                // A toggle is read back too, and what was read is known by now.
-                (Confirmed::Reply, _) => wanted(*point).or_else(|| self.output(module, *point)),
-                (Confirmed::Readback, _) => wanted(*point),
+                // What was read counts for more than what was wanted: a pulse may be over.
+                (_, Some(Seen::Channels { outputs, .. })) => bank_state(outputs, *point),
+                (Confirmed::Readback | Confirmed::Reply, _) => wanted(*point),
             }
         };
         let after: Vec<_> = points.iter().map(|point| (*point, after(point))).collect();

@@ -2,6 +2,7 @@
 
 mod board;
 mod held;
+mod otherwise;
 mod safety;
 mod sending;
 mod several;
