@@ -28,6 +28,8 @@ pub(crate) struct Command {
     pub(crate) left: u32,
     /// Every frame so far was acknowledged.
     pub(crate) acknowledged: bool,
+    /// One of its acknowledgements was its request once more, as an echo is.
+    pub(crate) parroted: bool,
     /// A reply of its own denies it: it shows another state than it wants, or says no.
     pub(crate) denied: bool,
     /// The outputs that were otherwise than it wants when they were last read after its frame,
@@ -94,6 +96,7 @@ impl Command {
             stage: Stage::Queued,
             left,
             acknowledged: true,
+            parroted: false,
             denied: false,
             wrong: 0,
             asks_pulses: false,
@@ -143,7 +146,7 @@ impl Command {
         if !self.acknowledged && node.repeatable(&self.op) && self.evidence.attempts < TRIES_MAX {
             self.left = want.mask;
             self.acknowledged = true;
-            (self.denied, self.wrong) = (false, 0);
+            (self.parroted, self.denied, self.wrong) = (false, false, 0);
             self.stage = Stage::Queued;
             return None;
         }
@@ -156,6 +159,11 @@ impl Command {
         } else {
             self.lost()
         }))
+    }
+
+    /// The line may echo: what was taken for its acknowledgement may have been its echo.
+    pub(crate) const fn doubt_echo(&mut self) {
+        self.acknowledged &= !self.parroted;
     }
 
     /// The module was asked which outputs give pulses, and said so unless it was silent: what was

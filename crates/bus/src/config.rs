@@ -2,7 +2,8 @@
 
 use railbus_wire::{Instant, Micros};
 
-/// Whether the adapter gives back what is sent.
+/// Whether the adapter gives back what is sent. Whatever is said, the line goes on looking
+/// (docs/decisions/0014).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum EchoMode {
     /// Found out by the first read after the opening: until then nothing is written.

@@ -9,14 +9,45 @@ const HEARD_MAX: usize = 300;
 const SILENCE: Micros = Micros::from_millis(50);
 /// A line that was not silent for so long babbles.
 const BABBLE: Micros = Micros::from_millis(500);
+/// So many requests in a row have to come back before a line that gave replies without an echo
+/// counts as one that echoes: one may be a second master's, who asks the same.
+const SIGHTS: u8 = 2;
+/// After so many replies in a row without an echo there is none any more.
+const BARE_MAX: u8 = 3;
+
+/// What is known of the adapter's echo. Whatever was found out or said by hand, the line goes on
+/// looking: adapters are exchanged and jumpers are set while it is at work.
+#[derive(Clone, Copy, Debug)]
+enum Echo {
+    Unknown,
+    /// There is none, unless it is seen so many times more in a row: [`SIGHTS`] after a reply
+    /// without one, fewer where only silence spoke against it or it was seen since.
+    No {
+        sights: u8,
+    },
+    /// There is one, though so many replies in a row came without.
+    Yes {
+        bare: u8,
+    },
+}
+
+/// What was learned of the echo.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum EchoNews {
+    /// A request came back on a line that is not known to echo.
+    Seen,
+    /// The same, and from now on it is.
+    Found,
+}
 
 /// What was heard since the last request.
 #[derive(Debug)]
 pub(crate) struct Ear {
     buffer: [u8; HEARD_MAX],
     len: usize,
-    /// Whether the adapter echoes; nothing while that is not known.
-    pub(crate) echoes: Option<bool>,
+    echo: Echo,
+    /// The wait is over, and a reply came without the echo that should be before it.
+    is_bare: bool,
     /// Where the echo ends and a reply may begin.
     reply_at: usize,
     /// So many bytes were heard before the request can have left: they are no reply.
@@ -36,11 +67,12 @@ impl Ear {
         Ear {
             buffer: [0; HEARD_MAX],
             len: 0,
-            echoes: match mode {
-                EchoMode::Auto => None,
-                EchoMode::On => Some(true),
-                EchoMode::Off => Some(false),
+            echo: match mode {
+                EchoMode::Auto => Echo::Unknown,
+                EchoMode::On => Echo::Yes { bare: 0 },
+                EchoMode::Off => Echo::No { sights: SIGHTS },
             },
+            is_bare: false,
             reply_at: 0,
             early: 0,
             last_answered: None,
@@ -49,6 +81,20 @@ impl Ear {
             busy_since: None,
             babbles: false,
         }
+    }
+
+    /// Whether the adapter echoes; nothing while that is not known.
+    pub(crate) const fn echoes(&self) -> Option<bool> {
+        match self.echo {
+            Echo::Unknown => None,
+            Echo::No { .. } => Some(false),
+            Echo::Yes { .. } => Some(true),
+        }
+    }
+
+    /// Whether the last request came back, and was taken out of what was heard.
+    pub(crate) const fn took_echo(&self) -> bool {
+        self.reply_at > 0
     }
 
     /// Everything heard since the last request that was neither echo nor a good reply.
@@ -70,7 +116,7 @@ impl Ear {
     }
 
     const fn lacks_echo(&self) -> bool {
-        matches!(self.echoes, Some(true)) && self.reply_at == 0
+        matches!(self.echo, Echo::Yes { .. }) && self.reply_at == 0 && !self.is_bare
     }
 
     fn reply_from(&self) -> usize {
@@ -81,6 +127,7 @@ impl Ear {
         self.len = 0;
         self.reply_at = 0;
         self.early = 0;
+        self.is_bare = false;
     }
 
     /// A request goes out: what was heard before it is no reply to it. True when that ends a
@@ -92,60 +139,101 @@ impl Ear {
     }
 
     /// Takes bytes heard after a request. `too_early` are those heard before it can have left:
-    /// echo or collision, but no reply. True when the echo was found out just now.
+    /// echo or collision, but no reply.
     pub(crate) fn listen(
         &mut self,
         bytes: &[u8],
         exchange: &Exchange<'_>,
         sent: &[u8],
         too_early: bool,
-    ) -> bool {
-        if self.echoes == Some(false) && too_early {
-            return false;
+    ) -> Option<EchoNews> {
+        if matches!(self.echo, Echo::No { .. }) && too_early {
+            return None;
         }
         self.push(bytes);
         if too_early {
             self.early = self.len;
         }
         if self.reply_at > 0 {
-            return false;
+            return None;
         }
         let heard = self.buffer.get(..self.len).unwrap_or_default();
-        let echo_at = match self.echoes {
-            // It was silent when it was looked for, as a slow network may be. What is its own
-            // acknowledgement says nothing.
-            Some(false) => (heard.starts_with(sent) && !is_own_reply(exchange, sent)).then_some(0),
+        let at = match self.echo {
+            // It was silent when it was looked for, as a slow network may be.
+            Echo::No { .. } => heard.starts_with(sent).then_some(0),
             // A glitch may stand before it.
-            Some(true) | None => heard.windows(sent.len().max(1)).position(|run| run == sent),
+            Echo::Yes { .. } | Echo::Unknown => {
+                heard.windows(sent.len().max(1)).position(|run| run == sent)
+            }
+        }?;
+        let news = match &mut self.echo {
+            Echo::Yes { .. } => None,
+            // What is its own acknowledgement says nothing; but once there may be an echo, it is no
+            // acknowledgement either.
+            Echo::No { sights } if is_own_reply(exchange, sent) => {
+                if *sights == SIGHTS {
+                    return None;
+                }
+                None
+            }
+            Echo::No { sights } if *sights > 1 => {
+                *sights -= 1;
+                Some(EchoNews::Seen)
+            }
+            Echo::No { .. } | Echo::Unknown => {
+                self.echo = Echo::Yes { bare: 0 };
+                Some(EchoNews::Found)
+            }
         };
-        let Some(at) = echo_at else { return false };
         self.reply_at = at + sent.len();
-        self.echoes.replace(true) != Some(true)
+        news
     }
 
-    /// The wait for a reply is over: a line that gave nothing back has no echo.
-    pub(crate) fn end_of_listening(&mut self) {
-        if self.echoes.is_none() && self.len == 0 {
-            self.echoes = Some(false);
+    /// The wait for a reply is over: a line that gave nothing back has no echo. A reply that came
+    /// without the echo is one all the same, unless it may be the echo of its own request.
+    pub(crate) fn end_of_listening(&mut self, exchange: &Exchange<'_>, sent: &[u8]) {
+        match self.echo {
+            Echo::Unknown if self.len == 0 => self.echo = Echo::No { sights: 1 },
+            Echo::Yes { .. } if self.reply_at == 0 && !is_own_reply(exchange, sent) => {
+                let heard = self.buffer.get(self.early..self.len).unwrap_or_default();
+                self.is_bare = matches!(exchange.decode_response(heard), Decoded::Whole { .. });
+            }
+            _ => {}
         }
     }
 
     /// A good reply stood in [`Ear::reply`]: it is taken out, and what stood around it is kept.
+    /// True when it shows that there is no echo any more.
     pub(crate) fn answered(
         &mut self,
         exchange: Exchange<'static>,
         sent: &[u8],
         skip: usize,
         len: usize,
-    ) {
+    ) -> bool {
         let from = (self.reply_from() + skip).min(self.len);
         // Where more was heard than has room for an echo, one may be in it, disturbed.
-        if self.echoes.is_none() && from < sent.len() {
-            self.echoes = Some(false);
+        let is_bare = self.reply_at == 0 && from < sent.len();
+        let mut is_gone = false;
+        match &mut self.echo {
+            Echo::No { sights: SIGHTS } => {}
+            Echo::No { sights } if is_bare && !is_own_reply(&exchange, sent) => *sights = SIGHTS,
+            Echo::No { .. } => {}
+            Echo::Unknown if is_bare => self.echo = Echo::No { sights: SIGHTS },
+            Echo::Unknown => {}
+            Echo::Yes { bare } if self.is_bare => {
+                *bare += 1;
+                is_gone = *bare == BARE_MAX;
+            }
+            Echo::Yes { bare } => *bare = 0,
+        }
+        if is_gone {
+            self.echo = Echo::No { sights: SIGHTS };
         }
         self.cut(skip, len);
         self.last_answered = Some(exchange);
         self.probation = self.probation.saturating_sub(1);
+        is_gone
     }
 
     /// Takes `len` bytes out of [`Ear::reply`], after `skip` others.
@@ -218,6 +306,6 @@ impl Ear {
 }
 
 /// Whether a module acknowledges this request by repeating it.
-fn is_own_reply(exchange: &Exchange<'_>, sent: &[u8]) -> bool {
+pub(crate) fn is_own_reply(exchange: &Exchange<'_>, sent: &[u8]) -> bool {
     matches!(exchange.decode_response(sent), Decoded::Whole { .. })
 }

@@ -160,6 +160,8 @@ pub enum Event {
     },
     /// What was sent comes back: the adapter echoes. The echo is taken out from now on.
     Echo,
+    /// Several replies in a row came without an echo: there is none any more.
+    EchoGone,
     /// A reply came twice. From now on the line waits a little before it asks the like again.
     Duplicates,
     /// The line is never silent.

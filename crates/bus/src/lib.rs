@@ -39,7 +39,7 @@ pub use schedule::COMMANDS_MAX;
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
 use command::{Command, Stage, decide};
-use ear::Ear;
+use ear::{Ear, EchoNews};
 use flight::{Flight, Job, write_frame};
 pub use flight::{PIECE_PAUSE, Probe};
 use ghost::{Ghost, Ghosts};
@@ -240,7 +240,13 @@ impl Bus {
     /// Whether the adapter echoes; nothing while that is not known.
     #[must_use]
     pub const fn echoes(&self) -> Option<bool> {
-        self.ear.echoes
+        self.ear.echoes()
+    }
+
+    /// Whether the echo of the last request was heard, and taken out.
+    #[must_use]
+    pub const fn took_echo(&self) -> bool {
+        self.ear.took_echo()
     }
 
     /// Until when a reply may still come to a request that was given up: whoever uses the port
@@ -438,11 +444,11 @@ impl Bus {
     fn listen(&mut self, mut flight: Flight, bytes: &[u8]) {
         self.busy_until = self.now.max(self.busy_until);
         let too_early = self.config.medium == Medium::Wire && self.now < flight.sent;
-        let echo_news = self
+        let echo = self
             .ear
             .listen(bytes, &flight.exchange, self.outgoing.bytes(), too_early);
-        if echo_news {
-            self.events.tell(Event::Echo);
+        if let Some(news) = echo {
+            self.suspect_echo(news);
         }
         let heard = self.ear.reply();
         let missing = match flight.exchange.find_response(heard) {
@@ -465,12 +471,24 @@ impl Bus {
         self.state = State::Waiting(flight);
     }
 
+    /// A request came back on a line that was not known to echo.
+    #[cold]
+    fn suspect_echo(&mut self, news: EchoNews) {
+        for command in &mut self.commands {
+            command.doubt_echo();
+        }
+        if news == EchoNews::Found {
+            self.events.tell(Event::Echo);
+        }
+    }
+
     /// The deadline has come: the last look at what was heard, then the fault.
     fn give_up(&mut self, flight: Flight) {
         if !flight.exchange.expects_reply() {
             return self.sent(flight);
         }
-        self.ear.end_of_listening();
+        self.ear
+            .end_of_listening(&flight.exchange, self.outgoing.bytes());
         for skip in 0..self.ear.reply().len() {
             let rest = self.ear.reply().get(skip..).unwrap_or_default();
             if let Decoded::Whole { len, value } = flight.exchange.decode_response(rest)
@@ -495,9 +513,14 @@ impl Bus {
     fn answered(&mut self, flight: &Flight, skip: usize, len: usize, outcome: Outcome) {
         self.state = State::Idle;
         let reply_time = self.settings.frame_time(len);
-        let turnaround = self.now.since(flight.sent) - reply_time;
-        self.ear
+        // What is only understood at the deadline came before it.
+        let turnaround = self.busy_until.since(flight.sent) - reply_time;
+        let echo_is_gone = self
+            .ear
             .answered(flight.exchange, self.outgoing.bytes(), skip, len);
+        if echo_is_gone {
+            self.events.tell(Event::EchoGone);
+        }
         self.lay_ghosts_in_ear();
         // Two modules on one address both answer a probe.
         if self.ear.is_cautious() || matches!(flight.job, Job::Probe { .. }) {

@@ -1,6 +1,7 @@
 //! What the end of an exchange means for whoever asked: readings, and the ends of commands.
 
 use crate::command::{self, Command, Stage, bank_of, decide};
+use crate::ear::is_own_reply;
 use crate::flight::{Flight, Job};
 use crate::node::Node;
 use crate::{Bus, Confirmed, Event, Evidence, Fault, ModuleId, Probed};
@@ -36,7 +37,7 @@ impl Bus {
             self.tell_pulses(module);
         }
         if let Job::Command { .. } = flight.job {
-            self.acknowledge(module, &op, seen);
+            self.acknowledge(module, flight, seen);
         } else if let Seen::Refused(refusal) = seen {
             self.events.tell(Event::Missed {
                 module,
@@ -55,8 +56,10 @@ impl Bus {
     }
 
     /// The module answered a command.
-    fn acknowledge(&mut self, module: ModuleId, op: &Op, seen: Seen) {
-        let now = self.now;
+    fn acknowledge(&mut self, module: ModuleId, flight: &Flight, seen: Seen) {
+        let (now, op) = (self.now, &flight.job.op());
+        let parrots =
+            !self.ear.took_echo() && is_own_reply(&flight.exchange, self.outgoing.bytes());
         let reads_back = self
             .nodes
             .get(module.0)
@@ -64,6 +67,7 @@ impl Bus {
         let carried = bank_of(op).map(|bank| bank.mask);
         self.decide_sent(module, |command| {
             command.replied = Some(now);
+            command.parroted |= parrots;
             if let Seen::Refused(refusal) = seen {
                 return command.refused(Fault::Refused(refusal), reads_back);
             }

@@ -324,7 +324,7 @@ impl Bus {
         let module = command.module;
         let first_read = node.polls.first().map(|poll| poll.op);
         match (bank_of(&command.op), first_read) {
-            (_, Some(op)) if self.ear.echoes.is_none() && !command.op.is_read() => {
+            (_, Some(op)) if self.ear.echoes().is_none() && !command.op.is_read() => {
                 Job::Poll { module, op }
             }
             (Some(bank), _) => {
@@ -458,7 +458,7 @@ impl Bus {
         // The echo of a write can look like its acknowledgement: a poll finds out first whether
         // the adapter echoes.
         let polled = |node: &Node| node.plan.enabled && !node.is_silent();
-        if probe.changes && self.ear.echoes.is_none() && self.nodes.iter().any(polled) {
+        if probe.changes && self.ear.echoes().is_none() && self.nodes.iter().any(polled) {
             return false;
         }
         let work = Work {

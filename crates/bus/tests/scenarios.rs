@@ -464,6 +464,7 @@ impl Scenario {
             }
             Event::Late { module, after } => format!("late {} after {}", name(module), after.0),
             Event::Echo => "echo".to_owned(),
+            Event::EchoGone => "echo gone".to_owned(),
             Event::Duplicates => "duplicates".to_owned(),
             Event::Babble => "babble".to_owned(),
             Event::Quiet => "quiet".to_owned(),

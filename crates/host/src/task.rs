@@ -339,8 +339,7 @@ impl<P: Port> Task<P> {
                 again,
             }),
             Event::Probed { outcome, after } => {
-                let echoes = self.bus.echoes() == Some(true);
-                self.desk.end_probe(outcome, after, echoes);
+                self.desk.end_probe(outcome, after, self.bus.took_echo());
             }
             _ => {}
         }

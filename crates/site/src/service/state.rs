@@ -177,7 +177,7 @@ impl State {
                 known.babble = *event == Event::Babble;
                 vec![this()]
             }
-            Event::Echo | Event::Duplicates | Event::Done { .. } => Vec::new(),
+            Event::Echo | Event::EchoGone | Event::Duplicates | Event::Done { .. } => Vec::new(),
             Event::Probed { .. } | Event::ProbedLate { .. } => Vec::new(),
         }
     }
