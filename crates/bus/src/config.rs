@@ -26,6 +26,19 @@ pub enum Medium {
     Buffered,
 }
 
+/// What is known of those who had the port before it was opened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Past {
+    /// Nothing: what somebody asked lately may still be answered.
+    #[default]
+    Unknown,
+    /// Nobody has sent anything lately: there is nothing to wait for, neither late replies nor the
+    /// silence before a request.
+    Rested,
+    /// Whoever had it last was killed while a reply might still come.
+    Abandoned,
+}
+
 /// How a line is to be treated.
 #[derive(Clone, Copy, Debug)]
 pub struct Config {

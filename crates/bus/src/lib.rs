@@ -29,7 +29,7 @@ mod node;
 mod outcome;
 mod schedule;
 
-pub use config::{Config, EchoMode, Medium, Plan, Terms};
+pub use config::{Config, EchoMode, Medium, Past, Plan, Terms};
 use event::Events;
 pub use event::{Confirmed, Event, Evidence, Fault, Presence, Probed, Ticket};
 pub use ghost::GHOSTS_MAX;
@@ -104,6 +104,8 @@ pub struct Bus {
     busy_until: Instant,
     /// Nobody had sent anything lately when it was opened, nor since.
     at_rest: bool,
+    /// How long is listened before the first request.
+    settle: Micros,
     /// The time that one silent module may be probed again.
     probe_silent_at: Instant,
     next_silent: usize,
@@ -143,6 +145,7 @@ impl Bus {
             settings: Settings::FACTORY,
             busy_until: Instant(0),
             at_rest: false,
+            settle: config.settle,
             probe_silent_at: Instant(0),
             next_silent: 0,
             cycle: Micros::ZERO,
@@ -249,18 +252,27 @@ impl Bus {
         self.ear.took_echo()
     }
 
-    /// Until when a reply may still come to a request that was given up: whoever uses the port
-    /// next could take it for a reply to a request of his.
+    /// Until when a reply may still come to a request that was given up, or that is under way:
+    /// whoever uses the port next could take it for a reply to a request of his.
     #[must_use]
     pub fn haunted_until(&self) -> Option<Instant> {
-        self.ghosts.haunted_until()
+        let under_way = match &self.state {
+            State::Waiting(flight) if flight.exchange.expects_reply() => {
+                Some(flight.sent + node::LATE_MIN)
+            }
+            _ => None,
+        };
+        self.ghosts.haunted_until().max(under_way)
     }
 
-    /// Whether it is known, at the opening that follows, that nobody has sent anything lately:
-    /// then there is nothing to wait for, neither late replies to somebody else nor the silence
-    /// before a request.
-    pub const fn found_at_rest(&mut self, at_rest: bool) {
-        self.at_rest = at_rest;
+    /// What is known of those who had the port before, at the opening that follows.
+    pub const fn found(&mut self, past: Past) {
+        self.at_rest = matches!(past, Past::Rested);
+        self.settle = match past {
+            Past::Rested => Micros::ZERO,
+            Past::Unknown => self.config.settle,
+            Past::Abandoned => node::LATE_MIN,
+        };
     }
 
     /// Tells the line what happened, and when. Time never runs backwards.
@@ -321,10 +333,7 @@ impl Bus {
     }
 
     fn open(&mut self) {
-        let settle = match self.at_rest {
-            true => Micros::ZERO,
-            false => self.config.settle,
-        };
+        let settle = self.settle;
         self.state = State::Settling(self.now + settle);
         self.ghosts.clear();
         self.ear = Ear::new(self.config.echo, self.config.probation);

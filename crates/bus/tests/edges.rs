@@ -211,7 +211,12 @@ fn a_request_that_was_given_up_haunts_the_line() {
     assert_eq!(line.drive.bus.haunted_until(), None);
     let left = line.drive.now + Settings::FACTORY.frame_time(8);
     line.submit(Op::Toggle(1));
-    line.run(millis(330), |_| None);
+    line.run(millis(50), |_| None);
+    // Nobody knows yet whether it will be answered.
+    assert_eq!(line.drive.bus.haunted_until(), Some(left + millis(500)));
+    line.run(millis(280), |frame| {
+        (frame[2] != 0x20).then(|| as_a_board(frame)).flatten()
+    });
     // Three times the 300 ms that a module is waited for that never answered.
     assert_eq!(line.drive.bus.haunted_until(), Some(left + millis(900)));
     line.drive

@@ -354,7 +354,11 @@ impl Scenario {
         match action {
             Action::Open { at_rest } => {
                 self.note("call", if at_rest { "open at rest" } else { "open" });
-                self.drive.bus.found_at_rest(at_rest);
+                self.drive.bus.found(if at_rest {
+                    railbus_bus::Past::Rested
+                } else {
+                    railbus_bus::Past::Unknown
+                });
                 self.drive.input(Input::Opened);
             }
             Action::Close => {

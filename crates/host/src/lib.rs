@@ -60,7 +60,7 @@ pub use tcp::TcpPort;
 
 pub use railbus_bus::{
     Config, Confirmed, EchoMode, Event, Evidence, Fault, MISSES_SILENT, Medium, ModuleId,
-    PIECE_PAUSE, Plan, Presence, Probe, Probed, Terms,
+    PIECE_PAUSE, Past, Plan, Presence, Probe, Probed, Terms,
 };
 pub use railbus_device::{
     Bank, Change, Family, Module, Op, Point, PointKind, Refusal, Seen, Setup,

@@ -1,7 +1,7 @@
 //! The border between the line and what carries its bytes.
 
 use crate::{Granted, LineName, ModbusTcpPort, PortError, SerialOptions, SerialPort, TcpPort};
-use railbus_bus::Medium;
+use railbus_bus::{Medium, Past};
 use railbus_wire::Settings;
 use std::future::{Future, poll_fn};
 use std::io;
@@ -21,11 +21,15 @@ pub trait Port: Send + 'static {
         None
     }
 
-    /// Whether it is certain that nobody sent anything through it within the last half second
-    /// before it was opened, so that no reply to somebody's earlier request can come.
-    fn rested(&self) -> bool {
-        false
+    /// What is known of those who had it before it was opened, whose replies may still come.
+    fn past(&self) -> Past {
+        Past::Unknown
     }
+
+    /// Nothing that was sent through it can be answered any more: whoever opens it next need not
+    /// fear for that. To be said before it is closed; where it was not, and something was sent
+    /// lately, the next one listens for as long as a reply can be late.
+    fn settle(&mut self) {}
 
     /// Opens it, or opens it anew. To drop the future ends the attempt.
     fn open(&mut self) -> impl Future<Output = Result<(), PortError>> + Send;
@@ -106,11 +110,19 @@ impl Port for AnyPort {
         }
     }
 
-    fn rested(&self) -> bool {
+    fn past(&self) -> Past {
         match self {
-            AnyPort::Serial(port) => port.rested(),
-            AnyPort::Tcp(port) => port.rested(),
-            AnyPort::ModbusTcp(port) => port.rested(),
+            AnyPort::Serial(port) => port.past(),
+            AnyPort::Tcp(port) => port.past(),
+            AnyPort::ModbusTcp(port) => port.past(),
+        }
+    }
+
+    fn settle(&mut self) {
+        match self {
+            AnyPort::Serial(port) => port.settle(),
+            AnyPort::Tcp(port) => port.settle(),
+            AnyPort::ModbusTcp(port) => port.settle(),
         }
     }
 

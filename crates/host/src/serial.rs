@@ -2,12 +2,13 @@
 
 mod access;
 mod holder;
+mod mark;
 mod mode;
 mod rest;
 mod tty;
 
 use crate::{LineName, Port, PortError};
-use railbus_bus::Medium;
+use railbus_bus::{Medium, Past};
 use railbus_wire::Settings;
 use std::io;
 use std::path::PathBuf;
@@ -84,7 +85,7 @@ pub struct SerialPort {
     options: SerialOptions,
     /// Treated as a pseudo-terminal, whatever it is.
     pseudo: bool,
-    tty: Option<Tty>,
+    tty: Option<Box<Tty>>,
 }
 
 impl SerialPort {
@@ -112,7 +113,7 @@ impl SerialPort {
     /// read from the port itself.
     #[must_use]
     pub fn settings(&self) -> Option<Settings> {
-        self.tty.as_ref().map(Tty::settings)
+        self.tty.as_ref().map(|tty| tty.settings())
     }
 }
 
@@ -127,7 +128,7 @@ impl Port for SerialPort {
     }
 
     fn medium(&self) -> Medium {
-        let seen = self.tty.as_ref().is_some_and(Tty::is_pts);
+        let seen = self.tty.as_ref().is_some_and(|tty| tty.is_pts());
         if self.pseudo || seen {
             Medium::Buffered
         } else {
@@ -136,11 +137,17 @@ impl Port for SerialPort {
     }
 
     fn granted(&self) -> Option<Granted> {
-        self.tty.as_ref().map(Tty::granted)
+        self.tty.as_ref().map(|tty| tty.granted())
     }
 
-    fn rested(&self) -> bool {
-        self.tty.as_ref().is_some_and(Tty::is_rested)
+    fn past(&self) -> Past {
+        self.tty.as_ref().map(|tty| tty.past()).unwrap_or_default()
+    }
+
+    fn settle(&mut self) {
+        if let Some(tty) = &mut self.tty {
+            tty.settle();
+        }
     }
 
     async fn open(&mut self) -> Result<(), PortError> {
@@ -148,7 +155,7 @@ impl Port for SerialPort {
         let (path, options) = (self.path.clone(), self.options);
         // Drivers may take long to open, and to find the holder of a busy port takes a walk
         // through all processes: the other lines are not to wait for that.
-        let tty = tokio::task::spawn_blocking(move || Tty::open(&path, options));
+        let tty = tokio::task::spawn_blocking(move || Tty::open(&path, options).map(Box::new));
         self.tty = Some(tty.await.map_err(|_| PortError::Io(0))??);
         Ok(())
     }

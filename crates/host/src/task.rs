@@ -204,11 +204,15 @@ impl<P: Port> Task<P> {
         self.lag = Micros::ZERO;
         self.teller.grant(self.port.granted());
         self.teller.change(LineState::Up);
-        self.bus.found_at_rest(self.port.rested());
+        self.bus.found(self.port.past());
         self.handle(self.alarm.now(), Input::Opened);
         let stop = self.drive().await;
         if let Stop::Left = stop {
             self.let_frame_leave().await;
+            let now = self.alarm.now();
+            if self.haunted_until().is_none_or(|until| until <= now) {
+                self.port.settle();
+            }
         }
         self.port.close();
         let probe_was_sent = !self.bus.withdraw_probe();

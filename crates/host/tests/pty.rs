@@ -4,8 +4,8 @@ mod support;
 
 use railbus_host::{
     Bank, Baud, Channel, Character, Confirmed, Event, Exchange, Family, Fault, Holder, Line,
-    LineEvent, LineName, LineState, Medium, Micros, ModuleId, Op, Plan, Port, PortError, Presence,
-    Probe, Probed, Protocol, Seen, SerialOptions, SerialPort, Settings, Setup, Terms,
+    LineEvent, LineName, LineState, Medium, Micros, ModuleId, Op, Past, Plan, Port, PortError,
+    Presence, Probe, Probed, Protocol, Seen, SerialOptions, SerialPort, Settings, Setup, Terms,
 };
 use railbus_wire::{Address, rtu};
 use rustix::termios::{ControlModes, Termios, tcgetattr};
@@ -293,13 +293,72 @@ async fn a_terminal_that_was_written_to_lately_has_not_rested() {
     let (_master, path) = pty();
     let mut port = SerialPort::new(path.clone(), SerialOptions::default());
     port.open().await.expect("a terminal");
-    assert!(!port.rested(), "it was made just now");
+    assert!(port.past() == Past::Unknown, "it was made just now");
     written_ago(&path, Duration::from_secs(20));
     port.open().await.expect("a terminal");
-    assert!(port.rested());
+    assert_eq!(port.past(), Past::Rested);
     port.send(b"\x03", Settings::FACTORY).expect("sent");
     port.open().await.expect("a terminal");
-    assert!(!port.rested(), "the system notes a write");
+    assert_ne!(port.past(), Past::Rested, "the system notes a write");
+}
+
+/// Who is killed takes nothing back. That somebody did not close the terminal in order shows to
+/// the next one, until so much time has passed that nothing late can come.
+#[tokio::test]
+async fn a_terminal_shows_that_it_was_not_given_up_in_order() {
+    for settled in [true, false] {
+        let (_master, path) = pty();
+        let mut port = SerialPort::new(path.clone(), SerialOptions::default());
+        port.open().await.expect("a terminal");
+        assert_eq!(port.past(), Past::Unknown);
+        port.send(b"\x03", Settings::FACTORY).expect("sent");
+        if settled {
+            port.settle();
+        }
+        let then = match settled {
+            true => Past::Unknown,
+            false => Past::Abandoned,
+        };
+        // Who only opens and closes it changes nothing about that, nor does who only listens.
+        for listen_only in [false, true, false] {
+            let options = SerialOptions {
+                listen_only,
+                ..SerialOptions::default()
+            };
+            port.close();
+            port = SerialPort::new(path.clone(), options);
+            port.open().await.expect("a terminal");
+            assert_eq!(port.past(), then);
+        }
+    }
+}
+
+#[tokio::test]
+async fn an_abandoned_line_is_listened_to_for_as_long_as_a_reply_is_late() {
+    for past in [Past::Unknown, Past::Abandoned] {
+        let (master, path) = pty();
+        let mut port = SerialPort::new(path.clone(), SerialOptions::default());
+        port.open().await.expect("a terminal");
+        port.send(b"\x03", Settings::FACTORY).expect("sent");
+        if past == Past::Unknown {
+            port.settle();
+        }
+        port.close();
+        let _player = Player::start(master, &[erc8()], false);
+        let begun = std::time::Instant::now();
+        let line = Line::open(config(serial(&path), &[erc8()], Plan::NEVER)).expect("a line");
+        soon(line.opened()).await.expect("open");
+        let read = soon(line.run(FIRST, Op::ReadOutputs, Terms::default())).await;
+        assert!(read.is_ok(), "{read:?}");
+        if past == Past::Abandoned {
+            let took = begun.elapsed();
+            assert!(took >= Duration::from_millis(500), "{took:?}");
+        }
+        soon(line.close()).await;
+        let mut port = SerialPort::new(path, SerialOptions::default());
+        port.open().await.expect("a terminal");
+        assert_eq!(port.past(), Past::Unknown, "closed in order");
+    }
 }
 
 #[tokio::test]

@@ -11,7 +11,7 @@ use std::time::{Duration, SystemTime};
 /// The stamp moves once in so many seconds, counted from the epoch; a power of two.
 const BLOCK_SECS: i64 = 8;
 /// After so long no late reply comes any more.
-const REST: Duration = Duration::from_millis(500);
+pub(super) const REST: Duration = Duration::from_millis(500);
 
 /// Whether a terminal with this time stamp, in whole seconds, has rested by now. A stamp of the
 /// future, after the clock was set back, tells nothing.

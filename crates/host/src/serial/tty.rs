@@ -1,7 +1,8 @@
 //! An open terminal that is ours alone, and that is left as it was found.
 
-use super::{Granted, Rs485, SerialOptions, access, holder, mode, rest};
+use super::{Granted, Rs485, SerialOptions, access, holder, mark, mode, rest};
 use crate::{PortError, ioctl};
+use railbus_bus::Past;
 use railbus_wire::Settings;
 use rustix::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use rustix::fs::{FlockOperation, Mode, OFlags, flock};
@@ -15,7 +16,7 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::task::{Context, Poll, ready};
-use std::time::SystemTime;
+use std::time::{Instant, SystemTime};
 use tokio::io::unix::AsyncFd;
 
 /// Pseudo-terminals have these major device numbers.
@@ -34,7 +35,12 @@ pub(crate) struct Tty {
     settings: Settings,
     pts: bool,
     granted: Granted,
-    rested: bool,
+    past: Past,
+    opened: Instant,
+    /// When something was sent last to which a reply may come.
+    sent: Option<Instant>,
+    /// Nothing can be sent through it: what it was found with is not ours to change.
+    listens_only: bool,
 }
 
 impl Tty {
@@ -56,12 +62,26 @@ impl Tty {
         let pts = PTS_MAJORS.contains(&rustix::fs::major(about.rdev()));
         let fd = Locked::lock(fd, &about, pts)?;
         let before = tcgetattr(&fd)?;
+        let past = if rest::is_rested(SystemTime::now(), about.mtime()) {
+            Past::Rested
+        } else if mark::is_on(&before) {
+            Past::Abandoned
+        } else {
+            Past::Unknown
+        };
+        let mut mode = before.clone();
+        if !options.listen_only {
+            mark::put(&mut mode);
+        }
         let mut tty = Tty {
-            mode: before.clone(),
+            mode,
             before,
             rs485_before: None,
             settings: options.settings,
-            rested: rest::is_rested(SystemTime::now(), about.mtime()),
+            past,
+            opened: Instant::now(),
+            sent: None,
+            listens_only: options.listen_only,
             pts,
             granted: Granted {
                 low_latency: false,
@@ -93,9 +113,20 @@ impl Tty {
         self.pts
     }
 
-    /// Whether nobody had sent anything through it for a while when it was opened.
-    pub(crate) const fn is_rested(&self) -> bool {
-        self.rested
+    /// What is known of those who had it before.
+    pub(crate) const fn past(&self) -> Past {
+        self.past
+    }
+
+    /// Nothing that was sent can be answered any more.
+    pub(crate) const fn settle(&mut self) {
+        self.sent = None;
+    }
+
+    /// Whether a reply may still come, to something sent here or by him who had it before.
+    fn is_haunted(&self) -> bool {
+        let lately = |since: Instant| since.elapsed() < rest::REST;
+        self.sent.is_some_and(lately) || self.past == Past::Abandoned && lately(self.opened)
     }
 
     /// The next bytes. A terminal that was hung up has an end.
@@ -128,6 +159,7 @@ impl Tty {
         if settings != self.settings {
             self.set(settings)?;
         }
+        self.sent = Some(Instant::now());
         let end = match rustix::io::retry_on_intr(|| rustix::io::write(&self.fd, bytes)) {
             Ok(written) if written == bytes.len() => return Ok(()),
             Ok(_) => io::ErrorKind::WriteZero.into(),
@@ -166,6 +198,12 @@ impl Drop for Tty {
     fn drop(&mut self) {
         let _ = tcflush(&self.fd, QueueSelector::IOFlush);
         let _ = ioctl::lower_rts(&self.fd);
+        if !self.listens_only {
+            match self.is_haunted() {
+                true => mark::put(&mut self.before),
+                false => mark::take(&mut self.before),
+            }
+        }
         let _ = tcsetattr(&self.fd, OptionalActions::Now, &self.before);
         if let Some(before) = self.rs485_before {
             let _ = ioctl::set_rs485(&self.fd, before);

@@ -46,12 +46,14 @@ pub(crate) type Replies = Vec<(Duration, Vec<u8>)>;
 /// from 0. Replies come when their time has come, whatever was asked meanwhile.
 pub(crate) fn slave(script: impl Fn(usize, &[u8; 8]) -> Replies + Send + 'static) -> String {
     let (mut line, slave, path) = terminal();
+    // Who opens it next must not find it in use by this test.
+    drop(slave);
     std::thread::spawn(move || {
-        let _open = slave;
         let mut request = [0; 8];
         for number in 0.. {
-            if line.read_exact(&mut request).is_err() {
-                return;
+            // There is nobody, until somebody opens it.
+            while line.read_exact(&mut request).is_err() {
+                std::thread::sleep(Duration::from_millis(1));
             }
             let heard = Instant::now();
             for (after, bytes) in script(number, &request) {

@@ -3,6 +3,8 @@
 use crate::liar::{Replies, slave};
 use crate::site::Site;
 use railbus_wire::crc16;
+use std::process::Stdio;
+use std::sync::mpsc;
 use std::time::Duration;
 
 const READ: &str = "raw --crc 03 01 00 3C 00 08 -o json";
@@ -100,4 +102,31 @@ fn what_nobody_knows_is_sent_and_not_interpreted() {
         "{told:?}"
     );
     assert_eq!(told.json()["meaning"], serde_json::Value::Null, "{told:?}");
+}
+
+/// Who is killed can't wait for the reply to what it asked, which comes 300 ms later: whoever has
+/// the port next listens for it.
+#[test]
+fn the_reply_to_one_that_was_killed_is_not_taken_for_that_to_the_next() {
+    let site = Site::empty("killed");
+    let (asked, was_asked) = mpsc::channel();
+    let port = slave(move |number, _| {
+        let _ = asked.send(());
+        match number {
+            0 => vec![after(300, coils(5))],
+            _ => vec![after(200, coils(10))],
+        }
+    });
+    let get = format!("-l pty:{port} -m erc8 -a 3 get erc8.k1 erc8.k2 -o value");
+    let mut killed = site
+        .command()
+        .args(get.split(' '))
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("railbus starts");
+    was_asked.recv().expect("a request");
+    killed.kill().expect("it runs");
+    killed.wait().expect("it ends");
+    let told = site.run(&get);
+    assert_eq!((told.code, told.out.as_str()), (0, "off\non\n"), "{told:?}");
 }

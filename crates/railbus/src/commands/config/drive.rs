@@ -106,6 +106,7 @@ impl<'c> Driver<'c> {
             match procedure.next(self.talk.now(), event) {
                 Step::Done(end) => {
                     self.told = None;
+                    self.talk.settle().await;
                     return end;
                 }
                 Step::Do(act) => event = self.act(act, &procedure).await,

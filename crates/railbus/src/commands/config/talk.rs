@@ -2,12 +2,14 @@
 
 use crate::render::time;
 use jiff::Timestamp;
-use railbus_host::{AnyPort, LineName, Medium, Port, PortError, SerialOptions};
+use railbus_host::{AnyPort, LineName, Medium, Past, Port, PortError, SerialOptions};
 use railbus_site::commission::{Ask, Heard, Record, Store};
 use railbus_wire::{Frame, Instant, Micros, Settings};
 use std::time::Duration;
 use tokio::time::{Instant as Moment, timeout_at};
 
+/// After so long no late reply comes any more.
+const LATE: Duration = Duration::from_millis(500);
 /// Something that never stops talking is not listened to for ever.
 const BYTES_MAX: usize = 600;
 
@@ -17,6 +19,10 @@ pub(crate) struct Talk {
     started: Moment,
     /// What is sent comes back; nothing while that is not known.
     echoes: Option<bool>,
+    /// So long a reply may come to a request of somebody who was killed, or to one of ours that
+    /// was given up.
+    haunted_until: Moment,
+    has_asked: bool,
 }
 
 impl Talk {
@@ -28,10 +34,17 @@ impl Talk {
         };
         let mut port = AnyPort::new(name, options);
         port.open().await?;
+        let started = Moment::now();
+        let late = match port.past() {
+            Past::Abandoned => LATE,
+            Past::Rested | Past::Unknown => Duration::ZERO,
+        };
         Ok(Talk {
             port,
-            started: Moment::now(),
+            started,
             echoes: None,
+            haunted_until: started + late,
+            has_asked: false,
         })
     }
 
@@ -61,14 +74,19 @@ impl Talk {
         let mut frame = Frame::new();
         ask.exchange.encode(&mut frame);
         let sent = frame.bytes();
-        let quiet = Moment::now() + micros(ask.quiet);
+        let mut quiet = Moment::now() + micros(ask.quiet);
+        if !self.has_asked {
+            quiet = quiet.max(self.haunted_until);
+        }
+        self.has_asked = true;
         let Ok(stray) = self.hear(quiet, |_| false).await else {
             return lost;
         };
         if self.port.send(sent, ask.settings).is_err() {
             return lost;
         }
-        let end = Moment::now() + micros(ask.settings.frame_time(sent.len())) + micros(ask.timeout);
+        let sent_at = Moment::now();
+        let end = sent_at + micros(ask.settings.frame_time(sent.len())) + micros(ask.timeout);
         let echoes = self.echoes;
         let is_whole = |heard: &[u8]| {
             let rest = without_echo(heard, sent, echoes);
@@ -81,11 +99,21 @@ impl Talk {
         if !heard.is_empty() && !repeats {
             self.echoes = Some(heard.starts_with(sent));
         }
+        if ask.exchange.expects_reply() && !is_whole(&heard) {
+            self.haunted_until = sent_at + LATE;
+        }
         Heard {
             bytes: without_echo(&heard, sent, self.echoes).to_vec(),
             stray,
             lost: false,
         }
+    }
+
+    /// Waits until nothing that was asked can be answered any more, so that neither who asks next
+    /// nor who opens the port next takes a late reply for his own.
+    pub(crate) async fn settle(&mut self) {
+        tokio::time::sleep_until(self.haunted_until).await;
+        self.port.settle();
     }
 
     /// Hears until the moment comes, or until what was heard is enough.

@@ -148,7 +148,10 @@ impl Drive {
         let mut event = Event::Begin;
         loop {
             let act = match procedure.next(talk.now(), event) {
-                Step::Done(end) => return end,
+                Step::Done(end) => {
+                    talk.settle().await;
+                    return end;
+                }
                 Step::Do(act) => act,
             };
             event = match act {
