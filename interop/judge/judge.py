@@ -1,0 +1,340 @@
+"""Compares what was told with what was so. Knows claims, windows and the log of the relays; knows
+nothing of the program or of the protocols."""
+
+import bisect
+import collections
+
+# So much more than said may the end of a pulse or a lease take while nothing is wrong with its
+# line; what was wrong, or a daemon that did not run, is added.
+END_MAX = 4.0
+# A timed end may come so much earlier than told: what is rounded.
+EARLY = 0.012
+# A value may be known for so long before a command says that it was so before.
+BEFORE_MAX = 2.5
+# After a reply that this machine itself sent too late, and after a reading by another master,
+# nothing is promised of that line for so long.
+OVERDUE = 6.0
+# How long after an answer an order may still reach a module: what lies in the terminal.
+IN_FLIGHT = 0.02
+
+# Everything that is judged, by name, and what it says.
+KINDS = {
+    "readback": "what was read back was so",
+    "reply": "an order came and was answered",
+    "reply value": "a value that was acknowledged was not contradicted by a reading",
+    "before": "what an output was before",
+    "nobody's": "each order was somebody's, in time; nothing was done where that was told",
+    "twice": "a toggle or a pulse of the module acted once, also where its key was sent again",
+    "undone": "what was undone was so",
+    "reading": "a good value was so, for its age",
+    "end": "a pulse or a lease ended when it should",
+    "left": "an output is in the end as its last commands wanted it",
+    "held": "nothing is in a pulse or a lease at the end",
+    "audit": "the log says what was answered",
+    "open entry": "no entry without an end",
+    "history": "a value in the history was so",
+    "back": "a line works again when nothing is wrong any more",
+}
+
+# Those that hang on a reply that came in time.
+OF_VALUES = ("readback", "reply", "reply value", "before", "reading", "history")
+
+False_ = collections.namedtuple("False_", "kind relay when words")
+
+
+class Judge:
+    """The judge of one run. `lives` are those of the daemon; `jogs` outputs that go back alone."""
+
+    def __init__(self, world, book, lives, pulsing=(), line_of=None):
+        self.world, self.book, self.lives = world, book, lives
+        self.pulsing, self.line_of = set(pulsing), line_of or {}
+        self.checked, self.outside = collections.Counter(), collections.Counter()
+        self.false = []
+        # When the run was over: what is due later is not judged.
+        self.over = float("inf")
+        self._by_relay = collections.defaultdict(list)
+        for claim in book.claims:
+            for part in claim.parts:
+                self._by_relay[part.relay].append((claim, part))
+        for claims in self._by_relay.values():
+            claims.sort(key=lambda both: both[0].since)
+        self._times = {relay: [change[0] for change in changes]
+                       for relay, changes in world.changes.items()}
+
+    # What was so ---------------------------------------------------------------------------
+
+    def value_at(self, relay, when):
+        """The state of a relay then."""
+        at = bisect.bisect_right(self._times.get(relay, []), when) - 1
+        return self.world.changes[relay][at][1] if at >= 0 else None
+
+    def held(self, relay, since, until, value):
+        """Whether it was so at any moment of a window."""
+        if self.value_at(relay, since) == value:
+            return True
+        times, changes = self._times.get(relay, []), self.world.changes[relay]
+        first = bisect.bisect_right(times, since)
+        last = bisect.bisect_right(times, until)
+        return any(change[1] == value for change in changes[first:last])
+
+    def orders(self, relay, since, until, value=None):
+        """The orders that may have come in a window."""
+        return [act for act in self.world.acts.get(relay, [])
+                if act.hi >= since and act.lo <= until and value in (None, act.value)]
+
+    def is_troubled(self, relay, since, until):
+        """Whether something was wrong with the relay, its module or its line meanwhile."""
+        module = relay.split(".")[0]
+        stretches = [stretch for what in (relay, module, self.line_of.get(module))
+                     for stretch in self.world.troubles.get(what, [])]
+        return any(a <= until and (b is None or b >= since) for a, b in stretches)
+
+    def calm_after(self, relay, since, length):
+        """When so much time has passed since then in which nothing was wrong and the daemon ran."""
+        module = relay.split(".")[0]
+        bad = [stretch for what in (relay, module, self.line_of.get(module))
+               for stretch in self.world.troubles.get(what, [])]
+        bad = [[a, float("inf") if b is None else b] for a, b in bad]
+        for before, after in zip(self.lives, [*self.lives[1:], None], strict=True):
+            if before[1] is not None:
+                bad.append([before[1], after[0] + 1.5 if after else float("inf")])
+        end = since + length
+        for a, b in sorted(bad):
+            if a <= end and b >= since:
+                end = max(end, b + length)
+        return end
+
+    def is_outside(self, relay, when):
+        """Whether this machine broke the promise that the judge makes to the daemon."""
+        line = self.line_of.get(relay.split(".")[0])
+        return any(late <= when <= late + OVERDUE for late in self.world.overdue.get(line, []))
+
+    def told(self, kind, good, relay, when, words):
+        """One check."""
+        if not good and kind in OF_VALUES and self.is_outside(relay, when):
+            self.outside[kind] += 1
+            return
+        self.checked[kind] += 1
+        if not good:
+            self.false.append(False_(kind, relay, when, words))
+
+    # Claims --------------------------------------------------------------------------------
+
+    def judge(self):
+        """All that was claimed."""
+        first = {}
+        for claim in self.book.claims:
+            if not claim.answered:
+                continue
+            if claim.key and claim.key in first:
+                # Asked again: the answer is the first one, and so is what it says.
+                same = claim.parts[0].told == first[claim.key].parts[0].told
+                words = f"{claim.words()}\n  {first[claim.key].words()}"
+                self.told("twice", same, claim.parts[0].relay, claim.until, words)
+                continue
+            if claim.key:
+                first[claim.key] = claim
+            for part in claim.parts:
+                self._confirmed(claim, part)
+        for relay in self.world.acts:
+            self._orders(relay)
+            self._twice(relay)
+            self._ends(relay)
+        for reading in self.book.readings:
+            if reading.path in self._times:
+                good = self.held(reading.path, reading.since, reading.until, reading.value)
+                self.told("reading", good, reading.path, reading.until, str(reading))
+        return self
+
+    def _confirmed(self, claim, part):
+        relay, told = part.relay, part.told
+        if told.get("before") is not None and not told.get("renewed"):
+            # Of its own order or of others meanwhile, before the last of them.
+            acts = self.orders(relay, claim.since, claim.until)
+            until = acts[-1].hi - 1e-6 if acts else claim.until
+            good = self.held(relay, claim.since - BEFORE_MAX, until, told["before"])
+            self.told("before", good, relay, claim.until, claim.words())
+        if claim.undone and told.get("code") == "E0456":
+            self._undone(claim, part)
+        if not claim.is_done(part):
+            return
+        value = told.get("value")
+        if told["confirmed"] == "readback" and value is not None:
+            good = self.held(relay, claim.since, claim.until, value)
+            self.told("readback", good, relay, claim.until, claim.words())
+        if told["confirmed"] == "reply":
+            want = value if part.want is None else part.want
+            acts = self.orders(relay, claim.since, claim.until, None if part.want is None else want)
+            acts = [act for act in acts if act.answered]
+            # An order that a pulse output ignores is none, and is answered.
+            good = bool(acts) or relay in self.pulsing and not want
+            self.told("reply", good, relay, claim.until, claim.words())
+            if claim.verify and acts and value is not None and relay not in self.pulsing:
+                good = not all(self._is_contradicted(act, relay, value, claim) for act in acts)
+                self.told("reply value", good, relay, claim.until, claim.words())
+
+    def _is_contradicted(self, act, relay, value, claim):
+        """Whether one of the two readings after an order told the other state."""
+        if self.held(relay, act.hi, claim.until, value):
+            return False
+        replies = self.world.replies.get(relay.split(".")[0], [])
+        after = [reply for reply in replies if reply.lo >= act.hi and reply.sent <= claim.until]
+        return any(reply.clean and reply.states.get(relay, value) != value for reply in after[:2])
+
+    def _undone(self, claim, part):
+        relay = part.relay
+        others = [other for other, _ in self._by_relay[relay] if other is not claim
+                  and other.since <= claim.until and claim.since
+                  <= other.until + (other.seconds + END_MAX if other.seconds else 0)]
+        if others or relay in self.pulsing or self.is_troubled(relay, claim.since, claim.until):
+            return
+        before, after = self.value_at(relay, claim.since), self.value_at(relay, claim.until)
+        self.told("undone", before == after, relay, claim.until, claim.words())
+
+    # Orders --------------------------------------------------------------------------------
+
+    def _orders(self, relay):
+        """Each order was somebody's."""
+        claims = self._by_relay[relay]
+        for act in self.world.acts[relay]:
+            good = any(self._may_order(act, claim, part) for claim, part in claims)
+            words = f"{act} came, and nobody ordered it then"
+            near = [c.words() for c, _ in claims if c.since <= act.hi and c.until >= act.lo - 3]
+            self.told("nobody's", good, relay, act.hi, "\n  ".join([words, *near[-6:]]))
+
+    def _may_order(self, act, claim, part):
+        """Whether an order may come of this command, or of its end."""
+        if claim.since > act.hi or claim.did_nothing(part):
+            return False
+        until = claim.until + IN_FLIGHT
+        if act.kind != "set":
+            # Of a toggle or a pulse of the module only what asks for that.
+            fits = claim.kind == "jog" or claim.by in ("device",) or claim.is_raw
+            fits = fits or part.relay in self.pulsing
+            return fits and act.lo <= until
+        if act.lo <= until:
+            either = part.want is None or claim.all_or_nothing or claim.kind in ("pulse", "lease")
+            if either and self._is_ending(act, claim, part) is not False:
+                return True
+            if part.want == act.value:
+                return True
+        return self._is_ending(act, claim, part) is True
+
+    def _is_ending(self, act, claim, part):
+        """Whether this is the end of what the command began; None: it has no end."""
+        if claim.by != "host" or part.want == act.value:
+            return None
+        if not claim.is_done_or_renewed(part):
+            # What may have begun is ended all the same, at once or later.
+            return act.lo <= self.calm_after(part.relay, claim.until + claim.seconds, END_MAX)
+        due = claim.until + claim.seconds
+        if any(life[3] == "TERM" and claim.since <= life[1] <= act.hi for life in self.lives):
+            # Who is told to stop ends at once what it has begun, or after its next start.
+            return act.lo <= self.calm_after(part.relay, due, END_MAX)
+        if act.hi < claim.since + claim.seconds - EARLY:
+            return False
+        renewed = [(other, own) for other, own in self._by_relay[part.relay]
+                   if other.kind == "lease" and other.is_done_or_renewed(own)
+                   and other.until < act.lo and other.since + other.seconds - EARLY > act.hi
+                   and own.want == part.want and claim.kind == "lease"]
+        if renewed:
+            return False
+        return act.lo <= self.calm_after(part.relay, due, END_MAX)
+
+    def _twice(self, relay):
+        """Each toggle and each pulse of the module has a command of its own."""
+        acts = [act for act in self.world.acts[relay] if act.kind != "set"]
+        if not acts:
+            return
+        claims, keys = [], {}
+        for claim, part in self._by_relay[relay]:
+            wants = claim.is_raw or claim.by == "device" or relay in self.pulsing
+            if not wants or claim.did_nothing(part):
+                continue
+            first = keys.get(claim.key) if claim.key else None
+            if first is not None:
+                claims[first][1] = max(claims[first][1], claim.until + IN_FLIGHT)
+                continue
+            if claim.key:
+                keys[claim.key] = len(claims)
+            claims.append([claim.since, claim.until + IN_FLIGHT])
+        for act in sorted(acts, key=lambda act: act.hi):
+            fits = [c for c in claims if c[0] <= act.hi and c[1] >= act.lo]
+            if fits:
+                claims.remove(min(fits, key=lambda c: c[1]))
+            self.told("twice", bool(fits), relay, act.hi, f"{act} is one more than was ordered")
+
+    # Ends ----------------------------------------------------------------------------------
+
+    def _ends(self, relay):
+        claims = [] if relay in self.pulsing else self._by_relay[relay]
+        for claim, part in claims:
+            if claim.by != "host" or not claim.is_done_or_renewed(part):
+                continue
+            due = claim.until + claim.seconds
+            until = self.calm_after(relay, due, END_MAX)
+            others = [other for other, own in claims if other is not claim
+                      and other.until >= claim.since and other.since <= until
+                      and not other.did_nothing(own)]
+            if claim.kind == "lease":
+                # Its last renewal counts.
+                others = [other for other in others if other.since > claim.since
+                          or other.kind != "lease" or other.parts[0].want != part.want]
+            if others or until > self.over:
+                continue
+            good = self.held(relay, due - EARLY, until, not part.want)
+            self.told("end", good, relay, until, claim.words() + f", due {due:.3f}")
+
+    # The end of a run ----------------------------------------------------------------------
+
+    def candidates(self, relay, until):
+        """What an output may be then by what was told, and since when that says so."""
+        may, since = {self.value_at(relay, 0.0)}, 0.0
+        clusters, ends = [], float("-inf")
+        for claim, part in self._by_relay[relay]:
+            if claim.since > until:
+                break
+            if claim.since > ends:
+                clusters.append([])
+            clusters[-1].append((claim, part))
+            ends = max(ends, claim.until)
+        for cluster in clusters:
+            new, is_done = set(), False
+            for claim, part in cluster:
+                if claim.did_nothing(part):
+                    continue
+                # What is taken back is as it was before the batch came to it.
+                is_undone = part.told.get("code") == "E0456"
+                new |= may if is_undone else self._final(claim, part)
+                sure = claim.is_done(part) and part.told["confirmed"] != "sent"
+                is_done |= sure and not part.told.get("renewed")
+            may = new if is_done else new | may
+            since = cluster[0][0].since if is_done else since
+        return may, since
+
+    def _final(self, claim, part):
+        told = part.told
+        if part.relay in self.pulsing:
+            return {False}
+        if claim.kind in ("pulse", "lease", "jog"):
+            if told.get("renewed") or claim.is_done(part) or claim.by == "host":
+                return {not part.want}
+            return {part.want, not part.want}
+        if part.want is not None:
+            return {part.want}
+        value = told.get("value")
+        return {value} if claim.is_done(part) and value is not None else {False, True}
+
+    def left(self, now):
+        """In the end, all being quiet, each output is as its last commands wanted it."""
+        for relay in self._by_relay:
+            if relay not in self._times:
+                continue
+            may, since = self.candidates(relay, now)
+            # What a relay drops or does not do with its own trouble, no command says.
+            if self.is_troubled(relay, since - 1.0, now):
+                continue
+            value = self.value_at(relay, now)
+            words = [claim.words() for claim, _ in self._by_relay[relay] if claim.since < now][-8:]
+            words = f"is {value}, and may be {sorted(may)}\n  " + "\n  ".join(words)
+            self.told("left", value in may, relay, now, words)
