@@ -65,8 +65,8 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "soak",
-        help: "simulated lines with faults; arguments go to the soak",
-        run: |root, args| programs::SOAK.run(root, args),
+        help: "simulated lines with faults; --daemon [--seconds N] [--seed S]: the whole program",
+        run: programs::soak,
     },
     Command {
         name: "fuzz",

@@ -31,6 +31,9 @@ pub(crate) const SOAK: Program = Program {
     defaults: &["--check", "docs/soak.md"],
 };
 
+/// The real program between clients and modules that know what they did; a script.
+pub(crate) const JUDGE: &str = "interop/judge/run.py";
+
 /// Random bytes to decoders and engines. Two million inputs is the floor that is promised.
 pub(crate) const FUZZ: Program = Program {
     sources: &["fuzz/Cargo.toml"],
@@ -90,6 +93,19 @@ impl Program {
         command.args(args);
         Ok(command)
     }
+}
+
+/// Soaks a simulated line, or with `--daemon` first the program as a whole.
+pub(crate) fn soak(root: &Path, args: &[String]) -> Result<()> {
+    match args.split_first() {
+        Some((first, rest)) if first == "--daemon" => judge(root, rest),
+        _ => SOAK.run(root, args),
+    }
+}
+
+/// The judge around the daemon. It wants nothing but Python itself.
+pub(crate) fn judge(root: &Path, args: &[String]) -> Result<()> {
+    run::run(run::program(root, "python3").arg(JUDGE).args(args))
 }
 
 /// Shows what there is to see, until it is stopped.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::programs::{BENCH, FUZZ, Program, SOAK};
+use crate::programs::{self, BENCH, FUZZ, JUDGE, Program, SOAK};
 use crate::run::{self, Error, Result, cargo};
 use crate::steps::Summary;
 use crate::{firmware, peers, tidy, web};
@@ -79,6 +79,12 @@ const STEPS: &[Step] = &[
         needs_peers: true,
         skip: |root| missing(root, API),
         run: |root| run::run(python(root).arg(API)),
+    },
+    Step {
+        name: "judge",
+        needs_peers: true,
+        skip: |root| missing(root, JUDGE),
+        run: |root| programs::judge(root, &[]),
     },
     Step {
         name: "soak",
