@@ -7,7 +7,7 @@ import { brotliCompressSync, gzipSync } from "node:zlib";
 
 /** What a browser loads before it shows the first page, and all pages together; gzip. */
 const FIRST_MOST = 60_000;
-const ALL_MOST = 134_000;
+const ALL_MOST = 150_000;
 /** What is loaded first: the frame, and the page at `/`. */
 const FIRST = ["index.html", "src/pages/Overview.svelte"];
 

@@ -13,7 +13,7 @@ const root = fileURLToPath(new URL("../..", import.meta.url));
 const built = join(process.env.CARGO_TARGET_DIR ?? join(root, "target"), "debug/railbus");
 
 /** Only guards against hanging. */
-export const PATIENCE_MS = 60_000;
+export const PATIENCE_MS = Number(process.env.PATIENCE_MS ?? 60_000);
 
 /** `railbus serve --demo`, and the link that it prints. */
 export async function serve() {

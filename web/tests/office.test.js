@@ -28,7 +28,7 @@ test("a switched relay is in its trend, in the events and in the audit", async (
   await visit("/trends?points=pump.do0,tank.ai1&for=60");
   const marks = page.locator(".marks li");
   await marks.first().waitFor();
-  assert.match(await marks.first().innerText(), /admin\s+pump\.do0 do0=on/);
+  assert.match(await marks.first().innerText(), /admin\s+pump\.do0 Pump 1: on/);
   const row = page.locator("tbody tr", { hasText: "pump.do0" });
   await row.getByText(/^on for/).waitFor();
   await sound();
@@ -36,12 +36,12 @@ test("a switched relay is in its trend, in the events and in the audit", async (
   await visit("/events?kind=write");
   const event = page.locator(".event").first();
   await event.waitFor();
-  assert.match(await event.innerText(), /pump\.do0 do0=on/);
-  assert.match(await event.innerText(), /admin · http.* confirmed by reading back/s);
+  assert.match(await event.innerText(), /pump\.do0 Pump 1 on/);
+  assert.match(await event.innerText(), /admin · http.* confirmed by read-back/s);
 
   await page.getByRole("link", { name: t("audit"), exact: true }).click();
   await press(t("audit_verify"));
-  await page.getByText(/Unbroken: \d+ entries/).waitFor();
+  await page.getByText(/Intact: \d+ entries/).waitFor();
   await sound();
 });
 
@@ -61,10 +61,10 @@ test("a chart is read, measured and moved with the keyboard alone", async () => 
   const span = (asked) => Date.parse(asked.get("to")) - Date.parse(asked.get("from"));
   assert.ok(Math.abs(span(after) - span(before) / 2) <= 2, `${span(before)} then ${span(after)}`);
   await page.keyboard.press("Escape");
-  await page.getByText(/^All that is shown: 30 s$/).waitFor();
+  await page.getByText(/^Visible range: 30 s$/).waitFor();
   // What was looked at is in the address.
   await page.reload();
-  await page.getByText(/^All that is shown: 30 s$/).waitFor();
+  await page.getByText(/^Visible range: 30 s$/).waitFor();
 });
 
 test("a chart is zoomed by the wheel, dragged, measured by clicks, read as a table, saved as CSV", async () => {
@@ -75,7 +75,7 @@ test("a chart is zoomed by the wheel, dragged, measured by clicks, read as a tab
   const at = (part) => [box.x + 52 + (box.width - 62) * part, box.y + 120];
   await page.mouse.move(...at(1));
   await page.mouse.wheel(0, -462.4);
-  await page.getByText(/^All that is shown: 5 min$/).waitFor();
+  await page.getByText(/^Visible range: 5 min$/).waitFor();
   const begin = () => Date.parse(new URL(page.url()).searchParams.get("from"));
   await page.waitForFunction(() => location.search.includes("from="));
   const before = begin();

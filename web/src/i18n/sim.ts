@@ -2,8 +2,8 @@ import type { Pair } from "./index.svelte";
 
 export const sim = {
   sim_what: [
-    "These modules are simulated, and shown here as they really are. What the site knows of them came over the line, and may differ.",
-    "这些模块是模拟的，此处显示其真实状态。站点所知的内容来自总线，可能与此不同。",
+    "These modules are simulated. This shows their true state; the rest of the UI shows what was read over the line.",
+    "这些模块是仿真的，此处显示其真实状态；其他页面显示的内容读取自总线。",
   ],
   sim_power: ["Power", "电源"],
   sim_run: ["RUN", "运行"],
@@ -12,8 +12,8 @@ export const sim = {
   sim_press: ["Press an input to move it, an output to make it stick.", "点按输入可改变电平，点按输出可使其卡住。"],
   sim_stuck: ["stuck", "卡住"],
   sim_by_hand: ["by hand", "手动"],
-  sim_auto: ["Let inputs move by themselves", "输入恢复自动变化"],
-  sim_differs: ["the site knows otherwise", "与站点所知不同"],
+  sim_auto: ["Let inputs change automatically", "输入恢复自动变化"],
+  sim_differs: ["differs from the reading", "与读取值不同"],
   sim_dip: ["DIP switch (0: the address kept)", "拨码开关（0：使用所存地址）"],
   sim_init: ["INIT* grounded", "INIT* 接地"],
   sim_replies: ["{n} replies", "已应答 {n} 次"],
@@ -32,5 +32,5 @@ export const sim = {
   sim_unplug: ["Unplug the adapter", "拔出适配器"],
   sim_plug: ["Plug the adapter in", "插入适配器"],
   sim_unplugged: ["unplugged", "已拔出"],
-  code_sim_order: ["the simulator was given an order", "模拟器收到命令"],
+  code_sim_order: ["Simulator command", "仿真命令"],
 } as const satisfies Record<string, Pair>;

@@ -25,6 +25,13 @@ export function token(): string | null {
   return csrf;
 }
 
+/** Called when the daemon has answered. */
+let reached: () => void = () => {};
+
+export function whenReached(then: () => void): void {
+  reached = then;
+}
+
 export function whenEnded(then: () => void): void {
   ended = then;
 }
@@ -48,6 +55,7 @@ async function ask(
   } catch {
     throw new Refusal({ code: "", title: t("no_daemon"), status: 0 });
   }
+  reached();
   if (response.ok) return response;
   const problem = await problemOf(response);
   if (response.status === 401 && path !== "/login") ended();
@@ -78,9 +86,16 @@ export const patch = <T>(path: string, body: unknown, more?: HeadersInit): Promi
   json(ask("PATCH", path, body, more));
 export const remove = <T>(path: string): Promise<T> => json(ask("DELETE", path));
 
+/** What is wrong, a sentence each: of a configuration the reasons, without the places in its file. */
+export function reasons(why: Problem): string[] {
+  const told = why["problems"] as { reason?: string }[] | undefined;
+  const each = told?.flatMap(({ reason }) => reason ?? []) ?? [];
+  return each.length ? each : [why.detail ?? why.title];
+}
+
 /** The problem of whatever was thrown. */
 export function problem(thrown: unknown): Problem {
   if (thrown instanceof Refusal) return thrown.problem;
   if (thrown && typeof thrown === "object" && "code" in thrown && "title" in thrown) return thrown as Problem;
-  return { code: "", title: String(thrown), status: 0 };
+  return { code: "", title: String(thrown), status: 500 };
 }

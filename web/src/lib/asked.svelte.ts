@@ -1,5 +1,6 @@
 // Something asked of the API for as long as a page shows it.
 import { get, problem } from "./api";
+import { lostAt } from "./live.svelte";
 import type { Problem } from "./types";
 
 export interface Asked<T> {
@@ -19,6 +20,7 @@ export function asked<T>(path: () => string | null, every?: number): Asked<T> {
   let why = $state.raw<Problem | null>(null);
   let busy = $state(false);
   let turn = 0;
+  const reachable = $derived(lostAt() === null);
 
   async function ask(what: string | null): Promise<void> {
     const mine = ++turn;
@@ -36,6 +38,8 @@ export function asked<T>(path: () => string | null, every?: number): Asked<T> {
 
   $effect(() => {
     const what = path();
+    // What was shown stays while nobody answers, and is asked for again when somebody does.
+    if (!reachable) return;
     void ask(what);
     if (!every) return;
     const timer = setInterval(() => {

@@ -1,5 +1,6 @@
 // What was commanded from this page and what came of it, by point.
 import { SvelteMap } from "svelte/reactivity";
+import { t } from "../i18n/index.svelte";
 import { post, problem, put } from "./api";
 import { points, refresh } from "./live.svelte";
 import { complain } from "./toasts.svelte";
@@ -8,21 +9,27 @@ import type { PointInfo, Problem, Written } from "./types";
 export type Command =
   | { state: "pending"; want: boolean }
   | { state: "confirmed"; how: Written["confirmed"]; ms: number }
-  | { state: "not_verified" | "not_done"; why: Problem };
+  | { state: Verdict; why: Problem };
 
-/** How long it is shown that a command was confirmed. */
+/** How long it is shown what came of a command: done, or not. */
 const CONFIRMED_MS = 4_000;
+const TROUBLE_MS = 60_000;
 /** The code of a write that reads back otherwise. */
 const NOT_VERIFIED = "E0601";
+
+/** What is so after a command that did not succeed: one of these, and never two. */
+export type Verdict = "failed" | "unknown" | "not_verified";
+
+/** An answer that never came is none that says "nothing was switched". */
+export function verdictOf(why: Problem): Verdict {
+  if (why.code === NOT_VERIFIED) return "not_verified";
+  return (why.may_have_acted ?? !why.code) ? "unknown" : "failed";
+}
 
 const commands = new SvelteMap<string, Command>();
 
 export function commandOf(path: string): Command | undefined {
   return commands.get(path);
-}
-
-export function forget(path: string): void {
-  commands.delete(path);
 }
 
 const address = (path: string): string => `/points/${path.replace(".", "/")}`;
@@ -50,14 +57,18 @@ async function run(point: PointInfo, want: boolean, ask: () => Promise<Written>)
     if (now && done.value !== null) {
       refresh({ ...now, value: done.value, quality: "good", time: new Date().toISOString(), age_ms: 0 });
     }
-    const end: Command = { state: "confirmed", how: done.confirmed, ms: done.took_ms };
-    commands.set(path, end);
-    setTimeout(() => {
-      if (commands.get(path) === end) commands.delete(path);
-    }, CONFIRMED_MS);
+    show(path, { state: "confirmed", how: done.confirmed, ms: done.took_ms }, CONFIRMED_MS);
   } catch (thrown) {
     const why = problem(thrown);
-    commands.set(path, { state: why.code === NOT_VERIFIED ? "not_verified" : "not_done", why });
-    complain(thrown);
+    const verdict = verdictOf(why);
+    show(path, { state: verdict, why }, TROUBLE_MS);
+    complain(thrown, t(`verdict_${verdict}_why`));
   }
+}
+
+function show(path: string, end: Command, ms: number): void {
+  commands.set(path, end);
+  setTimeout(() => {
+    if (commands.get(path) === end) commands.delete(path);
+  }, ms);
 }

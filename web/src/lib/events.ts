@@ -1,5 +1,7 @@
 // What happened, as `/events` and `/audit` tell it.
-import { t, type Key } from "../i18n/index.svelte";
+import { named, t, type Key } from "../i18n/index.svelte";
+import { span } from "./format";
+import { points } from "./live.svelte";
 
 export const KINDS = ["write", "alarm", "module", "line", "config", "login", "rule", "system"] as const;
 export type Kind = (typeof KINDS)[number];
@@ -112,14 +114,58 @@ export function endedWell(end: string | null | undefined): boolean {
   return end === "readback" || end === "reply" || end === "sent";
 }
 
-/** What an event is about: `pump.do0`, `pump`, `main`. */
+/** What an event is about: `pump.do0 Pump 1`, `pump`, `main`. */
 export function about(event: SiteEvent): string {
-  return event.point ?? event.module ?? event.line ?? "";
+  const name = event.point && named(points.get(event.point)?.name);
+  const path = event.point ?? event.module ?? event.line ?? "";
+  return name ? `${path} ${name}` : path;
+}
+
+/** More outputs than this are told by their number. */
+const EACH_MOST = 4;
+
+/** Of which module something is told; and of which of its points, where that is said already. */
+type Of = Pick<SiteEvent, "module" | "point">;
+
+/** States of outputs as the daemon writes them, `do3=on do4=off`, in words; what is none, as it is. */
+export function statesText(of: Of, text: string): string {
+  const all = text.split(" ").map((one) => /^(\w+)=(on|off)$/.exec(one));
+  const states = new Set(all.map((one) => one?.[2]));
+  if (all.includes(null)) return text;
+  const [state] = states;
+  if (all.length > EACH_MOST && states.size === 1) return t("what_all", { n: all.length, state: t(state === "on" ? "on" : "off") });
+  return all.map((one) => `${labelText(of, one?.[1] ?? "")} ${t(one?.[2] === "on" ? "on" : "off")}`.trim()).join(", ");
+}
+
+function labelText({ module, point }: Of, label: string): string {
+  const path = `${module}.${label}`;
+  return path === point ? "" : (named(points.get(path)?.name) ?? label);
+}
+
+/** What was asked of a module, in words: `pulse k1 500ms by host`. */
+export function askedText(of: Of, what: string): string {
+  const pulse = /^pulse (\w+) (\d+)ms by (host|device)$/.exec(what);
+  if (pulse) {
+    const gaps = { point: labelText(of, pulse[1] ?? ""), time: span(Number(pulse[2])) };
+    return t(pulse[3] === "device" ? "what_pulse_device" : "what_pulse_host", gaps);
+  }
+  const toggle = /^toggle (\w+)$/.exec(what);
+  if (toggle) return t("what_toggle", { point: labelText(of, toggle[1] ?? "") });
+  return statesText(of, what);
+}
+
+/** Who and from where, where that is a word of the daemon's and no name. */
+export function whoText(who: string | undefined): string {
+  return who === "an unknown name" ? t("who_unknown") : (who ?? "");
+}
+
+export function viaText(via: string | undefined): string {
+  return via === "socket" ? t("via_socket") : (via ?? "");
 }
 
 /** What happened, in a few words. */
 export function eventText(event: SiteEvent): string {
-  if (event.kind === "write") return event.what ?? "";
+  if (event.kind === "write") return askedText(event, event.what ?? "");
   const key = event.code ? CODES[event.code] : undefined;
   const said = key ? t(key) : (event.what ?? event.code?.replaceAll("_", " ") ?? "");
   const more = [key && event.what, event.text].filter((one) => one && one !== said).join(" ");

@@ -11,6 +11,13 @@ export function dateTime(at: Date | string | number): string {
   return `${day} ${two(d.getHours())}:${two(d.getMinutes())}:${two(d.getSeconds())}`;
 }
 
+/** `14:03:07`; with its day where that is another than today. */
+export function secondTime(at: number): string {
+  const whole = dateTime(at);
+  const [day, time] = whole.split(" ");
+  return dateTime(Date.now()).startsWith(day ?? "") ? (time ?? whole) : whole;
+}
+
 /** `14:03:07.412`. */
 export function clockTime(at: number): string {
   const d = new Date(at);

@@ -23,10 +23,10 @@ type Listener = (message: Message) => void;
 
 const ALWAYS = ["points/#", "modules", "lines"];
 const POLL_MS = 1_000;
-/** Silence after which it is asked whether anybody is there, and after which nobody is. */
-const ASK_AFTER_MS = 10_000;
+/** Silence after which the daemon is asked whether it is there, and after which it is not. */
+const ASK_AFTER_MS = 2_000;
 const GONE_AFTER_MS = 15_000;
-/** Values are old when nothing was heard for so long. */
+/** After so long without a word nothing shown is of now, whatever the socket says. */
 const STALE_AFTER_MS = 5_000;
 const RETRY_MOST_MS = 15_000;
 
@@ -49,15 +49,20 @@ export type LinkState = "live" | "connecting" | "reconnecting" | "stale";
 export function connection(): { state: LinkState; seconds: number } {
   const now = clock();
   const silent = now - link.heard;
-  if (link.open || (link.everHeard && silent < 2 * POLL_MS + 500)) return { state: "live", seconds: 0 };
   if (!link.everHeard) return { state: "connecting", seconds: 0 };
+  if (silent < (link.open ? STALE_AFTER_MS : 2 * POLL_MS + 500)) return { state: "live", seconds: 0 };
   if (silent > STALE_AFTER_MS) return { state: "stale", seconds: Math.round(silent / 1_000) };
   return { state: "reconnecting", seconds: Math.max(0, Math.ceil((link.retryAt - now) / 1_000)) };
 }
 
-/** The page no longer hears the site: its values are of the past. */
+/** When the site was heard last, where it is not heard any more: all that is shown is of then. */
+export function lostAt(): number | null {
+  const { state } = connection();
+  return state === "reconnecting" || state === "stale" ? link.heard : null;
+}
+
 export function isStale(): boolean {
-  return connection().state === "stale";
+  return lostAt() !== null;
 }
 
 export function course(path: string): readonly { t: number; v: number }[] {
@@ -105,7 +110,8 @@ let asked = false;
 function guard(): void {
   if (!link.open) return;
   const silent = Date.now() - link.heard;
-  if (silent > GONE_AFTER_MS) socket?.close();
+  // A page in the background has its timers slowed down: who was not asked is not gone.
+  if (asked && silent > GONE_AFTER_MS) socket?.close();
   else if (silent > ASK_AFTER_MS && !asked) {
     asked = true;
     send({ sub: ["lines"] });
@@ -165,8 +171,8 @@ async function poll(): Promise<void> {
     heard();
     whole(lines, l.lines, (line) => line.line);
     whole(modules, m.modules, (module) => module.module);
-    whole(points, p.points, (point) => point.path);
     p.points.forEach(remember);
+    whole(points, p.points, (point) => point.path);
   } catch {
     // The state of the connection says it.
   } finally {
@@ -184,8 +190,8 @@ function take(message: Message): void {
   switch (message.topic) {
     case "points/#": {
       const fresh = news("points") as PointInfo[];
-      merge(points, fresh, (point) => point.path, all);
       fresh.forEach(remember);
+      merge(points, fresh, (point) => point.path, all);
       break;
     }
     case "modules":
@@ -209,14 +215,18 @@ function whole<T>(into: SvelteMap<string, T>, items: T[], key: (item: T) => stri
   for (const item of items) into.set(key(item), item);
 }
 
+/** Dates a point that has just come, and draws it out where it is measured. */
 function remember(point: PointInfo): void {
-  if (point.kind !== "analog" || typeof point.value !== "number") return;
   const now = Date.now();
+  if (point.age_ms !== undefined) point.read_at = now - point.age_ms;
+  // A value that is not read any more has no course.
+  if (point.kind !== "analog" || typeof point.value !== "number" || point.quality !== "good") return;
   const kept = (courses.get(point.path) ?? []).filter((sample) => sample.t > now - COURSE_MS);
   courses.set(point.path, [...kept, { t: now, v: point.value }].slice(-COURSE_MOST));
 }
 
 /** Takes over a point that was asked for on its own. */
 export function refresh(point: PointInfo): void {
+  remember(point);
   points.set(point.path, point);
 }

@@ -1,5 +1,5 @@
 // Short notices at the edge of the page. What failed stays until it is dismissed.
-import { problem } from "./api";
+import { problem, whenReached } from "./api";
 import type { Problem } from "./types";
 
 export interface Toast {
@@ -7,6 +7,8 @@ export interface Toast {
   kind: "good" | "bad";
   text: string;
   problem?: Problem;
+  /** What is so now, after a command. */
+  verdict?: string;
   action?: { label: string; run: () => void };
 }
 
@@ -39,12 +41,28 @@ export function tell(text: string, action?: Toast["action"]): void {
   setTimeout(() => dismiss(id), action ? LASTS_MS * 2 : LASTS_MS);
 }
 
-/** Says why something was not done. */
-export function complain(thrown: unknown): void {
+/** Dialogs that are open, the foremost last: what fails in one is said in it, not behind it. */
+const dialogs: ((why: Problem) => void)[] = [];
+
+/** Takes what is complained of, until the returned function is called. */
+export function inFront(take: (why: Problem) => void): () => void {
+  dialogs.push(take);
+  return () => void dialogs.splice(dialogs.indexOf(take), 1);
+}
+
+/** Says why something was not done, and for a command what is so now. */
+export function complain(thrown: unknown, verdict?: string): void {
   const found = problem(thrown);
+  const dialog = dialogs.at(-1);
+  if (dialog && !verdict) return dialog(found);
   const text = found.detail ?? found.title;
   // The same trouble again is the same notice.
   const same = list.find((toast) => toast.text === text);
   if (same) dismiss(same.id);
-  add({ kind: "bad", text, problem: found });
+  add({ kind: "bad", text, problem: found, ...(verdict && { verdict }) });
 }
+
+// That the daemon did not answer is said until it does.
+whenReached(() => {
+  for (const { id, problem } of [...list]) if (problem?.status === 0) dismiss(id);
+});

@@ -61,6 +61,8 @@ export interface PointInfo {
   age_ms?: number;
   max_age_ms?: number;
   time?: string;
+  /** When it was read, by the clock of this browser. */
+  read_at?: number;
   locked?: boolean;
   confirm?: boolean;
   interlock?: string[];
@@ -169,7 +171,6 @@ export interface Load {
   polls: { module: string; share_percent: number; max_age_ms: number }[];
   exchanges: number;
   errors: Record<string, number>;
-  queue: number;
 }
 
 /** A step of a scene: an output and its new state, or a pause. */
