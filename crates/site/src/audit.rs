@@ -43,6 +43,7 @@ impl Origin {
 }
 
 /// What is written down of something before it is done.
+#[derive(Clone)]
 pub(crate) struct Note {
     pub(crate) origin: Origin,
     /// `do0=on do1=off`, `pulse k1 500ms`.

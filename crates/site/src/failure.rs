@@ -63,6 +63,17 @@ pub enum Failure {
     LeaseTime(Point),
     /// What is to be done later can't be written down.
     NotKept(ErrorKind),
+    /// It was done, but that it takes the output over from a pulse or a lease can't be written
+    /// down: that one ends still.
+    NotTakenOver(ErrorKind),
+    /// The line is not lent: an output has been on for nearly as long as it may, and must be
+    /// switched off then.
+    Due {
+        /// Its path.
+        path: String,
+        /// How long it is until then.
+        left: Micros,
+    },
     /// Not done, because another part of the same command was not.
     NotTried,
     /// Done, and taken back, because another part of the same command failed.
@@ -100,6 +111,8 @@ impl Failure {
             Failure::NoLease(_) => "no_lease",
             Failure::LeaseTime(_) => "lease_time",
             Failure::NotKept(_) => "not_kept",
+            Failure::NotTakenOver(_) => "not_taken_over",
+            Failure::Due { .. } => "output_due",
             Failure::NotTried => "not_tried",
             Failure::Undone => "undone",
             Failure::NotUndone => "not_undone",
@@ -115,7 +128,7 @@ impl Failure {
     pub const fn may_have_acted(&self) -> bool {
         match self {
             Failure::Line(fault) => fault.may_have_acted(),
-            Failure::NotUndone => true,
+            Failure::NotUndone | Failure::NotTakenOver(_) => true,
             _ => false,
         }
     }

@@ -13,11 +13,12 @@ mod record;
 mod reload;
 mod rules;
 mod scene;
+mod schedule;
 mod send;
 mod state;
 mod status;
-mod taken;
 mod timer;
+mod turn;
 mod underway;
 mod update;
 
@@ -38,20 +39,19 @@ pub use update::{Update, Updates};
 
 use crate::audit::{Audit, Entry, Note, Origin};
 use crate::{Config, Failure};
-use promises::Promises;
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, Plan, PortError};
 use railbus_wire::{Instant, Micros};
 use record::Journal;
 use rules::Standings;
+use schedule::Schedule;
 use state::State;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use taken::Claims;
-use timer::Timers;
 use tokio::sync::broadcast;
+use turn::Turns;
 use underway::Commands;
 
 /// How many updates wait for a subscriber before the oldest are dropped.
@@ -101,9 +101,8 @@ pub(crate) struct Inner {
     audit: Audit,
     journal: Journal,
     commands: Commands,
-    timers: Timers,
-    claims: Claims,
-    promises: Promises,
+    turns: Turns,
+    schedule: Schedule,
     /// The scenes that are being played.
     playing: Mutex<BTreeSet<String>>,
     rules: Standings,
@@ -135,7 +134,7 @@ impl Service {
     /// # Errors
     /// [`StartError`]. A port that can't be opened is none: it is looked for until it is there.
     pub fn start(config: Config) -> Result<Service, StartError> {
-        Service::start_with(config, true, Promises::default())
+        Service::start_with(config, true, Schedule::default())
     }
 
     /// The same with a folder for what must outlive the process: pulses that are timed here end
@@ -144,8 +143,8 @@ impl Service {
     /// # Errors
     /// As [`Service::start`]; also where the folder can't be used.
     pub fn start_in(config: Config, folder: &Path) -> Result<Service, StartError> {
-        let promises = Promises::open(folder).map_err(|why| StartError::Folder(why.kind()))?;
-        Service::start_with(config, true, promises)
+        let schedule = Schedule::open(folder).map_err(|why| StartError::Folder(why.kind()))?;
+        Service::start_with(config, true, schedule)
     }
 
     /// The same, but only what is asked for is read: for a single command.
@@ -153,10 +152,10 @@ impl Service {
     /// # Errors
     /// As [`Service::start`].
     pub fn start_quiet(config: Config) -> Result<Service, StartError> {
-        Service::start_with(config, false, Promises::default())
+        Service::start_with(config, false, Schedule::default())
     }
 
-    fn start_with(config: Config, polls: bool, promises: Promises) -> Result<Service, StartError> {
+    fn start_with(config: Config, polls: bool, schedule: Schedule) -> Result<Service, StartError> {
         let names: Vec<String> = config.lines.keys().cloned().collect();
         let prepared: Vec<LineConfig> = names
             .iter()
@@ -169,9 +168,8 @@ impl Service {
                 audit: Audit::default(),
                 journal: Journal::default(),
                 commands: Commands::default(),
-                timers: Timers::default(),
-                claims: Claims::default(),
-                promises,
+                turns: Turns::default(),
+                schedule,
                 playing: Mutex::default(),
                 rules: Standings::default(),
                 updates: broadcast::Sender::new(UPDATES_MAX),
@@ -259,7 +257,7 @@ impl Service {
     /// are switched, commands under way get a second to end, the frames on the wire leave, the
     /// ports are closed. New commands are refused from the beginning on.
     pub async fn close(&self) {
-        self.inner.timers.stop_all().await;
+        self.inner.schedule.stop_all().await;
         self.exit_policy().await;
         let lines = std::mem::take(&mut *lock(&self.inner.lines));
         close_all(lines.into_values()).await;

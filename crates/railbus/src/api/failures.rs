@@ -53,6 +53,13 @@ pub(crate) fn problem(
         Failure::NoLease(point) => of_point(codes::NO_LEASE, point),
         Failure::LeaseTime(point) => of_point(codes::BAD_REQUEST, point).with("reason", "ttl_ms"),
         Failure::NotKept(why) => Problem::new(codes::NOT_KEPT).with("reason", why.to_string()),
+        Failure::NotTakenOver(why) => {
+            let problem = about(service, Problem::new(codes::NOT_TAKEN_OVER), module);
+            problem.with("reason", why.to_string())
+        }
+        Failure::Due { path, left } => Problem::new(codes::OUTPUT_DUE)
+            .with("path", path.clone())
+            .with("retry_after_ms", left.0.div_ceil(1_000)),
         Failure::NotTried => about(service, Problem::new(codes::NOT_TRIED), module),
         Failure::Undone => about(service, Problem::new(codes::UNDONE), module),
         Failure::NotUndone => about(service, Problem::new(codes::NOT_UNDONE), module),
@@ -190,6 +197,7 @@ pub(crate) fn of_line(service: &Service, line: &str, failure: &Failure) -> Probl
         Failure::Line(Fault::Closed) | Failure::Lent => line_closed(service, line),
         Failure::Line(fault) => Problem::new(kind_of(fault)).with("line", line),
         Failure::NotAudited => Problem::new(codes::NOT_AUDITED).with("line", line),
+        Failure::Due { .. } => problem(service, line, None, failure),
         _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
     }
 }

@@ -107,6 +107,10 @@ pub(crate) mod codes {
         NO_SUCH_PAGE = "E0110", 404, "there is nothing at this address";
         /// Also `reason`.
         NOT_KEPT = "E0150", 503, "what is to be done later can't be written down; nothing was sent";
+        /// Also `reason`.
+        NOT_TAKEN_OVER = "E0152", 503, "it was done, but the pulse or lease before it ends still: that it does not can't be written down";
+        /// Also `path`, `retry_after_ms`.
+        OUTPUT_DUE = "E0153", 409, "the line is not lent: one of its outputs must be switched off soon";
         /// Also `name`.
         NO_SUCH_COMMAND = "E0151", 404, "no command of that number is remembered";
         /// There is no history and no audit log here.

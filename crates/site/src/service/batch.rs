@@ -1,5 +1,7 @@
 //! Several outputs at once: in as few frames as can be, all or nothing where that is asked for.
 
+use super::command::TTL;
+use super::turn::Turn;
 use super::{Service, lock};
 use crate::config::Place;
 use crate::{Failure, WriteDone, WriteTerms};
@@ -7,6 +9,8 @@ use railbus_device::{Bank, Module, Point};
 use railbus_host::{Confirmed, Fault};
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use tokio::time::Instant;
 
 /// On what terms several outputs are switched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,45 +88,57 @@ type Item = (usize, Place, bool);
 
 impl Service {
     /// Switches outputs of any modules. Those of one module go together; where some of them
-    /// exclude each other, what goes off goes before what goes on.
+    /// exclude each other, what goes off goes before what goes on. Where it is all or nothing,
+    /// nobody else commands the outputs meanwhile.
     pub async fn batch(&self, set: &[(Place, bool)], terms: BatchTerms) -> BatchDone {
-        let checked = set.iter().map(|(place, on)| Part {
-            place: place.clone(),
-            wanted: *on,
-            end: match self.may_switch(place, *on, terms.confirm) {
-                Ok(()) => Err(Failure::NotTried),
-                Err(failure) => Err(failure),
-            },
-        });
+        let (service, asked) = (self.clone(), set.to_vec());
+        // It goes on to its end, where it may be taken back, whether or not somebody waits.
+        let done = tokio::spawn(async move { service.batch_asked(&asked, terms).await }).await;
+        done.unwrap_or_else(|_| BatchDone {
+            parts: parts(set, |_, _| Err(Fault::Unknown.into())),
+            undone: false,
+        })
+    }
+
+    async fn batch_asked(&self, set: &[(Place, bool)], terms: BatchTerms) -> BatchDone {
+        let may = |place: &Place, on| self.may_switch(place, on, terms.confirm);
+        let checked = |place: &Place, on| Err(may(place, on).err().unwrap_or(Failure::NotTried));
         let mut done = BatchDone {
-            parts: checked.collect(),
+            parts: parts(set, checked),
             undone: false,
         };
         let refused = |part: &Part| part.end != Err(Failure::NotTried);
         if terms.all_or_nothing && done.parts.iter().any(refused) {
             return done;
         }
-        let parts = done.parts.iter().enumerate();
-        let items: Vec<Item> = parts
+        let numbered = done.parts.iter().enumerate();
+        let items: Vec<Item> = numbered
             .filter(|(_, part)| !refused(part))
             .map(|(number, part)| (number, part.place.clone(), part.wanted))
             .collect();
-        if terms.all_or_nothing {
-            self.ask_unknown(&items).await;
+        if !terms.all_or_nothing {
+            self.switch_in_turn(&mut done, &items, terms, None).await;
+            return done;
         }
-        let before: Vec<_> = items.iter().map(|item| self.inner.known(&item.1)).collect();
-        let places = || items.iter().map(|item| item.1.clone()).collect();
-        let taken = terms
-            .all_or_nothing
-            .then(|| self.inner.take_over_all(places()));
-        self.switch_in_turn(&mut done, &items, terms).await;
-        match taken {
-            Some(taken) if done.has_failed() => {
-                self.undo(&mut done, &items, &before).await;
-                taken.give_back();
+        let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
+        let expires = Instant::now() + TTL;
+        let turn = match self.inner.turn(places.clone(), expires).await {
+            Ok(turn) => Arc::new(turn),
+            Err(fault) => {
+                done.parts = parts(set, |_, _| Err(fault.into()));
+                return done;
             }
-            Some(taken) => taken.settle(true),
-            None => {}
+        };
+        self.ask_unknown(&items).await;
+        let before: Vec<_> = items.iter().map(|item| self.inner.known(&item.1)).collect();
+        let in_turn = Some(&turn);
+        self.switch_in_turn(&mut done, &items, terms, in_turn).await;
+        if done.has_failed() {
+            // Taken back, the outputs are as they were found, in their pulses and leases.
+            self.undo(&mut done, &items, &before, &turn).await;
+        } else if let Err(why) = self.inner.schedule.take_over(&places, None).await {
+            let failure = Failure::NotTakenOver(why.kind());
+            done.parts = parts(set, |_, _| Err(failure.clone()));
         }
         done
     }
@@ -194,13 +210,19 @@ impl Service {
 
     /// Switches them, in two turns where they exclude each other. After a failure in the first
     /// turn, the second is not begun where it is all or nothing.
-    async fn switch_in_turn(&self, done: &mut BatchDone, items: &[Item], terms: BatchTerms) {
+    async fn switch_in_turn(
+        &self,
+        done: &mut BatchDone,
+        items: &[Item],
+        terms: BatchTerms,
+        held: Option<&Arc<Turn>>,
+    ) {
         if !self.exclude_each_other(items) {
-            return self.switch_at_once(done, items, terms).await;
+            return self.switch_at_once(done, items, terms, held).await;
         }
         for wanted in [false, true] {
             let turn: Vec<Item> = items.iter().filter(|i| i.2 == wanted).cloned().collect();
-            self.switch_at_once(done, &turn, terms).await;
+            self.switch_at_once(done, &turn, terms, held).await;
             let failed = turn.iter().filter_map(|item| done.parts.get(item.0));
             if terms.all_or_nothing && failed.into_iter().any(|part| part.end.is_err()) {
                 return;
@@ -217,7 +239,13 @@ impl Service {
     }
 
     /// Switches the outputs of all modules side by side.
-    async fn switch_at_once(&self, done: &mut BatchDone, items: &[Item], terms: BatchTerms) {
+    async fn switch_at_once(
+        &self,
+        done: &mut BatchDone,
+        items: &[Item],
+        terms: BatchTerms,
+        held: Option<&Arc<Turn>>,
+    ) {
         let mut by_module: BTreeMap<String, Vec<Item>> = BTreeMap::new();
         for item in items {
             let of_module = by_module.entry(item.1.module.clone()).or_default();
@@ -226,9 +254,10 @@ impl Service {
         let each = by_module.into_iter().map(|(module, items)| {
             let service = self.clone();
             let numbers: Vec<usize> = items.iter().map(|item| item.0).collect();
-            let task =
-                tokio::spawn(async move { service.switch_module(&module, &items, terms).await });
-            (numbers, task)
+            let held = held.cloned();
+            let switching =
+                async move { service.switch_module(&module, &items, terms, held).await };
+            (numbers, tokio::spawn(switching))
         });
         for (numbers, task) in each.collect::<Vec<_>>() {
             // Fails only where the runtime itself ends.
@@ -250,9 +279,12 @@ impl Service {
         module: &str,
         items: &[Item],
         terms: BatchTerms,
+        held: Option<Arc<Turn>>,
     ) -> Vec<Result<PartDone, Failure>> {
         let set: Vec<(Point, bool)> = items.iter().map(|(_, at, on)| (at.point, *on)).collect();
-        let together = self.switch_points(module, &set, terms).await;
+        let together = self
+            .switch_points(module, &set, terms, held.as_deref())
+            .await;
         let one_must_not = matches!(
             together.first(),
             Some(Err(Failure::Interlock { .. } | Failure::MinOff { .. }))
@@ -262,26 +294,34 @@ impl Service {
         }
         let mut ends = Vec::with_capacity(set.len());
         for one in set {
-            ends.extend(self.switch_points(module, &[one], terms).await);
+            ends.extend(
+                self.switch_points(module, &[one], terms, held.as_deref())
+                    .await,
+            );
         }
         ends
     }
 
+    /// With one command, in the turn that is held already or in one of its own.
     async fn switch_points(
         &self,
         module: &str,
         set: &[(Point, bool)],
         terms: BatchTerms,
+        held: Option<&Turn>,
     ) -> Vec<Result<PartDone, Failure>> {
         let terms = WriteTerms {
             verify: terms.verify,
+            confirm: terms.confirm,
             ..WriteTerms::default()
         };
         // The site may have begun to end since: its own policies have the last word.
-        let ends = self.inner.timers.are_stopping();
-        let done = match ends {
-            true => Err(Fault::Closed.into()),
-            false => self.write_for_itself(module, set, terms).await,
+        let ends = self.inner.schedule.are_stopping();
+        let expires = Instant::now() + TTL;
+        let done = match held {
+            _ if ends => Err(Fault::Closed.into()),
+            Some(turn) => self.write_in_turn(turn, module, set, terms, expires).await,
+            None => self.write(module, set, terms).await,
         };
         match done {
             Ok(done) => parts_of(&done).into_iter().map(Ok).collect(),
@@ -290,7 +330,13 @@ impl Service {
     }
 
     /// Takes back what was done, and what may have been.
-    async fn undo(&self, done: &mut BatchDone, items: &[Item], before: &[Option<bool>]) {
+    async fn undo(
+        &self,
+        done: &mut BatchDone,
+        items: &[Item],
+        before: &[Option<bool>],
+        turn: &Arc<Turn>,
+    ) {
         let touched = |end: &Result<PartDone, Failure>| match end {
             Ok(_) => true,
             Err(failure) => failure.may_have_acted(),
@@ -315,7 +361,8 @@ impl Service {
             undone: false,
         };
         let again: Vec<Item> = back.iter().map(|b| (b.0, b.1.clone(), b.2)).collect();
-        self.switch_in_turn(&mut undone, &again, BatchTerms::default())
+        let terms = BatchTerms::default();
+        self.switch_in_turn(&mut undone, &again, terms, Some(turn))
             .await;
         done.undone = lost.is_empty() && !undone.has_failed();
         let ends = undone.parts.iter().zip(&back);
@@ -332,6 +379,19 @@ impl Service {
             }
         }
     }
+}
+
+/// Outputs with the end of each.
+fn parts(
+    set: &[(Place, bool)],
+    end: impl Fn(&Place, bool) -> Result<PartDone, Failure>,
+) -> Vec<Part> {
+    let parts = set.iter().map(|(place, on)| Part {
+        place: place.clone(),
+        wanted: *on,
+        end: end(place, *on),
+    });
+    parts.collect()
 }
 
 /// Each output that a command has switched.
@@ -371,7 +431,7 @@ mod tests {
         let text = "[line.main]\nport = \"/dev/railbus-test-nothing-here\"\n\
                     [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
         let service = Service::start(Config::parse(text).unwrap()).unwrap();
-        service.inner.timers.stop_all().await;
+        service.inner.schedule.stop_all().await;
         let kind = PointKind::Output;
         let place = Place::new("oven", Point { kind, index: 0 });
         let mut done = BatchDone {
@@ -385,7 +445,7 @@ mod tests {
         // It was checked before the end began.
         let items = [(0, place, true)];
         service
-            .switch_in_turn(&mut done, &items, BatchTerms::default())
+            .switch_in_turn(&mut done, &items, BatchTerms::default(), None)
             .await;
         assert_eq!(done.parts[0].end, Err(Fault::Closed.into()));
         assert!(service.audit().is_empty(), "nothing was tried");

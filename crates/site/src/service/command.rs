@@ -1,5 +1,8 @@
 //! Commands: what is checked before they go to the line, and what is told of their end.
 
+use super::record::Begun;
+use super::timer::to_its_end;
+use super::turn::Turn;
 use super::underway::Underway;
 use super::{Inner, Service, lock};
 use crate::audit::Note;
@@ -17,7 +20,7 @@ use tokio::time::Instant;
 const RAW_TIMEOUT: Micros = Micros::from_millis(300);
 
 /// How long after it was asked for a command may still be sent.
-const COMMAND_TTL: Duration = Duration::from_secs(5);
+pub(super) const TTL: Duration = Duration::from_secs(5);
 
 /// On what terms outputs are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,6 +83,46 @@ pub struct RawTerms {
     pub clear: bool,
 }
 
+/// A command of the line to outputs of one module.
+pub(super) struct Order<'a> {
+    pub(super) module: &'a str,
+    pub(super) points: &'a [Point],
+    pub(super) op: Op,
+    pub(super) verify: bool,
+    /// What was not sent by then is not sent any more.
+    pub(super) expires: Instant,
+}
+
+/// What is written down of a command. One that is tried again and again is written down when it
+/// fails first, and then once more for all tries after that.
+pub(super) struct Entry {
+    pub(super) note: Note,
+    /// The end of what was promised: it is done once it is read back.
+    pub(super) is_release: bool,
+    /// How it failed last.
+    pub(super) failed: Option<&'static str>,
+    /// Of the tries after the first.
+    pub(super) open: Option<Begun>,
+}
+
+impl Entry {
+    pub(super) const fn new(note: Note) -> Entry {
+        Entry {
+            note,
+            is_release: false,
+            failed: None,
+            open: None,
+        }
+    }
+
+    pub(super) fn of_release(note: Note) -> Entry {
+        Entry {
+            is_release: true,
+            ..Entry::new(note)
+        }
+    }
+}
+
 impl Service {
     /// Brings outputs of one module into these states with one command of the line, and leaves
     /// the others alone.
@@ -95,6 +138,21 @@ impl Service {
     ) -> Result<WriteDone, Failure> {
         let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
         self.inner.may_command(module, &points, terms.confirm)?;
+        let (service, module, set) = (self.clone(), module.to_owned(), set.to_vec());
+        to_its_end(async move { service.write_asked(&module, &set, terms).await }).await
+    }
+
+    async fn write_asked(
+        &self,
+        module: &str,
+        set: &[(Point, bool)],
+        terms: WriteTerms,
+    ) -> Result<WriteDone, Failure> {
+        let expires = Instant::now() + TTL;
+        let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+        let turn = self.inner.turn(places(module, &points), expires).await?;
+        // Meanwhile the configuration may have changed, or the site begun to end.
+        self.inner.may_command(module, &points, terms.confirm)?;
         if let Some(wanted) = terms.only_if {
             self.read_fresh(module).await?;
             let known = |point| self.inner.output(module, point);
@@ -105,15 +163,42 @@ impl Service {
         }
         let on = set.iter().filter(|(_, on)| *on).map(|(point, _)| *point);
         self.inner.watched(module, on)?;
-        self.write_for_itself(module, set, terms).await
+        let done = self
+            .write_in_turn(&turn, module, set, terms, expires)
+            .await?;
+        self.inner.take_over(module, &points, done).await
     }
 
-    /// The same without the questions that somebody outside is asked.
-    pub(super) async fn write_for_itself(
+    /// The same for a policy, also at the end of the site: nobody is asked whether it is meant.
+    pub(super) async fn write_by_policy(
         &self,
         module: &str,
         set: &[(Point, bool)],
+    ) -> Result<WriteDone, Failure> {
+        let (service, module, set) = (self.clone(), module.to_owned(), set.to_vec());
+        to_its_end(async move {
+            let expires = Instant::now() + TTL;
+            let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+            let turn = service
+                .inner
+                .turn(places(&module, &points), expires)
+                .await?;
+            let terms = WriteTerms::default();
+            let done = service.write_in_turn(&turn, &module, &set, terms, expires);
+            let done = done.await?;
+            service.inner.take_over(&module, &points, done).await
+        })
+        .await
+    }
+
+    /// Writes outputs whose turn it is. What was to be done to them later still is.
+    pub(super) async fn write_in_turn(
+        &self,
+        turn: &Turn,
+        module: &str,
+        set: &[(Point, bool)],
         terms: WriteTerms,
+        expires: Instant,
     ) -> Result<WriteDone, Failure> {
         let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
         self.inner.writable(module, &points)?;
@@ -127,30 +212,16 @@ impl Service {
         } else {
             Op::Write(bank)
         };
-        let taken = self.inner.take_over(module, &points);
-        let note = self.note(self.inner.describe(module, set));
+        let mut entry = Entry::new(self.note(self.inner.describe(module, set)));
+        let order = Order {
+            module,
+            points: &points,
+            op,
+            verify: terms.verify,
+            expires,
+        };
         let wanted = |point| bank_state(bank, point);
-        let end = self
-            .inner
-            .command(module, &points, op, terms.verify, note, wanted)
-            .await;
-        taken.settle(end.is_ok());
-        end
-    }
-
-    /// Switches one output, and leaves what was promised of it as it is.
-    pub(super) async fn release_now(
-        &self,
-        module: &str,
-        point: Point,
-        on: bool,
-    ) -> Result<WriteDone, Failure> {
-        let op = Op::Write(Bank::one(channel(point)?, on));
-        let note = self.note(self.inner.describe(module, &[(point, on)]));
-        let wanted = |_| Some(on);
-        self.inner
-            .command(module, &[point], op, true, note, wanted)
-            .await
+        self.inner.command(turn, order, &mut entry, wanted).await
     }
 
     /// Switches an output over. Where it is read first and then set, someone else may come
@@ -164,31 +235,47 @@ impl Service {
         point: Point,
         terms: ToggleTerms,
     ) -> Result<WriteDone, Failure> {
+        self.inner.may_command(module, &[point], terms.confirm)?;
+        let (service, module) = (self.clone(), module.to_owned());
+        to_its_end(async move { service.toggle_asked(&module, point, terms).await }).await
+    }
+
+    async fn toggle_asked(
+        &self,
+        module: &str,
+        point: Point,
+        terms: ToggleTerms,
+    ) -> Result<WriteDone, Failure> {
         let ToggleTerms { raw, confirm } = terms;
+        let expires = Instant::now() + TTL;
+        let turn = self.inner.turn(places(module, &[point]), expires).await?;
         self.inner.may_command(module, &[point], confirm)?;
-        if raw {
+        let done = if raw {
             self.inner.watched(module, [point])?;
-            let taken = self.inner.take_over(module, &[point]);
             let note = self.note(format!("toggle {}", self.inner.label(module, point)));
-            let op = Op::Toggle(channel(point)?.mask());
-            let end = self
-                .inner
-                .command(module, &[point], op, true, note, |_| None)
-                .await;
-            taken.settle(end.is_ok());
-            return end;
-        }
-        self.read_fresh(module).await?;
-        let now = self.inner.output(module, point).ok_or(Fault::Unknown)?;
-        let terms = WriteTerms {
-            confirm,
-            ..WriteTerms::default()
+            let order = Order {
+                module,
+                points: &[point],
+                op: Op::Toggle(channel(point)?.mask()),
+                verify: true,
+                expires,
+            };
+            let mut entry = Entry::new(note);
+            self.inner
+                .command(&turn, order, &mut entry, |_| None)
+                .await?
+        } else {
+            self.read_fresh(module).await?;
+            let now = self.inner.output(module, point).ok_or(Fault::Unknown)?;
+            self.inner.watched(module, (!now).then_some(point))?;
+            let (set, terms) = ([(point, !now)], WriteTerms::default());
+            let done = self.write_in_turn(&turn, module, &set, terms, expires);
+            WriteDone {
+                read_then_set: true,
+                ..done.await?
+            }
         };
-        let done = self.write(module, &[(point, !now)], terms).await?;
-        Ok(WriteDone {
-            read_then_set: true,
-            ..done
-        })
+        self.inner.take_over(module, &[point], done).await
     }
 
     /// Asks a module for everything now. What it says is known when this returns.
@@ -275,7 +362,7 @@ impl Inner {
         confirm: bool,
     ) -> Result<(), Failure> {
         self.writable(module, points)?;
-        if self.timers.are_stopping() {
+        if self.schedule.are_stopping() {
             return Err(Fault::Closed.into());
         }
         let state = lock(&self.state);
@@ -355,21 +442,41 @@ impl Inner {
         text
     }
 
-    /// One command of the line: what it is allowed to do, its audit entry, and the states before
-    /// and after. Every switching of an output comes through here.
-    pub(super) async fn command(
-        self: &Arc<Inner>,
+    /// A command was carried out: its outputs are in no pulse and no lease any more. A frame that
+    /// nobody answers may not have been heard, and takes nothing over.
+    pub(super) async fn take_over(
+        &self,
         module: &str,
         points: &[Point],
-        op: Op,
-        verify: bool,
-        note: Note,
+        done: WriteDone,
+    ) -> Result<WriteDone, Failure> {
+        if done.confirmed != Confirmed::Sent {
+            let places: Vec<Place> = places(module, points).collect();
+            let taken = self.schedule.take_over(&places, None).await;
+            taken.map_err(|why| Failure::NotTakenOver(why.kind()))?;
+        }
+        Ok(done)
+    }
+
+    /// One command of the line: what it is allowed to do, its audit entry, and the states before
+    /// and after. Every switching of an output comes through here, and it is its turn.
+    pub(super) async fn command(
+        self: &Arc<Inner>,
+        _turn: &Turn,
+        order: Order<'_>,
+        entry: &mut Entry,
         wanted: impl Fn(Point) -> Option<bool>,
     ) -> Result<WriteDone, Failure> {
-        let expires = Instant::now() + COMMAND_TTL;
+        let Order {
+            module,
+            points,
+            op,
+            verify,
+            expires,
+        } = order;
         let effect = self.effect(module, points, &op);
         self.ask_excluded(&effect.rising).await;
-        let underway = Underway::begin(self, module, points, note, effect).await?;
+        let underway = Underway::begin(self, module, points, entry, effect).await?;
         underway.limit().await;
         let end = self.run_until(module, op, verify, expires).await;
         let after = |point: &Point| {
@@ -382,7 +489,7 @@ impl Inner {
             }
         };
         let after: Vec<_> = points.iter().map(|point| (*point, after(point))).collect();
-        let (audit, before) = underway.end(&end, &after).await;
+        let (audit, before) = underway.end(&end, &after, entry).await;
         let done = end?;
         let outputs = after.into_iter().zip(before);
         Ok(WriteDone {
@@ -398,7 +505,7 @@ impl Inner {
 
     /// Does an op with a module, within the time that a command has.
     pub(super) async fn run(&self, module: &str, op: Op, verify: bool) -> Result<Done, Fault> {
-        self.run_until(module, op, verify, Instant::now() + COMMAND_TTL)
+        self.run_until(module, op, verify, Instant::now() + TTL)
             .await
     }
 
@@ -437,6 +544,10 @@ pub(super) const fn confirmed_name(confirmed: Confirmed) -> &'static str {
         Confirmed::Reply => "reply",
         Confirmed::Sent => "sent",
     }
+}
+
+pub(super) fn places(module: &str, points: &[Point]) -> impl Iterator<Item = Place> {
+    points.iter().map(move |point| Place::new(module, *point))
 }
 
 pub(super) fn channel(point: Point) -> Result<Channel, Failure> {

@@ -1,12 +1,15 @@
 //! Outputs that somebody holds: they stay as they are only for as long as that is said again.
 
+use super::command::{TTL, places};
 use super::promises::Why;
+use super::timer::{Begin, is_released, to_its_end};
 use super::{Service, lock};
 use crate::config::Place;
-use crate::{Failure, WriteDone};
+use crate::{Failure, WriteDone, WriteTerms};
 use railbus_device::Point;
 use railbus_wire::Micros;
 use std::time::Duration;
+use tokio::time::Instant;
 
 /// The shortest lease: who holds an output must have the time to say so again.
 pub const LEASE_MIN: Micros = Micros::from_millis(200);
@@ -43,24 +46,47 @@ impl Service {
         if value {
             self.inner.watched(module, [point])?;
         }
-        let left = Duration::from_micros(time.0);
+        let (service, module) = (self.clone(), module.to_owned());
+        let held = (value, Duration::from_micros(time.0));
+        to_its_end(async move { service.lease_asked(&module, point, held, confirm).await }).await
+    }
+
+    async fn lease_asked(
+        &self,
+        module: &str,
+        point: Point,
+        (value, length): (bool, Duration),
+        confirm: bool,
+    ) -> Result<Leased, Failure> {
+        let expires = Instant::now() + TTL;
+        let turn = self.inner.turn(places(module, &[point]), expires).await?;
+        // Meanwhile the configuration may have changed, or the site begun to end.
+        self.inner.may_command(module, &[point], confirm)?;
         let key = (Place::new(module, point), Why::Lease);
         let end = self.end_of_lease(&key.0, value);
-        let is_held = self.inner.promises.end_of(&key) == Some(end)
-            && self.inner.known(&key.0) == Some(value);
-        if is_held && self.inner.timers.put_off(&key, None, left) {
-            return Ok(Leased {
-                written: None,
-                left,
-            });
+        if let Some((number, held)) = self.inner.schedule.find(&key)
+            && held.end == end
+            && self.inner.known(&key.0) == Some(value)
+        {
+            let renewed = self.inner.schedule.renew(number, length).await;
+            if renewed.map_err(|why| Failure::NotKept(why.kind()))? {
+                return Ok(Leased {
+                    written: None,
+                    left: self.inner.schedule.due(&key).unwrap_or_default(),
+                });
+            }
         }
-        let taken = self.inner.take_over(module, &[point]);
         let on = if value { "on" } else { "off" };
         let label = self.inner.label(module, point);
-        let note = self.note(format!("lease {label}={on} {}ms", time.0 / 1_000));
-        let written = self.inner.begin_timed(key, (value, end), left, note).await;
-        taken.settle(written.is_ok());
-        let written = written?;
+        let begin = Begin {
+            key,
+            value,
+            end,
+            length,
+            note: self.note(format!("lease {label}={on} {}ms", length.as_millis())),
+            expires,
+        };
+        let (written, left) = self.inner.begin_timed(&turn, begin).await?;
         Ok(Leased {
             written: Some(written),
             left,
@@ -78,21 +104,38 @@ impl Service {
         point: Point,
     ) -> Result<Option<WriteDone>, Failure> {
         self.inner.may_command(module, &[point], true)?;
+        let (service, module) = (self.clone(), module.to_owned());
+        to_its_end(async move { service.end_lease_asked(&module, point).await }).await
+    }
+
+    async fn end_lease_asked(
+        &self,
+        module: &str,
+        point: Point,
+    ) -> Result<Option<WriteDone>, Failure> {
+        let expires = Instant::now() + TTL;
+        let turn = self.inner.turn(places(module, &[point]), expires).await?;
+        self.inner.may_command(module, &[point], true)?;
+        let schedule = &self.inner.schedule;
         let key = (Place::new(module, point), Why::Lease);
-        let end = self.inner.promises.end_of(&key);
-        let number = end.and_then(|_| self.inner.timers.anticipate(&key));
-        let (Some(end), Some(number)) = (end, number) else {
-            return Err(Failure::NoLease(point));
-        };
-        let Some(on) = end else {
-            self.inner.timers.take_over_one(&key, number);
+        let (number, held) = schedule.find(&key).ok_or(Failure::NoLease(point))?;
+        let Some(on) = held.end else {
+            let kept = schedule.take_over(&[key.0], None).await;
+            kept.map_err(|why| Failure::NotTakenOver(why.kind()))?;
             return Ok(None);
         };
-        // It is taken over by this command, and switched by itself where this one fails. Who
-        // takes the output meanwhile, has it.
-        let done = self.release_now(module, point, on).await?;
-        self.inner.timers.take_over_one(&key, number);
-        Ok(Some(done))
+        // Where this fails, it is switched by itself when its time is over.
+        schedule.anticipate(number);
+        let set = [(point, on)];
+        let terms = WriteTerms::default();
+        let done = self.write_in_turn(&turn, module, &set, terms, expires);
+        let done = done.await?;
+        if !is_released(&done) {
+            // It was acknowledged and not seen: that is tried again.
+            schedule.hasten(number);
+            return Ok(Some(done));
+        }
+        self.inner.take_over(module, &[point], done).await.map(Some)
     }
 
     fn end_of_lease(&self, place: &Place, value: bool) -> Option<bool> {

@@ -35,9 +35,13 @@ impl Service {
             module.is_some_and(|module| module.line == line)
         };
         // What could not be ended is, once the line is back.
-        self.inner.timers.end_now(of_line).await;
+        let (turn, left) = self.inner.end_now(of_line).await;
+        for number in left {
+            self.inner.schedule.hasten(number);
+        }
         let handle = lock(&self.inner.lines).remove(line);
         close_all(handle.into_iter()).await;
+        drop(turn);
         if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
             now.state = LineState::Absent(Arc::new(PortError::Lent));
         }

@@ -1,8 +1,8 @@
 //! What becomes of outputs when something is lost or comes back.
 
 use super::{Inner, Service, lock};
+use crate::Origin;
 use crate::config::{Place, Policy, Safety};
-use crate::{Origin, WriteTerms};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
@@ -47,14 +47,13 @@ impl Service {
             these.map(|(place, on)| (place.point, *on))
         };
         let off: Vec<_> = points(false).collect();
-        let terms = WriteTerms::default();
         if !off.is_empty() {
             // How it ended, its audit entry says.
-            let _ = self.write_for_itself(module, &off, terms).await;
+            let _ = self.write_by_policy(module, &off).await;
         }
         for on in points(true) {
             // One by one: what excludes one of them does not keep the others.
-            let _ = self.write_for_itself(module, &[on], terms).await;
+            let _ = self.write_by_policy(module, &[on]).await;
         }
     }
 }

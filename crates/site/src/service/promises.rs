@@ -1,16 +1,12 @@
-//! What the site has promised to do to outputs later, kept in a file: whoever ends the process
-//! does not end a pulse in the middle of it.
+//! What the site has promised to do to outputs later, as a file: whoever ends the process does
+//! not end a pulse in the middle of it.
 
-use super::lock;
 use crate::config::Place;
 use crate::durable;
 use railbus_device::{Point, PointKind};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::time::{Duration, SystemTime};
 
 /// The file's name in the folder of the site's state.
@@ -58,6 +54,13 @@ impl Promise {
         let left = self.at.duration_since(SystemTime::now());
         left.unwrap_or_default().min(self.length)
     }
+
+    /// The same where it does not end later than it can by the clock on the wall as it is now.
+    pub(super) fn at_most_its_length(self) -> Promise {
+        let latest = SystemTime::now() + self.length;
+        let at = self.at.min(latest);
+        Promise { at, ..self }
+    }
 }
 
 /// A promise as the file has it.
@@ -78,133 +81,60 @@ struct Document {
     promises: Vec<Row>,
 }
 
-/// All promises: at most one of each kind for an output.
+/// The file; none where nothing outlives the process.
 #[derive(Debug, Default)]
-pub(super) struct Promises {
+pub(super) struct File {
     folder: Option<PathBuf>,
-    made: Mutex<Made>,
-    /// The version that the file has; who writes holds it.
+    /// The version that it has; who writes holds it.
     written: tokio::sync::Mutex<u64>,
 }
 
-#[derive(Debug, Default)]
-struct Made {
-    /// Each with the number of whoever made it: a newer one counts, whoever comes first.
-    by_key: BTreeMap<Key, (u64, Promise)>,
-    version: u64,
-}
-
-impl Promises {
-    /// Those of a folder, which is made when the first promise is. A file that can't be
-    /// understood is put aside.
-    pub(super) fn open(folder: &Path) -> io::Result<Promises> {
+impl File {
+    /// That of a folder, which is made when the first promise is, and what it says. A file that
+    /// can't be understood is put aside.
+    pub(super) fn open(folder: &Path) -> io::Result<(File, Vec<(Key, Promise)>)> {
         let path = folder.join(NAME);
-        let by_key = match read(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => BTreeMap::new(),
+        let known = match read(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
             Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                 std::fs::rename(&path, folder.join(format!("{NAME}.unreadable")))?;
-                BTreeMap::new()
+                Vec::new()
             }
             known => known?,
         };
-        Ok(Promises {
+        let file = File {
             folder: Some(folder.to_owned()),
-            made: Mutex::new(Made { by_key, version: 0 }),
             written: tokio::sync::Mutex::default(),
-        })
-    }
-
-    /// All of them.
-    pub(super) fn all(&self) -> Vec<(Key, Promise)> {
-        let made = lock(&self.made);
-        let each = made.by_key.iter();
-        each.map(|(key, (_, promise))| (key.clone(), *promise))
-            .collect()
-    }
-
-    /// What becomes of an output at the end of what was promised, where anything was.
-    pub(super) fn end_of(&self, key: &Key) -> Option<Option<bool>> {
-        let made = lock(&self.made);
-        made.by_key.get(key).map(|(_, promise)| promise.end)
-    }
-
-    /// How long it was from the beginning until what was promised, where anything was.
-    pub(super) fn length_of(&self, key: &Key) -> Option<Duration> {
-        let made = lock(&self.made);
-        made.by_key.get(key).map(|(_, promise)| promise.length)
-    }
-
-    /// Makes a promise, unless there is a newer one; it is on the disk when this returns.
-    pub(super) async fn make(&self, key: &Key, number: u64, promise: Promise) -> io::Result<()> {
-        let made = self.change(|made| {
-            if made.get(key).is_none_or(|(there, _)| *there <= number) {
-                made.insert(key.clone(), (number, promise));
-            }
-        });
-        let end = self.write(made).await;
-        if end.is_err() {
-            self.change(|made| take_out(made, key, number));
-        }
-        end
-    }
-
-    /// A promise was kept, or does not hold any more; a newer one still does. Where the disk
-    /// refuses, it is done once more after a restart, which an output that was released already
-    /// does not mind.
-    pub(super) async fn drop(&self, key: &Key, number: u64) {
-        let changed = self.change(|made| take_out(made, key, number));
-        let _ = self.write(changed).await;
-    }
-
-    /// Says how long outputs must stay off yet, in place of what was said before.
-    pub(super) async fn must_stay_off(&self, outputs: Vec<(Place, Duration)>) {
-        let changed = self.change(|made| {
-            made.retain(|(_, why), _| *why != Why::MinOff);
-            let each = outputs.into_iter();
-            made.extend(
-                each.map(|(place, left)| ((place, Why::MinOff), (0, Promise::after(left, None)))),
-            );
-        });
-        let _ = self.write(changed).await;
-    }
-
-    fn change<T>(&self, how: impl FnOnce(&mut BTreeMap<Key, (u64, Promise)>) -> T) -> u64 {
-        let mut made = lock(&self.made);
-        how(&mut made.by_key);
-        made.version += 1;
-        made.version
-    }
-
-    /// Returns when the file has this version, or a newer one.
-    async fn write(&self, version: u64) -> io::Result<()> {
-        let Some(folder) = &self.folder else {
-            return Ok(());
         };
+        Ok((file, known))
+    }
+
+    /// Returns when it has this version, or a newer one: `newest` says what is to be written
+    /// when it can be. Those that wait meanwhile are served by one write. Gives back which
+    /// version it has.
+    pub(super) async fn write(
+        &self,
+        version: u64,
+        newest: impl FnOnce() -> (u64, Vec<(Key, Promise)>),
+    ) -> io::Result<u64> {
         let mut written = self.written.lock().await;
         if *written >= version {
-            return Ok(());
+            return Ok(*written);
         }
-        let (text, newest) = {
-            let made = lock(&self.made);
-            (text(&made.by_key)?, made.version)
-        };
-        let folder = folder.clone();
-        let end = tokio::task::spawn_blocking(move || put(&folder, text.as_bytes())).await;
-        end.map_err(io::Error::other)??;
+        let (newest, promises) = newest();
+        if let Some(folder) = self.folder.clone() {
+            let put = move || put(&folder, text(&promises)?.as_bytes());
+            let end = tokio::task::spawn_blocking(put).await;
+            end.map_err(io::Error::other)??;
+        }
         *written = newest;
-        Ok(())
+        Ok(newest)
     }
 }
 
-fn take_out(made: &mut BTreeMap<Key, (u64, Promise)>, key: &Key, number: u64) {
-    if made.get(key).is_some_and(|(there, _)| *there <= number) {
-        made.remove(key);
-    }
-}
-
-fn text(made: &BTreeMap<Key, (u64, Promise)>) -> io::Result<String> {
+fn text(promises: &[(Key, Promise)]) -> io::Result<String> {
     let millis = |time: Duration| u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
-    let promises = made.iter().map(|((place, why), (_, promise))| Row {
+    let promises = promises.iter().map(|((place, why), promise)| Row {
         module: place.module.clone(),
         output: place.point.index,
         why: *why,
@@ -224,9 +154,11 @@ fn text(made: &BTreeMap<Key, (u64, Promise)>) -> io::Result<String> {
     Ok(serde_json::to_string(&document)?)
 }
 
-fn read(path: &Path) -> io::Result<BTreeMap<Key, (u64, Promise)>> {
+fn read(path: &Path) -> io::Result<Vec<(Key, Promise)>> {
     let mut text = String::new();
-    File::open(path)?.take(LEN_MAX).read_to_string(&mut text)?;
+    std::fs::File::open(path)?
+        .take(LEN_MAX)
+        .read_to_string(&mut text)?;
     let document: Document = serde_json::from_str(&text)
         .map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))?;
     let known = document.promises.into_iter().filter_map(|row| {
@@ -240,7 +172,7 @@ fn read(path: &Path) -> io::Result<BTreeMap<Key, (u64, Promise)>> {
             at: SystemTime::UNIX_EPOCH.checked_add(since)?,
             length: Duration::from_millis(row.length_ms),
         };
-        Some(((Place::new(&row.module, point), row.why), (0, promise)))
+        Some(((Place::new(&row.module, point), row.why), promise))
     });
     Ok(known.collect())
 }
@@ -254,52 +186,6 @@ fn put(folder: &Path, bytes: &[u8]) -> io::Result<()> {
 mod tests {
     use super::*;
 
-    fn key(index: u8, why: Why) -> Key {
-        let kind = PointKind::Output;
-        (Place::new("oven", Point { kind, index }), why)
-    }
-
-    #[tokio::test]
-    async fn promises_outlive_who_made_them() {
-        let folder = std::env::temp_dir().join(format!("railbus-promises-{}", std::process::id()));
-        let promises = Promises::open(&folder).unwrap();
-        let pulse = Promise::after(Duration::from_secs(60), Some(false));
-        promises.make(&key(0, Why::Pulse), 1, pulse).await.unwrap();
-        promises.make(&key(1, Why::Lease), 2, pulse).await.unwrap();
-        promises
-            .must_stay_off(vec![(key(2, Why::MinOff).0, Duration::from_secs(9))])
-            .await;
-        promises.drop(&key(1, Why::Lease), 2).await;
-
-        let again = Promises::open(&folder).unwrap().all();
-        let keys: Vec<&Key> = again.iter().map(|(key, _)| key).collect();
-        assert_eq!(keys, [&key(0, Why::Pulse), &key(2, Why::MinOff)]);
-        let left = again[0].1.left();
-        assert!(left <= Duration::from_secs(60) && left > Duration::ZERO);
-        assert_eq!(again[0].1.end, Some(false));
-
-        std::fs::write(folder.join(NAME), "{").unwrap();
-        assert_eq!(Promises::open(&folder).unwrap().all(), []);
-        assert!(folder.join(format!("{NAME}.unreadable")).exists());
-        std::fs::remove_dir_all(&folder).unwrap();
-    }
-
-    /// Tasks come in any order: the end of an older pulse is not the end of a newer one.
-    #[tokio::test]
-    async fn a_newer_promise_stands_whoever_comes_late() {
-        let promises = Promises::default();
-        let pulse = |seconds| Promise::after(Duration::from_secs(seconds), Some(false));
-        let key = key(0, Why::Pulse);
-        promises.make(&key, 2, pulse(9)).await.unwrap();
-        promises.make(&key, 1, pulse(60)).await.unwrap();
-        promises.drop(&key, 1).await;
-        let all = promises.all();
-        assert_eq!(all.len(), 1);
-        assert_eq!(all[0].1.length, Duration::from_secs(9));
-        promises.drop(&key, 2).await;
-        assert_eq!(promises.all(), []);
-    }
-
     #[test]
     fn a_clock_that_was_set_back_makes_nothing_longer() {
         let hour = Duration::from_secs(3_600);
@@ -309,6 +195,9 @@ mod tests {
             length: hour,
         };
         assert_eq!(promise.left(), hour);
+        // Nor does the next start: it is written down anew.
+        let anew = promise.at_most_its_length();
+        assert!(anew.at <= SystemTime::now() + hour);
         let over = Promise {
             at: SystemTime::UNIX_EPOCH,
             ..promise

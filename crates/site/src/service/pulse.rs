@@ -1,8 +1,9 @@
 //! Pulses: by the module where it keeps the time, else timed here, and then released whatever
 //! becomes of the caller.
 
-use super::command::channel;
+use super::command::{Entry, Order, TTL, channel, places};
 use super::promises::Why;
+use super::timer::{Begin, to_its_end};
 use super::{Service, lock};
 use crate::config::Place;
 use crate::{Failure, Pulses};
@@ -10,6 +11,7 @@ use railbus_device::{Bank, Family, Op, Point, Seen};
 use railbus_host::Confirmed;
 use railbus_wire::{Micros, r55::U24};
 use std::time::Duration;
+use tokio::time::Instant;
 
 /// The longest pulse: 24 bits of milliseconds, 4 h 39 min [R55 §3.6].
 pub const PULSE_MAX: Micros = Micros::from_millis(0x00FF_FFFF);
@@ -82,30 +84,53 @@ impl Service {
         pulse: Pulse,
     ) -> Result<PulseDone, Failure> {
         self.inner.may_command(module, &[point], pulse.confirm)?;
-        let value = !pulse.off;
         let way = self.way(module, point, pulse).await?;
-        let taken = self.inner.take_over(module, &[point]);
+        let (service, module) = (self.clone(), module.to_owned());
+        to_its_end(async move { service.pulse_asked(&module, point, pulse, way).await }).await
+    }
+
+    async fn pulse_asked(
+        &self,
+        module: &str,
+        point: Point,
+        pulse: Pulse,
+        way: Way,
+    ) -> Result<PulseDone, Failure> {
+        let expires = Instant::now() + TTL;
+        let turn = self.inner.turn(places(module, &[point]), expires).await?;
+        // Meanwhile the configuration may have changed, or the site begun to end.
+        self.inner.may_command(module, &[point], pulse.confirm)?;
+        let value = !pulse.off;
         let label = self.inner.label(module, point);
-        let points = [point];
         let (begun, by, width) = match way {
             Way::Device(op, width) => {
                 let note = self.note(format!("pulse {label} {}ms by device", width.0 / 1_000));
+                let order = Order {
+                    module,
+                    points: &[point],
+                    op,
+                    verify: true,
+                    expires,
+                };
+                let mut entry = Entry::new(note);
                 let wanted = |_| Some(value);
-                let begun = self.inner.command(module, &points, op, true, note, wanted);
-                (begun.await, By::Device, width)
+                let begun = self.inner.command(&turn, order, &mut entry, wanted).await?;
+                let begun = self.inner.take_over(module, &[point], begun).await?;
+                (begun, By::Device, width)
             }
             Way::Host(width) => {
-                let note = self.note(format!("pulse {label} {}ms by host", width.0 / 1_000));
-                let key = (Place::new(module, point), Why::Pulse);
-                let length = Duration::from_micros(width.0);
-                let begun = self
-                    .inner
-                    .begin_timed(key, (value, Some(!value)), length, note);
-                (begun.await, By::Host, width)
+                let begin = Begin {
+                    key: (Place::new(module, point), Why::Pulse),
+                    value,
+                    end: Some(!value),
+                    length: Duration::from_micros(width.0),
+                    note: self.note(format!("pulse {label} {}ms by host", width.0 / 1_000)),
+                    expires,
+                };
+                let (begun, _) = self.inner.begin_timed(&turn, begin).await?;
+                (begun, By::Host, width)
             }
         };
-        taken.settle(begun.is_ok());
-        let begun = begun?;
         Ok(PulseDone {
             value,
             before: begun.outputs.first().and_then(|(_, _, before)| *before),
@@ -178,7 +203,7 @@ impl Service {
 
     /// Waits until all pulses that are timed here have ended.
     pub async fn pulses_ended(&self) {
-        self.inner.timers.all_ended().await;
+        self.inner.schedule.all_ended().await;
     }
 }
 

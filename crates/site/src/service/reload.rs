@@ -1,6 +1,7 @@
 //! Another configuration, while the site is at work.
 
 use super::state::LineNow;
+use super::turn::Turn;
 use super::{Service, Update, close_all, lock, prepare};
 use crate::Config;
 use crate::config::{Place, Problem};
@@ -55,7 +56,8 @@ impl Service {
                 .collect(),
         };
 
-        self.end_on_others(&old, &config).await;
+        // Nobody commands those until they are where they belong.
+        let turn = self.end_on_others(&old, &config).await;
         let gone: Vec<_> = {
             let mut lines = lock(&self.inner.lines);
             let ending = reloaded.opened.iter().chain(&reloaded.closed);
@@ -105,6 +107,7 @@ impl Service {
                 let _ = handle.change(change).await;
             }
         }
+        drop(turn);
         for line in &reloaded.opened {
             // Who has it gives it back.
             let lent = lock(&self.inner.state)
@@ -123,17 +126,21 @@ impl Service {
     /// What was to be done later to outputs of modules whose name is no more, or another's, is
     /// done now: afterwards it would meet nobody, or another module. What can't be done is not
     /// done to that one.
-    async fn end_on_others(&self, old: &Config, new: &Config) {
+    async fn end_on_others(&self, old: &Config, new: &Config) -> Arc<Turn> {
         let is_other = |place: &Place| {
             // Who has a line that is lent may have moved its modules: there the name counts.
             let is_here = || self.inner.place(&place.module).is_some();
             !same_board(old, new, &place.module) && is_here()
         };
-        for (key, number) in self.inner.timers.end_now(is_other).await {
-            self.inner.timers.take_over_one(&key, number);
+        let (turn, left) = self.inner.end_now(is_other).await;
+        for number in left {
+            self.inner.schedule.leave_out_one(number);
         }
         // How long its outputs may be on counts anew, once they are seen.
-        self.inner.timers.forget_limits(is_other);
+        let limits = self.inner.schedule.limits(is_other);
+        self.inner.schedule.leave_out(|key| limits.contains(key));
+        let _ = self.inner.schedule.keep().await;
+        turn
     }
 
     /// Opens a line of a configuration that was checked. What the system refuses even so is the

@@ -259,7 +259,7 @@ async fn run(site: Weak<Inner>, mut updates: Updates) {
         let Some(inner) = site.upgrade() else {
             return;
         };
-        if inner.timers.are_stopping() {
+        if inner.schedule.are_stopping() {
             return;
         }
         let service = Service {

@@ -82,7 +82,7 @@ impl Service {
     async fn wait(&self, time: Duration) -> bool {
         tokio::select! {
             () = tokio::time::sleep(time) => true,
-            () = self.inner.timers.stopping() => false,
+            () = self.inner.schedule.stopping() => false,
         }
     }
 

@@ -51,7 +51,7 @@ impl Service {
         what: String,
     ) -> Result<Sent, Failure> {
         let (handle, probe) = self.probe_of(line, exchange, terms)?;
-        if self.inner.timers.are_stopping() {
+        if self.inner.schedule.are_stopping() {
             return Err(Fault::Closed.into());
         }
         let modules = self.concerned(line, &exchange);

@@ -19,6 +19,8 @@ pub(super) struct State {
     pub(super) guard: Guard,
     /// Modules that are heard again by the event that is being applied.
     returned: Vec<String>,
+    /// Modules that are heard by it, and were not before.
+    heard: Vec<String>,
 }
 
 /// How a line is.
@@ -64,6 +66,7 @@ impl State {
             health: BTreeMap::new(),
             guard: Guard::new(polls),
             returned: Vec::new(),
+            heard: Vec::new(),
         }
     }
 
@@ -120,6 +123,9 @@ impl State {
             LineEvent::State(_) if known.lent => return Vec::new(),
             LineEvent::State(state) => {
                 known.state = state.clone();
+                if *state == LineState::Up {
+                    self.heard.clone_from(&known.modules);
+                }
                 return vec![this()];
             }
             LineEvent::Bus(event) => event,
@@ -161,6 +167,9 @@ impl State {
                 let module = name(*module);
                 let before = self.site.presence(&module);
                 self.site.heard(&module, *presence);
+                if before != Presence::Online && *presence == Presence::Online {
+                    self.heard.push(module.clone());
+                }
                 if (before, *presence) == (Presence::Silent, Presence::Online) {
                     self.returned.push(module.clone());
                 }
@@ -198,11 +207,16 @@ impl Inner {
     /// Called in the line's task, before a command's caller is answered: who has written and
     /// then reads, reads what was written.
     pub(super) fn observe(self: &Arc<Inner>, line: &str, event: &LineEvent) {
-        let (updates, returned) = {
+        let (updates, returned, heard) = {
             let mut state = lock(&self.state);
             let updates = state.apply(line, event, self.now());
-            (updates, std::mem::take(&mut state.returned))
+            let returned = std::mem::take(&mut state.returned);
+            (updates, returned, std::mem::take(&mut state.heard))
         };
+        if !heard.is_empty() {
+            let of = |module: &str| heard.iter().any(|heard| heard == module);
+            self.schedule.try_again(of);
+        }
         for update in updates {
             if let Update::Point(change) = &update
                 && change.point.kind == PointKind::Output

@@ -1,7 +1,7 @@
 //! What is known, for whoever asks.
 
+use super::schedule::Schedule;
 use super::state::State;
-use super::timer::Timers;
 use super::{Inner, Service, lock};
 use crate::config::{ModuleConfig, Place, PointConfig, Range};
 use crate::{Config, Quality, Value};
@@ -136,7 +136,7 @@ impl Service {
         };
         let points = config.setup.points();
         points
-            .map(|point| state.point(&self.inner.timers, module, config, point, now))
+            .map(|point| state.point(&self.inner.schedule, module, config, point, now))
             .collect()
     }
 
@@ -153,7 +153,7 @@ impl Inner {
         let state = lock(&self.state);
         let config = state.site.config().modules.get(module)?;
         (point.index < config.setup.count(point.kind))
-            .then(|| state.point(&self.timers, module, config, point, now))
+            .then(|| state.point(&self.schedule, module, config, point, now))
     }
 
     /// What an output is, where that is known now.
@@ -224,7 +224,7 @@ impl State {
 
     fn point(
         &self,
-        timers: &Timers,
+        schedule: &Schedule,
         module: &str,
         config: &ModuleConfig,
         point: Point,
@@ -241,7 +241,7 @@ impl State {
             interlock: interlock
                 .map(|other| self.site.config().path(other))
                 .collect(),
-            left: timers.left(&place),
+            left: schedule.left(&place),
             module: module.to_owned(),
             point,
             label: format!("{letters}{number}"),

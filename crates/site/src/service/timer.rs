@@ -1,27 +1,28 @@
 //! What is done to an output later: the end of a pulse, of a lease, or of the longest time that
 //! it may be on. Nothing of it depends on who asked for it.
 
-use super::command::channel;
+use super::command::{Entry, Order, TTL, channel};
 use super::promises::{Key, Promise, Why};
-use super::status::Left;
+use super::schedule::{STOP_MAX, Time, Watched};
+use super::turn::Turn;
 use super::{Inner, lock};
 use crate::audit::Note;
 use crate::config::Place;
 use crate::{Change, Failure, Origin, Value, WriteDone};
 use railbus_device::{Bank, Op, Point, PointKind};
-use railbus_host::Fault;
-use std::collections::BTreeMap;
+use railbus_host::{Confirmed, Fault};
 use std::pin::Pin;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{oneshot, watch};
+use tokio::task::JoinSet;
 use tokio::time::Instant;
 
-/// An output that could not be released is tried again after this time.
+/// An output that could not be released is tried again after this time, then after twice as
+/// long, and so on.
 const RETRY: Duration = Duration::from_secs(1);
-/// When the site ends, its pulses have this time to be released.
-const STOP_MAX: Duration = Duration::from_millis(1_400);
-/// How often a release is tried then.
+/// The longest time between two tries.
+const RETRY_MAX: Duration = Duration::from_secs(60);
+/// How often a release is tried when the site ends.
 const STOP_TRIES: u8 = 3;
 
 /// Something that is done to an output later.
@@ -29,62 +30,38 @@ pub(super) struct Timer {
     inner: Arc<Inner>,
     key: Key,
     promise: Promise,
-    turn: Turn,
+    watched: Watched,
 }
 
 /// How an output is switched now, of which the end comes later.
 pub(super) struct Begin {
+    pub(super) key: Key,
     pub(super) value: bool,
+    pub(super) end: Option<bool>,
+    pub(super) length: Duration,
     pub(super) note: Note,
-    pub(super) told: oneshot::Sender<Result<WriteDone, Failure>>,
+    pub(super) expires: Instant,
 }
 
 impl Timer {
-    /// One of its own, in place of an older one of the same kind.
     pub(super) fn new(inner: &Arc<Inner>, key: Key, promise: Promise) -> Timer {
-        let turn = inner.timers.add(&key, Instant::now() + promise.left());
+        let watched = inner.schedule.add(key.clone(), promise);
         Timer {
             inner: Arc::clone(inner),
             key,
             promise,
-            turn,
+            watched,
         }
-    }
-
-    /// Switches the output, which is promised to end before the first frame goes out, and ends
-    /// it. Once that frame may have gone, nothing depends on the caller any more.
-    pub(super) async fn begin(self, begin: Begin) {
-        let begun = match self.write_down().await {
-            Ok(()) => self.switch(begin.value, begin.note).await,
-            Err(why) => Err(Failure::NotKept(why.kind())),
-        };
-        let did_nothing = begun
-            .as_ref()
-            .is_err_and(|failure| !failure.may_have_acted());
-        // From now on: that it was asked for long before does not make it shorter.
-        self.inner
-            .timers
-            .put_off(&self.key, Some(self.turn.number), self.promise.length);
-        if did_nothing {
-            self.end().await;
-            // Fails where the caller has gone away.
-            let _ = begin.told.send(begun);
-            return;
-        }
-        let _ = begin.told.send(begun);
-        self.wait().await;
     }
 
     /// Runs from when it is promised on. What the disk refuses holds as long as the process does.
     pub(super) async fn promised(self) {
-        let _ = self.write_down().await;
-        tokio::spawn(self.waiting());
+        let _ = self.inner.schedule.keep().await;
+        self.run();
     }
 
-    /// Writes down what is to be done.
-    async fn write_down(&self) -> std::io::Result<()> {
-        let (promises, number) = (&self.inner.promises, self.turn.number);
-        promises.make(&self.key, number, self.promise).await
+    fn run(self) {
+        tokio::spawn(self.waiting());
     }
 
     /// [`Timer::wait`], which ends in a command that may begin another timer.
@@ -94,79 +71,266 @@ impl Timer {
 
     /// Waits until the time has come, and does what was promised.
     async fn wait(mut self) {
-        let why = loop {
-            let at = *self.turn.at.borrow_and_update();
+        while self.time_comes().await {
+            if self.release().await {
+                return;
+            }
+        }
+    }
+
+    /// Says whether anything is to be done.
+    async fn time_comes(&mut self) -> bool {
+        let Watched {
+            number, due, stop, ..
+        } = &mut self.watched;
+        loop {
+            let at = *due.borrow_and_update();
             tokio::select! {
                 biased;
-                over = &mut self.turn.taken_over => break over.unwrap_or(Over::ForGood),
-                () = tokio::time::sleep_until(at) => {
-                    if self.inner.timers.is_up(&self.key, self.turn.number) {
-                        break Over::Due;
+                changed = due.changed() => {
+                    if changed.is_err() {
+                        return false;
                     }
                 }
-                Ok(()) = self.turn.at.changed() => {}
-                _ = self.turn.stop.wait_for(|stop| *stop) => {
-                    if self.key.1 == Why::MaxOn {
-                        // It goes on when the site does.
-                        break Over::ForNow;
+                () = tokio::time::sleep_until(at) => return true,
+                _ = stop.wait_for(|stop| *stop) => {
+                    let goes_on = self.key.1 == Why::MaxOn;
+                    if goes_on {
+                        self.inner.schedule.put_aside(*number);
                     }
-                    break Over::Due;
+                    return !goes_on;
                 }
             }
-        };
-        let why = match why {
-            Over::Due => self.release().await,
-            why => why,
-        };
-        if why == Over::ForNow {
-            self.inner.timers.ended(&self.key, self.turn.number);
-            return;
         }
-        self.end().await;
     }
 
-    async fn end(self) {
-        self.inner.timers.ended(&self.key, self.turn.number);
-        let number = self.turn.number;
-        self.inner.promises.drop(&self.key, number).await;
+    /// Brings the output back, however often that takes. False where it was put off.
+    async fn release(&mut self) -> bool {
+        let mut entry = Entry::of_release(self.inner.note_of_end(&self.key, &self.promise));
+        let is_over = self.try_release(&mut entry).await;
+        self.inner.close(entry).await;
+        is_over
     }
 
-    /// Brings the output back, however often that takes; says what is left of the promise.
-    async fn release(&mut self) -> Over {
-        let Some(end) = self.promise.end else {
-            return Over::ForGood;
-        };
+    async fn try_release(&mut self, entry: &mut Entry) -> bool {
+        let (place, number) = (&self.key.0, self.watched.number);
+        let mut pause = RETRY;
         let mut tries_when_stopping = 0;
         loop {
-            let done = self.switch(end, self.note_of_end()).await;
-            let (Place { module, point }, _) = &self.key;
-            if done.is_ok() || self.inner.writable(module, &[*point]).is_err() {
-                return Over::ForGood;
+            let turn = self.inner.turn_to_end(place).await;
+            match self.inner.schedule.time_of(number) {
+                Time::Over => return true,
+                Time::NotYet => return false,
+                Time::Due => {}
             }
-            let stopping = *self.turn.stop.borrow();
+            let end = self.inner.release(&turn, &self.key, &self.promise, entry);
+            if end.await {
+                self.inner.schedule.leave_out_one(number);
+                let _ = self.inner.schedule.keep().await;
+                return true;
+            }
+            drop(turn);
+            let Watched { due, stop, .. } = &mut self.watched;
+            let stopping = *stop.borrow();
             if stopping {
                 tries_when_stopping += 1;
                 if tries_when_stopping >= STOP_TRIES {
                     // It is done when the site starts again.
-                    return Over::ForNow;
+                    self.inner.schedule.put_aside(number);
+                    return true;
                 }
             }
             tokio::select! {
-                over = &mut self.turn.taken_over => return over.unwrap_or(Over::ForGood),
-                () = tokio::time::sleep(RETRY) => {}
-                _ = self.turn.stop.wait_for(|stop| *stop), if !stopping => {}
+                changed = due.changed() => {
+                    if changed.is_err() {
+                        return true;
+                    }
+                    // Its module is heard again.
+                    pause = RETRY;
+                }
+                () = tokio::time::sleep(pause) => pause = (pause * 2).min(RETRY_MAX),
+                _ = stop.wait_for(|stop| *stop), if !stopping => {}
             }
         }
     }
+}
 
-    fn note_of_end(&self) -> Note {
-        let (place, why) = &self.key;
-        let label = self.inner.label(&place.module, place.point);
+impl Inner {
+    /// Begins something whose end comes later: that is promised before the first frame goes out.
+    /// Gives back how long it is until then.
+    pub(super) async fn begin_timed(
+        self: &Arc<Inner>,
+        turn: &Turn,
+        begin: Begin,
+    ) -> Result<(WriteDone, Duration), Failure> {
+        let Begin {
+            key,
+            value,
+            end,
+            length,
+            note,
+            expires,
+        } = begin;
+        let op = Op::Write(Bank::one(channel(key.0.point)?, value));
+        let timer = Timer::new(self, key, Promise::after(length, end));
+        let (place, number) = (&timer.key.0, timer.watched.number);
+        let kept = match self.schedule.are_stopping() {
+            // Nobody would wait for its end.
+            true => Err(Fault::Closed.into()),
+            false => {
+                let kept = self.schedule.keep().await;
+                kept.map_err(|why| Failure::NotKept(why.kind()))
+            }
+        };
+        let begun = match kept {
+            Ok(()) => {
+                let order = Order {
+                    module: &place.module,
+                    points: &[place.point],
+                    op,
+                    verify: true,
+                    expires,
+                };
+                let wanted = |_| Some(value);
+                self.command(turn, order, &mut Entry::new(note), wanted)
+                    .await
+            }
+            Err(failure) => Err(failure),
+        };
+        let begun = match begun {
+            Ok(done) => {
+                let is_alone = self.schedule.held(|other| other == place).len() < 2;
+                // From now on: that it was asked for long before does not make it shorter.
+                let anew = Promise::after(length, end);
+                let taken = self
+                    .schedule
+                    .take_over(std::slice::from_ref(place), Some((number, anew)))
+                    .await;
+                match taken {
+                    Err(why) if !is_alone => Err(Failure::NotTakenOver(why.kind())),
+                    // Where the disk refuses, it ends as was written down before.
+                    _ => {
+                        let left = self.schedule.due(&timer.key).unwrap_or_default();
+                        Ok((done, left))
+                    }
+                }
+            }
+            Err(failure) => {
+                // An older one was surely begun, and has the say.
+                let is_other = self.schedule.has_other_end(number, place, end);
+                if !failure.may_have_acted() || is_other {
+                    self.schedule.leave_out_one(number);
+                    let _ = self.schedule.keep().await;
+                    return Err(failure);
+                }
+                let _ = self.schedule.renew(number, length).await;
+                Err(failure)
+            }
+        };
+        timer.run();
+        begun
+    }
+
+    /// Brings an output where a promise wants it; says whether that is over. Whose the output
+    /// was, does not matter any more then.
+    async fn release(
+        self: &Arc<Inner>,
+        turn: &Turn,
+        key: &Key,
+        promise: &Promise,
+        entry: &mut Entry,
+    ) -> bool {
+        let Place { module, point } = &key.0;
+        let (Some(on), Ok(channel)) = (promise.end, channel(*point)) else {
+            return true;
+        };
+        let order = Order {
+            module,
+            points: &[*point],
+            op: Op::Write(Bank::one(channel, on)),
+            verify: true,
+            expires: Instant::now() + TTL,
+        };
+        let wanted = |_| Some(on);
+        let end = self.command(turn, order, entry, wanted).await;
+        match end {
+            Ok(done) if is_released(&done) => {
+                let is_of = |other: &Key| other.0 == key.0 && other.1 != Why::MaxOn;
+                self.schedule.leave_out(is_of);
+                true
+            }
+            // What was acknowledged and not seen is not believed.
+            _ => self.writable(module, &[*point]).is_err(),
+        }
+    }
+
+    /// Ends the pulses and leases of these outputs now, as far as that can be in a moment. Nobody
+    /// commands them until the turn is dropped. Those that could not be ended come back.
+    pub(super) async fn end_now(
+        self: &Arc<Inner>,
+        of: impl Fn(&Place) -> bool,
+    ) -> (Arc<Turn>, Vec<u64>) {
+        let until = Instant::now() + STOP_MAX;
+        let outputs = self.outputs().into_iter().filter(&of);
+        let turn = Arc::new(self.turn_by(outputs, until).await);
+        let mut ending = JoinSet::new();
+        let held = self.schedule.held(of);
+        let mut left: Vec<u64> = held.iter().map(|(number, ..)| *number).collect();
+        for (number, key, promise) in held {
+            let (inner, turn) = (Arc::clone(self), Arc::clone(&turn));
+            self.schedule.anticipate(number);
+            ending.spawn(async move {
+                let mut entry = Entry::of_release(inner.note_of_end(&key, &promise));
+                let is_over = inner.release(&turn, &key, &promise, &mut entry).await;
+                (number, is_over)
+            });
+        }
+        let until = Instant::now() + STOP_MAX;
+        while let Ok(Some(end)) = tokio::time::timeout_at(until, ending.join_next()).await {
+            if let Ok((number, true)) = end {
+                self.schedule.leave_out_one(number);
+                left.retain(|other| *other != number);
+            }
+        }
+        // What was sent has its end all the same, and is written down.
+        ending.detach_all();
+        let _ = self.schedule.keep().await;
+        (turn, left)
+    }
+
+    /// All outputs of the site.
+    fn outputs(&self) -> Vec<Place> {
+        let state = lock(&self.state);
+        let modules = state.site.config().modules.iter();
+        let outputs = modules.flat_map(|(module, config)| {
+            let outputs = 0..config.setup.count(PointKind::Output);
+            outputs.map(move |index| {
+                let kind = PointKind::Output;
+                Place::new(module, Point { kind, index })
+            })
+        });
+        outputs.collect()
+    }
+
+    /// What is to be done later and is none of these is not to be done any more.
+    pub(super) fn leave_out(self: &Arc<Inner>, of: impl Fn(&Key) -> bool) {
+        if !self.schedule.leave_out(of) {
+            return;
+        }
+        // Without a runtime the process ends, and what is promised still is.
+        if let Ok(runtime) = tokio::runtime::Handle::try_current() {
+            let inner = Arc::clone(self);
+            runtime.spawn(async move { inner.schedule.keep().await });
+        }
+    }
+
+    fn note_of_end(&self, (place, why): &Key, promise: &Promise) -> Note {
+        let label = self.label(&place.module, place.point);
         let (part, what) = match why {
             Why::Pulse => ("pulse", format!("end of pulse {label}")),
             Why::Lease => ("lease", format!("end of lease {label}")),
             Why::MaxOn | Why::MinOff => {
-                let longest = self.promise.length.as_millis();
+                let longest = promise.length.as_millis();
                 ("max_on", format!("{label}=off after {longest}ms"))
             }
         };
@@ -174,32 +338,6 @@ impl Timer {
             origin: Origin::program(part),
             what,
         }
-    }
-
-    async fn switch(&self, on: bool, note: Note) -> Result<WriteDone, Failure> {
-        let (Place { module, point }, _) = &self.key;
-        let op = Op::Write(Bank::one(channel(*point)?, on));
-        let wanted = |_| Some(on);
-        self.inner
-            .command(module, &[*point], op, true, note, wanted)
-            .await
-    }
-}
-
-impl Inner {
-    /// Begins something whose end comes later, and waits until it has begun.
-    pub(super) async fn begin_timed(
-        self: &Arc<Inner>,
-        key: Key,
-        (value, end): (bool, Option<bool>),
-        length: Duration,
-        note: Note,
-    ) -> Result<WriteDone, Failure> {
-        let (told, begun) = oneshot::channel();
-        let timer = Timer::new(self, key, Promise::after(length, end));
-        tokio::spawn(timer.begin(Begin { value, note, told }));
-        let lost = || Err(Fault::Unknown.into());
-        begun.await.unwrap_or_else(|_| lost())
     }
 
     /// An output was seen in another state: it may be on for so long only.
@@ -211,7 +349,7 @@ impl Inner {
                     tokio::spawn(timer.promised());
                 }
             }
-            Value::Bool(false) => self.timers.take_over(&(place, Why::MaxOn)),
+            Value::Bool(false) => self.leave_out(|key| *key == (place.clone(), Why::MaxOn)),
             Value::Analog(..) | Value::Number(_) => {}
         }
     }
@@ -224,11 +362,11 @@ impl Inner {
         };
         let key = (place.clone(), Why::MaxOn);
         let length = Duration::from_micros(longest.0);
-        let passed = match self.timers.due(&key) {
+        let passed = match self.schedule.due(&key) {
             None => Duration::ZERO,
             // It is on already, and may be so for longer or less long by now.
             Some(left) => {
-                let before = self.promises.length_of(&key)?;
+                let before = self.schedule.find(&key)?.1.length;
                 (before != length).then(|| before.saturating_sub(left))?
             }
         };
@@ -241,7 +379,8 @@ impl Inner {
 
     /// There is another configuration: outputs that are on are limited as it says.
     pub(super) fn limit_anew(self: &Arc<Inner>) {
-        let (limited, free) = {
+        let outputs = self.outputs();
+        let (limited, free): (Vec<_>, Vec<_>) = {
             let state = lock(&self.state);
             let on = |place: &Place| {
                 let (known, _) =
@@ -250,24 +389,14 @@ impl Inner {
                         .point(&place.module, place.point, railbus_wire::Instant(0));
                 known.is_some_and(|known| known.value == Value::Bool(true))
             };
-            let modules = state.site.config().modules.iter();
-            let outputs = modules.flat_map(|(module, config)| {
-                let outputs = 0..config.setup.count(PointKind::Output);
-                outputs.map(move |index| {
-                    let kind = PointKind::Output;
-                    Place::new(module, Point { kind, index })
-                })
-            });
             let is_limited = |place: &Place| {
                 let safety = state.site.config().safety(place);
                 safety.is_some_and(|safety| safety.max_on.is_some())
             };
-            let (limited, free): (Vec<_>, Vec<_>) = outputs.partition(is_limited);
-            (limited.into_iter().filter(on).collect::<Vec<_>>(), free)
+            let (limited, free): (Vec<_>, Vec<_>) = outputs.into_iter().partition(is_limited);
+            (limited.into_iter().filter(on).collect(), free)
         };
-        for place in free {
-            self.timers.take_over(&(place, Why::MaxOn));
-        }
+        self.leave_out(|(place, why)| *why == Why::MaxOn && free.contains(place));
         for place in limited {
             if let Some(timer) = self.limit_on(&place) {
                 tokio::spawn(timer.promised());
@@ -275,22 +404,28 @@ impl Inner {
         }
     }
 
-    /// Takes up what was promised before the process began.
+    /// Takes up what was promised before the process began. All of it ends when it was to end
+    /// then: who holds an output has until then to say so again.
     pub(super) fn take_up(self: &Arc<Inner>) {
-        for ((place, why), mut promise) in self.promises.all() {
-            match why {
-                Why::Pulse | Why::MaxOn => {}
-                // Who holds it has as long to say so as at the beginning.
-                Why::Lease => promise = Promise::after(promise.length, promise.end),
-                Why::MinOff => {
-                    let left = u64::try_from(promise.left().as_micros()).unwrap_or(u64::MAX);
-                    lock(&self.state)
-                        .guard
-                        .free_at(&place, railbus_wire::Micros(left));
-                    continue;
-                }
-            }
-            let timer = Timer::new(self, (place, why), promise);
+        let actions = self.schedule.take_up();
+        for (place, promise) in self.schedule.off() {
+            let left = u64::try_from(promise.left().as_micros()).unwrap_or(u64::MAX);
+            lock(&self.state)
+                .guard
+                .free_at(&place, railbus_wire::Micros(left));
+        }
+        if actions.is_empty() {
+            return;
+        }
+        let inner = Arc::clone(self);
+        tokio::spawn(async move { inner.schedule.keep().await });
+        for (key, promise, watched) in actions {
+            let timer = Timer {
+                inner: Arc::clone(self),
+                key,
+                promise,
+                watched,
+            };
             tokio::spawn(async move {
                 let module = &timer.key.0.module;
                 if let Some((line, _)) = timer.inner.place(module) {
@@ -303,245 +438,16 @@ impl Inner {
     }
 }
 
-/// Why a timer does not wait any more.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Over {
-    /// Its time is up.
-    Due,
-    /// What it was to do is not to be done any more.
-    ForGood,
-    /// It is promised still; somebody else sees to it.
-    ForNow,
+/// Whether an output that was to be released was seen so. An acknowledgement alone says nothing
+/// of a relay that is welded.
+pub(super) fn is_released(done: &WriteDone) -> bool {
+    done.confirmed == Confirmed::Readback
 }
 
-/// A timer's own end of its entry among the [`Timers`].
-struct Turn {
-    number: u64,
-    at: watch::Receiver<Instant>,
-    taken_over: oneshot::Receiver<Over>,
-    stop: watch::Receiver<bool>,
-}
-
-/// What runs: at most one of each kind for an output.
-#[derive(Debug)]
-pub(super) struct Timers {
-    running: Mutex<Running>,
-    count: watch::Sender<usize>,
-    stop: watch::Sender<bool>,
-}
-
-#[derive(Debug, Default)]
-struct Running {
-    newest: u64,
-    by_key: BTreeMap<Key, Entry>,
-    /// Those that run, the ones that were taken over included.
-    count: usize,
-}
-
-#[derive(Debug)]
-struct Entry {
-    number: u64,
-    at: watch::Sender<Instant>,
-    take_over: oneshot::Sender<Over>,
-    /// The output is being released, or about to be: it is too late to put that off.
-    is_ending: bool,
-}
-
-impl Default for Timers {
-    fn default() -> Timers {
-        Timers {
-            running: Mutex::default(),
-            count: watch::Sender::new(0),
-            stop: watch::Sender::new(false),
-        }
-    }
-}
-
-impl Timers {
-    fn add(&self, key: &Key, at: Instant) -> Turn {
-        let (take_over, taken_over) = oneshot::channel();
-        let (put_off, at) = watch::channel(at);
-        let mut running = lock(&self.running);
-        running.newest += 1;
-        let number = running.newest;
-        let entry = Entry {
-            number,
-            at: put_off,
-            take_over,
-            is_ending: false,
-        };
-        if let Some(older) = running.by_key.insert(key.clone(), entry) {
-            // Fails where that one has just ended.
-            let _ = older.take_over.send(Over::ForGood);
-        }
-        running.count += 1;
-        self.count.send_replace(running.count);
-        Turn {
-            number,
-            at,
-            taken_over,
-            stop: self.stop.subscribe(),
-        }
-    }
-
-    /// One has ended.
-    fn ended(&self, key: &Key, number: u64) {
-        let mut running = lock(&self.running);
-        let newest = running.by_key.get(key).map(|entry| entry.number);
-        if newest == Some(number) {
-            running.by_key.remove(key);
-        }
-        running.count = running.count.saturating_sub(1);
-        self.count.send_replace(running.count);
-    }
-
-    /// One is not to be done any more.
-    pub(super) fn take_over(&self, key: &Key) {
-        if let Some(older) = lock(&self.running).by_key.remove(key) {
-            let _ = older.take_over.send(Over::ForGood);
-        }
-    }
-
-    /// A command takes one over, and what was promised stands until that has ended. Gives back
-    /// which one it was, and how long it would have been.
-    pub(super) fn claim(&self, key: &Key) -> Option<(u64, Duration)> {
-        let older = lock(&self.running).by_key.remove(key)?;
-        let left = (*older.at.borrow()).saturating_duration_since(Instant::now());
-        let _ = older.take_over.send(Over::ForNow);
-        Some((older.number, left))
-    }
-
-    /// The same of this one only, not of one that came in its place.
-    pub(super) fn take_over_one(&self, key: &Key, number: u64) {
-        let mut running = lock(&self.running);
-        let newest = running.by_key.get(key).map(|entry| entry.number);
-        if newest == Some(number)
-            && let Some(older) = running.by_key.remove(key)
-        {
-            let _ = older.take_over.send(Over::ForGood);
-        }
-    }
-
-    /// From now on it is so long until it is done, where it is this one or no other is meant; says
-    /// whether that is so. What is being done already can't be put off.
-    pub(super) fn put_off(&self, key: &Key, number: Option<u64>, length: Duration) -> bool {
-        let running = lock(&self.running);
-        let entry = running.by_key.get(key);
-        let entry = entry.filter(|entry| number.is_none_or(|number| entry.number == number));
-        entry
-            .is_some_and(|entry| !entry.is_ending && entry.at.send(Instant::now() + length).is_ok())
-    }
-
-    /// Whether the time of this one is up. If so, it can't be put off any more.
-    fn is_up(&self, key: &Key, number: u64) -> bool {
-        let mut running = lock(&self.running);
-        let entry = running.by_key.get_mut(key);
-        let entry = entry.filter(|entry| entry.number == number);
-        entry.is_some_and(|entry| {
-            entry.is_ending |= *entry.at.borrow() <= Instant::now();
-            entry.is_ending
-        })
-    }
-
-    /// Somebody does now what was to be done later: it can't be put off any more. Gives back which
-    /// one it is, where there is one.
-    pub(super) fn anticipate(&self, key: &Key) -> Option<u64> {
-        let mut running = lock(&self.running);
-        let entry = running.by_key.get_mut(key)?;
-        entry.is_ending = true;
-        Some(entry.number)
-    }
-
-    /// How long it is until it is done, where there is one.
-    pub(super) fn due(&self, key: &Key) -> Option<Duration> {
-        let running = lock(&self.running);
-        let at = *running.by_key.get(key)?.at.borrow();
-        Some(at.saturating_duration_since(Instant::now()))
-    }
-
-    /// How long it is until anything is done to an output.
-    pub(super) fn left(&self, place: &Place) -> Left {
-        if place.point.kind != PointKind::Output {
-            return Left::default();
-        }
-        let due = |why| self.due(&(place.clone(), why));
-        Left {
-            pulse: due(Why::Pulse),
-            lease: due(Why::Lease),
-            max_on: due(Why::MaxOn),
-        }
-    }
-
-    /// Whether the site is being closed.
-    pub(super) fn are_stopping(&self) -> bool {
-        *self.stop.borrow()
-    }
-
-    /// Waits for that.
-    pub(super) async fn stopping(&self) {
-        let mut stop = self.stop.subscribe();
-        // Fails only where the site has gone.
-        let _ = stop.wait_for(|stop| *stop).await;
-    }
-
-    /// Waits until none runs.
-    pub(super) async fn all_ended(&self) {
-        let mut count = self.count.subscribe();
-        // Fails only where the site has gone.
-        let _ = count.wait_for(|count| *count == 0).await;
-    }
-
-    /// Ends the pulses and leases of these outputs now, and waits for that as long as may be. Those
-    /// that could not be ended by then come back.
-    pub(super) async fn end_now(&self, of: impl Fn(&Place) -> bool) -> Vec<(Key, u64)> {
-        let mut count = self.count.subscribe();
-        let mut ending = Vec::new();
-        for key in self.keys(|key| key.1 != Why::MaxOn && of(&key.0)) {
-            if let Some(entry) = lock(&self.running).by_key.get_mut(&key) {
-                entry.is_ending = true;
-                entry.at.send_replace(Instant::now());
-                ending.push((key, entry.number));
-            }
-        }
-        let until = Instant::now() + STOP_MAX;
-        loop {
-            ending.retain(|(key, number)| self.runs(key, *number));
-            if ending.is_empty() {
-                return ending;
-            }
-            // Fails only where the site has gone.
-            if tokio::time::timeout_at(until, count.changed())
-                .await
-                .is_err()
-            {
-                return ending;
-            }
-        }
-    }
-
-    /// How long these outputs may be on is not counted any more.
-    pub(super) fn forget_limits(&self, of: impl Fn(&Place) -> bool) {
-        for key in self.keys(|key| key.1 == Why::MaxOn && of(&key.0)) {
-            self.take_over(&key);
-        }
-    }
-
-    /// Those that run. Who is asked which of them are meant may look at the site: its lock is
-    /// taken before the one of this.
-    fn keys(&self, of: impl Fn(&Key) -> bool) -> Vec<Key> {
-        let mut keys: Vec<Key> = lock(&self.running).by_key.keys().cloned().collect();
-        keys.retain(of);
-        keys
-    }
-
-    fn runs(&self, key: &Key, number: u64) -> bool {
-        let running = lock(&self.running);
-        running.by_key.get(key).map(|entry| entry.number) == Some(number)
-    }
-
-    /// Ends all of them now, and waits for that as long as may be.
-    pub(super) async fn stop_all(&self) {
-        self.stop.send_replace(true);
-        let _ = tokio::time::timeout(STOP_MAX, self.all_ended()).await;
-    }
+/// Does something to its end, whether or not somebody waits for that.
+pub(super) async fn to_its_end<T: Send + 'static>(
+    what: impl Future<Output = Result<T, Failure>> + Send + 'static,
+) -> Result<T, Failure> {
+    let end = tokio::spawn(what).await;
+    end.unwrap_or_else(|_| Err(Fault::Unknown.into()))
 }

@@ -1,7 +1,7 @@
 //! A command under way: what it may switch on is reserved from before its first frame until it
 //! has ended, and it ends exactly once, even where nobody waits for it any more.
 
-use super::command::{bank_state, confirmed_name};
+use super::command::{Entry, bank_state, confirmed_name};
 use super::guard::Now;
 use super::promises::Why;
 use super::record::Begun;
@@ -102,21 +102,15 @@ impl Underway {
         inner: &Arc<Inner>,
         module: &str,
         points: &[Point],
-        note: Note,
+        entry: &mut Entry,
         mut effect: Effect,
     ) -> Result<Underway, Failure> {
         let before = |point: &Point| (*point, inner.known(&Place::new(module, *point)));
         let before: Vec<_> = points.iter().map(before).collect();
-        let (origin, what) = (note.origin.clone(), note.what.clone());
-        let begun = inner.begin(module, &before, note).await?;
-        inner.commands.add(Command {
-            id: begun.id.clone(),
-            at: SystemTime::now(),
-            origin,
-            module: module.to_owned(),
-            what,
-            end: None,
-        });
+        let begun = match entry.open.take() {
+            Some(begun) => begun,
+            None => inner.begin_command(module, &before, &entry.note).await?,
+        };
         let now = inner.clocks(&[&effect.rising[..], &effect.falling].concat());
         let allowed = {
             let mut state = lock(&inner.state);
@@ -124,8 +118,7 @@ impl Underway {
             state.rise(&effect.rising, &now)
         };
         if let Err(failure) = allowed {
-            inner.commands.end(&begun.id, failure.name());
-            inner.end(begun, failure.name(), &[]).await;
+            inner.ended(begun, Err(failure.name()), &[], entry).await;
             return Err(failure);
         }
         Ok(Underway {
@@ -154,6 +147,7 @@ impl Underway {
         mut self,
         end: &Result<Done, Fault>,
         after: &[(Point, Option<bool>)],
+        entry: &mut Entry,
     ) -> (String, Vec<(Point, Option<bool>)>) {
         let (told, acted) = match end {
             Ok(done) if done.confirmed == Confirmed::Readback => {
@@ -167,8 +161,9 @@ impl Underway {
         };
         if let Some(begun) = self.begun.take() {
             self.release(acted);
-            self.inner.commands.end(&self.id, told);
-            self.inner.end(begun, told, after).await;
+            let is_done = acted == Acted::Surely || end.is_ok() && !entry.is_release;
+            let told = if is_done { Ok(told) } else { Err(told) };
+            self.inner.ended(begun, told, after, entry).await;
         }
         (
             std::mem::take(&mut self.id),
@@ -210,7 +205,8 @@ impl Underway {
         let unlimited: Vec<_> = rising.iter().filter(unlimited).cloned().collect();
         drop(state);
         for place in unlimited {
-            self.inner.timers.take_over(&(place, Why::MaxOn));
+            self.inner
+                .leave_out(|key| *key == (place.clone(), Why::MaxOn));
         }
     }
 }
@@ -233,6 +229,52 @@ impl Drop for Underway {
 }
 
 impl Inner {
+    async fn begin_command(
+        &self,
+        module: &str,
+        before: &[(Point, Option<bool>)],
+        note: &Note,
+    ) -> Result<Begun, Failure> {
+        let begun = self.begin(module, before, note.clone()).await?;
+        self.commands.add(Command {
+            id: begun.id.clone(),
+            at: SystemTime::now(),
+            origin: note.origin.clone(),
+            module: module.to_owned(),
+            what: note.what.clone(),
+            end: None,
+        });
+        Ok(begun)
+    }
+
+    /// Writes down how a command ended, or keeps that back where it failed not for the first
+    /// time.
+    async fn ended(
+        &self,
+        begun: Begun,
+        end: Result<&'static str, &'static str>,
+        after: &[(Point, Option<bool>)],
+        entry: &mut Entry,
+    ) {
+        let is_again = entry.failed.is_some();
+        entry.failed = end.err();
+        let (Ok(told) | Err(told)) = end;
+        if end.is_err() && is_again {
+            entry.open = Some(begun);
+        } else {
+            self.commands.end(&begun.id, told);
+            self.end(begun, told, after).await;
+        }
+    }
+
+    /// Nobody tries any more.
+    pub(super) async fn close(&self, entry: Entry) {
+        if let (Some(begun), Some(told)) = (entry.open, entry.failed) {
+            self.commands.end(&begun.id, told);
+            self.end(begun, told, &[]).await;
+        }
+    }
+
     /// What an op does to the outputs of a module that something is said of.
     pub(super) fn effect(&self, module: &str, points: &[Point], op: &Op) -> Effect {
         let state = lock(&self.state);
@@ -302,7 +344,7 @@ impl Inner {
             state.must_stay_off(self.now())
         };
         let inner = Arc::clone(self);
-        tokio::spawn(async move { inner.promises.must_stay_off(outputs).await });
+        tokio::spawn(async move { inner.schedule.must_stay_off(outputs).await });
     }
 }
 

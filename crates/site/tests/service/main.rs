@@ -3,6 +3,8 @@
 mod board;
 mod held;
 mod otherwise;
+mod owners;
+mod promised;
 mod safety;
 mod sending;
 mod several;

@@ -10,7 +10,7 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::sync::oneshot;
 
 /// Two boards; `points` is said of them.
-fn config(port: &str, points: &str) -> Config {
+pub(crate) fn config(port: &str, points: &str) -> Config {
     let text = format!(
         "[line.main]\nport = \"{port}\"\n\
          [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n\
@@ -26,7 +26,7 @@ pub(crate) async fn site(points: &str) -> (Service, Arc<Boards>) {
     (service, boards)
 }
 
-async fn known(service: &Service) {
+pub(crate) async fn known(service: &Service) {
     let good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
     until(|| good("oven") && good("yard")).await;
 }
@@ -42,7 +42,7 @@ pub(crate) async fn switch(
     done.map(|_| ())
 }
 
-fn folder(name: &str) -> PathBuf {
+pub(crate) fn folder(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("railbus-{}-{name}", std::process::id()));
     let _ = std::fs::remove_dir_all(&folder);
     folder
@@ -125,10 +125,10 @@ fn on_a_thread<T: Send + 'static>(
 }
 
 /// Numbers that look like chance, the same for the same seed.
-struct Dice(u64);
+pub(crate) struct Dice(pub(crate) u64);
 
 impl Dice {
-    fn below(&mut self, most: u64) -> u64 {
+    pub(crate) fn below(&mut self, most: u64) -> u64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
         self.0 ^= self.0 << 17;

@@ -78,6 +78,19 @@ codes! {
         next: ["make room, or set RAILBUS_STATE to another folder",
             "腾出空间，或用 RAILBUS_STATE 指定其他文件夹"],
     }
+    NotTakenOver = "E0152" {
+        title: ["it was done, but the pulse or lease before it ends still: that it does not can't be \
+                written down",
+            "命令已执行，但之前的脉冲或租约仍会到期动作：无法记录其已被取代"],
+        likely: ["the disk is full · no right to the folder of the state", "磁盘已满 · 状态文件夹无写权限"],
+        next: ["make room, then give the command again", "腾出空间，然后重新下达命令"],
+    }
+    OutputDue = "E0153" {
+        title: ["the line is not lent: one of its outputs must be switched off soon",
+            "总线未借出：其上有输出即将到达最长接通时间，须按时断开"],
+        likely: ["the output has a max_on, and is on", "该输出设有 max_on，且当前接通"],
+        next: ["switch the output off, or wait until it is off", "先断开该输出，或等它断开后再试"],
+    }
     NoCommand = "E0151" {
         title: ["no command of that number is remembered", "没有此编号的命令记录"],
         likely: ["it was long ago · the daemon was started since", "时间已久 · 守护进程已重新启动"],

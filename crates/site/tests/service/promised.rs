@@ -1,0 +1,218 @@
+//! What is promised of outputs, over the end of the process: what is on the disk at the moment of
+//! an answer, and what a process that finds it does. The process ends as by a signal that can't
+//! be caught: its file is taken as it is then.
+
+use crate::board::{self, Boards, k, until};
+use crate::safety::{config, folder, known, switch};
+use railbus_site::{Failure, Pulse, Service};
+use railbus_wire::Micros;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+const NAME: &str = "promises.json";
+
+async fn site_in(folder: &Path) -> (Service, Arc<Boards>) {
+    let (port, boards) = board::start().await;
+    let service = Service::start_in(config(&port, ""), folder).unwrap();
+    known(&service).await;
+    (service, boards)
+}
+
+fn kept(folder: &Path) -> String {
+    std::fs::read_to_string(folder.join(NAME)).unwrap_or_default()
+}
+
+const LONG: Pulse = Pulse {
+    width: Some(Micros::from_secs(600)),
+    by: railbus_site::By::Host,
+    off: false,
+    confirm: false,
+};
+
+async fn hold(service: &Service, millis: u64) -> Result<Duration, Failure> {
+    let held = (true, Micros::from_millis(millis));
+    let held = service.lease("oven", k(1), held, false).await;
+    held.map(|held| held.left)
+}
+
+/// What the file says of when the first promise is due.
+fn due(folder: &Path) -> SystemTime {
+    let document: serde_json::Value = serde_json::from_str(&kept(folder)).unwrap();
+    let at = document["promises"][0]["at_ms"].as_u64().unwrap();
+    SystemTime::UNIX_EPOCH + Duration::from_millis(at)
+}
+
+/// A site that begins with what the file of another one was, at its own board.
+async fn after_a_crash(folder: &Path, name: &str, relays: u8) -> (Service, Arc<Boards>, PathBuf) {
+    let again = crate::safety::folder(name);
+    std::fs::create_dir_all(&again).unwrap();
+    std::fs::copy(folder.join(NAME), again.join(NAME)).unwrap();
+    let (port, boards) = board::start().await;
+    boards.set(3, relays);
+    let service = Service::start_in(config(&port, ""), &again).unwrap();
+    (service, boards, again)
+}
+
+#[tokio::test]
+async fn a_pulse_that_was_taken_over_is_off_the_disk_before_that_is_told() {
+    let folder = folder("taken");
+    let (service, _boards) = site_in(&folder).await;
+    for _ in 0..10 {
+        service.pulse("oven", k(1), LONG).await.unwrap();
+        assert!(kept(&folder).contains("pulse"));
+        switch(&service, "oven", 1, true).await.unwrap();
+        assert!(!kept(&folder).contains("pulse"), "{}", kept(&folder));
+        // Nor does an older one come back with a newer one.
+        for _ in 0..2 {
+            service.pulse("oven", k(1), LONG).await.unwrap();
+        }
+        assert_eq!(kept(&folder).matches("pulse").count(), 1);
+    }
+    service.close().await;
+    let _ = std::fs::remove_dir_all(folder);
+}
+
+#[tokio::test]
+async fn a_takeover_that_can_not_be_written_down_is_told_and_the_pulse_ends() {
+    let folder = folder("refused");
+    let (service, boards) = site_in(&folder).await;
+    let pulse = Pulse {
+        width: Some(Micros::from_millis(1_000)),
+        ..LONG
+    };
+    service.pulse("oven", k(1), pulse).await.unwrap();
+    // A folder in the place of the draft keeps everybody from writing, root as well.
+    let draft = folder.join(format!("{NAME}.new"));
+    std::fs::create_dir(&draft).unwrap();
+    let refused = switch(&service, "oven", 1, true).await;
+    assert!(
+        matches!(refused, Err(Failure::NotTakenOver(_))),
+        "{refused:?}"
+    );
+    assert!(refused.unwrap_err().may_have_acted());
+    assert!(service.point("oven", k(1)).unwrap().left.pulse.is_some());
+    until(|| boards.relays(3) == 0).await;
+    service.close().await;
+    let _ = std::fs::remove_dir_all(folder);
+}
+
+#[tokio::test]
+async fn a_lease_is_on_the_disk_as_it_was_told() {
+    let folder = folder("lease");
+    let (service, _boards) = site_in(&folder).await;
+    for millis in [400, 60_000, 2_500] {
+        let left = hold(&service, millis).await.unwrap();
+        let told = SystemTime::now() + left;
+        let off = told
+            .duration_since(due(&folder))
+            .unwrap_or_else(|error| error.duration());
+        assert!(off < Duration::from_millis(100), "{millis}: {off:?}");
+    }
+    // Where the disk refuses it is not held on, and that is told.
+    std::fs::create_dir(folder.join(format!("{NAME}.new"))).unwrap();
+    let refused = hold(&service, 60_000).await;
+    assert!(matches!(refused, Err(Failure::NotKept(_))), "{refused:?}");
+    let left = service.point("oven", k(1)).unwrap().left.lease.unwrap();
+    assert!(left <= Duration::from_millis(2_500), "{left:?}");
+    std::fs::remove_dir(folder.join(format!("{NAME}.new"))).unwrap();
+    service.close().await;
+    let _ = std::fs::remove_dir_all(folder);
+}
+
+#[tokio::test]
+async fn a_lease_ends_when_it_was_to_end_however_often_the_process_does() {
+    let folder = folder("crashes");
+    let (service, _boards) = site_in(&folder).await;
+    hold(&service, 3_000).await.unwrap();
+    let ends = due(&folder);
+    let mut last = folder.clone();
+    let mut copies = Vec::new();
+    while ends.duration_since(SystemTime::now()).is_ok() {
+        let name = format!("crash-{}", copies.len());
+        let (again, boards, copy) = after_a_crash(&last, &name, 1).await;
+        tokio::time::sleep(Duration::from_millis(700)).await;
+        let left = again.point("oven", k(1)).unwrap().left.lease;
+        let left = left.unwrap_or_default();
+        let until_end = ends.duration_since(SystemTime::now()).unwrap_or_default();
+        assert!(left <= until_end + Duration::from_millis(50), "{left:?}");
+        last.clone_from(&copy);
+        copies.push((again, boards, copy));
+    }
+    assert!(copies.len() > 2, "it was held over several of them");
+    // Each of them ends it, the last one as well.
+    for (_, boards, _) in &copies {
+        until(|| boards.relays(3) == 0).await;
+    }
+    for (service, _, copy) in copies {
+        service.close().await;
+        let _ = std::fs::remove_dir_all(copy);
+    }
+    service.close().await;
+    let _ = std::fs::remove_dir_all(folder);
+}
+
+#[tokio::test]
+async fn a_lease_that_was_renewed_holds_after_a_crash_until_it_said() {
+    let folder = folder("renewed");
+    let (service, _boards) = site_in(&folder).await;
+    hold(&service, 400).await.unwrap();
+    hold(&service, 60_000).await.unwrap();
+    let (again, _relays, copy) = after_a_crash(&folder, "renewed-again", 1).await;
+    let left = again.point("oven", k(1)).unwrap().left.lease.unwrap();
+    assert!(left > Duration::from_secs(30), "{left:?}");
+    again.close().await;
+    service.close().await;
+    let _ = std::fs::remove_dir_all(folder);
+    let _ = std::fs::remove_dir_all(copy);
+}
+
+#[tokio::test]
+async fn a_clock_that_was_set_back_does_not_hold_an_output_at_every_start_anew() {
+    let folder = folder("clock");
+    std::fs::create_dir_all(&folder).unwrap();
+    let hour = SystemTime::now() + Duration::from_secs(3_600);
+    let at = hour.duration_since(SystemTime::UNIX_EPOCH).unwrap();
+    let text = format!(
+        "{{\"schema\":1,\"promises\":[{{\"module\":\"oven\",\"output\":0,\"why\":\"lease\",\
+         \"end\":false,\"at_ms\":{},\"length_ms\":2000}}]}}",
+        at.as_millis()
+    );
+    std::fs::write(folder.join(NAME), text).unwrap();
+    let (port, _boards) = board::start().await;
+    let service = Service::start_in(config(&port, ""), &folder).unwrap();
+    let latest = SystemTime::now() + Duration::from_secs(2);
+    until(|| due(&folder) <= latest).await;
+    service.close().await;
+    let _ = std::fs::remove_dir_all(folder);
+}
+
+/// A welded relay: it is tried again, the less often the longer it lasts, and that is told once.
+#[tokio::test]
+async fn a_release_is_tried_until_it_is_seen_and_told_once() {
+    let (port, boards) = board::start().await;
+    let service = Service::start(config(&port, "")).unwrap();
+    known(&service).await;
+    let short = Pulse {
+        width: Some(Micros::from_millis(100)),
+        ..LONG
+    };
+    service.pulse("oven", k(1), short).await.unwrap();
+    boards.weld(3, 1);
+    let ends = || {
+        let entries = service.audit().into_iter();
+        let ends = entries.filter(|entry| entry.origin.who == "pulse");
+        ends.map(|entry| entry.end).collect::<Vec<_>>()
+    };
+    let tries = || boards.writes().iter().filter(|write| write.on == 0).count();
+    until(|| tries() >= 3).await;
+    assert!(ends().len() <= 2, "{:?}", ends());
+    assert_eq!(ends()[0], Some("not_verified"));
+    assert_eq!(boards.relays(3), 1);
+    boards.weld(3, 0);
+    until(|| boards.relays(3) == 0).await;
+    until(|| ends().last() == Some(&Some("readback"))).await;
+    assert_eq!(ends().len(), 2, "{:?}", ends());
+    service.pulses_ended().await;
+    service.close().await;
+}
