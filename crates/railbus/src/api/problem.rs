@@ -108,9 +108,9 @@ pub(crate) mod codes {
         /// Also `reason`.
         NOT_KEPT = "E0150", 503, "what is to be done later can't be written down; nothing was sent";
         /// Also `reason`.
-        NOT_TAKEN_OVER = "E0152", 503, "it was done, but the pulse or lease before it ends still: that it does not can't be written down";
+        NOT_TAKEN_OVER = "E0152", 503, "it was done, but the pulse or lease before it ends still";
         /// Also `path`, `retry_after_ms`.
-        OUTPUT_DUE = "E0153", 409, "the line is not lent: one of its outputs must be switched off soon";
+        OUTPUT_DUE = "E0153", 409, "an output must be switched off soon; not lent";
         /// Also `name`.
         NO_SUCH_COMMAND = "E0151", 404, "no command of that number is remembered";
         /// There is no history and no audit log here.

@@ -79,8 +79,7 @@ codes! {
             "腾出空间，或用 RAILBUS_STATE 指定其他文件夹"],
     }
     NotTakenOver = "E0152" {
-        title: ["it was done, but the pulse or lease before it ends still: that it does not can't be \
-                written down",
+        title: ["it was done, but the pulse or lease before it ends still, by what is on the disk",
             "命令已执行，但之前的脉冲或租约仍会到期动作：无法记录其已被取代"],
         likely: ["the disk is full · no right to the folder of the state", "磁盘已满 · 状态文件夹无写权限"],
         next: ["make room, then give the command again", "腾出空间，然后重新下达命令"],
