@@ -33,7 +33,7 @@ pub use config::{Config, EchoMode, Medium, Past, Plan, Terms};
 use event::Events;
 pub use event::{Confirmed, Event, Evidence, Fault, Presence, Probed, Ticket};
 pub use ghost::GHOSTS_MAX;
-pub use node::MISSES_SILENT;
+pub use node::{LATE_MIN, MISSES_SILENT};
 pub use schedule::COMMANDS_MAX;
 
 use alloc::collections::VecDeque;
@@ -258,7 +258,7 @@ impl Bus {
     pub fn haunted_until(&self) -> Option<Instant> {
         let under_way = match &self.state {
             State::Waiting(flight) if flight.exchange.expects_reply() => {
-                Some(flight.sent + node::LATE_MIN)
+                Some(flight.sent + LATE_MIN)
             }
             _ => None,
         };
@@ -271,7 +271,7 @@ impl Bus {
         self.settle = match past {
             Past::Rested => Micros::ZERO,
             Past::Unknown => self.config.settle,
-            Past::Abandoned => node::LATE_MIN,
+            Past::Abandoned => LATE_MIN,
         };
     }
 
@@ -530,9 +530,6 @@ impl Bus {
         if echo_is_gone {
             self.events.tell(Event::EchoGone);
         }
-        if self.ear.fell_silent() {
-            self.events.tell(Event::Quiet);
-        }
         self.lay_ghosts_in_ear();
         // Two modules on one address both answer a probe.
         if self.ear.is_cautious() || matches!(flight.job, Job::Probe { .. }) {
@@ -569,9 +566,6 @@ impl Bus {
     /// No good reply came in time.
     fn missed(&mut self, flight: Flight) {
         self.state = State::Idle;
-        if self.ear.missed(self.now, self.busy_until) {
-            self.events.tell(Event::Babble);
-        }
         // Perhaps what was heard is a reply to something before.
         let late = self.ghosts.take_answered(self.ear.heard());
         let why = match late {
@@ -606,7 +600,7 @@ impl Bus {
     fn haunt(&mut self, flight: &Flight) {
         let module = flight.job.module();
         let node = module.and_then(|id| self.nodes.get(id.0));
-        let late_max = node.map_or(node::LATE_MIN, Node::late_max);
+        let late_max = node.map_or(LATE_MIN, Node::late_max);
         self.ghosts.add(Ghost {
             exchange: flight.exchange,
             module,
@@ -638,7 +632,7 @@ impl Bus {
             Medium::Buffered if exchange.expects_reply() => self.now,
             _ => self.now + self.settings.frame_time(self.outgoing.bytes().len()),
         };
-        if self.ear.prepare(self.now, self.busy_until) {
+        if self.ear.prepare() {
             self.events.tell(Event::Quiet);
         }
         self.busy_until = sent;

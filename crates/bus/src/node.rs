@@ -12,7 +12,7 @@ const TIMEOUT_UNKNOWN: Micros = Micros::from_millis(300);
 const TIMEOUT_MIN: Micros = Micros::from_millis(20);
 const TIMEOUT_MAX: Micros = Micros::from_millis(300);
 /// The least time after which no late reply can arrive any more.
-pub(crate) const LATE_MIN: Micros = Micros::from_millis(500);
+pub const LATE_MIN: Micros = Micros::from_millis(500);
 /// After so many misses in a row a module counts as silent and is only probed.
 pub const MISSES_SILENT: u8 = 3;
 /// What asking a silent module costs in all, gap and wire included: little, so that its turn

@@ -5,6 +5,7 @@
 //! the next [`Procedure::next`].
 
 use super::{Place, Record, Refused, Taken};
+use railbus_bus::LATE_MIN;
 use railbus_device::{Module, Op, Seen, Setup};
 use railbus_wire::{Exchange, Frame, Instant, Micros, Protocol, Settings, carries_command};
 use std::fmt;
@@ -14,9 +15,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Waker};
 
 /// How long a reply may take that was not learned yet [EDA §1.12].
-const REPLY_TIMEOUT: Micros = Micros::from_millis(300);
-/// How long a late reply is reckoned with, as on the line itself.
-const LATE: Micros = Micros::from_millis(500);
+pub(crate) const REPLY_TIMEOUT: Micros = Micros::from_millis(300);
 /// Silence before every request: adapters hand bytes over late.
 const QUIET: Micros = Micros::from_millis(20);
 
@@ -200,6 +199,10 @@ struct Paper {
     last: Option<Exchange<'static>>,
     /// One did.
     twice: bool,
+    /// Somebody spoke before the last request, after one that nobody had answered.
+    stray: bool,
+    /// Nothing came back to the last request.
+    unanswered: bool,
     /// The silence before the next request, where it is to be longer than usual.
     linger: Option<Micros>,
 }
@@ -246,6 +249,11 @@ impl Desk {
     /// Whether a request was answered twice: two modules are on one address.
     pub(crate) fn heard_twice(&self) -> bool {
         self.lock().twice
+    }
+
+    /// Whether somebody answered the request before the last one, when it was given up.
+    pub(crate) fn heard_late(&self) -> bool {
+        self.lock().stray
     }
 
     pub(crate) async fn journal(&self, record: Record) -> Result<(), Trouble> {
@@ -305,8 +313,10 @@ impl Desk {
         if let Some(last) = paper.last.replace(exchange) {
             paper.twice |= last.find_response(&heard.stray).1.whole().is_some();
         }
+        let unanswered = std::mem::replace(&mut paper.unanswered, heard.bytes.is_empty());
+        paper.stray = unanswered && !heard.stray.is_empty();
         if exchange.find_response(&heard.bytes).1.whole().is_none() {
-            let until = paper.now + LATE;
+            let until = paper.now + LATE_MIN;
             paper.ghosts.push((exchange, until));
         }
         Ok(heard.bytes)

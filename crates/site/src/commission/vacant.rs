@@ -1,15 +1,20 @@
 //! Making sure that nobody is at an address before a module is sent there.
 
-use super::desk::Desk;
+use super::desk::{Desk, REPLY_TIMEOUT};
 use super::{Neighbour, Place, Progress, Trouble};
+use railbus_bus::LATE_MIN;
 use railbus_device::Setup;
 use railbus_wire::rtu::{BitSpan, Request};
 use railbus_wire::{
     Address, Exchange, Frame, Micros, Protocol, Settings, ascii, carries_command, lc02, r55,
 };
 
-/// How long somebody may take to answer.
-const PATIENCE: Micros = Micros::from_millis(300);
+/// How long somebody may take to answer, as long as on the line itself.
+const PATIENCE: Micros = LATE_MIN;
+/// How long the last look waits, in the module's own protocol: as long as the line reckons with a
+/// reply of a module that it never heard. Whoever is slower than this is not noticed, and neither
+/// is whoever is slower than [`PATIENCE`], speaks another protocol and lets himself be interrupted.
+const PATIENCE_LAST: Micros = Micros(3 * REPLY_TIMEOUT.0);
 
 /// Somebody is at the address.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -52,7 +57,8 @@ pub(crate) async fn check(
             checksum: false,
         };
         desk.tell(Progress::Vacancy(place)).await;
-        for exchange in probes(address) {
+        let mut first = true;
+        for exchange in probes(address, setup.protocol) {
             let known = neighbours.iter().find(|neighbour| {
                 neighbour.place.address == address && neighbour.protocol == exchange.protocol()
             });
@@ -64,19 +70,23 @@ pub(crate) async fn check(
                 serial: *serial,
                 ..*setup
             };
-            // Once more where it was silent, in case the first was lost.
-            for _ in 0..2 {
-                let heard = desk.exchange(&there, exchange, PATIENCE).await?;
-                if !heard.is_empty() {
+            // Its own protocol once more, in case the first was lost.
+            let own = exchange.protocol() == setup.protocol;
+            let waits = if own {
+                &[PATIENCE, PATIENCE_LAST][..]
+            } else {
+                &[PATIENCE]
+            };
+            for patience in waits {
+                let heard = desk.exchange(&there, exchange, *patience).await?;
+                let late = !std::mem::take(&mut first) && desk.heard_late();
+                if late || !heard.is_empty() {
                     return Err(Trouble::Taken(Taken {
                         place,
                         protocol: exchange.protocol(),
                         garbled: exchange.find_response(&heard).1.whole().is_none(),
                         module: known.map(|neighbour| neighbour.name.clone()),
                     }));
-                }
-                if exchange.protocol() != setup.protocol {
-                    break;
                 }
             }
         }
@@ -85,8 +95,8 @@ pub(crate) async fn check(
 }
 
 /// One read for each protocol, which every known family answers: over Modbus, with eight coils or
-/// with an exception.
-fn probes(address: Address) -> Vec<Exchange<'static>> {
+/// with an exception. The module's own protocol comes last: nothing interrupts its answer.
+fn probes(address: Address, own: Protocol) -> Vec<Exchange<'static>> {
     let coils = BitSpan::new(0, 8).map(Request::ReadCoils);
     let modbus = coils
         .filter(|_| address.0 != 0)
@@ -98,7 +108,9 @@ fn probes(address: Address) -> Vec<Exchange<'static>> {
         Exchange::ascii(address, true, ascii::Request::ReadName),
         Exchange::lc02(address, lc02::Request::ReadConfig),
     ];
-    eda.into_iter().chain(modbus).chain(board).collect()
+    let mut probes: Vec<Exchange<'_>> = eda.into_iter().chain(modbus).chain(board).collect();
+    probes.sort_by_key(|exchange| exchange.protocol() == own);
+    probes
 }
 
 fn is_safe(exchange: &Exchange<'_>) -> bool {

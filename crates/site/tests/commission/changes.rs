@@ -87,6 +87,49 @@ fn an_address_where_somebody_answers_is_refused() {
     }
 }
 
+/// Whoever is there may be as slow as a line reckons with, in the same protocol or another.
+#[test]
+fn an_address_where_somebody_answers_late_is_refused() {
+    let families = [
+        (Protocol::Ascii, Family::Eda9060a),
+        (Protocol::Lc02, Family::Eda9050),
+        (Protocol::Rtu, Family::Erc8),
+        (Protocol::R55, Family::R55),
+    ];
+    for late in [250, 400, 490, 700, 850] {
+        for (protocol, family) in families.into_iter().take(3) {
+            for (others, other) in families {
+                // Slower than 0.5 s, and of another protocol: he is interrupted.
+                if late > 490 && others != protocol {
+                    continue;
+                }
+                let of = |family, address, protocol| Setup {
+                    protocol,
+                    ..Setup::new(family, Address(address))
+                };
+                let setup = of(family, 1, protocol);
+                let mut bench = Bench::new(&setup, Options::default());
+                let slow = Options {
+                    turnaround: Micros::from_millis(late),
+                    ..Options::default()
+                };
+                let there = of(other, 9, others);
+                let kept = Eeprom::of(&there);
+                bench
+                    .line
+                    .add(bench.now, "slow", &there, kept, slow)
+                    .unwrap();
+                let refused = end(&mut bench, job(setup, "address=9"));
+                assert!(
+                    matches!(refused, Err(Trouble::Taken(_))),
+                    "{protocol}, and {others} after {late} ms: {refused:?}"
+                );
+                assert_eq!(bench.journal, "");
+            }
+        }
+    }
+}
+
 /// The configuration has a module there that is switched off.
 #[test]
 fn the_address_of_a_module_that_is_off_is_taken() {
