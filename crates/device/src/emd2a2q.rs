@@ -5,6 +5,7 @@
 
 use crate::engine::{Body, Calibration, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
+use crate::sign::{Reply, Sign};
 use crate::{Bank, Change, Op, Profile, Seen, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordBlock, WordSpan};
 use railbus_wire::{
@@ -59,6 +60,27 @@ const RESTORE: u16 = 1 << 2;
 
 /// How long a calibration takes in the simulated module [EMD-2A2Q §5.5].
 const CALIBRATION_TIME: Micros = Micros::from_millis(500);
+
+/// What it is known by: relays at 8 and 9 and nowhere else, and eight registers that hold its own
+/// address and codes [EMD-2A2Q §3.1, §3.2, §3.6, §4.2, §4.3, §4.4, §4.7].
+pub(crate) const SIGNS: [Option<Sign>; 6] = [
+    Sign::coils(0, 8, Reply::Refusal(Exception::ADDRESS)),
+    Sign::coils(60, 8, Reply::Refusal(Exception::ADDRESS)),
+    Sign::registers(0, REGISTERS, Reply::Registers(could_be_own)),
+    Sign::registers(0, REGISTERS + 1, Reply::Refusal(Exception::ADDRESS)),
+    Sign::coils(FIRST_COIL, RELAYS, Reply::Answer),
+    Sign::coils(FIRST_COIL + RELAYS, 1, Reply::Refusal(Exception::ADDRESS)),
+];
+
+/// Whether these can be the registers of a module at that address.
+fn could_be_own(at: Address, words: &Words<'_>) -> bool {
+    let code = |at: u16| words.get(at).and_then(|word| u8::try_from(word).ok());
+    code(ADDRESS) == Some(at.0)
+        && code(BAUD).and_then(|code| PROFILE.baud_of(code)).is_some()
+        && code(CHARACTER)
+            .and_then(|code| PROFILE.character_of(code))
+            .is_some()
+}
 
 /// The host's half: the one exchange of an op.
 pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {

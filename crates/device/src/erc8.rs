@@ -6,6 +6,7 @@
 
 use crate::engine::{Body, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
+use crate::sign::{Reply, Sign};
 use crate::{Bank, Change, Op, Profile, Seen, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordSpan};
 use railbus_wire::{Address, Baud, Character, Exchange, Frame, Micros, Protocol, Response};
@@ -46,6 +47,15 @@ pub(crate) const ABSENT: &[Function] = &[
     Function::ReadDiscreteInputs,
     Function::ReadInputRegisters,
     Function::WriteRegisters,
+];
+
+/// What it is known by: relays at 60 to 67 and nowhere else, and no inputs
+/// [ERC-8 §2.4, §3.1, §3.3].
+pub(crate) const SIGNS: [Option<Sign>; 4] = [
+    Sign::coils(0, 8, Reply::Refusal(Exception::ADDRESS)),
+    Sign::coils(FIRST_COIL, RELAYS, Reply::Answer),
+    Sign::coils(FIRST_COIL, RELAYS + 1, Reply::Refusal(Exception::ADDRESS)),
+    Sign::inputs(0, 1, Reply::Refusal(Exception::FUNCTION)),
 ];
 
 /// The host's half: the one exchange of an op.

@@ -30,6 +30,7 @@ mod modbus;
 mod module;
 mod op;
 mod r55;
+mod sign;
 
 pub use beyond::Beyond;
 pub use engine::{Applies, Calibration, Eeprom, Effect, Engine, Input, Options, Output};
@@ -37,3 +38,4 @@ pub use family::{Family, Layout, Point, PointKind, Profile, Setup, SetupError};
 pub use module::Module;
 pub use op::{Bank, Change, Op, Refusal, Seen, Unsupported};
 pub use r55::board_address;
+pub use sign::{Reply, Sign};

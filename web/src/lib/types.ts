@@ -147,7 +147,9 @@ export interface Found {
   format: string;
   checksum: boolean | null;
   rtt_ms?: number;
-  verdict: "ok" | "refused" | "odd" | "garbled" | "silent";
+  verdict: "ok" | "could_be" | "refused" | "odd" | "garbled" | "silent";
+  /** The models that it could be, where nothing proves one. */
+  could_be: string[];
   evidence: string[];
   /** Its name where the configuration has it. */
   name?: string;

@@ -1,7 +1,7 @@
 //! The host's half.
 
 use super::{PROTOCOL_CHECKSUM, has_pulses, read_map, write_map};
-use crate::{Bank, Change, Op, Profile, Seen, Setup, modbus};
+use crate::{Bank, Change, Family, Op, Profile, Seen, Setup, modbus};
 use railbus_wire::rtu::{self, BitSpan, WordBlock, WordSpan};
 use railbus_wire::{Address, Channel, Exchange, Protocol, PulseWidth, Response, Words};
 use railbus_wire::{ascii, lc02};
@@ -218,14 +218,11 @@ fn of_rtu(setup: &Setup, op: &Op, response: &rtu::Response<'_>) -> Option<Seen> 
     })
 }
 
-/// Whether a name or model number is this model's. Numbers come in BCD or in binary, names with
-/// or without the letter [EDA §3.7, EDA9060A §1.2, §1.3, EDA9050 §1.2, §1.3].
+/// Whether a name or model number is this model's [EDA §3.7].
 pub(crate) fn recognises(setup: &Setup, seen: &Seen) -> bool {
-    match (seen, has_pulses(setup.family)) {
-        (Seen::Name(name), true) => matches!(name.bytes(), b"9060" | b"9060A"),
-        (Seen::Name(name), false) => name.bytes() == b"9050",
-        (Seen::Model(model), true) => matches!(model, 0x9060 | 9060),
-        (Seen::Model(model), false) => matches!(model, 0x9050 | 9050),
+    match seen {
+        Seen::Name(name) => Family::of_name(name.bytes()) == Some(setup.family),
+        Seen::Model(number) => Family::of_number(*number) == Some(setup.family),
         _ => true,
     }
 }

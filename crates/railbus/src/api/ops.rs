@@ -133,8 +133,10 @@ pub(crate) struct ScanModule {
     pub(crate) model: Option<String>,
     /// What it says it is, or is known by.
     pub(crate) title: String,
-    /// It is known by how it behaves; it does not say what it is.
+    /// It is known by how it behaves, and refuses; it does not say what it is.
     pub(crate) by_behaviour: bool,
+    /// The models that it could be, where nothing proves one; `model` is none then.
+    pub(crate) could_be: Vec<String>,
     /// Its speed.
     pub(crate) baud: u32,
     /// Its character format, as `8N1`.
@@ -143,7 +145,8 @@ pub(crate) struct ScanModule {
     pub(crate) checksum: Option<bool>,
     /// From the end of a request to the beginning of its reply.
     pub(crate) rtt_ms: f64,
-    /// What its answers amount to: `ok`, `refused`, `odd`, `garbled`.
+    /// What its answers amount to: `ok`, `could_be` one of several models, `refused`, `odd` (no
+    /// model that is known), `garbled`.
     pub(crate) verdict: String,
     /// What it was asked, and what it answered.
     pub(crate) evidence: Vec<String>,

@@ -138,10 +138,26 @@ pub(crate) fn address(text: &str) -> Result<u8, String> {
 
 impl Context {
     pub(crate) fn of(lang: Lang, matches: &ArgMatches) -> Result<Context, Failure> {
+        let named = |name: &str| matches.get_one::<String>(name).map(String::as_str);
+        let family = named("model").and_then(Family::from_name);
+        let address = matches.get_one("address").copied();
+        Context::with(lang, matches, (family, address))
+    }
+
+    /// The same where a flag with a model names no module of its own.
+    pub(crate) fn of_line(lang: Lang, matches: &ArgMatches) -> Result<Context, Failure> {
+        Context::with(lang, matches, (None, None))
+    }
+
+    fn with(
+        lang: Lang,
+        matches: &ArgMatches,
+        module: (Option<Family>, Option<u8>),
+    ) -> Result<Context, Failure> {
         let text = |name: &str| matches.get_one::<String>(name).cloned();
         let format = text("output").and_then(|name| Format::from_name(&name));
         let line = text("line");
-        let ad_hoc = ad_hoc(lang, matches, line.as_deref())?;
+        let ad_hoc = ad_hoc(lang, matches, line.as_deref(), module)?;
         Ok(Context {
             lang,
             format: format.unwrap_or_default(),
@@ -207,14 +223,17 @@ impl Context {
 }
 
 /// Port and module named by flags alone, where they are.
-fn ad_hoc(lang: Lang, matches: &ArgMatches, line: Option<&str>) -> Result<Option<AdHoc>, Failure> {
+fn ad_hoc(
+    lang: Lang,
+    matches: &ArgMatches,
+    line: Option<&str>,
+    (family, address): (Option<Family>, Option<u8>),
+) -> Result<Option<AdHoc>, Failure> {
     let text = |name: &str| matches.get_one::<String>(name).map(String::as_str);
     let missing = |name: &str| {
         let message = lang.fill(Text::MissingArgument, &[("name", &name)]);
         Failure::new(Code::Usage, message).with_try("railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8")
     };
-    let family = text("model").and_then(Family::from_name);
-    let address: Option<u8> = matches.get_one("address").copied();
     let is_port = line.is_some_and(|line| line.parse::<LineName>().is_ok());
     let (port, module) = match (line, family, address) {
         (Some(port), Some(family), Some(address)) => (port, Some((family, address))),

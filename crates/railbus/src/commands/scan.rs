@@ -25,7 +25,7 @@ use railbus_site::scan::{Known, Scanner, Scope};
 use railbus_wire::{Address, Protocol};
 use run::{End, Report};
 use show::Live;
-pub(crate) use show::{evidence, ranges};
+pub(crate) use show::{could_be, evidence, ranges};
 use texts::ScanText;
 use wish::Wanted;
 pub(crate) use wish::addresses;
@@ -45,7 +45,7 @@ pub(crate) fn define(lang: Lang) -> Command {
 
 /// Scans and prints what was found, also after Ctrl-C.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
-    let context = Context::of(lang, matches)?;
+    let context = Context::of_line(lang, matches)?;
     let wanted = Wanted::of(&context, matches);
     if Scope::of(&wanted.wish, Vec::new()).runs.is_empty() {
         let failure = Failure::of(lang, Code::ScanNothing);
@@ -61,7 +61,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         End::Noise | End::Unread => {}
     }
     if wanted.add {
-        add::add(&context, &place, report.scanner.found(), wanted.yes)?;
+        add::add(&context, &place, report.scanner.found(), &wanted)?;
     }
     verdict(&context, &place, report)
 }

@@ -34,30 +34,19 @@ pub(super) async fn lend(State(site): State<Site>, Path(line): Path<String>) -> 
         Err(failure) => return answer::problem(&failures::of_line(&site.service, &line, &failure)),
     };
     let (held, gone) = oneshot::channel();
-    let (lent, over) = oneshot::channel();
-    tokio::spawn(take_back(site, loan, gone, lent));
+    tokio::spawn(take_back(site, loan, gone));
     Response::new(Body::new(Held {
         told: false,
-        over,
         _held: held,
     }))
 }
 
-/// Once nobody reads any more; at the end of the daemon there is nothing to take back. When the
-/// loan is over, that is told by the end of the answer: whoever has the line stops where that is
-/// safe, and its port is free then.
-async fn take_back(
-    mut site: Site,
-    loan: Loan,
-    mut gone: oneshot::Receiver<()>,
-    lent: oneshot::Sender<()>,
-) {
+/// Once nobody reads any more; at the end of the daemon there is nothing to take back.
+async fn take_back(mut site: Site, loan: Loan, gone: oneshot::Receiver<()>) {
     tokio::select! {
-        () = ended(&mut site.stop) => return loan.leave(),
-        _ = &mut gone => {}
-        () = tokio::time::sleep_until(loan.until()) => {}
+        () = ended(&mut site.stop) => return,
+        _ = gone => {}
     }
-    drop(lent);
     let owner = site.service.on_behalf_of(Caller::owner().origin());
     site.desk.take_back(loan, &owner).await;
 }
@@ -65,8 +54,6 @@ async fn take_back(
 /// What is sent: it is dropped with the connection.
 struct Held {
     told: bool,
-    /// Closed when the loan is over.
-    over: oneshot::Receiver<()>,
     _held: oneshot::Sender<()>,
 }
 
@@ -76,10 +63,10 @@ impl hyper::body::Body for Held {
 
     fn poll_frame(
         mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
+        _: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
         if std::mem::replace(&mut self.told, true) {
-            return Pin::new(&mut self.over).poll(context).map(|_| None);
+            return Poll::Pending;
         }
         Poll::Ready(Some(Ok(Frame::data(Bytes::from_static(b"\n")))))
     }

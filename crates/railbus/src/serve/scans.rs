@@ -13,7 +13,7 @@ use crate::api::ops::{
 };
 use crate::api::problem::{Problem, codes};
 use crate::api::{ask, convert, failures};
-use crate::commands::scan::{addresses, evidence, ranges, setup};
+use crate::commands::scan::{addresses, could_be, evidence, ranges, setup};
 use axum::http::StatusCode;
 use axum::routing::post;
 use railbus_device::Setup;
@@ -186,7 +186,7 @@ impl Part {
         let told = |found: &Found| (module(line, found), found.is_conflict());
         let mut part = Part {
             found: found.clone().map(told).collect(),
-            setups: found.map(setup).collect(),
+            setups: found.map(|found| setup(found, None)).collect(),
             ..Part::default()
         };
         part.reached(scanner.progress());
@@ -226,6 +226,7 @@ fn module(line: &str, found: &Found) -> ScanModule {
             .or_else(|| family.map(|family| family.to_string()))
             .unwrap_or_default(),
         by_behaviour: found.identity.by_behaviour,
+        could_be: could_be(found).into_iter().map(str::to_owned).collect(),
         baud: settings.baud.rate(),
         format: settings.character.to_string(),
         checksum: found.checksum(),

@@ -319,6 +319,52 @@ fn two_modules_on_one_address_are_told_of() {
     assert_eq!(evidence, Some(3), "{json}");
 }
 
+/// Eight coils, and silence to all else: nothing proves what it is. It is written down only as what
+/// the user says, and only where it could be that.
+#[test]
+fn what_could_be_several_is_added_only_by_name() {
+    let site = Site::empty("scan-could-be");
+    let port = liar(|frame| match frame {
+        [address, 1, 0, 0, 0, 8, ..] => {
+            let mut reply = vec![*address, 1, 1, 0];
+            reply.extend(railbus_wire::crc16(&reply).to_le_bytes());
+            reply
+        }
+        _ => Vec::new(),
+    });
+    let scan = format!("scan -l pty:{port} --addr 4 --proto rtu");
+    let ran = site.run(&scan);
+    let row = ran.out.lines().nth(1).map(words).unwrap_or_default();
+    assert!(
+        row.starts_with("4 (04h) rtu ? # ms could be EDA9050: nothing proves it"),
+        "{ran:?}"
+    );
+    let next = "railbus scan --addr 4 --add --model eda9050";
+    assert!(ran.err.contains(next), "{ran:?}");
+    let json = site.run(&format!("{scan} -o json")).json();
+    let found = &json["found"][0];
+    assert_eq!(
+        (&found["verdict"], &found["model"]),
+        (&"could_be".into(), &().into())
+    );
+    assert_eq!(found["could_be"], serde_json::json!(["eda9050"]));
+    let zh = site.run(&format!("{scan} --lang zh"));
+    assert!(zh.out.contains("可能是 EDA9050，无法证实"), "{zh:?}");
+    let file = site.folder.join("railbus.toml");
+    for flags in ["", " --model erc8"] {
+        let none = site.run(&format!("{scan} --add --yes{flags}"));
+        assert!(none.err.contains("nothing to write"), "{flags}: {none:?}");
+        assert!(!file.exists());
+    }
+    let added = site.run(&format!("{scan} --add --yes --model eda9050"));
+    assert!(added.err.contains("1 modules written"), "{added:?}");
+    let text = std::fs::read_to_string(&file).expect("text");
+    assert!(
+        text.contains("model = \"eda9050\"\naddress = 4\nprotocol = \"rtu\"\n"),
+        "{text}"
+    );
+}
+
 /// In real time it takes what it says, and no less than the wire does; on a busy machine more.
 #[test]
 fn it_takes_about_as_long_as_it_says() {

@@ -1,11 +1,11 @@
 //! Looking for a module at a place: is it there, is it the model that it should be, what does it
 //! keep.
 
-use super::desk::{Desk, Reply};
+use super::desk::{Desk, REPLY_TIMEOUT, Reply};
 use super::{Found, Kept, Place, Procedure, Progress, Pulse, Trouble};
 use railbus_device::{Family, Module, Op, Seen, Setup};
 use railbus_wire::rtu::{self, Request, WordSpan};
-use railbus_wire::{Address, Decoded, Exchange, Micros, Protocol, Response, Words};
+use railbus_wire::{Address, Decoded, Exchange, Protocol, Response, Words};
 
 /// What was met at a place.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -161,8 +161,35 @@ async fn eda(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<S
     Ok(Sight::Clear(found))
 }
 
-/// No request reads its settings or its name: it answers coils, and no registers
-/// [EDA9050 §5.7].
+/// Whether whoever answers there behaves as the module in all that its datasheet says of reads, and
+/// refuses what it refuses: a board that merely has more is told from it. What stays silent where
+/// a reply belongs is asked once more, and then proves nothing.
+async fn behaves(desk: &Desk, setup: &Setup, place: Place) -> Result<bool, Trouble> {
+    for sign in setup.family.signs() {
+        let exchange = Exchange::rtu(place.address, sign.request);
+        let mut shown = None;
+        // Silence, too, counts only when it comes again.
+        for _ in 0..2 {
+            let heard = desk.exchange(setup, exchange, REPLY_TIMEOUT).await?;
+            let reply = exchange.find_response(&heard).1.whole();
+            let reply = reply.as_ref().map(|reply| &reply.response);
+            let spoilt = reply.is_none() && !heard.is_empty();
+            shown = match spoilt {
+                true => None,
+                false => sign.shown_by(place.address, reply),
+            };
+            if reply.is_some() && shown.is_some() {
+                break;
+            }
+        }
+        if shown != Some(true) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// No request reads its settings or its name [EDA9050 §5.7].
 async fn eda9050_rtu(
     desk: &Desk,
     module: &Module,
@@ -176,16 +203,8 @@ async fn eda9050_rtu(
         Reply::Said(Seen::Channels { .. }) => {}
         other => return Ok(sighted(other, |_| None)),
     }
-    if look == Look::First
-        && let Some(span) = WordSpan::new(0, 4)
-    {
-        let registers = Exchange::rtu(place.address, Request::ReadHoldingRegisters(span));
-        let heard = desk
-            .exchange(module.setup(), registers, Micros::from_millis(300))
-            .await?;
-        if registers.find_response(&heard).1.whole().is_some() {
-            return Ok(Sight::Wrong(None));
-        }
+    if look == Look::First && !behaves(desk, module.setup(), place).await? {
+        return Ok(Sight::Wrong(None));
     }
     Ok(Sight::Clear(Found::at(place)))
 }
@@ -199,6 +218,9 @@ async fn erc8(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<
     {
         Reply::Said(Seen::Channels { .. }) => {}
         other => return Ok(sighted(other, |_| None)),
+    }
+    if look == Look::First && !behaves(desk, module.setup(), place).await? {
+        return Ok(Sight::Wrong(None));
     }
     let mut found = Found::at(place);
     if let Reply::Said(Seen::Config {
@@ -218,7 +240,7 @@ async fn erc8(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<
     Ok(Sight::Clear(found))
 }
 
-/// All eight registers at once; register 1 is the address asked.
+/// All eight registers at once.
 async fn emd(desk: &Desk, setup: &Setup, place: Place, look: Look) -> Result<Sight, Trouble> {
     let Some(span) = WordSpan::new(0, EMD_REGISTERS) else {
         return Ok(Sight::Silent);
@@ -226,19 +248,20 @@ async fn emd(desk: &Desk, setup: &Setup, place: Place, look: Look) -> Result<Sig
     let exchange = Exchange::rtu(place.address, Request::ReadHoldingRegisters(span));
     let mut last = Sight::Silent;
     for _ in 0..look.times() {
-        let heard = desk
-            .exchange(setup, exchange, Micros::from_millis(300))
-            .await?;
+        let heard = desk.exchange(setup, exchange, REPLY_TIMEOUT).await?;
         last = match exchange.find_response(&heard).1 {
             Decoded::Whole { value, .. } => {
-                return Ok(match value.response {
-                    Response::Rtu(rtu::Response::Words(words)) => emd_found(setup, place, &words)
-                        .filter(|found| {
-                            look == Look::Again || found.told.address == Some(place.address)
-                        })
-                        .map_or(Sight::Wrong(None), Sight::Clear),
-                    _ => Sight::Wrong(None),
-                });
+                let found = match value.response {
+                    Response::Rtu(rtu::Response::Words(words)) => emd_found(setup, place, &words),
+                    _ => None,
+                };
+                let Some(found) = found else {
+                    return Ok(Sight::Wrong(None));
+                };
+                if look == Look::First && !behaves(desk, setup, place).await? {
+                    return Ok(Sight::Wrong(None));
+                }
+                return Ok(Sight::Clear(found));
             }
             _ if heard.is_empty() => last,
             _ => Sight::Garbled,

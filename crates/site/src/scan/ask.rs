@@ -2,6 +2,7 @@
 //! a command.
 
 use railbus_bus::Probe;
+use railbus_device::{Family, Sign};
 use railbus_wire::{
     Address, Decoded, Exchange, Frame, Micros, Protocol, Settings, ascii, carries_command, lc02,
     r55, rtu,
@@ -43,8 +44,18 @@ pub enum Ask {
     Registers4,
     /// Eight registers from 0: an EMD-2A2Q.
     Registers8,
+    /// Nine registers from 0: one more than an EMD-2A2Q has.
+    NineRegisters,
     /// Eight coils from 60: an ERC-8.
     Coils60,
+    /// Nine coils from 60: one more than an ERC-8 has.
+    NineCoils60,
+    /// One discrete input: an ERC-8 has none.
+    Input,
+    /// Coils 8 and 9: an EMD-2A2Q.
+    Coils8,
+    /// Coil 10: one more than an EMD-2A2Q has.
+    Coil10,
     /// What is it, by function 2B? [BEYOND §5]
     Identification,
     /// Does it know function 08, and so perhaps 2B? [BEYOND §4.2] It costs less than to ask for
@@ -56,7 +67,7 @@ pub enum Ask {
 
 impl Ask {
     /// All of them.
-    pub const ALL: [Ask; 14] = [
+    pub const ALL: [Ask; 19] = [
         Ask::R55Address,
         Ask::R55State,
         Ask::Lc02Config,
@@ -66,7 +77,12 @@ impl Ask {
         Ask::NineCoils,
         Ask::Registers4,
         Ask::Registers8,
+        Ask::NineRegisters,
         Ask::Coils60,
+        Ask::NineCoils60,
+        Ask::Input,
+        Ask::Coils8,
+        Ask::Coil10,
         Ask::Identification,
         Ask::Diagnosis,
         Ask::AsciiFirmware(false),
@@ -80,9 +96,7 @@ impl Ask {
             Ask::R55Address | Ask::R55State => Protocol::R55,
             Ask::Lc02Config => Protocol::Lc02,
             Ask::AsciiName(_) | Ask::AsciiFirmware(_) => Protocol::Ascii,
-            Ask::Coils0 | Ask::NineCoils | Ask::Coils60 => Protocol::Rtu,
-            Ask::Registers4 | Ask::Registers8 => Protocol::Rtu,
-            Ask::Identification | Ask::Diagnosis => Protocol::Rtu,
+            _ => Protocol::Rtu,
         }
     }
 
@@ -99,7 +113,12 @@ impl Ask {
             Ask::NineCoils => "coils_0_9",
             Ask::Registers4 => "registers_4",
             Ask::Registers8 => "registers_8",
+            Ask::NineRegisters => "registers_9",
             Ask::Coils60 => "coils_60",
+            Ask::NineCoils60 => "coils_60_9",
+            Ask::Input => "input_0",
+            Ask::Coils8 => "coils_8",
+            Ask::Coil10 => "coil_10",
             Ask::Identification => "identification",
             Ask::Diagnosis => "diagnosis",
             Ask::AsciiFirmware(false) => "ascii_firmware",
@@ -129,45 +148,62 @@ impl Ask {
         }
     }
 
-    /// The question to one module; none where no module has that address, or where it would be
-    /// for all of them.
-    fn exchange(self, address: Address) -> Option<Exchange<'static>> {
-        let coils = |start, count| {
-            let span = rtu::BitSpan::new(start, count)?;
-            Some(rtu::Request::ReadCoils(span))
-        };
+    /// What it asks of a Modbus module.
+    fn modbus(self) -> Option<rtu::Request<'static>> {
+        let coils = |start, count| Some(rtu::Request::ReadCoils(rtu::BitSpan::new(start, count)?));
         let registers = |count| {
             let span = rtu::WordSpan::new(0, count)?;
             Some(rtu::Request::ReadHoldingRegisters(span))
         };
-        let request = match self {
-            Ask::R55Address if address == r55::BROADCAST => {
-                return Some(Exchange::r55(address, r55::Request::ReadAddress));
-            }
-            Ask::R55Address => return None,
-            Ask::R55State if address == r55::BROADCAST => return None,
-            Ask::R55State => return Some(Exchange::r55(address, r55::Request::ReadState)),
-            Ask::Lc02Config => return Some(Exchange::lc02(address, lc02::Request::ReadConfig)),
+        match self {
+            Ask::Coils0 => coils(0, 8),
+            Ask::NineCoils => coils(0, 9),
+            Ask::Coils60 => coils(60, 8),
+            Ask::NineCoils60 => coils(60, 9),
+            Ask::Coils8 => coils(8, 2),
+            Ask::Coil10 => coils(10, 1),
+            Ask::Input => rtu::BitSpan::new(0, 1).map(rtu::Request::ReadDiscreteInputs),
+            Ask::Registers4 => registers(4),
+            Ask::Registers8 => registers(8),
+            Ask::NineRegisters => registers(9),
+            Ask::Identification => Some(rtu::Request::Identify { code: 1, object: 0 }),
+            Ask::Diagnosis => Some(rtu::Request::Diagnose {
+                sub: rtu::diagnosis::REGISTER,
+                data: 0,
+            }),
+            Ask::R55Address
+            | Ask::R55State
+            | Ask::Lc02Config
+            | Ask::AsciiName(_)
+            | Ask::AsciiFirmware(_) => None,
+        }
+    }
+
+    /// The question that asks for this sign; none where a scan does not ask for it.
+    pub(super) fn of(sign: &Sign) -> Option<Ask> {
+        let mut all = Ask::ALL.into_iter();
+        all.find(|ask| ask.modbus() == Some(sign.request))
+    }
+
+    /// The question to one module; none where no module has that address, or where it would be
+    /// for all of them.
+    fn exchange(self, address: Address) -> Option<Exchange<'static>> {
+        let all = address == r55::BROADCAST;
+        match self {
+            Ask::R55Address => all.then(|| Exchange::r55(address, r55::Request::ReadAddress)),
+            Ask::R55State => (!all).then(|| Exchange::r55(address, r55::Request::ReadState)),
+            Ask::Lc02Config => Some(Exchange::lc02(address, lc02::Request::ReadConfig)),
             Ask::AsciiName(checksum) => {
-                return Some(Exchange::ascii(address, checksum, ascii::Request::ReadName));
+                Some(Exchange::ascii(address, checksum, ascii::Request::ReadName))
             }
             Ask::AsciiFirmware(checksum) => {
                 let request = ascii::Request::ReadFirmware;
-                return Some(Exchange::ascii(address, checksum, request));
+                Some(Exchange::ascii(address, checksum, request))
             }
-            _ if address == rtu::BROADCAST => return None,
-            Ask::Coils0 => coils(0, 8)?,
-            Ask::NineCoils => coils(0, 9)?,
-            Ask::Coils60 => coils(60, 8)?,
-            Ask::Registers4 => registers(4)?,
-            Ask::Registers8 => registers(8)?,
-            Ask::Identification => rtu::Request::Identify { code: 1, object: 0 },
-            Ask::Diagnosis => rtu::Request::Diagnose {
-                sub: rtu::diagnosis::REGISTER,
-                data: 0,
-            },
-        };
-        Some(Exchange::rtu(address, request))
+            _ => {
+                (address != rtu::BROADCAST).then(|| Some(Exchange::rtu(address, self.modbus()?)))?
+            }
+        }
     }
 }
 
@@ -228,8 +264,16 @@ impl Question {
     /// The silence before it.
     fn gap(&self) -> Micros {
         let slow = SLOW_ADDRESSES.contains(&self.address.0);
+        if let Ask::Registers8 | Ask::NineRegisters | Ask::Coils8 | Ask::Coil10 = self.ask {
+            // Whoever is asked so has shown that he is no ERC-8.
+            let gap = Family::Emd2a2q.profile().gap.unwrap_or(SLOW_GAP);
+            return gap.max(self.settings.t3_5());
+        }
         match self.ask.protocol() {
-            Protocol::Rtu if slow => SLOW_GAP.max(self.settings.t3_5()),
+            // Nine coils are asked only of those who answered eight, as neither does.
+            Protocol::Rtu if slow && self.ask != Ask::NineCoils => {
+                SLOW_GAP.max(self.settings.t3_5())
+            }
             Protocol::Rtu => GAP.max(self.settings.t3_5()),
             Protocol::Ascii | Protocol::Lc02 | Protocol::R55 => GAP,
         }
@@ -394,7 +438,7 @@ mod tests {
             made.contains(&(Ask::Registers4, 199, Ask::Registers8, 65)),
             "{made:?}"
         );
-        assert!(made.len() < 10 && pairs > 100_000, "{pairs} {made:?}");
+        assert!(made.len() < 20 && pairs > 100_000, "{pairs} {made:?}");
         let lone_cr = |frame: &Frame| make_command(frame.bytes(), &[ascii::CR]);
         assert!(!all.iter().any(|(_, frame)| lone_cr(frame)));
     }

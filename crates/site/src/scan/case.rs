@@ -1,11 +1,10 @@
 //! One module under inspection: it was heard, and is asked on until it is known what it is.
 
 use super::ask::{Ask, PATIENCE, Question};
-use super::identify::{Answer, follow_up};
+use super::identify::{Answer, follow_up, is_certain};
 use super::{Found, Met};
 use railbus_bus::Probed;
 use railbus_wire::{Instant, Micros};
-use std::collections::VecDeque;
 
 /// How often a module is asked whose reply is garbled.
 const TRIES: usize = 3;
@@ -31,7 +30,7 @@ pub(super) struct Case {
     /// How often the first question was asked in vain.
     vain: usize,
     /// Silent answers, and since when: each counts only when it is silent again.
-    unsure: VecDeque<(Ask, Instant)>,
+    unsure: Vec<(Ask, Instant)>,
     /// The present question was met by silence before.
     asks_again: bool,
     rtt: Micros,
@@ -64,7 +63,7 @@ impl Case {
             answers: Vec::new(),
             garbled: Vec::new(),
             vain: 0,
-            unsure: VecDeque::new(),
+            unsure: Vec::new(),
             asks_again: false,
             rtt: met.after,
         };
@@ -81,7 +80,7 @@ impl Case {
 
     /// How long it is waited for: some time more than it took before.
     pub(super) fn patience(&self) -> Micros {
-        let known = self.rtt * 2 + Micros::from_millis(10);
+        let known = self.rtt * 2 + Micros::from_millis(8);
         match self.answers.is_empty() {
             true => PATIENCE,
             false => known.max(PATIENCE_MIN).min(PATIENCE),
@@ -102,7 +101,7 @@ impl Case {
             Probed::Garbled | Probed::Silent if self.answers.is_empty() => self.vainly(now, met),
             Probed::Garbled | Probed::Silent => {
                 if !self.asks_again {
-                    self.unsure.push_back((self.next, now));
+                    self.unsure.push((self.next, now));
                     self.note(Vec::new());
                 }
                 self.go_on(now, AFTER_SILENCE)
@@ -159,13 +158,15 @@ impl Case {
 
     /// Asks once more what was met by silence; where nothing was, it is known what this is.
     fn make_sure(mut self) -> Turn {
-        let Some((ask, since)) = self.unsure.pop_front() else {
-            return self.found();
-        };
-        self.next = ask;
-        self.asks_again = true;
-        self.ready_at = since + AFTER_SILENCE;
-        Turn::Open(self)
+        while let Some((ask, since)) = self.unsure.pop() {
+            if !is_certain(self.asked, &self.answers, ask) {
+                self.next = ask;
+                self.asks_again = true;
+                self.ready_at = since + AFTER_SILENCE;
+                return Turn::Open(self);
+            }
+        }
+        self.found()
     }
 
     fn found(self) -> Turn {

@@ -1,17 +1,22 @@
 //! A module that was found, and what its answers amount to.
 
 use super::ask::{Ask, PATIENCE, Question};
-use super::identify::{Answer, Identity, describe, description, identify, state, version};
+use super::identify::{
+    Answer, Identity, describe, description, identify, rules_out, state, version,
+};
+use railbus_device::Family;
 use railbus_wire::{Micros, Protocol};
 
 /// What a module's answers amount to. Who was asked in vain is silent, and not told of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Verdict {
-    /// It answers as it should.
+    /// It answers as a module of a known family.
     Ok,
+    /// It answers as one of these families would, and nothing proves that it is one.
+    CouldBe,
     /// It answers no, which is a sign of life, too.
     Refused,
-    /// It answers, but not by any book that is known.
+    /// It answers, but as no module of a known family.
     Odd,
     /// Something is there, but its replies are spoilt, or there are two of them.
     Garbled,
@@ -23,6 +28,7 @@ impl Verdict {
     pub const fn name(self) -> &'static str {
         match self {
             Verdict::Ok => "ok",
+            Verdict::CouldBe => "could_be",
             Verdict::Refused => "refused",
             Verdict::Odd => "odd",
             Verdict::Garbled => "garbled",
@@ -111,7 +117,10 @@ impl Found {
     pub fn verdict(&self) -> Verdict {
         match &self.identity {
             _ if self.answers.is_empty() || self.twice => Verdict::Garbled,
-            Identity { model: Some(_), .. } => Verdict::Ok,
+            Identity {
+                family: Some(_), ..
+            } => Verdict::Ok,
+            is if !is.could_be.is_empty() => Verdict::CouldBe,
             Identity { refused: true, .. } => Verdict::Refused,
             Identity { .. } => Verdict::Odd,
         }
@@ -121,6 +130,11 @@ impl Found {
     #[must_use]
     pub fn description(&self) -> Option<String> {
         description(self.asked, &self.answers)
+    }
+
+    /// Whether its answers show that it is not of this family.
+    pub(super) fn rules_out(&self, family: Family) -> bool {
+        rules_out(self.asked, &self.answers, family)
     }
 
     /// What it is to be asked yet, so that it says of itself what it is, and how long it is waited
@@ -146,7 +160,6 @@ impl Found {
     /// What is known of it beyond its model.
     #[must_use]
     pub fn detail(&self) -> Detail {
-        use railbus_device::Family;
         if self.answers.is_empty() {
             let differ = self
                 .garbled

@@ -1,7 +1,7 @@
-//! What a module is, by what it answers: a table of facts of the datasheets.
+//! What a module is, by what it answers. What each family shows is data of its datasheet.
 
 use super::ask::{Ask, Question};
-use railbus_device::Family;
+use railbus_device::{Family, Reply, Sign};
 use railbus_wire::{Address, Protocol, Response, ascii, lc02, rtu};
 
 /// A question and the bytes that came back; none where it was silent.
@@ -14,84 +14,13 @@ pub struct Identity {
     pub family: Option<Family>,
     /// Its model, or the name that it gives itself.
     pub model: Option<String>,
-    /// It does not say what it is, but behaves so.
+    /// It does not say what it is, but behaves so, and as nothing else does.
     pub by_behaviour: bool,
+    /// The families that it could be: nothing that it answered rules them out, and nothing proves
+    /// them.
+    pub could_be: Vec<Family>,
     /// Nothing but refusals came back.
     pub refused: bool,
-}
-
-/// Whether a response shows the family at that address.
-type Shows = fn(Address, &Response<'_>) -> bool;
-
-/// How a family is known: it says so itself, or it behaves so.
-struct Rule {
-    ask: Ask,
-    shows: Shows,
-    family: Family,
-    by_behaviour: bool,
-}
-
-const RULES: &[Rule] = &[
-    // [EDA §3.7], and the same as two BCD bytes.
-    rule(
-        Ask::Lc02Config,
-        |_, r| model(r, [0x9060, 9060]),
-        Family::Eda9060a,
-    ),
-    rule(
-        Ask::Lc02Config,
-        |_, r| model(r, [0x9050, 9050]),
-        Family::Eda9050,
-    ),
-    // [EDA9060A §1.2]
-    rule(
-        Ask::AsciiName(false),
-        |_, r| name(r, "9060"),
-        Family::Eda9060a,
-    ),
-    rule(
-        Ask::AsciiName(true),
-        |_, r| name(r, "9060"),
-        Family::Eda9060a,
-    ),
-    rule(
-        Ask::AsciiName(false),
-        |_, r| name(r, "9050"),
-        Family::Eda9050,
-    ),
-    rule(
-        Ask::AsciiName(true),
-        |_, r| name(r, "9050"),
-        Family::Eda9050,
-    ),
-    // [EDA9060A §6.18]
-    rule(Ask::Registers4, is_eda9060a, Family::Eda9060a),
-    behaviour(
-        Ask::Registers8,
-        |address, r| words(r).is_some_and(|[_, at]| at == u16::from(address.0)),
-        Family::Emd2a2q,
-    ),
-    behaviour(Ask::Coils60, |_, r| is_bits(r), Family::Erc8),
-    // A 0x55 board tells neither its model nor how many relays it has.
-    behaviour(Ask::R55State, |_, _| true, Family::R55),
-];
-
-const fn rule(ask: Ask, shows: Shows, family: Family) -> Rule {
-    Rule {
-        ask,
-        shows,
-        family,
-        by_behaviour: false,
-    }
-}
-
-const fn behaviour(ask: Ask, shows: Shows, family: Family) -> Rule {
-    Rule {
-        ask,
-        shows,
-        family,
-        by_behaviour: true,
-    }
 }
 
 /// How a module took a question.
@@ -102,25 +31,117 @@ enum Took {
     Silent,
 }
 
+/// What the answers say of a family that gives itself no name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Case {
+    /// It is one: it refuses what only such a module refuses.
+    Proven,
+    /// Nothing rules it out, and something speaks for it.
+    Possible,
+    /// Nothing rules it out.
+    Open,
+    /// It is none.
+    RuledOut,
+}
+
 /// What is to be asked next of a module that has answered, to find out what it is; nothing where
 /// that is known, or can't be known.
 pub(super) fn follow_up(asked: Question, answers: &[Answer]) -> Option<Ask> {
-    let took = |ask: Ask| took(asked.with(ask), answers);
-    let unasked = |ask: Ask| took(ask).is_none().then_some(ask);
-    match asked.ask {
-        Ask::Coils0 if took(Ask::Coils0) == Some(Took::Answered) => match took(Ask::Registers4) {
-            None => Some(Ask::Registers4),
-            Some(Took::Silent) => unasked(Ask::NineCoils),
-            Some(_) => None,
-        },
-        Ask::Registers4 if shows(asked, answers, is_eda9060a) => None,
-        Ask::Coils0 | Ask::Registers4 => match took(Ask::Coils60) {
-            None => Some(Ask::Coils60),
-            Some(Took::Answered) => None,
-            Some(_) => unasked(Ask::Registers8),
-        },
-        _ => None,
+    if asked.ask.protocol() != Protocol::Rtu || says_so(asked, answers).is_some() {
+        return None;
     }
+    let unasked = |sign: Sign| {
+        let ask = Ask::of(&sign)?;
+        (!answers.iter().any(|(known, _)| *known == ask)).then_some(ask)
+    };
+    let open = |family: &Family| case(asked, answers, *family) != Case::RuledOut;
+    let mut families = UNNAMED.into_iter().filter(open);
+    families.find_map(|family| family.signs().find_map(unasked))
+}
+
+/// Whether a question that was met by silence need not be asked once more.
+pub(super) fn is_certain(asked: Question, answers: &[Answer], ask: Ask) -> bool {
+    // An EDA9060A has more coils than an EDA9050: it is none, whether it has registers or not.
+    let nine = took(asked.with(Ask::NineCoils), answers);
+    ask == Ask::Registers4 && nine == Some(Took::Silent)
+}
+
+/// The families that don't say over Modbus what they are, those with refusals first.
+const UNNAMED: [Family; 3] = [Family::Erc8, Family::Emd2a2q, Family::Eda9050];
+
+fn case(asked: Question, answers: &[Answer], family: Family) -> Case {
+    let (low, high) = family.profile().addresses;
+    if !(low..=high).contains(&asked.address.0) {
+        return Case::RuledOut;
+    }
+    let (mut all, mut refuses, mut speaks) = (true, false, false);
+    for sign in family.signs() {
+        let answer = Ask::of(&sign).and_then(|ask| shown(asked.with(ask), answers, &sign));
+        match answer {
+            Some(false) => return Case::RuledOut,
+            Some(true) => {
+                refuses |= sign.is_refusal();
+                speaks |= !sign.is_refusal() && !matches!(sign.reply, Reply::Silence);
+            }
+            None => all = false,
+        }
+    }
+    match (all && refuses, speaks) {
+        (true, _) => Case::Proven,
+        (false, true) => Case::Possible,
+        (false, false) => Case::Open,
+    }
+}
+
+/// Whether a sign was shown; none where it was not asked for, or nothing came that says so.
+fn shown(asked: Question, answers: &[Answer], sign: &Sign) -> Option<bool> {
+    let (_, bytes) = answers.iter().find(|(ask, _)| *ask == asked.ask)?;
+    let exchange = asked.exchange()?;
+    let reply = exchange.find_response(bytes).1.whole();
+    let reply = reply.as_ref().map(|reply| &reply.response);
+    sign.shown_by(asked.address, reply)
+}
+
+/// Whether the answers show that the module is not of this family.
+pub(super) fn rules_out(asked: Question, answers: &[Answer], family: Family) -> bool {
+    let is = identify(asked, answers).family;
+    match asked.ask.protocol() {
+        _ if is.is_some() => is != Some(family),
+        Protocol::Rtu if family == Family::Eda9060a => {
+            took(asked.with(Ask::Registers4), answers) == Some(Took::Answered)
+                && says_so(asked, answers).is_none()
+        }
+        Protocol::Rtu => case(asked, answers, family) == Case::RuledOut,
+        Protocol::Ascii | Protocol::Lc02 => {
+            took(asked, answers) == Some(Took::Answered) && says_so(asked, answers).is_none()
+        }
+        Protocol::R55 => false,
+    }
+}
+
+/// The family that a module says that it is of.
+fn says_so(asked: Question, answers: &[Answer]) -> Option<Family> {
+    let name = |response: &Response<'_>| match response {
+        Response::Ascii(ascii::Response::Text(name)) => Family::of_name(name.bytes()),
+        Response::Lc02(lc02::Response::Config { model, .. }) => Family::of_number(*model),
+        // The number, and its own address [EDA9060A §6.18].
+        Response::Rtu(rtu::Response::Words(words)) => {
+            let [address, _] = words.get(1)?.to_be_bytes();
+            let family = Family::of_number(words.get(0)?);
+            family.filter(|is| *is == Family::Eda9060a && address == asked.address.0)
+        }
+        _ => None,
+    };
+    let asks = [
+        Ask::Lc02Config,
+        Ask::AsciiName(false),
+        Ask::AsciiName(true),
+        Ask::Registers4,
+    ];
+    let mut said = asks
+        .into_iter()
+        .map(|ask| response(asked.with(ask), answers, name));
+    said.find_map(Option::flatten)
 }
 
 /// What a module that was found is to be asked yet, so that it says of itself what it is. A module
@@ -167,36 +188,43 @@ pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
         family: Some(family),
         model: Some(family.to_string()),
         by_behaviour,
-        refused: false,
+        ..Identity::default()
     };
-    let shown = |rule: &&Rule| shows(asked.with(rule.ask), answers, rule.shows);
-    if let Some(rule) = RULES.iter().find(shown) {
-        return known(rule.family, rule.by_behaviour);
+    if let Some(family) = says_so(asked, answers) {
+        return known(family, false);
     }
-    // An EDA9050 has eight coils, answers them, and is silent to all else [EDA9050 §5.1].
+    // A 0x55 board tells neither its model nor how many relays it has.
+    if took(asked.with(Ask::R55State), answers) == Some(Took::Answered) {
+        return known(Family::R55, true);
+    }
+    let is = |wanted: Case| move |family: &Family| case(asked, answers, *family) == wanted;
+    if let Some(family) = UNNAMED.into_iter().find(is(Case::Proven)) {
+        return known(family, true);
+    }
     let took = |ask: Ask| took(asked.with(ask), answers);
-    let silent = |ask: Ask| took(ask) == Some(Took::Silent);
     let any = |wanted: Took| {
         let mut asks = answers.iter().map(|(ask, _)| *ask);
         asks.any(|ask| !ask.is_description() && took(ask) == Some(wanted))
     };
-    let has_coils = took(Ask::Coils0) == Some(Took::Answered);
-    if has_coils && silent(Ask::Registers4) && silent(Ask::NineCoils) {
-        return known(Family::Eda9050, true);
-    }
     Identity {
         family: None,
         model: named(asked, answers),
         by_behaviour: false,
+        could_be: UNNAMED.into_iter().filter(is(Case::Possible)).collect(),
         refused: any(Took::Refused) && !any(Took::Answered),
     }
 }
 
 /// The version that an EMD-2A2Q has in its first register [EMD-2A2Q §4.1].
 pub(super) fn version(asked: Question, answers: &[Answer]) -> Option<u16> {
-    response(asked.with(Ask::Registers8), answers, |response| {
-        words(response).map(|[version, _]| version)
-    })
+    response(
+        asked.with(Ask::Registers8),
+        answers,
+        |response| match response {
+            Response::Rtu(rtu::Response::Words(words)) => words.get(0),
+            _ => None,
+        },
+    )
     .flatten()
 }
 
@@ -242,11 +270,6 @@ fn took(asked: Question, answers: &[Answer]) -> Option<Took> {
     })
 }
 
-fn shows(asked: Question, answers: &[Answer], look: Shows) -> bool {
-    let shown = |response: &Response<'_>| !is_refusal(response) && look(asked.address, response);
-    response(asked, answers, shown).unwrap_or_default()
-}
-
 /// The name that a module of no known family gives itself.
 fn named(asked: Question, answers: &[Answer]) -> Option<String> {
     let name = |response: &Response<'_>| match response {
@@ -255,38 +278,6 @@ fn named(asked: Question, answers: &[Answer]) -> Option<String> {
     };
     let mut asks = [Ask::AsciiName(false), Ask::AsciiName(true)].into_iter();
     asks.find_map(|ask| response(asked.with(ask), answers, name).flatten())
-}
-
-fn is_eda9060a(address: Address, response: &Response<'_>) -> bool {
-    words(response).is_some_and(|[model, at]| {
-        [0x9060, 9060].contains(&model) && at >> 8 == u16::from(address.0)
-    })
-}
-
-fn model(response: &Response<'_>, wanted: [u16; 2]) -> bool {
-    let model = match response {
-        Response::Lc02(lc02::Response::Config { model, .. }) => *model,
-        _ => return false,
-    };
-    wanted.contains(&model)
-}
-
-fn name(response: &Response<'_>, wanted: &str) -> bool {
-    match response {
-        Response::Ascii(ascii::Response::Text(text)) => text.as_str().starts_with(wanted),
-        _ => false,
-    }
-}
-
-fn words(response: &Response<'_>) -> Option<[u16; 2]> {
-    match response {
-        Response::Rtu(rtu::Response::Words(words)) => Some([words.get(0)?, words.get(1)?]),
-        _ => None,
-    }
-}
-
-const fn is_bits(response: &Response<'_>) -> bool {
-    matches!(response, Response::Rtu(rtu::Response::Bits(_)))
 }
 
 const fn is_refusal(response: &Response<'_>) -> bool {

@@ -578,7 +578,7 @@ impl Scanner {
         let mut known = self.scope.known.iter();
         if let Some(known) = known.find(|known| found.answers_to(&known.question())) {
             found.known = Some(known.name.clone());
-            found.differs = found.identity.family.is_some_and(|is| is != known.family)
+            found.differs = found.rules_out(known.family)
                 || found.checksum().is_some_and(|is| is != known.checksum);
         }
         found.twice |= self.twice.iter().any(|question| found.answers_to(question));

@@ -4,3 +4,4 @@
 mod bench;
 mod changes;
 mod cuts;
+mod strangers;

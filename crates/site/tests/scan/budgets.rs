@@ -71,7 +71,12 @@ fn expected(modules: &[(Setup, u64)]) -> Vec<String> {
         let checksum = if setup.checksum { " sum" } else { "" };
         let (settings, address) = (setup.serial, setup.address.0);
         let (protocol, family) = (setup.protocol, setup.family);
-        format!("{settings} {address:03} {protocol}{checksum} {family} ok")
+        let model = match (family, protocol) {
+            // Nothing that it shows proves it.
+            (Family::Eda9050, Protocol::Rtu) => "? could_be".to_owned(),
+            _ => format!("{family} ok"),
+        };
+        format!("{settings} {address:03} {protocol}{checksum} {model}")
     };
     let mut all: Vec<String> = modules.iter().map(told).collect();
     all.sort();
@@ -90,7 +95,9 @@ fn within(ran: &Ran, modules: &[(Setup, u64)], budget: Micros) {
     for (elapsed, left) in &ran.estimates {
         let end = (elapsed.0 + left.0) as f64 / 1e6;
         if elapsed.0 as f64 / 1e6 > took / 2.0 {
-            assert!((end / took - 1.0).abs() < 0.12, "{end} s of {took} s");
+            // What a module is asked once it is found is not foreseen: here half of the addresses
+            // have one that says over Modbus what it is only by several answers.
+            assert!((end / took - 1.0).abs() < 0.16, "{end} s of {took} s");
         }
     }
 }

@@ -299,7 +299,11 @@ fn modules_say_what_they_are_where_they_can() {
         says.sort();
         assert_eq!(says, wanted);
         assert!(
-            ran.found.iter().all(|found| found.ends_with("ok")),
+            ran.all.iter().all(|found| match found.verdict() {
+                Verdict::Ok => true,
+                // Over Modbus nothing proves an EDA9050.
+                verdict => verdict == Verdict::CouldBe && [9, 10].contains(&found.asked.address.0),
+            }),
             "{:?}",
             ran.found
         );

@@ -4,3 +4,4 @@
 mod bench;
 mod budgets;
 mod honest;
+mod strangers;

@@ -57,11 +57,8 @@ impl<'c> Driver<'c> {
             settings,
             echo: EchoMode::Auto,
         };
-        let mut stop = Stop::new(context)?;
+        let stop = Stop::new(context)?;
         let borrowed = borrow(context, &at.port).await?;
-        if let Some(borrowed) = &borrowed {
-            stop.when(borrowed.over());
-        }
         let talk = Talk::open(port, settings).await.map_err(|error| {
             let failure = port_failure(context, &at, &error);
             match error {

@@ -1,12 +1,13 @@
 //! What was found is written into the configuration, where the user wants it.
 
 use super::texts::ScanText;
+use super::wish::Wanted;
 use crate::commands::Context;
 use crate::commands::place::Place;
 use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::render::out;
-use railbus_device::Setup;
+use railbus_device::{Family, Setup};
 use railbus_site::Config;
 use railbus_site::config::add::{NewLine, free_name, with_modules};
 use railbus_site::config::edit;
@@ -22,7 +23,7 @@ pub(super) fn add(
     context: &Context,
     place: &Place,
     found: &[Found],
-    yes: bool,
+    wanted: &Wanted,
 ) -> Result<(), Failure> {
     let lang = context.lang;
     let failed = |file: &Path, why: &dyn std::fmt::Display| {
@@ -41,7 +42,7 @@ pub(super) fn add(
         .then(|| place.line.clone());
     let name = named.or_else(|| by_port.into_iter().next());
     let name = name.unwrap_or_else(|| line_name(&config, &place.line));
-    let modules = new_modules(&config, &name, found);
+    let modules = new_modules(&config, &name, found, wanted.model);
     if modules.is_empty() {
         context.note(lang.get(ScanText::NothingNew));
         return Ok(());
@@ -53,7 +54,7 @@ pub(super) fn add(
     };
     let after = with_modules(&before, line, &modules);
     let after = after.ok_or_else(|| failed(&file, &lang.get(ScanText::NotRightText)))?;
-    if !yes && !confirmed(context, &file, &before, &after)? {
+    if !wanted.yes && !confirmed(context, &file, &before, &after)? {
         context.note(lang.get(ScanText::NotWritten));
         return Ok(());
     }
@@ -93,12 +94,19 @@ fn line_name(config: &Config, line: &str) -> String {
 }
 
 /// Those of a known family, at addresses that nothing of the file has.
-fn new_modules(config: &Config, line: &str, found: &[Found]) -> Vec<(String, Setup)> {
+fn new_modules(
+    config: &Config,
+    line: &str,
+    found: &[Found],
+    model: Option<Family>,
+) -> Vec<(String, Setup)> {
     let mut modules: Vec<(String, Setup)> = Vec::new();
     let mut sorted: Vec<&Found> = found.iter().collect();
     sorted.sort_by_key(|found| found.asked.address);
     for found in sorted {
-        let Some(setup) = setup(found) else { continue };
+        let Some(setup) = setup(found, model) else {
+            continue;
+        };
         let same =
             |other: &Setup| other.address == setup.address && other.protocol == setup.protocol;
         let is_known = config
@@ -111,12 +119,16 @@ fn new_modules(config: &Config, line: &str, found: &[Found]) -> Vec<(String, Set
     modules
 }
 
-/// What the configuration would say of it.
-pub(crate) fn setup(found: &Found) -> Option<Setup> {
-    let family = found
-        .identity
-        .family
-        .filter(|_| found.verdict() == Verdict::Ok)?;
+/// What the configuration would say of it. What could be several is what the user says, if it could
+/// be that.
+pub(crate) fn setup(found: &Found, model: Option<Family>) -> Option<Setup> {
+    let identity = &found.identity;
+    let family = match found.verdict() {
+        Verdict::Ok => identity.family,
+        Verdict::CouldBe => model.filter(|model| identity.could_be.contains(model)),
+        Verdict::Refused | Verdict::Odd | Verdict::Garbled => None,
+    };
+    let family = family?;
     let setup = Setup {
         protocol: found.protocol(),
         serial: found.asked.settings,

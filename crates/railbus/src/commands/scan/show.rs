@@ -9,6 +9,7 @@ use crate::i18n::Lang;
 use crate::render::records::{self, Records};
 use crate::render::table::Table;
 use crate::render::{Format, hex, out, time, width};
+use railbus_device::Family;
 use railbus_site::scan::{Answer, Ask, Depth, Detail, Found, LeftOut, Question, Scanner, Verdict};
 use railbus_wire::{Frame, Micros, Protocol};
 use serde_json::{Value, json};
@@ -205,6 +206,12 @@ impl<'c> Live<'c> {
         {
             note(lang.get(ScanText::NextAdd));
         }
+        let unsure = found.iter().filter(|found| found.known.is_none());
+        for (found, model) in unsure.filter_map(|found| Some((found, *could_be(found).first()?))) {
+            let values: &[(&str, &dyn Display)] =
+                &[("addr", &found.asked.address.0), ("model", &model)];
+            note(&lang.fill(ScanText::NextModel, values));
+        }
         for conflict in conflicts {
             let addr = conflict.asked.address.0;
             note(&lang.fill(ScanText::NextRecover, &[("addr", &addr)]));
@@ -262,6 +269,7 @@ fn row(place: &Place, found: &Found) -> Value {
         "proto": found.protocol().name(),
         "model": found.identity.model,
         "by_behaviour": found.identity.by_behaviour,
+        "could_be": could_be(found),
         "baud": found.asked.settings.baud.rate(),
         "parity": format.chars().nth(1).map(|parity| parity.to_ascii_lowercase()),
         "format": format,
@@ -276,6 +284,12 @@ fn row(place: &Place, found: &Found) -> Value {
         row["says"] = says.into();
     }
     row
+}
+
+/// The models that it could be, as the configuration calls them.
+pub(crate) fn could_be(found: &Found) -> Vec<&'static str> {
+    let families = found.identity.could_be.iter();
+    families.map(|family| family.name()).collect()
 }
 
 /// What it was asked, and what came back.
@@ -328,13 +342,22 @@ fn cells(lang: Lang, found: &Found, speeds: bool) -> Vec<String> {
         true => "–".to_owned(),
         false => time::duration(lang, found.rtt.0.div_ceil(1_000)),
     };
-    let verdict = lang.get(match found.verdict() {
+    let models: Vec<String> = found
+        .identity
+        .could_be
+        .iter()
+        .map(Family::to_string)
+        .collect();
+    let models = models.join(lang.of([", ", "、"]));
+    let verdict = match found.verdict() {
         Verdict::Ok if found.identity.by_behaviour => ScanText::VerdictBehaves,
         Verdict::Ok => ScanText::VerdictOk,
+        Verdict::CouldBe => ScanText::VerdictCouldBe,
         Verdict::Refused => ScanText::VerdictRefused,
         Verdict::Odd => ScanText::VerdictOdd,
         Verdict::Garbled => ScanText::VerdictGarbled,
-    });
+    };
+    let verdict = lang.fill(verdict, &[("models", &models)]);
     let speed = speeds.then(|| found.asked.settings.to_string());
     let rest = [
         found.asked.address.to_string(),
@@ -342,7 +365,7 @@ fn cells(lang: Lang, found: &Found, speeds: bool) -> Vec<String> {
         model.unwrap_or_else(|| "?".to_owned()),
         detail(lang, found),
         rtt,
-        verdict.to_owned(),
+        verdict,
     ];
     speed.into_iter().chain(rest).collect()
 }

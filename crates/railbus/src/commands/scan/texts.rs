@@ -37,8 +37,8 @@ crate::texts::texts! {
     }
     Follow { en: "Shows each module as soon as it is found", zh: "每发现一个模块立即显示" }
     Add {
-        en: "Writes what is found to railbus.toml, after asking",
-        zh: "将发现的模块写入 railbus.toml（先询问）",
+        en: "Writes what is found to railbus.toml, after asking; uncertain ones with --model",
+        zh: "将发现的模块写入 railbus.toml（先询问）；型号不确定的须加 --model",
     }
     Yes { en: "Writes without asking", zh: "不询问直接写入" }
     Resume { en: "Goes on with a scan that was broken off", zh: "继续中断的扫描" }
@@ -79,6 +79,10 @@ crate::texts::texts! {
     }
     NextAdd { en: "next:  railbus scan --add                  writes these to railbus.toml",
         zh: "下一步：railbus scan --add                  写入 railbus.toml" }
+    NextModel {
+        en: "next:  railbus scan --addr {addr} --add --model {model}    if its label says so",
+        zh: "下一步：railbus scan --addr {addr} --add --model {model}    若铭牌上是此型号",
+    }
     NextRecover {
         en: "next:  railbus config recover --addr {addr}    separates two on one address",
         zh: "下一步：railbus config recover --addr {addr}    分开地址相同的两个模块",
@@ -103,7 +107,8 @@ crate::texts::texts! {
     VerdictOk { en: "ok", zh: "正常" }
     VerdictBehaves { en: "ok (by behaviour)", zh: "正常（按行为判断）" }
     VerdictRefused { en: "refused: it is there but answers no", zh: "拒绝：在线但不执行" }
-    VerdictOdd { en: "odd: it answers, not by the book", zh: "异常：应答与手册不符" }
+    VerdictCouldBe { en: "could be {models}: nothing proves it", zh: "可能是 {models}，无法证实" }
+    VerdictOdd { en: "stranger: no model that railbus knows", zh: "未知模块：不是 railbus 支持的型号" }
     VerdictGarbled {
         en: "garbled: two modules on one address?",
         zh: "损坏：两个模块地址相同？",

@@ -6,6 +6,7 @@ use crate::commands::place::Place;
 use crate::commands::{Context, context};
 use crate::i18n::Lang;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command};
+use railbus_device::Family;
 use railbus_host::LineName;
 use railbus_site::scan::{Depth, Wish};
 use railbus_wire::{Baud, Character, Micros, Protocol};
@@ -82,6 +83,8 @@ pub(super) struct Wanted {
     pub(super) follow: bool,
     pub(super) add: bool,
     pub(super) yes: bool,
+    /// What those are taken for that could be it.
+    pub(super) model: Option<Family>,
     pub(super) resume: bool,
     pub(super) max_time: Option<Micros>,
 }
@@ -134,6 +137,9 @@ impl Wanted {
             follow: flag("follow"),
             add: flag("add"),
             yes: flag("yes"),
+            model: matches
+                .get_one::<String>("model")
+                .and_then(|name| Family::from_name(name)),
             resume: flag("resume"),
             max_time: matches.get_one("max-time").copied(),
         }

@@ -50,29 +50,19 @@ pub(super) async fn journal(wish: &Wish) -> Result<Store, Problem> {
     store.map_err(|error| store_failure(wish.lang, &folder, &error).to_problem())
 }
 
-/// Does something on a line that nobody else has meanwhile. When the loan is over, the operation
-/// ends as if somebody had asked for that: where it is safe to stop.
+/// Does something on a line that nobody else has meanwhile.
 pub(super) async fn on_loan<T>(
-    (site, op): (&Site, &Op),
+    site: &Site,
     service: &Service,
     line: &str,
     work: impl Future<Output = Result<T, Problem>>,
 ) -> Result<T, Problem> {
     let loan = service.lend(line).await;
     let loan = loan.map_err(|failure| failures::of_line(service, line, &failure))?;
-    let mut work = pin!(work);
-    let end = tokio::select! {
-        end = &mut work => end,
-        () = tokio::time::sleep_until(loan.until()) => {
-            op.end_early();
-            work.await
-        }
-    };
+    let end = work.await;
     // At the end of the daemon there is nothing to give back.
-    let is_ending = *site.stop.borrow();
-    match is_ending {
-        true => loan.leave(),
-        false => site.desk.take_back(loan, service).await,
+    if !*site.stop.borrow() {
+        site.desk.take_back(loan, service).await;
     }
     end
 }

@@ -1,0 +1,174 @@
+//! What a module is known by: the name it gives itself, and where it gives none over Modbus, reads
+//! of which its datasheet says what comes of them.
+//!
+//! That somebody answers what a family answers proves nothing: many boards have eight coils there.
+//! A family is known only by what it *refuses*, too.
+
+use crate::{Family, emd2a2q, erc8};
+use railbus_wire::rtu::{self, BitSpan, Exception, Request, WordSpan};
+use railbus_wire::{Address, Response};
+
+/// The names that modules give themselves, whole: they have them with or without the letter
+/// [EDA9060A §1.2, EDA9050 §1.2]. Many DCON modules have one that begins alike.
+const NAMES: [(&[u8], Family); 3] = [
+    (b"9060", Family::Eda9060a),
+    (b"9060A", Family::Eda9060a),
+    (b"9050", Family::Eda9050),
+];
+
+/// The model numbers, in BCD and in binary [EDA9060A §1.3, EDA9050 §1.3].
+const NUMBERS: [(u16, Family); 4] = [
+    (0x9060, Family::Eda9060a),
+    (9060, Family::Eda9060a),
+    (0x9050, Family::Eda9050),
+    (9050, Family::Eda9050),
+];
+
+/// A read, and what the datasheet says that comes of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Sign {
+    /// What is asked.
+    pub request: Request<'static>,
+    /// What comes.
+    pub reply: Reply,
+}
+
+/// What comes of a read.
+#[derive(Clone, Copy, Debug)]
+pub enum Reply {
+    /// It is answered.
+    Answer,
+    /// It is answered with registers that can be those of a module at that address.
+    Registers(fn(Address, &railbus_wire::Words<'_>) -> bool),
+    /// It is refused, with this exception and no other.
+    Refusal(Exception),
+    /// Nothing.
+    Silence,
+}
+
+impl Sign {
+    /// `count` coils from `start`, and what comes of it.
+    pub(crate) const fn coils(start: u16, count: u16, reply: Reply) -> Option<Sign> {
+        match BitSpan::new(start, count) {
+            Some(span) => Some(Sign {
+                request: Request::ReadCoils(span),
+                reply,
+            }),
+            None => None,
+        }
+    }
+
+    /// The same of discrete inputs.
+    pub(crate) const fn inputs(start: u16, count: u16, reply: Reply) -> Option<Sign> {
+        match BitSpan::new(start, count) {
+            Some(span) => Some(Sign {
+                request: Request::ReadDiscreteInputs(span),
+                reply,
+            }),
+            None => None,
+        }
+    }
+
+    /// The same of holding registers.
+    pub(crate) const fn registers(start: u16, count: u16, reply: Reply) -> Option<Sign> {
+        match WordSpan::new(start, count) {
+            Some(span) => Some(Sign {
+                request: Request::ReadHoldingRegisters(span),
+                reply,
+            }),
+            None => None,
+        }
+    }
+
+    /// Whether what came is what the datasheet says; none where nothing came that shows anything:
+    /// a reply may be lost, and exception 08 is a spoilt request [ERC-8 §5.5, EMD-2A2Q §6.7].
+    #[must_use]
+    pub fn shown_by(&self, address: Address, response: Option<&Response<'_>>) -> Option<bool> {
+        let refused = match response {
+            Some(Response::Rtu(rtu::Response::Exception(why))) => Some(*why),
+            _ => None,
+        };
+        if refused == Some(Exception::CHECKSUM) {
+            return None;
+        }
+        match (&self.reply, response) {
+            (Reply::Silence, came) => Some(came.is_none()),
+            (_, None) => None,
+            (Reply::Refusal(why), _) => Some(refused == Some(*why)),
+            (Reply::Answer, _) => Some(refused.is_none()),
+            (Reply::Registers(fit), Some(Response::Rtu(rtu::Response::Words(words)))) => {
+                Some(fit(address, words))
+            }
+            (Reply::Registers(_), _) => Some(false),
+        }
+    }
+
+    /// Whether nobody who merely has more than the module would show it.
+    #[must_use]
+    pub const fn is_refusal(&self) -> bool {
+        matches!(self.reply, Reply::Refusal(_))
+    }
+}
+
+impl Family {
+    /// The family whose modules give themselves this name.
+    #[must_use]
+    pub fn of_name(name: &[u8]) -> Option<Family> {
+        let mut names = NAMES.into_iter();
+        names.find_map(|(known, family)| (known == name).then_some(family))
+    }
+
+    /// The family whose modules have this model number.
+    #[must_use]
+    pub fn of_number(number: u16) -> Option<Family> {
+        let mut numbers = NUMBERS.into_iter();
+        numbers.find_map(|(known, family)| (known == number).then_some(family))
+    }
+
+    /// What a module of the family shows over Modbus that gives itself no name; nothing of those
+    /// that do.
+    pub fn signs(self) -> impl Iterator<Item = Sign> {
+        let signs: &[Option<Sign>] = match self {
+            Family::Erc8 => &erc8::SIGNS,
+            Family::Emd2a2q => &emd2a2q::SIGNS,
+            Family::Eda9050 => &EDA9050,
+            Family::Eda9060a | Family::R55 => &[],
+        };
+        signs.iter().copied().flatten()
+    }
+}
+
+/// An EDA9050 refuses nothing, and is silent to what it lacks, as many a board is: nothing that it
+/// shows proves it [EDA9050 §5.1, §5.2, §5.3, §5.7].
+const EDA9050: [Option<Sign>; 5] = [
+    Sign::coils(0, 8, Reply::Answer),
+    Sign::registers(0, 4, Reply::Silence),
+    Sign::coils(0, 9, Reply::Silence),
+    Sign::inputs(0, 7, Reply::Answer),
+    Sign::inputs(0, 8, Reply::Silence),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_compared_whole() {
+        assert_eq!(Family::of_name(b"9060A"), Some(Family::Eda9060a));
+        for other in [&b"9060D"[..], b"9060AD", b"906", b"9050D", b"", b"4060"] {
+            assert_eq!(Family::of_name(other), None);
+        }
+        assert_eq!(Family::of_number(0x235A), Some(Family::Eda9050));
+        assert_eq!(Family::of_number(0x6000), None);
+    }
+
+    #[test]
+    fn only_what_is_refused_proves_a_family() {
+        let proven = Family::ALL.map(|family| family.signs().any(|sign| sign.is_refusal()));
+        assert_eq!(proven, [false, false, true, false, true]);
+        // None of the tables' reads is out of range.
+        assert_eq!(Family::Erc8.signs().count(), erc8::SIGNS.len());
+        assert_eq!(Family::Emd2a2q.signs().count(), emd2a2q::SIGNS.len());
+        assert_eq!(Family::Eda9050.signs().count(), EDA9050.len());
+    }
+}
