@@ -60,10 +60,11 @@ def suites(words):
     import plain
     import pymodbus_suite
     import slaves_suite
+    import strangers_suite
 
     libmodbus_suite.build()
     lists = (pymodbus_suite, plain, libmodbus_suite, mbpoll_suite, demo_suite)
-    lists += (slaves_suite,)
+    lists += (slaves_suite, strangers_suite)
     return chosen(lists, words)
 
 
