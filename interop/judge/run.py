@@ -33,8 +33,6 @@ from trials import TRIALS
 # commands, faults and events are left out of the soak with it. The run names them.
 KNOWN_UNMENDED = {
     "beside a pulse": ("a timed output loses its end beside another command", ("pulse", "lease")),
-    "one echo": ("one echoed request is taken for an adapter that echoes", ("once", "master")),
-    "late echo": ("what an echo acknowledged is not taken back", ()),
     "takeover": ("a takeover is told before it is durable", ()),
     "lease over a kill": ("until when a lease is held is not kept", ()),
     "key over a kill": ("keys are kept in memory", ()),
