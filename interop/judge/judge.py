@@ -9,6 +9,8 @@ import collections
 END_MAX = 4.0
 # A timed end may come so much earlier than told: what is rounded.
 EARLY = 0.012
+# A command ends by itself after so long: five seconds to be sent, and as many to be read back.
+UNANSWERED_MAX = 10.0
 # A value may be known for so long before a command says that it was so before.
 BEFORE_MAX = 2.5
 # After a reply that this machine itself sent too late, and after a reading by another master,
@@ -54,12 +56,21 @@ class Judge:
         self.over = float("inf")
         self._by_relay = collections.defaultdict(list)
         for claim in book.claims:
+            if not claim.answered:
+                claim.until = self._given_up(claim)
             for part in claim.parts:
                 self._by_relay[part.relay].append((claim, part))
         for claims in self._by_relay.values():
             claims.sort(key=lambda both: both[0].since)
         self._times = {relay: [change[0] for change in changes]
                        for relay, changes in world.changes.items()}
+
+    def _given_up(self, claim):
+        """Until when a command may go on whose client got no answer: as long as the daemon lived,
+        which ends in order what it has begun, or as a command does at most."""
+        at_most = claim.until + UNANSWERED_MAX
+        ends = [life[2] for life in self.lives if life[0] <= claim.until and life[2]]
+        return max(claim.until, min([at_most, *(end for end in ends if end >= claim.since)]))
 
     # What was so ---------------------------------------------------------------------------
 
@@ -233,13 +244,18 @@ class Judge:
             return act.lo <= self.calm_after(part.relay, due, END_MAX)
         if act.hi < claim.since + claim.seconds - EARLY:
             return False
-        renewed = [(other, own) for other, own in self._by_relay[part.relay]
-                   if other.kind == "lease" and other.is_done_or_renewed(own)
-                   and other.until < act.lo and other.since + other.seconds - EARLY > act.hi
-                   and own.want == part.want and claim.kind == "lease"]
-        if renewed:
+        if claim.kind == "lease" and self._is_leased(act, claim, part):
             return False
         return act.lo <= self.calm_after(part.relay, due, END_MAX)
+
+    def _is_leased(self, act, claim, part):
+        """Whether the lease holds still, by its last renewal; of several at once by all of them."""
+        same = [other for other, own in self._by_relay[part.relay]
+                if other.kind == "lease" and own.want == part.want and other.until < act.lo
+                and other.since >= claim.since and other.is_done_or_renewed(own)]
+        newest = max((other.since for other in same), default=0.0)
+        last = [other for other in same if other.until >= newest]
+        return bool(last) and all(o.since + o.seconds - EARLY > act.hi for o in last)
 
     def _twice(self, relay):
         """Each toggle and each pulse of the module has a command of its own."""

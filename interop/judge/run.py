@@ -32,9 +32,6 @@ from trials import TRIALS
 # What is known to be false and not mended yet, by the name of its trial: why, and which kinds of
 # commands, faults and events are left out of the soak with it. The run names them.
 KNOWN_UNMENDED = {
-    "beside a pulse": ("a timed output loses its end beside another command", ("pulse", "lease")),
-    "takeover": ("a takeover is told before it is durable", ()),
-    "lease over a kill": ("until when a lease is held is not kept", ()),
     "key over a kill": ("keys are kept in memory", ()),
 }
 

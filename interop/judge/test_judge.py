@@ -113,6 +113,11 @@ class Lies(unittest.TestCase):
         self.lie(Told().acts(10.5, True).says("set", True, 10, 10.2, MAY_HAVE, 504), "nobody's")
         self.lie(Told().acts(10.1, False).says("set", True, 10, 10.2, MAY_HAVE, 504), "nobody's")
 
+    def test_a_command_ends_with_the_daemon_that_was_told_to_stop(self):
+        lives = [[0.0, 10.2, 11.0, "TERM"], [11.1, None, None, ""]]
+        self.true(Told(lives).acts(10.8, True).says("set", True, 10, 10.3, None))
+        self.lie(Told(lives).acts(11.5, True).says("set", True, 10, 10.3, None), "nobody's")
+
     def test_toggled_twice(self):
         once = Told().acts(10.1, True, "toggle")
         once.says("toggle", None, 10, 10.2, reply(True), is_raw=True)
@@ -180,6 +185,10 @@ class Lies(unittest.TestCase):
             return told.acts(end, False)
         self.true(leased(12.42), left=True)
         self.lie(leased(10.8), "nobody's")
+        shorter = leased(10.8)
+        renewed = {"value": True, "renewed": True}
+        shorter.says("lease", True, 10.5, 10.51, renewed, seconds=0.25, by="host")
+        self.true(shorter, left=True)
         self.lie(leased(19.0), "end", "nobody's")
 
     def test_what_this_machine_spoilt_is_not_judged(self):
