@@ -3,6 +3,8 @@
 mod codes;
 mod exits;
 pub(crate) mod findings;
+#[cfg(test)]
+mod outlets;
 mod problem;
 
 pub(crate) use codes::{Code, Page};
@@ -28,6 +30,15 @@ pub(crate) struct Failure {
     likely: bool,
     tries: Vec<String>,
     facts: Map<String, Value>,
+    /// What may still have taken effect, if anything.
+    perhaps: Option<Box<Perhaps>>,
+}
+
+/// What of a command may still have taken effect.
+#[derive(Debug)]
+enum Perhaps {
+    Whole,
+    Parts(Vec<String>),
 }
 
 impl Failure {
@@ -39,6 +50,7 @@ impl Failure {
             likely: false,
             tries: Vec::new(),
             facts: Map::new(),
+            perhaps: None,
         }
     }
 
@@ -70,6 +82,25 @@ impl Failure {
     pub(crate) fn with_fact(mut self, key: &str, value: impl Into<Value>) -> Failure {
         self.facts.insert(key.to_owned(), value.into());
         self
+    }
+
+    /// Says, where it is so, that the command may still have taken effect.
+    pub(crate) fn perhaps_acted(mut self, perhaps: bool) -> Failure {
+        if perhaps && self.perhaps.is_none() {
+            self.perhaps = Some(Box::new(Perhaps::Whole));
+        }
+        self
+    }
+
+    /// The same of these parts of it, and of no others.
+    pub(crate) fn perhaps_acted_on(mut self, parts: Vec<String>) -> Failure {
+        self.perhaps = (!parts.is_empty()).then(|| Box::new(Perhaps::Parts(parts)));
+        self
+    }
+
+    /// Whether the command may still have taken effect.
+    pub(crate) const fn may_have_acted(&self) -> bool {
+        self.perhaps.is_some()
     }
 
     pub(crate) const fn code(&self) -> Code {
@@ -111,10 +142,28 @@ impl Failure {
         error.insert("exit".to_owned(), self.code.exit().into());
         error.insert("message".to_owned(), self.message.as_str().into());
         error.insert("hint".to_owned(), self.hints(lang).into());
-        if !self.why.is_empty() {
-            error.insert("why".to_owned(), self.why.clone().into());
+        if self.may_have_acted() {
+            error.insert("may_have_acted".to_owned(), true.into());
+        }
+        let why = self.reasons(lang);
+        if !why.is_empty() {
+            error.insert("why".to_owned(), why.into());
         }
         error.into()
+    }
+
+    /// What the case at hand adds to it, and what may have come of it.
+    fn reasons(&self, lang: Lang) -> Vec<String> {
+        let sentence = lang.get(Text::MayHaveActed);
+        let of_part =
+            |part: &String| lang.fill(Text::Named, &[("title", part), ("name", &sentence)]);
+        let mut told = self.why.clone();
+        match self.perhaps.as_deref() {
+            None => {}
+            Some(Perhaps::Whole) => told.push(sentence.to_owned()),
+            Some(Perhaps::Parts(parts)) => told.extend(parts.iter().map(of_part)),
+        }
+        told
     }
 
     fn hints(&self, lang: Lang) -> Vec<String> {
@@ -132,7 +181,7 @@ impl Failure {
         let page = self.code.page();
         let likely = self.likely.then(|| page.likely(lang).to_owned());
         let more = self.likely.then(|| format!("railbus explain {code}"));
-        let lines = labelled(Text::Why, self.why.clone())
+        let lines = labelled(Text::Why, self.reasons(lang))
             .chain(labelled(Text::Likely, likely.into_iter().collect()))
             .chain(labelled(Text::Try, self.hints(lang)))
             .chain(labelled(Text::More, more.into_iter().collect()));

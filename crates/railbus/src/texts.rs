@@ -151,7 +151,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     HeldBy { en: "held by {holder}", zh: "占用者：{holder}" }
     OfGroup { en: "the port belongs to the group {group}", zh: "端口属于用户组 {group}" }
     Known { en: "known: {names}", zh: "已知：{names}" }
-    MayHaveActed { en: "the module may have acted all the same", zh: "模块仍可能已执行" }
+    MayHaveActed {
+        en: "the command may still have taken effect; look before repeating",
+        zh: "命令可能已生效，重复前请先查看实际状态",
+    }
     SilentModules { en: "no reply from: {modules}", zh: "无应答：{modules}" }
     SomeFailed { en: "{failed} of {count} targets failed", zh: "{count} 个目标中 {failed} 个失败" }
     NoBytes { en: "\"{text}\" is no bytes in hexadecimal", zh: "\"{text}\" 不是十六进制字节" }

@@ -86,6 +86,8 @@ pub enum Failure {
     NoSuchScene,
     /// The scene is being played already.
     Playing,
+    /// What the line said of a read that had to come first. The command was not sent.
+    NotRead(Fault),
     /// What the line said.
     Line(Fault),
 }
@@ -119,17 +121,40 @@ impl Failure {
             Failure::NoSuchGroup => "no_such_group",
             Failure::NoSuchScene => "no_such_scene",
             Failure::Playing => "playing",
-            Failure::Line(fault) => fault.name(),
+            Failure::NotRead(fault) | Failure::Line(fault) => fault.name(),
         }
     }
 
-    /// Whether the module may have acted all the same.
+    /// Whether the command may still have taken effect. What was done and taken back is as it was
+    /// before. There is no arm for the rest here: a new failure must be decided.
     #[must_use]
     pub const fn may_have_acted(&self) -> bool {
         match self {
             Failure::Line(fault) => fault.may_have_acted(),
             Failure::NotUndone | Failure::NotTakenOver(_) => true,
-            _ => false,
+            Failure::NoSuchLine
+            | Failure::NoSuchModule
+            | Failure::NoSuchPoint
+            | Failure::Lent
+            | Failure::NotAnOutput(_)
+            | Failure::Locked(_)
+            | Failure::NotAsAsked(..)
+            | Failure::PulseWidth { .. }
+            | Failure::NotAudited
+            | Failure::Confirm(_)
+            | Failure::Interlock { .. }
+            | Failure::MinOff { .. }
+            | Failure::Unwatched(_)
+            | Failure::NoLease(_)
+            | Failure::LeaseTime(_)
+            | Failure::NotKept(_)
+            | Failure::Due { .. }
+            | Failure::NotTried
+            | Failure::Undone
+            | Failure::NoSuchGroup
+            | Failure::NoSuchScene
+            | Failure::Playing
+            | Failure::NotRead(_) => false,
         }
     }
 }

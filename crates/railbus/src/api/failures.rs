@@ -66,7 +66,7 @@ pub(crate) fn problem(
         Failure::NoSuchGroup => Problem::new(codes::NO_SUCH_GROUP),
         Failure::NoSuchScene => Problem::new(codes::NO_SUCH_SCENE),
         Failure::Playing => Problem::new(codes::PLAYING),
-        Failure::Line(fault) => {
+        Failure::NotRead(fault) | Failure::Line(fault) => {
             let problem = of_fault(service, module, fault);
             match point {
                 Some(point) => problem.with("point", label(service, module, point)),
@@ -192,13 +192,18 @@ pub(crate) fn line_closed(service: &Service, line: &str) -> Problem {
 
 /// What the line said of something that is no command to a module.
 pub(crate) fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
-    match failure {
+    let problem = match failure {
         Failure::NoSuchLine => no_such_line(service, line),
         Failure::Line(Fault::Closed) | Failure::Lent => line_closed(service, line),
         Failure::Line(fault) => Problem::new(kind_of(fault)).with("line", line),
         Failure::NotAudited => Problem::new(codes::NOT_AUDITED).with("line", line),
         Failure::Due { .. } => problem(service, line, None, failure),
+        // No frame of somebody's own ends like this.
         _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
+    };
+    Problem {
+        may_have_acted: failure.may_have_acted(),
+        ..problem
     }
 }
 

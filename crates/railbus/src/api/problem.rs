@@ -22,7 +22,8 @@ pub(crate) struct Problem {
     /// Commands that may help.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) hint: Vec<String>,
-    /// The module may have acted all the same.
+    /// The command may still have taken effect: look before repeating. Left out where it can't
+    /// have.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub(crate) may_have_acted: bool,
 }
@@ -43,6 +44,12 @@ impl Problem {
     /// Adds what it was about.
     pub(crate) fn with(mut self, key: &str, value: impl Into<serde_json::Value>) -> Problem {
         self.with.insert(key.to_owned(), value.into());
+        self
+    }
+
+    /// Says that the command may still have taken effect.
+    pub(crate) const fn perhaps_acted(mut self, perhaps: bool) -> Problem {
+        self.may_have_acted |= perhaps;
         self
     }
 

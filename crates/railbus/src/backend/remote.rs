@@ -257,7 +257,9 @@ impl Remote {
     ) -> Result<T, Problem> {
         let body = serde_json::to_vec(body).unwrap_or_default();
         let answer = send(&self.socket, method, path, body).await?;
-        self.read(&answer.whole().await?)
+        // It answered that it was done: only what it says of that is not understood.
+        let read = self.read(&answer.whole().await?);
+        read.map_err(|problem| problem.perhaps_acted(true))
     }
 
     fn read<T: DeserializeOwned>(&self, body: &[u8]) -> Result<T, Problem> {

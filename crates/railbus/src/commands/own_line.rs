@@ -70,6 +70,7 @@ impl<'c> OwnLine<'c> {
             clear: false,
             changes: Risk::of(&exchange) > Risk::Read,
         };
+        let acts = probe.changes;
         let met = self.line.probe(probe).await;
         self.knows_echo |= exchange.expects_reply();
         met.map_err(|fault| {
@@ -77,7 +78,8 @@ impl<'c> OwnLine<'c> {
                 Fault::Unknown => Code::Unknown,
                 _ => Code::LineClosed,
             };
-            Failure::of(self.context.lang, code)
+            let failure = Failure::of(self.context.lang, code);
+            failure.perhaps_acted(acts && fault.may_have_acted())
         })
     }
 

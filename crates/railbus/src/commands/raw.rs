@@ -158,6 +158,11 @@ fn is_risky(asked: &Exchange<'_>) -> bool {
     Risk::of(asked) >= Risk::Kept
 }
 
+/// Whether it may do more than read. Nobody knows that of bytes that are no request.
+fn acts(asked: Option<&Exchange<'_>>) -> bool {
+    asked.is_none_or(|asked| Risk::of(asked) > Risk::Read)
+}
+
 async fn ask(
     context: &Context,
     frame: &[u8],
@@ -172,7 +177,8 @@ async fn ask(
                 Some(asked) => here(context, &place, asked, timeout, &mut stop).await,
                 None => stop.or(unknown::ask(context, &place, frame, timeout)).await,
             };
-            answer.ok_or_else(|| stop::interrupted(context))?
+            let interrupted = || stop::interrupted(context).perhaps_acted(acts(asked.as_ref()));
+            answer.ok_or_else(interrupted)?
         }
         Access::Daemon(backend) => {
             let protocol = asked.map_or(Protocol::Rtu, |asked| asked.protocol());
@@ -296,12 +302,15 @@ fn verdict(
         Some((said, _, true)) => Err(Failure::of(lang, Code::Refused).because(said)),
         Some(_) => Ok(()),
         None if answer.bytes.is_empty() && !expected => Ok(()),
-        None if answer.bytes.is_empty() => Err(Failure::of(lang, Code::NoReply)),
+        None if answer.bytes.is_empty() => {
+            Err(Failure::of(lang, Code::NoReply).perhaps_acted(acts(asked)))
+        }
         // Nobody knows what the reply to such a frame should be.
         None if asked.is_none() => Ok(()),
         None => {
             let failure = Failure::of(lang, Code::Garbled);
-            Err(failure.because(hex::spaced(&answer.bytes)))
+            let failure = failure.because(hex::spaced(&answer.bytes));
+            Err(failure.perhaps_acted(acts(asked)))
         }
     }
 }

@@ -249,7 +249,11 @@ pub(super) fn tell(context: &Context, outcomes: &[Outcome]) -> Result<(), Failur
             }
             Err(failure) if outcomes.len() > 1 => {
                 let told = format!("{}  {}", failure.code().name(), failure.message());
-                table.add([outcome.path.clone(), told]);
+                let perhaps = failure
+                    .may_have_acted()
+                    .then(|| lang.get(Text::MayHaveActed));
+                let perhaps = perhaps.unwrap_or_default().to_owned();
+                table.add([outcome.path.clone(), told, perhaps]);
                 merge(&mut row, json!({ "error": failure.to_json(lang) }));
             }
             // The one failure there is is told as such.
@@ -305,13 +309,18 @@ pub(super) fn conclude(
     stopped: bool,
 ) -> Result<(), Failure> {
     let count = outcomes.len();
-    let failures: Vec<Failure> = outcomes
-        .into_iter()
-        .filter_map(|one| one.end.err())
-        .collect();
+    let mut perhaps = Vec::new();
+    let mut failures = Vec::new();
+    for outcome in outcomes {
+        let Err(failure) = outcome.end else { continue };
+        if failure.may_have_acted() {
+            perhaps.push(outcome.path);
+        }
+        failures.push(failure);
+    }
     let failed = failures.len();
     if stopped {
-        return Err(stop::interrupted(context));
+        return Err(stop::interrupted(context).perhaps_acted_on(perhaps));
     }
     let same = failures.windows(2).all(|pair| match pair {
         [a, b] => a.code() == b.code(),
@@ -319,7 +328,8 @@ pub(super) fn conclude(
     });
     match failures.into_iter().next() {
         None => Ok(()),
-        Some(first) if failed == count && same => Err(first),
+        Some(first) if count == 1 => Err(first),
+        Some(first) if failed == count && same => Err(first.perhaps_acted_on(perhaps)),
         Some(first) => {
             let values: &[(&str, &dyn std::fmt::Display)] =
                 &[("failed", &failed), ("count", &count)];
@@ -328,7 +338,8 @@ pub(super) fn conclude(
             Err(Failure::new(Code::Partial, message)
                 .because(told)
                 .with_fact("failed", failed)
-                .with_fact("count", count))
+                .with_fact("count", count)
+                .perhaps_acted_on(perhaps))
         }
     }
 }

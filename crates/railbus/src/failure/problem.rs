@@ -24,10 +24,7 @@ impl Failure {
         for (key, value) in &problem.with {
             failure = failure.with_fact(key, value.clone());
         }
-        if problem.may_have_acted {
-            failure = failure.with_fact("may_have_acted", true);
-        }
-        failure
+        failure.perhaps_acted(problem.may_have_acted)
     }
 
     /// The problem that it is to those who asked over HTTP.
@@ -38,7 +35,7 @@ impl Failure {
             status: status(self.code),
             with: self.facts.clone().into_iter().collect(),
             hint: self.tries.clone(),
-            may_have_acted: false,
+            may_have_acted: self.may_have_acted(),
         };
         if !self.why.is_empty() {
             problem = problem.with("reason", self.why.join(" · "));
@@ -202,9 +199,6 @@ fn reasons(lang: Lang, code: Code, problem: &Problem) -> Vec<String> {
     let known = problem.text("known");
     if !known.is_empty() {
         told.push(lang.fill(Text::Known, &[("names", &plain(&known))]));
-    }
-    if problem.may_have_acted {
-        told.push(lang.get(Text::MayHaveActed).to_owned());
     }
     told
 }

@@ -123,7 +123,8 @@ impl Order {
             }
         });
         let broken = |error: tokio::task::JoinError| -> End {
-            Err(Problem::new(codes::INTERNAL).with("reason", error.to_string()))
+            let problem = Problem::new(codes::INTERNAL).with("reason", error.to_string());
+            Err(problem.perhaps_acted(true))
         };
         answer::text(task.await.unwrap_or_else(broken))
     }

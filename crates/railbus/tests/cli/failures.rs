@@ -227,3 +227,54 @@ fn a_port_that_one_may_not_open() {
     assert!(told.starts_with("error[E0707]: "), "{told}");
     assert!(told.contains("\n  try:"), "{told}");
 }
+
+/// Each part of a command that may have acted says so, whatever the form of the answer.
+#[test]
+fn what_may_have_acted_is_told_of_each_part() {
+    const EN: &str = "the command may still have taken effect; look before repeating";
+    const ZH: &str = "命令可能已生效，重复前请先查看实际状态";
+    let site = Site::empty("perhaps");
+    let dead = liar(|_| Vec::new());
+    let module = |name: &str, address: u8| {
+        format!("[module.{name}]\nline = \"main\"\nmodel = \"erc8\"\naddress = {address}\n")
+    };
+    site.configure(&format!(
+        "[line.main]\nport = \"pty:{dead}\"\n{}{}\
+         [group.all]\nmembers = [\"a.k1\", \"b.k1\"]\n\
+         [scene.go]\nsteps = [{{ set = \"a.k1\", to = true }}]\n",
+        module("a", 3),
+        module("b", 4)
+    ));
+    for (command, parts) in [
+        ("set a.k1 on", 1),
+        ("set a.k1 toggle", 0),
+        ("set a.k1=on b.k1=on", 2),
+        ("set a.k1=on b.di1=on", 1),
+        ("set @all on", 2),
+        ("scene run go", 1),
+        ("pulse a.k1 300ms", 1),
+        ("raw --crc 03 05 00 3C FF 00", 1),
+        ("raw --crc 03 01 00 3C 00 08", 0),
+        ("get a.k1", 0),
+    ] {
+        // Every form where there are parts to tell of.
+        let formats: &[&str] = match command {
+            "set a.k1=on b.k1=on" => &["table", "csv", "value", "json"],
+            _ => &["table", "json"],
+        };
+        for format in formats {
+            let ran = site.run(&format!("-o {format} {command}"));
+            assert_eq!(
+                ran.err.matches(EN).count(),
+                parts,
+                "{format} {command}: {ran:?}"
+            );
+            if *format == "json" {
+                let told = ran.error()["may_have_acted"].clone();
+                assert_eq!(told == true, parts > 0, "{command}: {ran:?}");
+            }
+        }
+    }
+    let zh = site.run("--lang zh set a.k1=on b.k1=on");
+    assert_eq!(zh.err.matches(ZH).count(), 2, "{zh:?}");
+}

@@ -76,6 +76,22 @@ pub enum Ended {
 }
 
 impl Ended {
+    /// Whether the module may keep what was to be written, or a part of it, though that is not
+    /// what was found.
+    #[must_use]
+    pub const fn may_have_acted(&self) -> bool {
+        match self {
+            Ended::Halfway(..) | Ended::Untold(_) | Ended::Lost(_) => true,
+            // Each of these was read back, or nothing was written; one that is pending was
+            // acknowledged.
+            Ended::Same(_)
+            | Ended::Done(_)
+            | Ended::Pending(_)
+            | Ended::Unchanged(..)
+            | Ended::RolledBack(..) => false,
+        }
+    }
+
     /// The name in JSON.
     #[must_use]
     pub const fn name(&self) -> &'static str {

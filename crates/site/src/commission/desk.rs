@@ -5,6 +5,7 @@
 //! the next [`Procedure::next`].
 
 use super::{Place, Record, Refused, Taken};
+use crate::risk::Risk;
 use railbus_bus::LATE_MIN;
 use railbus_device::{Module, Op, Seen, Setup};
 use railbus_wire::{Exchange, Frame, Instant, Micros, Protocol, Settings, carries_command};
@@ -116,12 +117,29 @@ pub enum Trouble {
     Taken(Taken),
     /// A module of another protocol could take the frame for a command of its own.
     Unsafe(Protocol),
-    /// The journal can't be written.
-    Journal,
-    /// The port was lost.
-    Port,
+    /// The journal can't be written; whether a write had been sent before.
+    Journal(bool),
+    /// The port was lost; whether a write had been sent before.
+    Port(bool),
     /// The user stopped it.
     Stopped,
+}
+
+impl Trouble {
+    /// Whether something may have been written all the same.
+    #[must_use]
+    pub const fn may_have_acted(&self) -> bool {
+        match self {
+            Trouble::Port(wrote) | Trouble::Journal(wrote) => *wrote,
+            Trouble::NoReply(_)
+            | Trouble::Garbled(_)
+            | Trouble::WrongModel(..)
+            | Trouble::Refused(_)
+            | Trouble::Taken(_)
+            | Trouble::Unsafe(_)
+            | Trouble::Stopped => false,
+        }
+    }
 }
 
 /// What a procedure does next, or what it ended with.
@@ -203,6 +221,8 @@ struct Paper {
     stray: bool,
     /// Nothing came back to the last request.
     unanswered: bool,
+    /// A request that is more than a read was sent.
+    wrote: bool,
     /// The silence before the next request, where it is to be longer than usual.
     linger: Option<Micros>,
 }
@@ -259,7 +279,7 @@ impl Desk {
     pub(crate) async fn journal(&self, record: Record) -> Result<(), Trouble> {
         match self.act(Act::Journal(record)).await {
             Event::Kept(true) => Ok(()),
-            _ => Err(Trouble::Journal),
+            _ => Err(Trouble::Journal(self.lock().wrote)),
         }
     }
 
@@ -303,13 +323,14 @@ impl Desk {
             quiet: self.quiet().max(setup.request_gap()).max(switching),
             timeout: timeout + serial.frame_time(exchange.response_len_max()),
         };
+        self.lock().wrote |= Risk::of(&exchange) > Risk::Read;
         let Event::Heard(heard) = self.act(Act::Ask(ask)).await else {
-            return Err(Trouble::Port);
+            return Err(Trouble::Port(self.lock().wrote));
         };
-        if heard.lost {
-            return Err(Trouble::Port);
-        }
         let mut paper = self.lock();
+        if heard.lost {
+            return Err(Trouble::Port(paper.wrote));
+        }
         if let Some(last) = paper.last.replace(exchange) {
             paper.twice |= last.find_response(&heard.stray).1.whole().is_some();
         }

@@ -53,7 +53,7 @@ pub fn recover(
 ) -> Procedure<Result<Recovered, Trouble>> {
     Procedure::new(move |desk| async move {
         let (Some(from), Some(to)) = (intent.from.place(), intent.to.place()) else {
-            return Err(Trouble::Journal);
+            return Err(Trouble::Journal(false));
         };
         let stage = stage_of(&intent, &setup, from, to);
         let search = Search {

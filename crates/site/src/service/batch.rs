@@ -260,10 +260,9 @@ impl Service {
             (numbers, tokio::spawn(switching))
         });
         for (numbers, task) in each.collect::<Vec<_>>() {
-            // Fails only where the runtime itself ends.
-            let Ok(ends) = task.await else {
-                continue;
-            };
+            // Fails only where the task was broken off: how far it had come is not known.
+            let lost = || vec![Err(Fault::Unknown.into()); numbers.len()];
+            let ends = task.await.unwrap_or_else(|_| lost());
             for (number, end) in numbers.into_iter().zip(ends) {
                 if let Some(part) = done.parts.get_mut(number) {
                     part.end = end;

@@ -265,8 +265,13 @@ impl Service {
                 .command(&turn, order, &mut entry, |_| None)
                 .await?
         } else {
-            self.read_fresh(module).await?;
-            let now = self.inner.output(module, point).ok_or(Fault::Unknown)?;
+            let read = self.read_fresh(module).await;
+            read.map_err(|failure| match failure {
+                Failure::Line(fault) => Failure::NotRead(fault),
+                other => other,
+            })?;
+            let now = self.inner.output(module, point);
+            let now = now.ok_or(Failure::NotRead(Fault::Unknown))?;
             self.inner.watched(module, (!now).then_some(point))?;
             let (set, terms) = ([(point, !now)], WriteTerms::default());
             let done = self.write_in_turn(&turn, module, &set, terms, expires);

@@ -21,6 +21,8 @@ const PATIENCE: Duration = Duration::from_secs(30);
 /// An answer whose head has come.
 pub(super) struct Answer {
     response: Response<Incoming>,
+    /// The request was more than a question: without its answer nobody knows what came of it.
+    acts: bool,
 }
 
 /// The lines of a stream.
@@ -41,6 +43,7 @@ pub(super) async fn send(
         let problem = Problem::new(codes::DAEMON).with("reason", reason);
         problem.with("socket", socket.display().to_string())
     };
+    let acts = method != Method::GET;
     let stream = UnixStream::connect(socket).await;
     let stream = stream.map_err(|error| failed(error.to_string()))?;
     let (mut sender, connection) = http1::handshake(TokioIo::new(stream))
@@ -56,9 +59,9 @@ pub(super) async fn send(
         .body(Full::new(Bytes::from(body)))
         .map_err(|error| failed(error.to_string()))?;
     match tokio::time::timeout(PATIENCE, sender.send_request(request)).await {
-        Ok(Ok(response)) => Ok(Answer { response }),
-        Ok(Err(error)) => Err(failed(error.to_string())),
-        Err(_) => Err(failed("no answer within 30 s".to_owned())),
+        Ok(Ok(response)) => Ok(Answer { response, acts }),
+        Ok(Err(error)) => Err(failed(error.to_string()).perhaps_acted(acts)),
+        Err(_) => Err(failed("no answer within 30 s".to_owned()).perhaps_acted(acts)),
     }
 }
 
@@ -66,18 +69,19 @@ impl Answer {
     /// The whole body; a problem where the daemon tells one.
     pub(super) async fn whole(self) -> Result<Bytes, Problem> {
         let status = self.response.status();
+        let acts = self.acts;
+        let failed = |reason: String| {
+            let problem = Problem::new(codes::DAEMON).with("reason", reason);
+            problem.perhaps_acted(acts)
+        };
         let body = Limited::new(self.response.into_body(), ANSWER_MAX);
-        let body = body
-            .collect()
-            .await
-            .map_err(|error| Problem::new(codes::DAEMON).with("reason", error.to_string()))?;
-        let body = body.to_bytes();
+        let body = body.collect().await;
+        let body = body.map_err(|error| failed(error.to_string()))?.to_bytes();
         if status.is_success() {
             return Ok(body);
         }
-        Err(serde_json::from_slice(&body).unwrap_or_else(|_| {
-            Problem::new(codes::DAEMON).with("reason", format!("HTTP status {status}"))
-        }))
+        let told = serde_json::from_slice(&body);
+        Err(told.unwrap_or_else(|_| failed(format!("HTTP status {status}"))))
     }
 
     /// The body line by line; a problem where the daemon tells one.

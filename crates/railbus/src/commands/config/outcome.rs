@@ -20,7 +20,7 @@ pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure
             .with_fact("module", target.name.as_str())
             .with_fact("line", target.line.as_str())
     };
-    match trouble {
+    let failure = match trouble {
         Trouble::NoReply(_) => about(Code::NoReply),
         Trouble::Garbled(at) => {
             let search = format!("railbus config recover --addr {}", at.address.0);
@@ -60,12 +60,13 @@ pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure
                 .with_fact("address", taken.place.address.0)
         }
         Trouble::Unsafe(protocol) => about(Code::UnsafeFrame).because(protocol),
-        Trouble::Journal => about(Code::Journal),
-        Trouble::Port => about(Code::Unknown),
+        Trouble::Journal(_) => about(Code::Journal),
+        Trouble::Port(_) => about(Code::Unknown),
         Trouble::Stopped => {
             Failure::of(lang, Code::Interrupted).because(lang.get(ConfigText::NothingWritten))
         }
-    }
+    };
+    failure.perhaps_acted(trouble.may_have_acted())
 }
 
 /// `9 (09h), 19200 8N1`.
@@ -110,7 +111,8 @@ pub(crate) fn ended(
             None => failure,
         }
     };
-    Err(match ended {
+    let perhaps = ended.may_have_acted();
+    let failure = match ended {
         Ended::Same(_) | Ended::Done(_) => return Ok(()),
         Ended::Pending(found) => about(Code::AtPowerUp, Some(found.place)),
         Ended::Untold(found) => about(Code::Untold, Some(found.place)),
@@ -137,7 +139,8 @@ pub(crate) fn ended(
                 false => failure,
             }
         }
-    })
+    };
+    Err(failure.perhaps_acted(perhaps))
 }
 
 fn because(lang: Lang, failure: Failure, why: Why) -> Failure {

@@ -38,6 +38,8 @@ pub(super) async fn ask(
         let quiet = Instant::now() + LATE;
         hear(&mut port, quiet, LATE, &[]).await.map_err(lost)?;
     }
+    // From here on they may have acted, whatever they are.
+    let lost = |error| lost(error).perhaps_acted(true);
     port.send(frame, settings).map_err(lost)?;
     let sent = Instant::now() + micros(settings.frame_time(frame.len()));
     let heard = hear(&mut port, sent + micros(timeout), SILENCE, frame).await;

@@ -52,6 +52,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
             "module": name,
             "outputs": state.outputs.map(|outputs| outputs.on),
             "as_commanded": state.as_commanded,
+            "may_have_acted": !state.as_commanded,
         }));
     }
     let columns = &["module", "as_commanded"];
@@ -63,17 +64,14 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         table,
     };
     out::result(lang, &records.render(context.format))?;
-    let failed = states
-        .iter()
-        .filter(|(_, state)| !state.as_commanded)
-        .count();
+    // Nobody answers what is for all: who does not show it now may have done it.
+    let failed = states.iter().filter(|(_, state)| !state.as_commanded);
+    let perhaps: Vec<String> = failed.map(|(name, _)| name.clone()).collect();
+    let failed = perhaps.len();
     if failed == 0 {
         return Ok(());
     }
     let count = states.len();
     let values: &[(&str, &dyn std::fmt::Display)] = &[("failed", &failed), ("count", &count)];
-    Err(Failure::new(
-        Code::Partial,
-        lang.fill(Text::SomeFailed, values),
-    ))
+    Err(Failure::new(Code::Partial, lang.fill(Text::SomeFailed, values)).perhaps_acted_on(perhaps))
 }
