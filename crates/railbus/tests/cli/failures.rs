@@ -260,7 +260,7 @@ fn what_may_have_acted_is_told_of_each_part() {
         // Every form where there are parts to tell of.
         let formats: &[&str] = match command {
             "set a.k1=on b.k1=on" => &["table", "csv", "value", "json"],
-            _ => &["table", "json"],
+            _ => &["json"],
         };
         for format in formats {
             let ran = site.run(&format!("-o {format} {command}"));
