@@ -2,6 +2,7 @@
 to misbehave. Only the standard library is used; the frames are made here and nowhere else."""
 
 import collections
+import copy
 import heapq
 import itertools
 import os
@@ -31,10 +32,11 @@ Request.__doc__ = "A request to a unit: `read`, `write` or `other`, and what its
 
 
 class Unit:
-    """A module: its outputs and inputs, and the writes that it carried out."""
+    """A module: its outputs and inputs, the writes that it carried out, and how often it was read
+    since it was last told to do something."""
 
     def __init__(self, outputs, inputs=0):
-        self.outputs, self.inputs, self.writes = outputs, inputs, 0
+        self.outputs, self.inputs, self.writes, self.reads = outputs, inputs, 0, 0
 
     def put(self, mask, on):
         """Switches the outputs of the mask."""
@@ -317,6 +319,11 @@ class Line:
         self.codec, self.path = codec, path
         self.units = {}
         self.echo = False
+        # So many requests come back, and then no more.
+        self.echoes = 0
+        # A second master says the same at the same moment, every 0.3 to 0.7 s.
+        self.second_master = False
+        self._second_at = 0.0
         self.babble = False
         self.trace = []
         self.is_overdue = False
@@ -442,6 +449,12 @@ class Line:
                 self._note(">", data)
                 if self.echo:
                     self._send(data, "< echo")
+                elif self.echoes:
+                    self.echoes -= 1
+                    self._send(data, "< back")
+                elif self.second_master and time.monotonic() >= self._second_at:
+                    self._second_at = time.monotonic() + self._random.uniform(0.3, 0.7)
+                    self._send(data, "< second")
                 heard = self._hear(heard + data)
 
     def _hear(self, heard):
@@ -475,16 +488,25 @@ class Line:
             if fault[1] < 0:
                 fault = [None, None]
         name = fault[0]
-        acts = {"dead", "other_value", "other_address", "refuse", "other_command"}
-        if request.kind == "write" and name not in acts:
+        idle = {"dead", "other_value", "other_address", "refuse", "other_command", "stuck"}
+        if request.kind == "write" and name not in idle:
+            codec.act(request, unit)
+        unit.reads = {"write": 0, "read": unit.reads + 1}.get(request.kind, unit.reads)
+        if name == "stuck":
+            # It says what it would be if its relay had moved.
+            unit = copy.copy(unit)
             codec.act(request, unit)
         body = codec.body(request, unit)
         frame = codec.seal(body)
         match name:
             case None:
                 return [(TURNAROUND, frame)]
+            case "stuck":
+                return [(TURNAROUND, frame)]
             case "dead":
                 return []
+            case "read_once":
+                return [(TURNAROUND, frame)] if unit.reads == 1 else []
             case "slow":
                 return [(SLOW, frame)]
             case "late":

@@ -443,6 +443,52 @@ def s21(case):
     yield "WRONG: too late" if end.startswith("safe") else end
 
 
+def s22(case):
+    """The relays of unit 1 do not move: it says that it is done, and reads otherwise."""
+    case.line.play(1, "stuck", ("write",))
+    yield case.put(1)
+    yield case.get(2)
+
+
+def s22_lost(case):
+    """The same, and after the first read-back all others are lost."""
+    case.warm_up()
+    yield case.get(1)
+    case.line.play(1, "stuck", ("write",))
+    case.line.play(1, "read_once")
+    yield case.put(1)
+
+
+def s23(case):
+    """Requests come back before their replies, on a line that did not echo."""
+    yield case.get(1)
+    case.line.echoes = 2
+    time.sleep(2)
+    yield case.get(1)
+    yield case.get(2)
+
+
+def s24(case):
+    """A second master says the same at the same moment, again and again; then it is gone."""
+    yield case.get(1)
+    case.line.second_master = True
+    time.sleep(6)
+    case.line.second_master = False
+    time.sleep(BACK)
+    yield case.get(1)
+    yield case.get(2)
+
+
+def s25(case):
+    """The adapter begins to echo after both modules were read, and unit 1 is dead then."""
+    yield case.get(1)
+    yield case.get(2)
+    case.line.play(1, "dead", ("read", "write", "other"))
+    case.line.echo = True
+    yield case.put(1)
+    yield case.get(2)
+
+
 def _both(fault, other=None):
     """One command without a daemon asks both units."""
     def row(case):
@@ -518,6 +564,16 @@ ROWS = {
                absent={name: "its replies say whose they are" for name in ("rtu", "lc02", "r55")}),
     "S21": Row(s21, "the port is gone for 3 s and comes back under another name",
                "A reads 1 meanwhile, B reads 1 within 2 s after", SAFE, RIGHT),
+    "S22": Row(s22, "unit 1 acknowledges and does not move", "A writes 1, B reads 2", SAFE, RIGHT),
+    "S22 lost": Row(s22_lost, "the same, and its read-backs but the first are lost",
+                    "A reads 1, B writes 1", RIGHT, SAFE),
+    "S23": Row(s23, "two requests come back, once; the units are polled",
+               "A reads 1 before, B reads 1 and C reads 2 after", RIGHT, RIGHT, RIGHT, polls=True),
+    "S24": Row(s24, "a second master says the same at the same moment; the units are polled",
+               "A reads 1 before, B reads 1 and C reads 2 after", RIGHT, RIGHT, RIGHT, polls=True),
+    "S25": Row(s25, "the adapter begins to echo when the line is at work, and unit 1 is dead",
+               "A reads 1, B reads 2, C writes 1, D reads 2", RIGHT, RIGHT, SAFE, RIGHT),
+    "S22 direct": Row(s22, "as S22; no daemon", "A writes 1, B reads 2", SAFE, RIGHT, direct=True),
     "S0 direct": Row(_both(None), "clean; no daemon, one command asks both", READS, RIGHT, RIGHT,
                      direct=True),
     "S1 direct": Row(_both("late"), "as S1 and S3; no daemon, one command asks both", READS,

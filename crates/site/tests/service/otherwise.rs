@@ -6,6 +6,7 @@ use railbus_device::Point;
 use railbus_host::{Confirmed, Fault, LineState};
 use railbus_site::{Config, Failure, Quality, Service, WriteDone, WriteTerms};
 use railbus_wire::{crc16, sum8};
+use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
@@ -94,6 +95,10 @@ impl Stuck {
             let (mut stream, _) = listener.accept().await.unwrap();
             let (mut request, mut reads) = ([0; 64], None);
             while let Ok(len @ 1..) = stream.read(&mut request).await {
+                if reads.is_none() {
+                    // Who was slow is waited for on a busy machine, too.
+                    tokio::time::sleep(SLOW).await;
+                }
                 if let Some(reply) = self.answer(&request[..len], &mut reads) {
                     stream.write_all(&reply).await.unwrap();
                 }
@@ -129,6 +134,8 @@ impl Stuck {
 }
 
 const FIRST: Point = k(1);
+/// How long it takes for every answer before the first write.
+const SLOW: Duration = Duration::from_millis(120);
 
 #[tokio::test]
 async fn what_is_read_back_otherwise_is_never_told_as_done() {
