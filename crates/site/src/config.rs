@@ -12,6 +12,7 @@ mod faults;
 pub mod keeper;
 mod keys;
 mod lint;
+mod owner;
 mod past;
 mod plant;
 mod problem;
@@ -28,6 +29,7 @@ pub use faults::{
 };
 pub use keys::{SCHEMA, TABLES};
 pub use lint::{Unwise, Warning, lint, load_percent, wire_time};
+pub use owner::Allowed;
 pub use past::Past;
 pub use plant::{Blink, Plant, Signal, SimLine, SimModule, Swing};
 pub use problem::{Kind, Problem};
@@ -61,6 +63,8 @@ pub struct Config {
     pub plant: Plant,
     /// How much of the past is kept.
     pub past: Past,
+    /// Where it may lead, by its owner's word.
+    pub allowed: Allowed,
 }
 
 /// A point of the site.
@@ -149,6 +153,8 @@ impl Config {
         differing("scene", &self.scenes, &other.scenes, &mut found);
         differing("webhook", &self.webhooks, &other.webhooks, &mut found);
         let rest = [
+            ("ports", self.allowed.ports != other.allowed.ports),
+            ("webhooks", self.allowed.webhooks != other.allowed.webhooks),
             ("sim", self.plant != other.plant),
             ("history", self.past.history != other.past.history),
             (

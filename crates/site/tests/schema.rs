@@ -11,6 +11,12 @@ use toml::de::{DeTable, DeValue};
 
 /// Something of everything.
 const ALL: &str = r#"
+[ports]
+allow = ["tcp:10.0.0.*:4001"]
+
+[webhooks]
+allow = ["127.0.0.1:1880"]
+
 [line.main]
 port = "/dev/serial/by-id/usb-FTDI_FT232R_A10KZP45-if00-port0"
 baud = 19200

@@ -20,7 +20,7 @@ pub(crate) fn selects(selectors: &[String], module: &str, label: &str) -> bool {
 
 /// Whether the pattern fits the text. The longest way back that a `*` can make is remembered,
 /// so that no pattern takes more than the product of both lengths.
-fn matches(pattern: &[u8], text: &[u8]) -> bool {
+pub(crate) fn matches(pattern: &[u8], text: &[u8]) -> bool {
     let (mut at, mut read) = (0, 0);
     let mut star = None;
     while let Some(letter) = text.get(read) {

@@ -273,6 +273,12 @@ pub(crate) mod codes {
         BAD_POINTS = "E0921", 422, "points are up to 32 patterns such as pump, pump.* or *.do0";
         /// Also `points`: those that the caller is limited to.
         LIMITED = "E0922", 403, "the caller is limited to points, and this may reach others";
+        /// Also `reason`: the tables.
+        OWNER_ONLY = "E0923", 403, "only the owner of the daemon may change this";
+        /// Also `line`, `port`.
+        PORT_NOT_ALLOWED = "E0924", 403, "no configuration from the network may open this port";
+        /// Also `name`: host and port.
+        HOOK_TARGET = "E0925", 403, "a webhook may not lead to this address";
     }
 }
 

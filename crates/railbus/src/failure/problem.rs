@@ -104,6 +104,7 @@ fn message(lang: Lang, code: Code, problem: &Problem) -> String {
         | Code::NoUser
         | Code::NameTaken
         | Code::NoToken
+        | Code::HookTarget
         | Code::BadName => with_name(lang, title, &text("name")),
         Code::AccountsFile | Code::AccountsHeld | Code::Tls => {
             with_name(lang, title, &text("path"))

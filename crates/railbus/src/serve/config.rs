@@ -266,6 +266,11 @@ pub(super) async fn edit(
         who: &who.name,
         seen: seen(headers),
     };
+    let change = |before: &str| {
+        let text = change(before)?;
+        bring::may_lead(order, before, &text)?;
+        Ok(text)
+    };
     match site.desk.change(&asks, change).await {
         Ok(changed) => tagged(answer::json(Ok(told(&changed))), &changed.etag),
         Err(problem) => answer::problem(&problem),

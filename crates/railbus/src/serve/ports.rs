@@ -4,6 +4,7 @@ use super::access::Need;
 use super::answer;
 use super::doc::Doc;
 use super::routes::{Answer, Route, Site};
+use crate::api::paths::matches;
 use crate::api::problem::{Problem, codes};
 use crate::machine::Machine;
 use crate::machine::ports::{Adapter, adapters};
@@ -12,6 +13,9 @@ use axum::routing::get;
 use railbus_site::Config;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::fs::Metadata;
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
 /// The routes of this file.
@@ -25,6 +29,33 @@ async fn ports(State(site): State<Site>) -> Answer {
     let rows =
         rows.map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()));
     answer::json(rows.map(|rows| json!({ "schema": 1, "ports": rows })))
+}
+
+/// The ports that a configuration from the network may open unasked.
+const USUAL: [&str; 2] = ["/dev/tty*", "/dev/serial/by-id/*"];
+
+/// Whether a line may have this port though the owner did not bring it: a serial port, a pseudo
+/// terminal of the daemon's own user, or one of those that the owner allows. All else could be
+/// any host that the daemon reaches, or any file.
+pub(super) fn may_be_opened(allowed: &[String], port: &str) -> bool {
+    let climbs = port.split('/').any(|part| part == "..");
+    let named = |pattern: &str| matches(pattern.as_bytes(), port.as_bytes());
+    !climbs
+        && (USUAL.into_iter().any(named)
+            || allowed.iter().any(|pattern| named(pattern))
+            || leads_to_terminal(port))
+}
+
+/// Whether a name leads to a serial port, or to a pseudo terminal of the daemon's own user.
+fn leads_to_terminal(port: &str) -> bool {
+    let path = Path::new(port.strip_prefix("pty:").unwrap_or(port));
+    let Ok(device) = path.canonicalize() else {
+        return false;
+    };
+    let is_serial = matches(USUAL[0].as_bytes(), device.as_os_str().as_bytes());
+    let user = rustix::process::geteuid().as_raw();
+    let is_own = |found: Metadata| found.uid() == user && found.file_type().is_char_device();
+    is_serial || device.starts_with("/dev/pts") && std::fs::metadata(device).is_ok_and(is_own)
 }
 
 /// The adapters, and the ports of lines that are none or are not plugged in.
@@ -85,6 +116,31 @@ fn row(adapter: &Adapter, line: Option<&String>, own: u32) -> Value {
 mod tests {
     use super::*;
     use crate::machine::fixture::Fixture;
+
+    #[test]
+    fn serial_ports_may_be_opened_and_what_the_owner_allows() {
+        let allowed = ["tcp:10.0.0.*:4001".to_owned()];
+        for port in [
+            "/dev/ttyUSB7",
+            "/dev/serial/by-id/usb-x-port0",
+            "tcp:10.0.0.7:4001",
+        ] {
+            assert!(may_be_opened(&allowed, port), "{port}");
+        }
+        for port in [
+            "tcp:10.0.0.7:22",
+            "mbtcp:10.0.0.7",
+            "/dev/tty/../mem",
+            "/dev/mem",
+            "/etc/passwd",
+            "pty:/etc/passwd",
+            "pty:/dev/null",
+            "/dev/pts/../null",
+            "/tmp/there/is/none",
+        ] {
+            assert!(!may_be_opened(&allowed, port), "{port}");
+        }
+    }
 
     #[test]
     fn a_port_is_told_with_its_line_and_who_has_it() {

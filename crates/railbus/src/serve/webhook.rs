@@ -6,6 +6,7 @@ mod hook;
 mod request;
 mod routes;
 mod secrets;
+pub(super) mod target;
 
 pub(super) use routes::ROUTES;
 
@@ -178,20 +179,30 @@ impl Hooks {
     /// Puts a webhook to work.
     fn work(self: &Arc<Self>, name: String, hook: Arc<Hook>, service: Service) -> AbortHandle {
         let hooks = Arc::clone(self);
+        let tell = {
+            let service = service.clone();
+            move |event| service.tell_event(event)
+        };
         let send = move |url, event: Arc<Event>| {
             let (hooks, name) = (Arc::clone(&hooks), name.clone());
-            async move { hooks.send(url, &name, &event).await }
+            let allowed = service.config().allowed.webhooks;
+            async move { hooks.send((url, allowed), &name, &event).await }
         };
-        let tell = move |event| service.tell_event(event);
         self.thread.spawn(hook.work(send, tell)).abort_handle()
     }
 
-    /// Sends an event once.
-    async fn send(&self, url: String, webhook: &str, event: &Event) -> Result<u16, Failed> {
+    /// Sends an event once, to an address and beyond it only where the owner allows.
+    async fn send(
+        &self,
+        (url, allowed): (String, Vec<String>),
+        webhook: &str,
+        event: &Event,
+    ) -> Result<u16, Failed> {
         let told = past::of_event(event.clone());
         let body = json!({ "schema": SCHEMA, "site": self.site, "event": told });
         let parcel = Parcel {
             url,
+            allowed,
             id: event.id.clone(),
             body: Bytes::from(body.to_string()),
             secret: self.secrets.of(webhook),

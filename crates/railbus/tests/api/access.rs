@@ -428,6 +428,100 @@ fn what_administrators_say_comes_from_them_however_it_is_made() {
 }
 
 #[test]
+fn a_configuration_from_the_network_leads_where_the_owner_allows() {
+    let daemon = Daemon::demo("leads");
+    let any = format!("{}If-Match: *\r\n", token(&daemon, "admin", "admin", &[]));
+    let ask = |method: &str, path: &str, body: Value| {
+        ask(
+            &daemon,
+            method,
+            &format!("/api/v1{path}"),
+            &any,
+            &body.to_string(),
+        )
+    };
+    let text = || daemon.as_owner("GET", "/api/v1/config", "").json()["text"].clone();
+    let text = || text().as_str().expect("a text").to_owned();
+    let at_start = text();
+    for port in [
+        "tcp:127.0.0.1:22",
+        "mbtcp:192.0.2.7",
+        "/etc/passwd",
+        "/dev/tty/../mem",
+        "pty:/dev/null",
+    ] {
+        let refused = (403, "E0924".to_owned());
+        let line = json!({ "line": "x", "port": port });
+        assert_eq!(ask("POST", "/config/lines", line).end(), refused, "{port}");
+        let line = json!({ "port": port });
+        assert_eq!(
+            ask("PATCH", "/config/lines/main", line).end(),
+            refused,
+            "{port}"
+        );
+        let whole = format!("{at_start}\n[line.x]\nport = \"{port}\"\n");
+        let whole = ask("PUT", "/config", json!({ "text": whole }));
+        assert_eq!(whole.end(), refused, "{port}");
+    }
+    for url in [
+        "http://127.0.0.1:22/",
+        "http://localhost/",
+        "https://[::1]/",
+        "http://169.254.169.254/",
+        "http://0.0.0.0:7485/",
+    ] {
+        let refused = (403, "E0925".to_owned());
+        let hook = json!({ "url": url });
+        assert_eq!(ask("PUT", "/webhooks/x", hook).end(), refused, "{url}");
+        let whole = format!("{at_start}\n[webhook.x]\nurl = \"{url}\"\n");
+        let whole = ask("PUT", "/config", json!({ "text": whole }));
+        assert_eq!(whole.end(), refused, "{url}");
+    }
+    let allow = "[ports]\nallow = [\"tcp:127.0.0.1:*\"]\n[webhooks]\nallow = [\"127.0.0.1:9\"]\n";
+    let allowing = format!("{at_start}\n{allow}");
+    let own = ask("PUT", "/config", json!({ "text": allowing }));
+    assert_eq!(own.end(), (403, "E0923".into()), "{}", own.text());
+    assert_eq!(text(), at_start);
+
+    // Serial ports may be, and networks of plants; a name is looked at when something is sent.
+    let line = json!({ "line": "usb", "port": "/dev/ttyUSB77" });
+    assert_eq!(ask("POST", "/config/lines", line).status, 200);
+    let hook = json!({ "url": "http://10.11.12.13/", "enabled": false });
+    assert_eq!(ask("PUT", "/webhooks/plant", hook).status, 200);
+    let hook = json!({ "url": "http://127.1:9/", "enabled": false });
+    assert_eq!(ask("PUT", "/webhooks/name", hook).status, 200);
+    let tested = ask("POST", "/webhooks/name/test", json!({})).json();
+    assert_eq!(tested["error"]["code"], "E0925", "{tested}");
+
+    // The owner's word, by the socket; what was there at the start may come back.
+    let etag = daemon.as_owner("GET", "/api/v1/config", "").json()["etag"].clone();
+    let head = format!("Host: railbus\r\nIf-Match: {etag}\r\n");
+    let body = json!({ "text": allowing }).to_string();
+    let socket = daemon.connect_to_socket();
+    let put = super::daemon::exchange(socket, "PUT", "/api/v1/config", &head, &body);
+    assert_eq!(put.status, 200, "{}", put.text());
+    let line = json!({ "line": "x", "port": "tcp:127.0.0.1:9" });
+    assert_eq!(ask("POST", "/config/lines", line).status, 200);
+    let hook = json!({ "url": "http://127.0.0.1:9/", "enabled": false });
+    assert_eq!(ask("PUT", "/webhooks/x", hook).status, 200);
+
+    // What the owner's file had at the start may come back, and nothing beside it.
+    let folder = super::daemon::folder("leads-start");
+    let file = folder.join("railbus.toml");
+    std::fs::write(&file, "[line.far]\nport = \"tcp:127.0.0.1:9\"\n").expect("a file");
+    let daemon = Daemon::start_in(folder, &["--config", file.to_str().expect("text")]);
+    for (port, status) in [
+        ("/dev/ttyS77", 200),
+        ("tcp:127.0.0.1:9", 200),
+        ("tcp:127.0.0.1:8", 403),
+    ] {
+        let line = json!({ "port": port }).to_string();
+        let changed = daemon.send("PATCH", "/api/v1/config/lines/far", &line);
+        assert_eq!(changed.status, status, "{port}: {}", changed.text());
+    }
+}
+
+#[test]
 fn the_first_user_comes_by_the_link_and_nobody_after() {
     let daemon = Daemon::demo("setup");
     let before = ask(&daemon, "GET", "/api/v1/session", "", "").json();

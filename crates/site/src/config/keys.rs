@@ -1,13 +1,13 @@
 //! Every table of a configuration and the keys that it can have: those that the reader knows, and
 //! those of the published schema, which a test holds against each other.
 
-use super::{control, past, plant, read, rules, webhook};
+use super::{control, owner, past, plant, read, rules, webhook};
 
 /// The published JSON Schema of a configuration.
 pub const SCHEMA: &str = include_str!("schema.json");
 
 /// The keys of each table, under the table's name in [`SCHEMA`]; the file as a whole has none.
-pub const TABLES: [(&str, &[&str]); 18] = [
+pub const TABLES: [(&str, &[&str]); 20] = [
     ("", &read::ROOT_KEYS),
     ("line", &read::LINE_KEYS),
     ("module", &read::MODULE_KEYS),
@@ -21,6 +21,8 @@ pub const TABLES: [(&str, &[&str]); 18] = [
     ("when", &rules::WHEN_KEYS),
     ("action", &rules::ACTION_KEYS),
     ("webhook", &webhook::WEBHOOK_KEYS),
+    ("ports", &owner::ALLOW_KEYS),
+    ("webhooks", &owner::ALLOW_KEYS),
     ("history", &past::HISTORY_KEYS),
     ("audit", &past::AUDIT_KEYS),
     ("sim", &plant::SIM_KEYS),

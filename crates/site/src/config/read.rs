@@ -14,8 +14,9 @@ use std::ops::Range as Span;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-pub(super) const ROOT_KEYS: [&str; 9] = [
-    "line", "module", "group", "scene", "rule", "webhook", "sim", "history", "audit",
+pub(super) const ROOT_KEYS: [&str; 11] = [
+    "line", "module", "group", "scene", "rule", "webhook", "webhooks", "ports", "sim", "history",
+    "audit",
 ];
 pub(super) const LINE_KEYS: [&str; 5] = ["port", "baud", "format", "echo", "sim"];
 pub(super) const MODULE_KEYS: [&str; 19] = [
@@ -189,7 +190,7 @@ impl<'t> Reader<'t> {
                     });
                 }
                 // Read when the lines are known, and these when the modules are.
-                "module" | "group" | "scene" | "rule" | "webhook" => {}
+                "module" | "group" | "scene" | "rule" | "webhook" | "webhooks" | "ports" => {}
                 "sim" => {
                     // What is wrong with it was told.
                     let _ = self.sim(value, &mut config.plant);
@@ -227,6 +228,7 @@ impl<'t> Reader<'t> {
         }
         self.control(root, &mut config);
         self.webhooks(root, &mut config);
+        self.allowed(root, &mut config);
         config
     }
 

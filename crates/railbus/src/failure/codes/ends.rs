@@ -129,6 +129,28 @@ codes! {
         next: ["ask an engineer or an administrator without this limit: railbus user list",
             "请由不受此限制的工程师或管理员操作：railbus user list"],
     }
+    OwnerOnly = "E0923" {
+        title: ["only the owner of the daemon may change this", "只有守护进程的所有者可以更改此项"],
+        likely: ["[ports] and [webhooks] limit what everybody else may configure",
+            "[ports] 和 [webhooks] 限定其他人可以配置的内容"],
+        next: ["on the daemon's machine, edit the file, then: systemctl reload railbus",
+            "在守护进程所在机器上编辑配置文件，再执行 systemctl reload railbus"],
+    }
+    PortNotAllowed = "E0924" {
+        title: ["no configuration from the network may open this port",
+            "不允许通过网络提交的配置打开此端口"],
+        likely: ["it is neither a serial port, nor known since the start, nor in [ports] allow",
+            "它不是串口，启动时的配置中没有，[ports] allow 中也没有"],
+        next: ["have the owner of the daemon add it to allow in [ports] of the file, and reload",
+            "请守护进程的所有者将其加入配置文件 [ports] 的 allow，然后重新加载"],
+    }
+    HookTarget = "E0925" {
+        title: ["a webhook may not lead to this address", "Webhook 不能指向此地址"],
+        likely: ["it is of the daemon's own machine, or of its link only",
+            "该地址属于守护进程所在机器，或仅限其本地链路"],
+        next: ["have the owner of the daemon add it to allow in [webhooks] of the file, and reload",
+            "请守护进程的所有者将其加入配置文件 [webhooks] 的 allow，然后重新加载"],
+    }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
         likely: ["the modules' settings are not those wanted", "模块设置与期望不同"],

@@ -10,6 +10,7 @@ use railbus_site::config::edit::WriteError;
 use railbus_site::config::keeper::{Generation, Keeper, etag};
 use railbus_site::history::{Event, EventKind, Severity};
 use railbus_site::{Config, Loan, Origin, Reloaded, Service};
+use std::collections::BTreeSet;
 use std::io;
 use std::path::Path;
 use tokio::sync::{Mutex, MutexGuard, watch};
@@ -21,6 +22,8 @@ const TABLES_TOLD: usize = 8;
 #[derive(Debug)]
 pub(in crate::serve) struct Desk {
     keeper: Keeper,
+    /// The ports of the text that the daemon began with, which is its owner's.
+    ports_at_start: BTreeSet<String>,
     /// Whose turn it is to change the file, or to bring it into force.
     turn: Mutex<()>,
     /// Counts how often another one was brought into force.
@@ -59,10 +62,13 @@ pub(in crate::serve) struct Changed {
 }
 
 impl Desk {
-    pub(in crate::serve) fn new(file: &Path) -> Desk {
+    /// The desk of this file, which says this at the start.
+    pub(in crate::serve) fn new(file: &Path, config: &Config) -> Desk {
         let state = config_file::state_folder(Some(file));
+        let ports = config.lines.values().map(|line| line.port.clone());
         Desk {
             keeper: Keeper::new(file.to_owned(), &state),
+            ports_at_start: ports.collect(),
             turn: Mutex::new(()),
             changes: watch::Sender::new(0),
         }
@@ -71,6 +77,11 @@ impl Desk {
     /// Tells whenever another configuration is in force.
     pub(in crate::serve) fn changes(&self) -> watch::Receiver<u64> {
         self.changes.subscribe()
+    }
+
+    /// The ports that the file had when the daemon began.
+    pub(super) fn ports_at_start(&self) -> &BTreeSet<String> {
+        &self.ports_at_start
     }
 
     pub(in crate::serve) fn file(&self) -> &Path {

@@ -1,6 +1,7 @@
 //! One event on its way: a POST, signed where there is a secret, over TLS where the address says
 //! so. No redirect is followed: an event goes where the configuration says, or nowhere.
 
+use super::target;
 use crate::api::problem::{Problem, codes};
 use crate::serve::access::secret::{Secret, hex};
 use hmac::{Hmac, KeyInit, Mac};
@@ -31,6 +32,8 @@ const HEAD_MAX: usize = 16 << 10;
 pub(super) enum Failed {
     /// There was no connection, or it ended without an answer.
     Unreached(String),
+    /// The name leads to this machine or its link, which the owner does not allow.
+    Inner(String, u16),
     /// There was no connection to be trusted.
     Tls(String),
     /// There was no answer in time.
@@ -43,6 +46,7 @@ impl Failed {
     /// In words.
     pub(super) fn problem(&self) -> Problem {
         let (kind, reason) = match self {
+            Failed::Inner(host, port) => return target::refused(host, *port),
             Failed::Unreached(reason) => (codes::HOOK_UNREACHED, reason.clone()),
             Failed::Tls(reason) => (codes::HOOK_TLS, reason.clone()),
             Failed::Slow => (codes::HOOK_SLOW, format!("{} s", LIMIT.as_secs())),
@@ -67,6 +71,8 @@ fn unreached(error: impl ToString) -> Failed {
 /// What is sent.
 pub(super) struct Parcel {
     pub(super) url: String,
+    /// Receivers on this machine or its link that the owner allows.
+    pub(super) allowed: Vec<String>,
     /// The number of the event.
     pub(super) id: String,
     pub(super) body: Bytes,
@@ -102,16 +108,15 @@ impl Carrier {
     async fn exchange(&self, parcel: &Parcel) -> Result<u16, Failed> {
         let url: Uri = parcel.url.parse().map_err(unreached)?;
         let is_tls = url.scheme_str() == Some("https");
-        let host = url.host().unwrap_or_default();
-        let host = host.trim_start_matches('[').trim_end_matches(']');
-        let port = url.port_u16().unwrap_or(if is_tls { 443 } else { 80 });
+        let place = target::place(&parcel.url).ok_or_else(|| unreached("no address"))?;
         let request = request(&url, parcel).map_err(unreached)?;
-        let stream = TcpStream::connect((host, port)).await.map_err(unreached)?;
+        let stream = connect(&place, &parcel.allowed).await?;
+        let host = place.0;
         if !is_tls {
             return talk(stream, request).await;
         }
         let broken = |error: &dyn ToString| Failed::Tls(error.to_string());
-        let name = ServerName::try_from(host.to_owned()).map_err(|error| broken(&error))?;
+        let name = ServerName::try_from(host).map_err(|error| broken(&error))?;
         let connector = TlsConnector::from(self.trusted()?);
         let stream = connector.connect(name, stream).await;
         talk(stream.map_err(|error| broken(&error))?, request).await
@@ -134,6 +139,29 @@ impl Carrier {
         *trust = Some(Arc::clone(&config));
         Ok(config)
     }
+}
+
+/// Connects to the first address of a host that takes it. What a name leads to is looked at here,
+/// and that very address is connected to: a name may lead elsewhere by the next time it is asked.
+/// What is written as an address was looked at when it was written.
+async fn connect((host, port): &(String, u16), allowed: &[String]) -> Result<TcpStream, Failed> {
+    let is_name = target::literal(host).is_none();
+    let mut end = unreached("the name has no address");
+    let found = tokio::net::lookup_host((host.as_str(), *port)).await;
+    for address in found.map_err(unreached)? {
+        let refused = is_name
+            && target::is_inner(address.ip())
+            && !target::is_allowed(allowed, (host, *port), address.ip());
+        if refused {
+            end = Failed::Inner(host.clone(), *port);
+            continue;
+        }
+        match TcpStream::connect(address).await {
+            Ok(stream) => return Ok(stream),
+            Err(error) => end = unreached(error),
+        }
+    }
+    Err(end)
 }
 
 fn request(url: &Uri, parcel: &Parcel) -> Result<Request<Full<Bytes>>, hyper::http::Error> {

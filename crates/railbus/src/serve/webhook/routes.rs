@@ -188,6 +188,7 @@ async fn test(Path(webhook): Path<String>, order: Order) -> Answer {
 /// Sends an event past the queue, once.
 async fn tested(order: &Order, webhook: String) -> Result<WebhookTest, Problem> {
     let url = known(&order.site, &webhook)?.url;
+    let allowed = order.site.service.config().allowed.webhooks;
     let internal = |reason: String| Problem::new(codes::INTERNAL).with("reason", reason);
     let number = random::<8>().map_err(|error| internal(error.to_string()))?;
     let event = Event {
@@ -198,7 +199,7 @@ async fn tested(order: &Order, webhook: String) -> Result<WebhookTest, Problem> 
     let begun = Instant::now();
     let sent = hooks.thread.spawn({
         let hooks = Arc::clone(&hooks);
-        async move { hooks.send(url, &webhook, &event).await }
+        async move { hooks.send((url, allowed), &webhook, &event).await }
     });
     let end = sent.await.map_err(|error| internal(error.to_string()))?;
     let failed = end.as_ref().err();

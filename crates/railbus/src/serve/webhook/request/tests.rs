@@ -43,6 +43,7 @@ async fn receive(deed: Deed) -> (String, tokio::task::JoinHandle<String>) {
 fn parcel(url: &str, secret: Option<&str>) -> Parcel {
     Parcel {
         url: url.to_owned(),
+        allowed: Vec::new(),
         id: "01EVENT".to_owned(),
         body: Bytes::from_static(b"{\"schema\":1}"),
         secret: secret.map(|secret| Arc::new(Secret::new(secret.to_owned()))),
@@ -195,4 +196,31 @@ async fn over_tls_it_goes_to_whom_is_trusted_and_nobody_else() {
         "another name: {other:?}"
     );
     receiver.abort();
+}
+
+/// `127.1` is a name to whoever reads it, and leads to this machine, as any name could that is
+/// asked again.
+#[tokio::test]
+async fn a_name_that_leads_to_this_machine_is_refused_unless_the_owner_allows_it() {
+    let (url, receiver) = receive(Deed::Say("HTTP/1.1 204 No Content\r\n\r\n")).await;
+    let named = url.replace("127.0.0.1", "127.1");
+    let refused = Carrier::new(LIMIT).carry(&parcel(&named, None)).await;
+    let problem = refused.as_ref().err().map(|failed| failed.problem().code);
+    assert_eq!(problem.as_deref(), Some("E0925"), "{refused:?}");
+    for allowed in ["127.0.0.2", "127.1:1"] {
+        let parcel = Parcel {
+            allowed: vec![allowed.to_owned()],
+            ..parcel(&named, None)
+        };
+        assert!(
+            Carrier::new(LIMIT).carry(&parcel).await.is_err(),
+            "{allowed}"
+        );
+    }
+    let parcel = Parcel {
+        allowed: vec!["127.0.0.1".to_owned()],
+        ..parcel(&named, None)
+    };
+    assert_eq!(Carrier::new(LIMIT).carry(&parcel).await, Ok(204));
+    receiver.await.unwrap();
 }
