@@ -80,8 +80,8 @@ const ABOUT: &str = "Lines, modules and points of a site, as they are, and comma
                      Fields are only ever added; readers ignore what they do not know.";
 
 fn cookie() -> SecurityScheme {
-    let about = "A session; what changes something needs the header X-CSRF-Token as well. Behind \
-                 a port its name is `railbus_session_PORT`";
+    let about = "A session; what changes something needs the header X-CSRF-Token as well. Its \
+                 name ends with the daemon's own number: `railbus_session_0a1b2c3d`";
     SecurityScheme::ApiKey(ApiKey::Cookie(ApiKeyValue::with_description(
         "railbus_session",
         about,

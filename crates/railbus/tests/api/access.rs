@@ -522,6 +522,53 @@ fn a_configuration_from_the_network_leads_where_the_owner_allows() {
 }
 
 #[test]
+fn sessions_outlive_the_daemon_until_they_are_ended() {
+    let folder = super::daemon::folder("outlive");
+    let file = folder.join("railbus.toml");
+    std::fs::write(&file, "# Nothing yet.\n").expect("a file");
+    let file = file.to_str().expect("text").to_owned();
+    let arguments = ["--config", file.as_str()];
+    let mut daemon = Daemon::start_in(folder, &arguments);
+    let [first, second, third] = [set_up(&daemon), log_in(&daemon, "li", PASSWORD), {
+        let other = Daemon::demo("outlive-other");
+        let first = set_up(&other);
+        let name = |answer: &Answer| cookie_of(answer).split('=').next().map(str::to_owned);
+        let ours = log_in(&daemon, "li", PASSWORD);
+        assert_ne!(
+            name(&first),
+            name(&ours),
+            "one jar holds the cookies of both"
+        );
+        ours
+    }];
+    let head = |answer: &Answer| {
+        let csrf = answer.json()["csrf"].as_str().expect("a token").to_owned();
+        format!("Cookie: {}\r\nX-CSRF-Token: {csrf}\r\n", cookie_of(answer))
+    };
+    let [first, second, third] = [first, second, third].map(|answer| head(&answer));
+    let status = |daemon: &Daemon, head: &str| {
+        let body = r#"{"text":""}"#;
+        ask(daemon, "POST", "/api/v1/config/check", head, body).status
+    };
+    assert_eq!(status(&daemon, &first), 200);
+    // However the daemon ends, right after its answers.
+    let out = ask(&daemon, "POST", "/api/v1/logout", &second, "");
+    assert_eq!(out.status, 200, "{}", out.text());
+    let _ = daemon.child.kill();
+    daemon.start_again(&arguments);
+    assert_eq!(status(&daemon, &first), 200);
+    assert_eq!(status(&daemon, &second), 401, "it has logged out");
+    assert_eq!(status(&daemon, &third), 200);
+    let new = json!({ "old": PASSWORD, "new": "another canary horse" }).to_string();
+    let changed = ask(&daemon, "POST", "/api/v1/password", &first, &new);
+    assert_eq!(changed.status, 200, "{}", changed.text());
+    let _ = daemon.child.kill();
+    daemon.start_again(&arguments);
+    assert_eq!(status(&daemon, &first), 200);
+    assert_eq!(status(&daemon, &third), 401, "the password was changed");
+}
+
+#[test]
 fn the_first_user_comes_by_the_link_and_nobody_after() {
     let daemon = Daemon::demo("setup");
     let before = ask(&daemon, "GET", "/api/v1/session", "", "").json();

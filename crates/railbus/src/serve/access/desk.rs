@@ -127,8 +127,7 @@ pub(crate) async fn change_user(
     let info = access.change(change).await?;
     if logs_out {
         let own = own.filter(|_| !info.locked);
-        access.sessions.end_of_user(name, own);
-        access.changed();
+        access.end_of_user(name, own).await?;
     }
     Ok(json!(info))
 }
@@ -136,8 +135,7 @@ pub(crate) async fn change_user(
 /// Removes a user.
 pub(crate) async fn remove_user(access: &Access, name: &str) -> Result<Value, Problem> {
     access.change(|accounts| accounts.remove_user(name)).await?;
-    access.sessions.end_of_user(name, None);
-    access.changed();
+    access.end_of_user(name, None).await?;
     let removed = name.to_owned();
     Ok(json!(Removed { removed }))
 }

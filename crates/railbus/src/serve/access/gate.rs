@@ -11,7 +11,7 @@ use super::{Caller, Known, Role};
 use crate::api::problem::{Problem, codes};
 use axum::extract::{Request, State};
 use axum::http::HeaderMap;
-use axum::http::header::{AUTHORIZATION, COOKIE, HOST, UPGRADE};
+use axum::http::header::{AUTHORIZATION, COOKIE, UPGRADE};
 use axum::middleware::Next;
 use axum::response::Response;
 use jiff::Timestamp;
@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// The name of the session's cookie, but for the port.
+/// How the name of the session's cookie begins.
 const COOKIE_NAME: &str = "railbus_session";
 /// The header that a session's mutating requests carry.
 const CSRF_HEADER: &str = "x-csrf-token";
@@ -40,6 +40,9 @@ pub(crate) struct Access {
     /// The file, for whoever changes accounts: one at a time.
     store: tokio::sync::Mutex<Arc<Store>>,
     pub(super) sessions: Sessions,
+    /// The name of the session's cookie. Browsers keep one jar for all ports of a host, so that two
+    /// daemons there would throw out each other's sessions if it were the same.
+    pub(super) cookie_name: String,
     pub(super) hashers: Hashers,
     pub(super) setup: Setup,
     tries: Tries,
@@ -63,10 +66,12 @@ impl Access {
     pub(crate) fn open(folder: &Path) -> Result<Access, Problem> {
         let store = Store::open(folder)?;
         let accounts = store.read()?;
+        let sessions = Sessions::open(folder, |user| accounts.user(user).is_some())?;
         Ok(Access {
             accounts: Mutex::new(Arc::new(Kept(accounts))),
             store: tokio::sync::Mutex::new(Arc::new(store)),
-            sessions: Sessions::default(),
+            cookie_name: format!("{COOKIE_NAME}_{}", sessions.cookie()),
+            sessions,
             hashers: Hashers::new(),
             setup: Setup::default(),
             tries: Tries::default(),
@@ -163,7 +168,7 @@ impl Access {
         address: IpAddr,
     ) -> Result<Secret, Problem> {
         self.confirm(name, password, address).await?;
-        self.begin_session(name, address)
+        self.begin_session(name, address).await
     }
 
     /// Whether this is a user's password. It takes as long for a name that there is not.
@@ -186,9 +191,29 @@ impl Access {
         Ok(())
     }
 
-    pub(super) fn begin_session(&self, name: &str, address: IpAddr) -> Result<Secret, Problem> {
+    /// A session of somebody who showed who he is.
+    pub(super) async fn begin_session(
+        &self,
+        name: &str,
+        address: IpAddr,
+    ) -> Result<Secret, Problem> {
         let address = address.to_canonical().to_string();
-        self.sessions.begin(name, &address, Instant::now())
+        let secret = self.sessions.begin(name, &address, Instant::now())?;
+        // One that can't be kept lasts as long as the program.
+        let _ = self.sessions.keep().await;
+        Ok(secret)
+    }
+
+    /// The session's cookie.
+    pub(super) fn cookie<'h>(&self, headers: &'h HeaderMap) -> Option<&'h str> {
+        let all = headers.get_all(COOKIE).iter();
+        let pairs = all
+            .filter_map(|value| value.to_str().ok())
+            .flat_map(|value| value.split(';'));
+        pairs
+            .filter_map(|pair| pair.trim().split_once('='))
+            .find(|(name, _)| *name == self.cookie_name)
+            .map(|(_, value)| value)
     }
 
     fn password_of(&self, name: &str) -> Option<Hashed> {
@@ -241,7 +266,7 @@ impl Access {
 
     fn of_session(&self, headers: &HeaderMap, query: Option<&str>, nobody: Caller) -> Caller {
         let now = Instant::now();
-        let found = cookie(headers).and_then(|cookie| {
+        let found = self.cookie(headers).and_then(|cookie| {
             let (key, name) = self.sessions.user(cookie, now)?;
             Some((cookie, key, self.unlocked(&name)?))
         });
@@ -293,6 +318,17 @@ impl Access {
         }
     }
 
+    /// Ends all sessions of a user but one, for good.
+    pub(super) async fn end_of_user(
+        &self,
+        user: &str,
+        but: Option<&Fingerprint>,
+    ) -> Result<(), Problem> {
+        self.sessions.end_of_user(user, but);
+        self.changed();
+        self.sessions.keep().await
+    }
+
     /// The session of a caller, where it has one.
     pub(super) fn session_of(caller: &Caller) -> Option<&Fingerprint> {
         match &caller.known {
@@ -315,6 +351,11 @@ pub(in crate::serve) async fn identify(
         }
         None => None,
     };
+    if access.sessions.is_time_to_note(Instant::now()) {
+        let access = Arc::clone(&access);
+        // What can't be noted now will be the next time.
+        tokio::spawn(async move { access.sessions.keep().await });
+    }
     if let Some(caller) = caller {
         request.extensions_mut().insert(caller);
     }
@@ -324,29 +365,6 @@ pub(in crate::serve) async fn identify(
 /// Whether the connection is to become a WebSocket.
 pub(super) fn is_upgrade(headers: &HeaderMap) -> bool {
     headers.contains_key(UPGRADE)
-}
-
-/// The name of the session's cookie. Browsers keep one jar for all ports of a host, so that two
-/// daemons there would throw out each other's sessions if the port were not in the name.
-pub(super) fn cookie_name(headers: &HeaderMap) -> String {
-    let port = header(headers, HOST.as_str()).and_then(|host| host.rsplit_once(':'));
-    match port.map(|(_, port)| port.parse::<u16>()) {
-        Some(Ok(port)) => format!("{COOKIE_NAME}_{port}"),
-        _ => COOKIE_NAME.to_owned(),
-    }
-}
-
-/// The session's cookie.
-pub(super) fn cookie(headers: &HeaderMap) -> Option<&str> {
-    let wanted = cookie_name(headers);
-    let all = headers.get_all(COOKIE).iter();
-    let pairs = all
-        .filter_map(|value| value.to_str().ok())
-        .flat_map(|value| value.split(';'));
-    pairs
-        .filter_map(|pair| pair.trim().split_once('='))
-        .find(|(name, _)| *name == wanted)
-        .map(|(_, value)| value)
 }
 
 fn header<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
@@ -434,10 +452,10 @@ mod tests {
         let Ok(secret) = log_in(&access, "li", "correct horse").await else {
             panic!("it logs in");
         };
-        let mut headers = with("cookie", &format!("a=b; {COOKIE_NAME}={}", secret.expose()));
-        headers.insert(HOST, HeaderValue::from_static("[::1]:7485"));
-        assert!(cookie(&headers).is_none(), "another daemon's");
-        headers.insert(HOST, HeaderValue::from_static("railbus.local"));
+        let cookie = |name: &str| with("cookie", &format!("a=b; {name}={}", secret.expose()));
+        let others = cookie(&format!("{COOKIE_NAME}_0"));
+        assert!(access.cookie(&others).is_none(), "another daemon's");
+        let mut headers = cookie(&access.cookie_name);
         let caller = access.caller(&headers, None, HERE);
         assert_eq!(
             (caller.name.as_str(), caller.role),

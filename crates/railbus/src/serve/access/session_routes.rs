@@ -1,7 +1,7 @@
 //! Logging in and out, and the first user.
 
 use super::accounts::{User, UserChange};
-use super::gate::{Access, Peer, cookie, cookie_name};
+use super::gate::{Access, Peer};
 use super::secret::Secret;
 use super::sessions::csrf;
 use super::tries::Who;
@@ -131,7 +131,7 @@ pub(in crate::serve) fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Prob
 /// `GET /session`.
 async fn session(State(site): State<Site>, who: Extension<Caller>, headers: HeaderMap) -> Answer {
     let csrf = match who.known {
-        Known::Session { .. } => cookie(&headers).map(csrf),
+        Known::Session { .. } => site.access.cookie(&headers).map(csrf),
         _ => None,
     };
     answer::json(Ok(told(&site, &who, csrf)))
@@ -164,7 +164,6 @@ async fn set_up(
     State(site): State<Site>,
     who: Extension<Caller>,
     peer: Option<Extension<Peer>>,
-    headers: HeaderMap,
     body: Bytes,
 ) -> Answer {
     let end = first_user(&site, address(peer), &body).await;
@@ -177,7 +176,7 @@ async fn set_up(
         };
         note_change(&site, &first, "user_added", name, Some(Role::Admin.name()));
     }
-    begun((&site, &who, &headers), end)
+    begun((&site, &who), end)
 }
 
 async fn first_user(
@@ -218,7 +217,7 @@ async fn first_user(
     };
     access.change(add).await?;
     access.setup.close();
-    let secret = access.begin_session(&wanted.name, address)?;
+    let secret = access.begin_session(&wanted.name, address).await?;
     Ok((wanted.name, secret))
 }
 
@@ -227,7 +226,6 @@ async fn log_in(
     State(site): State<Site>,
     who: Extension<Caller>,
     peer: Option<Extension<Peer>>,
-    headers: HeaderMap,
     body: Bytes,
 ) -> Answer {
     let wanted: LoginRequest = match read(&body) {
@@ -237,14 +235,11 @@ async fn log_in(
     let LoginRequest { name, password } = wanted;
     let end = site.access.log_in(&name, password, address(peer)).await;
     note_login(&site, Some(&name), &who.via, end.as_ref().err());
-    begun((&site, &who, &headers), end.map(|secret| (name, secret)))
+    begun((&site, &who), end.map(|secret| (name, secret)))
 }
 
 /// The answer to a login: the session, and the cookie that carries it from now on.
-fn begun(
-    (site, who, headers): (&Site, &Caller, &HeaderMap),
-    end: Result<(String, Secret), Problem>,
-) -> Answer {
+fn begun((site, who): (&Site, &Caller), end: Result<(String, Secret), Problem>) -> Answer {
     let (name, secret) = match end {
         Ok(begun) => begun,
         Err(problem) => return refused(&problem),
@@ -257,12 +252,7 @@ fn begun(
         ..who.clone()
     };
     let told = told(site, &who, Some(csrf(secret.expose())));
-    with_cookie(
-        answer::json(Ok(told)),
-        (site, headers),
-        secret.expose(),
-        None,
-    )
+    with_cookie(answer::json(Ok(told)), site, secret.expose(), None)
 }
 
 /// A refusal that says when to try again.
@@ -279,13 +269,8 @@ fn refused(problem: &Problem) -> Answer {
     response
 }
 
-fn with_cookie(
-    mut response: Answer,
-    (site, headers): (&Site, &HeaderMap),
-    value: &str,
-    age: Option<u32>,
-) -> Answer {
-    let name = cookie_name(headers);
+fn with_cookie(mut response: Answer, site: &Site, value: &str, age: Option<u32>) -> Answer {
+    let name = &site.access.cookie_name;
     let secure = if site.tls.is_some() { "; Secure" } else { "" };
     let age = age
         .map(|age| format!("; Max-Age={age}"))
@@ -300,10 +285,14 @@ fn with_cookie(
 }
 
 /// `POST /logout`.
-async fn log_out(State(site): State<Site>, who: Extension<Caller>, headers: HeaderMap) -> Answer {
+async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
     if let Some(key) = Access::session_of(&who) {
         site.access.sessions.end(key);
         site.access.changed();
+        // It is told to have ended when it stays so.
+        if let Err(problem) = site.access.sessions.keep().await {
+            return answer::problem(&problem);
+        }
         note_change(&site, &who, "logged_out", "", None);
     }
     let nobody = Caller {
@@ -311,7 +300,7 @@ async fn log_out(State(site): State<Site>, who: Extension<Caller>, headers: Head
         ..who.0
     };
     let told = told(&site, &nobody, None);
-    with_cookie(answer::json(Ok(told)), (&site, &headers), "", Some(0))
+    with_cookie(answer::json(Ok(told)), &site, "", Some(0))
 }
 
 /// `POST /password`: a new one for oneself. All other sessions of the user end.
@@ -350,8 +339,7 @@ async fn change_password(
     access
         .change(|accounts| accounts.change_user(&who.name, change))
         .await?;
-    access.sessions.end_of_user(&who.name, Some(key));
-    access.changed();
+    access.end_of_user(&who.name, Some(key)).await?;
     note_change(site, who, "password_changed", "", None);
     Ok(())
 }

@@ -1,20 +1,33 @@
-//! Who is logged in. Sessions live in memory: the end of the daemon ends them all.
+//! Who is logged in. Sessions outlive the daemon: what they are known by, never their secrets,
+//! lies in the state folder.
 
 use super::secret::{Fingerprint, Secret, fingerprint, hex, random};
 use crate::api::problem::{Problem, codes};
 use jiff::Timestamp;
-use serde::Serialize;
+use railbus_site::durable;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
-use std::sync::{Mutex, PoisonError};
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use utoipa::ToSchema;
 
+/// Its name in the state folder.
+const NAME: &str = "sessions.json";
+/// The longest file: more than all sessions of all users take.
+const LEN_MAX: u64 = 1 << 20;
+/// The most sessions of all users together.
+const ALL_MAX: usize = 64 * OF_USER_MAX;
 /// A session nobody used for so long ends.
 const IDLE_MAX: Duration = Duration::from_secs(12 * 3_600);
 /// A session ends after so long in any case.
 const AGE_MAX: Duration = Duration::from_secs(7 * 24 * 3_600);
 /// So many sessions a user may have; a new one ends the one longest unused.
 const OF_USER_MAX: usize = 8;
+/// That sessions were used is written down no more often than this.
+const NOTE_EVERY: Duration = Duration::from_secs(600);
 
 /// One session.
 #[derive(Debug)]
@@ -22,16 +35,41 @@ struct Session {
     id: String,
     user: String,
     address: String,
-    began: Instant,
+    /// When it began, or this program did; and how old it was then.
+    since: Instant,
+    aged: Duration,
     began_at: Timestamp,
+    /// When it was used last, or this program began; and how long it had rested then.
     used: Instant,
+    rested: Duration,
     used_at: Timestamp,
 }
 
 impl Session {
     fn is_over(&self, now: Instant) -> bool {
-        now.duration_since(self.used) >= IDLE_MAX || now.duration_since(self.began) >= AGE_MAX
+        now.duration_since(self.used) + self.rested >= IDLE_MAX
+            || now.duration_since(self.since) + self.aged >= AGE_MAX
     }
+}
+
+/// A session as it lies in the file.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    /// What its secret is remembered by.
+    key: String,
+    id: String,
+    user: String,
+    address: String,
+    began: Timestamp,
+    used: Timestamp,
+}
+
+/// The file.
+#[derive(Serialize, Deserialize)]
+struct Text {
+    /// What this daemon's cookies have in their name.
+    cookie: String,
+    sessions: Vec<Kept>,
 }
 
 /// A session as administrators see it.
@@ -48,29 +86,123 @@ pub(crate) struct SessionInfo {
 
 /// All sessions, by what their secrets are remembered by. There are at most as many as all users
 /// may have.
-#[derive(Debug, Default)]
-pub(crate) struct Sessions(Mutex<HashMap<Fingerprint, Session>>);
+#[derive(Debug)]
+pub(crate) struct Sessions {
+    now: Mutex<Now>,
+    cookie: String,
+    path: PathBuf,
+    /// One at a time writes the file; nobody else waits for the disk.
+    turn: Arc<tokio::sync::Mutex<()>>,
+}
+
+#[derive(Debug)]
+struct Now {
+    all: HashMap<Fingerprint, Session>,
+    /// When it was last written down how they are.
+    noted: Instant,
+}
 
 impl Sessions {
+    /// Those of a state folder that last, of users that `is_user` knows. A file that can't be read
+    /// holds none: whoever was logged in does so again.
+    pub(crate) fn open(folder: &Path, is_user: impl Fn(&str) -> bool) -> Result<Sessions, Problem> {
+        let path = folder.join(NAME);
+        let now = Instant::now();
+        let (cookie, kept) = match read(&path) {
+            Some(text) => (text.cookie, text.sessions),
+            None => {
+                let number = random::<4>().map_err(failed)?;
+                let text = Text {
+                    cookie: hex(&number),
+                    sessions: Vec::new(),
+                };
+                write(&path, &text)?;
+                (text.cookie, text.sessions)
+            }
+        };
+        let kept = kept.into_iter().take(ALL_MAX);
+        let all = kept
+            .filter(|kept| is_user(&kept.user))
+            .filter_map(|kept| Some((unhex(&kept.key)?, begun_before(kept, now))))
+            .filter(|(_, session)| !session.is_over(now));
+        let all = all.collect();
+        Ok(Sessions {
+            now: Mutex::new(Now { all, noted: now }),
+            cookie,
+            path,
+            turn: Arc::default(),
+        })
+    }
+
+    /// What this daemon's cookies have in their name, so that those of another on the same host
+    /// are others.
+    pub(crate) fn cookie(&self) -> &str {
+        &self.cookie
+    }
+
+    fn now(&self) -> MutexGuard<'_, Now> {
+        self.now.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes down how they are: comes back when that is safe. What was ended has ended in any
+    /// case, but without this only for as long as the program runs.
+    pub(crate) async fn keep(&self) -> Result<(), Problem> {
+        let turn = Arc::clone(&self.turn).lock_owned().await;
+        let text = self.text();
+        let path = self.path.clone();
+        let kept = tokio::task::spawn_blocking(move || {
+            let _turn = turn;
+            write(&path, &text)
+        });
+        kept.await
+            .map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))?
+    }
+
+    fn text(&self) -> Text {
+        let mut now = self.now();
+        now.noted = Instant::now();
+        let sessions = now.all.iter().map(|(key, session)| Kept {
+            key: hex(key),
+            id: session.id.clone(),
+            user: session.user.clone(),
+            address: session.address.clone(),
+            began: session.began_at,
+            used: session.used_at,
+        });
+        Text {
+            cookie: self.cookie.clone(),
+            sessions: sessions.collect(),
+        }
+    }
+
+    /// Whether it is time to write down which of them are used.
+    pub(crate) fn is_time_to_note(&self, at: Instant) -> bool {
+        let mut now = self.now();
+        let is_time = !now.all.is_empty() && at.duration_since(now.noted) >= NOTE_EVERY;
+        if is_time {
+            now.noted = at;
+        }
+        is_time
+    }
+
     /// Begins a session; what comes back is its secret.
     pub(crate) fn begin(&self, user: &str, address: &str, now: Instant) -> Result<Secret, Problem> {
-        let failed = |error: getrandom::Error| {
-            Problem::new(codes::INTERNAL).with("reason", error.to_string())
-        };
         let secret = Secret::random("").map_err(failed)?;
         let at = Timestamp::now();
         let session = Session {
             id: hex(&random::<8>().map_err(failed)?),
             user: user.to_owned(),
             address: address.to_owned(),
-            began: now,
+            since: now,
+            aged: Duration::ZERO,
             began_at: at,
             used: now,
+            rested: Duration::ZERO,
             used_at: at,
         };
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let all = &mut self.now().all;
         all.retain(|_, session| !session.is_over(now));
-        make_room(&mut all, user);
+        make_room(all, user);
         all.insert(secret.fingerprint(), session);
         Ok(secret)
     }
@@ -78,31 +210,32 @@ impl Sessions {
     /// The user of a session, which is used by this.
     pub(crate) fn user(&self, secret: &str, now: Instant) -> Option<(Fingerprint, String)> {
         let key = fingerprint(secret);
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let all = &mut self.now().all;
         let session = all.get_mut(&key)?;
         if session.is_over(now) {
             all.remove(&key);
             return None;
         }
-        (session.used, session.used_at) = (now, Timestamp::now());
+        (session.used, session.rested) = (now, Duration::ZERO);
+        session.used_at = Timestamp::now();
         Some((key, session.user.clone()))
     }
 
     /// Whether a session still lasts; it is not used by this.
     pub(crate) fn lasts(&self, key: &Fingerprint, now: Instant) -> bool {
-        let all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let all = &self.now().all;
         all.get(key).is_some_and(|session| !session.is_over(now))
     }
 
     /// Ends one session.
     pub(crate) fn end(&self, key: &Fingerprint) {
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let all = &mut self.now().all;
         all.remove(key);
     }
 
     /// Ends the session that administrators know by this; whether there was one.
     pub(crate) fn end_by_id(&self, id: &str) -> bool {
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let all = &mut self.now().all;
         let before = all.len();
         all.retain(|_, session| session.id != id);
         all.len() < before
@@ -110,13 +243,13 @@ impl Sessions {
 
     /// Ends all sessions of a user but one.
     pub(crate) fn end_of_user(&self, user: &str, but: Option<&Fingerprint>) {
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let all = &mut self.now().all;
         all.retain(|key, session| session.user != user || Some(key) == but);
     }
 
     /// All that last, the one used last first.
     pub(crate) fn list(&self, current: Option<&Fingerprint>, now: Instant) -> Vec<SessionInfo> {
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let all = &mut self.now().all;
         all.retain(|_, session| !session.is_over(now));
         let mut list: Vec<_> = all.iter().collect();
         list.sort_by_key(|(_, session)| std::cmp::Reverse(session.used));
@@ -130,6 +263,55 @@ impl Sessions {
         };
         list.into_iter().map(info).collect()
     }
+}
+
+/// What was kept, by this program's clock. A clock that was set back makes nothing older.
+fn begun_before(kept: Kept, now: Instant) -> Session {
+    let today = Timestamp::now();
+    let ago = |at: Timestamp| Duration::try_from(today.duration_since(at)).unwrap_or_default();
+    Session {
+        id: kept.id,
+        user: kept.user,
+        address: kept.address,
+        since: now,
+        aged: ago(kept.began),
+        began_at: kept.began,
+        used: now,
+        rested: ago(kept.used),
+        used_at: kept.used,
+    }
+}
+
+fn read(path: &Path) -> Option<Text> {
+    let mut text = String::new();
+    let file = File::open(path).ok()?;
+    file.take(LEN_MAX).read_to_string(&mut text).ok()?;
+    serde_json::from_str(&text).ok()
+}
+
+fn write(path: &Path, text: &Text) -> Result<(), Problem> {
+    let bytes = serde_json::to_vec(text).unwrap_or_default();
+    durable::replace(path, &bytes, Some(0o600)).map_err(|error: io::Error| {
+        Problem::new(codes::ACCOUNTS_FILE)
+            .with("path", path.display().to_string())
+            .with("reason", error.to_string())
+    })
+}
+
+fn failed(error: getrandom::Error) -> Problem {
+    Problem::new(codes::INTERNAL).with("reason", error.to_string())
+}
+
+/// What [`hex`] made of a fingerprint.
+fn unhex(text: &str) -> Option<Fingerprint> {
+    let mut key = Fingerprint::default();
+    if text.len() != 2 * key.len() || !text.is_ascii() {
+        return None;
+    }
+    for (at, byte) in key.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(text.get(2 * at..2 * at + 2)?, 16).ok()?;
+    }
+    Some(key)
 }
 
 /// The time as the API writes it.
@@ -159,6 +341,29 @@ fn make_room(all: &mut HashMap<Fingerprint, Session>, user: &str) {
 mod tests {
     use super::*;
 
+    /// Sessions in a folder that goes away with them.
+    struct Here(Sessions, PathBuf);
+
+    impl Here {
+        fn new(name: &str) -> Here {
+            let unique = format!("railbus-sessions-{}-{name}", std::process::id());
+            let folder = std::env::temp_dir().join(unique);
+            std::fs::create_dir_all(&folder).unwrap();
+            Here(Here::open(&folder), folder)
+        }
+
+        fn open(folder: &Path) -> Sessions {
+            let sessions = Sessions::open(folder, |user| user != "gone");
+            sessions.unwrap_or_else(|problem| panic!("{problem:?}"))
+        }
+    }
+
+    impl Drop for Here {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.1);
+        }
+    }
+
     fn begin(sessions: &Sessions, user: &str, now: Instant) -> Secret {
         let begun = sessions.begin(user, "127.0.0.1", now);
         begun.unwrap_or_else(|problem| panic!("{problem:?}"))
@@ -166,8 +371,9 @@ mod tests {
 
     #[test]
     fn a_session_ends_when_idle_and_when_old() {
-        let (sessions, start) = (Sessions::default(), Instant::now());
-        let secret = begin(&sessions, "li", start);
+        let here = Here::new("over");
+        let (sessions, start) = (&here.0, Instant::now());
+        let secret = begin(sessions, "li", start);
         let user = |at| sessions.user(secret.expose(), at).map(|(_, user)| user);
         assert_eq!(user(start), Some("li".to_owned()));
         assert_eq!(sessions.user("", start), None);
@@ -177,19 +383,20 @@ mod tests {
             assert!(user(now).is_some(), "{:?}", now - start);
         }
         assert_eq!(user(start + AGE_MAX), None, "however much it is used");
-        let idle = begin(&sessions, "li", start);
+        let idle = begin(sessions, "li", start);
         assert_eq!(sessions.user(idle.expose(), start + IDLE_MAX), None);
         assert!(sessions.list(None, start).is_empty());
     }
 
     #[test]
     fn a_user_has_so_many_sessions_and_takes_none_of_others() {
-        let (sessions, mut now) = (Sessions::default(), Instant::now());
-        let of_wang = begin(&sessions, "wang", now);
+        let here = Here::new("many");
+        let (sessions, mut now) = (&here.0, Instant::now());
+        let of_wang = begin(sessions, "wang", now);
         let mut of_li = Vec::new();
         for _ in 0..=OF_USER_MAX {
             now += Duration::from_secs(1);
-            of_li.push(begin(&sessions, "li", now));
+            of_li.push(begin(sessions, "li", now));
         }
         assert!(sessions.user(of_li[0].expose(), now).is_none());
         assert!(sessions.user(of_li[1].expose(), now).is_some());
@@ -208,5 +415,47 @@ mod tests {
         assert_eq!(csrf("a"), csrf("a"));
         assert_ne!(csrf("a"), csrf("b"));
         assert_ne!(csrf("a"), hex(&fingerprint("a")));
+    }
+
+    #[tokio::test]
+    async fn they_outlive_the_program_and_their_secrets_are_not_kept() {
+        use std::os::unix::fs::PermissionsExt;
+        let here = Here::new("kept");
+        let (sessions, now) = (&here.0, Instant::now());
+        let [one, other, gone] = ["li", "wang", "gone"].map(|user| begin(sessions, user, now));
+        sessions.keep().await.unwrap();
+        let file = here.1.join(NAME);
+        let text = std::fs::read_to_string(&file).unwrap();
+        for secret in [&one, &other, &gone] {
+            assert!(!text.contains(secret.expose()), "{text}");
+            assert!(!text.contains(&csrf(secret.expose())), "{text}");
+        }
+        let mode = std::fs::metadata(&file).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600);
+        let again = Here::open(&here.1);
+        assert_eq!(again.cookie(), sessions.cookie());
+        let user = |sessions: &Sessions, secret: &Secret| {
+            let found = sessions.user(secret.expose(), Instant::now());
+            found.map(|(_, user)| user)
+        };
+        assert_eq!(user(&again, &one).as_deref(), Some("li"));
+        assert_eq!(user(&again, &gone), None, "its user is no more");
+        again.end(&one.fingerprint());
+        again.keep().await.unwrap();
+        let third = Here::open(&here.1);
+        assert_eq!(
+            (user(&third, &one), user(&third, &other).is_some()),
+            (None, true)
+        );
+        // What lay there too long has ended, and a file that is none holds nobody.
+        let old = Timestamp::now() - jiff::SignedDuration::from_hours(13);
+        let mut kept = third.text();
+        kept.sessions.iter_mut().for_each(|kept| kept.used = old);
+        write(&file, &kept).unwrap();
+        assert!(Here::open(&here.1).list(None, Instant::now()).is_empty());
+        std::fs::write(&file, "{").unwrap();
+        let fresh = Here::open(&here.1);
+        assert!(fresh.list(None, Instant::now()).is_empty());
+        assert_ne!(fresh.cookie(), sessions.cookie());
     }
 }

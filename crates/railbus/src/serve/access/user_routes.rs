@@ -159,6 +159,9 @@ async fn end_session(
         return answer::problem(&Problem::new(codes::NO_SUCH_SESSION).with("name", id));
     }
     site.access.changed();
+    if let Err(problem) = site.access.sessions.keep().await {
+        return answer::problem(&problem);
+    }
     let whose = whose.map(|session| session.user).unwrap_or_default();
     note_change(&site, &who, "session_ended", &whose, None);
     answer::json(Ok(Removed { removed: id }))
