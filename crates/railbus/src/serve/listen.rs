@@ -6,18 +6,20 @@ use super::tls::Tls;
 use crate::render::out;
 use axum::Router;
 use hyper::Request;
-use hyper::body::Incoming;
+use hyper::body::{Body, Bytes, Frame, Incoming, SizeHint};
 use hyper::server::conn::http1;
 use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::net::IpAddr;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
+use std::time::{Duration, Instant};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, watch};
 
 /// How many connections there may be over TCP, and as many over the socket, so that nobody from
 /// without keeps its owner out; more wait to be let in.
@@ -37,26 +39,186 @@ const PAUSE: Duration = Duration::from_millis(100);
 const LINGER: Duration = Duration::from_millis(600);
 
 /// The place of a connection, given back when it ends.
-type Place = (OwnedSemaphorePermit, Option<OfAddress>);
+type Place = (Arc<Seat>, Option<OfAddress>);
 
-/// The room for connections.
+/// The room for connections. When it is full, the one leaves whose client has been awaited for the
+/// longest time: who is slow, or has nothing to ask, keeps nobody out who has.
 #[derive(Clone, Debug)]
-pub(super) struct Room(Arc<Semaphore>);
+pub(super) struct Room {
+    places: Arc<Semaphore>,
+    seats: Arc<Mutex<Seats>>,
+}
+
+/// Who is in a room.
+#[derive(Debug, Default)]
+struct Seats {
+    next: u64,
+    taken: BTreeMap<u64, Taken>,
+}
+
+/// A connection in its room.
+#[derive(Debug)]
+struct Taken {
+    /// Since when its client is awaited, with a request or with the taking of an answer; none while
+    /// the daemon is at work for it.
+    awaited: Option<Instant>,
+    leave: Arc<Notify>,
+}
 
 impl Room {
     pub(super) fn new() -> Room {
-        Room(Arc::new(Semaphore::new(CONNECTIONS_MAX)))
+        Room {
+            places: Arc::new(Semaphore::new(CONNECTIONS_MAX)),
+            seats: Arc::default(),
+        }
     }
 
-    /// A place, as soon as there is one.
-    async fn place(&self) -> Option<OwnedSemaphorePermit> {
-        Arc::clone(&self.0).acquire_owned().await.ok()
+    fn seats(&self) -> MutexGuard<'_, Seats> {
+        self.seats.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A place, as soon as there is one. Where there is none, somebody makes room.
+    async fn place(&self) -> Option<Arc<Seat>> {
+        let permit = loop {
+            if self.places.available_permits() == 0 {
+                self.make_room();
+            }
+            let place = Arc::clone(&self.places).acquire_owned();
+            match tokio::time::timeout(PAUSE, place).await {
+                Ok(place) => break place.ok()?,
+                // By now somebody may be awaited.
+                Err(_) => continue,
+            }
+        };
+        let leave = Arc::new(Notify::new());
+        let mut seats = self.seats();
+        let number = seats.next;
+        seats.next += 1;
+        let taken = Taken {
+            awaited: Some(Instant::now()),
+            leave: Arc::clone(&leave),
+        };
+        seats.taken.insert(number, taken);
+        drop(seats);
+        Some(Arc::new(Seat {
+            room: self.clone(),
+            number,
+            leave,
+            _permit: permit,
+        }))
+    }
+
+    /// Has the one leave whose client has been awaited longest, if any is.
+    fn make_room(&self) {
+        let mut seats = self.seats();
+        let awaited = seats
+            .taken
+            .values_mut()
+            .filter(|seat| seat.awaited.is_some());
+        if let Some(longest) = awaited.min_by_key(|seat| seat.awaited) {
+            longest.awaited = None;
+            longest.leave.notify_one();
+        }
     }
 
     /// Waits until all have left, as long as they may take.
     pub(super) async fn emptied(&self) {
-        let all = self.0.acquire_many(CONNECTIONS_MAX as u32);
+        let all = self.places.acquire_many(CONNECTIONS_MAX as u32);
         let _ = tokio::time::timeout(LINGER, all).await;
+    }
+}
+
+/// A connection's place in a room.
+#[derive(Debug)]
+struct Seat {
+    room: Room,
+    number: u64,
+    /// Another needs the place more.
+    leave: Arc<Notify>,
+    _permit: OwnedSemaphorePermit,
+}
+
+impl Seat {
+    /// It is for the client to go on, or for the daemon.
+    fn awaits_client(&self, awaits: bool) {
+        let now = awaits.then(Instant::now);
+        if let Some(seat) = self.room.seats().taken.get_mut(&self.number) {
+            seat.awaited = now;
+        }
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        self.room.seats().taken.remove(&self.number);
+    }
+}
+
+/// A request's body, which the client is awaited with.
+struct Coming {
+    body: Incoming,
+    seat: Arc<Seat>,
+}
+
+impl Body for Coming {
+    type Data = Bytes;
+    type Error = hyper::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, hyper::Error>>> {
+        Pin::new(&mut self.body).poll_frame(cx)
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+impl Drop for Coming {
+    /// It is whole, or not wanted: from now on the daemon is at work.
+    fn drop(&mut self) {
+        self.seat.awaits_client(false);
+    }
+}
+
+/// An answer's body. Between two parts of it the client is awaited, who has to take the one before
+/// the next is asked for; while a part is not there yet, it is the daemon's turn.
+struct Going {
+    body: axum::body::Body,
+    seat: Arc<Seat>,
+}
+
+impl Body for Going {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        let part = Pin::new(&mut self.body).poll_frame(cx);
+        self.seat.awaits_client(part.is_ready());
+        part
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+impl Drop for Going {
+    fn drop(&mut self) {
+        self.seat.awaits_client(true);
     }
 }
 
@@ -111,14 +273,21 @@ pub(super) async fn tcp(
     loop {
         let accepted = tokio::select! {
             () = ended(&mut stop) => return,
-            accepted = async { (room.place().await, listener.accept().await) } => accepted,
+            accepted = listener.accept() => accepted,
         };
-        let (Some(place), Ok((stream, peer))) = accepted else {
+        let Ok((stream, peer)) = accepted else {
             // One client's own error, or a lack of file handles, which takes time to pass.
             tokio::time::sleep(PAUSE).await;
             continue;
         };
         let Some(of_address) = addresses.place(peer.ip()) else {
+            continue;
+        };
+        let place = tokio::select! {
+            () = ended(&mut stop) => return,
+            place = room.place() => place,
+        };
+        let Some(place) = place else {
             continue;
         };
         let _ = stream.set_nodelay(true);
@@ -129,6 +298,8 @@ pub(super) async fn tcp(
             None => tokio::spawn(serve(stream, peer, router, place, stop)),
             Some(tls) => tokio::spawn(greet(Arc::clone(tls), stream, peer, router, place, stop)),
         };
+        // Who has just come is heard before the next one is let in.
+        tokio::task::yield_now().await;
     }
 }
 
@@ -149,8 +320,11 @@ async fn greet(
             problem.text("reason")
         ));
     }
-    let greeted = tokio::time::timeout(GREETING_MAX, acceptor.accept(stream));
-    if let Ok(Ok(stream)) = greeted.await {
+    let greeted = tokio::select! {
+        greeted = tokio::time::timeout(GREETING_MAX, acceptor.accept(stream)) => greeted,
+        () = place.0.leave.notified() => return,
+    };
+    if let Ok(Ok(stream)) = greeted {
         serve(stream, peer, router, place, stop).await;
     }
 }
@@ -165,9 +339,9 @@ pub(super) async fn unix(
     loop {
         let accepted = tokio::select! {
             () = ended(&mut stop) => return,
-            accepted = async { (room.place().await, socket.listener.accept().await) } => accepted,
+            accepted = async { (socket.listener.accept().await, room.place().await) } => accepted,
         };
-        let (Some(place), Ok((stream, _))) = accepted else {
+        let (Ok((stream, _)), Some(place)) = accepted else {
             tokio::time::sleep(PAUSE).await;
             continue;
         };
@@ -185,11 +359,21 @@ async fn serve(
     mut stop: watch::Receiver<bool>,
 ) {
     let router = TowerToHyperService::new(router);
+    let seat = Arc::clone(&place.0);
     let from_peer = service_fn(move |mut request: Request<Incoming>| {
         if let Some(peer) = peer {
             request.extensions_mut().insert(peer);
         }
-        router.call(request)
+        let seat = Arc::clone(&seat);
+        if request.body().is_end_stream() {
+            seat.awaits_client(false);
+        }
+        let coming = Arc::clone(&seat);
+        let answer = router.call(request.map(|body| Coming { body, seat: coming }));
+        async move {
+            let answer = answer.await;
+            answer.map(|answer| answer.map(|body| Going { body, seat }))
+        }
     });
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -200,6 +384,7 @@ async fn serve(
     let mut connection = std::pin::pin!(connection);
     tokio::select! {
         _ = &mut connection => {}
+        () = place.0.leave.notified() => {}
         () = ended(&mut stop) => {
             connection.as_mut().graceful_shutdown();
             let _ = tokio::time::timeout(LINGER, connection).await;
@@ -211,6 +396,38 @@ async fn serve(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn who_is_awaited_longest_makes_room_and_who_is_served_stays() {
+        let room = Room::new();
+        let mut seats = Vec::new();
+        for _ in 0..CONNECTIONS_MAX {
+            seats.push(room.place().await.expect("a place"));
+        }
+        let leaves = |seat: &Arc<Seat>| Arc::clone(&seat.leave);
+        // The first is served, the second awaited longest, the third heard from lately.
+        seats[0].awaits_client(false);
+        seats[2].awaits_client(true);
+        let (first, second) = (leaves(&seats[0]), leaves(&seats[1]));
+        let one_more = tokio::spawn({
+            let room = room.clone();
+            async move { room.place().await }
+        });
+        second.notified().await;
+        seats.remove(1);
+        seats.push(one_more.await.expect("it ends").expect("a place"));
+        for seat in &seats {
+            seat.awaits_client(false);
+        }
+        let waits = tokio::time::timeout(10 * PAUSE, room.place()).await;
+        assert!(waits.is_err(), "all are served");
+        let told = tokio::time::timeout(PAUSE, first.notified()).await;
+        assert!(told.is_err(), "it stays");
+        drop(seats);
+        assert!(room.seats().taken.is_empty());
+        room.emptied().await;
+        assert!(room.place().await.is_some());
+    }
 
     #[test]
     fn an_address_has_so_many_places_and_gives_them_back() {

@@ -71,3 +71,41 @@ fn long_messages_end_their_own_connection_alone() {
         message.to_string().contains("pump.do0")
     });
 }
+
+/// Who comes with a whole request is answered while a thousand others send half of one, and come
+/// again as fast as they are closed.
+#[test]
+fn a_thousand_who_send_half_a_request_keep_nobody_waiting() {
+    let many = rustix::process::getrlimit(rustix::process::Resource::Nofile);
+    let most = rustix::process::Rlimit {
+        current: many.maximum,
+        ..many
+    };
+    rustix::process::setrlimit(rustix::process::Resource::Nofile, most).expect("more files");
+    let daemon = Daemon::demo("thousand");
+    let half = b"GET /api/v1/points HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Slow: ";
+    let more = |crowd: &mut Vec<TcpStream>, count| {
+        for _ in 0..count {
+            let mut stream = daemon.connect();
+            // It may be closed already.
+            let _ = stream.write_all(half);
+            crowd.push(stream);
+        }
+    };
+    let ask = || {
+        let begun = Instant::now();
+        assert_eq!(daemon.get("/api/v1/lines").status, 200);
+        begun.elapsed()
+    };
+    let alone = (0..20).map(|_| ask()).max().unwrap_or_default();
+    let mut crowd = Vec::new();
+    more(&mut crowd, 1_000);
+    for _ in 0..20 {
+        let waited = ask();
+        let most = Duration::from_secs(1).max(alone * 20);
+        assert!(waited < most, "{waited:?}, alone {alone:?}");
+        more(&mut crowd, 20);
+    }
+    let open = daemon.open_files();
+    assert!(open <= ROOM + BESIDE, "{open} open files");
+}
