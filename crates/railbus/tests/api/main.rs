@@ -8,6 +8,7 @@ mod flood;
 mod hostile;
 mod past;
 mod recovery;
+mod rights;
 mod rules;
 mod scans;
 mod sending;

@@ -189,10 +189,9 @@ impl<'t> Reader<'t> {
                         }
                     });
                 }
-                // Read when the lines are known, and these when the modules are.
+                // Read when the lines and modules are known. What is wrong with others was told.
                 "module" | "group" | "scene" | "rule" | "webhook" | "webhooks" | "ports" => {}
                 "sim" => {
-                    // What is wrong with it was told.
                     let _ = self.sim(value, &mut config.plant);
                 }
                 "history" => {
