@@ -6,6 +6,7 @@ pub(crate) mod access;
 mod answer;
 mod body;
 mod capture;
+mod compress;
 mod config;
 mod control;
 mod deadline;

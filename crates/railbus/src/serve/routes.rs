@@ -9,8 +9,8 @@ use super::keys::Keys;
 use super::listen::ended;
 use super::tls::Tls;
 use super::{
-    about, answer, capture, control, events, guard, happening, history, loan, metrics, openapi,
-    ops, points, ports, scans, send, settings, sim, spoken, web, webhook, ws,
+    about, answer, capture, compress, control, events, guard, happening, history, loan, metrics,
+    openapi, ops, points, ports, scans, send, settings, sim, spoken, web, webhook, ws,
 };
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
@@ -43,6 +43,9 @@ pub(super) struct Route {
     pub(super) need: Need,
     /// What it is to those who are limited to points.
     pub(super) reach: Reach,
+    /// Its answer holds what only its reader may know, and so is not compressed: how short it
+    /// becomes would tell of it.
+    pub(super) is_secret: bool,
     /// What the API's document says of it.
     pub(super) doc: Option<Doc>,
     /// What answers.
@@ -61,8 +64,17 @@ impl Route {
             path,
             need,
             reach: Reach::of(method, need),
+            is_secret: false,
             doc: None,
             handler,
+        }
+    }
+
+    /// Its answer holds a secret of its reader.
+    pub(super) const fn secret(self) -> Route {
+        Route {
+            is_secret: true,
+            ..self
         }
     }
 
@@ -192,24 +204,7 @@ pub(super) type Asked = Query<BTreeMap<String, String>>;
 /// All addresses; over TCP those who ask must be known, and mean this daemon.
 pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
     let access = Arc::clone(&site.access);
-    // What only the daemon's own user may ask for is not there for anybody else.
-    let is_there = |route: &&Route| route.need != Need::Owner || front.is_none();
-    let add = |router: Router<Site>, route: &Route| {
-        let ruled = (route.handler)().layer(from_fn_with_state((route.need, route.reach), check));
-        router.route(route.path, ruled)
-    };
-    let routes = ALL.iter().copied().flatten().filter(is_there);
-    let api = routes.fold(Router::new(), add);
-    let router = TOP
-        .iter()
-        .fold(Router::new(), add)
-        .nest(BASE, api.layer(from_fn(spoken::only_problems)))
-        .route("/style.css", get(web::style))
-        .fallback(web::page)
-        .method_not_allowed_fallback(not_so)
-        .layer(from_fn_with_state(site.lang, spoken::problems))
-        .with_state(site)
-        .layer(DefaultBodyLimit::max(BODY_MAX));
+    let router = handlers(site, front.is_none());
     let is_strict = front.as_ref().is_some_and(|front| front.is_trusted);
     let router = match front {
         Some(front) => router
@@ -223,6 +218,31 @@ pub(super) fn router(site: Site, front: Option<Arc<Front>>) -> Router {
         true => router.layer(from_fn(guard::strict)),
         false => router,
     }
+}
+
+/// All addresses and their handlers, each behind its rule: who asks must be known by then.
+pub(super) fn handlers(site: Site, is_owners: bool) -> Router {
+    // What only the daemon's own user may ask for is not there for anybody else.
+    let is_there = |route: &&Route| route.need != Need::Owner || is_owners;
+    let add = |router: Router<Site>, route: &Route| {
+        let handler = match route.method == "GET" && !route.is_secret {
+            true => (route.handler)().layer(from_fn(compress::answer)),
+            false => (route.handler)(),
+        };
+        let ruled = handler.layer(from_fn_with_state((route.need, route.reach), check));
+        router.route(route.path, ruled)
+    };
+    let routes = ALL.iter().copied().flatten().filter(is_there);
+    let api = routes.fold(Router::new(), add);
+    TOP.iter()
+        .fold(Router::new(), add)
+        .nest(BASE, api.layer(from_fn(spoken::only_problems)))
+        .route("/style.css", get(web::style))
+        .fallback(web::page)
+        .method_not_allowed_fallback(not_so)
+        .layer(from_fn_with_state(site.lang, spoken::problems))
+        .with_state(site)
+        .layer(DefaultBodyLimit::max(BODY_MAX))
 }
 
 async fn not_so() -> Answer {

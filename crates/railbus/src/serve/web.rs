@@ -119,7 +119,7 @@ fn content_type(name: &str) -> Option<&'static str> {
 }
 
 /// Whether a list such as `gzip, br;q=0.9` has an encoding, and does not forbid it.
-fn takes(list: &str, encoding: &str) -> bool {
+pub(super) fn takes(list: &str, encoding: &str) -> bool {
     list.split(',').any(|one| {
         let (name, weight) = one.split_once(';').unwrap_or((one, ""));
         let weight = weight.trim().strip_prefix("q=");

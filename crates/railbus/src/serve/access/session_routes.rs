@@ -26,6 +26,7 @@ use utoipa::ToSchema;
 /// The routes of this file.
 pub(in crate::serve) const ROUTES: &[Route] = &[
     Route::new("GET", "/session", Need::Nothing, || get(session))
+        .secret()
         .doc(Doc::new("Who asks, and what there is to know before").answers::<SessionTold>()),
     Route::new("POST", "/setup", Need::Nothing, || post(set_up)).doc(
         Doc::new("Make the first user, with the key of the one-time link")
