@@ -31,6 +31,8 @@ mod ops;
 mod order;
 mod points;
 mod ports;
+#[cfg(test)]
+mod rights;
 mod routes;
 mod scans;
 mod send;

@@ -1,0 +1,284 @@
+//! Who may use which route: the table of `SECURITY.md` is that of the routes, and every handler is
+//! asked by everybody, as the router has it, without a connection in between.
+
+use super::access::{Access, Caller, Known, Need, Reach, Role};
+use super::config::Desk;
+use super::keys::Keys;
+use super::routes::{ALL, BASE, Route, Site, TOP, handlers};
+use super::webhook::Hooks;
+use super::{ops, ws};
+use crate::i18n::Lang;
+use axum::body::{Body, to_bytes};
+use axum::http::{Request, StatusCode};
+use axum::{Extension, Router};
+use hyper::service::Service as _;
+use hyper_util::service::TowerToHyperService;
+use railbus_site::{Config, Service};
+use serde_json::Value;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tokio::sync::watch;
+
+const HEAD: &str = "| route | who | limited to points |\n|---|---|---|\n";
+const TEXT: &str = r#"
+[line.main]
+port = "/dev/ttyS99"
+[module.pump]
+line = "main"
+model = "eda9060a"
+address = 1
+[module.oven]
+line = "main"
+model = "erc8"
+address = 3
+[group.heat]
+members = ["oven.k1"]
+[scene.heat]
+steps = [{ set = "oven.k1", to = true }]
+"#;
+/// What each route that holds its callers to their points is asked of somebody else's.
+const OF_OTHERS: [(&str, &str, &str); 11] = [
+    ("PUT", "/points/oven/k1", r#"{"value":true}"#),
+    ("POST", "/points/oven/k1/toggle", ""),
+    ("POST", "/points/oven/k1/pulse", r#"{"ms":100}"#),
+    (
+        "PUT",
+        "/points/oven/k1/lease",
+        r#"{"value":true,"ttl_ms":1000}"#,
+    ),
+    ("DELETE", "/points/oven/k1/lease", ""),
+    ("PUT", "/modules/oven/outputs", r#"{"set":{"k1":true}}"#),
+    (
+        "POST",
+        "/batch",
+        r#"{"set":[{"path":"oven.k1","value":true}]}"#,
+    ),
+    ("POST", "/groups/heat/set", r#"{"value":true}"#),
+    ("POST", "/scenes/heat/run", ""),
+    ("PATCH", "/config/points/oven/k1", r#"{"name":"mine"}"#),
+    (
+        "POST",
+        "/lines/main/send",
+        r#"{"protocol":"rtu","bytes":"03 05 00 3C FF 00","complete":true,"confirm":["output"]}"#,
+    ),
+];
+
+fn routes() -> impl Iterator<Item = (&'static str, &'static Route)> {
+    let api = ALL.iter().copied().flatten().map(|route| (BASE, route));
+    api.chain(TOP.iter().map(|route| ("", route)))
+}
+
+fn table() -> String {
+    let mut table = HEAD.to_owned();
+    for (_, route) in routes() {
+        let who = match route.need {
+            Need::Nothing => "anybody",
+            Need::Role(role) => role.name(),
+            Need::Owner => "owner",
+        };
+        let limited = match (route.need, route.reach) {
+            // Who comes by the socket is limited by nothing.
+            (Need::Owner, _) => "–",
+            (_, Reach::Harmless) => "as others",
+            (_, Reach::Points) => "their points",
+            (_, Reach::Beyond) => "no",
+        };
+        let _ = writeln!(
+            table,
+            "| `{} {}` | {who} | {limited} |",
+            route.method, route.path
+        );
+    }
+    table
+}
+
+/// `UPDATE=1` writes it anew.
+#[test]
+fn the_table_of_rights_is_that_of_the_routes() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../SECURITY.md");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let (before, rest) = text.split_once(HEAD).expect("a table");
+    let after = rest.split_once("\n\n").map_or("", |(_, after)| after);
+    let wanted = format!("{before}{}\n{after}", table());
+    if std::env::var_os("UPDATE").is_some() {
+        std::fs::write(&file, wanted).unwrap();
+    } else {
+        assert!(text == wanted, "UPDATE=1 writes the table anew");
+    }
+}
+
+/// A site in a folder of its own, of which no line can be opened.
+struct Here {
+    site: Site,
+    folder: PathBuf,
+    _stop: watch::Sender<bool>,
+}
+
+impl Here {
+    fn new(name: &str) -> Here {
+        let unique = format!("railbus-rights-{}-{name}", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        std::fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("railbus.toml");
+        std::fs::write(&file, TEXT).unwrap();
+        let config = Config::parse(TEXT).unwrap();
+        let desk = Arc::new(Desk::new(&file, &config));
+        let service = Service::start_in(config, &folder).unwrap();
+        let events = service.follow_events();
+        let hooks = Hooks::start(
+            "here".to_owned(),
+            &folder,
+            service.clone(),
+            events,
+            desk.changes(),
+        );
+        let access = Access::open(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));
+        let (stop, stopped) = watch::channel(false);
+        let site = Site {
+            service,
+            lang: Lang::En,
+            demo: false,
+            simulated: Arc::default(),
+            stop: stopped,
+            keys: Arc::new(Keys::default()),
+            sockets: ws::Room::new(),
+            ops: Arc::new(ops::Ops::default()),
+            desk,
+            hooks: hooks.unwrap(),
+            access: Arc::new(access),
+            origin: "http://127.0.0.1:7485".into(),
+            tls: None,
+        };
+        Here {
+            site,
+            folder,
+            _stop: stop,
+        }
+    }
+
+    fn router(&self, caller: Caller) -> Router {
+        let is_owner = caller.known == Known::Owner;
+        handlers(self.site.clone(), is_owner).layer(Extension(caller))
+    }
+}
+
+impl Drop for Here {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// Everybody who may ask: nobody known, each role, each of them limited to `pump`, and the owner.
+fn callers() -> Vec<Caller> {
+    let with = |role: Option<Role>, points: &[&str]| Caller {
+        name: "token:x".to_owned(),
+        role,
+        via: "http".to_owned(),
+        points: points.iter().map(|&points| points.to_owned()).collect(),
+        known: match role {
+            Some(_) => Known::Token("x".to_owned()),
+            None => Known::Not,
+        },
+    };
+    let mut all = vec![with(None, &[]), Caller::owner()];
+    for role in Role::ALL {
+        all.extend([with(Some(role), &[]), with(Some(role), &["pump.*"])]);
+    }
+    all
+}
+
+/// Status and code of an answer. What streams on and on is let go.
+async fn ask(router: Router, method: &str, path: &str, body: &str) -> (StatusCode, String) {
+    let request = Request::builder()
+        .method(method)
+        .uri(path)
+        .body(Body::from(body.to_owned()))
+        .unwrap();
+    let Ok(answer) = TowerToHyperService::new(router).call(request).await;
+    let status = answer.status();
+    let text = match status.is_success() {
+        true => return (status, String::new()),
+        false => to_bytes(Body::new(answer.into_body()), 1 << 20)
+            .await
+            .unwrap(),
+    };
+    let problem: Value = serde_json::from_slice(&text).unwrap_or_default();
+    (
+        status,
+        problem["code"].as_str().unwrap_or_default().to_owned(),
+    )
+}
+
+/// The code with which a caller must be refused; none where the route is for it.
+fn refusal(route: &Route, caller: &Caller) -> Option<&'static str> {
+    match (route.need, caller.role) {
+        (Need::Owner, _) if caller.known != Known::Owner => Some("E0110"),
+        (Need::Owner | Need::Nothing, _) => None,
+        (Need::Role(_), None) => Some("E0902"),
+        (Need::Role(least), Some(role)) if role < least => Some("E0905"),
+        _ if caller.is_limited() && route.reach == Reach::Beyond => Some("E0922"),
+        _ => None,
+    }
+}
+
+/// An address of a route, with names that nothing has.
+fn filled(path: &str) -> String {
+    let parts = path.split('/').map(|part| match part.starts_with('{') {
+        true => "nothing",
+        false => part,
+    });
+    parts.collect::<Vec<_>>().join("/")
+}
+
+#[tokio::test]
+async fn every_handler_is_behind_its_rule_for_everybody() {
+    let here = Here::new("walk");
+    let mut asked = 0;
+    for caller in callers() {
+        let router = here.router(caller.clone());
+        for (base, route) in routes() {
+            let path = format!("{base}{}", filled(route.path));
+            let (status, code) = ask(router.clone(), route.method, &path, "").await;
+            let what = format!("{} {path} as {caller:?}: {status} {code}", route.method);
+            match refusal(route, &caller) {
+                Some(wanted) => assert_eq!(code, wanted, "{what}"),
+                None => assert!(
+                    !["E0902", "E0905", "E0922"].contains(&code.as_str())
+                        && status != StatusCode::METHOD_NOT_ALLOWED,
+                    "{what}"
+                ),
+            }
+            asked += 1;
+        }
+    }
+    assert!(asked > 900, "{asked}");
+    assert_eq!(
+        std::fs::read_to_string(here.folder.join("railbus.toml")).unwrap(),
+        TEXT
+    );
+}
+
+#[tokio::test]
+async fn who_is_limited_is_held_to_his_points_by_each_handler_that_says_so() {
+    let here = Here::new("points");
+    let held = routes().filter(|(_, route)| route.reach == Reach::Points);
+    assert_eq!(held.count(), OF_OTHERS.len(), "each is asked below");
+    for caller in callers().into_iter().filter(Caller::is_limited) {
+        for (method, path, body) in OF_OTHERS {
+            let path = format!("{BASE}{path}");
+            let (_, code) = ask(here.router(caller.clone()), method, &path, body).await;
+            let what = format!("{method} {path} as {caller:?}");
+            assert!(
+                ["E0905", "E0906"].contains(&code.as_str()),
+                "{what}: {code}"
+            );
+            let is_engineer = caller.role >= Some(Role::Engineer);
+            assert!(!is_engineer || code == "E0906", "{what}: {code}");
+        }
+    }
+    assert_eq!(
+        std::fs::read_to_string(here.folder.join("railbus.toml")).unwrap(),
+        TEXT
+    );
+}
