@@ -488,3 +488,74 @@ impl Actions {
         actions.chain(off).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_device::Point;
+
+    fn place(index: u8) -> Place {
+        let kind = PointKind::Output;
+        Place::new("oven", Point { kind, index })
+    }
+
+    fn after(seconds: u64) -> Promise {
+        Promise::after(Duration::from_secs(seconds), Some(false))
+    }
+
+    #[tokio::test]
+    async fn what_is_promised_outlives_who_promised_it() {
+        let folder = std::env::temp_dir().join(format!("railbus-schedule-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        let schedule = Schedule::open(&folder).unwrap();
+        let _pulse = schedule.add((place(0), Why::Pulse), after(60));
+        let _lease = schedule.add((place(1), Why::Lease), after(60));
+        schedule
+            .must_stay_off(vec![(place(2), Duration::from_secs(9))])
+            .await;
+        schedule.take_over(&[place(1)], None).await.unwrap();
+
+        let again = Schedule::open(&folder).unwrap();
+        let keys: Vec<Key> = again.take_up().into_iter().map(|(key, ..)| key).collect();
+        assert_eq!(keys, [(place(0), Why::Pulse)]);
+        assert_eq!(again.off()[0].0, place(2));
+        let left = again.left(&place(0)).pulse.unwrap();
+        assert!(left <= Duration::from_secs(60) && left > Duration::from_secs(30));
+
+        std::fs::write(folder.join("promises.json"), "{").unwrap();
+        assert!(Schedule::open(&folder).unwrap().take_up().is_empty());
+        assert!(folder.join("promises.json.unreadable").exists());
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// The end of an older pulse is not the end of a newer one.
+    #[tokio::test]
+    async fn whoever_takes_an_output_over_leaves_the_others_without_an_end() {
+        let schedule = Schedule::default();
+        let key = (place(0), Why::Pulse);
+        let mut older = schedule.add(key.clone(), after(9));
+        let newer = schedule.add(key.clone(), after(9));
+        let owner = Some((newer.number, after(60)));
+        schedule.take_over(&[place(0)], owner).await.unwrap();
+        assert!(older.due.changed().await.is_err(), "it is not to be done");
+        assert_eq!(schedule.time_of(older.number), Time::Over);
+        assert_eq!(schedule.time_of(newer.number), Time::NotYet);
+        assert!(schedule.due(&key) > Some(Duration::from_secs(30)));
+        assert_eq!(schedule.held(|_| true).len(), 1);
+    }
+
+    /// A disk that refuses for days does not fill the memory.
+    #[tokio::test]
+    async fn what_can_not_be_written_down_does_not_pile_up() {
+        let folder = std::env::temp_dir().join(format!("railbus-piles-{}", std::process::id()));
+        std::fs::create_dir_all(folder.join("promises.json.new")).unwrap();
+        let schedule = Schedule::open(&folder).unwrap();
+        for _ in 0..100 {
+            let _limit = schedule.add((place(0), Why::MaxOn), after(9));
+            assert!(schedule.keep().await.is_err());
+            schedule.leave_out(|_| true);
+        }
+        assert!(lock(&schedule.actions).by_number.len() <= 2);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}
