@@ -56,6 +56,21 @@ pub struct Access {
     pub mode: u32,
 }
 
+/// Groups whose members may do far more than use a port: nobody is told to join one of them.
+const POWERFUL: [&str; 10] = [
+    "root", "adm", "admin", "disk", "docker", "kmem", "lxd", "shadow", "sudo", "wheel",
+];
+
+impl Access {
+    /// The group whose members may use the device, where it is one to join for that.
+    #[must_use]
+    pub fn group_to_join(&self) -> Option<&str> {
+        let opens = self.mode & 0o060 == 0o060 && self.group != 0;
+        let name = self.group_name.as_deref().filter(|_| opens)?;
+        (!POWERFUL.contains(&name)).then_some(name)
+    }
+}
+
 impl PortError {
     /// The name in JSON and logs.
     #[must_use]
@@ -114,6 +129,25 @@ impl From<Errno> for PortError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nobody_is_told_to_join_a_group_that_may_do_everything() {
+        let of = |group: u32, name: &str, mode| {
+            let access = Access {
+                owner: 0,
+                group,
+                group_name: Some(name.to_owned()),
+                mode,
+            };
+            access.group_to_join().map(str::to_owned)
+        };
+        assert_eq!(of(20, "dialout", 0o660).as_deref(), Some("dialout"));
+        assert_eq!(of(20, "dialout", 0o600), None, "it would not help");
+        assert_eq!(of(0, "root", 0o660), None);
+        for name in POWERFUL {
+            assert_eq!(of(6, name, 0o660), None, "{name}");
+        }
+    }
 
     #[test]
     fn a_loss_is_told_by_what_it_means() {

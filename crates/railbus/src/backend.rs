@@ -6,13 +6,13 @@ mod local;
 mod remote;
 
 use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest, SceneInfo, SceneRequest};
-use crate::api::convert;
-use crate::api::problem::Problem;
+use crate::api::problem::{Problem, codes};
 use crate::api::send_types::{SendAnswer, SendRequest};
 use crate::api::types::{
-    FrameEvent, LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest,
-    Pulsed, ToggleRequest, WatchEvent, WriteRequest, Written,
+    FrameEvent, LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PortState,
+    PulseRequest, Pulsed, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
+use crate::api::{convert, failures};
 use crate::i18n::Lang;
 use local::Local;
 pub(crate) use local::described;
@@ -139,9 +139,25 @@ impl Backend {
     /// The daemon if its socket answers, and no flag is against it; else a site from the flags,
     /// or from a configuration. To be called inside a tokio runtime with I/O and time enabled.
     pub(crate) async fn open(wanted: &Wanted) -> Result<Backend, Problem> {
-        match Backend::daemon(wanted).await {
+        match Backend::daemon_or_line(wanted).await? {
             Some(daemon) => Ok(Backend::Daemon(daemon)),
             None => Local::open(wanted).await.map(Backend::Local),
+        }
+    }
+
+    /// The daemon, or none where the line is to be opened here. A socket that was named is meant:
+    /// where nobody answers there, no port is opened instead.
+    pub(crate) async fn daemon_or_line(wanted: &Wanted) -> Result<Option<Remote>, Problem> {
+        let found = Backend::daemon(wanted).await;
+        match &wanted.socket {
+            Some(socket) if found.is_none() && !wanted.goes_direct() => {
+                let problem = Problem::new(codes::DAEMON);
+                let problem = problem.with("socket", socket.display().to_string());
+                let reason = ["nobody answers at this socket", "此套接字无程序应答"];
+                let reason = format!("{}: {}", wanted.lang.of(reason), socket.display());
+                Err(problem.with("reason", reason))
+            }
+            _ => Ok(found),
         }
     }
 
@@ -181,6 +197,20 @@ impl Backend {
     /// All lines.
     pub(crate) async fn lines(&self) -> Result<Vec<LineInfo>, Problem> {
         either!(self.lines())
+    }
+
+    /// The lines that have no port now, and why.
+    pub(crate) async fn lines_down(&self) -> Vec<(LineInfo, Problem)> {
+        let lines = self.lines().await.unwrap_or_default().into_iter();
+        let down = lines.filter(|line| matches!(line.state, PortState::Absent | PortState::Busy));
+        down.map(|line| {
+            let why = match self {
+                Backend::Local(local) => local.line_closed(&line.line),
+                Backend::Daemon(_) => failures::line_down(&line),
+            };
+            (line, why)
+        })
+        .collect()
     }
 
     /// All modules. Here every one of them is asked first.

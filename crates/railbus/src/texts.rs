@@ -155,6 +155,8 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "the command may still have taken effect; look before repeating",
         zh: "命令可能已生效，重复前请先查看实际状态",
     }
+    StaleModules { en: "not read lately, so out of date: {modules}", zh: "数据过期，近期未读取：{modules}" }
+    LastGood { en: "{state}, last good {time}", zh: "{state}，最后有效 {time}" }
     SilentModules { en: "no reply from: {modules}", zh: "无应答：{modules}" }
     SomeFailed { en: "{failed} of {count} targets failed", zh: "{count} 个目标中 {failed} 个失败" }
     NoBytes { en: "\"{text}\" is no bytes in hexadecimal", zh: "\"{text}\" 不是十六进制字节" }
@@ -248,6 +250,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
   railbus get '*.di*' -o csv         所有输入",
     }
     GetFresh { en: "Asks the line, whatever the daemon knows", zh: "重新读取总线，不用守护进程的缓存" }
+    LastKnown {
+        en: "With -o value: shows the last known value where none is good now, instead of ?",
+        zh: "与 -o value 合用：当前无有效值时显示最后已知值，而不是 ?",
+    }
     GetRaw { en: "Shows the registers of analog values", zh: "显示模拟量的寄存器值" }
 
     // set

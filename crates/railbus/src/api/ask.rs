@@ -10,6 +10,7 @@ use super::{convert, failures, paths};
 use railbus_device::Point;
 use railbus_site::{Failure, Pulse, Service, ToggleTerms, WriteDone, WriteTerms};
 use railbus_wire::Micros;
+use std::time::Instant;
 
 /// All lines.
 pub(crate) fn lines(service: &Service) -> Vec<LineInfo> {
@@ -28,7 +29,14 @@ pub(crate) fn modules(service: &Service) -> Vec<ModuleInfo> {
 pub(crate) fn points(service: &Service, selectors: &[String]) -> Vec<PointInfo> {
     let modules = service.config().modules.into_keys();
     modules
-        .flat_map(|module| service.points(&module))
+        .flat_map(|module| points_of(service, &module, selectors))
+        .collect()
+}
+
+/// The same of one module.
+fn points_of(service: &Service, module: &str, selectors: &[String]) -> Vec<PointInfo> {
+    let points = service.points(module).into_iter();
+    points
         .filter(|status| paths::selects(selectors, &status.module, &status.label))
         .map(convert::point)
         .collect()
@@ -36,7 +44,9 @@ pub(crate) fn points(service: &Service, selectors: &[String]) -> Vec<PointInfo> 
 
 /// All points that one of the selectors names, asked for now. A module that does not answer
 /// leaves the others to be asked, and what is known of it from before counts as that of a module
-/// that does not answer; where none answers, it is told why.
+/// that does not answer; where none answers, it is told why. Each value is judged when its own
+/// module was read: however long the others take after that, their silence makes it older and is
+/// no fault of its module.
 pub(crate) async fn fresh_points(
     service: &Service,
     selectors: &[String],
@@ -46,25 +56,34 @@ pub(crate) async fn fresh_points(
         .map(|point| point.module)
         .collect();
     modules.dedup();
-    let mut silent = Vec::new();
-    let mut why = None;
+    let (mut silent, mut why) = (0, None);
+    let mut asked = Vec::with_capacity(modules.len());
     for module in &modules {
-        if let Err(failure) = service.read_fresh(module).await {
+        let read = service.read_fresh(module).await;
+        let mut points = points_of(service, module, selectors);
+        if let Err(failure) = read {
             why.get_or_insert_with(|| failures::of_read(service, module, None, &failure));
-            silent.push(module.clone());
-        }
-    }
-    match why {
-        Some(why) if silent.len() == modules.len() => Err(why),
-        _ => {
-            let mut asked = points(service, selectors);
-            for point in asked.iter_mut().filter(|p| silent.contains(&p.module)) {
+            silent += 1;
+            for point in &mut points {
                 point.quality = Quality::Bad;
                 point.reason.get_or_insert(Reason::Offline);
             }
-            Ok(asked)
         }
+        asked.push((Instant::now(), points));
     }
+    match why {
+        Some(why) if silent == modules.len() => Err(why),
+        _ => Ok(asked.into_iter().flat_map(aged).collect()),
+    }
+}
+
+/// Points as they were then, with their age as it is now.
+fn aged((then, mut points): (Instant, Vec<PointInfo>)) -> Vec<PointInfo> {
+    let since = u64::try_from(then.elapsed().as_millis()).unwrap_or(u64::MAX);
+    for age in points.iter_mut().filter_map(|point| point.age_ms.as_mut()) {
+        *age = age.saturating_add(since);
+    }
+    points
 }
 
 /// Refuses the name of a module or point that is not there; patterns may select nothing.

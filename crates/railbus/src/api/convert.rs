@@ -58,13 +58,18 @@ pub(crate) fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
     let bits = |kind| {
         let of_kind = points.iter().filter(|status| status.point.kind == kind);
         of_kind
-            .map(|status| match status.value {
-                Some(railbus_site::Value::Bool(true)) => '1',
-                Some(railbus_site::Value::Bool(false)) => '0',
+            .map(|status| match (status.quality, status.value) {
+                // What it was before says nothing of what it is.
+                (railbus_site::Quality::Bad(_), _) => '?',
+                (_, Some(railbus_site::Value::Bool(true))) => '1',
+                (_, Some(railbus_site::Value::Bool(false))) => '0',
                 _ => '?',
             })
             .collect()
     };
+    let is_online = status.presence == Presence::Online;
+    let ages = points.iter().filter_map(|point| point.age);
+    let last_good = ages.min().filter(|_| !is_online).and_then(ago);
     ModuleInfo {
         outputs: bits(PointKind::Output),
         inputs: bits(PointKind::Input),
@@ -82,7 +87,8 @@ pub(crate) fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
             Presence::Silent => ModuleState::Offline,
             Presence::Unheard => ModuleState::Unheard,
         },
-        rtt_ms: status.rtt.map(millis_tenths),
+        last_good,
+        rtt_ms: status.rtt.filter(|_| is_online).map(millis_tenths),
         errors_1h: status.errors,
         late_1h: status.late,
     }
@@ -94,12 +100,6 @@ pub(crate) fn point(status: PointStatus) -> PointInfo {
     let safety = config.safety;
     let names = [("en", config.name_en), ("zh", config.name_zh)];
     let named = |(lang, name): (&str, Option<String>)| Some((lang.to_owned(), name?));
-    let read_at = status.age.and_then(|age| {
-        let age = i64::try_from(age.0).ok()?;
-        Timestamp::now()
-            .checked_sub(SignedDuration::from_micros(age))
-            .ok()
-    });
     PointInfo {
         path: format!("{}.{}", status.module, status.label),
         module: status.module,
@@ -133,7 +133,7 @@ pub(crate) fn point(status: PointStatus) -> PointInfo {
         },
         age_ms: status.age.map(millis),
         max_age_ms: status.max_age.map(millis),
-        time: read_at.map(rfc3339),
+        time: status.age.and_then(ago),
         locked: config.locked,
         confirm: safety.confirm.is_some(),
         hold: safety.confirm == Some(Confirm::Hold),
@@ -149,6 +149,13 @@ pub(crate) fn point(status: PointStatus) -> PointInfo {
             .map(|until| LeaseInfo { until }),
         pulse_ms: status.pulse.map(millis),
     }
+}
+
+/// The moment so long ago.
+fn ago(age: Micros) -> Option<String> {
+    let age = i64::try_from(age.0).ok()?;
+    let then = Timestamp::now().checked_sub(SignedDuration::from_micros(age));
+    then.ok().map(rfc3339)
 }
 
 /// The moment so long from now.

@@ -1,10 +1,11 @@
 //! From what went wrong at the site to what the API says of it.
 
 use super::problem::{Kind, Problem, codes};
+use super::types::LineInfo;
 use crate::i18n::Lang;
 use railbus_bus::Evidence;
 use railbus_device::{Point, Refusal};
-use railbus_host::{Fault, LineState, PortError};
+use railbus_host::{Access, Fault, LineState, PortError};
 use railbus_site::config::Problem as ConfigProblem;
 use railbus_site::{Failure, Service};
 use railbus_wire::Micros;
@@ -180,13 +181,46 @@ pub(crate) fn line_closed(service: &Service, line: &str) -> Problem {
         PortError::Busy {
             holder: Some(holder),
         } => problem.with("holder", format!("{} ({})", holder.name, holder.pid)),
-        PortError::Permission(access) => match &access.group_name {
-            Some(group) => problem
-                .with("group", group.clone())
-                .with_hint(format!("sudo usermod -aG {group} $USER")),
-            None => problem,
-        },
+        PortError::Permission(access) => {
+            let port = problem.text("port");
+            let problem = match &access.group_name {
+                Some(group) => problem.with("group", group.clone()),
+                None => problem,
+            };
+            problem.with_hint(right_to(&port, access))
+        }
         _ => problem,
+    }
+}
+
+/// How one gets the right to a port: by its group, or where that is nobody's to join, by a rule
+/// that gives the device to one that is.
+pub(crate) fn right_to(port: &str, access: &Access) -> String {
+    if let Some(group) = access.group_to_join() {
+        return format!("sudo usermod -aG {group} $USER");
+    }
+    let path = port.strip_prefix("pty:").unwrap_or(port);
+    let device = std::fs::canonicalize(path).unwrap_or_else(|_| path.into());
+    match device.file_name().and_then(|name| name.to_str()) {
+        Some(name) if name.starts_with("tty") => {
+            let rule = format!("SUBSYSTEM==\"tty\", KERNEL==\"{name}\"");
+            let rule = format!("{rule}, GROUP=\"dialout\", MODE=\"0660\"");
+            let kept = format!("echo '{rule}' | sudo tee -a /etc/udev/rules.d/77-railbus.rules");
+            format!("{kept} && sudo udevadm control --reload && sudo udevadm trigger /dev/{name}")
+        }
+        _ => format!("ls -l {path}"),
+    }
+}
+
+/// The same of a line as it is told.
+pub(crate) fn line_down(line: &LineInfo) -> Problem {
+    let problem = Problem::new(codes::LINE_CLOSED)
+        .with("line", line.line.as_str())
+        .with("port", line.port.as_str())
+        .with("reason", line.reason.as_deref().unwrap_or("closed"));
+    match &line.holder {
+        Some(holder) => problem.with("holder", holder.as_str()),
+        None => problem,
     }
 }
 

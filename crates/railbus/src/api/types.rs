@@ -79,7 +79,10 @@ pub(crate) struct ModuleInfo {
     pub(crate) checksum: Option<bool>,
     /// Whether it is heard.
     pub(crate) state: ModuleState,
-    /// From the beginning of a request to the end of its reply, smoothed.
+    /// When a value of it was read last, as RFC 3339 in UTC; only where it is not online now.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) last_good: Option<String>,
+    /// From the beginning of a request to the end of its reply, smoothed; only while it is online.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) rtt_ms: Option<f64>,
     /// Exchanges that failed within the last hour.

@@ -179,6 +179,11 @@ impl Local {
         self.service.close().await;
     }
 
+    /// Why a line has no port.
+    pub(super) fn line_closed(&self, line: &str) -> Problem {
+        failures::line_closed(&self.service, line)
+    }
+
     /// Refuses the name of a module or point that is not there.
     fn check(&self, selector: &str) -> Result<(), Problem> {
         ask::check_selector(&self.service, selector)

@@ -1,13 +1,14 @@
 //! `railbus get`: the values of points.
 
 use super::{Context, stop};
-use crate::api::types::{PointInfo, Quality};
+use crate::api::problem::Problem;
+use crate::api::types::{LineInfo, PointInfo, Quality};
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::records::Records;
 use crate::render::table::Table;
-use crate::render::{out, time, values};
+use crate::render::{Format, out, time, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use serde_json::Value;
@@ -20,13 +21,14 @@ const YOUNG_MS: u64 = 1_000;
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus get TARGET… [--fresh] [--raw]";
+    let usage = "railbus get TARGET… [--fresh] [--raw] [--last-known]";
     cli::verb(lang, NAME, Text::GetAbout, usage)
         .alias("read")
         .before_help(cli::examples(lang, Text::GetExamples))
         .arg(targets(lang).required(true))
         .arg(cli::flag(lang, "fresh", Text::GetFresh).action(ArgAction::SetTrue))
         .arg(cli::flag(lang, "raw", Text::GetRaw).action(ArgAction::SetTrue))
+        .arg(cli::flag(lang, "last-known", Text::LastKnown).action(ArgAction::SetTrue))
 }
 
 /// Modules, points and patterns.
@@ -41,18 +43,28 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let targets: Vec<String> = selected(matches);
     let fresh = matches.get_flag("fresh");
-    let points = context.block(async {
+    let (points, down) = context.block(async {
         let mut stop = stop::Stop::new(&context)?;
         let backend = context.open().await?;
         let points = stop.or(backend.points(&targets, fresh)).await;
+        let down = match &points {
+            Some(Ok(points)) if points.iter().any(|point| point.quality == Quality::Bad) => {
+                backend.lines_down().await
+            }
+            _ => Vec::new(),
+        };
         backend.finish(true).await;
-        points
-            .ok_or_else(|| stop::interrupted(&context))?
-            .map_err(|problem| context.failure(&problem))
+        let points = points.ok_or_else(|| stop::interrupted(&context))?;
+        Ok((points.map_err(|problem| context.failure(&problem))?, down))
     })?;
-    let shown = records(lang, &points, matches.get_flag("raw"));
+    let mut shown = records(lang, &points, matches.get_flag("raw"));
+    if context.format == Format::Value && matches.get_flag("last-known") {
+        // What is not known to be doubtful is shown.
+        let rows = shown.rows.iter_mut().filter_map(Value::as_object_mut);
+        rows.for_each(|row| drop(row.remove("quality")));
+    }
     out::result(lang, &shown.render(context.format))?;
-    verdict(lang, &points)
+    verdict(&context, &points, &down)
 }
 
 pub(super) fn selected(matches: &ArgMatches) -> Vec<String> {
@@ -112,21 +124,42 @@ fn notes(lang: Lang, point: &PointInfo) -> Vec<String> {
     notes
 }
 
-/// The failure that values which could not be read amount to.
-fn verdict(lang: Lang, points: &[PointInfo]) -> Result<(), Failure> {
-    // A value that is too old is none, either.
-    let bad = |point: &&PointInfo| point.quality != Quality::Good;
-    let mut silent: Vec<&str> = points
+/// The failure that values which could not be read amount to. A module is blamed for its own
+/// silence alone, and a line for its port.
+fn verdict(
+    context: &Context,
+    points: &[PointInfo],
+    down: &[(LineInfo, Problem)],
+) -> Result<(), Failure> {
+    let lang = context.lang;
+    let of = |quality: Quality| {
+        let points = points.iter().filter(move |point| point.quality == quality);
+        let mut modules: Vec<&str> = points.map(|point| point.module.as_str()).collect();
+        modules.dedup();
+        modules
+    };
+    let hangs_on = |line: &LineInfo, module: &str| line.modules.iter().any(|name| name == module);
+    let mut silent = of(Quality::Bad);
+    let lines = down
         .iter()
-        .filter(bad)
-        .map(|point| point.module.as_str())
-        .collect();
-    silent.dedup();
-    if silent.is_empty() {
+        .filter(|(line, _)| silent.iter().any(|module| hangs_on(line, module)));
+    let lines: Vec<Failure> = lines.map(|(_, why)| context.failure(why)).collect();
+    silent.retain(|module| !down.iter().any(|(line, _)| hangs_on(line, module)));
+    let stale = of(Quality::Stale);
+    let of_modules = |text: Text, modules: &[&str]| {
+        let names = modules.join(" ");
+        let message = lang.fill(text, &[("modules", &names)]);
+        let failure = Failure::new(Code::NoReply, message).diagnosed();
+        failure.with_fact("modules", modules.to_vec())
+    };
+    let silent = (!silent.is_empty()).then(|| of_modules(Text::SilentModules, &silent));
+    // A value that is too old is none, either.
+    let stale = (!stale.is_empty()).then(|| of_modules(Text::StaleModules, &stale));
+    let mut failures = silent.into_iter().chain(lines).chain(stale);
+    let Some(first) = failures.next() else {
         return Ok(());
-    }
-    let modules = silent.join(" ");
-    let message = lang.fill(Text::SilentModules, &[("modules", &modules)]);
-    let failure = Failure::new(Code::NoReply, message).diagnosed();
-    Err(failure.with_fact("modules", Value::from(silent)))
+    };
+    Err(failures.fold(first, |first, also| {
+        first.because(also.message().to_owned())
+    }))
 }

@@ -12,6 +12,7 @@ use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::machine::Machine;
+use crate::render::colour::Paint;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::{out, time, values};
@@ -70,17 +71,36 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         }
         Some("lines") => lines(lang, &ask(&context, async |backend| backend.lines().await)?),
         _ => {
-            let mut all = ask(&context, async |backend| backend.modules().await)?;
-            all.retain(|module| {
-                context
-                    .line
-                    .as_ref()
-                    .is_none_or(|line| *line == module.line)
-            });
-            modules(lang, &all)
+            let (mut all, mut down) = ask(&context, async |backend| {
+                let all = backend.modules().await?;
+                // The daemon looks for its ports by itself; here it was tried in vain.
+                let down = match backend.is_daemon() {
+                    true => Vec::new(),
+                    false => backend.lines_down().await,
+                };
+                Ok((all, down))
+            })?;
+            let wanted = |name: &String| context.line.as_ref().is_none_or(|line| line == name);
+            all.retain(|module| wanted(&module.line));
+            down.retain(|(line, _)| wanted(&line.line));
+            out::result(lang, &modules(lang, &all).render(context.format))?;
+            return shut(&context, &down);
         }
     };
     out::result(lang, &records.render(context.format))
+}
+
+/// The failure of lines that could not be opened, each of which is told.
+fn shut(context: &Context, down: &[(LineInfo, Problem)]) -> Result<(), Failure> {
+    let Some(((_, last), others)) = down.split_last() else {
+        return Ok(());
+    };
+    for (_, why) in others {
+        let paint = Paint::of(context.colour, &std::io::stderr());
+        let failure = context.failure(why);
+        out::note(&failure.tell(context.lang, context.format, paint));
+    }
+    Err(context.failure(last))
 }
 
 /// Asks whoever knows.
@@ -117,7 +137,7 @@ fn modules(lang: Lang, modules: &[ModuleInfo]) -> Records {
             Address(module.address).to_string(),
             module.protocol.clone(),
             module.title.clone(),
-            values::presence(lang, module.state).to_owned(),
+            state(lang, module),
             rtt.unwrap_or_else(dash),
             errors,
             bits(&module.outputs),
@@ -138,9 +158,22 @@ fn modules(lang: Lang, modules: &[ModuleInfo]) -> Records {
             "errors_1h",
             "outputs",
             "inputs",
+            "last_good",
         ],
         value: "module",
         table,
+    }
+}
+
+/// Whether it is heard, and where it is not, when it was.
+fn state(lang: Lang, module: &ModuleInfo) -> String {
+    let state = values::presence(lang, module.state);
+    match &module.last_good {
+        Some(moment) => {
+            let time = time::clock_of(Some(moment));
+            lang.fill(Text::LastGood, &[("state", &state), ("time", &time)])
+        }
+        None => state.to_owned(),
     }
 }
 

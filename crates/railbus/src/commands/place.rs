@@ -1,6 +1,7 @@
 //! The line itself, for commands that need no module on it.
 
 use super::Context;
+use crate::api::failures::right_to;
 use crate::api::types::LineInfo;
 use crate::backend::{AdHoc, Backend};
 use crate::failure::{Code, Failure};
@@ -29,7 +30,9 @@ pub(super) async fn find(context: &Context) -> Result<Access, Failure> {
     if let Some(ad_hoc) = &context.wanted.ad_hoc {
         return described(context, ad_hoc).map(Access::Here);
     }
-    if Backend::daemon(&context.wanted).await.is_some() {
+    let daemon = Backend::daemon_or_line(&context.wanted).await;
+    let daemon = daemon.map_err(|problem| context.failure(&problem))?;
+    if daemon.is_some() {
         return context.open().await.map(Access::Daemon);
     }
     without_opening(context).map(Access::Here)
@@ -164,13 +167,17 @@ pub(super) fn port_failure(context: &Context, place: &Place, error: &PortError) 
             let told = lang.fill(crate::texts::Text::HeldBy, &[("holder", &holder)]);
             failure.because(told).with_fact("holder", holder)
         }
-        PortError::Permission(access) => match &access.group_name {
-            Some(group) => {
-                let told = lang.fill(crate::texts::Text::OfGroup, &[("group", group)]);
-                failure.because(told).with_fact("group", group.as_str())
+        PortError::Permission(access) => {
+            let hint = right_to(&place.port.to_string(), access);
+            let failure = failure.with_try(hint);
+            match &access.group_name {
+                Some(group) => {
+                    let told = lang.fill(crate::texts::Text::OfGroup, &[("group", group)]);
+                    failure.because(told).with_fact("group", group.as_str())
+                }
+                None => failure,
             }
-            None => failure,
-        },
+        }
         PortError::Io(number) => failure.because(std::io::Error::from_raw_os_error(*number)),
         _ => failure,
     }

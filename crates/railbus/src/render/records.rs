@@ -38,7 +38,15 @@ impl Records {
                 head.chain(lines).collect()
             }
             Format::Value => {
-                let bare = |row: &Value| plain(row.get(self.value).unwrap_or(&Value::Null));
+                // Bare, a value has no room for how good it is.
+                let doubtful = |row: &Value| {
+                    let quality = row.get("quality").and_then(Value::as_str);
+                    quality.is_some_and(|quality| quality != "good")
+                };
+                let bare = |row: &Value| match doubtful(row) {
+                    true => "?".to_owned(),
+                    false => plain(row.get(self.value).unwrap_or(&Value::Null)),
+                };
                 self.rows.iter().map(|row| bare(row) + "\n").collect()
             }
         }

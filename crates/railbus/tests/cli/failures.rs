@@ -226,6 +226,22 @@ fn a_port_that_one_may_not_open() {
     assert_eq!(ran.status.code(), Some(7), "{told}");
     assert!(told.starts_with("error[E0707]: "), "{told}");
     assert!(told.contains("\n  try:"), "{told}");
+    // A list of modules that nobody could ask is no list of quiet modules.
+    site.configure(&format!(
+        "[line.main]\nport = \"pty:{port}\"\n{}",
+        include_str!("modules.toml")
+    ));
+    let mut list = std::process::Command::new(command.get_program());
+    list.args(["--direct", "ls"]);
+    list.current_dir(&site.folder).env("RAILBUS_LANG", "en");
+    if rustix::process::geteuid().is_root() {
+        list.uid(65_534).gid(65_534);
+    }
+    let ran = list.output().expect("it runs");
+    let told = String::from_utf8_lossy(&ran.stderr);
+    assert_eq!(ran.status.code(), Some(7), "{told}");
+    assert_eq!(told.matches("error[E0707]: ").count(), 1, "{told}");
+    assert!(!told.contains("usermod"), "nobody's group opens it: {told}");
 }
 
 /// Each part of a command that may have acted says so, whatever the form of the answer.

@@ -2,6 +2,7 @@
 
 mod config;
 mod contract;
+mod dead;
 mod doctor;
 mod exits;
 mod failures;

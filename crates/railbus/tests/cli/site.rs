@@ -102,6 +102,13 @@ impl Site {
         self.start(&listen, "socket");
     }
 
+    /// Kills what was started first and runs still.
+    pub fn stop_first(&mut self) {
+        let mut child = self.children.remove(0);
+        child.kill().expect("it runs");
+        child.wait().expect("it ends");
+    }
+
     pub fn socket(&self) -> String {
         self.folder.join("socket").display().to_string()
     }

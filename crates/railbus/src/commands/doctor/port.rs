@@ -146,7 +146,13 @@ fn denied(machine: &Machine, user: &User, device: &str, access: &Access) -> Find
         return Finding::error(Section::Port, "D109", detail).with_advice(format!("newgrp {name}"));
     }
     let finding = Finding::error(Section::Port, "D102", detail);
-    if for_group && access.group != 0 && !user.groups.contains(&access.group) {
+    let named = Access {
+        group_name: Some(name),
+        ..access.clone()
+    };
+    if let Some(name) = named.group_to_join()
+        && !user.groups.contains(&access.group)
+    {
         return finding.with_fix(format!("sudo usermod -aG {name} {}", user.name));
     }
     finding.with_advice(format!("ls -l {device}"))
