@@ -7,6 +7,7 @@ use super::language::spoken;
 use crate::api::problem::{Problem, codes};
 use crate::failure::Failure;
 use crate::i18n::Lang;
+use crate::texts::Text;
 use axum::body::to_bytes;
 use axum::extract::{Request, State};
 use axum::http::StatusCode;
@@ -80,7 +81,10 @@ async fn in_words(lang: Lang, response: Response) -> Response {
 /// A problem and what it says to people.
 pub(super) fn told(lang: Lang, problem: Problem) -> Problem {
     let failure = Failure::of_problem(lang, &problem);
-    let mut help: Vec<&str> = failure.why().iter().map(String::as_str).collect();
+    let acted = lang.get(Text::MayHaveActed);
+    let why = failure.why().iter().map(String::as_str);
+    // That is `may_have_acted`: who reads the answer says it once, in their own place.
+    let mut help: Vec<&str> = why.filter(|line| *line != acted).collect();
     help.extend([
         failure.code().page().likely(lang),
         failure.code().page().next(lang),
@@ -92,6 +96,20 @@ pub(super) fn told(lang: Lang, problem: Problem) -> Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn that_a_module_may_have_acted_is_said_once() {
+        let problem = Problem {
+            may_have_acted: true,
+            ..Problem::new(codes::NO_REPLY)
+        };
+        for lang in [Lang::En, Lang::Zh] {
+            let told = told(lang, problem.clone());
+            let help = told.with.get("help").map(ToString::to_string);
+            assert!(told.may_have_acted);
+            assert!(!help.is_some_and(|help| help.contains(lang.get(Text::MayHaveActed))));
+        }
+    }
 
     #[test]
     fn a_problem_is_told_in_the_language_asked_for() {
