@@ -46,7 +46,7 @@ for (const look of LOOKS) {
       assert.match(await relay.innerText(), new RegExp(t("on")));
       await sound("overview");
       await page.goto(`${daemon.origin}/events/audit`);
-      await page.getByText("do0=on", { exact: true }).first().waitFor();
+      await page.locator('td[title="do0=on"]', { hasText: t("on") }).first().waitFor();
       await sound("audit");
       await page.goto(`${daemon.origin}/trends?points=pump_house.do0`);
       await page.locator("canvas").first().waitFor();

@@ -43,8 +43,9 @@ export function asked<T>(path: () => string | null, every?: number): Asked<T> {
     void ask(what);
     if (!every) return;
     const timer = setInterval(() => {
-      // What is not there does not come by asking.
-      if (why?.status !== GONE) void ask(what);
+      // What is not there does not come by asking. And of a daemon that is slow, one question is open:
+      // more would take the few connections that a browser has from what somebody does.
+      if (!busy && why?.status !== GONE) void ask(what);
     }, every);
     return () => clearInterval(timer);
   });

@@ -43,3 +43,14 @@ export function follow(): void {
     dress();
   });
 }
+
+const TABLED = "railbus.tabled";
+
+/** The overview is looked at as a table. */
+export function isTabled(): boolean {
+  return localStorage.getItem(TABLED) === "1";
+}
+
+export function keepTabled(tabled: boolean): void {
+  localStorage.setItem(TABLED, tabled ? "1" : "0");
+}
