@@ -252,7 +252,10 @@ pub(super) fn recover(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         Ok(results)
     })?;
     if results.is_empty() {
-        context.note(lang.get(ConfigText::NothingOpen));
+        context.note(&match address {
+            Some(addr) => lang.fill(ConfigText::NobodyAt, &[("addr", &addr)]),
+            None => lang.get(ConfigText::NothingOpen).to_owned(),
+        });
         if context.format.is_json() {
             let table = Table::bare();
             let records = Records {
@@ -440,7 +443,8 @@ pub(crate) fn not_found(lang: Lang, target: &Target, garbled: bool) -> Failure {
     let address = setup.address.0;
     let values: &[(&str, &dyn std::fmt::Display)] =
         &[("module", &target.name), ("address", &address)];
-    failure.because(lang.fill(steps, values))
+    let failure = failure.because(lang.fill(steps, values));
+    failure.with_try(format!("railbus scan -l {}", target.line))
 }
 
 /// How two modules on one address are parted: its name, and the steps.

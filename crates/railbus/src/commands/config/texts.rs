@@ -279,7 +279,7 @@ texts! {
 
     StateDone { en: "done", zh: "完成" }
     StateIntent { en: "cut short: railbus config recover", zh: "中断：railbus config recover" }
-    StatePending { en: "acts at the next power-up", zh: "下次上电时生效" }
+    StatePending { en: "perhaps at the next power-up", zh: "可能下次上电时生效" }
     StateUnchanged { en: "not taken, unchanged", zh: "未接受，未改变" }
     StateRolledBack { en: "taken back", zh: "已恢复原值" }
     StateElsewhere { en: "keeps neither the old nor all of the new values", zh: "既非原值也非全部新值" }
@@ -287,6 +287,13 @@ texts! {
     StateUntold { en: "not known: the module does not tell", zh: "未知：模块不提供该信息" }
     Unread { en: "{count} torn lines were passed over", zh: "跳过 {count} 行不完整记录" }
     NothingOpen { en: "no change is open: nothing to recover", zh: "没有未完成的更改：无需恢复" }
+    NobodyAt {
+        en: "no module of the configuration has address {addr}; two modules there: switch one of \
+            them off, or connect one at a time; then railbus scan --add, and \
+            railbus config set MODULE address=FREE",
+        zh: "配置中没有地址为 {addr} 的模块；若该地址上有两个模块：请关闭其中一个，或逐个接入；\
+            然后执行 railbus scan --add 和 railbus config set 模块 address=空闲地址",
+    }
     RecoveredNew { en: "found; the change was carried out", zh: "已找到；更改已完成" }
     RecoveredOld { en: "found; the change was not carried out", zh: "已找到；更改未执行" }
     InPlace { en: "found in its place", zh: "在原位找到" }

@@ -165,7 +165,7 @@ impl<'c> Live<'c> {
     fn sum_up(&self, report: &Report) {
         let (lang, scanner) = (self.context.lang, &report.scanner);
         let found = scanner.found();
-        let conflicts: Vec<&Found> = found.iter().filter(|found| found.is_conflict()).collect();
+        let conflicts = conflicts(scanner);
         let state = lang.get(match report.end {
             End::Complete => ScanText::Complete,
             _ => ScanText::Incomplete,
@@ -212,11 +212,28 @@ impl<'c> Live<'c> {
                 &[("addr", &found.asked.address.0), ("model", &model)];
             note(&lang.fill(ScanText::NextModel, values));
         }
-        for conflict in conflicts {
-            let addr = conflict.asked.address.0;
+        let is_known = |addr: &u8| {
+            let mut there = found.iter().filter(|found| found.asked.address.0 == *addr);
+            there.any(|found| found.known.is_some())
+        };
+        // How two of the configuration are parted depends on their model.
+        let (known, new): (Vec<u8>, Vec<u8>) = conflicts.into_iter().partition(is_known);
+        for addr in known {
             note(&lang.fill(ScanText::NextRecover, &[("addr", &addr)]));
         }
+        if !new.is_empty() {
+            note(&lang.fill(ScanText::NextPart, &[("addrs", &ranges(&new))]));
+        }
     }
+}
+
+/// The addresses at which two modules may be, each once: they may be heard in several protocols.
+fn conflicts(scanner: &Scanner) -> Vec<u8> {
+    let found = scanner.found().iter().filter(|found| found.is_conflict());
+    let mut addresses: Vec<u8> = found.map(|found| found.asked.address.0).collect();
+    addresses.sort_unstable();
+    addresses.dedup();
+    addresses
 }
 
 /// One module, as an event of a stream.
@@ -242,7 +259,7 @@ fn summary(place: &Place, report: &Report) -> Value {
         "probes": counts.probes,
         "silent": counts.silent,
         "skipped": counts.skipped,
-        "conflicts": scanner.found().iter().filter(|found| found.is_conflict()).count(),
+        "conflicts": conflicts(scanner).len(),
         "missing": scanner.missing().collect::<Vec<_>>(),
         "complete": matches!(report.end, End::Complete),
         "left_out": left_out,

@@ -84,8 +84,14 @@ crate::texts::texts! {
         zh: "下一步：railbus scan --addr {addr} --add --model {model}    若铭牌上是此型号",
     }
     NextRecover {
-        en: "next:  railbus config recover --addr {addr}    separates two on one address",
-        zh: "下一步：railbus config recover --addr {addr}    分开地址相同的两个模块",
+        en: "next:  railbus config recover --addr {addr}    says how to part two on one address",
+        zh: "下一步：railbus config recover --addr {addr}    说明如何分开地址相同的两个模块",
+    }
+    NextPart {
+        en: "two modules at address {addrs}? switch one of them off, or connect one at a time; then:
+       railbus scan --add; railbus config set MODULE address=FREE; then connect the other again",
+        zh: "地址 {addrs} 上有两个模块？请关闭其中一个，或逐个接入；然后：
+        railbus scan --add；railbus config set 模块 address=空闲地址；再接回另一个",
     }
     NextResume { en: "next:  railbus scan --resume               goes on from here",
         zh: "下一步：railbus scan --resume               从此处继续" }

@@ -167,10 +167,11 @@ codes! {
         next: ["railbus config recover", "railbus config recover"],
     }
     AtPowerUp = "E0643" {
-        title: ["acknowledged, but not in force: it acts at the module's next power-up",
-            "已应答但尚未生效：模块下次上电时生效"],
-        likely: ["this version of the module reads its settings only when it starts",
-            "该版本模块仅在启动时读取设置"],
+        title: ["acknowledged, but not in force: perhaps at the module's next power-up",
+            "已应答但尚未生效：可能在模块下次上电时生效"],
+        likely: ["this version of the module reads its settings only when it starts · \
+            it says yes and does nothing",
+            "该版本模块仅在启动时读取设置 · 模块只应答而未执行"],
         next: ["switch the module off and on, then: railbus config recover",
             "断电再上电，然后执行：railbus config recover"],
     }
