@@ -78,6 +78,11 @@ codes! {
         next: ["make room, or set RAILBUS_STATE to another folder",
             "腾出空间，或用 RAILBUS_STATE 指定其他文件夹"],
     }
+    NoCommand = "E0151" {
+        title: ["no command of that number is remembered", "没有此编号的命令记录"],
+        likely: ["it was long ago · the daemon was started since", "时间已久 · 守护进程已重新启动"],
+        next: ["look into the audit log", "查看操作记录"],
+    }
     NotTakenOver = "E0152" {
         title: ["it was done, but the pulse or lease before it ends still, by what is on the disk",
             "命令已执行，但之前的脉冲或租约仍会到期动作：无法记录其已被取代"],
@@ -89,11 +94,6 @@ codes! {
             "总线未借出：其上有输出即将到达最长接通时间，须按时断开"],
         likely: ["the output has a max_on, and is on", "该输出设有 max_on，且当前接通"],
         next: ["switch the output off, or wait until it is off", "先断开该输出，或等它断开后再试"],
-    }
-    NoCommand = "E0151" {
-        title: ["no command of that number is remembered", "没有此编号的命令记录"],
-        likely: ["it was long ago · the daemon was started since", "时间已久 · 守护进程已重新启动"],
-        next: ["look into the audit log", "查看操作记录"],
     }
     NoHistory = "E0170" {
         title: ["nothing is kept here", "此处未保存任何记录"],
