@@ -15,8 +15,15 @@ fn framed(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-fn all_registers(registers: &[u8]) -> Vec<u8> {
-    framed([&[1, 3, 16], registers].concat())
+/// What such a module says to a read: its registers and coils, and no to what lies beyond them.
+fn read(request: &[u8; 8], registers: &[u8]) -> Vec<u8> {
+    let first = u16::from_be_bytes([request[2], request[3]]);
+    let end = first + u16::from_be_bytes([request[4], request[5]]);
+    framed(match (request[1], first, end) {
+        (3, 0, 8) => [&[1, 3, 16], registers].concat(),
+        (1, 8.., ..=10) => vec![1, 1, 1, 0],
+        (function, ..) => vec![1, function | 0x80, 2],
+    })
 }
 
 #[test]
@@ -41,7 +48,6 @@ fn modules_that_refuse_ignore_or_vanish() {
         let record: serde_json::Value = serde_json::from_str(&last).expect("a record");
         record["state"].as_str().unwrap_or_default().to_owned()
     };
-    let coils = || framed(vec![1, 1, 1, 0]);
     // Noise, or two at once.
     let ran = set(&emd(|_, _| vec![0xFF; 6]));
     fails(&ran, "E0540", 5);
@@ -54,18 +60,16 @@ fn modules_that_refuse_ignore_or_vanish() {
     assert!(ran.err.contains(told), "{ran:?}");
     // It answers no.
     let ran = set(&emd(move |request, registers| match request[1] {
-        3 => all_registers(registers),
         6 => framed(vec![1, 0x86, 3]),
-        _ => coils(),
+        _ => read(request, registers),
     }));
     fails(&ran, "E0441", 4);
     assert!(ran.err.contains("illegal data value"), "{ran:?}");
     assert_eq!(last(), "unchanged");
     // It says yes and does nothing.
     let ran = set(&emd(move |request, registers| match request[1] {
-        3 => all_registers(registers),
         6 => request.to_vec(),
-        _ => coils(),
+        _ => read(request, registers),
     }));
     fails(&ran, "E0640", 6);
     assert_eq!(last(), "unchanged");
@@ -76,8 +80,7 @@ fn modules_that_refuse_ignore_or_vanish() {
         gone.fetch_or(request[1] == 6, order);
         match request[1] {
             _ if gone.load(order) => Vec::new(),
-            3 => all_registers(registers),
-            _ => coils(),
+            _ => read(request, registers),
         }
     }));
     fails(&ran, "E0340", 3);
@@ -85,9 +88,8 @@ fn modules_that_refuse_ignore_or_vanish() {
     // The journal's folder can't be made: nothing is written.
     std::fs::write(site.folder.join("blocked"), "").expect("a file");
     let port = emd(move |request, registers| match request[1] {
-        3 => all_registers(registers),
         6 => panic!("written without a journal"),
-        _ => coils(),
+        _ => read(request, registers),
     });
     let flags = format!("-l pty:{port} -m emd2a2q -a 1");
     let set = "config set calibration_voltage=4V --yes --state blocked";
