@@ -12,7 +12,7 @@ fn configured(setup: Setup, slave: &dyn Fn(&[u8]) -> Option<Vec<u8>>) -> Result<
         line: "main".to_owned(),
         module: "module".to_owned(),
         setup,
-        wanted: Wanted::parse(&setup, ["address=9"].into_iter()).unwrap(),
+        wanted: Wanted::parse(&setup, ["address=9"]).unwrap(),
         neighbours: Vec::new(),
         by: By::Set,
         undoes: None,
