@@ -57,7 +57,7 @@ test("a webhook is made, tested, told of events, and its failures are seen", asy
   await card.getByText(t("webhook_signed")).waitFor();
 
   await card.getByRole("button", { name: t("webhook_test") }).click();
-  await page.getByText(/alerts took the test: HTTP 204, \d+ ms/).waitFor();
+  await page.getByText(/alerts accepted the test: HTTP 204, \d+ ms/).waitFor();
   const tried = came.find(({ event }) => event.code === "webhook_test");
   const { "x-railbus-timestamp": at, "x-railbus-signature": signed, "x-railbus-event": id } = tried.headers;
   const wanted = createHmac("sha256", secret).update(`${at}.${tried.body}`).digest("hex");
