@@ -346,6 +346,8 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let service = service.map_err(|error| system(lang, error))?;
     let events = service.follow_events();
     let stores = Stores::open(&service, &source.state);
+    let keys = Keys::open(&source.state);
+    stores::tell_of_keys(&service, keys.1.as_ref());
     service.run_rules();
 
     // Who hears that it serves may ask at once: every port was tried by then.
@@ -377,7 +379,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         demo: source.demo.is_some(),
         simulated: source.simulated().into(),
         stop: stopped.clone(),
-        keys: Arc::new(Keys::default()),
+        keys: Arc::new(keys.0),
         sockets: ws::Room::new(),
         ops: Arc::new(ops::Ops::default()),
         desk: Arc::clone(&desk),

@@ -79,6 +79,7 @@ export const events = {
   code_line_quiet: ["Unsolicited traffic stopped", "异常发送已停止"],
   code_config_reloaded: ["Configuration reloaded", "配置已重新加载"],
   code_audit_fails: ["Audit log cannot be written", "审计记录无法写入"],
+  code_keys_fail: ["idempotency keys can't be kept", "幂等键无法保存"],
   code_started: ["Daemon started", "程序已启动"],
   code_stopped: ["Daemon stopped", "程序已停止"],
   code_rule_fired: ["Rule triggered", "规则已执行"],

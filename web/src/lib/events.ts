@@ -54,6 +54,7 @@ const CODES: Record<string, Key> = {
   line_quiet: "code_line_quiet",
   config_reloaded: "code_config_reloaded",
   audit_fails: "code_audit_fails",
+  keys_fail: "code_keys_fail",
   audit_works: "code_audit_works",
   started: "code_started",
   stopped: "code_stopped",

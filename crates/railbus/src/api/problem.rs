@@ -113,7 +113,7 @@ pub(crate) mod codes {
         /// Also `path`.
         NO_SUCH_PAGE = "E0110", 404, "there is nothing at this address";
         /// Also `reason`.
-        NOT_KEPT = "E0150", 503, "what is to be done later can't be written down; nothing was sent";
+        NOT_KEPT = "E0150", 503, "what must be remembered can't be written down; nothing was sent";
         /// Also `reason`.
         NOT_TAKEN_OVER = "E0152", 503, "it was done, but the pulse or lease before it ends still";
         /// Also `path`, `retry_after_ms`.
@@ -141,6 +141,7 @@ pub(crate) mod codes {
         NO_REPLY = "E0301", 504, "the module did not answer";
         /// Also `module`, `line`, ...
         UNKNOWN = "E0302", 504, "the line was lost during the command; nobody knows how it ended";
+        KEY_BEGUN = "E0303", 504, "begun under this key; nobody knows how it ended";
         /// Also `module`, `line`, ..., `refusal`.
         REFUSED = "E0401", 502, "the module answered no";
         /// Also `module`, `point`. To be repeated with `"confirm": true`.

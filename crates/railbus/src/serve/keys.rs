@@ -1,76 +1,530 @@
 //! Commands that are told twice and done once: an `Idempotency-Key` names the command, and who
-//! asks again under it gets the first answer.
+//! asks again under it gets the first answer, also after a restart.
+//!
+//! The file `keys.log` in the state folder says that a command began before it does, and what was
+//! answered. A command that began and whose end is not there may have acted: that is told, and it
+//! is not done again. docs/decisions/0028
 
-use crate::api::problem::Problem;
+use crate::api::problem::{Problem, codes};
 use axum::body::Bytes;
+use railbus_site::durable;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use std::collections::VecDeque;
-use std::hash::{BuildHasher, Hash, RandomState};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::fmt::Write as _;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, SystemTime};
 use tokio::sync::OnceCell;
 
 /// How many keys are remembered.
 const KEYS_MAX: usize = 256;
+/// For how long.
+const AGE_MAX: Duration = Duration::from_secs(24 * 60 * 60);
 /// The longest key.
 pub(super) const KEY_LEN_MAX: usize = 128;
+/// The file's name in the folder of the site's state.
+const NAME: &str = "keys.log";
+/// A longer file is not read: this is far more than so many answers have.
+const LEN_MAX: u64 = 256 << 20;
+/// What is forgotten is taken out of the file when it has become twice as long, and by so much.
+const SLACK: u64 = 1 << 20;
 
 /// The end of a command, as JSON text.
 pub(super) type End = Result<Bytes, Problem>;
 
 type Slot = Arc<OnceCell<End>>;
 
-/// The newest keys. They are forgotten when the program ends.
-#[derive(Debug, Default)]
+/// A key, and which command it stands for.
+#[derive(Debug)]
+struct Known {
+    key: String,
+    command: String,
+    at: SystemTime,
+    slot: Slot,
+}
+
+impl Known {
+    /// Whether somebody waits for the end of its command, which would be done again without it.
+    fn is_under_way(&self) -> bool {
+        !self.slot.initialized() && Arc::strong_count(&self.slot) > 1
+    }
+}
+
+/// The newest keys.
+#[derive(Debug)]
 pub(super) struct Keys {
-    known: Mutex<VecDeque<(String, u64, Slot)>>,
-    random: RandomState,
+    known: Mutex<VecDeque<Known>>,
+    /// Where they are written down; or why they can't be.
+    file: Result<Arc<Mutex<KeyFile>>, String>,
 }
 
 impl Keys {
-    /// The place for the end of the command under this key; nothing where the key was used for
-    /// another command.
-    pub(super) fn slot(&self, key: &str, command: impl Hash) -> Option<Slot> {
-        let command = self.random.hash_one(command);
-        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, same, slot)) = known.iter().find(|(name, ..)| name == key) {
-            return (*same == command).then(|| Arc::clone(slot));
+    /// Those of a state folder. Where they can't be written down, nothing is done under a key.
+    pub(super) fn open(folder: &Path) -> (Keys, Option<io::Error>) {
+        let (file, rows, failed) = match KeyFile::open(folder) {
+            Ok((file, rows)) => (Ok(Arc::new(Mutex::new(file))), rows, None),
+            Err(error) => (Err(error.to_string()), Vec::new(), Some(error)),
+        };
+        let known = rows.into_iter().map(|row| Known {
+            at: SystemTime::UNIX_EPOCH + Duration::from_millis(row.begin.at_ms),
+            slot: Arc::new(OnceCell::new_with(Some(row.end()))),
+            key: row.begin.key,
+            command: row.begin.command,
+        });
+        let keys = Keys {
+            known: Mutex::new(known.collect()),
+            file,
+        };
+        (keys, failed)
+    }
+
+    /// Does this once under a key: who asks again gets the first answer. The command is who asks
+    /// for what.
+    pub(super) async fn once(
+        &self,
+        key: &str,
+        who: &str,
+        command: &[&[u8]],
+        work: impl Future<Output = End> + Send + 'static,
+    ) -> End {
+        let command = digest(who, command);
+        let slot = self.slot(key, &command)?;
+        let begin = || async {
+            let row = Row::Begin(Begin {
+                key: key.to_owned(),
+                who: who.to_owned(),
+                command,
+                at_ms: millis(SystemTime::now()),
+            });
+            self.write(row).await.map_err(|why| {
+                let why = format!("Idempotency-Key: {why}");
+                Problem::new(codes::NOT_KEPT).with("reason", why)
+            })?;
+            let end = tokio::spawn(work).await.unwrap_or_else(broken);
+            // Where the disk refuses, a restart forgets the answer, and not that it began.
+            let _ = self
+                .write(Row::End {
+                    key: key.to_owned(),
+                    answer: Told::of(&end),
+                })
+                .await;
+            Ok(end)
+        };
+        slot.get_or_try_init(begin).await.cloned()?
+    }
+
+    /// The place for the end of the command under this key.
+    fn slot(&self, key: &str, command: &str) -> Result<Slot, Problem> {
+        let now = SystemTime::now();
+        let mut known = lock(&self.known);
+        known.retain(|one| one.is_under_way() || !is_old(one.at, now));
+        if let Some(one) = known.iter().find(|one| one.key == key) {
+            if one.command == command {
+                return Ok(Arc::clone(&one.slot));
+            }
+            let reason = "this Idempotency-Key stands for another command";
+            return Err(Problem::new(codes::BAD_REQUEST).with("reason", reason));
         }
         if known.len() >= KEYS_MAX {
-            // One whose command is under way would be done again.
-            let ended = known.iter().position(|(.., slot)| slot.initialized());
-            known.remove(ended.unwrap_or_default());
+            let Some(over) = known.iter().position(|one| !one.is_under_way()) else {
+                return Err(Problem::new(codes::OVERLOADED));
+            };
+            known.remove(over);
         }
         let slot = Slot::default();
-        known.push_back((key.to_owned(), command, Arc::clone(&slot)));
-        Some(slot)
+        known.push_back(Known {
+            key: key.to_owned(),
+            command: command.to_owned(),
+            at: now,
+            slot: Arc::clone(&slot),
+        });
+        Ok(slot)
     }
+
+    /// Writes a row where it holds nothing up. That a command begins is durable when this
+    /// returns; what was answered outlives the process.
+    async fn write(&self, row: Row) -> Result<(), String> {
+        let file = Arc::clone(self.file.as_ref().map_err(String::clone)?);
+        let write = move || lock(&file).add(&row);
+        let end = tokio::task::spawn_blocking(write).await;
+        let end = end.unwrap_or_else(|error| Err(io::Error::other(error)));
+        end.map_err(|error| error.to_string())
+    }
+}
+
+/// The end of a command whose task broke off.
+pub(super) fn broken(error: tokio::task::JoinError) -> End {
+    let problem = Problem::new(codes::INTERNAL).with("reason", error.to_string());
+    Err(problem.perhaps_acted(true))
+}
+
+fn is_old(at: SystemTime, now: SystemTime) -> bool {
+    now.duration_since(at).is_ok_and(|age| age > AGE_MAX)
+}
+
+fn millis(at: SystemTime) -> u64 {
+    let since = at.duration_since(SystemTime::UNIX_EPOCH);
+    u64::try_from(since.unwrap_or_default().as_millis()).unwrap_or(u64::MAX)
+}
+
+/// Who asks for what, as one number: each part with its length, so that none runs into the next.
+fn digest(who: &str, command: &[&[u8]]) -> String {
+    let mut hash = Sha256::new();
+    for part in [who.as_bytes()].iter().chain(command) {
+        hash.update((part.len() as u64).to_le_bytes());
+        hash.update(part);
+    }
+    let mut text = String::new();
+    for byte in hash.finalize() {
+        // Writing into a String does not fail.
+        let _ = write!(text, "{byte:02x}");
+    }
+    text
+}
+
+/// A line of the file.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Row {
+    /// A command is about to begin.
+    Begin(Begin),
+    /// What was answered.
+    End { key: String, answer: Told },
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Begin {
+    key: String,
+    who: String,
+    command: String,
+    at_ms: u64,
+}
+
+/// An answer as it is written down.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Told {
+    Done(String),
+    Problem(Problem),
+}
+
+impl Told {
+    fn of(end: &End) -> Told {
+        match end {
+            Ok(body) => Told::Done(String::from_utf8_lossy(body).into_owned()),
+            Err(problem) => Told::Problem(problem.clone()),
+        }
+    }
+}
+
+/// What the file says of a key.
+struct Kept {
+    begin: Begin,
+    answer: Option<Told>,
+}
+
+impl Kept {
+    fn end(&self) -> End {
+        match &self.answer {
+            Some(Told::Done(body)) => Ok(Bytes::from(body.clone())),
+            Some(Told::Problem(problem)) => Err(problem.clone()),
+            None => Err(Problem::new(codes::KEY_BEGUN).perhaps_acted(true)),
+        }
+    }
+}
+
+/// The file, open for writing. The daemon that has the accounts of the folder has it, too.
+#[derive(Debug)]
+struct KeyFile {
+    path: PathBuf,
+    file: File,
+    len: u64,
+    /// How long it was when it was last written anew.
+    new: u64,
+}
+
+impl KeyFile {
+    fn open(folder: &Path) -> io::Result<(KeyFile, Vec<Kept>)> {
+        durable::folder(folder)?;
+        let path = folder.join(NAME);
+        let kept = rewrite(&path)?;
+        let file = append_to(&path)?;
+        let len = file.metadata()?.len();
+        let file = KeyFile {
+            path,
+            file,
+            len,
+            new: len,
+        };
+        Ok((file, kept))
+    }
+
+    fn add(&mut self, row: &Row) -> io::Result<()> {
+        let mut line = serde_json::to_vec(row)?;
+        line.push(b'\n');
+        if self.len > 2 * self.new + SLACK {
+            rewrite(&self.path)?;
+            self.file = append_to(&self.path)?;
+            self.len = self.file.metadata()?.len();
+            self.new = self.len;
+        }
+        let written = self.file.write_all(&line).and_then(|()| match row {
+            Row::Begin(_) => self.file.sync_data(),
+            Row::End { .. } => Ok(()),
+        });
+        match written {
+            Ok(()) => self.len += line.len() as u64,
+            // A part of a line would spoil the one after it.
+            Err(_) => self.file.set_len(self.len)?,
+        }
+        written
+    }
+}
+
+fn append_to(path: &Path) -> io::Result<File> {
+    OpenOptions::new().append(true).mode(0o600).open(path)
+}
+
+/// Reads what is kept, takes out what is forgotten, and writes the rest in its place. A last line
+/// that was torn by a loss of power began nothing.
+fn rewrite(path: &Path) -> io::Result<Vec<Kept>> {
+    let bytes = match std::fs::metadata(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+        Err(error) => return Err(error),
+        Ok(file) if file.len() > LEN_MAX => return Err(io::ErrorKind::FileTooLarge.into()),
+        Ok(_) => std::fs::read(path)?,
+    };
+    let kept = fold(&bytes, SystemTime::now());
+    let mut text = Vec::new();
+    for one in &kept {
+        let begin = Row::Begin(one.begin.clone());
+        let end = one.answer.clone().map(|answer| Row::End {
+            key: one.begin.key.clone(),
+            answer,
+        });
+        for row in [Some(begin), end].into_iter().flatten() {
+            serde_json::to_writer(&mut text, &row)?;
+            text.push(b'\n');
+        }
+    }
+    durable::replace(path, &text, Some(0o600))?;
+    Ok(kept)
+}
+
+/// What the lines of the file say of the newest keys.
+fn fold(bytes: &[u8], now: SystemTime) -> Vec<Kept> {
+    let mut kept: Vec<Kept> = Vec::new();
+    for line in bytes.split(|byte| *byte == b'\n') {
+        match serde_json::from_slice(line) {
+            Ok(Row::Begin(begin)) => {
+                kept.retain(|one| one.begin.key != begin.key);
+                let answer = None;
+                kept.push(Kept { begin, answer });
+            }
+            Ok(Row::End { key, answer }) => {
+                if let Some(one) = kept.iter_mut().rev().find(|one| one.begin.key == key) {
+                    one.answer = Some(answer);
+                }
+            }
+            Err(_) => {}
+        }
+    }
+    let at = |one: &Kept| SystemTime::UNIX_EPOCH + Duration::from_millis(one.begin.at_ms);
+    kept.retain(|one| !is_old(at(one), now));
+    while kept.len() > KEYS_MAX {
+        let ended = kept.iter().position(|one| one.answer.is_some());
+        kept.remove(ended.unwrap_or_default());
+    }
+    kept
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    struct Place(PathBuf);
+
+    impl Place {
+        fn new(name: &str) -> Place {
+            let unique = format!("railbus-keys-{}-{name}", std::process::id());
+            Place(std::env::temp_dir().join(unique))
+        }
+
+        fn keys(&self) -> Keys {
+            let (keys, failed) = Keys::open(&self.0);
+            assert!(failed.is_none(), "{failed:?}");
+            keys
+        }
+    }
+
+    impl Drop for Place {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    async fn ask(keys: &Keys, key: &str, who: &str, body: &str, answer: &'static str) -> End {
+        let work = async { Ok(Bytes::from_static(answer.as_bytes())) };
+        keys.once(key, who, &[b"toggle", body.as_bytes()], work)
+            .await
+    }
+
+    fn code(end: End) -> String {
+        end.expect_err("a problem").code
+    }
 
     #[tokio::test]
-    async fn a_key_stands_for_one_command() {
-        let keys = Keys::default();
-        let first = keys.slot("a", "pump.do0=on").unwrap();
-        let end = first
-            .get_or_init(async || Ok(Bytes::from_static(b"1")))
-            .await
-            .clone();
-        let again = keys.slot("a", "pump.do0=on").unwrap();
-        let same = again
-            .get_or_init(async || Ok(Bytes::from_static(b"2")))
-            .await
-            .clone();
-        assert_eq!(end, same);
-        assert!(keys.slot("a", "pump.do0=off").is_none());
+    async fn a_key_stands_for_one_command_also_after_a_restart() {
+        let place = Place::new("one");
+        for (round, answer) in ["1", "2"].into_iter().enumerate() {
+            let keys = place.keys();
+            let first = ask(&keys, "a", "li", "k1", answer).await;
+            assert_eq!(first, Ok(Bytes::from_static(b"1")), "round {round}");
+            assert_eq!(code(ask(&keys, "a", "li", "k2", "3").await), "E0806");
+            assert_eq!(code(ask(&keys, "a", "wang", "k1", "3").await), "E0806");
+        }
+    }
+
+    #[tokio::test]
+    async fn who_asks_at_the_same_time_waits_for_the_one_answer() {
+        let place = Place::new("same");
+        let keys = place.keys();
+        let count = Arc::new(AtomicUsize::new(0));
+        let ask = || {
+            let count = Arc::clone(&count);
+            keys.once("a", "li", &[b"toggle"], async move {
+                tokio::task::yield_now().await;
+                let times = count.fetch_add(1, Ordering::Relaxed) + 1;
+                Ok(Bytes::from(times.to_string()))
+            })
+        };
+        let (one, two, three) = tokio::join!(ask(), ask(), ask());
+        assert_eq!(count.load(Ordering::Relaxed), 1);
+        assert_eq!(one, Ok(Bytes::from_static(b"1")));
+        assert_eq!((&two, &three), (&one, &one));
+    }
+
+    #[tokio::test]
+    async fn what_began_and_has_no_end_is_not_done_again() {
+        let place = Place::new("cut");
+        let keys = place.keys();
+        let command = digest("li", &[b"toggle", b"k1"]);
+        let begin = |key: &str| {
+            let (key, who, command) = (key.to_owned(), "li".to_owned(), command.clone());
+            let at_ms = millis(SystemTime::now());
+            Row::Begin(Begin {
+                key,
+                who,
+                command,
+                at_ms,
+            })
+        };
+        keys.write(begin("a")).await.unwrap();
+        // A line that was torn began nothing, and spoils nothing.
+        let mut file = append_to(&place.0.join(NAME)).unwrap();
+        file.write_all(b"{\"begin\":{\"key\":\"b\"").unwrap();
+        for _ in 0..2 {
+            let keys = place.keys();
+            let end = ask(&keys, "a", "li", "k1", "again").await;
+            let problem = end.expect_err("a problem");
+            assert_eq!(
+                (problem.code.as_str(), problem.may_have_acted),
+                ("E0303", true)
+            );
+        }
+        let keys = place.keys();
+        assert!(ask(&keys, "b", "li", "k1", "1").await.is_ok());
+    }
+
+    #[tokio::test]
+    async fn a_task_that_breaks_off_is_not_done_again() {
+        let place = Place::new("broken");
+        let keys = place.keys();
+        let end = keys.once("a", "li", &[b"toggle", b"k1"], async { panic!("a test") });
+        let end = end.await.expect_err("a problem");
+        assert!(end.may_have_acted);
+        assert_eq!(ask(&keys, "a", "li", "k1", "2").await, Err(end));
+    }
+
+    #[tokio::test]
+    async fn old_keys_are_forgotten_and_those_under_way_are_not() {
+        let place = Place::new("bound");
+        let keys = place.keys();
         let under_way = keys.slot("scene", "evening").unwrap();
         for number in 0..KEYS_MAX {
-            let slot = keys.slot(&number.to_string(), 0).unwrap();
+            let slot = keys.slot(&number.to_string(), "").unwrap();
             let _ = slot.set(Ok(Bytes::new()));
         }
-        assert!(keys.slot("a", "pump.do0=off").is_some(), "it is forgotten");
+        assert!(keys.slot("0", "another").is_ok(), "it is forgotten");
         let again = keys.slot("scene", "evening").unwrap();
         assert!(Arc::ptr_eq(&under_way, &again), "it is not done twice");
+        let held: Vec<_> = (0..KEYS_MAX)
+            .map(|n| keys.slot(&format!("h{n}"), ""))
+            .collect();
+        assert!(
+            held.iter().filter(|slot| slot.is_err()).count() >= 1,
+            "no room"
+        );
+
+        let day = AGE_MAX + Duration::from_secs(1);
+        let row = |key: &str, at: SystemTime| {
+            let (key, who, command) = (key.to_owned(), String::new(), String::new());
+            let row = Row::Begin(Begin {
+                key,
+                who,
+                command,
+                at_ms: millis(at),
+            });
+            serde_json::to_string(&row).unwrap() + "\n"
+        };
+        let now = SystemTime::now();
+        let text = row("old", now - day) + &row("new", now);
+        let names = |kept: Vec<Kept>| {
+            kept.into_iter()
+                .map(|one| one.begin.key)
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(names(fold(text.as_bytes(), now)), ["new"]);
+        let many: String = (0..KEYS_MAX + 9)
+            .map(|n| row(&n.to_string(), now))
+            .collect();
+        let kept = names(fold(many.as_bytes(), now));
+        assert_eq!((kept.len(), kept[0].as_str()), (KEYS_MAX, "9"));
+    }
+
+    #[tokio::test]
+    async fn the_file_does_not_grow_for_ever() {
+        let place = Place::new("file");
+        let keys = place.keys();
+        let long = "x".repeat(60_000);
+        for number in 0..120 {
+            let answer = Bytes::from(long.clone());
+            let end = keys
+                .once("same", &number.to_string(), &[], async { Ok(answer) })
+                .await;
+            assert!(end.is_ok());
+            lock(&keys.known).clear();
+        }
+        let len = std::fs::metadata(place.0.join(NAME)).unwrap().len();
+        assert!(len < 2 * SLACK, "{len}");
+    }
+
+    #[tokio::test]
+    async fn without_a_disk_nothing_is_done_under_a_key() {
+        let place = Place::new("none");
+        std::fs::write(&place.0, "a file, no folder").unwrap();
+        let (keys, failed) = Keys::open(&place.0);
+        assert!(failed.is_some());
+        assert_eq!(code(ask(&keys, "a", "li", "k1", "1").await), "E0150");
+        std::fs::remove_file(&place.0).unwrap();
     }
 }

@@ -2,7 +2,7 @@
 //! configuration begins with one.
 
 use super::access::Caller;
-use super::keys::{End, KEY_LEN_MAX};
+use super::keys::{KEY_LEN_MAX, broken};
 use super::routes::{Answer, Site};
 use super::{answer, body};
 use crate::api::problem::{Problem, codes};
@@ -98,15 +98,9 @@ impl Order {
         F: FnOnce(Service, String, T) -> Fut,
         Fut: Future<Output = Result<R, Problem>> + Send + 'static,
     {
-        let slot = match self.headers.get("idempotency-key").map(|key| key.to_str()) {
+        let key = match self.headers.get("idempotency-key").map(|key| key.to_str()) {
             None => None,
-            Some(Ok(key)) if (1..=KEY_LEN_MAX).contains(&key.len()) => {
-                let command = (&self.who.name, &what, &self.body[..]);
-                match self.site.keys.slot(key, command) {
-                    Some(slot) => Some(slot),
-                    None => return bad_request("this Idempotency-Key stands for another command"),
-                }
-            }
+            Some(Ok(key)) if (1..=KEY_LEN_MAX).contains(&key.len()) => Some(key.to_owned()),
             Some(_) => return bad_request("an Idempotency-Key has 1 to 128 characters of ASCII"),
         };
         let wanted = match self.read() {
@@ -114,18 +108,14 @@ impl Order {
             Err(problem) => return answer::problem(&problem),
         };
         let service = self.site.service.on_behalf_of(self.who.origin());
-        let end = run(service, what.1, wanted);
+        let end = run(service, what.1.clone(), wanted);
         let end = async move { end.await.map(as_json) };
+        let (keys, who, body) = (Arc::clone(&self.site.keys), self.who.name, self.body);
         let task = tokio::spawn(async move {
-            match slot {
-                Some(slot) => slot.get_or_init(|| end).await.clone(),
-                None => end.await,
-            }
+            let Some(key) = key else { return end.await };
+            let command = [what.0.as_bytes(), what.1.as_bytes(), &body];
+            keys.once(&key, &who, &command, end).await
         });
-        let broken = |error: tokio::task::JoinError| -> End {
-            let problem = Problem::new(codes::INTERNAL).with("reason", error.to_string());
-            Err(problem.perhaps_acted(true))
-        };
         answer::text(task.await.unwrap_or_else(broken))
     }
 }

@@ -52,6 +52,13 @@ impl Stores {
     }
 }
 
+/// Commands under an `Idempotency-Key` are refused, where that can't be written down.
+pub(super) fn tell_of_keys(service: &Service, failed: Option<&std::io::Error>) {
+    if let Some(error) = failed {
+        tell(service, Severity::Error, "keys_fail", error);
+    }
+}
+
 fn tell(service: &Service, severity: Severity, code: &str, text: impl ToString) {
     let event = Event::new(EventKind::System, severity, code);
     service.tell_event(event.text(text.to_string()));

@@ -81,7 +81,7 @@ fn board(line: &OwnedFd, pulled: &AtomicBool) {
     }
 }
 
-fn answer(request: &[u8], relays: &mut u8) -> Vec<u8> {
+pub(crate) fn answer(request: &[u8], relays: &mut u8) -> Vec<u8> {
     let coil = request[3].wrapping_sub(60);
     let mut reply = match request[1] {
         1 => vec![3, 1, 1, *relays >> coil],

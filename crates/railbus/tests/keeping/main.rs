@@ -6,4 +6,5 @@ mod adapters;
 mod daemon;
 mod edits;
 mod ends;
+mod keys;
 mod kills;

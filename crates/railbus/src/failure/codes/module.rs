@@ -15,6 +15,14 @@ codes! {
         likely: ["the adapter was pulled out · its driver fails", "转换器被拔出 · 驱动故障"],
         next: ["plug it in, then: railbus get --fresh", "重新插入后执行：railbus get --fresh"],
     }
+    KeyBegun = "E0303" {
+        title: ["begun under this key before the daemon ended; nobody knows how it ended",
+            "该幂等键的命令在守护进程退出前已开始，结果未知"],
+        likely: ["the daemon was killed, or the power failed, during the command",
+            "命令进行中守护进程被终止或断电"],
+        next: ["look at the output, then repeat under a new key if need be",
+            "先查看输出的实际状态，确需重发时换用新的幂等键"],
+    }
     Lost = "E0340" {
         title: ["the module is not found any more after the write", "写入后找不到该模块"],
         likely: ["it lost its power meanwhile · its line was disturbed · it has other settings \

@@ -72,8 +72,8 @@ codes! {
         next: ["repeat the command and answer y, or add --yes", "重新执行并回答 y，或加 --yes"],
     }
     NotKept = "E0150" {
-        title: ["not sent: what is to be done later can't be written down",
-            "未发送：无法记录稍后要执行的动作"],
+        title: ["not sent: what must be remembered can't be written down",
+            "未发送：必须记住的内容无法写入磁盘"],
         likely: ["the disk is full · no right to the folder of the state", "磁盘已满 · 状态文件夹无写权限"],
         next: ["make room, or set RAILBUS_STATE to another folder",
             "腾出空间，或用 RAILBUS_STATE 指定其他文件夹"],
