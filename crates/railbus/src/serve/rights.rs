@@ -141,7 +141,7 @@ impl Here {
             demo: false,
             simulated: Arc::default(),
             stop: stopped,
-            keys: Arc::new(Keys::default()),
+            keys: Arc::new(Keys::open(&folder).0),
             sockets: ws::Room::new(),
             ops: Arc::new(ops::Ops::default()),
             desk,
