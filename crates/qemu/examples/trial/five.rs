@@ -3,11 +3,23 @@
 use crate::World;
 use crate::site::{Daemon, Site, said};
 use railbus_cases::Bench;
+use railbus_qemu::Hub;
+use railbus_wire::crc16;
 use serde_json::Value;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The time that the oven's watchdog waits for its host: 64h in tenths of a second.
 const WATCHDOG: Duration = Duration::from_secs(10);
+
+/// So often the machine may be too busy to poll it.
+const TRIES: usize = 3;
+
+/// How a reply with its outputs begins; a byte with them and two of CRC follow.
+const REPLY: [u8; 3] = [9, 1, 1];
+
+/// So much is kept of what was heard last.
+const HEARD: usize = 64;
 
 /// One output of each module, and what its board then shows.
 const SWITCHED: [(&str, &str, u32); 5] = [
@@ -96,22 +108,48 @@ impl Site<'_> {
 
     /// The oven gets a host watchdog [BEYOND §3.1], which waits for the daemon from now on.
     fn watch(&self) -> Result<(), String> {
-        for write in ["09 06 BE04 0081", "09 06 BE01 0064"] {
-            let words: Vec<&str> = write.split(' ').collect();
-            self.railbus(&[&["raw", "-l", "main", "--yes", "--crc"], &words[..]].concat())?;
-        }
+        self.order("09 06 BE04 0081")?;
+        self.order("09 06 BE01 0064")
+    }
+
+    fn order(&self, frame: &str) -> Result<(), String> {
+        let words: Vec<&str> = frame.split(' ').collect();
+        self.railbus(&[&["raw", "-l", "main", "--yes", "--crc"], &words[..]].concat())?;
         Ok(())
     }
 
     /// As long as the daemon polls it, the oven stays as it is; when the daemon is killed, its
     /// outputs go to their safe states [BEYOND §1.1, §1.2].
     fn host_dies(&mut self, daemon: Daemon) -> Result<(), String> {
+        let polled = Polled::on(&self.hub);
+        for _ in 0..TRIES {
+            if self.stays(&polled)? {
+                drop(daemon);
+                return self.shows("oven", 0x81);
+            }
+            // It has tripped, and rightly so: until that is cleared, nobody switches it.
+            self.order("09 06 BE00 0000")?;
+            self.railbus(&["set", "oven.k3", "on"])?;
+        }
+        Err(format!(
+            "the machine is too busy: no {WATCHDOG:?} in which the oven is polled"
+        ))
+    }
+
+    /// Whether the oven stays as it is for longer than its watchdog waits. If it does not, the
+    /// machine has kept the polls from it for nearly as long: anything else is an error.
+    fn stays(&mut self, polled: &Polled) -> Result<bool, String> {
+        polled.begin();
         let until = Instant::now() + WATCHDOG + WATCHDOG / 5;
         while Instant::now() < until {
-            self.shows("oven", 0b100)?;
+            if let Err(why) = self.shows("oven", 0b100) {
+                return match polled.longest_pause() {
+                    pause if pause > WATCHDOG * 9 / 10 => Ok(false),
+                    pause => Err(format!("{why}, and was polled {pause:?} apart at most")),
+                };
+            }
         }
-        drop(daemon);
-        self.shows("oven", 0x81)
+        Ok(true)
     }
 
     fn shows(&mut self, module: &str, outputs: u32) -> Result<(), String> {
@@ -121,4 +159,63 @@ impl Site<'_> {
         }
         Err(format!("{module} shows {shown:X}, not {outputs:X}"))
     }
+}
+
+/// When the oven was polled, as its replies tell: then its watchdog waits anew [BEYOND §1.1].
+struct Polled(Arc<Mutex<Pauses>>);
+
+struct Pauses {
+    last: Instant,
+    longest: Duration,
+}
+
+impl Polled {
+    fn on(hub: &Hub) -> Polled {
+        let pauses = Arc::new(Mutex::new(Pauses {
+            last: Instant::now(),
+            longest: Duration::ZERO,
+        }));
+        let mut heard = Vec::new();
+        let told = Arc::clone(&pauses);
+        hub.disturb(move |bytes| {
+            heard.extend_from_slice(bytes);
+            let reply = heard.windows(REPLY.len() + 3).rposition(is_reply);
+            if let Some(at) = reply {
+                heard.drain(..=at);
+                lock(&told).polled();
+            }
+            heard.drain(..heard.len().saturating_sub(HEARD));
+        });
+        Polled(pauses)
+    }
+
+    fn begin(&self) {
+        let mut pauses = lock(&self.0);
+        (pauses.last, pauses.longest) = (Instant::now(), Duration::ZERO);
+    }
+
+    fn longest_pause(&self) -> Duration {
+        let mut pauses = lock(&self.0);
+        // The one that is not over yet counts, too.
+        pauses.polled();
+        pauses.longest
+    }
+}
+
+impl Pauses {
+    fn polled(&mut self) {
+        let now = Instant::now();
+        self.longest = self.longest.max(now - self.last);
+        self.last = now;
+    }
+}
+
+/// The states of the oven's eight outputs, from its new address.
+fn is_reply(frame: &[u8]) -> bool {
+    let crc = crc16(&frame[..4]).to_le_bytes();
+    frame.starts_with(&REPLY) && frame[4..] == crc
+}
+
+fn lock(pauses: &Mutex<Pauses>) -> MutexGuard<'_, Pauses> {
+    pauses.lock().unwrap_or_else(PoisonError::into_inner)
 }
