@@ -44,6 +44,17 @@ def reachable(steps):
             if "parity" not in str(getattr(step, "entries", "")) or step.want != silent]
 
 
+def settled(module, steps):
+    """The steps, where a board that is to be silent at its old speed is given the time to change:
+    a busy machine may hold it up behind its reply."""
+    model = module.split(",")[0].removeprefix("model=")
+    for step, following in zip(steps, [*steps[1:], None]):
+        if (isinstance(following, modbus_cases.Speed)
+                and getattr(step, "want", None) == modbus_cases.SILENT):
+            yield modbus_cases.Do(f"runs {model} {following.rate}")
+        yield step
+
+
 def lives(table, module, steps):
     """What happens to one module, or to one until it loses its power and to another one from
     shortly before that."""
@@ -122,7 +133,7 @@ def suites(words):
     """The suites of both masters, over all tables."""
     masters.Rig = Board
     lines = [life for table, (module, steps) in modbus_cases.LINES.items()
-             for life in lives(table, module, reachable(steps))]
+             for life in lives(table, module, list(settled(module, reachable(steps))))]
     both = {"pymodbus": pymodbus_suite.Master, "mbpoll": mbpoll_suite.Master}
     for name, master in both.items():
         helper = None if master is pymodbus_suite.Master else pymodbus_suite.Master

@@ -1,7 +1,8 @@
 //! A board on a bench.
 
+use crate::hub::is_same;
 use crate::machine::is_silence;
-use crate::{Folder, Hub, Machine};
+use crate::{Folder, Hub, Machine, Turn};
 use railbus_cases::{Bench, Outside};
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_keep::{Record, slot_image};
@@ -128,6 +129,23 @@ impl Board {
         self.machine
             .as_mut()
             .ok_or_else(|| io::Error::other("the board has no power"))
+    }
+
+    /// Whether the board listens at this speed, for which it is given some time.
+    ///
+    /// # Errors
+    /// Where there is no power.
+    pub fn runs_at(&mut self, rate: u32) -> io::Result<bool> {
+        let until = Instant::now() + PATIENCE * self.slower;
+        let mut speed = self.machine()?.speed();
+        loop {
+            let runs = speed(Turn::Hears).is_some_and(|one| is_same(one, rate));
+            if runs || Instant::now() > until {
+                return Ok(runs);
+            }
+            // QEMU tells nobody that a register has changed.
+            std::thread::sleep(LOOK_AGAIN);
+        }
     }
 
     /// The board becomes a member of this line, for as long as it has power.

@@ -105,7 +105,7 @@ impl Hub {
 }
 
 /// Whether receivers at these speeds understand each other: 4 % are too many.
-const fn is_same(one: u32, other: u32) -> bool {
+pub(crate) const fn is_same(one: u32, other: u32) -> bool {
     one.abs_diff(other) < one / 25
 }
 

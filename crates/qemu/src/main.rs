@@ -115,6 +115,15 @@ impl Line {
                     .map(|on| format!("{on:X}"))
                     .map_err(|error| error.to_string())
             }
+            // A board that the machine holds up has answered and not yet changed its speed.
+            ["runs", name, rate] => {
+                let rate = number(rate)?;
+                match self.find(name)?.runs_at(rate) {
+                    Ok(true) => Ok(String::new()),
+                    Ok(false) => Err(format!("{name} does not run at {rate}")),
+                    Err(error) => Err(error.to_string()),
+                }
+            }
             [verb, name, ref rest @ ..] => self.act(verb, name, rest).map(|()| String::new()),
             _ => Err(format!("`{order}` is not understood")),
         }
