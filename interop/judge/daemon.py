@@ -15,6 +15,8 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 # Nothing takes longer.
 PATIENCE = 20.0
+# The daemon closes a connection that nobody uses; one that was idle for so long is not used again.
+IDLE_MAX = 5.0
 
 
 def program():
@@ -127,8 +129,11 @@ class Daemon:
     def ask(self, method, path, body=None, headers=None):
         """Asks, and gives back status and JSON. OSError: nobody answered."""
         connection = getattr(self._local, "connection", None)
-        if connection is None:
+        if connection is None or time.monotonic() - self._local.used > IDLE_MAX:
+            if connection:
+                connection.close()
             connection = self._local.connection = OverSocket(self.socket)
+        self._local.used = time.monotonic()
         text = None if body is None else json.dumps(body)
         try:
             connection.request(method, "/api/v1" + path, text, headers or {})
