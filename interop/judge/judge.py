@@ -160,9 +160,12 @@ class Judge:
     def _confirmed(self, claim, part):
         relay, told = part.relay, part.told
         if told.get("before") is not None and not told.get("renewed"):
-            # Of its own order or of others meanwhile, before the last of them.
+            # Before its own order, where it is known which one that is: others may order meanwhile,
+            # and its own may be lost.
+            alone = not any(other is not claim and other.since <= claim.until
+                            and other.until >= claim.since for other, _ in self._by_relay[relay])
             acts = self.orders(relay, claim.since, claim.until)
-            until = acts[-1].hi - 1e-6 if acts else claim.until
+            until = acts[0].hi - 1e-6 if acts and alone else claim.until
             good = self.held(relay, claim.since - BEFORE_MAX, until, told["before"])
             self.told("before", good, relay, claim.until, claim.words())
         if claim.undone and told.get("code") == "E0456":

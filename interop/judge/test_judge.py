@@ -99,6 +99,10 @@ class Lies(unittest.TestCase):
     def test_before(self):
         self.true(Told().acts(10.1, True)
                   .says("set", True, 10, 10.2, readback(True, before=False)))
+        # Another one's order was there before, and its own was lost.
+        self.true(Told().acts(5, True).says("set", True, 4.9, 5.1, readback(True))
+                  .acts(10.1, False).says("set", False, 10, 10.2, readback(False))
+                  .says("set", False, 10.05, 10.3, readback(False, before=False)))
         self.lie(Told().acts(10.1, True).acts(10.11, False)
                  .says("set", False, 10.1, 10.2, readback(False))
                  .says("set", True, 10, 10.2, readback(True))
