@@ -346,6 +346,8 @@ impl Service {
             let part = done.parts.get(*number);
             match (part.is_some_and(|part| touched(&part.end)), before) {
                 (false, _) => {}
+                // What gives pulses by itself can't be brought back into one: that begins another.
+                (true, Some(true)) if self.gives_pulses(place).await => lost.push(*number),
                 (true, Some(before)) => back.push((back.len(), place.clone(), *before, *number)),
                 (true, None) => lost.push(*number),
             }

@@ -201,6 +201,17 @@ impl Service {
         }
     }
 
+    /// Whether switching an output on begins a pulse of the module's own. Where the module does not
+    /// say so, it may.
+    pub(super) async fn gives_pulses(&self, place: &Place) -> bool {
+        let described = self.inner.described(&place.module);
+        if described.is_ok_and(|module| module.setup.family != Family::Eda9060a) {
+            return false;
+        }
+        let pulses = self.pulses(&place.module).await;
+        pulses.map_or(true, |pulses| pulses.of(place.point).is_some())
+    }
+
     /// Waits until all pulses that are timed here have ended.
     pub async fn pulses_ended(&self) {
         self.inner.schedule.all_ended().await;

@@ -8,6 +8,7 @@ mod promised;
 mod safety;
 mod sending;
 mod several;
+mod undone;
 
 use board::{k, until};
 use railbus_host::{Confirmed, Fault, LineState};

@@ -1,0 +1,70 @@
+//! All or nothing beside outputs that give pulses by themselves.
+
+use crate::board::{k, until};
+use railbus_site::config::Place;
+use railbus_site::{BatchTerms, Config, Failure, Quality, Service};
+use railbus_wire::crc16;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpListener;
+
+/// An EDA9060A at address 1, whose first relay gives pulses and is in one all the time, and an ERC-8
+/// at address 2 that refuses every write. Counts the pulses that are begun.
+fn answer(request: &[u8], pulses: &AtomicU32) -> Option<Vec<u8>> {
+    let [address, function, ..] = *request else {
+        return None;
+    };
+    let mut reply = match (address, function) {
+        (1, 1) => vec![1, 1, 1, 1],
+        (1, 3) => vec![1, 3, 2, 1, 50],
+        (1, 5) => {
+            pulses.fetch_add(1, Ordering::Relaxed);
+            request[..6].to_vec()
+        }
+        (_, 1 | 2) => vec![address, function, 1, 0],
+        _ => vec![address, function | 0x80, 4],
+    };
+    reply.extend(crc16(&reply).to_le_bytes());
+    Some(reply)
+}
+
+#[tokio::test]
+async fn taking_back_begins_no_pulse_again() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = listener.local_addr().unwrap();
+    let pulses = Arc::new(AtomicU32::new(0));
+    let begun = Arc::clone(&pulses);
+    tokio::spawn(async move {
+        let (mut stream, _) = listener.accept().await.unwrap();
+        let mut request = [0; 64];
+        while let Ok(len @ 1..) = stream.read(&mut request).await {
+            if let Some(reply) = answer(&request[..len], &begun) {
+                stream.write_all(&reply).await.unwrap();
+            }
+        }
+    });
+    let text = format!(
+        "[line.main]\nport = \"tcp:{port}\"\n\
+         [module.gate]\nline = \"main\"\nmodel = \"eda9060a\"\nprotocol = \"rtu\"\naddress = 1\n\
+         [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 2\n"
+    );
+    let service = Service::start(Config::parse(&text).unwrap()).unwrap();
+    let is_good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
+    until(|| is_good("gate") && is_good("oven")).await;
+    let set = ["gate", "oven"].map(|module| (Place::new(module, k(1)), true));
+    let terms = BatchTerms {
+        all_or_nothing: true,
+        ..BatchTerms::default()
+    };
+    let done = service.batch(&set, terms).await;
+    assert!(!done.undone, "{done:?}");
+    assert_eq!(done.parts[0].end, Err(Failure::NotUndone), "{done:?}");
+    assert!(done.parts[1].end.is_err(), "{done:?}");
+    assert_eq!(
+        pulses.load(Ordering::Relaxed),
+        1,
+        "begun by the batch alone"
+    );
+    service.close().await;
+}
