@@ -57,7 +57,7 @@ pub(crate) struct Ear {
     duplicates: bool,
     /// So many answered requests until the line is trusted not to duplicate.
     probation: u8,
-    /// Since when the line was never silent.
+    /// Since when somebody else was never silent, nor any reply good.
     busy_since: Option<Instant>,
     babbles: bool,
 }
@@ -130,12 +130,34 @@ impl Ear {
         self.is_bare = false;
     }
 
-    /// A request goes out: what was heard before it is no reply to it. True when that ends a
-    /// babble.
-    pub(crate) fn prepare(&mut self) -> bool {
+    /// A request goes out: what was heard before it is no reply to it. True when the silence
+    /// before it ends a babble; one that leaves room for requests goes on.
+    pub(crate) fn prepare(&mut self, now: Instant, busy_until: Instant) -> bool {
         self.forget();
+        self.babbles && now.since(busy_until) > SILENCE && self.fell_silent()
+    }
+
+    /// It is no babble, or none any more: true when it was one.
+    pub(crate) const fn fell_silent(&mut self) -> bool {
         self.busy_since = None;
-        core::mem::take(&mut self.babbles)
+        core::mem::replace(&mut self.babbles, false)
+    }
+
+    /// A request was not answered; true when what was heard instead makes a babble.
+    pub(crate) fn missed(&mut self, now: Instant, busy_until: Instant) -> bool {
+        let is_silent = now.since(busy_until) > SILENCE;
+        if is_silent {
+            self.busy_since = None;
+        }
+        !is_silent && !self.heard().is_empty() && self.goes_on(now)
+    }
+
+    /// Somebody else is still heard; true when that makes a babble of it.
+    fn goes_on(&mut self, now: Instant) -> bool {
+        let since = *self.busy_since.get_or_insert(now);
+        let news = !self.babbles && now.since(since) > BABBLE;
+        self.babbles |= news;
+        news
     }
 
     /// Takes bytes heard after a request. `too_early` are those heard before it can have left:
@@ -254,10 +276,7 @@ impl Ear {
             self.forget();
         }
         self.push(bytes);
-        let since = *self.busy_since.get_or_insert(now);
-        let news = !self.babbles && now.since(since) > BABBLE;
-        self.babbles |= news;
-        news
+        self.goes_on(now)
     }
 
     /// Whether the last good reply stands among the bytes overheard once more.

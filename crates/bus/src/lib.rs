@@ -530,6 +530,9 @@ impl Bus {
         if echo_is_gone {
             self.events.tell(Event::EchoGone);
         }
+        if self.ear.fell_silent() {
+            self.events.tell(Event::Quiet);
+        }
         self.lay_ghosts_in_ear();
         // Two modules on one address both answer a probe.
         if self.ear.is_cautious() || matches!(flight.job, Job::Probe { .. }) {
@@ -566,6 +569,9 @@ impl Bus {
     /// No good reply came in time.
     fn missed(&mut self, flight: Flight) {
         self.state = State::Idle;
+        if self.ear.missed(self.now, self.busy_until) {
+            self.events.tell(Event::Babble);
+        }
         // Perhaps what was heard is a reply to something before.
         let late = self.ghosts.take_answered(self.ear.heard());
         let why = match late {
@@ -632,7 +638,7 @@ impl Bus {
             Medium::Buffered if exchange.expects_reply() => self.now,
             _ => self.now + self.settings.frame_time(self.outgoing.bytes().len()),
         };
-        if self.ear.prepare() {
+        if self.ear.prepare(self.now, self.busy_until) {
             self.events.tell(Event::Quiet);
         }
         self.busy_until = sent;

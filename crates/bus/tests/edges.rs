@@ -290,7 +290,7 @@ fn a_change_of_settings_waits_for_earlier_commands() {
 }
 
 /// A babble is named once it has lasted for more than half a second without a silence of more
-/// than 50 ms, once, and it ends with the next request.
+/// than 50 ms, once, and it ends with the silence before the next request.
 #[test]
 fn a_babble_is_named_and_ends() {
     let chatter = |line: &mut Line, from: u64, to: u64, step: u64| {
@@ -326,6 +326,46 @@ fn a_babble_is_named_and_ends() {
     let mut with_silences = Line::new(EchoMode::Off, &[board()]);
     chatter(&mut with_silences, 100, 1100, 51);
     assert!(with_silences.told_at(Event::Babble).is_empty());
+}
+
+/// Somebody who leaves room for a request now and then is named all the same, whatever he says, and
+/// so is one who drowns the replies; a good reply or a silence ends it.
+#[test]
+fn a_babble_that_leaves_room_for_requests_is_named() {
+    let noise = vec![0xA5, 0x5A, 0x00];
+    let foreign = all_off(9);
+    for said in [noise, foreign] {
+        for step in [8, 10, 14, 20, 30, 45] {
+            let mut line = Line::new(EchoMode::Off, &[eda()]);
+            let start = line.drive.now;
+            for at in (0..4_000).step_by(step) {
+                line.drive.hear_at(start + millis(at), &said);
+            }
+            for _ in 0..8 {
+                line.submit(Op::ReadOutputs);
+                line.run(millis(500), |_| None);
+            }
+            let named = line.told_at(Event::Babble);
+            assert_eq!(named.len(), 1, "every {step} ms: {named:?}");
+            assert!(named[0] < start + millis(2_000), "{named:?}");
+            assert!(line.told_at(Event::Quiet).is_empty());
+            line.submit(Op::ReadOutputs);
+            line.run(millis(2_000), |_| Some(all_off(1)));
+            assert_eq!(line.told_at(Event::Quiet).len(), 1);
+        }
+    }
+}
+
+/// A module whose every reply is spoilt, asked without a pause, is no babble.
+#[test]
+fn spoilt_replies_are_no_babble() {
+    let mut line = Line::new(EchoMode::Off, &[eda(), board()]);
+    for _ in 0..10 {
+        line.submit_to(0, Op::ReadOutputs);
+        line.submit_to(1, Op::ReadOutputs);
+        line.run(millis(2_000), |_| Some(vec![0xA5; 5]));
+    }
+    assert!(line.told_at(Event::Babble).is_empty());
 }
 
 /// What is overheard is kept, up to 300 bytes without a silence; one more byte begins anew.
