@@ -32,7 +32,7 @@ pub use frame::{read_request, request};
 pub use risk::{Risk, is_answered, stowaway};
 pub use service::{
     BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, Counts, Events, GroupState, LEASE_MAX,
-    LEASE_MIN, Leased, Left, LineStatus, Loan, ModuleStatus, PULSE_MAX, Part, PartDone,
+    LEASE_MIN, LOAN_MAX, Leased, Left, LineStatus, Loan, ModuleStatus, PULSE_MAX, Part, PartDone,
     PointStatus, Pulse, PulseDone, RawTerms, Reloaded, RuleStatus, STEPS, Sent, Service,
     StartError, ToggleTerms, Update, Updates, Work, WriteDone, WriteTerms, is_refused,
 };

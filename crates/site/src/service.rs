@@ -25,7 +25,7 @@ mod update;
 pub use batch::{BatchDone, BatchTerms, GroupState, Part, PartDone};
 pub use command::{RawTerms, ToggleTerms, WriteDone, WriteTerms};
 pub use lease::{LEASE_MAX, LEASE_MIN, Leased};
-pub use loan::Loan;
+pub use loan::{LOAN_MAX, Loan};
 pub(crate) use meter::Busy;
 pub use meter::{Counts, STEPS};
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};

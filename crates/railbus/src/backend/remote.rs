@@ -19,6 +19,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
 
 /// Into how many stretches of time a long history is parted.
 const STRETCHES: usize = 500;
@@ -80,7 +82,30 @@ async fn event<T: DeserializeOwned>(lines: &mut TextLines) -> Option<Result<T, P
 /// process ends, whatever ends it.
 #[derive(Debug)]
 pub(crate) struct Borrowed {
-    _lines: TextLines,
+    listening: JoinHandle<()>,
+    over: watch::Receiver<bool>,
+}
+
+impl Borrowed {
+    fn new(mut lines: TextLines) -> Borrowed {
+        let (tell, over) = watch::channel(false);
+        let listening = tokio::spawn(async move {
+            while let Some(Ok(_)) = lines.next().await {}
+            tell.send_replace(true);
+        });
+        Borrowed { listening, over }
+    }
+
+    /// True once the daemon wants the line back: its outputs may have to be switched off.
+    pub(crate) fn over(&self) -> watch::Receiver<bool> {
+        self.over.clone()
+    }
+}
+
+impl Drop for Borrowed {
+    fn drop(&mut self) {
+        self.listening.abort();
+    }
 }
 
 impl Remote {
@@ -204,7 +229,7 @@ impl Remote {
         let answer = send(&self.socket, Method::POST, &path, Vec::new()).await?;
         let mut lines = answer.lines().await?;
         match lines.next().await {
-            Some(Ok(_)) => Ok(Borrowed { _lines: lines }),
+            Some(Ok(_)) => Ok(Borrowed::new(lines)),
             Some(Err(problem)) => Err(problem),
             None => Err(Problem::new(codes::DAEMON)),
         }

@@ -4,12 +4,15 @@ use super::Context;
 use crate::failure::{Code, Failure};
 use std::future::Future;
 use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::watch;
 
 /// The signals that end a command. From its making on they no longer end the program at once.
 #[derive(Debug)]
 pub(super) struct Stop {
     interrupt: Signal,
     terminate: Signal,
+    /// Once true, what is borrowed is to be given back.
+    over: Option<watch::Receiver<bool>>,
 }
 
 impl Stop {
@@ -18,14 +21,27 @@ impl Stop {
         Ok(Stop {
             interrupt: signal(SignalKind::interrupt()).map_err(system)?,
             terminate: signal(SignalKind::terminate()).map_err(system)?,
+            over: None,
         })
+    }
+
+    /// From now on it is also a reason to stop that this becomes true.
+    pub(super) fn when(&mut self, over: watch::Receiver<bool>) {
+        self.over = Some(over);
     }
 
     /// Waits for one.
     pub(super) async fn requested(&mut self) {
+        let over = async {
+            match &mut self.over {
+                Some(over) => _ = over.wait_for(|over| *over).await,
+                None => std::future::pending().await,
+            }
+        };
         tokio::select! {
             _ = self.interrupt.recv() => {}
             _ = self.terminate.recv() => {}
+            () = over => self.over = None,
         }
     }
 

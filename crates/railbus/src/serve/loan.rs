@@ -34,19 +34,30 @@ pub(super) async fn lend(State(site): State<Site>, Path(line): Path<String>) -> 
         Err(failure) => return answer::problem(&failures::of_line(&site.service, &line, &failure)),
     };
     let (held, gone) = oneshot::channel();
-    tokio::spawn(take_back(site, loan, gone));
+    let (lent, over) = oneshot::channel();
+    tokio::spawn(take_back(site, loan, gone, lent));
     Response::new(Body::new(Held {
         told: false,
+        over,
         _held: held,
     }))
 }
 
-/// Once nobody reads any more; at the end of the daemon there is nothing to take back.
-async fn take_back(mut site: Site, loan: Loan, gone: oneshot::Receiver<()>) {
+/// Once nobody reads any more; at the end of the daemon there is nothing to take back. When the
+/// loan is over, that is told by the end of the answer: whoever has the line stops where that is
+/// safe, and its port is free then.
+async fn take_back(
+    mut site: Site,
+    loan: Loan,
+    mut gone: oneshot::Receiver<()>,
+    lent: oneshot::Sender<()>,
+) {
     tokio::select! {
-        () = ended(&mut site.stop) => return,
-        _ = gone => {}
+        () = ended(&mut site.stop) => return loan.leave(),
+        _ = &mut gone => {}
+        () = tokio::time::sleep_until(loan.until()) => {}
     }
+    drop(lent);
     let owner = site.service.on_behalf_of(Caller::owner().origin());
     site.desk.take_back(loan, &owner).await;
 }
@@ -54,6 +65,8 @@ async fn take_back(mut site: Site, loan: Loan, gone: oneshot::Receiver<()>) {
 /// What is sent: it is dropped with the connection.
 struct Held {
     told: bool,
+    /// Closed when the loan is over.
+    over: oneshot::Receiver<()>,
     _held: oneshot::Sender<()>,
 }
 
@@ -63,10 +76,10 @@ impl hyper::body::Body for Held {
 
     fn poll_frame(
         mut self: Pin<&mut Self>,
-        _: &mut Context<'_>,
+        context: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
         if std::mem::replace(&mut self.told, true) {
-            return Poll::Pending;
+            return Pin::new(&mut self.over).poll(context).map(|_| None);
         }
         Poll::Ready(Some(Ok(Frame::data(Bytes::from_static(b"\n")))))
     }

@@ -66,6 +66,11 @@ impl Op {
         let _ = self.cancel.subscribe().wait_for(|cancel| *cancel).await;
     }
 
+    /// Asks it to end, as somebody outside may.
+    pub(super) fn end_early(&self) {
+        self.cancel.send_replace(true);
+    }
+
     /// Waits for an answer from outside.
     pub(super) fn ask(&self) -> oneshot::Receiver<bool> {
         let (asks, answer) = oneshot::channel();
@@ -173,7 +178,7 @@ async fn cancel(State(site): State<Site>, Path(op): Path<String>) -> Answer {
         Ok(op) => op,
         Err(problem) => return answer::problem(&problem),
     };
-    op.cancel.send_replace(true);
+    op.end_early();
     let mut told = op.follow();
     let ended = told.wait_for(|info| info.state != OpState::Running).await;
     let info = ended.map(|info| info.clone());

@@ -4,24 +4,46 @@ use super::{Service, Update, close_all, lock};
 use crate::Failure;
 use crate::config::Place;
 use railbus_host::{LineState, PortError};
+use railbus_wire::Micros;
 use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// The longest loan: what takes longer is asked for again.
+pub const LOAN_MAX: Duration = Duration::from_secs(900);
+/// The shortest loan that is of use: a change of one setting, and the way back.
+const LOAN_MIN: Duration = Duration::from_secs(60);
+/// So long before an output must be switched off a loan is over: a write that was begun then is
+/// still verified, and the line is opened.
+const SAFE: Duration = Duration::from_secs(30);
 
 /// A line that is lent. Its port is closed, and its points grow stale with `lent` as the reason,
-/// until [`Loan::end`].
+/// until [`Loan::end`], or until this is dropped: whatever becomes of who has it, the line comes
+/// back.
 #[derive(Debug)]
 pub struct Loan {
     service: Service,
     line: String,
+    until: Instant,
+    is_over: bool,
 }
 
 impl Service {
-    /// Closes the port of a line and leaves it to the caller. Pulses and leases of its outputs end
-    /// before that, since nobody could end them meanwhile; commands under way get a second to end.
+    /// Closes the port of a line and leaves it to the caller, until [`Loan::until`]. Pulses and
+    /// leases of its outputs end before that, since nobody could end them meanwhile; commands
+    /// under way get a second to end.
     ///
     /// # Errors
-    /// [`Failure::NoSuchLine`]; [`Failure::Lent`] while somebody else has it.
+    /// [`Failure::NoSuchLine`]; [`Failure::Lent`] while somebody else has it; [`Failure::Due`]
+    /// where an output must be switched off soon, which nobody could do meanwhile.
     pub async fn lend(&self, line: &str) -> Result<Loan, Failure> {
         let _one_at_a_time = self.inner.reloading.lock().await;
+        let config = self.config();
+        let of_line = |place: &Place| {
+            let module = config.modules.get(&place.module);
+            module.is_some_and(|module| module.line == line)
+        };
+        self.time_to_lend(of_line)?;
         {
             let mut state = lock(&self.inner.state);
             let now = state.lines.get_mut(line).ok_or(Failure::NoSuchLine)?;
@@ -29,64 +51,118 @@ impl Service {
                 return Err(Failure::Lent);
             }
         }
-        let config = self.config();
-        let of_line = |place: &Place| {
-            let module = config.modules.get(&place.module);
-            module.is_some_and(|module| module.line == line)
+        // From here on it comes back, whatever becomes of this.
+        let mut loan = Loan {
+            service: self.clone(),
+            line: line.to_owned(),
+            until: Instant::now(),
+            is_over: false,
         };
-        // What could not be ended is, once the line is back.
         let (turn, left) = self.inner.end_now(of_line).await;
+        // What could not be ended is, once the line is back.
         for number in left {
             self.inner.schedule.hasten(number);
         }
+        loan.until = match self.time_to_lend(of_line) {
+            Ok(time) => Instant::now() + time,
+            Err(failure) => {
+                // Somebody has switched such an output on meanwhile. The port was not closed.
+                loan.is_over = true;
+                if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
+                    now.lent = false;
+                }
+                return Err(failure);
+            }
+        };
         let handle = lock(&self.inner.lines).remove(line);
         close_all(handle.into_iter()).await;
-        drop(turn);
         if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
             now.state = LineState::Absent(Arc::new(PortError::Lent));
         }
+        drop(turn);
         self.inner.tell(Update::Line(line.to_owned()));
-        Ok(Loan {
-            service: self.clone(),
-            line: line.to_owned(),
-        })
+        Ok(loan)
+    }
+
+    /// How long a line can be lent: what its outputs have until they must be switched off.
+    fn time_to_lend(&self, of_line: impl Fn(&Place) -> bool) -> Result<Duration, Failure> {
+        let limits = self.inner.schedule.limits(of_line).into_iter();
+        let left = limits.filter_map(|key| Some((self.inner.schedule.due(&key)?, key.0)));
+        let Some((left, place)) = left.min() else {
+            return Ok(LOAN_MAX);
+        };
+        match left.checked_sub(SAFE) {
+            Some(time) if time >= LOAN_MIN => Ok(time.min(LOAN_MAX)),
+            _ => Err(Failure::Due {
+                path: self.config().path(&place),
+                left: Micros(u64::try_from(left.as_micros()).unwrap_or(u64::MAX)),
+            }),
+        }
     }
 }
 
 impl Loan {
+    /// When it is over: who has the line ends what he does by then, and gives it back.
+    #[must_use]
+    pub const fn until(&self) -> Instant {
+        self.until
+    }
+
     /// Takes the line back, and the configuration as it is now, where there is a text: a module
     /// may have moved meanwhile. A text that has problems changes nothing.
-    pub async fn end(self, text: Option<&str>) {
-        let Loan { service, line } = self;
-        if let Some(now) = lock(&service.inner.state).lines.get_mut(&line) {
-            now.lent = false;
+    pub async fn end(mut self, text: Option<&str>) {
+        self.is_over = true;
+        take_back(&self.service, &self.line, text).await;
+    }
+
+    /// The site ends: there is nothing to take back.
+    pub fn leave(mut self) {
+        self.is_over = true;
+    }
+}
+
+impl Drop for Loan {
+    fn drop(&mut self) {
+        if self.is_over || self.service.inner.schedule.are_stopping() {
+            return;
         }
-        if let Some(text) = text {
-            // What is wrong with it is told by whoever asks for a reload.
-            let _ = service.reload(text).await;
+        let (service, line) = (self.service.clone(), std::mem::take(&mut self.line));
+        // Without a runtime the process ends.
+        if let Ok(runtime) = tokio::runtime::Handle::try_current() {
+            runtime.spawn(async move { take_back(&service, &line, None).await });
         }
-        let _one_at_a_time = service.inner.reloading.lock().await;
-        let config = service.config();
-        let is_lent = {
-            let state = lock(&service.inner.state);
-            state.lines.get(&line).is_some_and(|now| now.lent)
+    }
+}
+
+async fn take_back(service: &Service, line: &str, text: Option<&str>) {
+    if let Some(now) = lock(&service.inner.state).lines.get_mut(line) {
+        now.lent = false;
+    }
+    if let Some(text) = text {
+        // What is wrong with it is told by whoever asks for a reload.
+        let _ = service.reload(text).await;
+    }
+    let _one_at_a_time = service.inner.reloading.lock().await;
+    let config = service.config();
+    let is_lent = {
+        let state = lock(&service.inner.state);
+        state.lines.get(line).is_some_and(|now| now.lent)
+    };
+    // Somebody else may have been quicker to borrow it again.
+    let is_open = lock(&service.inner.lines).contains_key(line);
+    if !is_open && !is_lent && config.lines.contains_key(line) {
+        // Who had it may have done anything, and the line's clock begins anew.
+        let of_line = |module: &str| {
+            let config = config.modules.get(module);
+            config.is_some_and(|config| config.line == line)
         };
-        // Somebody else may have been quicker to borrow it again.
-        let is_open = lock(&service.inner.lines).contains_key(&line);
-        if !is_open && !is_lent && config.lines.contains_key(&line) {
-            // Who had it may have done anything, and the line's clock begins anew.
-            let of_line = |module: &str| {
-                let config = config.modules.get(module);
-                config.is_some_and(|config| config.line == line)
-            };
-            {
-                let mut state = lock(&service.inner.state);
-                state.site.forget(of_line);
-                state.guard.forget_doubts(of_line);
-                state.may_have_gone_off(of_line, service.inner.now());
-            }
-            service.open_again(&config, &line);
-            service.inner.tell(Update::Line(line));
+        {
+            let mut state = lock(&service.inner.state);
+            state.site.forget(of_line);
+            state.guard.forget_doubts(of_line);
+            state.may_have_gone_off(of_line, service.inner.now());
         }
+        service.open_again(&config, line);
+        service.inner.tell(Update::Line(line.to_owned()));
     }
 }

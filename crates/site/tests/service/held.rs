@@ -5,7 +5,8 @@ use crate::safety::{site, switch};
 use railbus_host::Presence;
 use railbus_site::config::Place;
 use railbus_site::{
-    BatchTerms, Config, Failure, Leased, Pulse, Quality, Reason, Service, WriteTerms,
+    BatchTerms, Config, Failure, LOAN_MAX, Leased, Loan, Pulse, Quality, Reason, Service,
+    WriteTerms,
 };
 use railbus_wire::Micros;
 use std::time::Duration;
@@ -267,5 +268,42 @@ async fn an_output_that_is_on_may_be_on_for_less_long_from_now_on() {
     assert!(left().is_some());
     service.reload(&limited("300ms")).await.unwrap();
     until(|| boards.relays(3) == 0).await;
+    service.close().await;
+}
+
+#[tokio::test]
+async fn a_line_is_not_lent_while_an_output_must_be_switched_off_soon() {
+    let (service, boards) =
+        site("[module.oven.point]\nk1.max_on = \"2s\"\nk2.max_on = \"5m\"\n").await;
+    switch(&service, "oven", 1, true).await.unwrap();
+    let refused = service.lend("main").await;
+    assert!(
+        matches!(&refused, Err(Failure::Due { path, .. }) if path == "oven.k1"),
+        "{refused:?}"
+    );
+    until(|| boards.relays(3) == 0).await;
+    // One that has the time bounds the loan.
+    switch(&service, "oven", 2, true).await.unwrap();
+    let loan = service.lend("main").await.unwrap();
+    let time = |loan: &Loan| loan.until() - tokio::time::Instant::now();
+    let most = Duration::from_secs(270);
+    assert!(most < LOAN_MAX && time(&loan) <= most, "{:?}", time(&loan));
+    loan.end(None).await;
+    until(|| service.point("oven", k(2)).unwrap().quality == Quality::Good).await;
+    service.close().await;
+}
+
+#[tokio::test]
+async fn a_line_comes_back_though_who_has_it_breaks_down() {
+    let (service, boards) = site("").await;
+    let borrower = service.clone();
+    let work = tokio::spawn(async move {
+        let _loan = borrower.lend("main").await.unwrap();
+        panic!("as a fault of ours would");
+    });
+    assert!(work.await.is_err());
+    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    switch(&service, "oven", 1, true).await.unwrap();
+    assert_eq!(boards.relays(3), 1);
     service.close().await;
 }

@@ -57,8 +57,11 @@ impl<'c> Driver<'c> {
             settings,
             echo: EchoMode::Auto,
         };
-        let stop = Stop::new(context)?;
+        let mut stop = Stop::new(context)?;
         let borrowed = borrow(context, &at.port).await?;
+        if let Some(borrowed) = &borrowed {
+            stop.when(borrowed.over());
+        }
         let talk = Talk::open(port, settings).await.map_err(|error| {
             let failure = port_failure(context, &at, &error);
             match error {

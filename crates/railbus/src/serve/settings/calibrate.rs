@@ -106,6 +106,7 @@ impl Work {
     /// With its entry in the audit log, on a line that nobody else has.
     async fn logged(&mut self) -> Result<(), Problem> {
         let (site, service) = (self.wish.site.clone(), self.wish.service.clone());
+        let op = self.drive.op.clone();
         let (module, line) = (self.target.name.clone(), self.target.line.clone());
         let volts = self.voltage;
         let what = format!(
@@ -117,7 +118,7 @@ impl Work {
         let refused = |failure| failures::problem(&service, &module, None, &failure);
         let work = work.map_err(refused)?;
         let mut told = "not_tried";
-        let end = on_loan(&site, &service, &line, self.on_line(&mut told)).await;
+        let end = on_loan((&site, &op), &service, &line, self.on_line(&mut told)).await;
         work.end(told).await;
         end
     }

@@ -98,8 +98,9 @@ impl Carry {
         let refused = |failure| failures::problem(service, &self.wish.module, None, &failure);
         let work = work.map_err(refused)?;
         let (site, service) = (self.wish.site.clone(), self.wish.service.clone());
+        let op = self.drive.op.clone();
         let line = self.plan.target.line.clone();
-        let end = on_loan(&site, &service, &line, self.on_line()).await;
+        let end = on_loan((&site, &op), &service, &line, self.on_line()).await;
         work.end(self.audited).await;
         end
     }

@@ -50,19 +50,29 @@ pub(super) async fn journal(wish: &Wish) -> Result<Store, Problem> {
     store.map_err(|error| store_failure(wish.lang, &folder, &error).to_problem())
 }
 
-/// Does something on a line that nobody else has meanwhile.
+/// Does something on a line that nobody else has meanwhile. When the loan is over, the operation
+/// ends as if somebody had asked for that: where it is safe to stop.
 pub(super) async fn on_loan<T>(
-    site: &Site,
+    (site, op): (&Site, &Op),
     service: &Service,
     line: &str,
     work: impl Future<Output = Result<T, Problem>>,
 ) -> Result<T, Problem> {
     let loan = service.lend(line).await;
     let loan = loan.map_err(|failure| failures::of_line(service, line, &failure))?;
-    let end = work.await;
+    let mut work = pin!(work);
+    let end = tokio::select! {
+        end = &mut work => end,
+        () = tokio::time::sleep_until(loan.until()) => {
+            op.end_early();
+            work.await
+        }
+    };
     // At the end of the daemon there is nothing to give back.
-    if !*site.stop.borrow() {
-        site.desk.take_back(loan, service).await;
+    let is_ending = *site.stop.borrow();
+    match is_ending {
+        true => loan.leave(),
+        false => site.desk.take_back(loan, service).await,
     }
     end
 }

@@ -58,8 +58,9 @@ pub(super) async fn begin(wish: Wish, who: String) -> Result<OpBegun, Problem> {
 impl Work {
     async fn run(mut self) {
         let (site, service) = (self.wish.site.clone(), self.wish.service.clone());
+        let op = self.drive.op.clone();
         let line = self.target.line.clone();
-        let end = on_loan(&site, &service, &line, self.on_line()).await;
+        let end = on_loan((&site, &op), &service, &line, self.on_line()).await;
         self.drive.end(end);
     }
 
