@@ -227,7 +227,7 @@ fn is_denied(command: &Op, frame: &Op, seen: &Seen) -> bool {
         (Op::Write(want), Op::Write(sent), Seen::Channels { outputs, .. }) => {
             (outputs.on ^ want.on) & want.mask & sent.mask & outputs.mask != 0
         }
-        // A board answers with its state after it has begun, and only a jog of no time is over then.
+        // A board answers with its state after it has begun; only a jog of no time is over then.
         (
             Op::Jog {
                 channel,

@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpListener;
 
-/// An EDA9060A at address 1, whose first relay gives pulses and is in one all the time, and an ERC-8
-/// at address 2 that refuses every write. Counts the pulses that are begun.
+/// An EDA9060A at address 1, whose first relay gives pulses and is in one all the time, and an
+/// ERC-8 at address 2 that refuses every write. Counts the pulses that are begun.
 fn answer(request: &[u8], pulses: &AtomicU32) -> Option<Vec<u8>> {
     let [address, function, ..] = *request else {
         return None;
