@@ -1,5 +1,7 @@
 //! A line left to somebody else for a while: who changes what modules keep needs it for himself.
 
+use super::schedule::STOP_MAX;
+use super::timer::to_its_end;
 use super::{Service, Update, close_all, lock};
 use crate::Failure;
 use crate::config::Place;
@@ -37,6 +39,12 @@ impl Service {
     /// [`Failure::NoSuchLine`]; [`Failure::Lent`] while somebody else has it; [`Failure::Due`]
     /// where an output must be switched off soon, which nobody could do meanwhile.
     pub async fn lend(&self, line: &str) -> Result<Loan, Failure> {
+        let (service, line) = (self.clone(), line.to_owned());
+        // Where nobody waits for it any more, it comes back at once.
+        to_its_end(async move { service.lend_asked(&line).await }).await
+    }
+
+    async fn lend_asked(&self, line: &str) -> Result<Loan, Failure> {
         let _one_at_a_time = self.inner.reloading.lock().await;
         let config = self.config();
         let of_line = |place: &Place| {
@@ -58,7 +66,7 @@ impl Service {
             until: Instant::now(),
             is_over: false,
         };
-        let (turn, left) = self.inner.end_now(of_line).await;
+        let (turn, left) = self.inner.end_now(of_line, STOP_MAX).await;
         // What could not be ended is, once the line is back.
         for number in left {
             self.inner.schedule.hasten(number);

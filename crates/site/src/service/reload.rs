@@ -9,9 +9,13 @@ use railbus_device::Module;
 use railbus_host::{LineState, Membership, ModuleId, Plan, PortError};
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// How many modules a line may have had before it is opened anew rather than changed once more.
 const SLOTS_MAX: usize = 512;
+
+/// So long commands under way may take to end before their module's name is another's.
+const TURN_MAX: Duration = Duration::from_secs(30);
 
 /// What another configuration changed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -29,12 +33,24 @@ pub struct Reloaded {
 impl Service {
     /// Takes another configuration. Lines that stay where they are go on: of their modules, those
     /// that changed begin anew, and the others notice nothing. Lines that changed themselves are
-    /// closed and opened anew.
+    /// closed and opened anew. It goes on to its end, whether or not somebody waits.
     ///
     /// # Errors
     /// Every problem of the text. Then nothing has changed.
     pub async fn reload(&self, text: &str) -> Result<Reloaded, Vec<Problem>> {
         let config = Config::parse(text)?;
+        let service = self.clone();
+        match tokio::spawn(async move { service.take_config(config).await }).await {
+            Ok(reloaded) => Ok(reloaded),
+            Err(broken) => match broken.try_into_panic() {
+                Ok(why) => std::panic::resume_unwind(why),
+                // The runtime ends, and this with it.
+                Err(_) => std::future::pending().await,
+            },
+        }
+    }
+
+    async fn take_config(&self, config: Config) -> Reloaded {
         let _one_at_a_time = self.inner.reloading.lock().await;
         let old = self.config();
         let goes_on = |line: &&String| self.goes_on(&old, &config, line);
@@ -120,7 +136,7 @@ impl Service {
         }
         self.inner.limit_anew();
         self.inner.tell(Update::Reloaded);
-        Ok(reloaded)
+        reloaded
     }
 
     /// What was to be done later to outputs of modules whose name is no more, or another's, is
@@ -132,7 +148,7 @@ impl Service {
             let is_here = || self.inner.place(&place.module).is_some();
             !same_board(old, new, &place.module) && is_here()
         };
-        let (turn, left) = self.inner.end_now(is_other).await;
+        let (turn, left) = self.inner.end_now(is_other, TURN_MAX).await;
         for number in left {
             self.inner.schedule.leave_out_one(number);
         }
@@ -197,15 +213,19 @@ impl Service {
             return false;
         }
         let mut names = old.modules_of(line).chain(new.modules_of(line));
-        if names.all(|(name, _)| same_module(old, new, name)) {
-            return true;
-        }
-        let slots = lock(&self.inner.state)
-            .lines
-            .get(line)
-            .map_or(0, |now| now.modules.len());
+        let is_same = names.all(|(name, _)| same_module(old, new, name));
+        let is_open = self.inner.handle(line).is_some();
+        let (slots, lent) = {
+            let state = lock(&self.inner.state);
+            let now = state.lines.get(line);
+            now.map_or((0, false), |now| (now.modules.len(), now.lent))
+        };
         let room = slots + new.modules_of(line).count() <= SLOTS_MAX;
-        room && self.inner.handle(line).is_some()
+        if is_same {
+            is_open || lent
+        } else {
+            is_open && room
+        }
     }
 }
 

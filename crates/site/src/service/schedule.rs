@@ -322,7 +322,9 @@ impl Schedule {
     pub(super) fn has_other_end(&self, number: u64, place: &Place, end: Option<bool>) -> bool {
         let actions = lock(&self.actions);
         actions.by_number.iter().any(|(other, action)| {
-            let is_other = *other != number && action.promise.end != end;
+            // One that ends in no state of its own leaves the output to this one.
+            let ends = action.promise.end.is_some_and(|other| Some(other) != end);
+            let is_other = *other != number && ends;
             is_other && action.is_to_be_done() && action.is_of(place)
         })
     }
@@ -499,6 +501,8 @@ mod tests {
         Place::new("oven", Point { kind, index })
     }
 
+    const HOUR: Duration = Duration::from_secs(3_600);
+
     fn after(seconds: u64) -> Promise {
         Promise::after(Duration::from_secs(seconds), Some(false))
     }
@@ -526,6 +530,17 @@ mod tests {
         assert!(Schedule::open(&folder).unwrap().take_up().is_empty());
         assert!(folder.join("promises.json.unreadable").exists());
         std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// A lease that stays as it is ends nothing: the pulse beside it does.
+    #[tokio::test]
+    async fn only_what_ends_in_a_state_has_another_end() {
+        let schedule = Schedule::default();
+        let _lease = schedule.add((place(0), Why::Lease), Promise::after(HOUR, None));
+        let pulse = schedule.add((place(0), Why::Pulse), after(60));
+        assert!(!schedule.has_other_end(pulse.number, &place(0), Some(false)));
+        let _lease = schedule.add((place(0), Why::Lease), Promise::after(HOUR, Some(true)));
+        assert!(schedule.has_other_end(pulse.number, &place(0), Some(false)));
     }
 
     /// The end of an older pulse is not the end of a newer one.

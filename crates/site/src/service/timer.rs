@@ -259,24 +259,32 @@ impl Inner {
                 self.schedule.leave_out(is_of);
                 true
             }
-            // What was acknowledged and not seen is not believed.
-            _ => self.writable(module, &[*point]).is_err(),
+            // What was acknowledged and not seen is not believed. Who locks an output does not keep
+            // it from its end, which was promised before.
+            _ => matches!(
+                self.writable(module, &[*point]),
+                Err(Failure::NoSuchModule | Failure::NoSuchPoint | Failure::NotAnOutput(_))
+            ),
         }
     }
 
-    /// Ends the pulses and leases of these outputs now, as far as that can be in a moment. Nobody
-    /// commands them until the turn is dropped. Those that could not be ended come back.
+    /// Ends the pulses and leases of these outputs now, as far as that can be in a moment: of those
+    /// whose turn comes within this time. Nobody commands them until the turn is dropped. The
+    /// others, and those that could not be ended, come back.
     pub(super) async fn end_now(
         self: &Arc<Inner>,
         of: impl Fn(&Place) -> bool,
+        patience: Duration,
     ) -> (Arc<Turn>, Vec<u64>) {
-        let until = Instant::now() + STOP_MAX;
+        let until = Instant::now() + patience;
         let outputs = self.outputs().into_iter().filter(&of);
         let turn = Arc::new(self.turn_by(outputs, until).await);
         let mut ending = JoinSet::new();
         let held = self.schedule.held(of);
         let mut left: Vec<u64> = held.iter().map(|(number, ..)| *number).collect();
-        for (number, key, promise) in held {
+        // A command that has its turn still would go out after the end of what it begins.
+        let in_turn = held.into_iter().filter(|(_, key, _)| turn.has(&key.0));
+        for (number, key, promise) in in_turn {
             let (inner, turn) = (Arc::clone(self), Arc::clone(&turn));
             self.schedule.anticipate(number);
             ending.spawn(async move {

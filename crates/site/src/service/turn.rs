@@ -19,7 +19,13 @@ pub(super) struct Turns(Mutex<BTreeMap<Place, Arc<tokio::sync::Mutex<()>>>>);
 
 /// A turn with outputs, until it is dropped.
 #[derive(Debug)]
-pub(super) struct Turn(Vec<OwnedMutexGuard<()>>);
+pub(super) struct Turn(Vec<(Place, OwnedMutexGuard<()>)>);
+
+impl Turn {
+    pub(super) fn has(&self, place: &Place) -> bool {
+        self.0.iter().any(|(own, _)| own == place)
+    }
+}
 
 impl Inner {
     /// Waits for the turn with these outputs, at most until then.
@@ -35,13 +41,13 @@ impl Inner {
         let places: BTreeSet<Place> = places.into_iter().collect();
         let mut turn = Turn(Vec::with_capacity(places.len()));
         for place in places {
-            let waiting = self.turns.of(place);
+            let waiting = self.turns.of(place.clone());
             // The map's own, and this one.
             if Arc::strong_count(&waiting) > WAITING_MAX + 2 {
                 return Err(Fault::Overloaded);
             }
             let has_come = timeout_at(until, waiting.lock_owned()).await;
-            turn.0.push(has_come.map_err(|_| Fault::Expired)?);
+            turn.0.push((place, has_come.map_err(|_| Fault::Expired)?));
         }
         Ok(turn)
     }
@@ -55,15 +61,16 @@ impl Inner {
         let places: BTreeSet<Place> = places.into_iter().collect();
         let mut turn = Turn(Vec::with_capacity(places.len()));
         for place in places {
-            let has_come = timeout_at(until, self.turns.of(place).lock_owned()).await;
-            turn.0.extend(has_come);
+            let has_come = timeout_at(until, self.turns.of(place.clone()).lock_owned()).await;
+            turn.0.extend(has_come.map(|guard| (place, guard)));
         }
         turn
     }
 
     /// Waits for the turn with an output however long that takes: for an end that was promised.
     pub(super) async fn turn_to_end(&self, place: &Place) -> Turn {
-        Turn(vec![self.turns.of(place.clone()).lock_owned().await])
+        let guard = self.turns.of(place.clone()).lock_owned().await;
+        Turn(vec![(place.clone(), guard)])
     }
 }
 

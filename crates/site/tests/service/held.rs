@@ -2,7 +2,7 @@
 
 use crate::board::{self, k, until};
 use crate::safety::{site, switch};
-use railbus_host::Presence;
+use railbus_host::{LineState, Presence};
 use railbus_site::config::Place;
 use railbus_site::{
     BatchTerms, Config, Failure, LOAN_MAX, Leased, Loan, Pulse, Quality, Reason, Service,
@@ -305,5 +305,69 @@ async fn a_line_comes_back_though_who_has_it_breaks_down() {
     until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
     switch(&service, "oven", 1, true).await.unwrap();
     assert_eq!(boards.relays(3), 1);
+    service.close().await;
+}
+
+/// The site's text with something more in the line's table and of the oven's points.
+fn other_text(service: &Service, line: &str, points: &str) -> String {
+    let port = service.config().lines["main"].port.clone();
+    format!(
+        "[line.main]\nport = \"{port}\"\n{line}\
+         [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n\
+         [module.yard]\nline = \"main\"\nmodel = \"erc8\"\naddress = 4\n{points}"
+    )
+}
+
+/// Who asks goes away while a module that is silent is waited for.
+async fn goes_away<T>(asks: impl Future<Output = T>) {
+    let gone = tokio::time::timeout(Duration::from_millis(200), asks).await;
+    assert!(gone.is_err(), "nothing was waited for");
+}
+
+const HELD: (bool, Micros) = (true, Micros::from_secs(600));
+
+#[tokio::test]
+async fn a_line_comes_back_though_nobody_waits_for_it_any_more() {
+    let (service, boards) = site("").await;
+    service.lease("oven", k(1), HELD, false).await.unwrap();
+    boards.mute(3, true);
+    goes_away(service.lend("main")).await;
+    boards.mute(3, false);
+    until(|| service.line("main").unwrap().state == LineState::Up).await;
+    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    until(|| boards.relays(3) == 0).await;
+    service.close().await;
+}
+
+#[tokio::test]
+async fn a_configuration_comes_into_force_though_nobody_waits_for_it_any_more() {
+    let (service, boards) = site("").await;
+    service.lease("oven", k(1), HELD, false).await.unwrap();
+    boards.mute(3, true);
+    let text = other_text(&service, "baud = 19200\n", "");
+    goes_away(service.reload(&text.replace("address = 3", "address = 5"))).await;
+    boards.mute(3, false);
+    let is_in_force = || service.config().modules["oven"].setup.address.0 == 5;
+    until(is_in_force).await;
+    until(|| service.line("main").unwrap().state == LineState::Up).await;
+    until(|| service.point("yard", k(1)).unwrap().quality == Quality::Good).await;
+    service.close().await;
+}
+
+#[tokio::test]
+async fn an_output_that_is_locked_meanwhile_has_its_end_all_the_same() {
+    let (service, boards) = site("").await;
+    let held = (true, Micros::from_millis(300));
+    service.lease("oven", k(1), held, false).await.unwrap();
+    let text = other_text(&service, "", "[module.oven.point]\nk1.locked = true\n");
+    boards.mute(3, true);
+    service.reload(&text).await.unwrap();
+    let has_failed = || {
+        let mut entries = service.audit().into_iter();
+        entries.any(|entry| entry.what == "end of lease k1" && entry.end.is_some())
+    };
+    until(has_failed).await;
+    boards.mute(3, false);
+    until(|| boards.relays(3) == 0).await;
     service.close().await;
 }

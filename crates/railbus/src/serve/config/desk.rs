@@ -13,7 +13,9 @@ use railbus_site::{Config, Loan, Origin, Reloaded, Service};
 use std::collections::BTreeSet;
 use std::io;
 use std::path::Path;
-use tokio::sync::{Mutex, MutexGuard, watch};
+use std::sync::Arc;
+use tokio::sync::{Mutex, OwnedMutexGuard, watch};
+use tokio::task::JoinError;
 
 /// How many tables an event names that have changed.
 const TABLES_TOLD: usize = 8;
@@ -25,7 +27,7 @@ pub(in crate::serve) struct Desk {
     /// The ports of the text that the daemon began with, which is its owner's.
     ports_at_start: BTreeSet<String>,
     /// Whose turn it is to change the file, or to bring it into force.
-    turn: Mutex<()>,
+    turn: Arc<Mutex<()>>,
     /// Counts how often another one was brought into force.
     changes: watch::Sender<u64>,
 }
@@ -69,7 +71,7 @@ impl Desk {
         Desk {
             keeper: Keeper::new(file.to_owned(), &state),
             ports_at_start: ports.collect(),
-            turn: Mutex::new(()),
+            turn: Arc::default(),
             changes: watch::Sender::new(0),
         }
     }
@@ -89,8 +91,8 @@ impl Desk {
     }
 
     /// Nobody else changes the file or what is in force meanwhile.
-    async fn turn(&self) -> MutexGuard<'_, ()> {
-        self.turn.lock().await
+    async fn turn(&self) -> OwnedMutexGuard<()> {
+        Arc::clone(&self.turn).lock_owned().await
     }
 
     /// What the file says.
@@ -124,11 +126,11 @@ impl Desk {
 
     /// Changes the text, and brings it into force. Where anything is wrong, nothing changes.
     pub(in crate::serve) async fn change(
-        &self,
+        self: &Arc<Desk>,
         asks: &Asks<'_>,
         change: impl FnOnce(&str) -> Result<String, Problem>,
     ) -> Result<Changed, Problem> {
-        let _turn = self.turn().await;
+        let turn = self.turn().await;
         let before = self.text().await?;
         if let Some(seen) = &asks.seen
             && !seen.contains(&etag(&before))
@@ -144,18 +146,24 @@ impl Desk {
         let new = new.map_err(|problems| bad_config(asks.lang, &name, &problems))?;
         let old = asks.service.config();
         let is_other = text != before;
-        if is_other {
-            self.write(before, text.clone(), asks.who.to_owned())
-                .await?;
-        }
-        let changed = self
-            .bring_into_force(asks.service, asks.lang, &text)
-            .await?;
-        if is_other {
-            let event = told("config_changed", &old.differences(&new));
-            asks.service.tell_event(event.by(asks.service.origin()));
-        }
-        Ok(changed)
+        let (desk, service) = (Arc::clone(self), asks.service.clone());
+        let (lang, who) = (asks.lang, asks.who.to_owned());
+        // From here on it goes to its end, whether or not somebody waits.
+        let end = tokio::spawn(async move {
+            let _turn = turn;
+            if is_other {
+                desk.write(before, text.clone(), who).await?;
+            }
+            let changed = desk.bring_into_force(&service, lang, &text).await?;
+            if is_other {
+                let event = told("config_changed", &old.differences(&new));
+                service.tell_event(event.by(service.origin()));
+            }
+            Ok(changed)
+        });
+        let broken =
+            |error: JoinError| Err(Problem::new(codes::INTERNAL).with("reason", error.to_string()));
+        end.await.unwrap_or_else(broken)
     }
 
     /// Brings into force what the file says.
