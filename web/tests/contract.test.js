@@ -49,11 +49,11 @@ test("an event is acknowledged with a comment", async () => {
   const t = words("en");
   const { context, page } = await open(browser, LOOKS[0]);
   await page.goto(`${server.address}/events`);
-  const event = page.locator(".event", { hasText: "does not answer" });
+  const event = page.locator(".event", { hasText: t("code_module_offline") });
   await event.getByRole("button", { name: t("ack") }).click();
   await page.getByLabel(t("ack_comment")).fill("fuse replaced");
   await page.getByRole("dialog").getByRole("button", { name: t("ack") }).click();
-  await event.getByText(/seen by anna “fuse replaced”/).waitFor();
+  await event.getByText(/acknowledged by anna “fuse replaced”/).waitFor();
   assert.equal(await event.getByRole("button").count(), 0);
   await context.close();
 });
