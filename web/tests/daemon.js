@@ -1,6 +1,7 @@
 // The real daemon with its demo line, and a real browser in front of it.
 import { spawn } from "node:child_process";
 import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { request } from "node:http";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
@@ -32,6 +33,19 @@ export async function serve() {
   return {
     link,
     origin: new URL(link).origin,
+    /** Asks as the owner, over the daemon's socket; gives back what it says. */
+    owner: (method, path, body) =>
+      new Promise((resolve, reject) => {
+        const headers = { host: "localhost", "content-type": "application/json", "if-match": "*" };
+        const asks = request({ socketPath: join(folder, "socket"), method, path: `/api/v1${path}`, headers });
+        asks.once("error", reject).once("response", async (answer) => {
+          let text = "";
+          for await (const piece of answer.setEncoding("utf8")) text += piece;
+          if (answer.statusCode === 200) resolve(JSON.parse(text));
+          else reject(new Error(`${method} ${path}: ${answer.statusCode} ${text}`));
+        });
+        asks.end(body && JSON.stringify(body));
+      }),
     async stop() {
       child.kill("SIGTERM");
       await ended;

@@ -38,6 +38,10 @@ test("a webhook is made, tested, told of events, and its failures are seen", asy
   const t = words("en");
   const { context, page, wrong } = await open(browser, LOOKS.find(({ lang, width }) => lang === "en" && width === 1280));
   await context.addCookies(cookies);
+  // The receiver is on the daemon's own machine, which is for the owner to allow.
+  const { text } = await daemon.owner("GET", "/config");
+  const allow = `[webhooks]\nallow = ["127.0.0.1:${receiver.address().port}"]\n`;
+  await daemon.owner("PUT", "/config", { text: `${text}\n${allow}` });
   const press = (name) => page.getByRole("button", { name, exact: true }).click();
   await page.goto(`${daemon.origin}/integrations`);
   await page.getByText(t("webhooks_none")).waitFor();
