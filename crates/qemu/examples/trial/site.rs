@@ -124,10 +124,12 @@ impl<'a> Site<'a> {
 
     fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(&self.world.railbus);
+        // A socket that is named has to answer.
+        if args.contains(&"serve") || self.socket().exists() {
+            command.arg("--socket").arg(self.socket());
+        }
         command
             .args(args)
-            .arg("--socket")
-            .arg(self.socket())
             .current_dir(self.folder.path())
             .env("HOME", self.folder.path())
             .env("RAILBUS_LANG", "en")
