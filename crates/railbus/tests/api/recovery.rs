@@ -46,6 +46,10 @@ fn a_lost_module_is_found_and_the_configuration_follows() {
         (&json!("done"), &json!("in_place")),
         "{end}"
     );
+    // The line begins anew: who was not heard on it yet can't be missed there.
+    daemon.until("it is heard again", |daemon| {
+        state_of(daemon, "oven") == json!([3, "online"])
+    });
 
     behind_its_back(&daemon, "03 06 00 00 00 09");
     daemon.until("it is missed", |daemon| {
