@@ -8,17 +8,9 @@ import struct
 import sys
 import time
 
+from checksums import crc
+
 ADDRESS = 8
-
-
-def crc(data):
-    """The CRC of Modbus, low byte first."""
-    value = 0xFFFF
-    for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return struct.pack("<H", value)
 
 
 def reply(function, *data):

@@ -13,6 +13,7 @@ import time
 import tty
 
 import strangers
+from checksums import crc
 from rig import target
 
 HERE = pathlib.Path(__file__).parent
@@ -43,7 +44,7 @@ def only_reads(request):
         return request[3] in (1, 3, 5)
     if request[:1] == b"\x55" and request[2] in (0x10, 0x40):
         return True
-    return strangers.crc(request[:-2]) == request[-2:] and request[1] in (1, 2, 3, 4)
+    return crc(request[:-2]) == request[-2:] and request[1] in (1, 2, 3, 4)
 
 
 class Line:
@@ -94,7 +95,7 @@ class Line:
                 self.requests += [request] if request else []
                 if self.far is not None:
                     # A server of pymodbus does not get over what is no Modbus: it hears no pauses.
-                    if strangers.crc(request[:-2]) == request[-2:]:
+                    if crc(request[:-2]) == request[-2:]:
                         os.write(self.far, request)
                 elif answer := self.stranger(request):
                     os.write(self.near, answer)

@@ -7,6 +7,8 @@ world what it was told and what its relays did; what becomes of its reply is the
 import collections
 import threading
 
+from checksums import crc, total
+
 Act = collections.namedtuple("Act", "lo hi kind value frame answered")
 Act.__doc__ = """An order for one relay that a module carried out. It arrived between `lo` and `hi`;
 `kind` is `set`, `toggle` or `timed`; a reply went out where it was `answered`."""
@@ -45,21 +47,6 @@ class World:
         for stretch in self.troubles[what]:
             if stretch[1] is None:
                 stretch[1] = until
-
-
-def crc(data):
-    """The checksum of Modbus, as it is sent."""
-    value = 0xFFFF
-    for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return value.to_bytes(2, "little")
-
-
-def total(data):
-    """The low byte of the sum."""
-    return sum(data) & 0xFF
 
 
 def word(data):

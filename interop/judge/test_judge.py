@@ -2,9 +2,10 @@
 
 import unittest
 
+from checksums import crc, total
 from claims import Book, Claim, Part, Reading, take_answer
 from judge import KINDS, Judge
-from modules import Act, EdaAscii, EdaLc02, EdaRtu, Emd, Erc8, R55, Reply, World, crc, total
+from modules import Act, EdaAscii, EdaLc02, EdaRtu, Emd, Erc8, R55, Reply, World
 
 RELAY = "oven.k1"
 

@@ -12,6 +12,8 @@ import threading
 import time
 import tty
 
+from checksums import crc, total
+
 # So late is a reply that comes too late: after any reply timeout, and before its request is
 # forgotten. One that this program sends after that is its own fault.
 LATE = 0.75
@@ -42,21 +44,6 @@ class Unit:
         """Switches the outputs of the mask."""
         self.outputs = self.outputs & ~mask | on & mask
         self.writes += 1
-
-
-def total(data):
-    """The low byte of the sum."""
-    return sum(data) & 0xFF
-
-
-def crc(data):
-    """The checksum of Modbus, as it is sent."""
-    value = 0xFFFF
-    for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return value.to_bytes(2, "little")
 
 
 def word(data):

@@ -26,7 +26,7 @@ import threading
 import time
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 from injector import Ascii, Lc02, Line, R55, Rtu, Unit
 
