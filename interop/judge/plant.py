@@ -51,10 +51,6 @@ class Plant:
         self.text = program.config(self.lines, self.groups, self.scenes, poll)
         self.daemon = program.Daemon(self.folder.name, self.text)
         self.back = []
-        # Kinds of commands that are not given.
-        self.without = ()
-        # An Idempotency-Key is known after a kill, too.
-        self.keys_survive = False
 
     def __enter__(self):
         return self

@@ -22,16 +22,12 @@ import time
 import unittest
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import daemon
 from judge import KINDS
 from soak import Soak
 from trials import TRIALS
-
-# What is known to be false and not mended yet, by the name of its trial: why, and which kinds of
-# commands, faults and events are left out of the soak with it. The run names them.
-KNOWN_UNMENDED = {}
 
 SECONDS = 120.0
 # The trials take so long together.
@@ -125,9 +121,9 @@ class Run:
     def trials(self):
         """The trials, a few side by side."""
         wanted = {name: trial for name, trial in TRIALS.items()
-                  if self.args.only == name or not self.args.only and name not in KNOWN_UNMENDED}
+                  if self.args.only in (None, name)}
         with concurrent.futures.ThreadPoolExecutor(3) as pool:
-            running = {pool.submit(trial, self.args.seed, KNOWN_UNMENDED): (name, floors)
+            running = {pool.submit(trial, self.args.seed): (name, floors)
                        for name, (trial, floors) in wanted.items()}
             for done in concurrent.futures.as_completed(running):
                 name, floors = running[done]
@@ -142,9 +138,7 @@ class Run:
     def soak(self, seconds):
         """The rounds of load."""
         modes = {"modes": (("late5",), ("late5", "twice", "lost_reply"))} if self.args.late else {}
-        without = {name for _, names in KNOWN_UNMENDED.values() for name in names}
-        soak = Soak(self.args.seed, without, **modes)
-        soak.plant.keys_survive = "key over a kill" not in KNOWN_UNMENDED
+        soak = Soak(self.args.seed, **modes)
         try:
             judge = soak.run(seconds)
             commands = len(soak.plant.book.claims)
@@ -167,9 +161,6 @@ class Run:
         slow = sorted(lags)[-len(lags) // 100:] or [0.0]
         print(f"not judged, because this machine was late itself: {sum(self.outside.values())}; "
               f"it woke {1000 * slow[0]:.0f} ms late once in a hundred times")
-        for name, (why, also) in KNOWN_UNMENDED.items():
-            also = f" (with {', '.join(also)})" if also else ""
-            print(f"left out, known and not mended yet: {name}{also}: {why}")
 
 
 def self_test():

@@ -43,7 +43,7 @@ def end_of(plant, seconds):
     return judge
 
 
-def beside_a_pulse(seed, _unmended):
+def beside_a_pulse(seed):
     """A pulse or a lease, and a set of the same output 0 to 5.5 ms apart: it must end off."""
     with Plant(seed, four_ovens) as plant:
         plant.start()
@@ -63,7 +63,7 @@ def beside_a_pulse(seed, _unmended):
         return plant, end_of(plant, 1.0)
 
 
-def contradicted(seed, _unmended):
+def contradicted(seed):
     """Relays that acknowledge and do not move; the second reading is lost: never done."""
     def lines(world):
         modules = [
@@ -93,7 +93,7 @@ def contradicted(seed, _unmended):
         return plant, judge
 
 
-def one_echo(seed, _unmended):
+def one_echo(seed):
     """One request comes back, then another master asks the same: the line goes on."""
     def lines(world):
         return {"rtu": [Erc8(world, "oven", 1), EdaRtu(world, "gate", 2)],
@@ -116,7 +116,7 @@ def one_echo(seed, _unmended):
         return plant, end_of(plant, 0.1)
 
 
-def late_echo(seed, _unmended):
+def late_echo(seed):
     """The adapter begins to echo, and the module is dead: nothing acknowledges a write."""
     def lines(world):
         return {"a": [Erc8(world, "oven", 1)], "b": [EdaRtu(world, "gate", 1)]}
@@ -147,7 +147,7 @@ def late_echo(seed, _unmended):
         return plant, judge
 
 
-def takeover(seed, _unmended):
+def takeover(seed):
     """A pulse is taken over by a set that is answered, and then comes a kill -9."""
     rng = random.Random(seed)
     with Plant(seed, four_ovens) as plant:
@@ -171,7 +171,7 @@ def takeover(seed, _unmended):
         return plant, end_of(plant, 2.0)
 
 
-def lease_over_a_kill(seed, _unmended):
+def lease_over_a_kill(seed):
     """A renewed lease holds until it said, over a kill, and no longer in a loop of kills."""
     with Plant(seed, four_ovens) as plant:
         plant.start()
@@ -199,7 +199,7 @@ def lease_over_a_kill(seed, _unmended):
         return plant, judge
 
 
-def keys(seed, unmended):
+def keys(seed):
     """The same Idempotency-Key acts once: at once, again, and after a kill -9."""
     def lines(world):
         return {"a": [R55(world, "yard", 1)]}
@@ -211,18 +211,17 @@ def keys(seed, unmended):
             key = f"{seed}-{relay}"
             beside(*(lambda r=relay, k=key: one.toggle(r, True, k) for _ in range(3)))
             one.toggle(relay, True, key)
-        if "key over a kill" not in unmended:
-            for relay in plant.boards[6:]:
-                key = f"{seed}-{relay}"
-                one.toggle(relay, True, key)
-                plant.daemon.end("KILL")
-                plant.daemon.start()
-                plant.wait_back()
-                one.toggle(relay, True, key)
+        for relay in plant.boards[6:]:
+            key = f"{seed}-{relay}"
+            one.toggle(relay, True, key)
+            plant.daemon.end("KILL")
+            plant.daemon.start()
+            plant.wait_back()
+            one.toggle(relay, True, key)
         return plant, end_of(plant, 0.1)
 
 
-def welded(seed, _unmended):
+def welded(seed):
     """A relay is welded when its pulse ends, and a reading is lost: the end is tried again."""
     with Plant(seed, four_ovens) as plant:
         plant.start()
