@@ -147,8 +147,9 @@ class Client(threading.Thread):
 
     def do_unlease(self, relay):
         relay = self.random.choice(sorted(self.leases)) if self.leases else relay
-        value, _ = self.leases.pop(relay, (True, 0))
-        self.one("unlease", relay, not value, "DELETE", "/lease", None)
+        self.leases.pop(relay, None)
+        # Another client may have leased it since: where that lease ends, only the answer says.
+        self.one("unlease", relay, None, "DELETE", "/lease", None)
 
     def several(self, count):
         """Outputs of any modules, each with what it is to become."""

@@ -161,11 +161,11 @@ class Judge:
         relay, told = part.relay, part.told
         if told.get("before") is not None and not told.get("renewed"):
             # Before its own order, where it is known which one that is: others may order meanwhile,
-            # and its own may be lost.
+            # a pulse or a lease may end, and its own may be lost.
             alone = not any(other is not claim and other.since <= claim.until
                             and other.until >= claim.since for other, _ in self._by_relay[relay])
             acts = self.orders(relay, claim.since, claim.until)
-            until = acts[0].hi - 1e-6 if acts and alone else claim.until
+            until = acts[0].hi - 1e-6 if len(acts) == 1 and alone else claim.until
             good = self.held(relay, claim.since - BEFORE_MAX, until, told["before"])
             self.told("before", good, relay, claim.until, claim.words())
         if claim.undone and told.get("code") == "E0456":
@@ -213,7 +213,7 @@ class Judge:
         for act in self.world.acts[relay]:
             good = any(self._may_order(act, claim, part) for claim, part in claims)
             words = f"{act} came, and nobody ordered it then"
-            near = [c.words() for c, _ in claims if c.since <= act.hi and c.until >= act.lo - 3]
+            near = [claim.words() for claim, _ in claims if claim.since <= act.hi]
             self.told("nobody's", good, relay, act.hi, "\n  ".join([words, *near[-6:]]))
 
     def _may_order(self, act, claim, part):

@@ -110,6 +110,26 @@ class Lies(unittest.TestCase):
                  .acts(20.1, True).says("set", True, 20, 20.2, readback(True, before=True)),
                  "before")
 
+    def test_before_beside_the_end_of_a_lease(self):
+        lease = {"seconds": 5, "by": "host"}
+        held = Told().acts(5.1, True).says("lease", True, 5, 5.2, readback(True), **lease)
+        self.true(held.acts(10.15, False).acts(10.25, True)
+                  .says("set", True, 10.1, 10.3, readback(True, before=False)))
+        held = Told().acts(5.1, True).says("lease", True, 5, 5.2, readback(True), **lease)
+        self.lie(held.acts(12.1, False).says("set", False, 12, 12.3, readback(False, before=False)),
+                 "before")
+
+    def test_a_lease_given_back_that_is_another_ones(self):
+        def given_back(told, **more):
+            held = Told().acts(5.1, True).says("set", True, 5, 5.2, readback(True))
+            held.acts(10.1, False)
+            held.says("lease", False, 10, 10.2, readback(False), seconds=9, by="host")
+            return held.acts(10.4, True).says("unlease", None, 10.3, 10.5, told, **more)
+
+        self.true(given_back(readback(True)), left=True)
+        self.lie(given_back(readback(False)), "left", left=True)
+        self.lie(given_back(readback(True)).acts(10.45, False), "left", left=True)
+
     def test_nothing_was_done(self):
         self.true(Told().acts(10.1, True).says("set", True, 10, 10.2, MAY_HAVE, 504))
         self.lie(Told().acts(10.1, True).says("set", True, 10, 10.2, NOTHING_DONE, 409), "nobody's")
