@@ -1,6 +1,7 @@
 //! Several outputs at once: in as few frames as can be, all or nothing where that is asked for.
 
 use super::command::TTL;
+use super::timer::to_its_end;
 use super::turn::Turn;
 use super::{Service, lock};
 use crate::config::Place;
@@ -86,6 +87,18 @@ pub enum GroupState {
 /// An output of a batch and its number there.
 type Item = (usize, Place, bool);
 
+/// Whose turn it is while several outputs are switched.
+#[derive(Clone, Debug)]
+enum Held {
+    /// Each command waits for a turn of its own.
+    Not,
+    /// What was decided holds for all of them. The outputs of a command are given back with its
+    /// end.
+    Each(Arc<Turn>),
+    /// Until all of it has ended: what was done may have to be taken back.
+    All(Arc<Turn>),
+}
+
 impl Service {
     /// Switches outputs of any modules. Those of one module go together; where some of them
     /// exclude each other, what goes off goes before what goes on. Where it is all or nothing,
@@ -101,44 +114,65 @@ impl Service {
     }
 
     async fn batch_asked(&self, set: &[(Place, bool)], terms: BatchTerms) -> BatchDone {
+        let (mut done, items) = self.checked(set, terms);
+        if !terms.all_or_nothing || items.is_empty() {
+            self.switch_in_turn(&mut done, &items, terms, &Held::Not)
+                .await;
+            return done;
+        }
+        let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
+        // Before the turn: nobody has to wait while a silent module is asked.
+        self.ask_unknown(&places).await;
+        match self.inner.turn(places, Instant::now() + TTL).await {
+            Ok(turn) => self.all_or_nothing(done, &items, terms, turn).await,
+            Err(fault) => BatchDone {
+                parts: parts(set, |_, _| Err(fault.into())),
+                undone: false,
+            },
+        }
+    }
+
+    /// Outputs with why each of them is not tried yet, and those that can be. Where it is all or
+    /// nothing and one can't be, none is.
+    fn checked(&self, set: &[(Place, bool)], terms: BatchTerms) -> (BatchDone, Vec<Item>) {
         let may = |place: &Place, on| self.may_switch(place, on, terms.confirm);
         let checked = |place: &Place, on| Err(may(place, on).err().unwrap_or(Failure::NotTried));
-        let mut done = BatchDone {
+        let done = BatchDone {
             parts: parts(set, checked),
             undone: false,
         };
         let refused = |part: &Part| part.end != Err(Failure::NotTried);
         if terms.all_or_nothing && done.parts.iter().any(refused) {
-            return done;
+            return (done, Vec::new());
         }
         let numbered = done.parts.iter().enumerate();
-        let items: Vec<Item> = numbered
+        let items = numbered
             .filter(|(_, part)| !refused(part))
-            .map(|(number, part)| (number, part.place.clone(), part.wanted))
-            .collect();
-        if !terms.all_or_nothing {
-            self.switch_in_turn(&mut done, &items, terms, None).await;
+            .map(|(number, part)| (number, part.place.clone(), part.wanted));
+        let items = items.collect();
+        (done, items)
+    }
+
+    async fn all_or_nothing(
+        &self,
+        mut done: BatchDone,
+        items: &[Item],
+        terms: BatchTerms,
+        turn: Turn,
+    ) -> BatchDone {
+        let held = Held::All(Arc::new(turn));
+        let before: Vec<_> = items.iter().map(|item| self.inner.known(&item.1)).collect();
+        self.switch_in_turn(&mut done, items, terms, &held).await;
+        if done.has_failed() {
+            // Taken back, the outputs are as they were found, in their pulses and leases.
+            self.undo(&mut done, items, &before, &held).await;
             return done;
         }
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
-        let expires = Instant::now() + TTL;
-        let turn = match self.inner.turn(places.clone(), expires).await {
-            Ok(turn) => Arc::new(turn),
-            Err(fault) => {
-                done.parts = parts(set, |_, _| Err(fault.into()));
-                return done;
+        if let Err(why) = self.inner.schedule.take_over(&places, None).await {
+            for part in &mut done.parts {
+                part.end = Err(Failure::NotTakenOver(why.kind()));
             }
-        };
-        self.ask_unknown(&items).await;
-        let before: Vec<_> = items.iter().map(|item| self.inner.known(&item.1)).collect();
-        let in_turn = Some(&turn);
-        self.switch_in_turn(&mut done, &items, terms, in_turn).await;
-        if done.has_failed() {
-            // Taken back, the outputs are as they were found, in their pulses and leases.
-            self.undo(&mut done, &items, &before, &turn).await;
-        } else if let Err(why) = self.inner.schedule.take_over(&places, None).await {
-            let failure = Failure::NotTakenOver(why.kind());
-            done.parts = parts(set, |_, _| Err(failure.clone()));
         }
         done
     }
@@ -146,7 +180,8 @@ impl Service {
     /// Brings a group into a state.
     ///
     /// # Errors
-    /// [`Failure::NoSuchGroup`].
+    /// [`Failure::NoSuchGroup`]; where it is to be toggled, also as [`Service::write`] while
+    /// others command it.
     pub async fn set_group(
         &self,
         group: &str,
@@ -158,18 +193,50 @@ impl Service {
             let group = state.site.config().groups.get(group);
             group.ok_or(Failure::NoSuchGroup)?.members.clone()
         };
-        let on = match to {
-            GroupState::Set(on) => on,
-            GroupState::Toggle => {
-                let items: Vec<Item> = members.iter().map(|m| (0, m.clone(), true)).collect();
-                self.ask_unknown(&items).await;
-                members
-                    .iter()
-                    .all(|member| self.inner.known(member) == Some(false))
+        match to {
+            GroupState::Set(on) => {
+                let set: Vec<_> = members.into_iter().map(|member| (member, on)).collect();
+                Ok(self.batch(&set, terms).await)
             }
-        };
-        let set: Vec<_> = members.into_iter().map(|member| (member, on)).collect();
-        Ok(self.batch(&set, terms).await)
+            GroupState::Toggle => {
+                let service = self.clone();
+                to_its_end(async move { service.toggle_group(members, terms).await }).await
+            }
+        }
+    }
+
+    /// What it becomes is decided in the turn with all of it: of two at once, the later one sees
+    /// what the first has done.
+    async fn toggle_group(
+        &self,
+        members: Vec<Place>,
+        terms: BatchTerms,
+    ) -> Result<BatchDone, Failure> {
+        // Before the turn: nobody has to wait while a silent module is asked.
+        self.ask_unknown(&members).await;
+        let turn = self.inner.turn(members.clone(), Instant::now() + TTL);
+        let turn = turn.await?;
+        let mut are_off = true;
+        let modules: BTreeSet<&str> = members.iter().map(|at| at.module.as_str()).collect();
+        for module in modules {
+            let mut of_module = members.iter().filter(|place| place.module == module);
+            // What was acknowledged before may not have been read since. Where nothing is known,
+            // any of it may be on.
+            let is_known = of_module.clone().all(|at| self.inner.known(at).is_some());
+            are_off = are_off
+                && is_known
+                && self.inner.read_all(module).await.is_ok()
+                && of_module.all(|at| self.inner.known(at) == Some(false));
+        }
+        let set: Vec<_> = members.into_iter().map(|at| (at, are_off)).collect();
+        let (mut done, items) = self.checked(&set, terms);
+        if terms.all_or_nothing && !items.is_empty() {
+            return Ok(self.all_or_nothing(done, &items, terms, turn).await);
+        }
+        turn.give_back(|place| !items.iter().any(|item| item.1 == *place));
+        let held = Held::Each(Arc::new(turn));
+        self.switch_in_turn(&mut done, &items, terms, &held).await;
+        Ok(done)
     }
 
     /// In how many frames these outputs can be brought into one state.
@@ -197,11 +264,11 @@ impl Service {
     }
 
     /// Asks the modules of outputs of which nothing is known now.
-    async fn ask_unknown(&self, items: &[Item]) {
-        let unknown = items
+    async fn ask_unknown(&self, places: &[Place]) {
+        let unknown = places
             .iter()
-            .filter(|item| self.inner.known(&item.1).is_none());
-        let modules: BTreeSet<_> = unknown.map(|item| item.1.module.clone()).collect();
+            .filter(|place| self.inner.known(place).is_none());
+        let modules: BTreeSet<_> = unknown.map(|place| place.module.clone()).collect();
         for module in modules {
             // What could not be read stays unknown.
             let _ = self.inner.read_all(&module).await;
@@ -215,7 +282,7 @@ impl Service {
         done: &mut BatchDone,
         items: &[Item],
         terms: BatchTerms,
-        held: Option<&Arc<Turn>>,
+        held: &Held,
     ) {
         if !self.exclude_each_other(items) {
             return self.switch_at_once(done, items, terms, held).await;
@@ -244,7 +311,7 @@ impl Service {
         done: &mut BatchDone,
         items: &[Item],
         terms: BatchTerms,
-        held: Option<&Arc<Turn>>,
+        held: &Held,
     ) {
         let mut by_module: BTreeMap<String, Vec<Item>> = BTreeMap::new();
         for item in items {
@@ -254,9 +321,9 @@ impl Service {
         let each = by_module.into_iter().map(|(module, items)| {
             let service = self.clone();
             let numbers: Vec<usize> = items.iter().map(|item| item.0).collect();
-            let held = held.cloned();
+            let held = held.clone();
             let switching =
-                async move { service.switch_module(&module, &items, terms, held).await };
+                async move { service.switch_module(&module, &items, terms, &held).await };
             (numbers, tokio::spawn(switching))
         });
         for (numbers, task) in each.collect::<Vec<_>>() {
@@ -278,25 +345,22 @@ impl Service {
         module: &str,
         items: &[Item],
         terms: BatchTerms,
-        held: Option<Arc<Turn>>,
+        held: &Held,
     ) -> Vec<Result<PartDone, Failure>> {
         let set: Vec<(Point, bool)> = items.iter().map(|(_, at, on)| (at.point, *on)).collect();
-        let together = self
-            .switch_points(module, &set, terms, held.as_deref())
-            .await;
+        let mut ends = self.switch_points(module, &set, terms, held).await;
         let one_must_not = matches!(
-            together.first(),
+            ends.first(),
             Some(Err(Failure::Interlock { .. } | Failure::MinOff { .. }))
         );
-        if !one_must_not || terms.all_or_nothing || set.len() < 2 {
-            return together;
+        if one_must_not && !terms.all_or_nothing && set.len() > 1 {
+            ends.clear();
+            for one in set {
+                ends.extend(self.switch_points(module, &[one], terms, held).await);
+            }
         }
-        let mut ends = Vec::with_capacity(set.len());
-        for one in set {
-            ends.extend(
-                self.switch_points(module, &[one], terms, held.as_deref())
-                    .await,
-            );
+        if let Held::Each(turn) = held {
+            turn.give_back(|place| items.iter().any(|item| item.1 == *place));
         }
         ends
     }
@@ -307,7 +371,7 @@ impl Service {
         module: &str,
         set: &[(Point, bool)],
         terms: BatchTerms,
-        held: Option<&Turn>,
+        held: &Held,
     ) -> Vec<Result<PartDone, Failure>> {
         let terms = WriteTerms {
             verify: terms.verify,
@@ -319,8 +383,15 @@ impl Service {
         let expires = Instant::now() + TTL;
         let done = match held {
             _ if ends => Err(Fault::Closed.into()),
-            Some(turn) => self.write_in_turn(turn, module, set, terms, expires).await,
-            None => self.write(module, set, terms).await,
+            Held::Not => self.write(module, set, terms).await,
+            Held::Each(turn) => {
+                let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+                match self.write_in_turn(turn, module, set, terms, expires).await {
+                    Ok(done) => self.inner.take_over(module, &points, done).await,
+                    refused => refused,
+                }
+            }
+            Held::All(turn) => self.write_in_turn(turn, module, set, terms, expires).await,
         };
         match done {
             Ok(done) => parts_of(&done).into_iter().map(Ok).collect(),
@@ -334,7 +405,7 @@ impl Service {
         done: &mut BatchDone,
         items: &[Item],
         before: &[Option<bool>],
-        turn: &Arc<Turn>,
+        held: &Held,
     ) {
         let touched = |end: &Result<PartDone, Failure>| match end {
             Ok(_) => true,
@@ -363,8 +434,7 @@ impl Service {
         };
         let again: Vec<Item> = back.iter().map(|b| (b.0, b.1.clone(), b.2)).collect();
         let terms = BatchTerms::default();
-        self.switch_in_turn(&mut undone, &again, terms, Some(turn))
-            .await;
+        self.switch_in_turn(&mut undone, &again, terms, held).await;
         done.undone = lost.is_empty() && !undone.has_failed();
         let ends = undone.parts.iter().zip(&back);
         let failed = ends.map(|(part, back)| (back.3, part.end.is_err()));
@@ -446,7 +516,7 @@ mod tests {
         // It was checked before the end began.
         let items = [(0, place, true)];
         service
-            .switch_in_turn(&mut done, &items, BatchTerms::default(), None)
+            .switch_in_turn(&mut done, &items, BatchTerms::default(), &Held::Not)
             .await;
         assert_eq!(done.parts[0].end, Err(Fault::Closed.into()));
         assert!(service.audit().is_empty(), "nothing was tried");

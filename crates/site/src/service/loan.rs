@@ -66,7 +66,7 @@ impl Service {
             until: Instant::now(),
             is_over: false,
         };
-        let (turn, left) = self.inner.end_now(of_line, STOP_MAX).await;
+        let (turns, left) = self.inner.end_now(of_line, STOP_MAX).await;
         // What could not be ended is, once the line is back.
         for number in left {
             self.inner.schedule.hasten(number);
@@ -87,7 +87,7 @@ impl Service {
         if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
             now.state = LineState::Absent(Arc::new(PortError::Lent));
         }
-        drop(turn);
+        drop(turns);
         self.inner.tell(Update::Line(line.to_owned()));
         Ok(loan)
     }

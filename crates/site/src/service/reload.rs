@@ -73,7 +73,7 @@ impl Service {
         };
 
         // Nobody commands those until they are where they belong.
-        let turn = self.end_on_others(&old, &config).await;
+        let turns = self.end_on_others(&old, &config).await;
         let gone: Vec<_> = {
             let mut lines = lock(&self.inner.lines);
             let ending = reloaded.opened.iter().chain(&reloaded.closed);
@@ -123,7 +123,7 @@ impl Service {
                 let _ = handle.change(change).await;
             }
         }
-        drop(turn);
+        drop(turns);
         for line in &reloaded.opened {
             // Who has it gives it back.
             let lent = lock(&self.inner.state)
@@ -142,13 +142,13 @@ impl Service {
     /// What was to be done later to outputs of modules whose name is no more, or another's, is
     /// done now: afterwards it would meet nobody, or another module. What can't be done is not
     /// done to that one.
-    async fn end_on_others(&self, old: &Config, new: &Config) -> Arc<Turn> {
+    async fn end_on_others(&self, old: &Config, new: &Config) -> Vec<Arc<Turn>> {
         let is_other = |place: &Place| {
             // Who has a line that is lent may have moved its modules: there the name counts.
             let is_here = || self.inner.place(&place.module).is_some();
             !same_board(old, new, &place.module) && is_here()
         };
-        let (turn, left) = self.inner.end_now(is_other, TURN_MAX).await;
+        let (turns, left) = self.inner.end_now(is_other, TURN_MAX).await;
         for number in left {
             self.inner.schedule.leave_out_one(number);
         }
@@ -156,7 +156,7 @@ impl Service {
         let limits = self.inner.schedule.limits(is_other);
         self.inner.schedule.leave_out(|key| limits.contains(key));
         let _ = self.inner.schedule.keep().await;
-        turn
+        turns
     }
 
     /// Opens a line of a configuration that was checked. What the system refuses even so is the

@@ -54,6 +54,10 @@ impl Timer {
         }
     }
 
+    pub(super) const fn number(&self) -> u64 {
+        self.watched.number
+    }
+
     /// Runs from when it is promised on. What the disk refuses holds as long as the process does.
     pub(super) async fn promised(self) {
         let _ = self.inner.schedule.keep().await;
@@ -269,41 +273,47 @@ impl Inner {
     }
 
     /// Ends the pulses and leases of these outputs now, as far as that can be in a moment: of those
-    /// whose turn comes within this time. Nobody commands them until the turn is dropped. The
+    /// whose turn comes within this time. Nobody commands them until the turns are dropped. The
     /// others, and those that could not be ended, come back.
     pub(super) async fn end_now(
         self: &Arc<Inner>,
         of: impl Fn(&Place) -> bool,
         patience: Duration,
-    ) -> (Arc<Turn>, Vec<u64>) {
+    ) -> (Vec<Arc<Turn>>, Vec<u64>) {
         let until = Instant::now() + patience;
-        let outputs = self.outputs().into_iter().filter(&of);
-        let turn = Arc::new(self.turn_by(outputs, until).await);
         let mut ending = JoinSet::new();
-        let held = self.schedule.held(of);
-        let mut left: Vec<u64> = held.iter().map(|(number, ..)| *number).collect();
-        // A command that has its turn still would go out after the end of what it begins.
-        let in_turn = held.into_iter().filter(|(_, key, _)| turn.has(&key.0));
-        for (number, key, promise) in in_turn {
-            let (inner, turn) = (Arc::clone(self), Arc::clone(&turn));
-            self.schedule.anticipate(number);
-            ending.spawn(async move {
-                let mut entry = Entry::of_release(inner.note_of_end(&key, &promise));
-                let is_over = inner.release(&turn, &key, &promise, &mut entry).await;
-                (number, is_over)
-            });
+        for place in self.outputs().into_iter().filter(&of) {
+            ending.spawn(Arc::clone(self).end_in_turn(place, until));
         }
-        let until = Instant::now() + STOP_MAX;
-        while let Ok(Some(end)) = tokio::time::timeout_at(until, ending.join_next()).await {
-            if let Ok((number, true)) = end {
-                self.schedule.leave_out_one(number);
-                left.retain(|other| *other != number);
-            }
+        let mut turns = Vec::new();
+        while let Some(end) = ending.join_next().await {
+            // Fails only where the runtime itself ends.
+            turns.extend(end.ok().flatten());
         }
-        // What was sent has its end all the same, and is written down.
-        ending.detach_all();
         let _ = self.schedule.keep().await;
-        (turn, left)
+        let left = self.schedule.held(of).into_iter();
+        (turns, left.map(|(number, ..)| number).collect())
+    }
+
+    /// The same of one output: it waits for none of the others.
+    async fn end_in_turn(self: Arc<Inner>, place: Place, until: Instant) -> Option<Arc<Turn>> {
+        let turn = tokio::time::timeout_at(until, self.turn_to_end(&place)).await;
+        let turn = Arc::new(turn.ok()?);
+        // A command that had its turn still has gone out, and what it began is known.
+        let held = self.schedule.held(|other| *other == place);
+        let in_turn = Arc::clone(&turn);
+        let ending = tokio::spawn(async move {
+            for (number, key, promise) in held {
+                self.schedule.anticipate(number);
+                let mut entry = Entry::of_release(self.note_of_end(&key, &promise));
+                if self.release(&in_turn, &key, &promise, &mut entry).await {
+                    self.schedule.leave_out_one(number);
+                }
+            }
+        });
+        // What was sent has its end all the same, and is written down.
+        let _ = tokio::time::timeout(STOP_MAX, ending).await;
+        Some(turn)
     }
 
     /// All outputs of the site.
@@ -320,11 +330,24 @@ impl Inner {
         outputs.collect()
     }
 
-    /// What is to be done later and is none of these is not to be done any more.
+    /// What is one of these is not to be done any more.
     pub(super) fn leave_out(self: &Arc<Inner>, of: impl Fn(&Key) -> bool) {
-        if !self.schedule.leave_out(of) {
-            return;
+        if self.schedule.leave_out(of) {
+            self.keep_soon();
         }
+    }
+
+    /// The same of those with these numbers.
+    pub(super) fn leave_out_numbers(self: &Arc<Inner>, numbers: &[u64]) {
+        for number in numbers {
+            self.schedule.leave_out_one(*number);
+        }
+        if !numbers.is_empty() {
+            self.keep_soon();
+        }
+    }
+
+    fn keep_soon(self: &Arc<Inner>) {
         // Without a runtime the process ends, and what is promised still is.
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {
             let inner = Arc::clone(self);

@@ -151,6 +151,32 @@ async fn a_group_is_switched_at_once() {
 }
 
 #[tokio::test]
+async fn of_two_toggles_of_a_group_at_once_the_later_sees_what_the_first_has_done() {
+    let (service, boards) = site(NIGHT).await;
+    let (first, later) = tokio::join!(
+        night(&service, GroupState::Toggle),
+        night(&service, GroupState::Toggle)
+    );
+    assert_eq!(
+        (failures(&first), failures(&later)),
+        (vec![None; 3], vec![None; 3])
+    );
+    assert_ne!(first.parts[0].wanted, later.parts[0].wanted);
+    assert_eq!((boards.relays(3), boards.relays(4)), (0, 0), "on and off");
+    // What was acknowledged alone is read before it is decided on.
+    let unverified = BatchTerms {
+        verify: false,
+        ..BatchTerms::default()
+    };
+    for on in [0b11, 0] {
+        let done = service.set_group("night", GroupState::Toggle, unverified);
+        assert_eq!(failures(&done.await.unwrap()), [None; 3]);
+        assert_eq!(boards.relays(3), on);
+    }
+    service.close().await;
+}
+
+#[tokio::test]
 async fn a_scene_is_played_up_to_what_fails() {
     let (service, boards) = site(NIGHT).await;
     let again = service.clone();
