@@ -481,7 +481,7 @@ impl Inner {
         } = order;
         let effect = self.effect(module, points, &op);
         self.ask_excluded(&effect.rising).await;
-        let underway = Underway::begin(self, module, points, entry, effect).await?;
+        let mut underway = Underway::begin(self, module, points, entry, effect).await?;
         underway.limit().await;
         let end = self.run_until(module, op, verify, expires).await;
         let after = |point: &Point| {

@@ -8,7 +8,7 @@ use super::record::Begun;
 use super::{Inner, lock};
 use crate::audit::Note;
 use crate::config::{Place, Safety};
-use crate::{Change, Failure, Origin};
+use crate::{Change, Failure, Origin, Value};
 use railbus_device::{Bank, Op, Point};
 use railbus_host::{Confirmed, Done, Fault};
 use railbus_wire::Micros;
@@ -92,6 +92,8 @@ pub(super) struct Underway {
     /// The outputs as they were known to be before it.
     before: Vec<(Point, Option<bool>)>,
     effect: Effect,
+    /// Outputs whose longest time began with it, and the number of that.
+    limits: Vec<(Place, u64)>,
     /// None once it has ended.
     begun: Option<Begun>,
 }
@@ -127,15 +129,21 @@ impl Underway {
             id: begun.id.clone(),
             before,
             effect,
+            limits: Vec::new(),
             begun: Some(begun),
         })
     }
 
     /// Sees to it that outputs which may be on for so long only are switched off then, before
     /// they are switched on.
-    pub(super) async fn limit(&self) {
+    pub(super) async fn limit(&mut self) {
         for place in &self.effect.rising {
+            let key = (place.clone(), Why::MaxOn);
+            let runs = self.inner.schedule.find(&key).is_some();
             if let Some(timer) = self.inner.limit_on(place) {
+                if !runs {
+                    self.limits.push((place.clone(), timer.number()));
+                }
                 timer.promised().await;
             }
         }
@@ -198,16 +206,18 @@ impl Underway {
                 state.went_off(place, now);
             }
         }
-        let unlimited = |place: &&Place| {
+        // What was never sent has begun no longest time; one that ran before goes on.
+        let is_on = |place: &Place| {
             let known = state.site.point(&place.module, place.point, from).0;
-            acted == Acted::No && known.is_none_or(|known| known.value != crate::Value::Bool(true))
+            known.is_some_and(|known| known.value == Value::Bool(true))
         };
-        let unlimited: Vec<_> = rising.iter().filter(unlimited).cloned().collect();
+        let limits = self.limits.iter();
+        let unused: Vec<u64> = limits
+            .filter(|(place, _)| acted == Acted::No && !is_on(place))
+            .map(|(_, number)| *number)
+            .collect();
         drop(state);
-        for place in unlimited {
-            self.inner
-                .leave_out(|key| *key == (place.clone(), Why::MaxOn));
-        }
+        self.inner.leave_out_numbers(&unused);
     }
 }
 
@@ -360,4 +370,37 @@ fn rises(op: &Op, point: Point) -> bool {
 
 fn state_in(bank: Bank, point: Point) -> bool {
     bank_state(bank, point) == Some(true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Service;
+    use super::*;
+    use crate::{Config, WriteTerms};
+    use railbus_device::PointKind;
+    use std::time::Duration;
+
+    /// A pump runs, and nothing is known of it for a moment.
+    #[tokio::test(start_paused = true)]
+    async fn a_command_that_was_never_sent_leaves_the_longest_time_as_it_runs() {
+        let text = "[line.main]\nport = \"/dev/railbus-test-nothing-here\"\n\
+                    [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n\
+                    [module.oven.point]\nk1.max_on = \"1h\"\nk2.max_on = \"1h\"\n";
+        let service = Service::start(Config::parse(text).unwrap()).unwrap();
+        service.opened("main").await.unwrap();
+        let kind = PointKind::Output;
+        let points = [0, 1].map(|index| Point { kind, index });
+        let [runs, other] = points.map(|point| Place::new("oven", point));
+        service.inner.limit_on(&runs).unwrap().promised().await;
+        tokio::time::sleep(Duration::from_secs(600)).await;
+        let left = |place: &Place| service.inner.schedule.left(place).max_on;
+        let before = left(&runs);
+        assert!(before.is_some());
+        let on = points.map(|point| (point, true));
+        let refused = service.write("oven", &on, WriteTerms::default()).await;
+        assert_eq!(refused, Err(Failure::Line(Fault::Closed)));
+        assert_eq!(left(&runs), before);
+        assert_eq!(left(&other), None, "it was never switched on");
+        service.close().await;
+    }
 }
