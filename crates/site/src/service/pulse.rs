@@ -84,9 +84,8 @@ impl Service {
         pulse: Pulse,
     ) -> Result<PulseDone, Failure> {
         self.inner.may_command(module, &[point], pulse.confirm)?;
-        let way = self.way(module, point, pulse).await?;
         let (service, module) = (self.clone(), module.to_owned());
-        to_its_end(async move { service.pulse_asked(&module, point, pulse, way).await }).await
+        to_its_end(async move { service.pulse_asked(&module, point, pulse).await }).await
     }
 
     async fn pulse_asked(
@@ -94,12 +93,13 @@ impl Service {
         module: &str,
         point: Point,
         pulse: Pulse,
-        way: Way,
     ) -> Result<PulseDone, Failure> {
         let expires = Instant::now() + TTL;
         let turn = self.inner.turn(places(module, &[point]), expires).await?;
         // Meanwhile the configuration may have changed, or the site begun to end.
         self.inner.may_command(module, &[point], pulse.confirm)?;
+        // It may be another board by now, or keep the time otherwise.
+        let way = self.way(module, point, pulse).await?;
         let value = !pulse.off;
         let label = self.inner.label(module, point);
         let (begun, by, width) = match way {
@@ -220,4 +220,49 @@ impl Service {
 
 fn own_width(pulses: Pulses) -> Micros {
     Micros::from_millis(u64::from(pulses.width.tenths()) * 100)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Config;
+    use railbus_device::PointKind;
+    use railbus_wire::{Instant as LineInstant, PulseWidth};
+
+    /// Another command, before this one, has made the output one that gives pulses by itself.
+    #[tokio::test(start_paused = true)]
+    async fn who_keeps_the_time_of_a_pulse_is_decided_in_its_turn() {
+        let text = "[line.main]\nport = \"/dev/railbus-test-nothing-here\"\n\
+                    [module.gate]\nline = \"main\"\nmodel = \"eda9060a\"\naddress = 1\n";
+        let service = Service::start(Config::parse(text).unwrap()).unwrap();
+        service.opened("main").await.unwrap();
+        let inner = &service.inner;
+        let width = PulseWidth::from_tenths(5).unwrap();
+        let says = |mask| {
+            let seen = Seen::Pulse { mask, width };
+            let mut state = lock(&inner.state);
+            state.site.saw("gate", &seen, LineInstant(0));
+        };
+        says(0);
+        let kind = PointKind::Output;
+        let point = Point { kind, index: 0 };
+        let until = Instant::now() + TTL;
+        let first = inner.turn([Place::new("gate", point)], until);
+        let first = first.await.unwrap();
+        let asks = service.clone();
+        let pulse = Pulse {
+            width: Some(own_width(Pulses { mask: 1, width })),
+            ..Pulse::default()
+        };
+        let given = tokio::spawn(async move { asks.pulse("gate", point, pulse).await });
+        for _ in 0..10 {
+            tokio::task::yield_now().await;
+        }
+        says(1);
+        drop(first);
+        assert!(given.await.unwrap().is_err(), "there is no port");
+        let entry = service.audit().pop().unwrap();
+        assert_eq!(entry.what, "pulse do0 500ms by device");
+        service.close().await;
+    }
 }
