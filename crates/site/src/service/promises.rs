@@ -109,6 +109,11 @@ impl File {
         Ok((file, known))
     }
 
+    /// Which version it has; it stays so while this is held.
+    pub(super) async fn written(&self) -> tokio::sync::MutexGuard<'_, u64> {
+        self.written.lock().await
+    }
+
     /// Returns when it has this version, or a newer one: `newest` says what is to be written
     /// when it can be. Those that wait meanwhile are served by one write. Gives back which
     /// version it has.

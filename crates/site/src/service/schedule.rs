@@ -181,6 +181,28 @@ impl Schedule {
         Ok(())
     }
 
+    /// The same for one change, which is taken back where the disk refuses. It may be on its way
+    /// there with another one meanwhile: then it counts as done once that has succeeded.
+    async fn keep_or(&self, version: u64, back: impl FnOnce(&mut Actions)) -> io::Result<()> {
+        let Err(why) = self.keep().await else {
+            return Ok(());
+        };
+        // Nobody writes while this is held, and whoever does later finds it taken back.
+        let written = self.file.written().await;
+        if *written >= version {
+            return Ok(());
+        }
+        {
+            let mut actions = lock(&self.actions);
+            back(&mut actions);
+            actions.version += 1;
+        }
+        drop(written);
+        // A write that failed at its last step may be in the file all the same.
+        let _ = self.keep().await;
+        Err(why)
+    }
+
     /// Outputs have another owner: what was to be done to them is not done any more, except by
     /// `owner`, whose promise begins anew. That is on the disk when this returns; where the disk
     /// refuses, nothing has changed.
@@ -190,7 +212,7 @@ impl Schedule {
         owner: Option<(u64, Promise)>,
     ) -> io::Result<()> {
         let is_owner = |number: u64| owner.is_some_and(|(owner, _)| owner == number);
-        let (before, taken) = {
+        let (version, before, taken) = {
             let mut actions = lock(&self.actions);
             let version = actions.version + 1;
             let (mut before, mut taken, mut is_news) = (None, Vec::new(), false);
@@ -212,12 +234,9 @@ impl Schedule {
                 return Ok(());
             }
             actions.version = version;
-            (before, taken)
+            (version, before, taken)
         };
-        let end = self.keep().await;
-        let mut actions = lock(&self.actions);
-        if end.is_err() {
-            actions.version += 1;
+        let back = |actions: &mut Actions| {
             for (number, action) in &mut actions.by_number {
                 if taken.contains(number) {
                     action.left_out = None;
@@ -226,12 +245,10 @@ impl Schedule {
                     action.promise = before.unwrap_or(action.promise);
                 }
             }
-        }
-        if let Some((owner, _)) = owner
-            && let Some(action) = actions.by_number.get(&owner)
-            && let Some(due) = &action.due
-        {
-            due.send_replace(Instant::now() + action.promise.left());
+        };
+        let end = self.keep_or(version, back).await;
+        if let Some((owner, _)) = owner {
+            lock(&self.actions).set_due(owner);
         }
         end
     }
@@ -239,7 +256,7 @@ impl Schedule {
     /// It is so long from now on until one is done, and that is on the disk when this returns.
     /// False where it can't be put off any more. Where the disk refuses, nothing has changed.
     pub(super) async fn renew(&self, number: u64, length: Duration) -> io::Result<bool> {
-        let before = {
+        let (version, before) = {
             let mut actions = lock(&self.actions);
             let action = actions.by_number.get_mut(&number);
             let Some(action) = action.filter(|a| a.is_to_be_done() && !a.is_ending) else {
@@ -248,23 +265,16 @@ impl Schedule {
             let anew = Promise::after(length, action.promise.end);
             let before = std::mem::replace(&mut action.promise, anew);
             actions.version += 1;
-            before
+            (actions.version, before)
         };
-        let end = self.keep().await;
-        let mut actions = lock(&self.actions);
-        if end.is_err() {
-            actions.version += 1;
-        }
-        let Some(action) = actions.by_number.get_mut(&number) else {
-            return Ok(false);
+        let back = |actions: &mut Actions| {
+            if let Some(action) = actions.by_number.get_mut(&number) {
+                action.promise = before;
+            }
         };
-        if end.is_err() {
-            action.promise = before;
-        }
-        if let Some(due) = &action.due {
-            due.send_replace(Instant::now() + action.promise.left());
-        }
-        end.map(|()| true)
+        let end = self.keep_or(version, back).await;
+        let is_there = lock(&self.actions).set_due(number);
+        end.map(|()| is_there)
     }
 
     /// Whether it is time for one; if so, it can't be put off any more.
@@ -451,6 +461,17 @@ impl Actions {
         self.newest
     }
 
+    /// One is due when its promise says. False where there is none any more.
+    fn set_due(&mut self, number: u64) -> bool {
+        let Some(action) = self.by_number.get(&number) else {
+            return false;
+        };
+        if let Some(due) = &action.due {
+            due.send_replace(Instant::now() + action.promise.left());
+        }
+        true
+    }
+
     fn leave_out(&mut self, of: impl Fn(u64, &Action) -> bool) -> bool {
         let version = self.version + 1;
         let mut is_any = false;
@@ -495,6 +516,9 @@ impl Actions {
 mod tests {
     use super::*;
     use railbus_device::Point;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::task::{Context, Wake, Waker};
 
     fn place(index: u8) -> Place {
         let kind = PointKind::Output;
@@ -557,6 +581,60 @@ mod tests {
         assert_eq!(schedule.time_of(newer.number), Time::NotYet);
         assert!(schedule.due(&key) > Some(Duration::from_secs(30)));
         assert_eq!(schedule.held(|_| true).len(), 1);
+    }
+
+    /// The disk refuses a takeover, and takes it with what somebody else keeps, just then.
+    #[tokio::test]
+    async fn a_takeover_beside_another_keep_is_done_or_refused_and_never_half() {
+        let folder = std::env::temp_dir().join(format!("railbus-beside-{}", std::process::id()));
+        let draft = folder.join("promises.json.new");
+        let schedule = Arc::new(Schedule::open(&folder).unwrap());
+        let pulse = schedule.add((place(0), Why::Pulse), after(60));
+        schedule.keep().await.unwrap();
+        std::fs::create_dir(&draft).unwrap();
+
+        let own = Arc::clone(&schedule);
+        let woken = Arc::new(Woken::default());
+        let waker = Waker::from(Arc::clone(&woken));
+        let mut taking = Box::pin(async move { own.take_over(&[place(0)], None).await });
+        let first = taking.as_mut().poll(&mut Context::from_waker(&waker));
+        assert!(first.is_pending(), "it is being written");
+        while !woken.0.load(Ordering::SeqCst) {
+            std::thread::yield_now();
+        }
+        std::fs::remove_dir(&draft).unwrap();
+        // The other one waits for the file already, and nothing is taken back before it is there.
+        let mut actions = lock(&schedule.actions);
+        let newest = (actions.version, actions.promises());
+        let mut beside = Box::pin(schedule.file.write(actions.version, || newest));
+        let waits = beside.as_mut().poll(&mut Context::from_waker(&waker));
+        assert!(waits.is_pending(), "the file is taken");
+        let run = tokio::runtime::Builder::new_current_thread;
+        let taking = std::thread::spawn(move || run().build().unwrap().block_on(taking));
+        let beside = std::thread::scope(|scope| {
+            let writing = scope.spawn(move || run().build().unwrap().block_on(beside));
+            writing.join().unwrap().unwrap()
+        });
+        let gone = |_: &u64, action: &mut Action| action.left_out.is_some_and(|at| at <= beside);
+        actions.by_number.extract_if(.., gone).for_each(drop);
+        drop(actions);
+
+        let end = taking.join().unwrap();
+        let is_there = schedule.time_of(pulse.number) != Time::Over;
+        let again = Schedule::open(&folder).unwrap();
+        let is_kept = !again.take_up().is_empty();
+        // Where it is refused, that is said with the words that the pulse ends still.
+        assert_eq!((is_there, is_kept), (end.is_err(), end.is_err()), "{end:?}");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[derive(Default)]
+    struct Woken(AtomicBool);
+
+    impl Wake for Woken {
+        fn wake(self: Arc<Woken>) {
+            self.0.store(true, Ordering::SeqCst);
+        }
     }
 
     /// A disk that refuses for days does not fill the memory.
