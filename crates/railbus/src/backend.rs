@@ -19,7 +19,7 @@ pub(crate) use local::described;
 use railbus_device::{Family, Layout};
 use railbus_host::Tap;
 use railbus_wire::{Character, Protocol};
-pub(crate) use remote::{Borrowed, Frames, Remote};
+pub(crate) use remote::{Borrowed, Detail, Frames, Remote};
 use std::path::PathBuf;
 
 /// What the flags say about whom to ask.
@@ -226,6 +226,14 @@ impl Backend {
         fresh: bool,
     ) -> Result<Vec<PointInfo>, Problem> {
         either!(self.points(selectors, fresh))
+    }
+
+    /// The same as they are known now, without asking the line.
+    pub(crate) async fn known(&self, selectors: &[String]) -> Result<Vec<PointInfo>, Problem> {
+        match self {
+            Backend::Local(local) => Ok(local.known(selectors)),
+            Backend::Daemon(remote) => remote.points(selectors, false).await,
+        }
     }
 
     /// Switches one output.

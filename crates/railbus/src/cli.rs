@@ -6,7 +6,7 @@ use crate::commands::{
 use crate::commands::{
     decode, get, global_flags, help, history, ls, man, pulse, raw, replay, scan,
 };
-use crate::commands::{scene, schema, set, sniff, token, user, version, watch};
+use crate::commands::{scene, schema, set, sniff, token, user, version, wait, watch};
 use crate::failure::Failure;
 use crate::i18n::Lang;
 use crate::texts::{Phrase, Text};
@@ -60,6 +60,11 @@ const VERBS: &[Verb] = &[
         name: watch::NAME,
         define: watch::define,
         run: watch::run,
+    },
+    Verb {
+        name: wait::NAME,
+        define: wait::define,
+        run: wait::run,
     },
     Verb {
         name: history::NAME,

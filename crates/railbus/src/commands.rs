@@ -26,6 +26,7 @@ pub(crate) mod sniff;
 pub(crate) mod token;
 pub(crate) mod user;
 pub(crate) mod version;
+pub(crate) mod wait;
 pub(crate) mod watch;
 
 mod accounts_table;

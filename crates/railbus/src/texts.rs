@@ -168,7 +168,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     BadOrder { en: "\"{word}\" says nothing to do", zh: "无法理解 \"{word}\"" }
 
     // States.
-    On { en: "on", zh: "吸合" }
+    On { en: "on", zh: "接通" }
     Off { en: "off", zh: "断开" }
     Good { en: "good", zh: "有效" }
     Stale { en: "stale", zh: "过期" }

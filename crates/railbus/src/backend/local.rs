@@ -101,6 +101,10 @@ impl Local {
         ask::fresh_points(&self.service, selectors).await
     }
 
+    pub(super) fn known(&self, selectors: &[String]) -> Vec<PointInfo> {
+        ask::points(&self.service, selectors)
+    }
+
     pub(super) async fn write(&self, path: &str, wanted: WriteRequest) -> Result<Written, Problem> {
         self.read_before(path).await?;
         ask::write(&self.service, path, wanted).await

@@ -22,13 +22,21 @@ use std::path::{Path, PathBuf};
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-/// Into how many stretches of time a long history is parted.
-const STRETCHES: usize = 500;
-
 /// The daemon behind a socket.
 #[derive(Debug)]
 pub(crate) struct Remote {
     socket: PathBuf,
+}
+
+/// In how much detail a history is told.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Detail {
+    /// All of it: every sample where they are few, else so many stretches of time.
+    Stretches(usize),
+    /// In stretches of so many milliseconds.
+    Step(u64),
+    /// Only the last samples.
+    Last(usize),
 }
 
 /// What happens at the daemon.
@@ -235,12 +243,20 @@ impl Remote {
         }
     }
 
-    /// What a point was since so many milliseconds ago.
-    pub(crate) async fn history(&self, point: &str, since: u64) -> Result<HistoryInfo, Problem> {
-        let now = jiff::Timestamp::now().as_millisecond();
-        let from = now.saturating_sub_unsigned(since);
+    /// What a point was from one time to before another, in milliseconds since 1970.
+    pub(crate) async fn history(
+        &self,
+        point: &str,
+        (from, to): (i64, i64),
+        detail: Detail,
+    ) -> Result<HistoryInfo, Problem> {
         let point = encoded(point);
-        let path = format!("/api/v1/history?point={point}&from={from}&buckets={STRETCHES}");
+        let detail = match detail {
+            Detail::Stretches(count) => format!("buckets={count}"),
+            Detail::Step(millis) => format!("step={millis}"),
+            Detail::Last(count) => format!("limit={count}"),
+        };
+        let path = format!("/api/v1/history?point={point}&from={from}&to={to}&{detail}");
         self.get(&path).await
     }
 

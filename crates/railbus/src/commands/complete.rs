@@ -60,7 +60,9 @@ fn candidates(lang: Lang, words: &[String]) -> Vec<String> {
     let config = || configuration(lang, &before);
     let all: Vec<String> = match (before.last().copied(), verb) {
         (Some("-l" | "--line"), _) => config().lines.into_keys().collect(),
-        (_, Some("get" | "watch" | "read")) => points(&config(), current, |_| true),
+        (_, Some("get" | "watch" | "wait" | "history" | "read")) => {
+            points(&config(), current, |_| true)
+        }
         (_, Some("set" | "pulse" | "write")) => points(&config(), current, |point| {
             point.kind == railbus_device::PointKind::Output
         }),

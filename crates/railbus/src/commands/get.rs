@@ -74,7 +74,8 @@ pub(super) fn selected(matches: &ArgMatches) -> Vec<String> {
 
 /// Points in any form.
 pub(super) fn records(lang: Lang, points: &[PointInfo], raw: bool) -> Records {
-    let mut table = Table::bare();
+    // What people call it can be spared; how good the value is can not.
+    let mut table = Table::bare().spare(&[2]);
     for point in points {
         let mut notes = notes(lang, point);
         if let (true, Some(register)) = (raw, point.raw) {

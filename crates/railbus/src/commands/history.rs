@@ -6,30 +6,39 @@ use super::Context;
 use crate::api::past::{BucketInfo, HistoryInfo, SampleInfo, moment};
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{Kind, PointInfo, Value};
-use crate::backend::Backend;
+use crate::backend::{Backend, Detail};
 use crate::cli;
-use crate::failure::Failure;
+use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::records::Records;
 use crate::render::table::Table;
-use crate::render::{out, time, values};
+use crate::render::{Format, out, time, values};
 use crate::texts::Text;
-use clap::{Arg, ArgMatches, Command};
+use clap::{Arg, ArgMatches, Command, value_parser};
+use jiff::civil::{DateTime, Time};
+use jiff::tz::TimeZone;
+use jiff::{Timestamp, Zoned};
 use railbus_site::config::parse_duration;
 use serde_json::json;
+use std::fmt::Display;
 use texts::HistoryText;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "history";
 
 /// How long ago, where it is not said: an hour, in milliseconds.
-const SINCE: u64 = 3_600_000;
+const SINCE: i64 = 3_600_000;
 /// The longest time that can be asked for, in days.
-const DAYS_MAX: u64 = 36_500;
+const DAYS_MAX: i64 = 36_500;
+const DAY_MS: i64 = 86_400_000;
+/// How many lines are shown where nobody says: more is read by nobody.
+const LINES: usize = 100;
+/// The most lines that can be asked for.
+const LINES_MAX: i64 = 4_000;
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus history POINT [--since TIME]";
+    let usage = "railbus history POINT [--since WHEN] [--until WHEN] [--step TIME]";
     cli::verb(lang, NAME, HistoryText::About, usage)
         .before_help(cli::examples(lang, HistoryText::Examples))
         .arg(
@@ -39,58 +48,167 @@ pub(crate) fn define(lang: Lang) -> Command {
         )
         .arg(
             cli::flag(lang, "since", HistoryText::Since)
+                .value_name("WHEN")
+                .value_parser(When::read),
+        )
+        .arg(
+            cli::flag(lang, "until", HistoryText::Until)
+                .value_name("WHEN")
+                .value_parser(When::read),
+        )
+        .arg(
+            cli::flag(lang, "step", HistoryText::Step)
                 .value_name("TIME")
-                .value_parser(since),
+                .value_parser(length),
+        )
+        .arg(
+            cli::flag(lang, "limit", HistoryText::Limit)
+                .value_name("N")
+                .value_parser(value_parser!(u16).range(1..=LINES_MAX)),
         )
 }
 
+/// A moment, as people name it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum When {
+    /// So many milliseconds ago.
+    Ago(i64),
+    /// In milliseconds since 1970.
+    At(i64),
+}
+
+impl When {
+    /// `30m`, `7d`; `2026-11-22T14:00:00Z`; `2026-11-22 14:00` and `14:00` of this place.
+    fn read(text: &str) -> Result<When, String> {
+        if let Ok(millis) = length(text) {
+            return Ok(When::Ago(millis));
+        }
+        let here = |time: DateTime| {
+            let there = time.to_zoned(TimeZone::system()).ok()?;
+            Some(there.timestamp())
+        };
+        let today = || Zoned::now().date();
+        let moment = text
+            .parse::<Timestamp>()
+            .ok()
+            .or_else(|| here(text.parse::<DateTime>().ok()?))
+            .or_else(|| here(today().to_datetime(text.parse::<Time>().ok()?)));
+        let moment = moment.ok_or_else(String::new)?;
+        Ok(When::At(moment.as_millisecond()))
+    }
+
+    const fn millis(self, now: i64) -> i64 {
+        match self {
+            When::Ago(ago) => now.saturating_sub(ago),
+            When::At(moment) => moment,
+        }
+    }
+}
+
 /// `30m`, `12h`, `7d`, in milliseconds.
-fn since(text: &str) -> Result<u64, String> {
-    let day_ms = 86_400_000;
-    let millis = match text.strip_suffix('d') {
-        Some(days) => days.parse::<u64>().ok().filter(|days| *days <= DAYS_MAX),
-        None => None,
+fn length(text: &str) -> Result<i64, String> {
+    let days = text.strip_suffix('d').and_then(|days| days.parse().ok());
+    let millis = match days {
+        Some(days) => Some(i64::saturating_mul(days, DAY_MS)),
+        None => parse_duration(text).and_then(|time| i64::try_from(time.0 / 1_000).ok()),
     };
-    let millis = millis.map(|days| days * day_ms);
-    let millis = millis.or_else(|| Some(parse_duration(text)?.0 / 1_000));
     millis
-        .filter(|millis| (1..=DAYS_MAX * day_ms).contains(millis))
+        .filter(|millis| (1..=DAYS_MAX * DAY_MS).contains(millis))
         .ok_or_else(String::new)
+}
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug)]
+struct Wanted {
+    span: (i64, i64),
+    step: Option<i64>,
+    limit: Option<usize>,
+}
+
+impl Wanted {
+    fn of(lang: Lang, matches: &ArgMatches) -> Result<Wanted, Failure> {
+        let now = Timestamp::now().as_millisecond().saturating_add(1);
+        let when = |name: &str| matches.get_one::<When>(name).map(|when| when.millis(now));
+        let until = when("until").unwrap_or(now);
+        let since = when("since").unwrap_or_else(|| until.saturating_sub(SINCE));
+        if since >= until {
+            let message = lang.get(HistoryText::NothingBetween).to_owned();
+            return Err(Failure::new(Code::Usage, message).with_try("railbus help history"));
+        }
+        let limit = matches.get_one::<u16>("limit");
+        Ok(Wanted {
+            span: (since, until),
+            step: matches.get_one("step").copied(),
+            limit: limit.copied().map(usize::from),
+        })
+    }
+
+    /// All of it in stretches, unless only the last values are wanted. One more than these tells
+    /// whether there are others.
+    fn detail(self) -> Detail {
+        match (self.step, self.limit) {
+            (Some(step), _) => Detail::Step(step.unsigned_abs()),
+            (None, Some(limit)) => Detail::Last(limit + 1),
+            (None, None) => Detail::Stretches(LINES / 2),
+        }
+    }
 }
 
 /// Prints every sample, or where they are many, what lay between which bounds.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
+    let wanted = Wanted::of(lang, matches)?;
     let named = matches.get_one::<String>("POINT");
     let path = named.map(String::as_str).unwrap_or_default();
-    let since = matches.get_one("since").copied().unwrap_or(SINCE);
-    let (history, point) = context.block(async {
-        let told = ask(&context, path, since).await;
+    let (mut history, point) = context.block(async {
+        let told = ask(&context, path, wanted).await;
         told.map_err(|problem| context.failure(&problem))
     })?;
-    out::result(
-        lang,
-        &records(lang, &history, &point).render(context.format),
-    )
+    let more = wanted
+        .limit
+        .is_some_and(|limit| keep_last(&mut history, limit));
+    let records = records(&context, &history, &point);
+    out::result(lang, &records.render(context.format))?;
+    if more {
+        context.note(lang.get(HistoryText::Older));
+    } else if let (None, Some(stretches)) = (wanted.step, &history.buckets) {
+        let samples: u64 = stretches.iter().map(|stretch| u64::from(stretch.n)).sum();
+        let values: &[(&str, &dyn Display)] = &[("samples", &samples), ("lines", &stretches.len())];
+        context.note(&lang.fill(HistoryText::Means, values));
+    }
+    Ok(())
+}
+
+/// Leaves out what is older than the last so many; whether there was any.
+fn keep_last(history: &mut HistoryInfo, limit: usize) -> bool {
+    fn cut<T>(list: &mut Option<Vec<T>>, limit: usize) -> bool {
+        let Some(list) = list else { return false };
+        let older = list.len().saturating_sub(limit);
+        list.drain(..older);
+        older > 0
+    }
+    let samples = cut(&mut history.samples, limit);
+    cut(&mut history.buckets, limit) || samples
 }
 
 /// The history, and what is said of the point.
 async fn ask(
     context: &Context,
     path: &str,
-    since: u64,
+    wanted: Wanted,
 ) -> Result<(HistoryInfo, Option<PointInfo>), Problem> {
     let Some(daemon) = Backend::daemon(&context.wanted).await else {
         return Err(Problem::new(codes::NO_HISTORY).with_hint("railbus serve"));
     };
-    let history = daemon.history(path, since).await?;
+    let history = daemon.history(path, wanted.span, wanted.detail()).await?;
     // One that was taken out of the configuration has a history all the same.
     let points = daemon.points(&[path.to_owned()], false).await;
     let point = points.ok().and_then(|points| points.into_iter().next());
     Ok((history, point))
 }
 
-fn records(lang: Lang, history: &HistoryInfo, point: &Option<PointInfo>) -> Records {
+fn records(context: &Context, history: &HistoryInfo, point: &Option<PointInfo>) -> Records {
+    let lang = context.lang;
     let samples = history.samples.iter().flatten();
     let buckets = history.buckets.iter().flatten();
     let head = if history.raw {
@@ -102,14 +220,15 @@ fn records(lang: Lang, history: &HistoryInfo, point: &Option<PointInfo>) -> Reco
     let mut rows = Vec::new();
     for sample in samples {
         rows.push(json!({
-            "time": moment(sample.t), "value": sample.v, "quality": sample.q,
+            "time": moment(sample.t), "value": bare(context.format, sample.v, point),
+            "quality": sample.q,
         }));
         table.add(of_sample(lang, sample, point));
     }
     for bucket in buckets {
         rows.push(json!({
-            "time": moment(bucket.t), "value": bucket.mean, "min": bucket.min,
-            "max": bucket.max, "samples": bucket.n, "quality": bucket.q,
+            "time": moment(bucket.t), "value": rounded(bucket.mean, point),
+            "min": bucket.min, "max": bucket.max, "samples": bucket.n, "quality": bucket.q,
         }));
         table.add(of_bucket(lang, bucket, point));
     }
@@ -120,6 +239,24 @@ fn records(lang: Lang, history: &HistoryInfo, point: &Option<PointInfo>) -> Reco
         value: "value",
         table,
     }
+}
+
+/// A value for programs: in CSV and bare, a state is a word, as it is everywhere there.
+fn bare(format: Format, value: Option<f64>, point: &Option<PointInfo>) -> serde_json::Value {
+    let kind = point.as_ref().map(|point| point.kind);
+    match (format, kind, value) {
+        (Format::Csv | Format::Value, Some(Kind::Output | Kind::Input), Some(value)) => {
+            (value != 0.0).into()
+        }
+        _ => json!(value),
+    }
+}
+
+/// A mean with no more decimals than its point has.
+fn rounded(mean: Option<f64>, point: &Option<PointInfo>) -> Option<f64> {
+    let decimals = point.as_ref().and_then(|point| point.decimals);
+    let scale = 10_f64.powi(decimals.map_or(2, i32::from));
+    mean.map(|mean| (mean * scale).round() / scale)
 }
 
 fn of_sample(lang: Lang, sample: &SampleInfo, point: &Option<PointInfo>) -> [String; 3] {
@@ -173,10 +310,47 @@ mod tests {
 
     #[test]
     fn times_are_as_long_as_they_say() {
-        assert_eq!(since("1h"), Ok(SINCE));
-        assert_eq!(since("7d"), Ok(7 * 86_400_000));
+        assert_eq!(length("1h"), Ok(SINCE));
+        assert_eq!(length("7d"), Ok(7 * DAY_MS));
         for wrong in ["", "d", "0d", "-1d", "5", "99999999d", "0s"] {
-            assert!(since(wrong).is_err(), "{wrong}");
+            assert!(length(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn moments_are_read_as_people_name_them() {
+        assert_eq!(When::read("30m"), Ok(When::Ago(1_800_000)));
+        let moment = When::At(1_795_356_000_000);
+        assert_eq!(When::read("2026-11-22T14:00:00Z"), Ok(moment));
+        assert_eq!(When::read("2026-11-22T22:00:00+08:00"), Ok(moment));
+        for local in ["2026-11-22 14:00", "2026-11-22T14:00:30", "14:00"] {
+            assert!(matches!(When::read(local), Ok(When::At(_))), "{local}");
+        }
+        for wrong in ["", "yesterday", "25:00", "2026-13-01T00:00:00Z", "-5m"] {
+            assert!(When::read(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn what_is_older_than_the_last_is_left_out() {
+        let sample = |t| SampleInfo {
+            t,
+            v: None,
+            q: "good".to_owned(),
+        };
+        let mut history = HistoryInfo {
+            schema: 1,
+            point: String::new(),
+            from: String::new(),
+            to: String::new(),
+            unit: None,
+            raw: true,
+            samples: Some((0..3).map(sample).collect()),
+            buckets: None,
+        };
+        assert!(!keep_last(&mut history, 3));
+        assert!(keep_last(&mut history, 2));
+        let kept = history.samples.iter().flatten().map(|sample| sample.t);
+        assert_eq!(kept.collect::<Vec<_>>(), [1, 2]);
     }
 }

@@ -121,7 +121,8 @@ fn ask<T>(
 
 fn modules(lang: Lang, modules: &[ModuleInfo]) -> Records {
     let head = lang.get(Text::LsModulesHead).split('|');
-    let mut table = Table::new(head);
+    // Line, protocol, errors, round trip, model, inputs, address, outputs.
+    let mut table = Table::new(head).spare(&[1, 3, 7, 6, 4, 9, 2, 8]);
     for module in modules {
         let rtt = module
             .rtt_ms
@@ -178,7 +179,8 @@ fn state(lang: Lang, module: &ModuleInfo) -> String {
 }
 
 fn lines(lang: Lang, lines: &[LineInfo]) -> Records {
-    let mut table = Table::new(lang.get(Text::LsLinesHead).split('|'));
+    // Modules, settings, port.
+    let mut table = Table::new(lang.get(Text::LsLinesHead).split('|')).spare(&[4, 2, 1]);
     for line in lines {
         let state = lang.get(match line.state {
             PortState::Opening => Text::PortOpening,

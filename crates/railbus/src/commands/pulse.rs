@@ -14,6 +14,16 @@ use railbus_wire::Micros;
 /// The name of the command.
 pub(crate) const NAME: &str = "pulse";
 
+/// What CSV tells of a pulse.
+const PULSED: [&str; 7] = [
+    "path",
+    "value",
+    "before",
+    "by",
+    "ms",
+    "confirmed",
+    "took_ms",
+];
 /// A pulse timed here that is longer than this is warned of.
 const LONG_MS: u64 = 5_000;
 
@@ -109,6 +119,7 @@ fn show(context: &Context, path: &str, pulsed: &Pulsed) -> String {
     if context.format != Format::Table {
         return match context.format {
             Format::Value => format!("{}\n", pulsed.ms.unwrap_or_default()),
+            Format::Csv => set::rows(&PULSED, path, pulsed),
             _ => set::document(path, pulsed),
         };
     }

@@ -344,6 +344,13 @@ pub(super) fn conclude(
     }
 }
 
+/// The same as CSV with these columns.
+pub(super) fn rows(columns: &[&str], path: &str, written: impl serde::Serialize) -> String {
+    let mut row = json!({ "path": path });
+    merge(&mut row, serde_json::to_value(written).unwrap_or_default());
+    columns.join(",") + "\n" + &records::csv(&row, columns)
+}
+
 /// One document of a stream, for the pulse command.
 pub(super) fn document(path: &str, written: impl serde::Serialize) -> String {
     let mut row = json!({ "path": path });

@@ -6,7 +6,8 @@ use crate::backend::Watch;
 use crate::cli;
 use crate::failure::Failure;
 use crate::i18n::Lang;
-use crate::render::{Format, out, records, time, values};
+use crate::render::records::{self, Records};
+use crate::render::{Format, out, time, values};
 use crate::texts::Text;
 use clap::{ArgAction, ArgMatches, Command};
 use std::ops::ControlFlow;
@@ -46,6 +47,10 @@ async fn follow(
     watch: &mut Watch,
     stop: &mut stop::Stop,
 ) -> Result<(), Failure> {
+    if context.format == Format::Csv {
+        let head = records(context.lang, &[]).render(Format::Csv);
+        out::result(context.lang, &head)?;
+    }
     while let Some(event) = stop
         .or(watch.next())
         .await
@@ -70,19 +75,28 @@ fn show(context: &Context, event: &WatchEvent) -> String {
             records::line(serde_json::to_value(event).unwrap_or_default())
         }
         Format::Csv | Format::Value => match event {
-            WatchEvent::Point { point, .. } if context.format == Format::Csv => {
-                let moment = time::rfc3339(jiff::Timestamp::now());
-                let moment = point.time.as_ref().unwrap_or(&moment);
-                let quality = point.quality.name();
-                format!(
-                    "{moment},{},{},{quality}\n",
-                    point.path,
-                    values::point(lang, point)
-                )
+            WatchEvent::Point { point, .. } => {
+                records(lang, std::slice::from_ref(point)).rows_in(context.format)
             }
-            WatchEvent::Point { point, .. } => format!("{}\n", values::point(lang, point)),
             _ => String::new(),
         },
+    }
+}
+
+/// Points as CSV and bare, as `railbus get` tells them.
+fn records(lang: Lang, points: &[PointInfo]) -> Records {
+    let mut records = get::records(lang, points, false);
+    let now = time::rfc3339(jiff::Timestamp::now());
+    for row in records
+        .rows
+        .iter_mut()
+        .filter_map(serde_json::Value::as_object_mut)
+    {
+        row.entry("time").or_insert_with(|| now.as_str().into());
+    }
+    Records {
+        columns: &["time", "path", "value", "quality", "unit"],
+        ..records
     }
 }
 

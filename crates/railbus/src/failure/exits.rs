@@ -83,5 +83,11 @@ pub(crate) const EXITS: &[Exit] = &[
         "some of several targets failed",
         "多个目标中部分失败",
     ),
+    exit(
+        12,
+        "timeout",
+        "the points did not get the values waited for in time",
+        "等待的测点未按时达到指定的值",
+    ),
     exit(130, "interrupted", "Ctrl-C", "被 Ctrl-C 中断"),
 ];

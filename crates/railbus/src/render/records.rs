@@ -32,24 +32,26 @@ impl Records {
                 format!("{}\n", Value::from(all))
             }
             Format::Ndjson => self.rows.iter().map(|row| line(row.clone())).collect(),
-            Format::Csv => {
-                let head = std::iter::once(self.columns.join(",") + "\n");
-                let lines = self.rows.iter().map(|row| csv(row, self.columns));
-                head.chain(lines).collect()
-            }
-            Format::Value => {
-                // Bare, a value has no room for how good it is.
-                let doubtful = |row: &Value| {
-                    let quality = row.get("quality").and_then(Value::as_str);
-                    quality.is_some_and(|quality| quality != "good")
-                };
-                let bare = |row: &Value| match doubtful(row) {
-                    true => "?".to_owned(),
-                    false => plain(row.get(self.value).unwrap_or(&Value::Null)),
-                };
-                self.rows.iter().map(|row| bare(row) + "\n").collect()
-            }
+            Format::Csv => self.columns.join(",") + "\n" + &self.rows_in(format),
+            Format::Value => self.rows_in(format),
         }
+    }
+
+    /// The rows alone, as CSV or as bare values.
+    pub(crate) fn rows_in(&self, format: Format) -> String {
+        if format == Format::Csv {
+            return self.rows.iter().map(|row| csv(row, self.columns)).collect();
+        }
+        // Bare, a value has no room for how good it is.
+        let doubtful = |row: &Value| {
+            let quality = row.get("quality").and_then(Value::as_str);
+            quality.is_some_and(|quality| quality != "good")
+        };
+        let bare = |row: &Value| match doubtful(row) {
+            true => "?".to_owned(),
+            false => plain(row.get(self.value).unwrap_or(&Value::Null)),
+        };
+        self.rows.iter().map(|row| bare(row) + "\n").collect()
     }
 }
 

@@ -7,6 +7,7 @@ use super::width;
 pub(crate) struct Table {
     head: Vec<String>,
     rows: Vec<Vec<String>>,
+    spare: &'static [usize],
 }
 
 impl Table {
@@ -15,7 +16,15 @@ impl Table {
         Table {
             head: head.into_iter().map(str::to_owned).collect(),
             rows: Vec::new(),
+            spare: &[],
         }
+    }
+
+    /// Which columns can be done without on a narrow terminal, by their number from 0, the first
+    /// to go first.
+    pub(crate) const fn spare(mut self, columns: &'static [usize]) -> Table {
+        self.spare = columns;
+        self
     }
 
     /// A table without headings.
@@ -27,14 +36,34 @@ impl Table {
         self.rows.push(row.into_iter().collect());
     }
 
-    /// All of it within so many columns, if they are limited: a table that is wider is told one
+    /// All of it within so many columns, if they are limited. A table that is wider does without
+    /// what it can spare, one column after the other. Where even that is too wide, it is told one
     /// row after the other, since lines that the terminal breaks can't be read.
     pub(crate) fn render_within(&self, columns: Option<usize>) -> String {
-        let text = self.render();
-        let widest = text.lines().map(width::of).max().unwrap_or_default();
-        match columns {
-            Some(columns) if widest > columns && !self.head.is_empty() => self.stacked(),
-            _ => text,
+        let Some(columns) = columns else {
+            return self.render();
+        };
+        let fits = |text: &String| text.lines().all(|line| width::of(line) <= columns);
+        let mut narrower = (0..=self.spare.len()).map(|gone| self.without(gone).render());
+        match narrower.find(fits) {
+            Some(text) => text,
+            None if self.head.is_empty() => self.without(self.spare.len()).render(),
+            None => self.stacked(),
+        }
+    }
+
+    /// The table without the first so many of the columns that it can spare.
+    fn without(&self, gone: usize) -> Table {
+        let (gone, _) = self.spare.split_at(gone.min(self.spare.len()));
+        let kept = |row: &Vec<String>| {
+            let cells = row.iter().enumerate();
+            let cells = cells.filter(|(column, _)| !gone.contains(column));
+            cells.map(|(_, cell)| cell.clone()).collect()
+        };
+        Table {
+            head: kept(&self.head),
+            rows: self.rows.iter().map(kept).collect(),
+            spare: &[],
         }
     }
 
@@ -89,6 +118,25 @@ mod tests {
         table.add(["a".to_owned(), String::new()]);
         assert_eq!(table.render(), "模块  STATE\npump  在线\na\n");
         assert_eq!(Table::bare().render(), "");
+    }
+
+    #[test]
+    fn a_narrow_table_does_without_what_it_can_spare() {
+        let mut table = Table::new(["NAME", "LINE", "STATE"]).spare(&[1]);
+        table.add(["pump".to_owned(), "main".to_owned(), "online".to_owned()]);
+        let whole = "NAME  LINE  STATE\npump  main  online\n";
+        assert_eq!(table.render_within(Some(18)), whole);
+        let narrow = "NAME  STATE\npump  online\n";
+        assert_eq!(table.render_within(Some(17)), narrow);
+        assert_eq!(table.render_within(Some(12)), narrow);
+        assert!(
+            table
+                .render_within(Some(11))
+                .starts_with("NAME   pump\nLINE")
+        );
+        let mut bare = Table::bare().spare(&[1]);
+        bare.add(["pump.do0".to_owned(), "Pump".to_owned(), "on".to_owned()]);
+        assert_eq!(bare.render_within(Some(4)), "pump.do0  on\n");
     }
 
     #[test]

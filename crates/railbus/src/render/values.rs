@@ -1,10 +1,10 @@
 //! Values of points in words.
 
-use crate::api::types::{Confirmed, Kind, ModuleState, PointInfo, Quality, Reason, Value};
+use crate::api::types::{Confirmed, ModuleState, PointInfo, Quality, Reason, Value};
 use crate::i18n::Lang;
 use crate::texts::Text;
 
-/// `on`, `off`; of inputs `1`, `0`; `8.71 V`; `–` where nothing is known.
+/// `on`, `off`; `8.71 V`; `–` where nothing is known.
 pub(crate) fn point(lang: Lang, point: &PointInfo) -> String {
     match point.value {
         None => "–".to_owned(),
@@ -20,18 +20,17 @@ pub(crate) fn point(lang: Lang, point: &PointInfo) -> String {
 
 /// A value of a point without its unit, in words.
 pub(crate) fn bare(lang: Lang, point: &PointInfo, value: Value) -> String {
-    match (point.kind, value) {
-        (Kind::Input, Value::Bool(high)) => if high { "1" } else { "0" }.to_owned(),
-        (_, Value::Bool(on)) => state(lang, on).to_owned(),
-        (_, Value::Number(number)) => number.to_string(),
-        (_, Value::Analog(value)) => {
+    match value {
+        Value::Bool(on) => state(lang, on).to_owned(),
+        Value::Number(number) => number.to_string(),
+        Value::Analog(value) => {
             let decimals = usize::from(point.decimals.unwrap_or(2));
             format!("{value:.decimals$}")
         }
     }
 }
 
-/// An output's state in a word.
+/// The state of an output or an input in a word.
 pub(crate) fn state(lang: Lang, on: bool) -> &'static str {
     lang.get(if on { Text::On } else { Text::Off })
 }

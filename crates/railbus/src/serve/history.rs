@@ -18,13 +18,14 @@ use jiff::Timestamp;
 use railbus_site::PointStatus;
 use railbus_site::history::{Chart, History, HistoryError, PIECE_MAX, Sample, millis};
 use serde_json::json;
+use std::str::FromStr;
 use std::time::SystemTime;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
     Route::new("GET", "/history", Need::VIEWER, || get(chart)).doc(
         Doc::new("The values that a point had")
-            .query(&[POINT, FROM, TO, STRETCHES])
+            .query(&[POINT, FROM, TO, STRETCHES, STEP, LIMIT])
             .answers::<HistoryInfo>(),
     ),
     Route::new("GET", "/history/export", Need::VIEWER, || get(save)).doc(
@@ -53,6 +54,15 @@ const STRETCHES: (&str, &str) = (
     "into how many stretches of time many samples are made; 600 if not said",
 );
 
+const STEP: (&str, &str) = (
+    "step",
+    "stretches of so many milliseconds, however few the samples are; 4000 of them at most",
+);
+const LIMIT: (&str, &str) = (
+    "limit",
+    "only the last samples, at most so many, and no stretches",
+);
+
 /// Into how many stretches of time a chart is parted, where nobody says.
 const BUCKETS: usize = 600;
 /// What is shown where nobody says from when on.
@@ -73,14 +83,20 @@ async fn chart(State(site): State<Site>, asked: Asked) -> Answer {
 async fn drawn(site: &Site, asked: &Asked) -> Result<HistoryInfo, Problem> {
     let history = kept(site)?;
     let (from, to) = span(asked)?;
-    let buckets = match asked.get("buckets").map(|count| count.parse()) {
-        None => BUCKETS,
-        Some(Ok(count)) => count,
-        Some(Err(_)) => return Err(unreadable("buckets")),
-    };
+    let buckets = number(asked, "buckets")?.unwrap_or(BUCKETS);
+    let (step, limit) = (number(asked, "step")?, number(asked, "limit")?);
     let path = asked.get("point").ok_or_else(|| unreadable("point"))?;
     let known = known(site, path);
-    let chart = match history.chart(path, from, to, buckets).await {
+    let chart = match (step, limit) {
+        (Some(_), Some(_)) => return Err(unreadable("limit")),
+        (Some(step), None) => history.steps(path, from, to, step).await,
+        (None, Some(limit)) => {
+            let last = history.last(path, from, to, limit).await;
+            last.map(Chart::Samples)
+        }
+        (None, None) => history.chart(path, from, to, buckets).await,
+    };
+    let chart = match chart {
         // It is there, but nothing was ever heard of it.
         Err(HistoryError::NoSuchPoint) if known.is_ok() => Ok(Chart::Samples(Vec::new())),
         Err(HistoryError::NoSuchPoint) => return Err(known.err().unwrap_or_else(nothing)),
@@ -89,6 +105,12 @@ async fn drawn(site: &Site, asked: &Asked) -> Result<HistoryInfo, Problem> {
     let chart = chart.map_err(|error| past::problem(&error))?;
     let unit = known.ok().and_then(|status| Some(status.range?.unit));
     Ok(HistoryInfo::new(path, (from, to), unit, chart))
+}
+
+/// A number, where there is one.
+fn number<T: FromStr>(asked: &Asked, key: &str) -> Result<Option<T>, Problem> {
+    let number = asked.get(key).map(|text| text.parse());
+    number.transpose().map_err(|_| unreadable(key))
 }
 
 fn nothing() -> Problem {

@@ -108,6 +108,90 @@ fn the_command_line_shows_what_a_point_was() {
     assert!(code == 1 && why.contains("E0170"), "{code}: {why}");
 }
 
+#[test]
+fn the_command_line_shows_as_much_of_a_history_as_is_wanted() {
+    let daemon = Daemon::demo("limits");
+    daemon.until("several samples are kept", |daemon| {
+        let history = daemon.get("/api/v1/history?point=tank.ai1").json();
+        history["samples"].as_array().map_or(0, Vec::len) >= 8
+    });
+    let run = |line: &str| run(&daemon.folder, line);
+    let rows = |text: &str| text.lines().count() - 1;
+
+    let (code, table, note) = run("history tank.ai1 --limit 3");
+    assert_eq!((code, rows(&table)), (0, 3), "{table}");
+    assert!(note.contains("--limit"), "more is there: {note}");
+    let (_, all, note) = run("history tank.ai1 --limit 4000");
+    assert_eq!(note, "");
+    // These are the last ones.
+    let older = all.lines().nth(rows(&all) - 2).expect("more than three");
+    assert!(
+        table.lines().nth(1).is_some_and(|first| first >= older),
+        "{table}{all}"
+    );
+
+    let (code, json, _) = run("history tank.ai1 --since 1h --step 10m -o json");
+    let told: Value = serde_json::from_str(&json).expect("JSON");
+    let steps = told["history"].as_array().expect("steps").clone();
+    assert!(code == 0 && (1..=6).contains(&steps.len()), "{json}");
+    let mean = steps.last().expect("one")["value"]
+        .as_f64()
+        .expect("a mean");
+    assert!(
+        (mean * 100.0 - (mean * 100.0).round()).abs() < 1e-6,
+        "{mean}"
+    );
+    let (_, table, _) = run("history tank.ai1 --step 10m");
+    assert!(table.starts_with("FROM"), "{table}");
+    assert!(table.contains("MEAN") && table.contains("MIN") && table.contains("MAX"));
+
+    // Before the daemon was there, nothing was.
+    let (code, none, _) = run("history tank.ai1 --since 2h --until 1h -o csv");
+    assert_eq!((code, rows(&none)), (0, 0), "{none}");
+    let (_, csv, _) = run("history pump.di0 -o csv");
+    assert!(
+        csv.lines()
+            .last()
+            .is_some_and(|last| last.contains("Z,off,")),
+        "{csv}"
+    );
+    for wrong in [
+        "--limit 0",
+        "--limit 9999999",
+        "--step 0s",
+        "--since 1h --until 2h",
+        "--until never",
+    ] {
+        let (code, _, why) = run(&format!("history tank.ai1 {wrong}"));
+        assert_eq!(code, 2, "{wrong}: {why}");
+    }
+    let (code, _, why) = run("history tank.ai1 --since 2d --step 1s");
+    assert!(code == 1 && why.contains("E0174"), "{why}");
+}
+
+/// A long history without a word on how much of it does not flood the terminal.
+#[test]
+fn a_long_history_is_parted_into_steps() {
+    let daemon = Daemon::demo("flood-of-samples");
+    let kept = |daemon: &Daemon| {
+        let history = daemon
+            .get("/api/v1/history?point=tank.ai1&limit=200")
+            .json();
+        history["samples"].as_array().map_or(0, Vec::len)
+    };
+    daemon.until("more samples are kept than are shown", |daemon| {
+        kept(daemon) > 101
+    });
+    let (code, table, note) = run(&daemon.folder, "history tank.ai1");
+    assert_eq!(code, 0, "{note}");
+    assert!(table.lines().count() <= 101, "{table}");
+    assert!(table.starts_with("FROM"), "{table}");
+    assert!(
+        note.contains("--step") && note.contains("--limit"),
+        "{note}"
+    );
+}
+
 /// Whether each of these texts is what `railbus audit -o json` is published to say.
 fn is_published(folder: &Path, texts: &[&str]) -> bool {
     let (_, schema, _) = run(folder, "schema audit");

@@ -9,7 +9,7 @@ use std::io::Read;
 use std::process::Stdio;
 
 /// What works on the demo line, with the exit code.
-const GOOD: [&str; 31] = [
+const GOOD: [&str; 32] = [
     "scan --addr 1-2",
     "ls",
     "ls points",
@@ -19,6 +19,7 @@ const GOOD: [&str; 31] = [
     "get pump",
     "get tank.ai1 --raw",
     "get *.k*",
+    "wait oven.k8=off gate.do7=off",
     "set pump.do0 on",
     "set yard 1,3=on k2=toggle",
     "set oven all=off -n",
@@ -199,6 +200,10 @@ fn values_are_bare_and_csv_has_a_head() {
     );
     for (line, head) in [
         ("get pump", "time,module,label,value,unit,quality"),
+        (
+            "pulse oven.k2 100ms",
+            "path,value,before,by,ms,confirmed,took_ms",
+        ),
         ("ls ports", "port,driver,latency_timer_ms,plugged_s,stable"),
         ("explain exit-codes", "exit,name,meaning"),
         ("config check", "code,file,line,column,path,message"),

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 /// A simulated line whose modules can be switched off, and a configuration for it that has some
 /// more.
-fn plant(name: &str, more: &str) -> Site {
+pub(crate) fn plant(name: &str, more: &str) -> Site {
     let mut site = Site::empty(name);
     let pty = site.folder.join("line").display().to_string();
     let modules = include_str!("modules.toml");
@@ -17,7 +17,7 @@ fn plant(name: &str, more: &str) -> Site {
     site
 }
 
-fn power(site: &Site, module: &str, on: &str) {
+pub(crate) fn power(site: &Site, module: &str, on: &str) {
     let ran = site.run(&format!("sim ctl ctl power {module} {on}"));
     assert_eq!(ran.code, 0, "{ran:?}");
 }

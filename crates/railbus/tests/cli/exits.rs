@@ -36,6 +36,7 @@ fn reached(site: &Site, exit: u8) -> Option<String> {
             "--config more.toml plan --exit-code".to_owned()
         }
         11 => "set pump.do0=on tank.k9=on".to_owned(),
+        12 => "wait pump.do1=on --timeout 1ms".to_owned(),
         _ => return None,
     })
 }

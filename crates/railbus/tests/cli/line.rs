@@ -44,10 +44,10 @@ fn daily(run: &dyn Fn(&str) -> Ran) {
     );
     prints(&run("get pump.do0 -o value"), "on\n");
     let zh = run("get pump.do0 --lang zh --fresh").out;
-    assert!(zh.starts_with("pump.do0  吸合"), "{zh}");
+    assert!(zh.starts_with("pump.do0  接通"), "{zh}");
     prints(
         &run("set pump.do0 off --lang zh"),
-        "pump.do0  吸合 → 断开  已回读  # 毫秒\n",
+        "pump.do0  接通 → 断开  已回读  # 毫秒\n",
     );
     prints(
         &run("set yard 1,3=on"),
@@ -154,6 +154,47 @@ fn watch_tells_changes_until_nobody_reads_or_it_is_stopped() {
     assert_eq!(line.as_bytes()[2], b':', "{line}");
     signal(&child, Signal::INT);
     assert_eq!(child.wait().expect("it ends").code(), Some(130));
+}
+
+/// A state is on or off in every form that people and tables read, of inputs and of outputs.
+#[test]
+fn a_state_is_said_in_the_same_words_everywhere() {
+    let mut site = Site::demo("vocabulary");
+    assert_eq!(site.run("get gate.di0 -o value").out, "on\n");
+    let told = site.run("get gate.di0 pump.do0 pump.di0").out;
+    let words: Vec<&str> = told
+        .lines()
+        .filter_map(|line| line.split_whitespace().nth(1))
+        .collect();
+    assert_eq!(words, ["on", "off", "off"], "{told}");
+    let zh = site.run("get gate.di0 --lang zh").out;
+    assert!(zh.starts_with("gate.di0  接通"), "{zh}");
+    assert_eq!(
+        site.run("get gate.di0 -o json").json()["points"][0]["value"],
+        true
+    );
+    assert!(site.run("get gate.di0 -o csv").out.contains(",on,"));
+    site.serve();
+    let socket = site.socket();
+    let mut command = site.command();
+    command.args([
+        "--socket", &socket, "watch", "gate.di0", "tank.ai1", "-o", "csv",
+    ]);
+    let mut child = command.stdout(Stdio::piped()).spawn().expect("it starts");
+    let lines = BufReader::new(child.stdout.take().expect("it is piped")).lines();
+    let mut lines = lines.map(|line| line.expect("text"));
+    assert_eq!(
+        lines.next().as_deref(),
+        Some("time,path,value,quality,unit")
+    );
+    let input = lines.find(|line| line.contains(",gate.di0,") && line.ends_with(",good,"));
+    assert!(input.expect("it is read").contains(",on,"));
+    let level = lines.find(|line| line.contains(",tank.ai1,") && line.ends_with(",good,V"));
+    let level = level.expect("it moves");
+    let value = level.split(',').nth(2).expect("a value");
+    assert!(value.parse::<f64>().is_ok(), "{level}");
+    child.kill().expect("it runs");
+    child.wait().expect("it ends");
 }
 
 /// As the README has it: a demo in one shell, commands in another, and no flag says where it is.

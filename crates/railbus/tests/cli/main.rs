@@ -20,5 +20,6 @@ mod site;
 mod sniff;
 mod terminal;
 mod users;
+mod wait;
 mod wireshark;
 mod words;

@@ -10,7 +10,7 @@ fn a_misprint_of_the_manual_is_known() {
     assert!(ran.err.starts_with("error[E0502]: "), "{ran:?}");
     let lines: Vec<&str> = ran.out.lines().collect();
     assert_eq!(lines[0], "lc02 reply, address 1 (01h)");
-    assert_eq!(lines[1], "  outputs do0 do1 on; inputs high: di1 di5");
+    assert_eq!(lines[1], "  outputs do0 do1 on; inputs di1 di5 on");
     assert_eq!(lines[2], "  checksum  34  WRONG, should be 26");
     assert!(lines[3].starts_with("  known     E-01: "), "{ran:?}");
 }

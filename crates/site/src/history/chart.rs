@@ -69,13 +69,31 @@ impl Plotter {
         let buckets = buckets.clamp(1, BUCKETS_MAX);
         let span = to.saturating_sub(from).max(1);
         let width = span.div_euclid(buckets as i64) + i64::from(span % buckets as i64 != 0);
-        let count = (span + width - 1) / width;
+        let (raw, raw_max) = (Some(Vec::new()), buckets * 2);
+        Plotter {
+            raw,
+            raw_max,
+            ..Plotter::of_width(from, to, width)
+        }
+    }
+
+    /// The same in stretches of so many milliseconds, however few the samples are; none where
+    /// these would be more than [`BUCKETS_MAX`].
+    pub(super) fn steps(from: i64, to: i64, width: i64) -> Option<Plotter> {
+        let span = to.saturating_sub(from).max(1);
+        let fits = width > 0 && span.saturating_sub(1) / width < BUCKETS_MAX as i64;
+        fits.then(|| Plotter::of_width(from, to, width))
+    }
+
+    fn of_width(from: i64, to: i64, width: i64) -> Plotter {
+        let span = to.saturating_sub(from).max(1);
+        let count = span.saturating_sub(1) / width + 1;
         Plotter {
             from,
             to,
             width,
-            raw_max: buckets * 2,
-            raw: Some(Vec::new()),
+            raw_max: 0,
+            raw: None,
             cells: vec![Cell::default(); usize::try_from(count).unwrap_or(1)],
             now: None,
         }

@@ -187,7 +187,63 @@ impl History {
     ) -> Result<Chart, HistoryError> {
         self.written().await;
         let path = path.to_owned();
-        let question = move |db: &Connection| chart(db, &path, from, to, buckets);
+        let question = move |db: &Connection| {
+            let plotter = Plotter::new(from, to, buckets);
+            chart(db, &path, (from, to), plotter)
+        };
+        self.readers.read(question).await
+    }
+
+    /// The same in stretches of so many milliseconds each, never single samples.
+    ///
+    /// # Errors
+    /// [`HistoryError`]; [`HistoryError::TooLong`] where these would be more than
+    /// [`BUCKETS_MAX`](super::BUCKETS_MAX).
+    pub async fn steps(
+        &self,
+        path: &str,
+        from: i64,
+        to: i64,
+        step_ms: i64,
+    ) -> Result<Chart, HistoryError> {
+        self.written().await;
+        let path = path.to_owned();
+        let question = move |db: &Connection| {
+            let plotter = Plotter::steps(from, to, step_ms).ok_or(HistoryError::TooLong)?;
+            chart(db, &path, (from, to), plotter)
+        };
+        self.readers.read(question).await
+    }
+
+    /// The last samples of a point from one time to before another, as many as asked for but at
+    /// most [`PIECE_MAX`]; where there are fewer, after the one in force at the beginning.
+    ///
+    /// # Errors
+    /// [`HistoryError`].
+    pub async fn last(
+        &self,
+        path: &str,
+        from: i64,
+        to: i64,
+        count: usize,
+    ) -> Result<Vec<Sample>, HistoryError> {
+        self.written().await;
+        let path = path.to_owned();
+        let count = count.min(PIECE_MAX);
+        let question = move |db: &Connection| {
+            let point = number_of(db, &path)?;
+            let mut statement = db.prepare_cached(
+                "SELECT t, v, q FROM samples WHERE point = ?1 AND t >= ?2 AND t < ?3
+                 ORDER BY t DESC LIMIT ?4",
+            )?;
+            let samples = statement.query_map(params![point, from, to, count as i64], sample)?;
+            let mut samples = samples.collect::<Result<Vec<_>, _>>()?;
+            if samples.len() < count {
+                samples.extend(in_force(db, point, from)?);
+            }
+            samples.reverse();
+            Ok(samples)
+        };
         self.readers.read(question).await
     }
 
@@ -289,13 +345,11 @@ fn in_force(db: &Connection, point: i64, at: i64) -> rusqlite::Result<Option<Sam
 fn chart(
     db: &Connection,
     path: &str,
-    from: i64,
-    to: i64,
-    buckets: usize,
+    (from, to): (i64, i64),
+    mut plotter: Plotter,
 ) -> Result<Chart, HistoryError> {
     let begun = Instant::now();
     let point = number_of(db, path)?;
-    let mut plotter = Plotter::new(from, to, buckets);
     if let Some(in_force) = in_force(db, point, from)? {
         plotter.take(in_force);
     }

@@ -332,7 +332,7 @@ fn of_r55(lang: Lang, request: &r55::Request) -> String {
         }
         R::GroupOn(mask) => {
             let set = k(mask);
-            say!(lang, "group on: {set}", "组吸合：{set}")
+            say!(lang, "group on: {set}", "组接通：{set}")
         }
         R::GroupToggle(mask) => {
             let set = k(mask).replace(values::state(lang, true), "");
@@ -403,18 +403,11 @@ fn by_r55(lang: Lang, asked: &r55::Request, response: r55::Response) -> String {
 /// Outputs and inputs of an EDA module.
 fn data(lang: Lang, outputs: u8, inputs: u8) -> String {
     let outputs = set(lang, u32::from(outputs), "do", 0);
-    let high: Vec<String> = numbers(u32::from(inputs), 0)
-        .map(|n| format!("di{n}"))
-        .collect();
-    let high = if high.is_empty() {
-        "–".to_owned()
-    } else {
-        high.join(" ")
-    };
+    let inputs = set(lang, u32::from(inputs), "di", 0);
     say!(
         lang,
-        "outputs {outputs}; inputs high: {high}",
-        "输出 {outputs}；高电平输入：{high}"
+        "outputs {outputs}; inputs {inputs}",
+        "输出 {outputs}；输入 {inputs}"
     )
 }
 

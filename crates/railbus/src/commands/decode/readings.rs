@@ -266,7 +266,7 @@ mod tests {
                 "ascii",
                 true,
                 None,
-                "outputs do0 do1 on; inputs high: di1",
+                "outputs do0 do1 on; inputs di1 on",
             ),
             (
                 "A0 01 01 A2",
@@ -288,7 +288,7 @@ mod tests {
     fn a_wrong_checksum_is_named_and_the_rest_is_read() {
         let reading = best("6C 63 01 03 22 34 0D");
         assert_eq!(reading.protocol, "lc02");
-        assert_eq!(reading.meaning, "outputs do0 do1 on; inputs high: di1 di5");
+        assert_eq!(reading.meaning, "outputs do0 do1 on; inputs di1 di5 on");
         let check = Check::Wrong {
             is: "34".to_owned(),
             should: "26".to_owned(),

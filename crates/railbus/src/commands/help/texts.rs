@@ -76,8 +76,9 @@ module resolves. EMD-2A2Q counts hundredths: --raw shows the register, 871 for 8
 Bytes are hexadecimal, with or without blanks: 01 03 00 02. Addresses may be 10, 0x0A or 0Ah.
 Speeds are bits in a second; a format is data bits, parity (N, E, O) and stop bits, as 8N1.
 
-Bits are written in the order of the terminals, the first one first: 1100 is do0 and do1 on.
-Outputs are on or off, inputs 1 or 0.",
+Outputs and inputs are on or off, in tables, CSV and bare values; true or false in JSON. An input
+is on while its terminal is at the active level. In a row of bits 1 is on, in the order of the
+terminals: 1100 is do0 and do1 on.",
         zh: "数值与单位
 
 时间须带单位：500ms、1.5s、2m、1h。不带单位的数值因含义不明而被拒绝。
@@ -89,8 +90,8 @@ EMD-2A2Q 以百分之一计：--raw 显示寄存器值，8.71 V 为 871。
 字节用十六进制，可带空格：01 03 00 02。地址可写作 10、0x0A 或 0Ah。
 波特率为每秒位数；格式为数据位、校验位（N、E、O）和停止位，如 8N1。
 
-各位按端子顺序排列，首个在前：1100 表示 do0 和 do1 吸合。
-输出为 on（吸合）或 off（断开），输入为 1 或 0。",
+输出和输入在表格中为接通或断开，在 CSV 和单值输出中为 on 或 off，在 JSON 中为 true 或 false。
+输入端子处于有效电平时为接通。成串显示时 1 为接通，按端子顺序排列：1100 表示 do0 和 do1 接通。",
     }
     Protocols {
         en: "The protocols of one pair of wires

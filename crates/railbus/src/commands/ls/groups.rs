@@ -8,7 +8,7 @@ use crate::texts::Text;
 
 /// The list of groups.
 pub(super) fn records(lang: Lang, groups: &[GroupInfo]) -> Records {
-    let mut table = Table::new(lang.get(Text::LsGroupsHead).split('|'));
+    let mut table = Table::new(lang.get(Text::LsGroupsHead).split('|')).spare(&[2, 1]);
     for group in groups {
         let name = group.name.get(lang.name()).cloned().unwrap_or_default();
         table.add([

@@ -9,7 +9,8 @@ use railbus_wire::Protocol;
 use serde_json::json;
 
 pub(super) fn records(lang: Lang) -> Records {
-    let mut table = Table::new(lang.get(Text::LsModelsHead).split('|'));
+    // Title, addresses, speeds, protocols.
+    let mut table = Table::new(lang.get(Text::LsModelsHead).split('|')).spare(&[1, 5, 7, 6]);
     let mut rows = Vec::new();
     for family in Family::ALL {
         let profile = family.profile();

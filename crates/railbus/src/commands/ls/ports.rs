@@ -9,7 +9,8 @@ use crate::texts::Text;
 use serde_json::json;
 
 pub(super) fn records(lang: Lang, machine: &Machine) -> Records {
-    let mut table = Table::new(lang.get(Text::LsPortsHead).split('|'));
+    // Latency, since when, driver, holder.
+    let mut table = Table::new(lang.get(Text::LsPortsHead).split('|')).spare(&[2, 4, 1, 3]);
     let mut rows = Vec::new();
     for port in ports::adapters(machine) {
         let dash = || "–".to_owned();

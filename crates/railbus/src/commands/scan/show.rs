@@ -337,7 +337,12 @@ fn listed(lang: Lang, place: &Place, found: &[&Found], speeds: bool) -> Records 
         true => ScanText::SpeedHead,
         false => ScanText::Head,
     };
-    let mut table = Table::new(lang.get(head).split('|'));
+    // Round trip, detail, protocol; the speed comes before them, where it is shown.
+    let spare: &'static [usize] = match speeds {
+        true => &[5, 4, 2],
+        false => &[4, 3, 1],
+    };
+    let mut table = Table::new(lang.get(head).split('|')).spare(spare);
     for found in found {
         table.add(cells(lang, found, speeds));
     }

@@ -14,8 +14,8 @@ pub(in crate::commands) enum State {
 impl State {
     /// The state of a word, in both languages.
     pub(super) fn from_word(word: &str) -> Option<State> {
-        Some(match word {
-            "on" | "1" | "true" | "吸合" | "合" => State::On,
+        Some(match word.to_ascii_lowercase().as_str() {
+            "on" | "1" | "true" | "接通" | "吸合" | "合" => State::On,
             "off" | "0" | "false" | "断开" | "分" => State::Off,
             "toggle" | "翻转" => State::Toggle,
             _ => return None,

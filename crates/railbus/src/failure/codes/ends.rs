@@ -171,6 +171,14 @@ codes! {
         likely: ["--max-time is shorter than the scan", "--max-time 短于扫描所需时间"],
         next: ["railbus scan --resume, with the same options", "railbus scan --resume，选项相同"],
     }
+    WaitedInVain = "E1201" {
+        title: ["the points did not get the values waited for in time",
+            "等待的测点未按时达到指定的值"],
+        likely: ["the value did not come · it came and went between two reads · the module does \
+            not answer",
+            "值未出现 · 值在两次读取之间出现又消失 · 模块无应答"],
+        next: ["railbus watch POINT", "railbus watch 测点"],
+    }
     Interrupted = "E13001" {
         title: ["interrupted", "已中断"],
         likely: ["Ctrl-C", "按下了 Ctrl-C"],
