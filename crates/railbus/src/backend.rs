@@ -13,6 +13,7 @@ use crate::api::types::{
     PulseRequest, Pulsed, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
 use crate::api::{convert, failures};
+use crate::config_file::{self, Why};
 use crate::i18n::Lang;
 use local::Local;
 pub(crate) use local::described;
@@ -20,7 +21,8 @@ use railbus_device::{Family, Layout};
 use railbus_host::Tap;
 use railbus_wire::{Character, Protocol};
 pub(crate) use remote::{Borrowed, Detail, Frames, Remote};
-use std::path::PathBuf;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 
 /// What the flags say about whom to ask.
 #[derive(Clone, Debug, Default)]
@@ -41,7 +43,7 @@ pub(crate) struct Wanted {
 
 impl Wanted {
     const fn goes_direct(&self) -> bool {
-        self.direct || self.config.is_some() || self.ad_hoc.is_some()
+        self.direct || self.ad_hoc.is_some()
     }
 }
 
@@ -125,6 +127,45 @@ impl Watch {
     }
 }
 
+/// Why nobody is reached at the socket that was named.
+fn unreached(lang: Lang, socket: &Path, problem: Problem) -> Problem {
+    let reason = match std::os::unix::net::UnixStream::connect(socket) {
+        // Somebody answers, and says something else.
+        Ok(_) => return problem,
+        Err(error) => match error.kind() {
+            ErrorKind::PermissionDenied => [
+                "no permission to open this socket",
+                "没有打开此套接字的权限",
+            ],
+            ErrorKind::NotFound => ["there is no such socket", "没有此套接字"],
+            _ => ["nothing answers at this socket", "此套接字无程序应答"],
+        },
+    };
+    problem.with(
+        "reason",
+        format!("{}: {}", lang.of(reason), socket.display()),
+    )
+}
+
+/// A daemon answers, and serves another site than the one meant.
+fn other_site(lang: Lang, daemon: &Remote, file: &Path) -> Problem {
+    let (socket, file) = (daemon.socket().display(), config_file::real(file));
+    let (served, file) = (daemon.name(lang), file.display());
+    let reasons = match lang {
+        Lang::En => {
+            format!("the daemon at {socket} serves {served}; the configuration here is {file}")
+        }
+        Lang::Zh => format!("{socket} 的守护进程使用 {served}；此处的配置是 {file}"),
+    };
+    Problem::new(codes::OTHER_SITE)
+        .with("socket", socket.to_string())
+        .with("served", daemon.config().display().to_string())
+        .with("config", file.to_string())
+        .with("reason", reasons)
+        .with_hint(format!("railbus --socket {socket} ls"))
+        .with_hint(format!("railbus --config {file} ls"))
+}
+
 /// Calls the same of both.
 macro_rules! either {
     ($self:ident . $method:ident ( $($argument:expr),* )) => {
@@ -136,37 +177,46 @@ macro_rules! either {
 }
 
 impl Backend {
-    /// The daemon if its socket answers, and no flag is against it; else a site from the flags,
-    /// or from a configuration. To be called inside a tokio runtime with I/O and time enabled.
-    pub(crate) async fn open(wanted: &Wanted) -> Result<Backend, Problem> {
-        match Backend::daemon_or_line(wanted).await? {
-            Some(daemon) => Ok(Backend::Daemon(daemon)),
-            None => Local::open(wanted).await.map(Backend::Local),
-        }
+    /// A site from the flags, or from a configuration, opened here. To be called inside a tokio
+    /// runtime with I/O and time enabled.
+    pub(crate) async fn here(wanted: &Wanted) -> Result<Backend, Problem> {
+        Local::open(wanted).await.map(Backend::Local)
     }
 
-    /// The daemon, or none where the line is to be opened here. A socket that was named is meant:
-    /// where nobody answers there, no port is opened instead.
-    pub(crate) async fn daemon_or_line(wanted: &Wanted) -> Result<Option<Remote>, Problem> {
-        let found = Backend::daemon(wanted).await;
-        match &wanted.socket {
-            Some(socket) if found.is_none() && !wanted.goes_direct() => {
-                let problem = Problem::new(codes::DAEMON);
-                let problem = problem.with("socket", socket.display().to_string());
-                let reason = ["nobody answers at this socket", "此套接字无程序应答"];
-                let reason = format!("{}: {}", wanted.lang.of(reason), socket.display());
-                Err(problem.with("reason", reason))
-            }
-            _ => Ok(found),
-        }
-    }
-
-    /// The daemon, where one answers and no flag is against it.
-    pub(crate) async fn daemon(wanted: &Wanted) -> Option<Remote> {
+    /// The daemon that serves what is meant, or none where the line is to be opened here.
+    ///
+    /// A socket that was named is meant: where nobody answers there, no port is opened instead. A
+    /// configuration that was named is meant, too, whatever else is served beside it. Where only
+    /// the folder says which site is meant, a daemon of another one is refused, lest the wrong
+    /// relay moves (docs/decisions/0025).
+    pub(crate) async fn daemon(wanted: &Wanted) -> Result<Option<Remote>, Problem> {
         if wanted.goes_direct() {
-            return None;
+            return Ok(None);
         }
-        Remote::find(wanted.socket.as_deref()).await
+        let own = config_file::chosen(wanted.config.as_deref()).ok();
+        if let Some(socket) = &wanted.socket {
+            let daemon = Remote::at(socket).await;
+            let daemon = daemon.map_err(|problem| unreached(wanted.lang, socket, problem))?;
+            return match &wanted.config {
+                Some(file) if !daemon.serves(file) => Err(other_site(wanted.lang, &daemon, file)),
+                _ => Ok(Some(daemon)),
+            };
+        }
+        let mut daemons = Remote::usual().await?.into_iter();
+        let Some((file, why)) = own else {
+            return Ok(daemons.next());
+        };
+        let mut others = Vec::new();
+        for daemon in daemons {
+            if daemon.serves(&file) {
+                return Ok(Some(daemon));
+            }
+            others.push(daemon);
+        }
+        match (others.first(), why) {
+            (Some(daemon), Why::Place) => Err(other_site(wanted.lang, daemon, &file)),
+            _ => Ok(None),
+        }
     }
 
     /// The lines that have a port, and what passes on each of them from now on.

@@ -3,6 +3,7 @@
 use crate::api::failures::bad_config;
 use crate::api::problem::{Problem, codes};
 use crate::i18n::Lang;
+use crate::serve::socket;
 use railbus_site::Config;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -62,6 +63,8 @@ pub(crate) enum Why {
     Environment,
     /// It lies in the first of the usual places where there is one.
     Place,
+    /// There is none here, and a daemon has it.
+    Daemon,
 }
 
 impl Why {
@@ -71,6 +74,7 @@ impl Why {
             Why::Flag => "flag",
             Why::Environment => "environment",
             Why::Place => "place",
+            Why::Daemon => "daemon",
         }
     }
 }
@@ -90,11 +94,28 @@ pub(crate) fn chosen(named: Option<&Path>) -> Result<(PathBuf, Why), Problem> {
         None => {
             let looked: Vec<String> = places.iter().map(|p| p.display().to_string()).collect();
             let problem = Problem::new(codes::NO_CONFIG).with("looked", looked);
-            Err(problem
-                .with_hint("railbus serve --demo")
-                .with_hint("railbus -l /dev/ttyUSB0 -m eda9060a -a 1 get eda9060a"))
+            let problem = match socket::answers() {
+                // What can be asked has no need of another.
+                Some(socket) => {
+                    problem.with_hint(format!("railbus --socket {} ls", socket.display()))
+                }
+                None => problem.with_hint("railbus serve --demo"),
+            };
+            Err(problem.with_hint("railbus -l /dev/ttyUSB0 -m eda9060a -a 1 get eda9060a"))
         }
     }
+}
+
+/// A file as every path leads to it, whether or not it is there yet: absolute, without links.
+pub(crate) fn real(file: &Path) -> PathBuf {
+    let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    std::fs::canonicalize(&file).unwrap_or_else(|_| match (file.parent(), file.file_name()) {
+        (Some(folder), Some(name)) => {
+            let folder = std::fs::canonicalize(folder);
+            folder.map_or_else(|_| file.clone(), |folder| folder.join(name))
+        }
+        _ => file.clone(),
+    })
 }
 
 /// Where what is to be remembered of a site lies: beside its configuration; without one, where the

@@ -368,7 +368,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     };
     let origin = format!("{scheme}://{host}");
     announce(lang, &source, &access, &origin, tls.as_deref(), &socket);
-    let desk = Arc::new(Desk::new(&source.file, &source.config));
+    let desk = Arc::new(Desk::new(&source.file, &source.state, &source.config));
     let name = routes::name_of(source.demo.is_some(), &source.file);
     let hooks = Hooks::start(name, &source.state, service.clone(), events, desk.changes());
     let hooks = hooks.map_err(|error| system(lang, error))?;

@@ -86,6 +86,8 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     QuietFlag { en: "Says nothing but errors and results", zh: "只输出错误和结果" }
     ConfigFlag { en: "The configuration instead of railbus.toml", zh: "指定配置文件，代替 railbus.toml" }
     DirectFlag { en: "Opens the line itself, not through the daemon", zh: "直接打开总线，不经守护进程" }
+    TheDemo { en: "the demo", zh: "演示站点" }
+    ThroughDaemon { en: "through the daemon of {site}", zh: "经由守护进程，配置为 {site}" }
     SocketFlag { en: "The daemon's socket", zh: "守护进程的套接字" }
     TimeoutFlag {
         en: "How long a reply to raw and scan may take: 60ms, 1.5s",

@@ -47,7 +47,7 @@ fn forty_new_modules_are_commissioned_by_a_script() {
         .env("HOME", &site.folder)
         .env("RAILBUS_LANG", "en")
         .env_remove("RAILBUS_CONFIG")
-        .env_remove("XDG_RUNTIME_DIR")
+        .env("RAILBUS_RUN", site.folder.join("run"))
         .output()
         .expect("a shell");
     let said = String::from_utf8_lossy(&script.stderr);

@@ -111,6 +111,7 @@ impl Plant {
             .env("RAILBUS_LANG", "en")
             .env("HOME", &self.folder)
             .env("XDG_RUNTIME_DIR", &self.folder)
+            .env("RAILBUS_RUN", &self.folder)
             .env_remove("RAILBUS_CONFIG");
         command
     }

@@ -40,8 +40,8 @@ fn railbus(folder: &Path) -> Command {
         .current_dir(folder)
         .env("RAILBUS_LANG", "en")
         .env("HOME", folder)
-        .env_remove("RAILBUS_CONFIG")
-        .env_remove("XDG_RUNTIME_DIR");
+        .env("RAILBUS_RUN", folder.join("run"))
+        .env_remove("RAILBUS_CONFIG");
     command
 }
 

@@ -233,6 +233,8 @@ pub(crate) mod codes {
         HOOK_SECRET = "E0879", 500, "the secrets of webhooks can't be kept";
         /// Also `reason`.
         FORBIDDEN = "E0901", 403, "not from there";
+        /// Told by the command line alone. Also `socket`, `served`, `config`: the two files.
+        OTHER_SITE = "E0884", 409, "the daemon that answers serves another configuration";
         /// Also `module`, `etag`: that of the values there are now.
         SETTINGS_CHANGED = "E0881", 412, "the module keeps other settings than were seen";
         /// Settings came without saying which ones they change.

@@ -11,6 +11,18 @@ use utoipa::{PartialSchema, ToSchema};
 /// The version of everything here.
 pub(crate) const SCHEMA: u8 = 1;
 
+/// Which site a daemon serves, as its owner may know it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct SiteInfo {
+    pub(crate) schema: u8,
+    /// Nothing is real: it is the demo.
+    pub(crate) demo: bool,
+    /// The file of its configuration, without links on the way.
+    pub(crate) config: String,
+    /// The folder of what is remembered of it.
+    pub(crate) state: String,
+}
+
 /// A line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub(crate) struct LineInfo {

@@ -10,22 +10,33 @@ use crate::api::problem::{Problem, codes};
 use crate::api::send_types::{SendAnswer, SendRequest};
 use crate::api::types::{
     FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
-    Points, PulseRequest, Pulsed, ToggleRequest, WatchEvent, WriteRequest, Written,
+    Points, PulseRequest, Pulsed, SiteInfo, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
+use crate::config_file;
+use crate::i18n::Lang;
 use crate::serve::socket;
-use http::{Lines as TextLines, send};
+use crate::texts::Text;
+use http::{Asked, Lines as TextLines, send, send_asked};
 use hyper::Method;
+use railbus_site::config::keeper::etag;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tokio::net::UnixStream;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
+/// How often and after which pause a daemon is asked whether it has a line back: for a second.
+const BACK_TRIES: usize = 50;
+const BACK_PAUSE: Duration = Duration::from_millis(20);
+
 /// The daemon behind a socket.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Remote {
     socket: PathBuf,
+    site: SiteInfo,
 }
 
 /// In how much detail a history is told.
@@ -61,8 +72,6 @@ impl Frames {
     }
 }
 
-/// The next event that this program knows. A newer daemon may have others; an empty line is sent
-/// to see whether anyone is there.
 /// The records of a log, line by line.
 pub(crate) struct Records(TextLines);
 
@@ -73,6 +82,8 @@ impl Records {
     }
 }
 
+/// The next event that this program knows. A newer daemon may have others; an empty line is sent
+/// to see whether anyone is there.
 async fn event<T: DeserializeOwned>(lines: &mut TextLines) -> Option<Result<T, Problem>> {
     loop {
         match lines.next().await? {
@@ -117,16 +128,65 @@ impl Drop for Borrowed {
 }
 
 impl Remote {
-    /// The first daemon that answers: on the socket named, or on one of the usual ones.
-    pub(crate) async fn find(named: Option<&Path>) -> Option<Remote> {
-        let usual = socket::places();
-        let places = named.map_or(usual, |path| vec![path.to_owned()]);
-        for socket in places {
-            if tokio::net::UnixStream::connect(&socket).await.is_ok() {
-                return Some(Remote { socket });
+    /// The daemon behind this socket, which says first which site it serves.
+    pub(crate) async fn at(socket: &Path) -> Result<Remote, Problem> {
+        let answer = send(socket, Method::GET, "/api/v1/site", Vec::new()).await?;
+        Ok(Remote {
+            site: read(socket, &answer.whole().await?)?,
+            socket: socket.to_owned(),
+        })
+    }
+
+    /// Those that answer at the usual places.
+    pub(crate) async fn usual() -> Result<Vec<Remote>, Problem> {
+        let mut found = Vec::new();
+        for socket in socket::places() {
+            if UnixStream::connect(&socket).await.is_ok() {
+                found.push(Remote::at(&socket).await?);
             }
         }
-        None
+        Ok(found)
+    }
+
+    pub(crate) fn socket(&self) -> &Path {
+        &self.socket
+    }
+
+    /// The file of its configuration.
+    pub(crate) fn config(&self) -> &Path {
+        Path::new(&self.site.config)
+    }
+
+    /// The folder of what is remembered of its site.
+    pub(crate) fn state(&self) -> &Path {
+        Path::new(&self.site.state)
+    }
+
+    /// Its site, for people.
+    pub(crate) fn name(&self, lang: Lang) -> String {
+        match self.site.demo {
+            true => lang.get(Text::TheDemo).to_owned(),
+            false => self.site.config.clone(),
+        }
+    }
+
+    /// Whether its configuration is this file.
+    pub(crate) fn serves(&self, file: &Path) -> bool {
+        config_file::real(file) == self.config()
+    }
+
+    /// Puts a text in the place of its configuration, which said that before, and brings it into
+    /// force.
+    pub(crate) async fn replace_config(&self, before: &str, text: &str) -> Result<(), Problem> {
+        let body = json!({ "text": text }).to_string().into_bytes();
+        let asked = Asked {
+            method: Method::PUT,
+            path: "/api/v1/config",
+            body,
+            seen: Some(etag(before)),
+        };
+        let answer = send_asked(&self.socket, asked).await?;
+        answer.whole().await.map(|_| ())
     }
 
     pub(crate) async fn lines(&self) -> Result<Vec<LineInfo>, Problem> {
@@ -243,6 +303,19 @@ impl Remote {
         }
     }
 
+    /// Waits until it has a line back whose loan is over, so that the next command is not refused.
+    pub(crate) async fn has_back(&self, line: &str) {
+        let is_lent = |info: &LineInfo| info.line == line && info.reason.as_deref() == Some("lent");
+        for _ in 0..BACK_TRIES {
+            let lines = self.lines().await;
+            if lines.is_ok_and(|lines| lines.iter().any(is_lent)) {
+                tokio::time::sleep(BACK_PAUSE).await;
+            } else {
+                return;
+            }
+        }
+    }
+
     /// What a point was from one time to before another, in milliseconds since 1970.
     pub(crate) async fn history(
         &self,
@@ -304,12 +377,16 @@ impl Remote {
     }
 
     fn read<T: DeserializeOwned>(&self, body: &[u8]) -> Result<T, Problem> {
-        serde_json::from_slice(body).map_err(|error| {
-            Problem::new(codes::DAEMON)
-                .with("socket", self.socket.display().to_string())
-                .with("reason", error.to_string())
-        })
+        read(&self.socket, body)
     }
+}
+
+fn read<T: DeserializeOwned>(socket: &Path, body: &[u8]) -> Result<T, Problem> {
+    serde_json::from_slice(body).map_err(|error| {
+        Problem::new(codes::DAEMON)
+            .with("socket", socket.display().to_string())
+            .with("reason", error.to_string())
+    })
 }
 
 const fn fresh_as_query(fresh: bool) -> &'static str {

@@ -6,9 +6,8 @@ mod texts;
 use super::Context;
 use crate::api::past::{AUDIT_COLUMNS, VerifiedInfo, unread, verified};
 use crate::api::problem::{Problem, codes};
-use crate::backend::{Backend, Remote};
+use crate::backend::Remote;
 use crate::cli;
-use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::{Format, out, records};
@@ -16,7 +15,7 @@ use crate::serve::export::{audit_text, csv};
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
 use railbus_site::audit::{export_folder, verify_folder};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use texts::AuditText;
 
 /// The name of the command.
@@ -53,17 +52,12 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     }
 }
 
-/// Where the log of the site lies.
-fn folder(context: &Context) -> Result<PathBuf, Problem> {
-    let config = config_file::path(context.wanted.config.as_deref())?;
-    Ok(config_file::state_folder(Some(&config)))
-}
-
 fn verify(context: &Context) -> Result<(), Failure> {
     let told = context.block(async {
-        let told = match Backend::daemon(&context.wanted).await {
+        let files = context.files().await?;
+        let told = match files.daemon {
             Some(daemon) => daemon.verified_audit().await,
-            None => folder(context).and_then(|folder| of_folder(&folder)),
+            None => of_folder(&files.state),
         };
         told.map_err(|problem| context.failure(&problem))
     })?;
@@ -107,9 +101,10 @@ fn whole(context: &Context, told: &VerifiedInfo) -> String {
 fn export(context: &Context) -> Result<(), Failure> {
     let is_csv = context.format == Format::Csv;
     context.block(async {
-        match Backend::daemon(&context.wanted).await {
+        let files = context.files().await?;
+        match files.daemon {
             Some(daemon) => copy(context, &daemon, is_csv).await,
-            None => print(context, is_csv),
+            None => print(context, &files.state, is_csv),
         }
     })
 }
@@ -123,16 +118,15 @@ async fn copy(context: &Context, daemon: &Remote, is_csv: bool) -> Result<(), Fa
     Ok(())
 }
 
-fn print(context: &Context, is_csv: bool) -> Result<(), Failure> {
+fn print(context: &Context, folder: &Path, is_csv: bool) -> Result<(), Failure> {
     let failed = |problem: Problem| context.failure(&problem);
-    let folder = folder(context).map_err(failed)?;
     let mut from = None;
     let mut text = match is_csv {
         true => csv(&AUDIT_COLUMNS),
         false => String::new(),
     };
     loop {
-        let piece = export_folder(&folder, from).map_err(|error| failed(missing(&error)))?;
+        let piece = export_folder(folder, from).map_err(|error| failed(missing(&error)))?;
         text += &audit_text(&piece.records, is_csv);
         out::result(context.lang, &text.replace("\r\n", "\n"))?;
         if piece.records.is_empty() {

@@ -76,12 +76,12 @@ pub(super) fn run_check(lang: Lang, matches: &ArgMatches) -> Result<(), Failure>
 /// Prints where the configuration lies, and which places come before it.
 pub(super) fn run_path(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let (path, why) = config_file::chosen(context.wanted.config.as_deref())
-        .map_err(|problem| context.failure(&problem))?;
+    let (path, why) = context.config()?;
     let told = lang.get(match why {
         Why::Flag => ConfigCheckText::ByFlag,
         Why::Environment => ConfigCheckText::ByEnvironment,
         Why::Place => ConfigCheckText::ByPlace,
+        Why::Daemon => ConfigCheckText::ByDaemon,
     });
     let path = path.display().to_string();
     let mut table = Table::bare();
@@ -97,8 +97,8 @@ pub(super) fn run_path(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> 
 }
 
 fn read(context: &Context) -> Result<Found, Failure> {
-    config_file::read(context.lang, context.wanted.config.as_deref())
-        .map_err(|problem| context.failure(&problem))
+    let (path, _) = context.config()?;
+    config_file::read(context.lang, Some(&path)).map_err(|problem| context.failure(&problem))
 }
 
 /// What is unwise on this machine.

@@ -2,8 +2,9 @@
 
 use super::look::{LookText, Lookers};
 use crate::api::problem::Problem;
-use crate::backend::{AdHoc, AdHocModule, Backend, Wanted};
+use crate::backend::{AdHoc, AdHocModule, Backend, Remote, Wanted};
 use crate::cli::{LAST, flag};
+use crate::config_file::{self, Why};
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::Format;
@@ -15,7 +16,9 @@ use railbus_device::Family;
 use railbus_host::LineName;
 use railbus_site::config::parse_duration;
 use railbus_wire::{Baud, Character, Micros, Protocol};
+use std::cell::{Cell, RefCell};
 use std::future::Future;
+use std::io::IsTerminal;
 use std::path::PathBuf;
 
 const FORMATS: [(&str, Character); 4] = [
@@ -61,6 +64,19 @@ pub(crate) struct Context {
     pub(crate) wanted: Wanted,
     /// Those who tell what passes, where `-v` asks for it.
     lookers: Lookers,
+    /// Whose daemon it is was told.
+    has_told: Cell<bool>,
+    /// The lines that daemons have lent to this command.
+    borrowed: RefCell<Vec<(Remote, String)>>,
+}
+
+/// The files of a site, and the daemon that serves it.
+#[derive(Debug)]
+pub(crate) struct Files {
+    pub(crate) config: PathBuf,
+    /// The folder of what is remembered.
+    pub(crate) state: PathBuf,
+    pub(crate) daemon: Option<Remote>,
 }
 
 /// The flags that every command has.
@@ -169,6 +185,8 @@ impl Context {
             line: line.filter(|_| ad_hoc.is_none()),
             timeout: matches.get_one("timeout").copied(),
             lookers: Lookers::new(matches.get_one("log-file").cloned()),
+            has_told: Cell::new(false),
+            borrowed: RefCell::default(),
             wanted: Wanted {
                 config: matches.get_one("config").cloned(),
                 socket: matches.get_one("socket").cloned(),
@@ -180,10 +198,71 @@ impl Context {
         })
     }
 
+    /// The daemon that serves what is meant, where one does and no flag is against it. Where
+    /// nothing here says which site is meant, people are told whose daemon it is.
+    pub(crate) async fn daemon(&self) -> Result<Option<Remote>, Failure> {
+        let daemon = Backend::daemon(&self.wanted).await;
+        let daemon = daemon.map_err(|problem| self.failure(&problem))?;
+        if let Some(daemon) = &daemon
+            && self.wanted.socket.is_none()
+            && self.format == Format::Table
+            && std::io::stderr().is_terminal()
+            && config_file::chosen(self.wanted.config.as_deref()).is_err()
+            && !self.has_told.replace(true)
+        {
+            let site = daemon.name(self.lang);
+            self.note(&self.lang.fill(Text::ThroughDaemon, &[("site", &site)]));
+        }
+        Ok(daemon)
+    }
+
+    /// A daemon lent a line: it has it back before this command ends.
+    pub(crate) fn has_borrowed(&self, daemon: &Remote, line: &str) {
+        self.borrowed
+            .borrow_mut()
+            .push((daemon.clone(), line.to_owned()));
+    }
+
+    /// The files of the site that is meant: those of the daemon, or one's own.
+    pub(crate) async fn files(&self) -> Result<Files, Failure> {
+        if let Some(daemon) = self.daemon().await? {
+            return Ok(Files {
+                config: daemon.config().to_owned(),
+                state: daemon.state().to_owned(),
+                daemon: Some(daemon),
+            });
+        }
+        let config = config_file::path(self.wanted.config.as_deref());
+        let config = config.map_err(|problem| self.failure(&problem))?;
+        Ok(Files {
+            state: config_file::state_folder(Some(&config)),
+            config,
+            daemon: None,
+        })
+    }
+
+    /// The configuration for who only reads it, and why it is that one: the one that is found
+    /// here, or else that of the daemon.
+    pub(crate) fn config(&self) -> Result<(PathBuf, Why), Failure> {
+        let own = config_file::chosen(self.wanted.config.as_deref());
+        if self.wanted.socket.is_none() && (own.is_ok() || self.wanted.direct) {
+            return own.map_err(|problem| self.failure(&problem));
+        }
+        match (self.block(self.daemon())?, own) {
+            (Some(daemon), _) => Ok((daemon.config().to_owned(), Why::Daemon)),
+            (None, own) => own.map_err(|problem| self.failure(&problem)),
+        }
+    }
+
     /// The daemon, or a site opened here.
     pub(crate) async fn open(&self) -> Result<Backend, Failure> {
-        let backend = Backend::open(&self.wanted).await;
-        let backend = backend.map_err(|problem| self.failure(&problem))?;
+        let backend = match self.daemon().await? {
+            Some(daemon) => Backend::Daemon(daemon),
+            None => {
+                let backend = Backend::here(&self.wanted).await;
+                backend.map_err(|problem| self.failure(&problem))?
+            }
+        };
         if self.verbose > 0 {
             self.lookers.follow(self, &backend).await?;
         }
@@ -218,6 +297,9 @@ impl Context {
             .map_err(|error| Failure::of(self.lang, Code::System).because(error))?;
         let end = runtime.block_on(command);
         runtime.block_on(self.lookers.finish());
+        for (daemon, line) in self.borrowed.take() {
+            runtime.block_on(daemon.has_back(&line));
+        }
         end
     }
 }

@@ -30,6 +30,7 @@ pub(in crate::commands) use line::Chosen;
 use railbus_host::LineName;
 use railbus_site::Config;
 use railbus_site::config::Unwise;
+use std::path::Path;
 use std::time::Duration;
 use texts::DoctorText;
 
@@ -111,18 +112,23 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     let user = User::this(machine);
     let variable = |name: &str| std::env::var(name).ok();
     let mut found = system::check(lang, variable, Timestamp::now());
-    let config = configuration(context, machine)?;
+    let daemon = context.daemon().await;
+    let served = daemon.as_ref().ok().and_then(Option::as_ref);
+    let served = served.map(|daemon| daemon.config().to_owned());
+    let config = configuration(context, machine, served.as_deref())?;
     found.extend(port::adapters(machine, &user));
     let work = async {
-        match Backend::daemon(&context.wanted).await {
-            Some(daemon) => served::examine(context, &Backend::Daemon(daemon)).await,
-            None => here(context, machine, &user, &config).await,
+        match daemon {
+            Ok(Some(daemon)) => served::examine(context, &Backend::Daemon(daemon)).await,
+            Ok(None) => here(context, machine, &user, &config).await,
+            // Whose lines are meant is not known: none is opened here.
+            Err(why) => Ok(vec![daemon::refused(&why)]),
         }
     };
     let end = stop.or(work).await;
     found.extend(end.ok_or_else(|| stop::interrupted(context))??);
     found.extend(config.findings);
-    found.extend(daemon::check(lang, context.wanted.socket.as_deref(), &user));
+    found.extend(daemon::check(lang, context.wanted.socket.as_deref(), &user).await);
     found.sort_by_key(|finding| finding.section);
     Ok(found)
 }
@@ -182,14 +188,19 @@ struct Configuration {
     findings: Vec<Finding>,
 }
 
-fn configuration(context: &Context, machine: &Machine) -> Result<Configuration, Failure> {
+/// `served` is that of the daemon that is asked.
+fn configuration(
+    context: &Context,
+    machine: &Machine,
+    served: Option<&Path>,
+) -> Result<Configuration, Failure> {
     let lang = context.lang;
     let of = |config: Config, findings: Vec<Finding>| Ok(Configuration { config, findings });
     if let Some(ad_hoc) = &context.wanted.ad_hoc {
         let config = described(ad_hoc).map_err(|problem| context.failure(&problem))?;
         return of(config, Vec::new());
     }
-    let named = context.wanted.config.as_deref();
+    let named = served.or(context.wanted.config.as_deref());
     let read = config_file::read(lang, named).map_err(|problem| context.failure(&problem));
     let found = match read {
         Ok(found) => found,

@@ -38,7 +38,8 @@ pub(crate) fn define(lang: Lang) -> Command {
 /// Prints it.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let found = config_file::read(lang, context.wanted.config.as_deref());
+    let (path, _) = context.config()?;
+    let found = config_file::read(lang, Some(&path));
     let config = found.map_err(|problem| context.failure(&problem))?.config;
     match matches.get_one::<String>("FORM").map(String::as_str) {
         Some("csv") => {

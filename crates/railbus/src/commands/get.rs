@@ -46,7 +46,16 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let (points, down) = context.block(async {
         let mut stop = stop::Stop::new(&context)?;
         let backend = context.open().await?;
-        let points = stop.or(backend.points(&targets, fresh)).await;
+        let mut points = stop.or(backend.points(&targets, fresh)).await;
+        // A daemon may have no value yet: nobody is blamed who was not asked.
+        let is_new = |point: &PointInfo| point.time.is_none() && point.quality == Quality::Bad;
+        if let Some(Ok(known)) = &points
+            && backend.is_daemon()
+            && !fresh
+            && known.iter().any(is_new)
+        {
+            points = stop.or(backend.points(&targets, true)).await;
+        }
         let down = match &points {
             Some(Ok(points)) if points.iter().any(|point| point.quality == Quality::Bad) => {
                 backend.lines_down().await

@@ -6,7 +6,7 @@ use super::Context;
 use crate::api::past::{BucketInfo, HistoryInfo, SampleInfo, moment};
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{Kind, PointInfo, Value};
-use crate::backend::{Backend, Detail};
+use crate::backend::{Detail, Remote};
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
@@ -161,7 +161,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let named = matches.get_one::<String>("POINT");
     let path = named.map(String::as_str).unwrap_or_default();
     let (mut history, point) = context.block(async {
-        let told = ask(&context, path, wanted).await;
+        let daemon = context.daemon().await?;
+        let told = ask(daemon, path, wanted).await;
         told.map_err(|problem| context.failure(&problem))
     })?;
     let more = wanted
@@ -193,11 +194,11 @@ fn keep_last(history: &mut HistoryInfo, limit: usize) -> bool {
 
 /// The history, and what is said of the point.
 async fn ask(
-    context: &Context,
+    daemon: Option<Remote>,
     path: &str,
     wanted: Wanted,
 ) -> Result<(HistoryInfo, Option<PointInfo>), Problem> {
-    let Some(daemon) = Backend::daemon(&context.wanted).await else {
+    let Some(daemon) = daemon else {
         return Err(Problem::new(codes::NO_HISTORY).with_hint("railbus serve"));
     };
     let history = daemon.history(path, wanted.span, wanted.detail()).await?;

@@ -2,8 +2,7 @@
 
 use super::Context;
 use crate::api::problem::{Problem, codes};
-use crate::backend::{Backend, Remote};
-use crate::config_file;
+use crate::backend::Remote;
 use crate::failure::Failure;
 use crate::serve::access::{Access, desk};
 use hyper::Method;
@@ -30,23 +29,22 @@ enum Keeper {
 /// Asks, and waits for the answer.
 pub(super) fn ask(context: &Context, order: &Order<'_>) -> Result<Value, Failure> {
     context.block(async {
-        let told = match Keeper::find(context).await {
-            Ok(Keeper::Daemon(daemon)) => of_daemon(&daemon, order).await,
-            Ok(Keeper::File(access)) => of_file(&access, order).await,
-            Err(problem) => Err(problem),
+        let told = match Keeper::find(context).await? {
+            Keeper::Daemon(daemon) => of_daemon(&daemon, order).await,
+            Keeper::File(access) => of_file(&access, order).await,
         };
         told.map_err(|problem| context.failure(&problem))
     })
 }
 
 impl Keeper {
-    async fn find(context: &Context) -> Result<Keeper, Problem> {
-        if let Some(daemon) = Backend::daemon(&context.wanted).await {
+    async fn find(context: &Context) -> Result<Keeper, Failure> {
+        let files = context.files().await?;
+        if let Some(daemon) = files.daemon {
             return Ok(Keeper::Daemon(daemon));
         }
-        let config = config_file::path(context.wanted.config.as_deref())?;
-        let folder = config_file::state_folder(Some(&config));
-        let access = Access::open(&folder)?;
+        let access = Access::open(&files.state);
+        let access = access.map_err(|problem| context.failure(&problem))?;
         Ok(Keeper::File(Box::new(access)))
     }
 }

@@ -30,9 +30,7 @@ pub(super) async fn find(context: &Context) -> Result<Access, Failure> {
     if let Some(ad_hoc) = &context.wanted.ad_hoc {
         return described(context, ad_hoc).map(Access::Here);
     }
-    let daemon = Backend::daemon_or_line(&context.wanted).await;
-    let daemon = daemon.map_err(|problem| context.failure(&problem))?;
-    if daemon.is_some() {
+    if context.daemon().await?.is_some() {
         return context.open().await.map(Access::Daemon);
     }
     without_opening(context).map(Access::Here)

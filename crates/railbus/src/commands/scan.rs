@@ -81,7 +81,7 @@ async fn scan(context: &Context, wanted: Wanted) -> Result<(Place, Wanted, Repor
         }
     };
     let wanted = wanted.on(&place);
-    let keep = Keep::of(context, &place, &wanted.wish);
+    let keep = Keep::of(context, &place, &wanted.wish).await;
     let scope = Scope::of(&wanted.wish, known);
     if has_own_speed(&place.port) && scope.runs.iter().any(|run| run.settings != place.settings) {
         let failure = Failure::of(context.lang, Code::ScanFixedSpeed);

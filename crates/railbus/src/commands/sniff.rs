@@ -13,7 +13,7 @@ pub(super) use super::decode::meaning::request;
 use super::place::{self, Place};
 use super::{Context, stop, wireshark};
 use crate::api::problem::Problem;
-use crate::backend::{Backend, Remote};
+use crate::backend::Remote;
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
@@ -217,7 +217,7 @@ impl<'a> Hearing<'a> {
     async fn listen(&mut self, auto: bool, time: Option<Micros>) -> Result<(), Failure> {
         let context = self.context;
         let mut stop = stop::Stop::new(context)?;
-        let (mut source, mut ear) = match Backend::daemon(&context.wanted).await {
+        let (mut source, mut ear) = match context.daemon().await? {
             Some(daemon) => self.at_daemon(&daemon).await?,
             None => self.at_port(auto, &mut stop).await?,
         };

@@ -407,6 +407,36 @@ pub(crate) const ALL: &[Finding] = &[
         ],
     ),
     finding(
+        "D507",
+        [
+            "the daemon that answers serves another site",
+            "应答的守护进程属于另一个站点",
+        ],
+        [
+            "a daemon of another configuration runs, such as the demo",
+            "正在运行另一份配置（例如演示）的守护进程",
+        ],
+        [
+            "name the site: --socket for that daemon, --config for this file",
+            "指明站点：--socket 使用该守护进程，--config 使用此文件",
+        ],
+    ),
+    finding(
+        "D508",
+        [
+            "no daemon can be asked at the socket that was named",
+            "无法通过所指定的套接字访问守护进程",
+        ],
+        [
+            "it does not run · another socket · no permission",
+            "未运行 · 套接字不同 · 无权限",
+        ],
+        [
+            "correct --socket or RAILBUS_SOCKET, or start the daemon",
+            "更正 --socket 或 RAILBUS_SOCKET，或启动守护进程",
+        ],
+    ),
+    finding(
         "L001",
         [
             "a Modbus address that frames of another protocol begin with",

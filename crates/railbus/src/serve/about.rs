@@ -7,7 +7,7 @@ use super::{answer, language};
 use crate::api::ask;
 use crate::api::failures::no_such_line;
 use crate::api::problem::{Problem, codes};
-use crate::api::types::SCHEMA;
+use crate::api::types::{SCHEMA, SiteInfo};
 use crate::commands::doctor;
 use crate::config_file;
 use crate::render::time::rfc3339;
@@ -26,6 +26,8 @@ use utoipa::ToSchema;
 pub(super) const ROUTES: &[Route] = &[
     Route::new("GET", "/system", Need::VIEWER, || get(system))
         .doc(Doc::new("The daemon itself").answers::<SystemInfo>()),
+    Route::new("GET", "/site", Need::Owner, || get(site))
+        .doc(Doc::new("Which site it serves, and where its files lie").answers::<SiteInfo>()),
     Route::new("GET", "/lines/{line}/load", Need::VIEWER, || get(load))
         .doc(Doc::new("How a line is used").answers::<LoadInfo>()),
     Route::new("GET", "/doctor", Need::ENGINEER, || get(examine))
@@ -62,6 +64,18 @@ async fn system(State(site): State<Site>) -> Answer {
         lines: ask::lines(service).len(),
         modules: ask::modules(service).len(),
         points: ask::points(service, &[]).len(),
+    }))
+}
+
+/// `GET /site`: commands compare it with the configuration that they find, so that nobody switches
+/// another site than the one meant.
+async fn site(State(site): State<Site>) -> Answer {
+    let text = |path: &std::path::Path| config_file::real(path).display().to_string();
+    answer::json(Ok(SiteInfo {
+        schema: SCHEMA,
+        demo: site.demo,
+        config: text(site.desk.file()),
+        state: text(site.desk.state()),
     }))
 }
 

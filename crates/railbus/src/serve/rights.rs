@@ -123,7 +123,7 @@ impl Here {
         let file = folder.join("railbus.toml");
         std::fs::write(&file, TEXT).unwrap();
         let config = Config::parse(TEXT).unwrap();
-        let desk = Arc::new(Desk::new(&file, &config));
+        let desk = Arc::new(Desk::new(&file, &folder, &config));
         let service = Service::start_in(config, &folder).unwrap();
         let events = service.follow_events();
         let hooks = Hooks::start(

@@ -13,15 +13,25 @@ const MODE: Mode = Mode::RUSR.union(Mode::WUSR);
 
 /// Where the daemon's socket lies, the user's own first. Who has no folder for such things, and
 /// may not make the system's, gets one among the temporary files, closed to everybody else.
+/// `RAILBUS_RUN` names a folder that takes the place of all of them.
 pub(crate) fn places() -> Vec<PathBuf> {
+    let socket = |folder: PathBuf| folder.join("railbus.sock");
+    if let Some(named) = std::env::var_os("RAILBUS_RUN").filter(|folder| !folder.is_empty()) {
+        return vec![socket(named.into())];
+    }
     let of_user = std::env::var_os("XDG_RUNTIME_DIR").filter(|folder| !folder.is_empty());
     let folders = [
         of_user.map(PathBuf::from),
         Some(PathBuf::from("/run/railbus")),
         own_temporary_folder(),
     ];
-    let socket = |folder: PathBuf| folder.join("railbus.sock");
     folders.into_iter().flatten().map(socket).collect()
+}
+
+/// The first of these places where a program answers.
+pub(crate) fn answers() -> Option<PathBuf> {
+    let mut places = places().into_iter();
+    places.find(|place| UnixStream::connect(place).is_ok())
 }
 
 /// The user's own folder for what lives as long as a program runs, made where it is missing.

@@ -117,7 +117,7 @@ fn the_daemon_is_asked_where_it_has_the_line() {
     };
     assert!((0..100).any(|_| healthy()), "it never got well");
     let ran = site.run(&format!("--socket {socket} doctor"));
-    assert!(ran.out.contains("daemon   ✓ runs, "), "{ran:?}");
+    assert!(ran.out.contains("daemon   ✓ runs for "), "{ran:?}");
     let direct = site.run("--direct doctor -o json");
     assert_eq!(codes(&direct), ["D104"], "{direct:?}");
 }

@@ -21,5 +21,6 @@ mod sniff;
 mod terminal;
 mod users;
 mod wait;
+mod whose;
 mod wireshark;
 mod words;

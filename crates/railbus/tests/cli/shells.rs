@@ -15,7 +15,8 @@ fn told(site: &Site, shell: &[&str], script: &str) -> Option<String> {
     command.args(flags).arg(script).current_dir(&site.folder);
     command
         .env("PATH", format!("{folder}:{path}"))
-        .env("HOME", &site.folder);
+        .env("HOME", &site.folder)
+        .env("RAILBUS_RUN", site.folder.join("run"));
     command.env_remove("RAILBUS_CONFIG");
     let output = command.output().ok()?;
     assert!(output.status.success(), "{shell:?}: {output:?}");

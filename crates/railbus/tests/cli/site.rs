@@ -144,8 +144,12 @@ impl Site {
             .env("TZ", "UTC")
             .env("HOME", &self.folder)
             .env("TMPDIR", &self.folder)
-            .env_remove("RAILBUS_CONFIG")
-            .env_remove("XDG_RUNTIME_DIR");
+            // Whatever runs on this machine is none of the test's daemons.
+            .env("RAILBUS_RUN", self.folder.join("run"))
+            .env_remove("RAILBUS_SOCKET")
+            .env_remove("RAILBUS_STATE")
+            .env("XDG_RUNTIME_DIR", self.folder.join("run"))
+            .env_remove("RAILBUS_CONFIG");
         command
     }
 

@@ -8,7 +8,7 @@ use std::io::Read;
 use unicode_width::UnicodeWidthStr;
 
 /// What a run shows on a terminal of so many columns.
-fn shown(site: &Site, columns: u16, line: &str) -> String {
+pub(crate) fn shown(site: &Site, columns: u16, line: &str) -> String {
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("a pseudo-terminal");
     grantpt(&master).expect("it is ours");
     unlockpt(&master).expect("it is ours");

@@ -135,6 +135,7 @@ impl Shell {
             .env("TZ", "UTC")
             .env("HOME", &self.folder)
             .env("XDG_RUNTIME_DIR", &self.folder)
+            .env("RAILBUS_RUN", &self.folder)
             .env_remove("XDG_STATE_HOME")
             .env_remove("XDG_CONFIG_HOME")
             .env_remove("RAILBUS_CONFIG");

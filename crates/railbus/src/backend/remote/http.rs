@@ -4,7 +4,7 @@ use crate::api::problem::{Problem, codes};
 use http_body_util::{BodyExt, Full, Limited};
 use hyper::body::{Bytes, Incoming};
 use hyper::client::conn::http1;
-use hyper::header::{CONTENT_TYPE, HOST};
+use hyper::header::{CONTENT_TYPE, HOST, IF_MATCH};
 use hyper::{Method, Request, Response};
 use hyper_util::rt::TokioIo;
 use std::path::Path;
@@ -32,6 +32,15 @@ pub(super) struct Lines {
     buffer: Vec<u8>,
 }
 
+/// A request.
+pub(super) struct Asked<'a> {
+    pub(super) method: Method,
+    pub(super) path: &'a str,
+    pub(super) body: Vec<u8>,
+    /// The mark of what may be changed.
+    pub(super) seen: Option<String>,
+}
+
 /// Asks, and waits for the head of the answer.
 pub(super) async fn send(
     socket: &Path,
@@ -39,11 +48,23 @@ pub(super) async fn send(
     path: &str,
     body: Vec<u8>,
 ) -> Result<Answer, Problem> {
+    let seen = None;
+    let asked = Asked {
+        method,
+        path,
+        body,
+        seen,
+    };
+    send_asked(socket, asked).await
+}
+
+/// The same of a request in parts.
+pub(super) async fn send_asked(socket: &Path, asked: Asked<'_>) -> Result<Answer, Problem> {
     let failed = |reason: String| {
         let problem = Problem::new(codes::DAEMON).with("reason", reason);
         problem.with("socket", socket.display().to_string())
     };
-    let acts = method != Method::GET;
+    let acts = asked.method != Method::GET;
     let stream = UnixStream::connect(socket).await;
     let stream = stream.map_err(|error| failed(error.to_string()))?;
     let (mut sender, connection) = http1::handshake(TokioIo::new(stream))
@@ -52,11 +73,16 @@ pub(super) async fn send(
     // Ends with the answer's body, or with the daemon.
     tokio::spawn(connection);
     let request = Request::builder()
-        .method(method)
-        .uri(path)
+        .method(asked.method)
+        .uri(asked.path)
         .header(HOST, "localhost")
-        .header(CONTENT_TYPE, "application/json")
-        .body(Full::new(Bytes::from(body)))
+        .header(CONTENT_TYPE, "application/json");
+    let request = match asked.seen {
+        Some(mark) => request.header(IF_MATCH, format!("\"{mark}\"")),
+        None => request,
+    };
+    let request = request
+        .body(Full::new(Bytes::from(asked.body)))
         .map_err(|error| failed(error.to_string()))?;
     match tokio::time::timeout(PATIENCE, sender.send_request(request)).await {
         Ok(Ok(response)) => Ok(Answer { response, acts }),

@@ -15,9 +15,25 @@ pub(super) async fn borrow(
     if context.wanted.direct {
         return Ok(None);
     }
-    let Some(daemon) = Remote::find(context.wanted.socket.as_deref()).await else {
-        return Ok(None);
+    let failed = |problem| context.failure(&problem);
+    let daemons = match &context.wanted.socket {
+        Some(socket) => Remote::at(socket).await.map(|daemon| vec![daemon]),
+        None => Remote::usual().await,
     };
+    for daemon in daemons.map_err(failed)? {
+        if let Some(borrowed) = borrow_of(context, &daemon, port).await? {
+            return Ok(Some(borrowed));
+        }
+    }
+    Ok(None)
+}
+
+/// The same from this daemon.
+async fn borrow_of(
+    context: &Context,
+    daemon: &Remote,
+    port: &LineName,
+) -> Result<Option<Borrowed>, Failure> {
     let failed = |problem| context.failure(&problem);
     let lines = daemon.lines().await.map_err(failed)?;
     let is_ours = |theirs: &str| {
@@ -29,6 +45,7 @@ pub(super) async fn borrow(
         return Ok(None);
     };
     let borrowed = daemon.borrow(&line.line).await.map_err(failed)?;
+    context.has_borrowed(daemon, &line.line);
     context.note(
         &context
             .lang

@@ -36,12 +36,19 @@ impl Ground {
     /// What flags and configuration say.
     pub(super) fn of(context: &Context, matches: &ArgMatches) -> Result<Ground, Failure> {
         let failed = |problem| context.failure(&problem);
-        let (config, file) = match &context.wanted.ad_hoc {
-            Some(ad_hoc) => (backend::described(ad_hoc).map_err(failed)?, None),
+        let (config, file, state) = match &context.wanted.ad_hoc {
+            Some(ad_hoc) => {
+                let config = backend::described(ad_hoc).map_err(failed)?;
+                (config, None, config_file::state_folder(None))
+            }
             None => {
-                let named = context.wanted.config.as_deref();
-                let found = config_file::read(context.lang, named).map_err(failed)?;
-                (found.config, Some(found.path))
+                let files = context.block(context.files())?;
+                let found = config_file::read(context.lang, Some(&files.config));
+                (
+                    found.map_err(failed)?.config,
+                    Some(files.config),
+                    files.state,
+                )
             }
         };
         let named = matches
@@ -49,11 +56,10 @@ impl Ground {
             .ok()
             .flatten()
             .cloned();
-        let state = named.unwrap_or_else(|| config_file::state_folder(file.as_deref()));
         Ok(Ground {
             config,
             file,
-            state,
+            state: named.unwrap_or(state),
         })
     }
 

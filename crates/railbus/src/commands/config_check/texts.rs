@@ -16,6 +16,7 @@ crate::texts::texts! {
     PathAbout { en: "Says which configuration is used, and why.", zh: "显示所用的配置文件及原因。" }
     ByFlag { en: "named by --config", zh: "由 --config 指定" }
     ByEnvironment { en: "named by RAILBUS_CONFIG", zh: "由 RAILBUS_CONFIG 指定" }
+    ByDaemon { en: "that of the daemon", zh: "守护进程的配置" }
     ByPlace { en: "the first that is there", zh: "依次查找的首个文件" }
     Beside { en: "{address} beside {protocol}", zh: "{protocol} 旁的 {address}" }
     Load {

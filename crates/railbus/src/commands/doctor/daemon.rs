@@ -2,6 +2,8 @@
 
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
+use crate::backend::Remote;
+use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::machine::users::User;
 use crate::render::time;
@@ -15,17 +17,26 @@ use std::path::{Path, PathBuf};
 /// So many days before its end a certificate is told of.
 const EXPIRY_DAYS: i64 = 30;
 
-pub(super) fn check(lang: Lang, named: Option<&Path>, user: &User) -> Vec<Finding> {
+pub(super) async fn check(lang: Lang, named: Option<&Path>, user: &User) -> Vec<Finding> {
     let places = named.map_or_else(socket::places, |path| vec![path.to_owned()]);
-    let mut found: Vec<Finding> = places
-        .iter()
-        .flat_map(|path| of_socket(lang, path, user))
-        .collect();
+    let mut found = Vec::new();
+    for path in &places {
+        found.extend(of_socket(lang, path, user).await);
+    }
     if found.is_empty() {
         let text = lang.get(DoctorText::NoDaemon).to_owned();
         found.push(Finding::good(Section::Daemon, text));
     }
     found
+}
+
+/// Why no daemon is asked, and no line opened here instead.
+pub(super) fn refused(why: &Failure) -> Finding {
+    let code = match why.code() {
+        Code::OtherSite => "D507",
+        _ => "D508",
+    };
+    Finding::error(Section::Daemon, code, why.why().join(" · "))
 }
 
 /// What is to be said of the daemon's own certificate: nothing while it is good for long.
@@ -40,7 +51,7 @@ pub(super) fn certificate(path: &str, end: Timestamp, now: Timestamp) -> Option<
 }
 
 /// What is to be said of a socket; nothing where there is none.
-fn of_socket(lang: Lang, path: &PathBuf, user: &User) -> Vec<Finding> {
+async fn of_socket(lang: Lang, path: &PathBuf, user: &User) -> Vec<Finding> {
     let Ok(about) = std::fs::symlink_metadata(path) else {
         return Vec::new();
     };
@@ -48,8 +59,18 @@ fn of_socket(lang: Lang, path: &PathBuf, user: &User) -> Vec<Finding> {
     let quoted = format!("'{}'", name.replace('\'', "'\\''"));
     match UnixStream::connect(path) {
         Ok(_) => {
-            let text = lang.fill(DoctorText::DaemonRuns, &[("socket", &name)]);
-            let mut found = vec![Finding::good(Section::Daemon, text)];
+            let mut found = vec![match Remote::at(path).await {
+                Ok(daemon) => {
+                    let site = daemon.name(lang);
+                    let values: &[(&str, &dyn std::fmt::Display)] =
+                        &[("socket", &name), ("site", &site)];
+                    Finding::good(Section::Daemon, lang.fill(DoctorText::DaemonRuns, values))
+                }
+                Err(why) => {
+                    let detail = format!("{name}: {}", why.text("reason"));
+                    Finding::error(Section::Daemon, "D504", detail)
+                }
+            }];
             if about.mode() & 0o077 != 0 {
                 let detail = format!("{name} ({:04o})", about.mode() & 0o7777);
                 let finding = Finding::warning(Section::Daemon, "D502", detail);

@@ -15,7 +15,16 @@ use crate::render::time;
 /// # Errors
 /// Where there is no line of that name.
 pub(super) async fn examine(context: &Context, backend: &Backend) -> Result<Vec<Finding>, Failure> {
-    let (lines, modules) = (backend.lines().await, backend.modules().await);
+    let (lines, mut modules) = (backend.lines().await, backend.modules().await);
+    // Nobody is blamed who was not asked.
+    let is_new = |module: &&ModuleInfo| module.state == ModuleState::Unheard;
+    let new = modules.iter().flatten().filter(is_new);
+    let new: Vec<String> = new.map(|module| module.module.clone()).collect();
+    if !new.is_empty() {
+        // What came of it, the modules say.
+        let _ = backend.points(&new, true).await;
+        modules = backend.modules().await;
+    }
     let points = backend.points(&[], false).await;
     let (lines, modules, points) = match (lines, modules, points) {
         (Ok(lines), Ok(modules), Ok(points)) => (lines, modules, points),

@@ -62,7 +62,7 @@ crate::texts::texts! {
         en: "does not run; commands open the line themselves",
         zh: "未运行；命令会自行打开总线",
     }
-    DaemonRuns { en: "runs, {socket}", zh: "正在运行，{socket}" }
+    DaemonRuns { en: "runs for {site}, {socket}", zh: "正在运行，配置为 {site}，{socket}" }
     LineUp { en: "{line} is open at the daemon", zh: "守护进程已打开 {line}" }
 
     Summary { en: "errors: {errors}, warnings: {warnings}", zh: "错误：{errors}，警告：{warnings}" }

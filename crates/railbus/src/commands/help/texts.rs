@@ -40,7 +40,12 @@ are hexadecimal and those of Modbus modules decimal. 0 is for all modules (Modbu
 
 The configuration is the first of --config, RAILBUS_CONFIG, railbus.toml here or in a folder
 above, ~/.config/railbus/railbus.toml and /etc/railbus/railbus.toml: railbus config path says
-which. Without one: railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8",
+which. Without one: railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8
+
+The daemon is found by its socket: --socket, RAILBUS_SOCKET, or railbus.sock in XDG_RUNTIME_DIR,
+/run/railbus or the user's temporary folder; RAILBUS_RUN names a folder in place of these. A
+daemon that serves another configuration than the one found here is not asked: name the site
+with --socket or --config.",
         zh: "总线、模块和点的名称
 
   -l main                     railbus.toml 中的总线
@@ -62,7 +67,11 @@ JSON 中同时给出标签和从 0 起的序号。
 
 配置依次取 --config、RAILBUS_CONFIG、当前及上级目录的 railbus.toml、
 ~/.config/railbus/railbus.toml 和 /etc/railbus/railbus.toml：railbus config path 说明所用者。
-无配置时：railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8",
+无配置时：railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8
+
+守护进程依次在以下套接字查找：--socket、RAILBUS_SOCKET，XDG_RUNTIME_DIR、/run/railbus
+或用户临时目录中的 railbus.sock；RAILBUS_RUN 可指定目录代替后三者。守护进程的配置与此处
+找到的配置不同时，命令不会执行：请用 --socket 或 --config 指明站点。",
     }
     Units {
         en: "Numbers and units

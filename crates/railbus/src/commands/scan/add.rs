@@ -2,6 +2,7 @@
 
 use super::texts::ScanText;
 use super::wish::Wanted;
+use crate::backend::Remote;
 use crate::commands::Context;
 use crate::commands::place::Place;
 use crate::config_file;
@@ -29,7 +30,7 @@ pub(super) fn add(
     let failed = |file: &Path, why: &dyn std::fmt::Display| {
         Failure::of(lang, Code::ScanNotWritten).because(format!("{}: {why}", file.display()))
     };
-    let (file, before) = file(context)?;
+    let (file, before, daemon) = file(context)?;
     let config = Config::parse(&before).unwrap_or_default();
     let by_port = config.lines.iter();
     let port = place.port.to_string();
@@ -58,26 +59,37 @@ pub(super) fn add(
         context.note(lang.get(ScanText::NotWritten));
         return Ok(());
     }
-    edit::replace(&file, Some(&before), &after).map_err(|error| failed(&file, &error))?;
+    match daemon {
+        // It brings the new modules into force, too.
+        Some(daemon) => context.block(async {
+            let written = daemon.replace_config(&before, &after).await;
+            written.map_err(|problem| context.failure(&problem))
+        })?,
+        None => {
+            let written = edit::replace(&file, Some(&before), &after);
+            written.map_err(|error| failed(&file, &error))?;
+        }
+    }
     let (count, file) = (modules.len(), file.display());
     context.note(&lang.fill(ScanText::Written, &[("count", &count), ("file", &file)]));
     Ok(())
 }
 
-/// The configuration and its text; a new one where there is none.
-fn file(context: &Context) -> Result<(PathBuf, String), Failure> {
-    let named = context.wanted.config.as_deref();
-    match config_file::path(named) {
-        Ok(path) if path.is_file() => {
-            let text = config_file::text_of(&path).map_err(|problem| context.failure(&problem))?;
-            // One with problems is told of, and not touched.
-            let read = config_file::read(context.lang, Some(&path));
-            read.map_err(|problem| context.failure(&problem))?;
-            Ok((path, text))
-        }
-        Ok(path) => Ok((path, String::new())),
-        Err(_) => Ok((config_file::NAME.into(), String::new())),
+/// The configuration, its text, and the daemon that has it; a new one where there is none.
+fn file(context: &Context) -> Result<(PathBuf, String, Option<Remote>), Failure> {
+    let (path, daemon) = match context.block(context.files()) {
+        Ok(files) => (files.config, files.daemon),
+        Err(failure) if failure.code() == Code::NoConfig => (config_file::NAME.into(), None),
+        Err(failure) => return Err(failure),
+    };
+    if !path.is_file() {
+        return Ok((path, String::new(), daemon));
     }
+    let text = config_file::text_of(&path).map_err(|problem| context.failure(&problem))?;
+    // One with problems is told of, and not touched.
+    let read = config_file::read(context.lang, Some(&path));
+    read.map_err(|problem| context.failure(&problem))?;
+    Ok((path, text, daemon))
 }
 
 /// A name for a line that is new to the file.

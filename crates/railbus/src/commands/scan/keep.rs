@@ -24,11 +24,11 @@ pub(super) struct Keep {
 }
 
 impl Keep {
-    pub(super) fn of(context: &Context, place: &Place, wish: &Wish) -> Keep {
+    pub(super) async fn of(context: &Context, place: &Place, wish: &Wish) -> Keep {
         let slug = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
         let line: String = place.line.chars().map(slug).take(64).collect();
         Keep {
-            file: folder(context).join(format!("scan-{line}.json")),
+            file: folder(context).await.join(format!("scan-{line}.json")),
             options: options(place, wish),
         }
     }
@@ -87,12 +87,12 @@ impl Keep {
 }
 
 /// Where this line's scans are kept.
-fn folder(context: &Context) -> PathBuf {
-    let config = match &context.wanted.ad_hoc {
-        None => config_file::path(context.wanted.config.as_deref()).ok(),
+async fn folder(context: &Context) -> PathBuf {
+    let files = match &context.wanted.ad_hoc {
+        None => context.files().await.ok(),
         Some(_) => None,
     };
-    config_file::state_folder(config.as_deref())
+    files.map_or_else(|| config_file::state_folder(None), |files| files.state)
 }
 
 /// The line and what is asked for, in words that differ where these do.

@@ -405,6 +405,14 @@ codes! {
         likely: ["a scan or a change of settings runs", "正在扫描或更改设置"],
         next: ["wait until it has ended, or end it", "等待其结束，或将其取消"],
     }
+    OtherSite = "E0884" {
+        title: ["not done: the daemon that answers serves another site",
+            "未执行：应答的守护进程属于另一个站点"],
+        likely: ["another daemon runs, such as the demo · this is another folder than meant",
+            "正在运行别的守护进程（例如演示） · 当前目录不对"],
+        next: ["name the site: --socket for that daemon, --config for this file",
+            "指明站点：--socket 使用该守护进程，--config 使用此文件"],
+    }
     ConfigFault = "E0890" {
         title: ["this is no fault to simulate", "不是可模拟的故障"],
         likely: ["a typing mistake · a value is missing", "输入错误 · 缺少数值"],

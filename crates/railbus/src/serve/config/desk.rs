@@ -12,7 +12,7 @@ use railbus_site::history::{Event, EventKind, Severity};
 use railbus_site::{Config, Loan, Origin, Reloaded, Service};
 use std::collections::BTreeSet;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::sync::{Mutex, OwnedMutexGuard, watch};
 use tokio::task::JoinError;
@@ -24,6 +24,8 @@ const TABLES_TOLD: usize = 8;
 #[derive(Debug)]
 pub(in crate::serve) struct Desk {
     keeper: Keeper,
+    /// What is remembered of the site lies here.
+    state: PathBuf,
     /// The ports of the text that the daemon began with, which is its owner's.
     ports_at_start: BTreeSet<String>,
     /// Whose turn it is to change the file, or to bring it into force.
@@ -64,12 +66,12 @@ pub(in crate::serve) struct Changed {
 }
 
 impl Desk {
-    /// The desk of this file, which says this at the start.
-    pub(in crate::serve) fn new(file: &Path, config: &Config) -> Desk {
-        let state = config_file::state_folder(Some(file));
+    /// The desk of this file, which says this at the start, and of the site's folder.
+    pub(in crate::serve) fn new(file: &Path, state: &Path, config: &Config) -> Desk {
         let ports = config.lines.values().map(|line| line.port.clone());
         Desk {
-            keeper: Keeper::new(file.to_owned(), &state),
+            keeper: Keeper::new(file.to_owned(), state),
+            state: state.to_owned(),
             ports_at_start: ports.collect(),
             turn: Arc::default(),
             changes: watch::Sender::new(0),
@@ -88,6 +90,10 @@ impl Desk {
 
     pub(in crate::serve) fn file(&self) -> &Path {
         self.keeper.file()
+    }
+
+    pub(in crate::serve) fn state(&self) -> &Path {
+        &self.state
     }
 
     /// Nobody else changes the file or what is in force meanwhile.

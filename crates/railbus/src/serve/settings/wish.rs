@@ -11,7 +11,6 @@ use crate::commands::config::log::taking_back;
 use crate::commands::config::target::{NoTarget, Target};
 use crate::commands::config::{outcome, set, show};
 use crate::commands::decode::meaning;
-use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::serve::routes::Site;
@@ -74,7 +73,7 @@ impl Wish {
 
     /// Where the journal lies.
     pub(super) fn state(&self) -> PathBuf {
-        config_file::state_folder(Some(self.site.desk.file()))
+        self.site.desk.state().to_owned()
     }
 
     pub(super) fn target(&self) -> Result<Target, Problem> {
