@@ -92,8 +92,9 @@ impl Stop {
 pub(super) fn line_config(seed: u64, traced: bool) -> LineConfig {
     LineConfig {
         seed,
-        // Each character goes out as soon as it has ended.
-        chunks: Chunks::Single,
+        // A frame goes out when its last character has ended: one by one, a busy machine would tear
+        // frames apart that no module tears.
+        chunks: Chunks::Whole,
         trace: if traced { TRACE } else { 0 },
         ..LineConfig::default()
     }
