@@ -3,6 +3,7 @@
 use crate::daemon::Daemon;
 use crate::websocket::Client;
 use serde_json::Value;
+use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 /// What a test waits for comes within this time, or never.
@@ -21,12 +22,14 @@ impl Client {
         Client::over(Box::new(stream), &(daemon.head() + more), path)
     }
 
-    /// Connects over the daemon's socket, which holds little of what nobody reads.
-    pub(crate) fn over_socket(daemon: &Daemon) -> Client {
+    /// Connects over the daemon's socket, which holds little of what nobody reads; the second is
+    /// that socket.
+    pub(crate) fn over_socket(daemon: &Daemon) -> (Client, UnixStream) {
         let stream = daemon.connect_to_socket();
         stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
+        let same = stream.try_clone().expect("a socket");
         let client = Client::over(Box::new(stream), &daemon.head(), "/api/v1/ws");
-        client.expect("it is let in")
+        (client.expect("it is let in"), same)
     }
 
     /// The next message; none once the daemon has closed.
