@@ -79,12 +79,12 @@ fn may_write_all(rights: &[String], outputs: &[String]) -> Result<(), Problem> {
 
 async fn batch(order: Order) -> Answer {
     let rights = order.rights();
-    let run = |service: Service, _, wanted: BatchRequest| async move {
+    let may = move |_: &Service, _: &str, wanted: &BatchRequest| {
         let outputs: Vec<String> = wanted.set.iter().map(|item| item.path.clone()).collect();
-        may_write_all(&rights, &outputs)?;
-        control::batch(&service, wanted).await
+        may_write_all(&rights, &outputs)
     };
-    order.carry_out(("batch", String::new()), run).await
+    let run = |service: Service, _, wanted| async move { control::batch(&service, wanted).await };
+    order.carry_out_if(("batch", String::new()), may, run).await
 }
 
 async fn groups(State(site): State<Site>) -> Answer {
@@ -95,11 +95,13 @@ async fn groups(State(site): State<Site>) -> Answer {
 
 async fn set_group(Path(group): Path<String>, order: Order) -> Answer {
     let rights = order.rights();
+    let may = move |service: &Service, group: &str, _: &GroupRequest| {
+        may_write_all(&rights, &control::members(service, group)?)
+    };
     let run = |service: Service, group: String, wanted| async move {
-        may_write_all(&rights, &control::members(&service, &group)?)?;
         control::set_group(&service, &group, wanted).await
     };
-    order.carry_out(("group", group), run).await
+    order.carry_out_if(("group", group), may, run).await
 }
 
 async fn scenes(State(site): State<Site>) -> Answer {
@@ -110,11 +112,13 @@ async fn scenes(State(site): State<Site>) -> Answer {
 
 async fn play(Path(scene): Path<String>, order: Order) -> Answer {
     let rights = order.rights();
+    let may = move |service: &Service, scene: &str, _: &SceneRequest| {
+        may_write_all(&rights, &control::outputs_of_scene(service, scene)?)
+    };
     let run = |service: Service, scene: String, wanted| async move {
-        may_write_all(&rights, &control::outputs_of_scene(&service, &scene)?)?;
         control::play(&service, &scene, wanted).await
     };
-    order.carry_out(("scene", scene), run).await
+    order.carry_out_if(("scene", scene), may, run).await
 }
 
 async fn lease(Path(place): Path<(String, String)>, order: Order) -> Answer {

@@ -1,5 +1,5 @@
 //! Commands that are told twice and done once: an `Idempotency-Key` names the command, and who
-//! asks again under it gets the first answer, also after a restart.
+//! asks again under it gets the first answer, also after a restart. Everybody has keys of his own.
 //!
 //! The file `keys.log` in the state folder says that a command began before it does, and what was
 //! answered. A command that began and whose end is not there may have acted: that is told, and it
@@ -10,19 +10,20 @@ use axum::body::Bytes;
 use railbus_site::durable;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
-use std::collections::VecDeque;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write as _;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 use tokio::sync::OnceCell;
 
-/// How many keys are remembered.
+/// How many keys of all callers are remembered. Who has the most gives way to others.
 const KEYS_MAX: usize = 256;
-/// For how long.
+/// For how long at most.
 const AGE_MAX: Duration = Duration::from_secs(24 * 60 * 60);
 /// The longest key.
 pub(super) const KEY_LEN_MAX: usize = 128;
@@ -38,12 +39,16 @@ pub(super) type End = Result<Bytes, Problem>;
 
 type Slot = Arc<OnceCell<End>>;
 
-/// A key, and which command it stands for.
+/// A key of somebody, and which command it stands for.
 #[derive(Debug)]
 struct Known {
     key: String,
+    who: String,
     command: String,
-    at: SystemTime,
+    /// When it was named first, or this program began; and how old it was then. A clock that is
+    /// set while the program runs changes nothing.
+    since: Instant,
+    aged: Duration,
     slot: Slot,
 }
 
@@ -51,6 +56,10 @@ impl Known {
     /// Whether somebody waits for the end of its command, which would be done again without it.
     fn is_under_way(&self) -> bool {
         !self.slot.initialized() && Arc::strong_count(&self.slot) > 1
+    }
+
+    fn is_old(&self, now: Instant) -> bool {
+        now.duration_since(self.since) + self.aged > AGE_MAX
     }
 }
 
@@ -69,10 +78,13 @@ impl Keys {
             Ok((file, rows)) => (Ok(Arc::new(Mutex::new(file))), rows, None),
             Err(error) => (Err(error.to_string()), Vec::new(), Some(error)),
         };
+        let (since, today) = (Instant::now(), SystemTime::now());
         let known = rows.into_iter().map(|row| Known {
-            at: SystemTime::UNIX_EPOCH + Duration::from_millis(row.begin.at_ms),
+            since,
+            aged: row.begin.age(today),
             slot: Arc::new(OnceCell::new_with(Some(row.end()))),
             key: row.begin.key,
+            who: row.begin.who,
             command: row.begin.command,
         });
         let keys = Keys {
@@ -92,7 +104,7 @@ impl Keys {
         work: impl Future<Output = End> + Send + 'static,
     ) -> End {
         let command = digest(who, command);
-        let slot = self.slot(key, &command)?;
+        let slot = self.slot(key, who, &command, Instant::now())?;
         let begin = || async {
             let row = Row::Begin(Begin {
                 key: key.to_owned(),
@@ -109,6 +121,7 @@ impl Keys {
             let _ = self
                 .write(Row::End {
                     key: key.to_owned(),
+                    who: Some(who.to_owned()),
                     answer: Told::of(&end),
                 })
                 .await;
@@ -118,11 +131,10 @@ impl Keys {
     }
 
     /// The place for the end of the command under this key.
-    fn slot(&self, key: &str, command: &str) -> Result<Slot, Problem> {
-        let now = SystemTime::now();
+    fn slot(&self, key: &str, who: &str, command: &str, now: Instant) -> Result<Slot, Problem> {
         let mut known = lock(&self.known);
-        known.retain(|one| one.is_under_way() || !is_old(one.at, now));
-        if let Some(one) = known.iter().find(|one| one.key == key) {
+        known.retain(|one| one.is_under_way() || !one.is_old(now));
+        if let Some(one) = known.iter().find(|one| one.who == who && one.key == key) {
             if one.command == command {
                 return Ok(Arc::clone(&one.slot));
             }
@@ -130,16 +142,17 @@ impl Keys {
             return Err(Problem::new(codes::BAD_REQUEST).with("reason", reason));
         }
         if known.len() >= KEYS_MAX {
-            let Some(over) = known.iter().position(|one| !one.is_under_way()) else {
-                return Err(Problem::new(codes::OVERLOADED));
-            };
+            let each = known.iter().map(|one| (&*one.who, !one.is_under_way()));
+            let over = gives_way(each, who).ok_or(Problem::new(codes::OVERLOADED))?;
             known.remove(over);
         }
         let slot = Slot::default();
         known.push_back(Known {
             key: key.to_owned(),
+            who: who.to_owned(),
             command: command.to_owned(),
-            at: now,
+            since: now,
+            aged: Duration::ZERO,
             slot: Arc::clone(&slot),
         });
         Ok(slot)
@@ -162,8 +175,24 @@ pub(super) fn broken(error: tokio::task::JoinError) -> End {
     Err(problem.perhaps_acted(true))
 }
 
-fn is_old(at: SystemTime, now: SystemTime) -> bool {
-    now.duration_since(at).is_ok_and(|age| age > AGE_MAX)
+/// Which of all keys, with whose it is and whether it may go, gives way to one more of somebody:
+/// the oldest of who has the most of them. Who has fewer than the asker would have then loses none.
+fn gives_way<'a>(
+    keys: impl Iterator<Item = (&'a str, bool)> + Clone,
+    asker: &str,
+) -> Option<usize> {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::from([(asker, 1)]);
+    for (who, _) in keys.clone() {
+        *counts.entry(who).or_default() += 1;
+    }
+    let own = counts.get(asker).copied().unwrap_or_default();
+    let count = |who: &str| counts.get(who).copied().unwrap_or_default();
+    let may_go = keys.enumerate().filter(|(_, (_, may_go))| *may_go);
+    let may_go = may_go.map(|(at, (who, _))| (at, count(who)));
+    let may_go = may_go.filter(|(_, count)| *count >= own);
+    // Of equal ones the first, which is the oldest.
+    let most = may_go.min_by_key(|(_, count)| Reverse(*count));
+    most.map(|(at, _)| at)
 }
 
 fn millis(at: SystemTime) -> u64 {
@@ -193,7 +222,13 @@ enum Row {
     /// A command is about to begin.
     Begin(Begin),
     /// What was answered.
-    End { key: String, answer: Told },
+    End {
+        key: String,
+        /// None in a file of a version in which a key was of nobody.
+        #[serde(default)]
+        who: Option<String>,
+        answer: Told,
+    },
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -202,6 +237,14 @@ struct Begin {
     who: String,
     command: String,
     at_ms: u64,
+}
+
+impl Begin {
+    /// How long ago that was, by the clock on the wall: no other one goes on while the program does
+    /// not run.
+    fn age(&self, today: SystemTime) -> Duration {
+        Duration::from_millis(millis(today).saturating_sub(self.at_ms))
+    }
 }
 
 /// An answer as it is written down.
@@ -228,6 +271,10 @@ struct Kept {
 }
 
 impl Kept {
+    fn is_of(&self, key: &str, who: Option<&str>) -> bool {
+        self.begin.key == key && who.is_none_or(|who| self.begin.who == who)
+    }
+
     fn end(&self) -> End {
         match &self.answer {
             Some(Told::Done(body)) => Ok(Bytes::from(body.clone())),
@@ -245,13 +292,23 @@ struct KeyFile {
     len: u64,
     /// How long it was when it was last written anew.
     new: u64,
+    /// What was written last was not taken back, whole or in part: the next line begins on one of
+    /// its own.
+    is_torn: bool,
 }
 
 impl KeyFile {
     fn open(folder: &Path) -> io::Result<(KeyFile, Vec<Kept>)> {
         durable::folder(folder)?;
         let path = folder.join(NAME);
-        let kept = rewrite(&path)?;
+        let kept = rewrite(&path, |kept| {
+            let today = SystemTime::now();
+            kept.retain(|one| one.begin.age(today) <= AGE_MAX);
+            for one in kept {
+                // A clock that was set back makes none last longer, nor does the next start.
+                one.begin.at_ms = one.begin.at_ms.min(millis(today));
+            }
+        })?;
         let file = append_to(&path)?;
         let len = file.metadata()?.len();
         let file = KeyFile {
@@ -259,27 +316,34 @@ impl KeyFile {
             file,
             len,
             new: len,
+            is_torn: false,
         };
         Ok((file, kept))
     }
 
     fn add(&mut self, row: &Row) -> io::Result<()> {
-        let mut line = serde_json::to_vec(row)?;
-        line.push(b'\n');
         if self.len > 2 * self.new + SLACK {
-            rewrite(&self.path)?;
+            rewrite(&self.path, |_| {})?;
             self.file = append_to(&self.path)?;
             self.len = self.file.metadata()?.len();
             self.new = self.len;
+            self.is_torn = false;
         }
+        let mut line = Vec::new();
+        if self.is_torn {
+            self.len = self.file.metadata()?.len();
+            line.push(b'\n');
+        }
+        serde_json::to_writer(&mut line, row)?;
+        line.push(b'\n');
         let written = self.file.write_all(&line).and_then(|()| match row {
             Row::Begin(_) => self.file.sync_data(),
             Row::End { .. } => Ok(()),
         });
         match written {
-            Ok(()) => self.len += line.len() as u64,
+            Ok(()) => (self.len, self.is_torn) = (self.len + line.len() as u64, false),
             // A part of a line would spoil the one after it.
-            Err(_) => self.file.set_len(self.len)?,
+            Err(_) => self.is_torn |= self.file.set_len(self.len).is_err(),
         }
         written
     }
@@ -291,19 +355,21 @@ fn append_to(path: &Path) -> io::Result<File> {
 
 /// Reads what is kept, takes out what is forgotten, and writes the rest in its place. A last line
 /// that was torn by a loss of power began nothing.
-fn rewrite(path: &Path) -> io::Result<Vec<Kept>> {
+fn rewrite(path: &Path, change: impl FnOnce(&mut Vec<Kept>)) -> io::Result<Vec<Kept>> {
     let bytes = match std::fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
         Err(error) => return Err(error),
         Ok(file) if file.len() > LEN_MAX => return Err(io::ErrorKind::FileTooLarge.into()),
         Ok(_) => std::fs::read(path)?,
     };
-    let kept = fold(&bytes, SystemTime::now());
+    let mut kept = fold(&bytes);
+    change(&mut kept);
     let mut text = Vec::new();
     for one in &kept {
         let begin = Row::Begin(one.begin.clone());
         let end = one.answer.clone().map(|answer| Row::End {
             key: one.begin.key.clone(),
+            who: Some(one.begin.who.clone()),
             answer,
         });
         for row in [Some(begin), end].into_iter().flatten() {
@@ -316,28 +382,31 @@ fn rewrite(path: &Path) -> io::Result<Vec<Kept>> {
 }
 
 /// What the lines of the file say of the newest keys.
-fn fold(bytes: &[u8], now: SystemTime) -> Vec<Kept> {
+fn fold(bytes: &[u8]) -> Vec<Kept> {
     let mut kept: Vec<Kept> = Vec::new();
     for line in bytes.split(|byte| *byte == b'\n') {
         match serde_json::from_slice(line) {
             Ok(Row::Begin(begin)) => {
-                kept.retain(|one| one.begin.key != begin.key);
+                kept.retain(|one| !one.is_of(&begin.key, Some(&begin.who)));
+                if kept.len() >= KEYS_MAX {
+                    let ended = kept.iter();
+                    let ended = ended.map(|one| (&*one.begin.who, one.answer.is_some()));
+                    // Where none has ended, nobody knows of any how it did.
+                    let all = kept.iter().map(|one| (&*one.begin.who, true));
+                    let over = gives_way(ended, &begin.who).or(gives_way(all, &begin.who));
+                    kept.remove(over.unwrap_or_default());
+                }
                 let answer = None;
                 kept.push(Kept { begin, answer });
             }
-            Ok(Row::End { key, answer }) => {
-                if let Some(one) = kept.iter_mut().rev().find(|one| one.begin.key == key) {
+            Ok(Row::End { key, who, answer }) => {
+                let mut newest = kept.iter_mut().rev();
+                if let Some(one) = newest.find(|one| one.is_of(&key, who.as_deref())) {
                     one.answer = Some(answer);
                 }
             }
             Err(_) => {}
         }
-    }
-    let at = |one: &Kept| SystemTime::UNIX_EPOCH + Duration::from_millis(one.begin.at_ms);
-    kept.retain(|one| !is_old(at(one), now));
-    while kept.len() > KEYS_MAX {
-        let ended = kept.iter().position(|one| one.answer.is_some());
-        kept.remove(ended.unwrap_or_default());
     }
     kept
 }
@@ -390,8 +459,104 @@ mod tests {
             let first = ask(&keys, "a", "li", "k1", answer).await;
             assert_eq!(first, Ok(Bytes::from_static(b"1")), "round {round}");
             assert_eq!(code(ask(&keys, "a", "li", "k2", "3").await), "E0806");
-            assert_eq!(code(ask(&keys, "a", "wang", "k1", "3").await), "E0806");
+            // Somebody else's is another one, and tells nothing of this.
+            let others = ask(&keys, "a", "wang", "k1", "3").await;
+            assert_eq!(others, Ok(Bytes::from_static(b"3")), "round {round}");
         }
+    }
+
+    #[tokio::test]
+    async fn nobody_pushes_the_keys_of_others_out() {
+        let place = Place::new("share");
+        let keys = place.keys();
+        for number in 0..10 {
+            ask(&keys, &format!("own{number}"), "wang", "k1", "1")
+                .await
+                .unwrap();
+        }
+        for number in 0..KEYS_MAX + 20 {
+            ask(&keys, &number.to_string(), "li", "k1", "1")
+                .await
+                .unwrap();
+        }
+        assert_eq!(lock(&keys.known).len(), KEYS_MAX);
+        let again = place.keys();
+        for keys in [&keys, &again] {
+            for number in 0..10 {
+                let end = ask(keys, &format!("own{number}"), "wang", "k1", "2").await;
+                assert_eq!(end, Ok(Bytes::from_static(b"1")), "{number}");
+            }
+        }
+        assert_eq!(ask(&again, "0", "li", "k1", "2").await, Ok("2".into()));
+    }
+
+    #[test]
+    fn who_has_the_most_gives_way() {
+        let way = |keys: &[(&'static str, bool)], asker| gives_way(keys.iter().copied(), asker);
+        let two = [("li", true), ("wang", true), ("li", true)];
+        assert_eq!(way(&two, "zhao"), Some(0), "the oldest of li");
+        assert_eq!(way(&two, "li"), Some(0));
+        assert_eq!(way(&two, "wang"), Some(0));
+        // Whose commands are all under way waits for them, and takes no place of others.
+        let busy = [("li", false), ("wang", true), ("li", false)];
+        assert_eq!(way(&busy, "li"), None);
+        assert_eq!(way(&busy, "zhao"), Some(1));
+    }
+
+    /// The clock on the wall is set by a year while the program runs.
+    #[tokio::test]
+    async fn a_key_lasts_a_day_whatever_the_clock_on_the_wall_says() {
+        let place = Place::new("clock");
+        let keys = place.keys();
+        let now = Instant::now();
+        let first = keys.slot("a", "li", "k1", now).unwrap();
+        first.set(Ok(Bytes::new())).unwrap();
+        let again = keys.slot("a", "li", "k1", now + AGE_MAX).unwrap();
+        assert!(Arc::ptr_eq(&first, &again));
+        let late = now + AGE_MAX + Duration::from_secs(1);
+        let anew = keys.slot("a", "li", "k1", late).unwrap();
+        assert!(!Arc::ptr_eq(&first, &anew), "it is over");
+
+        // What an earlier run wrote down with a clock that went ahead is as old as nothing, and is
+        // so at every start.
+        let year = Duration::from_secs(365 * 24 * 3_600);
+        let row = Row::Begin(Begin {
+            key: "b".to_owned(),
+            who: "li".to_owned(),
+            command: "k1".to_owned(),
+            at_ms: millis(SystemTime::now() + year),
+        });
+        keys.write(row).await.unwrap();
+        let keys = place.keys();
+        let aged = |keys: &Keys| lock(&keys.known).back().unwrap().aged;
+        assert!(aged(&keys) < Duration::from_secs(60), "{:?}", aged(&keys));
+        let text = std::fs::read_to_string(place.0.join(NAME)).unwrap();
+        let Ok(Row::Begin(begin)) = serde_json::from_str(text.lines().last().unwrap()) else {
+            panic!("{text}");
+        };
+        assert!(begin.at_ms <= millis(SystemTime::now()));
+    }
+
+    /// A full disk takes a part of a line, and does not let it be taken back either.
+    #[tokio::test]
+    async fn a_line_that_was_torn_hides_none_after_it() {
+        let place = Place::new("torn");
+        let keys = place.keys();
+        let file = keys.file.clone().unwrap();
+        let path = place.0.join(NAME);
+        let whole = std::mem::replace(&mut lock(&file).file, File::open(&path).unwrap());
+        let refused = ask(&keys, "a", "li", "k1", "1").await;
+        assert_eq!(code(refused), "E0150");
+        let mut part = append_to(&path).unwrap();
+        part.write_all(b"{\"begin\":{\"key\":\"a\"").unwrap();
+        lock(&file).file = whole;
+        ask(&keys, "b", "li", "k1", "1").await.unwrap();
+        // A write that fails later takes back what is its own.
+        let len = std::fs::metadata(&path).unwrap().len();
+        assert_eq!(lock(&file).len, len);
+        let keys = place.keys();
+        let again = ask(&keys, "b", "li", "k1", "2").await;
+        assert_eq!(again, Ok(Bytes::from_static(b"1")));
     }
 
     #[tokio::test]
@@ -459,17 +624,17 @@ mod tests {
     async fn old_keys_are_forgotten_and_those_under_way_are_not() {
         let place = Place::new("bound");
         let keys = place.keys();
-        let under_way = keys.slot("scene", "evening").unwrap();
+        let start = Instant::now();
+        let slot = |key: &str, command| keys.slot(key, "li", command, start);
+        let under_way = slot("scene", "evening").unwrap();
         for number in 0..KEYS_MAX {
-            let slot = keys.slot(&number.to_string(), "").unwrap();
+            let slot = slot(&number.to_string(), "").unwrap();
             let _ = slot.set(Ok(Bytes::new()));
         }
-        assert!(keys.slot("0", "another").is_ok(), "it is forgotten");
-        let again = keys.slot("scene", "evening").unwrap();
+        assert!(slot("0", "another").is_ok(), "it is forgotten");
+        let again = slot("scene", "evening").unwrap();
         assert!(Arc::ptr_eq(&under_way, &again), "it is not done twice");
-        let held: Vec<_> = (0..KEYS_MAX)
-            .map(|n| keys.slot(&format!("h{n}"), ""))
-            .collect();
+        let held: Vec<_> = (0..KEYS_MAX).map(|n| slot(&format!("h{n}"), "")).collect();
         assert!(
             held.iter().filter(|slot| slot.is_err()).count() >= 1,
             "no room"
@@ -487,17 +652,15 @@ mod tests {
             serde_json::to_string(&row).unwrap() + "\n"
         };
         let now = SystemTime::now();
-        let text = row("old", now - day) + &row("new", now);
-        let names = |kept: Vec<Kept>| {
-            kept.into_iter()
-                .map(|one| one.begin.key)
-                .collect::<Vec<_>>()
+        let names = |text: String| {
+            std::fs::write(place.0.join(NAME), text).unwrap();
+            let (_, kept) = KeyFile::open(&place.0).unwrap();
+            let names = kept.into_iter().map(|one| one.begin.key);
+            names.collect::<Vec<_>>()
         };
-        assert_eq!(names(fold(text.as_bytes(), now)), ["new"]);
-        let many: String = (0..KEYS_MAX + 9)
-            .map(|n| row(&n.to_string(), now))
-            .collect();
-        let kept = names(fold(many.as_bytes(), now));
+        assert_eq!(names(row("old", now - day) + &row("new", now)), ["new"]);
+        let many = (0..KEYS_MAX + 9).map(|n| row(&n.to_string(), now));
+        let kept = names(many.collect());
         assert_eq!((kept.len(), kept[0].as_str()), (KEYS_MAX, "9"));
     }
 
@@ -509,7 +672,9 @@ mod tests {
         for number in 0..120 {
             let answer = Bytes::from(long.clone());
             let end = keys
-                .once("same", &number.to_string(), &[], async { Ok(answer) })
+                .once("same", "li", &[number.to_string().as_bytes()], async {
+                    Ok(answer)
+                })
                 .await;
             assert!(end.is_ok());
             lock(&keys.known).clear();

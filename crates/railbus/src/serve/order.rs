@@ -73,9 +73,9 @@ impl Order {
         run: F,
     ) -> Answer
     where
-        T: DeserializeOwned,
+        T: DeserializeOwned + Send + 'static,
         R: Serialize,
-        F: FnOnce(Service, String, T) -> Fut,
+        F: FnOnce(Service, String, T) -> Fut + Send + 'static,
         Fut: Future<Output = Result<R, Problem>> + Send + 'static,
     {
         let path = format!("{module}.{label}");
@@ -93,9 +93,27 @@ impl Order {
         run: F,
     ) -> Answer
     where
-        T: DeserializeOwned,
+        T: DeserializeOwned + Send + 'static,
         R: Serialize,
-        F: FnOnce(Service, String, T) -> Fut,
+        F: FnOnce(Service, String, T) -> Fut + Send + 'static,
+        Fut: Future<Output = Result<R, Problem>> + Send + 'static,
+    {
+        self.carry_out_if(what, |_, _, _| Ok(()), run).await
+    }
+
+    /// The same, where that is allowed. Who may not do it any more is not told either what came of
+    /// it when he did, and so it is asked before the key is looked up; and once more before anything
+    /// is done, since the configuration may have changed.
+    pub(super) async fn carry_out_if<T, R, F, Fut>(
+        self,
+        what: (&'static str, String),
+        may: impl Fn(&Service, &str, &T) -> Result<(), Problem> + Send + 'static,
+        run: F,
+    ) -> Answer
+    where
+        T: DeserializeOwned + Send + 'static,
+        R: Serialize,
+        F: FnOnce(Service, String, T) -> Fut + Send + 'static,
         Fut: Future<Output = Result<R, Problem>> + Send + 'static,
     {
         let key = match self.headers.get("idempotency-key").map(|key| key.to_str()) {
@@ -103,13 +121,21 @@ impl Order {
             Some(Ok(key)) if (1..=KEY_LEN_MAX).contains(&key.len()) => Some(key.to_owned()),
             Some(_) => return bad_request("an Idempotency-Key has 1 to 128 characters of ASCII"),
         };
-        let wanted = match self.read() {
+        let allowed = |wanted: &T| may(&self.site.service, &what.1, wanted);
+        let wanted = self.read().and_then(|wanted| {
+            allowed(&wanted)?;
+            Ok(wanted)
+        });
+        let wanted = match wanted {
             Ok(wanted) => wanted,
             Err(problem) => return answer::problem(&problem),
         };
         let service = self.site.service.on_behalf_of(self.who.origin());
-        let end = run(service, what.1.clone(), wanted);
-        let end = async move { end.await.map(as_json) };
+        let name = what.1.clone();
+        let end = async move {
+            may(&service, &name, &wanted)?;
+            run(service, name, wanted).await.map(as_json)
+        };
         let (keys, who, body) = (Arc::clone(&self.site.keys), self.who.name, self.body);
         let task = tokio::spawn(async move {
             let Some(key) = key else { return end.await };

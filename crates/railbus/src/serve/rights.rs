@@ -190,11 +190,11 @@ fn callers() -> Vec<Caller> {
 
 /// Status and code of an answer. What streams on and on is let go.
 async fn ask(router: Router, method: &str, path: &str, body: &str) -> (StatusCode, String) {
-    let request = Request::builder()
-        .method(method)
-        .uri(path)
-        .body(Body::from(body.to_owned()))
-        .unwrap();
+    let request = Request::builder().method(method).uri(path);
+    answered(router, request.body(Body::from(body.to_owned())).unwrap()).await
+}
+
+async fn answered(router: Router, request: Request<Body>) -> (StatusCode, String) {
     let Ok(answer) = TowerToHyperService::new(router).call(request).await;
     let status = answer.status();
     let text = match status.is_success() {
@@ -281,4 +281,37 @@ async fn who_is_limited_is_held_to_his_points_by_each_handler_that_says_so() {
         std::fs::read_to_string(here.folder.join("railbus.toml")).unwrap(),
         TEXT
     );
+}
+
+/// What came of it is not told either to who may not do it any more.
+#[tokio::test]
+async fn an_answer_under_a_key_is_told_to_who_may_ask_for_it_only() {
+    let here = Here::new("key");
+    let [all, limited] = [&[][..], &["pump.*".to_owned()]].map(|points| Caller {
+        name: "li".to_owned(),
+        role: Some(Role::Operator),
+        via: "http".to_owned(),
+        points: points.to_vec().into(),
+        known: Known::Token("x".to_owned()),
+    });
+    let asked = OF_OTHERS.iter().filter(|(method, path, _)| {
+        // What is asked of an engineer has no key, or nothing to send.
+        *method != "PATCH" && !path.ends_with("/send")
+    });
+    for (number, (method, path, body)) in asked.enumerate() {
+        let ask = async |caller: &Caller| {
+            let request = Request::builder()
+                .method(*method)
+                .uri(format!("{BASE}{path}"))
+                .header("idempotency-key", number.to_string())
+                .body(Body::from(*body));
+            answered(here.router(caller.clone()), request.unwrap())
+                .await
+                .1
+        };
+        let first = ask(&all).await;
+        assert_ne!(first, "E0906", "{path}");
+        assert_eq!(ask(&limited).await, "E0906", "{path}");
+        assert_eq!(ask(&all).await, first, "{path}");
+    }
 }
