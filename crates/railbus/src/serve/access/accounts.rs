@@ -37,6 +37,10 @@ pub(crate) struct User {
     /// The language of choice.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) lang: Option<String>,
+    /// What the user's sessions have to carry. Another password or a lock makes it another one, in
+    /// the same write: sessions from before are over from then on, whatever is left of them.
+    #[serde(default)]
+    pub(crate) logins: String,
     pub(crate) created: Timestamp,
 }
 
@@ -175,6 +179,9 @@ impl Accounts {
             password,
             locked,
         } = change;
+        if password.is_some() || locked == Some(true) {
+            user.logins = new_logins()?;
+        }
         user.role = role.unwrap_or(user.role);
         user.locked = locked.unwrap_or(user.locked);
         if let Some(points) = points {
@@ -260,6 +267,14 @@ impl Accounts {
     }
 }
 
+/// What no session carries yet.
+pub(crate) fn new_logins() -> Result<String, Problem> {
+    let number = random::<8>();
+    let number =
+        number.map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))?;
+    Ok(hex(&number))
+}
+
 impl User {
     fn info(&self) -> UserInfo {
         UserInfo {
@@ -330,6 +345,7 @@ mod tests {
             password: hashed.unwrap_or_else(|_| panic!("a hash")),
             locked: false,
             lang: None,
+            logins: String::new(),
             created: Timestamp::UNIX_EPOCH,
         }
     }

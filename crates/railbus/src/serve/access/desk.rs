@@ -1,7 +1,7 @@
 //! What may be asked of the accounts, for the daemon's API and for commands where no daemon runs:
 //! both read the same requests and give the same answers.
 
-use super::accounts::{Accounts, TokenInfo, TokenWish, User, UserChange, UserInfo};
+use super::accounts::{Accounts, TokenInfo, TokenWish, User, UserChange, UserInfo, new_logins};
 use super::gate::Access;
 use super::password;
 use super::secret::{Fingerprint, Secret};
@@ -94,6 +94,7 @@ pub(crate) async fn add_user(access: &Access, body: &[u8]) -> Result<Value, Prob
         password: access.hashers.hash(wanted.password).await?,
         locked: false,
         lang: None,
+        logins: new_logins()?,
         created: Timestamp::now(),
     };
     let info = access.change(|accounts| accounts.add_user(user)).await?;

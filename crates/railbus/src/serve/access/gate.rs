@@ -66,7 +66,10 @@ impl Access {
     pub(crate) fn open(folder: &Path) -> Result<Access, Problem> {
         let store = Store::open(folder)?;
         let accounts = store.read()?;
-        let sessions = Sessions::open(folder, |user| accounts.user(user).is_some())?;
+        let sessions = Sessions::open(folder, |name, logins| {
+            let user = accounts.user(name);
+            user.is_some_and(|user| user.logins == logins)
+        })?;
         Ok(Access {
             accounts: Mutex::new(Arc::new(Kept(accounts))),
             store: tokio::sync::Mutex::new(Arc::new(store)),
@@ -167,38 +170,46 @@ impl Access {
         password: Secret,
         address: IpAddr,
     ) -> Result<Secret, Problem> {
-        self.confirm(name, password, address).await?;
-        self.begin_session(name, address).await
+        let logins = self.confirm(name, password, address).await?;
+        self.begin_session(name, &logins, address).await
     }
 
-    /// Whether this is a user's password. It takes as long for a name that there is not.
+    /// Whether this is a user's password, and if so what his sessions have to carry. It takes as
+    /// long for a name that there is not.
     pub(super) async fn confirm(
         &self,
         name: &str,
         password: Secret,
         address: IpAddr,
-    ) -> Result<(), Problem> {
+    ) -> Result<String, Problem> {
         let whose = [Who::Account(name.to_owned()), Who::address(address)];
         self.take_try(&whose)?;
         let hashed = self.password_of(name);
         let is_right = self.hashers.is_right(password, hashed.clone()).await?;
         // The user may have been locked, or given another password, meanwhile.
-        let still = self.password_of(name) == hashed;
-        if !is_right || !still || self.unlocked(name).is_none() {
-            return Err(Problem::new(codes::WRONG_LOGIN));
-        }
+        let user = self.unlocked(name);
+        let user = user.filter(|user| is_right && Some(&user.password) == hashed.as_ref());
+        let user = user.ok_or_else(|| Problem::new(codes::WRONG_LOGIN))?;
         self.forget_tries(&whose);
-        Ok(())
+        Ok(user.logins)
     }
 
     /// A session of somebody who showed who he is.
     pub(super) async fn begin_session(
         &self,
         name: &str,
+        logins: &str,
         address: IpAddr,
     ) -> Result<Secret, Problem> {
         let address = address.to_canonical().to_string();
-        let secret = self.sessions.begin(name, &address, Instant::now())?;
+        let secret = self
+            .sessions
+            .begin((name, logins), &address, Instant::now())?;
+        // Who changes the password after this ends the session with the others.
+        if self.logins_of(name).as_deref() != Some(logins) {
+            self.sessions.end(&secret.fingerprint());
+            return Err(Problem::new(codes::WRONG_LOGIN));
+        }
         // One that can't be kept lasts as long as the program.
         let _ = self.sessions.keep().await;
         Ok(secret)
@@ -218,6 +229,10 @@ impl Access {
 
     fn password_of(&self, name: &str) -> Option<Hashed> {
         self.read(|accounts| accounts.user(name).map(|user| user.password.clone()))
+    }
+
+    fn logins_of(&self, name: &str) -> Option<String> {
+        self.read(|accounts| accounts.user(name).map(|user| user.logins.clone()))
     }
 
     fn unlocked(&self, name: &str) -> Option<User> {
@@ -324,7 +339,8 @@ impl Access {
         user: &str,
         but: Option<&Fingerprint>,
     ) -> Result<(), Problem> {
-        self.sessions.end_of_user(user, but);
+        let logins = self.logins_of(user).unwrap_or_default();
+        self.sessions.end_of_user((user, &logins), but);
         self.changed();
         self.sessions.keep().await
     }
@@ -381,7 +397,7 @@ fn csrf_in(query: &str) -> Option<&str> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::accounts::{TokenWish, UserChange};
+    use super::super::accounts::{TokenWish, UserChange, new_logins};
     use super::super::password;
     use super::*;
     use axum::http::HeaderValue;
@@ -408,6 +424,7 @@ mod tests {
             password: hashed.unwrap_or_else(|problem| panic!("{problem:?}")),
             locked: false,
             lang: None,
+            logins: new_logins().unwrap_or_else(|problem| panic!("{problem:?}")),
             created: Timestamp::now(),
         };
         let second = User {
@@ -485,6 +502,63 @@ mod tests {
         assert_eq!(access.caller(&headers, None, HERE).role, None);
         let again = log_in(&access, "li", "correct horse").await;
         assert_eq!(again.err().as_deref(), Some("E0904"));
+    }
+
+    /// The program ends between the write of another password and that of the sessions.
+    #[tokio::test]
+    async fn a_crash_brings_no_session_back_that_a_password_or_a_lock_has_ended() {
+        let (access, folder) = access("crash").await;
+        let mut cookies = Vec::new();
+        for name in ["li", "wang"] {
+            cookies.push(log_in(&access, name, "correct horse").await.unwrap());
+        }
+        let hashed = password::hash(&Secret::new("battery staple".to_owned()));
+        let changes = [
+            UserChange {
+                password: Some(hashed.unwrap_or_else(|problem| panic!("{problem:?}"))),
+                ..UserChange::default()
+            },
+            UserChange {
+                locked: Some(true),
+                ..UserChange::default()
+            },
+        ];
+        for (name, change) in ["li", "wang"].into_iter().zip(changes) {
+            let changed = access.change(|accounts| accounts.change_user(name, change));
+            assert!(changed.await.is_ok());
+        }
+        drop(access);
+        let again = Access::open(&folder.0).unwrap_or_else(|problem| panic!("{problem:?}"));
+        let unlock = UserChange {
+            locked: Some(false),
+            ..UserChange::default()
+        };
+        let unlocked = again.change(|accounts| accounts.change_user("wang", unlock));
+        assert!(unlocked.await.is_ok());
+        for secret in &cookies {
+            let cookie = format!("{}={}", again.cookie_name, secret.expose());
+            let caller = again.caller(&with("cookie", &cookie), None, HERE);
+            assert_eq!(caller.role, None, "{}", caller.name);
+        }
+        // Who asks for another password himself stays logged in, also over a restart.
+        let own = log_in(&again, "li", "battery staple").await.unwrap();
+        let change = UserChange {
+            password: Some(
+                password::hash(&Secret::new("staple".to_owned()))
+                    .ok()
+                    .unwrap(),
+            ),
+            ..UserChange::default()
+        };
+        let changed = again.change(|accounts| accounts.change_user("li", change));
+        assert!(changed.await.is_ok());
+        let ended = again.end_of_user("li", Some(&own.fingerprint())).await;
+        assert!(ended.is_ok());
+        drop(again);
+        let third = Access::open(&folder.0).unwrap_or_else(|problem| panic!("{problem:?}"));
+        let cookie = format!("{}={}", third.cookie_name, own.expose());
+        let caller = third.caller(&with("cookie", &cookie), None, HERE);
+        assert_eq!(caller.name, "li");
     }
 
     #[tokio::test]

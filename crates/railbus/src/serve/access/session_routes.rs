@@ -1,6 +1,6 @@
 //! Logging in and out, and the first user.
 
-use super::accounts::{User, UserChange};
+use super::accounts::{User, UserChange, new_logins};
 use super::gate::{Access, Peer};
 use super::secret::Secret;
 use super::sessions::csrf;
@@ -206,8 +206,10 @@ async fn first_user(
         lang: wanted
             .lang
             .filter(|lang| ["en", "zh"].contains(&lang.as_str())),
+        logins: new_logins()?,
         created: Timestamp::now(),
     };
+    let logins = user.logins.clone();
     let key = wanted.key;
     let add = |accounts: &mut super::accounts::Accounts| {
         // Two may have come this far at once.
@@ -218,7 +220,7 @@ async fn first_user(
     };
     access.change(add).await?;
     access.setup.close();
-    let secret = access.begin_session(&wanted.name, address).await?;
+    let secret = access.begin_session(&wanted.name, &logins, address).await?;
     Ok((wanted.name, secret))
 }
 

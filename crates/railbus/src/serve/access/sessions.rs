@@ -34,6 +34,8 @@ const NOTE_EVERY: Duration = Duration::from_secs(600);
 struct Session {
     id: String,
     user: String,
+    /// Of the user's record when it began.
+    logins: String,
     address: String,
     /// When it began, or this program did; and how old it was then.
     since: Instant,
@@ -59,6 +61,8 @@ struct Kept {
     key: String,
     id: String,
     user: String,
+    #[serde(default)]
+    logins: String,
     address: String,
     began: Timestamp,
     used: Timestamp,
@@ -103,9 +107,13 @@ struct Now {
 }
 
 impl Sessions {
-    /// Those of a state folder that last, of users that `is_user` knows. A file that can't be read
+    /// Those of a state folder that last, of users that `is_user` knows with what their sessions
+    /// carry. A file that can't be read
     /// holds none: whoever was logged in does so again.
-    pub(crate) fn open(folder: &Path, is_user: impl Fn(&str) -> bool) -> Result<Sessions, Problem> {
+    pub(crate) fn open(
+        folder: &Path,
+        is_user: impl Fn(&str, &str) -> bool,
+    ) -> Result<Sessions, Problem> {
         let path = folder.join(NAME);
         let now = Instant::now();
         let (cookie, kept) = match read(&path) {
@@ -120,18 +128,24 @@ impl Sessions {
                 (text.cookie, text.sessions)
             }
         };
+        let today = Timestamp::now();
+        let is_ahead = kept.iter().any(|kept| kept.began.max(kept.used) > today);
         let kept = kept.into_iter().take(ALL_MAX);
         let all = kept
-            .filter(|kept| is_user(&kept.user))
-            .filter_map(|kept| Some((unhex(&kept.key)?, begun_before(kept, now))))
+            .filter(|kept| is_user(&kept.user, &kept.logins))
+            .filter_map(|kept| Some((unhex(&kept.key)?, begun_before(kept, now, today))))
             .filter(|(_, session)| !session.is_over(now));
         let all = all.collect();
-        Ok(Sessions {
+        let sessions = Sessions {
             now: Mutex::new(Now { all, noted: now }),
             cookie,
             path,
             turn: Arc::default(),
-        })
+        };
+        if is_ahead {
+            write(&sessions.path, &sessions.text())?;
+        }
+        Ok(sessions)
     }
 
     /// What this daemon's cookies have in their name, so that those of another on the same host
@@ -165,6 +179,7 @@ impl Sessions {
             key: hex(key),
             id: session.id.clone(),
             user: session.user.clone(),
+            logins: session.logins.clone(),
             address: session.address.clone(),
             began: session.began_at,
             used: session.used_at,
@@ -185,13 +200,19 @@ impl Sessions {
         is_time
     }
 
-    /// Begins a session; what comes back is its secret.
-    pub(crate) fn begin(&self, user: &str, address: &str, now: Instant) -> Result<Secret, Problem> {
+    /// Begins a session of a user, with what it has to carry; what comes back is its secret.
+    pub(crate) fn begin(
+        &self,
+        (user, logins): (&str, &str),
+        address: &str,
+        now: Instant,
+    ) -> Result<Secret, Problem> {
         let secret = Secret::random("").map_err(failed)?;
         let at = Timestamp::now();
         let session = Session {
             id: hex(&random::<8>().map_err(failed)?),
             user: user.to_owned(),
+            logins: logins.to_owned(),
             address: address.to_owned(),
             since: now,
             aged: Duration::ZERO,
@@ -241,10 +262,13 @@ impl Sessions {
         all.len() < before
     }
 
-    /// Ends all sessions of a user but one.
-    pub(crate) fn end_of_user(&self, user: &str, but: Option<&Fingerprint>) {
+    /// Ends all sessions of a user but one, which carries this from now on.
+    pub(crate) fn end_of_user(&self, (user, logins): (&str, &str), but: Option<&Fingerprint>) {
         let all = &mut self.now().all;
         all.retain(|key, session| session.user != user || Some(key) == but);
+        for session in all.values_mut().filter(|session| session.user == user) {
+            logins.clone_into(&mut session.logins);
+        }
     }
 
     /// All that last, the one used last first.
@@ -265,20 +289,21 @@ impl Sessions {
     }
 }
 
-/// What was kept, by this program's clock. A clock that was set back makes nothing older.
-fn begun_before(kept: Kept, now: Instant) -> Session {
-    let today = Timestamp::now();
+/// What was kept, by this program's clock. A clock that was set back makes nothing older, and
+/// nothing begin later than now: the next start does not find it so again.
+fn begun_before(kept: Kept, now: Instant, today: Timestamp) -> Session {
     let ago = |at: Timestamp| Duration::try_from(today.duration_since(at)).unwrap_or_default();
     Session {
         id: kept.id,
         user: kept.user,
+        logins: kept.logins,
         address: kept.address,
         since: now,
         aged: ago(kept.began),
-        began_at: kept.began,
+        began_at: kept.began.min(today),
         used: now,
         rested: ago(kept.used),
-        used_at: kept.used,
+        used_at: kept.used.min(today),
     }
 }
 
@@ -353,7 +378,7 @@ mod tests {
         }
 
         fn open(folder: &Path) -> Sessions {
-            let sessions = Sessions::open(folder, |user| user != "gone");
+            let sessions = Sessions::open(folder, |user, _| user != "gone");
             sessions.unwrap_or_else(|problem| panic!("{problem:?}"))
         }
     }
@@ -365,7 +390,7 @@ mod tests {
     }
 
     fn begin(sessions: &Sessions, user: &str, now: Instant) -> Secret {
-        let begun = sessions.begin(user, "127.0.0.1", now);
+        let begun = sessions.begin((user, ""), "127.0.0.1", now);
         begun.unwrap_or_else(|problem| panic!("{problem:?}"))
     }
 
@@ -403,7 +428,7 @@ mod tests {
         assert!(sessions.user(of_wang.expose(), now).is_some());
         assert_eq!(sessions.list(None, now).len(), OF_USER_MAX + 1);
         let kept = of_li[3].fingerprint();
-        sessions.end_of_user("li", Some(&kept));
+        sessions.end_of_user(("li", ""), Some(&kept));
         assert!(sessions.lasts(&kept, now));
         assert_eq!(sessions.list(Some(&kept), now).len(), 2);
         let id = &sessions.list(Some(&kept), now)[0].id.clone();
@@ -453,6 +478,14 @@ mod tests {
         kept.sessions.iter_mut().for_each(|kept| kept.used = old);
         write(&file, &kept).unwrap();
         assert!(Here::open(&here.1).list(None, Instant::now()).is_empty());
+        // Nor does one last anew at every start whose clock was set back since.
+        let ahead = Timestamp::now() + jiff::SignedDuration::from_hours(1_000);
+        let mut kept = sessions.text();
+        kept.sessions.iter_mut().for_each(|kept| kept.began = ahead);
+        write(&file, &kept).unwrap();
+        assert!(!Here::open(&here.1).list(None, Instant::now()).is_empty());
+        let written = read(&file).unwrap().sessions;
+        assert!(written.iter().all(|kept| kept.began <= Timestamp::now()));
         std::fs::write(&file, "{").unwrap();
         let fresh = Here::open(&here.1);
         assert!(fresh.list(None, Instant::now()).is_empty());
