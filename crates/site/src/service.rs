@@ -39,6 +39,7 @@ pub use update::{Update, Updates};
 
 use crate::audit::{Audit, Entry, Note, Origin};
 use crate::{Config, Failure};
+use promises::boards;
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, Plan, PortError};
 use railbus_wire::{Instant, Micros};
@@ -143,7 +144,8 @@ impl Service {
     /// # Errors
     /// As [`Service::start`]; also where the folder can't be used.
     pub fn start_in(config: Config, folder: &Path) -> Result<Service, StartError> {
-        let schedule = Schedule::open(folder).map_err(|why| StartError::Folder(why.kind()))?;
+        let schedule = Schedule::open(folder, boards(&config));
+        let schedule = schedule.map_err(|why| StartError::Folder(why.kind()))?;
         Service::start_with(config, true, schedule)
     }
 

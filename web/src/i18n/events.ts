@@ -80,6 +80,10 @@ export const events = {
   code_config_reloaded: ["Configuration reloaded", "配置已重新加载"],
   code_audit_fails: ["Audit log cannot be written", "审计记录无法写入"],
   code_keys_fail: ["idempotency keys can't be kept", "幂等键无法保存"],
+  code_end_dropped: [
+    "The end of a pulse, lease or max_on was dropped: the module's name stands for another board now. Check the output",
+    "脉冲、租约或 max_on 的结束动作已取消：该模块名现在指向另一块板。请检查该输出",
+  ],
   code_started: ["Daemon started", "程序已启动"],
   code_stopped: ["Daemon stopped", "程序已停止"],
   code_rule_fired: ["Rule triggered", "规则已执行"],

@@ -55,6 +55,7 @@ const CODES: Record<string, Key> = {
   config_reloaded: "code_config_reloaded",
   audit_fails: "code_audit_fails",
   keys_fail: "code_keys_fail",
+  end_dropped: "code_end_dropped",
   audit_works: "code_audit_works",
   started: "code_started",
   stopped: "code_stopped",

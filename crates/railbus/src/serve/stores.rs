@@ -35,6 +35,7 @@ impl Stores {
             }
         }
         service.tell_event(Event::new(EventKind::System, Severity::Info, "started"));
+        service.tell_dropped_ends();
         Stores {
             history: history.ok(),
         }

@@ -2,9 +2,10 @@
 //! not end a pulse in the middle of it.
 
 use crate::config::Place;
-use crate::durable;
+use crate::{Config, durable};
 use railbus_device::{Point, PointKind};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
@@ -63,10 +64,34 @@ impl Promise {
     }
 }
 
+/// Where a module hangs. Its name alone may stand for another board after a restart.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Board {
+    pub(super) line: String,
+    pub(super) address: u8,
+}
+
+/// The board of each name.
+pub(super) type Boards = BTreeMap<String, Board>;
+
+/// What the names of a configuration stand for.
+pub(super) fn boards(config: &Config) -> Boards {
+    let each = config.modules.iter().map(|(name, module)| {
+        let (line, address) = (module.line.clone(), module.setup.address.0);
+        (name.clone(), Board { line, address })
+    });
+    each.collect()
+}
+
+/// A promise, and the board that it was made of; none where an earlier version wrote it down.
+pub(super) type Kept = (Key, Promise, Option<Board>);
+
 /// A promise as the file has it.
 #[derive(Serialize, Deserialize)]
 struct Row {
     module: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    board: Option<Board>,
     output: u8,
     why: Why,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -92,7 +117,7 @@ pub(super) struct File {
 impl File {
     /// That of a folder, which is made when the first promise is, and what it says. A file that
     /// can't be understood is put aside.
-    pub(super) fn open(folder: &Path) -> io::Result<(File, Vec<(Key, Promise)>)> {
+    pub(super) fn open(folder: &Path) -> io::Result<(File, Vec<Kept>)> {
         let path = folder.join(NAME);
         let known = match read(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
@@ -120,7 +145,7 @@ impl File {
     pub(super) async fn write(
         &self,
         version: u64,
-        newest: impl FnOnce() -> (u64, Vec<(Key, Promise)>),
+        newest: impl FnOnce() -> (u64, Vec<Kept>),
     ) -> io::Result<u64> {
         let mut written = self.written.lock().await;
         if *written >= version {
@@ -137,10 +162,11 @@ impl File {
     }
 }
 
-fn text(promises: &[(Key, Promise)]) -> io::Result<String> {
+fn text(promises: &[Kept]) -> io::Result<String> {
     let millis = |time: Duration| u64::try_from(time.as_millis()).unwrap_or(u64::MAX);
-    let promises = promises.iter().map(|((place, why), promise)| Row {
+    let promises = promises.iter().map(|((place, why), promise, board)| Row {
         module: place.module.clone(),
+        board: board.clone(),
         output: place.point.index,
         why: *why,
         end: promise.end,
@@ -159,7 +185,7 @@ fn text(promises: &[(Key, Promise)]) -> io::Result<String> {
     Ok(serde_json::to_string(&document)?)
 }
 
-fn read(path: &Path) -> io::Result<Vec<(Key, Promise)>> {
+fn read(path: &Path) -> io::Result<Vec<Kept>> {
     let mut text = String::new();
     std::fs::File::open(path)?
         .take(LEN_MAX)
@@ -177,7 +203,8 @@ fn read(path: &Path) -> io::Result<Vec<(Key, Promise)>> {
             at: SystemTime::UNIX_EPOCH.checked_add(since)?,
             length: Duration::from_millis(row.length_ms),
         };
-        Some(((Place::new(&row.module, point), row.why), promise))
+        let key = (Place::new(&row.module, point), row.why);
+        Some((key, promise, row.board))
     });
     Ok(known.collect())
 }

@@ -1,6 +1,7 @@
 //! What is kept of what happens: who wrote what, when a line or module came or went, and which
 //! value every point had.
 
+use super::promises::Why;
 use super::{Inner, Service, Update, Updates, lock};
 use crate::audit::{AuditLog, NotWritten, Note, Origin};
 use crate::history::{Event, EventKind, Grade, History, Sample, Severity, millis};
@@ -88,6 +89,21 @@ impl Service {
     /// Tells of something that happened: to the history, and to all who follow.
     pub fn tell_event(&self, event: Event) {
         self.inner.tell_event(event);
+    }
+
+    /// Tells which ends of pulses and leases an earlier run has promised that are not done any more:
+    /// the names of their modules stand for other boards now, or for none. To be called once
+    /// somebody listens.
+    pub fn tell_dropped_ends(&self) {
+        for ((place, why), board) in self.inner.schedule.take_dropped() {
+            if why == Why::MinOff {
+                continue;
+            }
+            let output = u16::from(place.point.index) + 1;
+            let event = Event::new(EventKind::System, Severity::Error, "end_dropped");
+            let event = event.module(&place.module).line(&board.line);
+            self.tell_event(event.text(format!("address {}, output {output}", board.address)));
+        }
     }
 
     /// What happens from now on.

@@ -1,5 +1,6 @@
 //! Another configuration, while the site is at work.
 
+use super::promises::boards;
 use super::state::LineNow;
 use super::turn::Turn;
 use super::{Service, Update, close_all, lock, prepare};
@@ -115,6 +116,7 @@ impl Service {
             );
             memberships
         };
+        self.inner.schedule.now_of(boards(&config));
         for (line, change) in memberships {
             if let Some(handle) = self.inner.handle(&line)
                 && (!change.leave.is_empty() || !change.join.is_empty())
@@ -135,6 +137,7 @@ impl Service {
             }
         }
         self.inner.limit_anew();
+        let _ = self.inner.schedule.keep().await;
         self.inner.tell(Update::Reloaded);
         reloaded
     }

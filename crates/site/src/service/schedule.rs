@@ -2,7 +2,7 @@
 //! another command was carried out, and that is on the disk before it is told.
 
 use super::lock;
-use super::promises::{File, Key, Promise, Why};
+use super::promises::{Board, Boards, File, Kept, Key, Promise, Why};
 use super::status::Left;
 use crate::config::Place;
 use railbus_device::PointKind;
@@ -22,6 +22,8 @@ pub(super) const STOP_MAX: Duration = Duration::from_millis(1_400);
 pub(super) struct Schedule {
     actions: Mutex<Actions>,
     file: File,
+    /// What was promised of boards that have another name or none now, until that is told.
+    dropped: Mutex<Vec<(Key, Board)>>,
     /// How many are seen to.
     running: watch::Sender<usize>,
     stop: watch::Sender<bool>,
@@ -35,6 +37,8 @@ struct Actions {
     by_number: BTreeMap<u64, Action>,
     /// For how long outputs must stay off. Nothing is done then.
     off: Vec<(Place, Promise)>,
+    /// What the names of modules stand for.
+    boards: Boards,
 }
 
 /// Something that is to be done to an output.
@@ -91,28 +95,38 @@ pub(super) enum Time {
 
 impl Default for Schedule {
     fn default() -> Schedule {
-        Schedule::of(File::default(), Vec::new())
+        Schedule::of(File::default(), Vec::new(), Boards::new())
     }
 }
 
 impl Schedule {
-    /// What the file in a folder says, to which nobody sees yet.
-    pub(super) fn open(folder: &Path) -> io::Result<Schedule> {
+    /// What the file in a folder says, to which nobody sees yet. The end of another board's output
+    /// is not done to the one that has its name now.
+    pub(super) fn open(folder: &Path, boards: Boards) -> io::Result<Schedule> {
         let (file, known) = File::open(folder)?;
-        Ok(Schedule::of(file, known))
+        Ok(Schedule::of(file, known, boards))
     }
 
-    fn of(file: File, known: Vec<(Key, Promise)>) -> Schedule {
+    fn of(file: File, known: Vec<Kept>, boards: Boards) -> Schedule {
         let mut actions = Actions::default();
-        for (key, promise) in known {
+        let mut dropped = Vec::new();
+        for (key, promise, board) in known {
+            if let Some(board) = board
+                && boards.get(&key.0.module) != Some(&board)
+            {
+                dropped.push((key, board));
+                continue;
+            }
             match key.1 {
                 Why::MinOff => actions.off.push((key.0, promise)),
                 _ => _ = actions.add(key, promise, None),
             }
         }
+        actions.boards = boards;
         Schedule {
             actions: Mutex::new(actions),
             file,
+            dropped: Mutex::new(dropped),
             running: watch::Sender::new(0),
             stop: watch::Sender::new(false),
         }
@@ -158,6 +172,24 @@ impl Schedule {
             (key, promise, watched)
         });
         begun.collect()
+    }
+
+    /// From now on names stand for these boards; [`Schedule::keep`] brings that to the disk.
+    pub(super) fn now_of(&self, boards: Boards) {
+        let mut actions = lock(&self.actions);
+        actions.boards = boards;
+        if !actions.by_number.is_empty() || !actions.off.is_empty() {
+            actions.version += 1;
+        }
+    }
+
+    pub(super) fn has_dropped(&self) -> bool {
+        !lock(&self.dropped).is_empty()
+    }
+
+    /// What was promised of boards that have another name or none now; told once.
+    pub(super) fn take_dropped(&self) -> Vec<(Key, Board)> {
+        std::mem::take(&mut *lock(&self.dropped))
     }
 
     /// For how long outputs must stay off.
@@ -502,13 +534,17 @@ impl Actions {
         is_any
     }
 
-    fn promises(&self) -> Vec<(Key, Promise)> {
+    fn promises(&self) -> Vec<Kept> {
         let actions = self.by_number.values();
         let actions = actions.filter(|action| action.is_to_be_done());
         let actions = actions.map(|action| (action.key.clone(), action.promise));
         let off = self.off.iter();
         let off = off.map(|(place, promise)| ((place.clone(), Why::MinOff), *promise));
-        actions.chain(off).collect()
+        let each = actions.chain(off).map(|(key, promise)| {
+            let board = self.boards.get(&key.0.module).cloned();
+            (key, promise, board)
+        });
+        each.collect()
     }
 }
 
@@ -535,7 +571,7 @@ mod tests {
     async fn what_is_promised_outlives_who_promised_it() {
         let folder = std::env::temp_dir().join(format!("railbus-schedule-{}", std::process::id()));
         let _ = std::fs::remove_dir_all(&folder);
-        let schedule = Schedule::open(&folder).unwrap();
+        let schedule = Schedule::open(&folder, Boards::new()).unwrap();
         let _pulse = schedule.add((place(0), Why::Pulse), after(60));
         let _lease = schedule.add((place(1), Why::Lease), after(60));
         schedule
@@ -543,7 +579,7 @@ mod tests {
             .await;
         schedule.take_over(&[place(1)], None).await.unwrap();
 
-        let again = Schedule::open(&folder).unwrap();
+        let again = Schedule::open(&folder, Boards::new()).unwrap();
         let keys: Vec<Key> = again.take_up().into_iter().map(|(key, ..)| key).collect();
         assert_eq!(keys, [(place(0), Why::Pulse)]);
         assert_eq!(again.off()[0].0, place(2));
@@ -551,7 +587,12 @@ mod tests {
         assert!(left <= Duration::from_secs(60) && left > Duration::from_secs(30));
 
         std::fs::write(folder.join("promises.json"), "{").unwrap();
-        assert!(Schedule::open(&folder).unwrap().take_up().is_empty());
+        assert!(
+            Schedule::open(&folder, Boards::new())
+                .unwrap()
+                .take_up()
+                .is_empty()
+        );
         assert!(folder.join("promises.json.unreadable").exists());
         std::fs::remove_dir_all(&folder).unwrap();
     }
@@ -584,21 +625,29 @@ mod tests {
     }
 
     /// The disk refuses a takeover, and takes it with what somebody else keeps, just then.
-    #[tokio::test]
-    async fn a_takeover_beside_another_keep_is_done_or_refused_and_never_half() {
+    #[test]
+    fn a_takeover_beside_another_keep_is_done_or_refused_and_never_half() {
         let folder = std::env::temp_dir().join(format!("railbus-beside-{}", std::process::id()));
         let draft = folder.join("promises.json.new");
-        let schedule = Arc::new(Schedule::open(&folder).unwrap());
+        let schedule = Arc::new(Schedule::open(&folder, Boards::new()).unwrap());
         let pulse = schedule.add((place(0), Why::Pulse), after(60));
-        schedule.keep().await.unwrap();
+        let run = tokio::runtime::Builder::new_current_thread;
+        // The disk is slow for as long as its one thread is held up.
+        let slow = run().max_blocking_threads(1).build().unwrap();
+        slow.block_on(schedule.keep()).unwrap();
         std::fs::create_dir(&draft).unwrap();
+        let (go_on, held_up) = std::sync::mpsc::channel::<()>();
+        slow.spawn_blocking(move || held_up.recv());
 
         let own = Arc::clone(&schedule);
         let woken = Arc::new(Woken::default());
         let waker = Waker::from(Arc::clone(&woken));
         let mut taking = Box::pin(async move { own.take_over(&[place(0)], None).await });
+        let on_slow = slow.enter();
         let first = taking.as_mut().poll(&mut Context::from_waker(&waker));
+        drop(on_slow);
         assert!(first.is_pending(), "it is being written");
+        go_on.send(()).unwrap();
         while !woken.0.load(Ordering::SeqCst) {
             std::thread::yield_now();
         }
@@ -609,7 +658,6 @@ mod tests {
         let mut beside = Box::pin(schedule.file.write(actions.version, || newest));
         let waits = beside.as_mut().poll(&mut Context::from_waker(&waker));
         assert!(waits.is_pending(), "the file is taken");
-        let run = tokio::runtime::Builder::new_current_thread;
         let taking = std::thread::spawn(move || run().build().unwrap().block_on(taking));
         let beside = std::thread::scope(|scope| {
             let writing = scope.spawn(move || run().build().unwrap().block_on(beside));
@@ -621,7 +669,7 @@ mod tests {
 
         let end = taking.join().unwrap();
         let is_there = schedule.time_of(pulse.number) != Time::Over;
-        let again = Schedule::open(&folder).unwrap();
+        let again = Schedule::open(&folder, Boards::new()).unwrap();
         let is_kept = !again.take_up().is_empty();
         // Where it is refused, that is said with the words that the pulse ends still.
         assert_eq!((is_there, is_kept), (end.is_err(), end.is_err()), "{end:?}");
@@ -642,7 +690,7 @@ mod tests {
     async fn what_can_not_be_written_down_does_not_pile_up() {
         let folder = std::env::temp_dir().join(format!("railbus-piles-{}", std::process::id()));
         std::fs::create_dir_all(folder.join("promises.json.new")).unwrap();
-        let schedule = Schedule::open(&folder).unwrap();
+        let schedule = Schedule::open(&folder, Boards::new()).unwrap();
         for _ in 0..100 {
             let _limit = schedule.add((place(0), Why::MaxOn), after(9));
             assert!(schedule.keep().await.is_err());

@@ -445,11 +445,10 @@ impl Inner {
                 .guard
                 .free_at(&place, railbus_wire::Micros(left));
         }
-        if actions.is_empty() {
+        if actions.is_empty() && !self.schedule.has_dropped() {
             return;
         }
-        let inner = Arc::clone(self);
-        tokio::spawn(async move { inner.schedule.keep().await });
+        self.keep_soon();
         for (key, promise, watched) in actions {
             let timer = Timer {
                 inner: Arc::clone(self),

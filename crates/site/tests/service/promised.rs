@@ -4,7 +4,7 @@
 
 use crate::board::{self, Boards, k, until};
 use crate::safety::{config, folder, known, switch};
-use railbus_site::{Failure, Pulse, Service};
+use railbus_site::{Config, Failure, Pulse, Service};
 use railbus_wire::Micros;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -183,6 +183,62 @@ async fn a_clock_that_was_set_back_does_not_hold_an_output_at_every_start_anew()
     let service = Service::start_in(config(&port, ""), &folder).unwrap();
     let latest = SystemTime::now() + Duration::from_secs(2);
     until(|| due(&folder) <= latest).await;
+    service.close().await;
+    let _ = std::fs::remove_dir_all(folder);
+}
+
+/// While the daemon does not run, the names of two boards are exchanged in the file.
+#[tokio::test]
+async fn the_end_of_a_pulse_never_meets_another_board_of_that_name_after_a_restart() {
+    let folder = folder("exchanged");
+    let (service, boards) = site_in(&folder).await;
+    let before = service.config().lines["main"].port.clone();
+    service.pulse("oven", k(1), LONG).await.unwrap();
+    service.pulse("yard", k(2), LONG).await.unwrap();
+    let again = crate::safety::folder("exchanged-again");
+    std::fs::create_dir_all(&again).unwrap();
+    std::fs::copy(folder.join(NAME), again.join(NAME)).unwrap();
+    service.close().await;
+    assert!(kept(&again).contains("\"board\""), "{}", kept(&again));
+
+    // The pulse of the board at address 3 is nobody's end now; the other is where it was.
+    let text = format!(
+        "[line.main]\nport = \"{before}\"\n\
+         [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 5\n\
+         [module.yard]\nline = \"main\"\nmodel = \"erc8\"\naddress = 4\n"
+    );
+    boards.set(5, 1);
+    let service = Service::start_in(Config::parse(&text).unwrap(), &again).unwrap();
+    let left = |module, number| service.point(module, k(number)).unwrap().left.pulse;
+    assert_eq!(left("oven", 1), None);
+    assert!(left("yard", 2).is_some());
+    let mut events = service.follow_events();
+    service.tell_dropped_ends();
+    let told = events.next().await.unwrap().unwrap();
+    assert_eq!(told.code.as_deref(), Some("end_dropped"));
+    assert_eq!(told.module.as_deref(), Some("oven"));
+    assert_eq!(told.text.as_deref(), Some("address 3, output 1"));
+    // It is off the disk as well.
+    until(|| !kept(&again).contains("oven")).await;
+    assert!(kept(&again).contains("yard"));
+    service.close().await;
+    assert_eq!(boards.relays(5), 1, "it gave no pulse");
+    let _ = std::fs::remove_dir_all(folder);
+    let _ = std::fs::remove_dir_all(again);
+}
+
+/// A file of a version that did not say of which board a promise is.
+#[tokio::test]
+async fn a_promise_without_a_board_is_that_of_the_name() {
+    let folder = folder("older");
+    std::fs::create_dir_all(&folder).unwrap();
+    let text = "{\"schema\":1,\"promises\":[{\"module\":\"oven\",\"output\":0,\
+                \"why\":\"pulse\",\"end\":false,\"at_ms\":0,\"length_ms\":2000}]}";
+    std::fs::write(folder.join(NAME), text).unwrap();
+    let (port, boards) = board::start().await;
+    boards.set(3, 1);
+    let service = Service::start_in(config(&port, ""), &folder).unwrap();
+    until(|| boards.relays(3) == 0).await;
     service.close().await;
     let _ = std::fs::remove_dir_all(folder);
 }
