@@ -102,8 +102,8 @@ impl Order {
     }
 
     /// The same, where that is allowed. Who may not do it any more is not told either what came of
-    /// it when he did, and so it is asked before the key is looked up; and once more before anything
-    /// is done, since the configuration may have changed.
+    /// it when he did, and so it is asked before the key is looked up; and once more before
+    /// anything is done, since the configuration may have changed.
     pub(super) async fn carry_out_if<T, R, F, Fut>(
         self,
         what: (&'static str, String),

@@ -91,9 +91,9 @@ impl Service {
         self.inner.tell_event(event);
     }
 
-    /// Tells which ends of pulses and leases an earlier run has promised that are not done any more:
-    /// the names of their modules stand for other boards now, or for none. To be called once
-    /// somebody listens.
+    /// Tells which ends of pulses and leases an earlier run has promised that are not done any
+    /// more: the names of their modules stand for other boards now, or for none. To be called
+    /// once somebody listens.
     pub fn tell_dropped_ends(&self) {
         for ((place, why), board) in self.inner.schedule.take_dropped() {
             if why == Why::MinOff {
