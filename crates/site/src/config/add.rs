@@ -2,7 +2,7 @@
 //! comments and blanks included.
 
 use super::Config;
-use railbus_device::Setup;
+use railbus_device::{Family, Setup};
 use railbus_wire::Settings;
 use toml_edit::{DocumentMut, Item, Table, value};
 
@@ -42,6 +42,10 @@ pub fn with_modules(text: &str, line: NewLine<'_>, modules: &[(String, Setup)]) 
             table.insert("protocol", value(setup.protocol.name()));
         }
         serial_keys(&mut table, setup.serial, serial);
+        if setup.family == Family::R55 {
+            // No reply tells it: it stands where it can be put right.
+            table.insert("outputs", value(i64::from(setup.outputs)));
+        }
         if setup.checksum {
             table.insert("checksum", value(true));
         }
@@ -102,7 +106,6 @@ fn insert(document: &mut DocumentMut, kind: &str, name: &str, mut table: Table) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_device::Family;
     use railbus_wire::{Address, Baud, Protocol};
 
     const LINE: NewLine<'_> = NewLine {
@@ -140,6 +143,16 @@ mod tests {
             [module.eda9060a_1]\nline = \"main\"\nmodel = \"eda9060a\"\naddress = 1\n\
             checksum = true\n";
         assert_eq!(text, expected);
+    }
+
+    #[test]
+    fn a_board_that_does_not_tell_its_channels_is_written_with_their_number() {
+        let board = Setup {
+            outputs: 8,
+            ..Setup::new(Family::R55, Address(1))
+        };
+        let text = with_modules("", LINE, &[("yard".to_owned(), board)]).unwrap();
+        assert!(text.ends_with("address = 1\noutputs = 8\n"), "{text}");
     }
 
     #[test]

@@ -43,7 +43,7 @@ pub(super) fn add(
         .then(|| place.line.clone());
     let name = named.or_else(|| by_port.into_iter().next());
     let name = name.unwrap_or_else(|| line_name(&config, &place.line));
-    let modules = new_modules(&config, &name, found, wanted.model);
+    let modules = new_modules(&config, &name, found, wanted);
     if modules.is_empty() {
         context.note(lang.get(ScanText::NothingNew));
         return Ok(());
@@ -72,6 +72,15 @@ pub(super) fn add(
     }
     let (count, file) = (modules.len(), file.display());
     context.note(&lang.fill(ScanText::Written, &[("count", &count), ("file", &file)]));
+    let boards = modules.iter();
+    let boards = boards.filter(|(_, setup)| setup.family == Family::R55);
+    if let (None, Some((_, first))) = (wanted.outputs, boards.clone().next()) {
+        let names: Vec<&str> = boards.map(|(name, _)| name.as_str()).collect();
+        let names = names.join(", ");
+        let told: [(&str, &dyn std::fmt::Display); 2] =
+            [("names", &names), ("count", &first.outputs)];
+        context.note(&lang.fill(ScanText::OutputsGuessed, &told));
+    }
     Ok(())
 }
 
@@ -110,15 +119,18 @@ fn new_modules(
     config: &Config,
     line: &str,
     found: &[Found],
-    model: Option<Family>,
+    wanted: &Wanted,
 ) -> Vec<(String, Setup)> {
     let mut modules: Vec<(String, Setup)> = Vec::new();
     let mut sorted: Vec<&Found> = found.iter().collect();
     sorted.sort_by_key(|found| found.asked.address);
     for found in sorted {
-        let Some(setup) = setup(found, model) else {
+        let Some(mut setup) = setup(found, wanted.model) else {
             continue;
         };
+        if setup.family == Family::R55 {
+            setup.outputs = wanted.outputs.unwrap_or(setup.outputs);
+        }
         let same =
             |other: &Setup| other.address == setup.address && other.protocol == setup.protocol;
         let is_known = config

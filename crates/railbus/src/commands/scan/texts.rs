@@ -41,6 +41,10 @@ crate::texts::texts! {
         zh: "将发现的模块写入 railbus.toml（先询问）；型号不确定的须加 --model",
     }
     Yes { en: "Writes without asking", zh: "不询问直接写入" }
+    Outputs {
+        en: "How many outputs the 0x55 boards have that are added: 1-32",
+        zh: "所添加 0x55 板的输出路数：1-32",
+    }
     Resume { en: "Goes on with a scan that was broken off", zh: "继续中断的扫描" }
     MaxTime { en: "Ends in time, and says what was left out", zh: "限时结束，并说明未扫描的部分" }
 
@@ -129,6 +133,11 @@ crate::texts::texts! {
     WillWrite { en: "to be added to {file}:", zh: "将添加到 {file}：" }
     AskWrite { en: "write this? [y/N] ", zh: "是否写入？[y/N] " }
     Written { en: "{count} modules written to {file}", zh: "{count} 个模块已写入 {file}" }
+    OutputsGuessed {
+        en: "{names}: written with {count} outputs, because a 0x55 board does not tell how many it has; \
+             set outputs in [module.…], or add with --outputs N",
+        zh: "{names}：已按 {count} 路输出写入，0x55 板不报告路数；请修改 [module.…] 的 outputs，或用 --outputs N 添加",
+    }
     NotWritten { en: "nothing was written", zh: "未写入" }
     NotRightText { en: "the file would no longer be a configuration", zh: "文件将不再是有效配置" }
 }

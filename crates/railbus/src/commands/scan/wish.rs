@@ -5,7 +5,7 @@ use crate::cli;
 use crate::commands::place::Place;
 use crate::commands::{Context, context};
 use crate::i18n::Lang;
-use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command};
+use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use railbus_device::Family;
 use railbus_host::LineName;
 use railbus_site::scan::{Depth, Wish};
@@ -72,6 +72,11 @@ pub(super) fn define(lang: Lang, command: Command) -> Command {
         .arg(switch("follow", ScanText::Follow))
         .arg(switch("add", ScanText::Add))
         .arg(switch("yes", ScanText::Yes).requires("add"))
+        .arg(
+            one("outputs", ScanText::Outputs, "N")
+                .value_parser(value_parser!(u8).range(1..=32))
+                .requires("add"),
+        )
         .arg(switch("resume", ScanText::Resume))
         .arg(one("max-time", ScanText::MaxTime, "TIME").value_parser(context::duration))
 }
@@ -85,6 +90,8 @@ pub(super) struct Wanted {
     pub(super) yes: bool,
     /// What those are taken for that could be it.
     pub(super) model: Option<Family>,
+    /// How many outputs the boards have that do not tell it.
+    pub(super) outputs: Option<u8>,
     pub(super) resume: bool,
     pub(super) max_time: Option<Micros>,
 }
@@ -140,6 +147,7 @@ impl Wanted {
             model: matches
                 .get_one::<String>("model")
                 .and_then(|name| Family::from_name(name)),
+            outputs: matches.get_one("outputs").copied(),
             resume: flag("resume"),
             max_time: matches.get_one("max-time").copied(),
         }
