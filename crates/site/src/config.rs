@@ -35,7 +35,7 @@ pub use plant::{Blink, Plant, Signal, SimLine, SimModule, Swing};
 pub use problem::{Kind, Problem};
 pub use read::place_of;
 pub use rules::{ACTIONS_MAX, Action, Clock, Limit, NOTICE_MAX, RULES_MAX, Rule, When};
-pub use units::{Range, parse_duration};
+pub use units::{Range, Standard, parse_duration};
 pub use webhook::{URL_MAX, WEBHOOKS_MAX, Webhook};
 
 use crate::settings::Wanted;
@@ -85,6 +85,8 @@ pub struct LineConfig {
     pub serial: Settings,
     /// Whether the adapter echoes.
     pub echo: EchoMode,
+    /// What people call it.
+    pub name: Name,
 }
 
 /// A module.
@@ -102,19 +104,37 @@ pub struct ModuleConfig {
     pub points: BTreeMap<Point, PointConfig>,
     /// What it is to keep besides address, speed, parity and checksum.
     pub settings: Wanted,
+    /// What people call it.
+    pub name: Name,
+    /// Where it stands: modules are shown together by it.
+    pub area: Option<String>,
 }
 
 /// What is said of a point.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointConfig {
     /// Its name in English.
     pub name_en: Option<String>,
     /// Its name in Chinese.
     pub name_zh: Option<String>,
+    /// It is of no interest: pages leave it out unless they are asked for it.
+    pub hidden: bool,
+    /// What an analog input measures, where that is not its module's range.
+    pub range: Option<Range>,
     /// It must not be written.
     pub locked: bool,
     /// What makes switching it safe.
     pub safety: Safety,
+}
+
+impl ModuleConfig {
+    /// What an analog input measures.
+    #[must_use]
+    pub fn range_of(&self, point: Point) -> &Range {
+        let own = self.points.get(&point);
+        own.and_then(|own| own.range.as_ref())
+            .unwrap_or(&self.range)
+    }
 }
 
 impl Config {

@@ -262,14 +262,12 @@ fn values(config: &ModuleConfig, seen: &Seen) -> Vec<(Point, Value)> {
         Seen::Analogs(registers) => (0..)
             .zip(registers)
             .map(|(index, register)| {
-                let value = Value::Analog(config.range.value(register), register);
-                (
-                    Point {
-                        kind: PointKind::Analog,
-                        index,
-                    },
-                    value,
-                )
+                let point = Point {
+                    kind: PointKind::Analog,
+                    index,
+                };
+                let value = config.range_of(point).value(register);
+                (point, Value::Analog(value, register))
             })
             .collect(),
         Seen::Variable(index, value) => {

@@ -51,6 +51,24 @@ fn a_good_one_is_read() {
 }
 
 #[test]
+fn lines_and_modules_are_called_something() {
+    let text = GOOD
+        .replace("[line.main]\n", "[line.main]\nname = { zh = \"一号线\" }\n")
+        .replace(
+            "address = 3\n",
+            "address = 3\nname = \"Oven\"\narea = \"Hall 2\"\n",
+        );
+    let config = Config::parse(&text).expect("it is good");
+    assert_eq!(config.lines["main"].name.zh.as_deref(), Some("一号线"));
+    assert_eq!(config.lines["main"].name.en, None);
+    let oven = &config.modules["oven"];
+    assert_eq!(oven.name.en.as_deref(), Some("Oven"));
+    assert_eq!(oven.name.zh, oven.name.en);
+    assert_eq!(oven.area.as_deref(), Some("Hall 2"));
+    assert_eq!(config.modules["pump"].area, None);
+}
+
+#[test]
 fn each_problem_has_its_code_and_place() {
     let at = |text: &str, code, line, column, path: &str| {
         assert_eq!(

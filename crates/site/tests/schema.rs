@@ -18,6 +18,7 @@ allow = ["tcp:10.0.0.*:4001"]
 allow = ["127.0.0.1:1880"]
 
 [line.main]
+name = { zh = "一号线" }
 port = "/dev/serial/by-id/usb-FTDI_FT232R_A10KZP45-if00-port0"
 baud = 19200
 format = "8E1"
@@ -45,6 +46,8 @@ do2 = { confirm = "hold", max_on = "10m", min_off = "5s", on_exit = "off", on_re
 [module.oven]
 line = "main"
 model = "erc8"
+name = { en = "Oven", zh = "烘箱" }
+area = "Hall 2"
 address = 3
 poll = "never"
 
@@ -53,6 +56,7 @@ line = "main"
 model = "emd2a2q"
 address = 5
 range = { low = 0, high = 4.5, unit = "m", decimals = 2 }
+point.ai2 = { hidden = true, range = { signal = "4-20mA", low = 0, high = 16, unit = "bar" } }
 sim = { power = "on", inputs = { ai1 = { from = 1.2, to = 8.8, every = "4m" }, ai2 = 3 } }
 
 [module.yard]

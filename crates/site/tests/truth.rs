@@ -93,6 +93,29 @@ fn analog_registers_are_hundredths() {
 }
 
 #[test]
+fn each_analog_input_can_measure_something_of_its_own() {
+    let text = r#"
+[line.main]
+port = "/dev/ttyUSB0"
+[module.tank]
+line = "main"
+model = "emd2a2q"
+address = 5
+range = "0-20mA"
+point.ai2 = { range = { signal = "4-20mA", low = 0, high = 16, unit = "bar" } }
+"#;
+    let mut site = Site::new(railbus_site::Config::parse(text).unwrap());
+    site.saw("tank", &Seen::Analogs([1_200, 1_200]), Instant(0));
+    let value = |index| {
+        let kind = PointKind::Analog;
+        let (known, _) = site.point("tank", Point { kind, index }, Instant(0));
+        known.map(|known| known.value)
+    };
+    assert_eq!(value(0), Some(Value::Analog(12.0, 1_200)));
+    assert_eq!(value(1), Some(Value::Analog(8.0, 1_200)));
+}
+
+#[test]
 fn another_configuration_keeps_what_is_known_of_kept_modules() {
     let mut site = site();
     site.saw("oven", &outputs(1), Instant(0));

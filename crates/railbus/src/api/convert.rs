@@ -8,7 +8,7 @@ use crate::render::time::rfc3339;
 use jiff::{SignedDuration, Timestamp};
 use railbus_device::PointKind;
 use railbus_host::{LineState, Passed, PortError, Presence, Probed};
-use railbus_site::config::Confirm;
+use railbus_site::config::{Confirm, Name};
 use railbus_site::{By, LineStatus, ModuleStatus, PointStatus, Service};
 use railbus_wire::{Instant, Micros};
 use std::collections::BTreeMap;
@@ -41,6 +41,7 @@ pub(crate) fn line(status: LineStatus) -> LineInfo {
     };
     LineInfo {
         line: status.name,
+        name: by_language(status.called),
         port: status.port,
         state,
         reason: why.map(|why| why.name().to_owned()),
@@ -74,6 +75,8 @@ pub(crate) fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
         outputs: bits(PointKind::Output),
         inputs: bits(PointKind::Input),
         module: status.name,
+        name: by_language(status.called),
+        area: status.area,
         line: status.line,
         address: status.setup.address.0,
         protocol: status.setup.protocol.name().to_owned(),
@@ -98,8 +101,6 @@ pub(crate) fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
 pub(crate) fn point(status: PointStatus) -> PointInfo {
     let config = status.config;
     let safety = config.safety;
-    let names = [("en", config.name_en), ("zh", config.name_zh)];
-    let named = |(lang, name): (&str, Option<String>)| Some((lang.to_owned(), name?));
     PointInfo {
         path: format!("{}.{}", status.module, status.label),
         module: status.module,
@@ -111,10 +112,10 @@ pub(crate) fn point(status: PointStatus) -> PointInfo {
             PointKind::Variable => Kind::Variable,
         },
         index: status.point.index,
-        name: names
-            .into_iter()
-            .filter_map(named)
-            .collect::<BTreeMap<_, _>>(),
+        name: by_language(Name {
+            en: config.name_en,
+            zh: config.name_zh,
+        }),
         value: status.value.map(value),
         raw: match status.value {
             Some(railbus_site::Value::Analog(_, register)) => Some(register),
@@ -134,6 +135,7 @@ pub(crate) fn point(status: PointStatus) -> PointInfo {
         age_ms: status.age.map(millis),
         max_age_ms: status.max_age.map(millis),
         time: status.age.and_then(ago),
+        hidden: config.hidden,
         locked: config.locked,
         confirm: safety.confirm.is_some(),
         hold: safety.confirm == Some(Confirm::Hold),
@@ -149,6 +151,13 @@ pub(crate) fn point(status: PointStatus) -> PointInfo {
             .map(|until| LeaseInfo { until }),
         pulse_ms: status.pulse.map(millis),
     }
+}
+
+/// What something is called, by the languages in which it is called anything.
+fn by_language(Name { en, zh }: Name) -> BTreeMap<String, String> {
+    let names = [("en", en), ("zh", zh)].into_iter();
+    let named = names.filter_map(|(lang, name)| Some((lang.to_owned(), name?)));
+    named.collect()
 }
 
 /// The moment so long ago.

@@ -242,7 +242,7 @@ fn when(config: &Config, when: &When) -> WhenText {
         When::Switch(_, is) => text.is = Some(*is),
         When::Analog(place, limit) => {
             let module = config.modules.get(&place.module);
-            let unit = module.map(|module| module.range.unit.clone());
+            let unit = module.map(|module| module.range_of(place.point).unit.clone());
             text.unit = unit.filter(|_| place.point.kind == PointKind::Analog);
             let side = match limit.above {
                 true => &mut text.above,

@@ -28,6 +28,9 @@ pub(crate) struct SiteInfo {
 pub(crate) struct LineInfo {
     /// Its name.
     pub(crate) line: String,
+    /// What people call it, by language.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) name: BTreeMap<String, String>,
     /// Where it is plugged in, as the configuration says it.
     pub(crate) port: String,
     /// How its port is.
@@ -70,6 +73,12 @@ pub(crate) enum PortState {
 pub(crate) struct ModuleInfo {
     /// Its name.
     pub(crate) module: String,
+    /// What people call it, by language.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) name: BTreeMap<String, String>,
+    /// Where it stands; modules are shown together by it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) area: Option<String>,
     /// The line it hangs on.
     pub(crate) line: String,
     /// Its address.
@@ -160,6 +169,9 @@ pub(crate) struct PointInfo {
     /// When the value was read, as RFC 3339 in UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) time: Option<String>,
+    /// It is of no interest: pages leave it out unless they are asked for it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(crate) hidden: bool,
     /// It must not be written.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub(crate) locked: bool,

@@ -16,7 +16,7 @@ use crate::i18n::Lang;
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Layout, Setup};
 use railbus_host::{LineState, Tap};
-use railbus_site::config::{LineConfig, ModuleConfig, Range};
+use railbus_site::config::{LineConfig, ModuleConfig, Name, Range};
 use railbus_site::{Config, Service};
 use railbus_wire::{Address, Baud, Character, Instant, Settings};
 use std::collections::BTreeMap;
@@ -238,6 +238,7 @@ pub(crate) fn described(ad_hoc: &AdHoc) -> Result<Config, Problem> {
         port: ad_hoc.port.clone(),
         serial,
         echo: EchoMode::Auto,
+        name: Name::default(),
     };
     config.lines.insert(AD_HOC_LINE.to_owned(), line);
     if let Some(module) = &ad_hoc.module {
@@ -265,6 +266,8 @@ pub(crate) fn described(ad_hoc: &AdHoc) -> Result<Config, Problem> {
             range: Range::volts(),
             points: BTreeMap::new(),
             settings: railbus_site::settings::Wanted::default(),
+            name: Name::default(),
+            area: None,
         };
         config.modules.insert(module.name.clone(), described);
     }

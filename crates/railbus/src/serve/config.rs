@@ -57,6 +57,10 @@ pub(super) const ROUTES: &[Route] = &[
         .doc(Doc::new("Bring an earlier text back").takes::<Undo>()),
     Route::new("POST", "/config/lines", Need::ENGINEER, || post(add_line))
         .doc(Doc::new("Add a line").takes_object()),
+    Route::new("GET", "/config/lines/{line}", Need::ENGINEER, || {
+        get(show_line)
+    })
+    .doc(Doc::new("The keys of a line as they are written")),
     Route::new("PATCH", "/config/lines/{line}", Need::ENGINEER, || {
         patch(change_line)
     })
@@ -69,6 +73,10 @@ pub(super) const ROUTES: &[Route] = &[
         post(add_modules)
     })
     .doc(Doc::new("Add modules, such as a scan found").takes_object()),
+    Route::new("GET", "/config/modules/{module}", Need::ENGINEER, || {
+        get(show_module)
+    })
+    .doc(Doc::new("The keys of a module as they are written")),
     Route::new("PATCH", "/config/modules/{module}", Need::ENGINEER, || {
         patch(change_module)
     })
@@ -193,6 +201,28 @@ async fn undo(order: Order) -> Answer {
                 Ok(found.text)
             };
             edit(&order, change).await
+        }
+        Err(problem) => answer::problem(&problem),
+    }
+}
+
+async fn show_line(State(site): State<Site>, Path(line): Path<String>) -> Answer {
+    keys_of(&site, "line", &line).await
+}
+
+async fn show_module(State(site): State<Site>, Path(module): Path<String>) -> Answer {
+    keys_of(&site, "module", &module).await
+}
+
+async fn keys_of(site: &Site, kind: &'static str, name: &str) -> Answer {
+    let read = async {
+        let text = site.desk.text().await?;
+        Ok((edits::read(&text, kind, name)?, etag(&text)))
+    };
+    match read.await {
+        Ok((keys, tag)) => {
+            let told = json!({ "schema": 1, kind: name, "keys": keys, "etag": tag });
+            tagged(answer::json(Ok(told)), &tag)
         }
         Err(problem) => answer::problem(&problem),
     }

@@ -9,7 +9,7 @@ use crate::i18n::Lang;
 use railbus_device::{Family, Point, PointKind, Setup};
 use railbus_sim::Power;
 use railbus_site::Config;
-use railbus_site::config::{FaultOrder, FaultsOf, Range, Signal, parse_faults};
+use railbus_site::config::{FaultOrder, FaultsOf, ModuleConfig, Range, Signal, parse_faults};
 use std::collections::BTreeMap;
 
 /// Something to do or to tell.
@@ -52,7 +52,8 @@ struct Known {
     line: usize,
     part: usize,
     setup: Setup,
-    range: Range,
+    /// What lies at the terminals of its analog inputs.
+    ranges: BTreeMap<Point, Range>,
 }
 
 impl Directory {
@@ -67,7 +68,7 @@ impl Directory {
                     line,
                     part,
                     setup: module.setup,
-                    range: module.range.clone(),
+                    ranges: ranges(module),
                 };
                 modules.insert(name.clone(), known);
             }
@@ -85,9 +86,9 @@ impl Directory {
         self.modules.get(module).map(|known| &known.setup)
     }
 
-    /// What the analog inputs of a module measure.
-    pub(super) fn range(&self, module: &str) -> Option<&Range> {
-        self.modules.get(module).map(|known| &known.range)
+    /// What lies at the terminals of an analog input; nothing of any other point.
+    pub(super) fn range(&self, module: &str, point: Point) -> Option<&Range> {
+        self.modules.get(module)?.ranges.get(&point)
     }
 
     /// Reads a list of faults.
@@ -254,14 +255,13 @@ impl Reader<'_> {
         let point = known.setup.point(label);
         let point = point.filter(|p| matches!(p.kind, PointKind::Input | PointKind::Analog));
         let point = point.ok_or_else(|| self.wrong(SimText::NoInput, &[("path", &path)]))?;
+        let range = known.ranges.get(&point);
+        let unit = range.map_or("", |range| range.unit.as_str());
         let signal = match point.kind {
             _ if value == "auto" => Some(None),
-            PointKind::Analog => {
-                analog(value, &known.range.unit).map(|value| Some(Signal::Value(value)))
-            }
+            PointKind::Analog => analog(value, unit).map(|value| Some(Signal::Value(value))),
             _ => switch(value).map(|level| Some(Signal::Level(level))),
         };
-        let unit = &known.range.unit;
         let signal = signal.ok_or_else(|| match point.kind {
             PointKind::Analog => self.form(&format!("{path} = 8.71 {unit}")),
             _ => self.form(&format!("{path} = 1")),
@@ -288,6 +288,14 @@ impl Reader<'_> {
     fn wrong(&self, text: SimText, values: &[(&str, &dyn std::fmt::Display)]) -> Failure {
         Failure::new(Code::SimOrder, self.lang.fill(text, values)).with_try("railbus sim --help")
     }
+}
+
+/// What lies at the terminals of each analog input.
+fn ranges(module: &ModuleConfig) -> BTreeMap<Point, Range> {
+    let points = module.setup.points();
+    let analogs = points.filter(|point| point.kind == PointKind::Analog);
+    let range = |point| (point, module.range_of(point).at_terminal());
+    analogs.map(range).collect()
 }
 
 /// `1`, `on`, `high` and their contraries.

@@ -70,8 +70,7 @@ fn point(stage: &Stage, part: &Part, directory: &Directory, at: Point) -> Option
         PointKind::Variable => return None,
     };
     let (letters, number) = part.setup.label(at);
-    let range = directory.range(&part.name);
-    let range = range.filter(|_| at.kind == PointKind::Analog);
+    let range = directory.range(&part.name, at);
     Some(SimPointInfo {
         label: format!("{letters}{number}"),
         kind: kind.to_owned(),

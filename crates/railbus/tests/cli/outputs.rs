@@ -75,6 +75,28 @@ fn every_form_of_config_is_as_published() {
 }
 
 #[test]
+fn names_and_areas_are_as_published() {
+    let site = Site::demo("outputs-names");
+    let tank = "model = \"emd2a2q\"\naddress = 5\n";
+    let called = "name = { zh = \"水池\" }\narea = \"Yard\"\npoint.ai2 = { hidden = true }\n";
+    rewrite(&site, tank, &format!("{tank}{called}"));
+    let all = &run(&site, "ls", 0)[0]["modules"];
+    let tank = all.as_array().unwrap().iter();
+    let tank = tank
+        .clone()
+        .find(|module| module["module"] == "tank")
+        .unwrap();
+    assert_eq!(
+        (&tank["name"]["zh"], &tank["area"]),
+        (&"水池".into(), &"Yard".into())
+    );
+    let points = &run(&site, "ls points tank", 0)[0]["points"];
+    let hidden = points.as_array().unwrap().iter();
+    assert_eq!(hidden.filter(|point| point["hidden"] == true).count(), 1);
+    run(&site, "ls lines", 0);
+}
+
+#[test]
 fn plans_and_what_was_applied_are_as_published() {
     let site = Site::demo("outputs-plan");
     let mut forms = Forms::of(&site, "apply");

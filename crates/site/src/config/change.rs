@@ -27,6 +27,46 @@ const FIRST: [&str; 13] = [
     "pulse", "time",
 ];
 
+/// The keys of a table as they are written, below it too; nothing where there is no such table.
+#[must_use]
+pub fn keys_of(text: &str, path: &[&str]) -> Option<Keys> {
+    let document: DocumentMut = text.parse().ok()?;
+    let mut at = document.as_item();
+    for word in path {
+        at = at.as_table_like()?.get(word)?;
+    }
+    at.as_table_like().map(read_keys)
+}
+
+fn read_keys(table: &dyn TableLike) -> Keys {
+    let read = |(key, item): (&str, &Item)| Some((key.to_owned(), read_item(item)?));
+    table.iter().filter_map(read).collect()
+}
+
+fn read_item(item: &Item) -> Option<Json> {
+    match item {
+        Item::None => None,
+        Item::Value(value) => Some(read_value(value)),
+        Item::Table(table) => Some(Json::Object(read_keys(table))),
+        Item::ArrayOfTables(tables) => {
+            let tables = tables.iter().map(|table| Json::Object(read_keys(table)));
+            Some(tables.collect())
+        }
+    }
+}
+
+fn read_value(value: &Value) -> Json {
+    match value {
+        Value::String(text) => text.value().as_str().into(),
+        Value::Integer(number) => (*number.value()).into(),
+        Value::Float(number) => (*number.value()).into(),
+        Value::Boolean(is) => (*is.value()).into(),
+        Value::Datetime(time) => time.value().to_string().into(),
+        Value::Array(list) => list.iter().map(read_value).collect(),
+        Value::InlineTable(table) => Json::Object(read_keys(table)),
+    }
+}
+
 /// Sets keys of a table, which is made where it is missing. A key that is null goes. Times can be
 /// given in milliseconds: `max_age_ms = 500` sets `max_age = "500ms"`.
 ///
@@ -457,6 +497,20 @@ mod tests {
                 .all(|point| point.locked),
             "{text}"
         );
+    }
+
+    #[test]
+    fn keys_are_read_as_they_can_be_set() {
+        let text = "[module.oven]\naddress = 0x03\nname = { zh = \"烘箱\" }\n\
+            [module.oven.point]\nk1.interlock = [\"oven.k2\"]\nk2 = { locked = true }\n";
+        let read = keys_of(text, &["module", "oven"]).unwrap();
+        let expected = json!({
+            "address": 3, "name": {"zh": "烘箱"},
+            "point": {"k1": {"interlock": ["oven.k2"]}, "k2": {"locked": true}},
+        });
+        assert_eq!(Json::Object(read), expected);
+        assert_eq!(keys_of(text, &["module", "gate"]), None);
+        assert_eq!(keys_of(text, &["module", "oven", "address"]), None);
     }
 
     #[test]

@@ -3,10 +3,10 @@
 use super::control::{Name, Pending};
 use super::{
     Config, Kind, LineConfig, ModuleConfig, Place, PointConfig, Problem, Range, SimModule,
-    parse_duration,
+    Standard, parse_duration,
 };
 use railbus_bus::{EchoMode, Plan};
-use railbus_device::{Family, Layout, Setup, SetupError};
+use railbus_device::{Family, Layout, PointKind, Setup, SetupError};
 use railbus_host::LineName;
 use railbus_wire::{Address, Baud, Character, Protocol, Settings};
 use std::collections::BTreeMap;
@@ -18,10 +18,12 @@ pub(super) const ROOT_KEYS: [&str; 11] = [
     "line", "module", "group", "scene", "rule", "webhook", "webhooks", "ports", "sim", "history",
     "audit",
 ];
-pub(super) const LINE_KEYS: [&str; 5] = ["port", "baud", "format", "echo", "sim"];
-pub(super) const MODULE_KEYS: [&str; 19] = [
+pub(super) const LINE_KEYS: [&str; 6] = ["port", "name", "baud", "format", "echo", "sim"];
+pub(super) const MODULE_KEYS: [&str; 21] = [
     "line",
     "model",
+    "name",
+    "area",
     "address",
     "protocol",
     "baud",
@@ -40,8 +42,10 @@ pub(super) const MODULE_KEYS: [&str; 19] = [
     "sim",
     "settings",
 ];
-pub(super) const POINT_KEYS: [&str; 9] = [
+pub(super) const POINT_KEYS: [&str; 11] = [
     "name",
+    "hidden",
+    "range",
     "locked",
     "confirm",
     "interlock",
@@ -52,7 +56,7 @@ pub(super) const POINT_KEYS: [&str; 9] = [
     "on_return",
 ];
 pub(super) const NAME_KEYS: [&str; 2] = ["en", "zh"];
-pub(super) const RANGE_KEYS: [&str; 4] = ["low", "high", "unit", "decimals"];
+pub(super) const RANGE_KEYS: [&str; 5] = ["signal", "low", "high", "unit", "decimals"];
 
 const BAUDS: [&str; 8] = [
     "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
@@ -67,6 +71,11 @@ const ECHOES: [(&str, EchoMode); 3] = [
     ("auto", EchoMode::Auto),
     ("on", EchoMode::On),
     ("off", EchoMode::Off),
+];
+const SIGNALS: [(&str, Standard); 3] = [
+    ("0-10V", Standard::Volts),
+    ("0-20mA", Standard::Milliamps),
+    ("4-20mA", Standard::LiveMilliamps),
 ];
 const LAYOUTS: [(&str, Layout); 3] = [
     ("outputs", Layout::Outputs),
@@ -284,6 +293,7 @@ impl<'t> Reader<'t> {
         self.check_keys(&section, &LINE_KEYS);
         let serial = self.serial(&section, Settings::FACTORY);
         let echo = self.one_of(&section, "echo", &ECHOES)?.unwrap_or_default();
+        let name = self.name(&section)?;
         let port = self.required(&section, "port", |reader, value, path| {
             let port = reader.string(value, path)?;
             if let Err(why) = port.parse::<LineName>() {
@@ -296,6 +306,7 @@ impl<'t> Reader<'t> {
             port,
             serial: serial?,
             echo,
+            name,
         })
     }
 
@@ -364,7 +375,7 @@ impl<'t> Reader<'t> {
         let points = self.points(&section, &setup);
         let sim = self.sim_module(&section, &setup);
         let plan = self.plan(&section)?;
-        let range = self.range(&section)?;
+        let range = self.range(&section)?.unwrap_or_else(Range::volts);
         let module = ModuleConfig {
             line: line?,
             setup,
@@ -372,6 +383,8 @@ impl<'t> Reader<'t> {
             range,
             points,
             settings: super::desired::read(self, &section, &setup),
+            name: self.name(&section)?,
+            area: self.optional(&section, "area", Self::string)?,
         };
         Some((module, sim?))
     }
@@ -468,10 +481,19 @@ impl<'t> Reader<'t> {
     fn point(&mut self, section: &Section<'_, 't>, place: Place) -> Option<PointConfig> {
         self.check_keys(section, &POINT_KEYS);
         let locked = self.boolean(section, "locked")?;
+        let hidden = self.boolean(section, "hidden")?;
+        let range = self.range(section)?;
+        if range.is_some() && place.point.kind != PointKind::Analog {
+            let path = format!("{}.range", section.path);
+            self.problem(section.place_of("range"), &path, Kind::UnknownKey(None));
+            return None;
+        }
         let Name { en, zh } = self.name(section)?;
         Some(PointConfig {
             name_en: en,
             name_zh: zh,
+            hidden,
+            range,
             locked,
             safety: self.safety(section, place)?,
         })
@@ -498,14 +520,14 @@ impl<'t> Reader<'t> {
         }
     }
 
-    fn range(&mut self, section: &Section<'_, 't>) -> Option<Range> {
+    fn range(&mut self, section: &Section<'_, 't>) -> Option<Option<Range>> {
         let Some(value) = section.table.get("range") else {
-            return Some(Range::volts());
+            return Some(None);
         };
         let path = format!("{}.range", section.path);
         match value.get_ref() {
-            DeValue::String(name) if name == "0-10V" => return Some(Range::volts()),
-            DeValue::String(name) if name == "0-20mA" => return Some(Range::milliamps()),
+            DeValue::String(name) if name == "0-10V" => return Some(Some(Range::volts())),
+            DeValue::String(name) if name == "0-20mA" => return Some(Some(Range::milliamps())),
             DeValue::Table(table) => {
                 let section = Section {
                     path: path.clone(),
@@ -514,15 +536,17 @@ impl<'t> Reader<'t> {
                 };
                 self.check_keys(&section, &RANGE_KEYS);
                 let number = |key| section.table.get(key).and_then(|v| as_number(v.get_ref()));
+                let signal = self.one_of(&section, "signal", &SIGNALS)?;
                 let unit = self.optional(&section, "unit", Self::string)?;
                 let decimals = self.count(&section, "decimals", 2)?;
                 if let (Some(low), Some(high), Some(unit)) = (number("low"), number("high"), unit) {
-                    return Some(Range {
+                    return Some(Some(Range {
+                        signal,
                         low,
                         high,
                         unit,
                         decimals,
-                    });
+                    }));
                 }
             }
             _ => {}

@@ -291,7 +291,7 @@ impl<'t> Reader<'t> {
         };
         let module = config.modules.get(&place.module)?;
         let unit = match place.point.kind {
-            PointKind::Analog => module.range.unit.as_str(),
+            PointKind::Analog => module.range_of(place.point).unit.as_str(),
             _ => "",
         };
         if said != unit {

@@ -5,8 +5,8 @@ use super::state::LineNow;
 use super::turn::Turn;
 use super::{Service, Update, close_all, lock, prepare};
 use crate::Config;
-use crate::config::{Place, Problem};
-use railbus_device::Module;
+use crate::config::{LineConfig, ModuleConfig, Place, Problem};
+use railbus_device::{Module, PointKind};
 use railbus_host::{LineState, Membership, ModuleId, Plan, PortError};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -212,7 +212,7 @@ impl Service {
     /// Whether a line goes on: its port is the same, and it is here where its modules change.
     fn goes_on(&self, old: &Config, new: &Config, line: &str) -> bool {
         let both = (old.lines.get(line), new.lines.get(line));
-        if !matches!(both, (Some(a), Some(b)) if a == b) {
+        if !matches!(both, (Some(a), Some(b)) if same_line(a, b)) {
             return false;
         }
         let mut names = old.modules_of(line).chain(new.modules_of(line));
@@ -232,15 +232,49 @@ impl Service {
     }
 }
 
+/// Whether a line is the same. What it is called is no business of its port.
+fn same_line(a: &LineConfig, b: &LineConfig) -> bool {
+    a.port == b.port && a.serial == b.serial && a.echo == b.echo
+}
+
 /// Whether a name is that of the same module, however often that is read.
 fn same_board(old: &Config, new: &Config, module: &str) -> bool {
     let both = (old.modules.get(module), new.modules.get(module));
     matches!(both, (Some(a), Some(b)) if a.line == b.line && a.setup == b.setup)
 }
 
+/// Whether values that were read before mean what they would mean now.
+fn same_ranges(a: &ModuleConfig, b: &ModuleConfig) -> bool {
+    let mut analogs = a.setup.points().filter(|at| at.kind == PointKind::Analog);
+    analogs.all(|at| a.range_of(at) == b.range_of(at))
+}
+
 /// Whether a module is the same to its line. What its points are called and which are locked is
 /// no business of that.
 fn same_module(old: &Config, new: &Config, module: &str) -> bool {
-    let plan = |config: &Config| config.modules.get(module).map(|module| module.plan);
-    same_board(old, new, module) && plan(old) == plan(new)
+    let both = (old.modules.get(module), new.modules.get(module));
+    let same = matches!(both, (Some(a), Some(b)) if a.plan == b.plan && same_ranges(a, b));
+    same && same_board(old, new, module)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_is_not_told_in_a_unit_in_which_it_was_not_read() {
+        let config = |more: &str| {
+            let text = "[line.main]\nport = \"/dev/ttyUSB0\"\n[module.tank]\nline = \"main\"\n\
+                model = \"emd2a2q\"\naddress = 5\n";
+            Config::parse(&format!("{text}{more}")).unwrap()
+        };
+        let before = config("");
+        let called = config("name = \"Tank\"\npoint.ai1 = { name = \"Level\", hidden = true }\n");
+        assert!(same_module(&before, &called, "tank"));
+        let amps = config("range = \"0-20mA\"\n");
+        assert!(!same_module(&before, &amps, "tank"));
+        let bar = "{ signal = \"4-20mA\", low = 0, high = 16, unit = \"bar\" }";
+        let scaled = config(&format!("point.ai2 = {{ range = {bar} }}\n"));
+        assert!(!same_module(&before, &scaled, "tank"));
+    }
 }

@@ -3,7 +3,7 @@
 use super::schedule::Schedule;
 use super::state::State;
 use super::{Inner, Service, lock};
-use crate::config::{ModuleConfig, Place, PointConfig, Range};
+use crate::config::{ModuleConfig, Name, Place, PointConfig, Range};
 use crate::{Config, Quality, Value};
 use railbus_device::{Point, PointKind, Setup};
 use railbus_host::{LineState, Presence};
@@ -25,6 +25,8 @@ pub struct LineStatus {
     pub babble: bool,
     /// Its modules.
     pub modules: Vec<String>,
+    /// What people call it.
+    pub called: Name,
 }
 
 /// A module, as it is.
@@ -44,6 +46,10 @@ pub struct ModuleStatus {
     pub errors: u32,
     /// Replies that came too late within the last hour.
     pub late: u32,
+    /// What people call it.
+    pub called: Name,
+    /// Where it stands.
+    pub area: Option<String>,
 }
 
 /// A point, as far as it is known.
@@ -200,6 +206,7 @@ impl State {
             state: now.state.clone(),
             babble: now.babble,
             modules: named(&now.modules),
+            called: config.name.clone(),
         })
     }
 
@@ -210,6 +217,7 @@ impl State {
         };
         let config = self.site.config().modules.get(name)?;
         let (line, setup) = (config.line.clone(), config.setup);
+        let (called, area) = (config.name.clone(), config.area.clone());
         let health = self.health.entry(name.to_owned()).or_default();
         Some(ModuleStatus {
             name: name.to_owned(),
@@ -219,6 +227,8 @@ impl State {
             rtt: health.rtt(),
             errors: health.errors.total(now),
             late: health.late.total(now),
+            called,
+            area,
         })
     }
 
@@ -250,7 +260,7 @@ impl State {
             quality,
             age: known.map(|known| now.since(known.read)),
             max_age: config.plan.enabled.then_some(config.plan.max_age),
-            range: (point.kind == PointKind::Analog).then(|| config.range.clone()),
+            range: (point.kind == PointKind::Analog).then(|| config.range_of(point).clone()),
             pulse: pulses
                 .and_then(|pulses| pulses.of(point))
                 .map(|width| Micros::from_millis(u64::from(width.tenths()) * 100)),

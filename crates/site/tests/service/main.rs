@@ -231,6 +231,28 @@ async fn a_refused_configuration_changes_nothing() {
 }
 
 #[tokio::test]
+async fn what_lines_and_modules_are_called_is_nothing_to_the_port() {
+    let (port, _) = board::start().await;
+    let service = start(&port);
+    until(|| service.point("oven", k(1)).unwrap().quality == Quality::Good).await;
+    let called = text(&port)
+        .replace("[line.main]\n", "[line.main]\nname = \"Hall\"\n")
+        .replace(
+            "address = 3\n",
+            "address = 3\nname = \"Oven\"\narea = \"Hall 2\"\n",
+        );
+    let done = service.reload(&called).await.unwrap();
+    assert_eq!((done.kept.len(), done.opened.len()), (1, 0));
+    assert_eq!(done.modules_kept, ["oven"]);
+    assert_eq!(service.point("oven", k(1)).unwrap().quality, Quality::Good);
+    let line = service.line("main").unwrap();
+    assert_eq!(line.called.en.as_deref(), Some("Hall"));
+    let oven = service.module("oven").unwrap();
+    assert_eq!(oven.called.zh.as_deref(), Some("Oven"));
+    assert_eq!(oven.area.as_deref(), Some("Hall 2"));
+}
+
+#[tokio::test]
 async fn modules_come_and_go_and_the_others_notice_nothing() {
     let (port, _) = board::start().await;
     let service = start(&port);

@@ -11,6 +11,11 @@ use serde_json::Value;
 /// The most modules that one request adds: more than all lines of a machine have.
 const MODULES_MAX: usize = 1_024;
 
+/// The keys of a line or a module, as they are written.
+pub(super) fn read(text: &str, kind: &'static str, name: &str) -> Result<Keys, Problem> {
+    change::keys_of(text, &[kind, name]).ok_or_else(|| problem(kind, name, Refused::NotThere))
+}
+
 /// A line of its own name and port.
 pub(super) fn add_line(text: &str, mut keys: Keys) -> Result<String, Problem> {
     let name = name_in(&mut keys, "line")?;
@@ -30,9 +35,9 @@ pub(super) fn add_modules(text: &str, modules: Vec<Keys>) -> Result<String, Prob
     let mut text = text.to_owned();
     for mut keys in modules {
         let config = known(&text);
-        let name = match keys.contains_key("name") {
-            true => name_in(&mut keys, "name")?,
-            false => name_for(&config, &keys)?,
+        let name = match name_key(&keys) {
+            Some(key) => name_in(&mut keys, key)?,
+            None => name_for(&config, &keys)?,
         };
         if config.modules.contains_key(&name) {
             return Err(taken("module", &name));
@@ -143,6 +148,16 @@ fn must_be(text: &str, kind: &'static str, name: &str) -> Result<(), Problem> {
     match is_there {
         true => Ok(()),
         false => Err(problem(kind, name, Refused::NotThere)),
+    }
+}
+
+/// The key of a new module that says under which name it is written. `name` does where it is a
+/// text and `module` is not there; else it is what people call it.
+fn name_key(keys: &Keys) -> Option<&'static str> {
+    match (keys.contains_key("module"), keys.get("name")) {
+        (true, _) => Some("module"),
+        (false, None | Some(Value::Object(_))) => None,
+        (false, Some(_)) => Some("name"),
     }
 }
 
@@ -264,6 +279,22 @@ mod tests {
             "{text}"
         );
         assert!(Config::parse(&text).is_ok(), "{text}");
+    }
+
+    #[test]
+    fn a_module_is_added_with_what_people_call_it() {
+        let found = json!({
+            "module": "oven", "name": {"en": "Oven", "zh": "烘箱"}, "area": "Hall 2",
+            "line": "main", "model": "erc8", "address": 3, "baud": 19_200,
+        });
+        let nameless =
+            json!({"name": {"zh": "水池"}, "line": "main", "model": "erc8", "address": 4});
+        let text = add_modules(TEXT, vec![keys(found), keys(nameless)]).unwrap();
+        let config = Config::parse(&text).unwrap();
+        let oven = &config.modules["oven"];
+        assert_eq!(oven.name.zh.as_deref(), Some("烘箱"), "{text}");
+        assert_eq!(oven.area.as_deref(), Some("Hall 2"));
+        assert_eq!(config.modules["erc8_4"].name.zh.as_deref(), Some("水池"));
     }
 
     #[test]
