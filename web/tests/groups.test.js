@@ -24,7 +24,7 @@ for (const look of LOOKS.filter(({ lang, width, scheme }) => (lang === "zh") ===
     };
 
     await button(page, t("group_new")).click();
-    await page.getByLabel(t("together_id"), { exact: true }).fill("pumps");
+    await page.getByLabel(t("set_name"), { exact: true }).fill("pumps");
     await page.getByLabel(t("name_zh")).fill("水泵");
     await page.getByLabel(t("name_en")).fill("Pumps");
     for (const path of ["pump.do0", "pump.do1"]) await page.getByLabel(t("output_add")).selectOption(path);
@@ -40,7 +40,7 @@ for (const look of LOOKS.filter(({ lang, width, scheme }) => (lang === "zh") ===
     assert.deepEqual((await kept("group", "pumps")).members, ["pump.do1"]);
 
     await button(page, t("scene_new")).click();
-    await page.getByLabel(t("together_id"), { exact: true }).fill("start");
+    await page.getByLabel(t("set_name"), { exact: true }).fill("start");
     await page.getByLabel(t("output_add")).selectOption("pump.do0");
     await button(page, t("scene_pause_add")).click();
     await page.getByLabel(t("output_add")).selectOption("pump.do0");

@@ -28,7 +28,7 @@ test("a switched relay is in its trend, in the events and in the audit", async (
   await visit("/trends?points=pump.do0,tank.ai1&for=60");
   const marks = page.locator(".marks li");
   await marks.first().waitFor();
-  assert.match(await marks.first().innerText(), /admin\s+pump\.do0 Pump 1: on/);
+  assert.match(await marks.first().innerText(), /admin\s+Pump 1 \(pump\.do0\): on/);
   const row = page.locator("tbody tr", { hasText: "pump.do0" });
   await row.getByText(/^on for/).waitFor();
   await sound();
@@ -36,7 +36,7 @@ test("a switched relay is in its trend, in the events and in the audit", async (
   await visit("/events?kind=write");
   const event = page.locator(".event").first();
   await event.waitFor();
-  assert.match(await event.innerText(), /pump\.do0 Pump 1 on/);
+  assert.match(await event.innerText(), /Pump 1 \(pump\.do0\) on/);
   assert.match(await event.innerText(), /admin · http.* confirmed by read-back/s);
 
   await page.getByRole("link", { name: t("audit"), exact: true }).click();
@@ -48,7 +48,7 @@ test("a switched relay is in its trend, in the events and in the audit", async (
 test("a chart is read, measured and moved with the keyboard alone", async () => {
   await visit("/trends?points=tank.ai1&for=60");
   const chart = page.getByRole("slider");
-  await page.waitForFunction(() => /tank\.ai1 [\d.]+ V/.test(document.querySelector("[role=slider]")?.ariaValueText ?? ""));
+  await page.waitForFunction(() => /tank\.ai1\)? [\d.]+ V/.test(document.querySelector("[role=slider]")?.ariaValueText ?? ""));
   await press(t("go_live"));
   await chart.focus();
   for (const key of ["a", "End", "b", "End", "Shift+ArrowLeft"]) await page.keyboard.press(key);

@@ -33,7 +33,7 @@ for (const [n, look] of SHOWN.entries()) {
     await page.locator(".connection.live").waitFor({ state: "attached" });
 
     await press(t("rule_new"));
-    await within.getByLabel(t("rule_id"), { exact: true }).fill("lamp");
+    await within.getByLabel(t("set_name"), { exact: true }).fill("lamp");
     await choose(t("rule_kind_point"), `pump.${label}`);
     await within.locator("input[type=number]").first().fill("0.2");
     await within.getByLabel(t("outputs"), { exact: true }).selectOption("oven.k1");

@@ -56,8 +56,9 @@ test("an address is compared, written, verified and taken back; a name too", asy
   await page.getByText(one(t("set_undoes"))).waitFor();
   assert.equal(await addressOf("oven"), 3);
 
-  await page.getByLabel(t("set_name")).fill("kiln");
-  await press(t("set_rename"));
+  await press(t("point_edit").replace("{point}", "oven"));
+  await dialog.getByLabel(t("set_name"), { exact: true }).fill("kiln");
+  await dialog.getByRole("button", { name: t("save"), exact: true }).click();
   await page.waitForURL("**/module/kiln/settings");
   assert.equal(await addressOf("kiln"), 3);
   await press(t("undo"));

@@ -20,7 +20,6 @@ export const groups = {
   groups_none: ["No groups or scenes yet.", "还没有分组和场景。"],
   group_new: ["New group", "新建分组"],
   scene_new: ["New scene", "新建场景"],
-  together_id: ["ID", "标识"],
   together_id_hint: ["Lower-case letters, digits, _ (used by the API)", "小写字母、数字和下划线，供程序使用。"],
   output_add: ["Add an output", "添加输出"],
   scene_pause: ["Pause, ms", "等待（毫秒）"],

@@ -1,7 +1,8 @@
 import type { Pair } from "./index.svelte";
 
 export const lines = {
-  line_name: ["Name of the line", "总线名称"],
+  line_called: ["Name of the line", "总线名称"],
+  line_name: ["Line ID", "总线标识"],
   line_add: ["Add line", "添加总线"],
   lines_there: ["There already: {lines}", "已有总线：{lines}"],
   port: ["Port", "端口"],
@@ -16,7 +17,11 @@ export const lines = {
   addresses: ["Addresses", "地址"],
   addresses_form: ["Write addresses as 1-32 or 3, 7, 0x40.", "地址写法：1-32 或 3, 7, 0x40。"],
   address: ["address {n}", "地址 {n}"],
-  module_name: ["Name", "名称"],
+  module_called: ["Name", "名称"],
+  module_name: ["ID", "标识"],
+  board_outputs: ["Number of relays", "继电器路数"],
+  board_outputs_ask: ["The board does not report it: enter 1 to {n}, as printed on it.", "此板不报告路数：请按板上标注填写 1 到 {n}。"],
+  board_channel: ["The other channels answer: does the board have {label}? Set the number of relays in the module's form.", "其他通道有应答：此板是否有 {label}？可在模块编辑中修改继电器路数。"],
   name_rule: ["Lower-case letters, digits and _, starting with a letter", "小写字母、数字和下划线，以字母开头"],
   name_taken: ["Another module has this name", "此名称已被其他模块使用"],
   scan_depth: ["Scan depth", "扫描深度"],
@@ -39,7 +44,7 @@ export const lines = {
     "No module answered. Check power and the wires A and B, then scan deeper.",
     "没有应答。请检查电源和 A、B 接线，再加大扫描深度。",
   ],
-  scan_conflicts: ["{n} addresses seem to have two modules: separate them before adding.", "{n} 个地址疑似有两个模块：请先分开再添加。"],
+  scan_conflicts: ["Two modules seem to share an address ({addresses}): separate them before adding.", "疑似有两个模块地址相同（{addresses}）：请先分开再添加。"],
   evidence: ["Evidence", "依据"],
   time_left: ["{time} left", "剩余 {time}"],
   op_running: ["scanning", "扫描中"],

@@ -15,7 +15,10 @@ export const recover = {
   rec_moved: ["Found at {place}; configuration updated", "在 {place} 找到；配置已更新"],
   rec_done: ["Found at {place}: the change was carried out", "在 {place} 找到：更改已完成"],
   rec_unchanged: ["Found at {place}: the change was not carried out", "在 {place} 找到：更改未执行"],
-  rec_pending: ["Found at {place}: the change takes effect at next power-up", "在 {place} 找到：更改在下次上电时生效"],
+  rec_pending: [
+    "Found at {place}: the change is not in effect yet; this model usually applies it at the next power-up",
+    "在 {place} 找到：更改尚未生效，该型号通常在下次上电时生效",
+  ],
   rec_elsewhere: ["Found at {place}: values are neither the old nor all of the new ones", "在 {place} 找到：既非原值也非全部新值"],
   rec_untold: ["Found at {place}: cannot be confirmed", "在 {place} 找到：无法确认"],
   part: ["Separate the two modules", "分开两个模块"],
@@ -26,12 +29,12 @@ export const recover = {
     "Give the other a free address: in the settings of the module above, as soon as they can be read again.",
     "给另一个设置空闲地址：在上方的模块设置中，待能读取后更改。",
   ],
-  part_plug_back: ["Plug the first in again: it is alone at the old address. Then search for modules and add it.", "重新插上第一个：原地址上只剩它。然后搜索模块并添加。"],
+  part_plug_back: ["Plug the first in again: it is alone at the old address. Then scan and add it.", "重新插上第一个：原地址上只剩它。然后扫描并添加。"],
   part_pin_back: ["Open INIT* again.", "断开 INIT*。"],
-  part_boards_back: ["Connect the first board again: it is alone at the old address. Then search for modules and add it.", "接回第一块板：原地址上只剩它。然后搜索模块并添加。"],
+  part_boards_back: ["Connect the first board again: it is alone at the old address. Then scan and add it.", "接回第一块板：原地址上只剩它。然后扫描并添加。"],
   part_known: ["Address {address}: separate them in the settings of {module}", "地址 {address}：在 {module} 的设置中分开"],
   part_unknown: [
-    "Two unconfigured modules share address {address}. Unplug one, scan, add the other and give it a free address; then reconnect the first.",
-    "两个未配置的模块共用地址 {address}。拔下其中一个，重新扫描，添加另一个并设置空闲地址；然后插上第一个。",
+    "Unplug one of the two, scan again, add the other and give it a free address; then reconnect the first.",
+    "拔下其中一个，重新扫描，添加另一个并设置空闲地址；然后接回第一个。",
   ],
 } as const satisfies Record<string, Pair>;

@@ -2,6 +2,7 @@
 import { named, t, type Key } from "../i18n/index.svelte";
 import { span } from "./format";
 import { points } from "./live.svelte";
+import { lineText, moduleText, pointText } from "./names";
 
 export const KINDS = ["write", "alarm", "module", "line", "config", "login", "rule", "system"] as const;
 export type Kind = (typeof KINDS)[number];
@@ -116,11 +117,10 @@ export function endedWell(end: string | null | undefined): boolean {
   return end === "readback" || end === "reply" || end === "sent";
 }
 
-/** What an event is about: `pump.do0 Pump 1`, `pump`, `main`. */
+/** What an event is about: `Pump 1 (pump.do0)`, `Pump house (pump)`, `main`. */
 export function about(event: SiteEvent): string {
-  const name = event.point && named(points.get(event.point)?.name);
-  const path = event.point ?? event.module ?? event.line ?? "";
-  return name ? `${path} ${name}` : path;
+  if (event.point) return pointText(event.point);
+  return event.module ? moduleText(event.module) : lineText(event.line ?? "");
 }
 
 /** More outputs than this are told by their number. */

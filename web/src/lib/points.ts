@@ -4,7 +4,11 @@ import { t } from "../i18n/index.svelte";
 import { clock } from "./clock.svelte";
 import { secondTime, span, valueText } from "./format";
 import { lines, lostAt, pointsOf } from "./live.svelte";
+import { showsHidden } from "./prefs.svelte";
 import type { ModuleInfo, PointInfo } from "./types";
+
+/** The board that does not tell how many channels it has. */
+export const BOARD = "r55";
 
 /** The value is what the module said within its time, and the page still hears the site. */
 export function isFresh(point: PointInfo): boolean {
@@ -91,6 +95,11 @@ export function standingText(module: ModuleInfo): string {
 /** How long ago, in whole seconds: it is told anew once a second. */
 export function ago(at: number): string {
   return span(Math.max(0, Math.round((clock() - at) / 1_000)) * 1_000);
+}
+
+/** The points of a module that are not left out. */
+export function shownOf(module: string): PointInfo[] {
+  return pointsOf(module).filter((point) => !point.hidden || showsHidden());
 }
 
 /** Outputs, inputs, analog inputs, variables: each in the order of the terminals. */

@@ -44,6 +44,17 @@ export function follow(): void {
   });
 }
 
+let all = $state(false);
+
+/** Hidden points are shown, until the page is left. */
+export function showsHidden(): boolean {
+  return all;
+}
+
+export function showHidden(show: boolean): void {
+  all = show;
+}
+
 const TABLED = "railbus.tabled";
 
 /** The overview is looked at as a table. */

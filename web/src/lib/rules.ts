@@ -2,6 +2,7 @@
 import { language, named, t } from "../i18n/index.svelte";
 import { span } from "./format";
 import { points } from "./live.svelte";
+import { lineText, moduleText, pointText } from "./names";
 
 export interface When {
   point?: string;
@@ -65,20 +66,20 @@ export function whenText({ when, for_ms }: Rule): string {
 function condition(when: When): string {
   const { point = "", above, below } = when;
   const unit = points.get(point)?.unit ?? "";
-  if (above !== undefined) return t("rule_says_above", { point, value: `${above} ${unit}`.trim() });
-  if (below !== undefined) return t("rule_says_below", { point, value: `${below} ${unit}`.trim() });
+  if (above !== undefined) return t("rule_says_above", { point: pointText(point), value: `${above} ${unit}`.trim() });
+  if (below !== undefined) return t("rule_says_below", { point: pointText(point), value: `${below} ${unit}`.trim() });
   if (when.time) {
     const days = when.days ? when.days.map(dayText).join(" ") : t("rule_daily");
     return t("rule_says_time", { time: when.time, days });
   }
-  if (when.module_offline) return t("rule_says_module", { name: when.module_offline });
-  if (when.line_offline) return t("rule_says_line", { name: when.line_offline });
-  return t("rule_says_is", { point, state: stateText(point, when.is) });
+  if (when.module_offline) return t("rule_says_module", { name: moduleText(when.module_offline) });
+  if (when.line_offline) return t("rule_says_line", { name: lineText(when.line_offline) });
+  return t("rule_says_is", { point: pointText(point), state: stateText(point, when.is) });
 }
 
 /** What a rule does, in a few words. */
 export function actionText({ set, to, pulse, width_ms, notify }: Action): string {
-  if (set) return t("rule_says_set", { point: set, state: stateText(set, to) });
-  if (pulse) return t("rule_says_pulse", { point: pulse, time: width_ms ? span(width_ms) : "" });
+  if (set) return t("rule_says_set", { point: pointText(set), state: stateText(set, to) });
+  if (pulse) return t("rule_says_pulse", { point: pointText(pulse), time: width_ms ? span(width_ms) : "" });
   return t("rule_says_notify", { text: notify ?? "" });
 }

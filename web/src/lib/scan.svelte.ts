@@ -1,4 +1,5 @@
 // A scan: begun, followed, cancelled; and what it found put into the configuration.
+import { language } from "../i18n/index.svelte";
 import { patch, post } from "./api";
 import { Following } from "./operation.svelte";
 import { complain } from "./toasts.svelte";
@@ -26,8 +27,16 @@ export class Scan extends Following {
 
 export interface Chosen {
   found: Found;
+  /** What it is called in the file. */
   name: string;
+  /** What people call it, in the language of the page. */
+  called?: string;
+  /** How many outputs it has, where no reply tells it. */
+  outputs?: number | undefined;
 }
+
+/** The most channels that a board can have that does not tell it. */
+export const BOARD_MOST = 32;
 
 /** Adds new modules to the configuration, and gives known ones their new names. */
 export async function adopt(chosen: Chosen[]): Promise<void> {
@@ -36,9 +45,10 @@ export async function adopt(chosen: Chosen[]): Promise<void> {
   }
   const fresh = chosen.filter(({ found }) => !found.name);
   if (!fresh.length) return;
-  const modules = fresh.map(({ found, name }) => {
+  const modules = fresh.map(({ found, name, called, outputs }) => {
     const { line, model, address, protocol, baud, format, checksum } = found;
-    return { name, line, model, address, protocol, baud, format, ...(checksum ? { checksum } : {}) };
+    const more = { ...(called && { name: { [language()]: called } }), ...(outputs && { outputs }), ...(checksum && { checksum }) };
+    return { module: name, line, model, address, protocol, baud, format, ...more };
   });
   await post("/config/modules", { modules });
 }

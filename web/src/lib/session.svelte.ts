@@ -28,6 +28,11 @@ export function maySwitch(path: string): boolean {
   return may("operator") && (points.length === 0 || points.some((pattern) => fits(pattern, path)));
 }
 
+/** Whether who uses the page is limited to some points. */
+export function whoIsLimited(): boolean {
+  return !!session?.user?.points.length;
+}
+
 function fits(pattern: string, path: string): boolean {
   const parts = pattern.split("*").map((part) => part.replace(/[.+?^${}()|[\]\\]/g, "\\$&"));
   return new RegExp(`^${parts.join(".*")}$`).test(path);

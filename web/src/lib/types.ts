@@ -15,8 +15,11 @@ export interface Session {
   site?: string;
 }
 
+export type Names = Partial<Record<string, string>>;
+
 export interface LineInfo {
   line: string;
+  name?: Names;
   port: string;
   state: "opening" | "up" | "absent" | "busy" | "closed";
   reason?: string;
@@ -29,6 +32,9 @@ export interface LineInfo {
 
 export interface ModuleInfo {
   module: string;
+  name?: Names;
+  /** Where it stands. */
+  area?: string;
   line: string;
   address: number;
   protocol: string;
@@ -63,12 +69,15 @@ export interface PointInfo {
   time?: string;
   /** When it was read, by the clock of this browser. */
   read_at?: number;
+  /** Left out, unless it is asked for. */
+  hidden?: boolean;
   locked?: boolean;
   confirm?: boolean;
   interlock?: string[];
   pulse_ms?: number;
   pulse_until?: string;
   max_on_ms?: number;
+  min_off_ms?: number;
   lease?: { until: string };
 }
 
