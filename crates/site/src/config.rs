@@ -16,6 +16,7 @@ mod owner;
 mod past;
 mod plant;
 mod problem;
+mod ranges;
 mod read;
 mod rules;
 mod units;

@@ -1,7 +1,7 @@
 //! Every table of a configuration and the keys that it can have: those that the reader knows, and
 //! those of the published schema, which a test holds against each other.
 
-use super::{control, owner, past, plant, read, rules, webhook};
+use super::{control, owner, past, plant, ranges, read, rules, webhook};
 
 /// The published JSON Schema of a configuration.
 pub const SCHEMA: &str = include_str!("schema.json");
@@ -13,7 +13,7 @@ pub const TABLES: [(&str, &[&str]); 20] = [
     ("module", &read::MODULE_KEYS),
     ("point", &read::POINT_KEYS),
     ("names", &read::NAME_KEYS),
-    ("scale", &read::RANGE_KEYS),
+    ("scale", &ranges::RANGE_KEYS),
     ("group", &control::GROUP_KEYS),
     ("scene", &control::SCENE_KEYS),
     ("step", &control::STEP_KEYS),

@@ -3,7 +3,7 @@
 use super::control::{Name, Pending};
 use super::{
     Config, Kind, LineConfig, ModuleConfig, Place, PointConfig, Problem, Range, SimModule,
-    Standard, parse_duration,
+    parse_duration,
 };
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Family, Layout, PointKind, Setup, SetupError};
@@ -56,7 +56,6 @@ pub(super) const POINT_KEYS: [&str; 11] = [
     "on_return",
 ];
 pub(super) const NAME_KEYS: [&str; 2] = ["en", "zh"];
-pub(super) const RANGE_KEYS: [&str; 5] = ["signal", "low", "high", "unit", "decimals"];
 
 const BAUDS: [&str; 8] = [
     "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
@@ -71,11 +70,6 @@ const ECHOES: [(&str, EchoMode); 3] = [
     ("auto", EchoMode::Auto),
     ("on", EchoMode::On),
     ("off", EchoMode::Off),
-];
-const SIGNALS: [(&str, Standard); 3] = [
-    ("0-10V", Standard::Volts),
-    ("0-20mA", Standard::Milliamps),
-    ("4-20mA", Standard::LiveMilliamps),
 ];
 const LAYOUTS: [(&str, Layout); 3] = [
     ("outputs", Layout::Outputs),
@@ -520,41 +514,6 @@ impl<'t> Reader<'t> {
         }
     }
 
-    fn range(&mut self, section: &Section<'_, 't>) -> Option<Option<Range>> {
-        let Some(value) = section.table.get("range") else {
-            return Some(None);
-        };
-        let path = format!("{}.range", section.path);
-        match value.get_ref() {
-            DeValue::String(name) if name == "0-10V" => return Some(Some(Range::volts())),
-            DeValue::String(name) if name == "0-20mA" => return Some(Some(Range::milliamps())),
-            DeValue::Table(table) => {
-                let section = Section {
-                    path: path.clone(),
-                    span: value.span(),
-                    table,
-                };
-                self.check_keys(&section, &RANGE_KEYS);
-                let number = |key| section.table.get(key).and_then(|v| as_number(v.get_ref()));
-                let signal = self.one_of(&section, "signal", &SIGNALS)?;
-                let unit = self.optional(&section, "unit", Self::string)?;
-                let decimals = self.count(&section, "decimals", 2)?;
-                if let (Some(low), Some(high), Some(unit)) = (number("low"), number("high"), unit) {
-                    return Some(Some(Range {
-                        signal,
-                        low,
-                        high,
-                        unit,
-                        decimals,
-                    }));
-                }
-            }
-            _ => {}
-        }
-        self.problem(value.span(), &path, Kind::BadRange);
-        None
-    }
-
     pub(super) fn required<T>(
         &mut self,
         section: &Section<'_, 't>,
@@ -613,7 +572,12 @@ impl<'t> Reader<'t> {
         found
     }
 
-    fn count(&mut self, section: &Section<'_, 't>, key: &str, standard: u8) -> Option<u8> {
+    pub(super) fn count(
+        &mut self,
+        section: &Section<'_, 't>,
+        key: &str,
+        standard: u8,
+    ) -> Option<u8> {
         let found = self.optional(section, key, |reader, value, path| {
             reader.integer_in(value, path, 0, 32)
         })?;
@@ -675,7 +639,7 @@ impl<'t> Reader<'t> {
     }
 }
 
-fn as_number(value: &DeValue<'_>) -> Option<f64> {
+pub(super) fn as_number(value: &DeValue<'_>) -> Option<f64> {
     match value {
         DeValue::Integer(number) => number.as_str().parse().ok(),
         DeValue::Float(number) => number.as_str().parse().ok(),

@@ -134,9 +134,10 @@ crate::texts::texts! {
     AskWrite { en: "write this? [y/N] ", zh: "是否写入？[y/N] " }
     Written { en: "{count} modules written to {file}", zh: "{count} 个模块已写入 {file}" }
     OutputsGuessed {
-        en: "{names}: written with {count} outputs, because a 0x55 board does not tell how many it has; \
-             set outputs in [module.…], or add with --outputs N",
-        zh: "{names}：已按 {count} 路输出写入，0x55 板不报告路数；请修改 [module.…] 的 outputs，或用 --outputs N 添加",
+        en: "{names}: written with {count} outputs: a 0x55 board does not report how many it has;
+set outputs in [module.…], or add with --outputs N",
+        zh: "{names}：已按 {count} 路输出写入，0x55 板不报告路数；
+请修改 [module.…] 的 outputs，或用 --outputs N 添加",
     }
     NotWritten { en: "nothing was written", zh: "未写入" }
     NotRightText { en: "the file would no longer be a configuration", zh: "文件将不再是有效配置" }
