@@ -104,7 +104,7 @@ address = 5
 range = "0-20mA"
 point.ai2 = { range = { signal = "4-20mA", low = 0, high = 16, unit = "bar" } }
 "#;
-    let mut site = Site::new(railbus_site::Config::parse(text).unwrap());
+    let mut site = Site::new(Config::parse(text).unwrap());
     site.saw("tank", &Seen::Analogs([1_200, 1_200]), Instant(0));
     let value = |index| {
         let kind = PointKind::Analog;
