@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { afterEach, test } from "node:test";
 import { faults, LOOKS, open, words } from "./daemon.js";
-import { browser, cookies, daemon } from "./site.js";
+import { browser, cookies, csrf, daemon } from "./site.js";
 
 let context, page, wrong;
 
@@ -69,7 +69,16 @@ test("an address is compared, written, verified and taken back; a name too", asy
 test("an address that is taken is refused, and told in Chinese on a phone", async () => {
   const t = await begin("zh", 360);
   await page.goto(`${daemon.origin}/module/oven/settings`);
+  // Who is configured there is said at the field, before anything is asked.
   await page.getByLabel(t("set_address"), { exact: true }).fill("5");
+  await page.getByText(t("set_address_taken").replace("{module}", "tank")).waitFor();
+  assert.equal(await page.getByRole("button", { name: t("set_compare"), exact: true }).isEnabled(), false);
+  await sound();
+  // One that the configuration does not know is found by asking.
+  const headers = { "X-CSRF-Token": csrf };
+  const { text } = await (await context.request.get(`${daemon.origin}/api/v1/config`)).json();
+  const gone = await context.request.delete(`${daemon.origin}/api/v1/config/modules/tank`, { headers });
+  assert.equal(gone.status(), 200, await gone.text());
   await press(t("set_compare"));
   await sound();
   await page.getByRole("dialog").getByRole("button", { name: t("set_write"), exact: true }).click();
@@ -77,6 +86,8 @@ test("an address that is taken is refused, and told in Chinese on a phone", asyn
   await page.getByText(/新地址已被占用/).first().waitFor();
   assert.equal(await addressOf("oven"), 3);
   await sound();
+  const back = await context.request.put(`${daemon.origin}/api/v1/config`, { data: { text }, headers: { ...headers, "If-Match": "*" } });
+  assert.equal(back.status(), 200, await back.text());
 });
 
 test("the registers of a module stand beside what its data sheet says", async () => {

@@ -19,6 +19,7 @@ export const lines = {
   address: ["address {n}", "地址 {n}"],
   module_called: ["Name", "名称"],
   module_name: ["ID", "标识"],
+  model_r55: ["0x55 board", "0x55 继电器板"],
   board_outputs: ["Number of relays", "继电器路数"],
   board_outputs_ask: ["The board does not report it: enter 1 to {n}, as printed on it.", "此板不报告路数：请按板上标注填写 1 到 {n}。"],
   board_channel: ["The other channels answer: does the board have {label}? Set the number of relays in the module's form.", "其他通道有应答：此板是否有 {label}？可在模块编辑中修改继电器路数。"],

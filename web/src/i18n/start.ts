@@ -23,7 +23,7 @@ export const start = {
   step_scan: ["Modules", "模块"],
   step_done: ["Ready", "完成"],
   step_title_language: ["Which language?", "选择语言"],
-  step_title_password: ["Create the administrator", "谁来管理此站点？"],
+  step_title_password: ["Create the administrator", "创建管理员"],
   step_title_line: ["Where are the modules connected?", "模块接在哪里？"],
   step_title_scan: ["Which modules are there?", "有哪些模块？"],
   step_title_done: ["All set", "设置完成"],

@@ -1,6 +1,7 @@
 // What people call the lines, modules and points of the site, and what they are called in its file.
-import { language, named } from "../i18n/index.svelte";
+import { language, named, t } from "../i18n/index.svelte";
 import { lines, modules, points } from "./live.svelte";
+import { BOARD } from "./points";
 
 export const lineName = (line: string): string => named(lines.get(line)?.name) ?? line;
 export const moduleName = (module: string): string => named(modules.get(module)?.name) ?? module;
@@ -17,6 +18,9 @@ export function pointText(path: string): string {
   const name = calledOf(path);
   return name ? `${name} (${path})` : path;
 }
+
+/** A model as people write it; of a board that has no name of its own, what it is. */
+export const modelTitle = ({ model, title }: { model: string | null; title: string }): string => (model === BOARD ? t("model_r55") : title);
 
 /** The same of a module and of a line. */
 export const moduleText = (module: string): string => both(moduleName(module), module);

@@ -23,6 +23,22 @@ export function settingName(name: string): string {
   }
 }
 
+/** A value that is a word, as people say it. */
+export function settingWord(value: string): string {
+  switch (value) {
+    case "none":
+    case "even":
+    case "odd":
+    case "on":
+    case "off":
+    case "level":
+    case "pulse":
+      return t(`word_${value}`);
+    default:
+      return value;
+  }
+}
+
 /** What is wanted: other values, or those before a change. */
 export type Wish = { set: Record<string, string> } | { undo: number };
 
