@@ -46,7 +46,7 @@ export function misplaced(page) {
       return list;
     }
 
-    for (const card of document.querySelectorAll("main .card, main .note")) {
+    for (const card of document.querySelectorAll("main .card, main .note, dialog .body")) {
       const frame = card.getBoundingClientRect();
       const all = pieces(card);
       for (const { box, name } of all) {

@@ -1,0 +1,108 @@
+// Pages in states that are seldom seen, at every width and in both languages, measured: a form that is
+// refused, somebody who may not, and a daemon that ends while groups, rules and trends are looked at.
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+import { browse, faults, open, PASSWORD, serve, setUp, words } from "./daemon.js";
+import { misplaced } from "./geometry.js";
+
+const WIDTHS = [360, 768, 1280, 1920];
+const GREEN = "main .tag.good:not(.past), main button.switch.on:not(.stale), main .value.high:not(.old)";
+
+let daemon, browser, cookies, csrf;
+
+before(async () => {
+  daemon = await serve();
+  browser = await browse();
+  ({ cookies, csrf } = await setUp(browser, daemon));
+  await ask("PUT", "/points/oven/k1", { value: true });
+  await ask("PUT", "/rules/hot", {
+    name: { en: "Too hot", zh: "过热" }, when: { point: "oven.k1", is: true }, for_ms: 1_000, then: [{ notify: "hot" }],
+  });
+  await ask("POST", "/users", { name: "guest", role: "viewer", password: PASSWORD });
+});
+
+after(async () => {
+  await browser?.close();
+  await daemon?.stop();
+});
+
+async function ask(method, path, data) {
+  const cookie = cookies.map(({ name, value }) => `${name}=${value}`).join("; ");
+  const headers = { "Content-Type": "application/json", "X-CSRF-Token": csrf, Cookie: cookie, Origin: daemon.origin };
+  const answer = await fetch(`${daemon.origin}/api/v1${path}`, { method, headers, body: data && JSON.stringify(data) });
+  assert.ok(answer.status < 300, `${method} ${path}: ${answer.status} ${await answer.text()}`);
+}
+
+async function visitor(lang, as = cookies) {
+  const { context, page } = await open(browser, { lang, width: 1280, scheme: "light" });
+  await context.addCookies(as);
+  return { context, page, t: words(lang), dialog: page.getByRole("dialog") };
+}
+
+/** Everything wrong with the page, at every width. */
+async function measure(page, what) {
+  const found = [];
+  for (const width of WIDTHS) {
+    await page.setViewportSize({ width, height: width < 900 ? 740 : 800 });
+    const wrong = [...(await misplaced(page)), ...(await faults(page))];
+    found.push(...wrong.map((fault) => `${what} ${width}: ${fault}`));
+    if (process.env.SHOTS) await page.screenshot({ path: `${process.env.SHOTS}/state-${what.replaceAll(/\W+/g, "_")}-${width}.png` });
+  }
+  return found;
+}
+
+for (const lang of ["en", "zh"]) {
+  test(`a form that is refused says so in its place: ${lang}`, async () => {
+    const { context, page, t, dialog } = await visitor(lang);
+    await page.goto(`${daemon.origin}/module/oven`);
+    await page.getByRole("button", { name: t("point_edit").replace("{point}", "oven"), exact: true }).click();
+    await dialog.getByLabel(t("poll"), { exact: true }).fill("often");
+    await dialog.getByRole("button", { name: t("save"), exact: true }).click();
+    await dialog.getByRole("alert").waitFor();
+    assert.equal(await page.locator(".toast").count(), 0, "nothing behind it");
+    assert.deepEqual(await measure(page, `${lang} refused`), []);
+    await context.close();
+  });
+
+  test(`who may only look is offered nothing to change: ${lang}`, async () => {
+    const signing = await browser.newContext();
+    const data = { name: "guest", password: PASSWORD };
+    const entered = await signing.request.post(`${daemon.origin}/api/v1/login`, { data });
+    assert.equal(entered.status(), 200, await entered.text());
+    const { context, page } = await visitor(lang, await signing.cookies());
+    await signing.close();
+    for (const path of ["/", "/module/oven", "/lines", "/groups", "/rules", "/trends?points=oven.k1&for=60", "/users"]) {
+      await page.goto(daemon.origin + path);
+      await page.locator("main h1").first().waitFor();
+      await page.waitForLoadState("networkidle");
+      assert.equal(await page.locator("main .switch:not([aria-disabled=true])").count(), 0, path);
+      const edits = page.locator("main .button.primary, main .button.quiet:not([aria-pressed])").and(page.locator(":enabled"));
+      const offered = await edits.evaluateAll((all) => all.map((one) => one.getAttribute("aria-label") ?? one.textContent));
+      if (!path.startsWith("/trends")) assert.deepEqual(offered, [], path);
+      assert.deepEqual(await measure(page, `${lang} guest ${path}`), []);
+    }
+    await context.close();
+  });
+}
+
+test("the daemon ends while groups, rules and trends are looked at", async () => {
+  const all = [];
+  const SEEN = [["/groups", "article li"], ["/rules", "article .tag"], ["/trends?points=oven.k1,tank.ai1&for=60", "section table tbody tr"]];
+  for (const lang of ["en", "zh"]) {
+    for (const [path, seen] of SEEN) {
+      const one = await visitor(lang);
+      await one.page.goto(daemon.origin + path);
+      await one.page.locator(`main ${seen}`).first().waitFor();
+      await one.page.locator(".connection.live").waitFor({ state: "attached" });
+      all.push({ what: `${lang} gone ${path.split("?")[0]}`, ...one });
+    }
+  }
+  await daemon.stop();
+  for (const { what, context, page, t } of all) {
+    await page.locator(".note.lost", { hasText: /\d\d:\d\d:\d\d/ }).waitFor();
+    assert.equal(await page.locator(GREEN).count(), 0, `${what}: green`);
+    assert.equal(await page.getByText(t("page_old")).count(), 0, what);
+    assert.deepEqual(await measure(page, what), []);
+    await context.close();
+  }
+});
