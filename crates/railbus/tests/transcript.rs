@@ -16,6 +16,8 @@ const SESSION: &[&[&str]] = &[
     &["pulse", "yard.k2", "500ms"],
     &["get", "pump"],
     &["set", "oven.k9", "on"],
+    &["config", "set", "pump", "address=9", "--yes"],
+    &["config", "undo", "--yes"],
 ];
 
 /// What differs from run to run is the same in all: times, counts of errors on a busy machine,
@@ -23,6 +25,12 @@ const SESSION: &[&[&str]] = &[
 fn calm(text: &str) -> String {
     let mut calm = String::new();
     for line in text.lines() {
+        // On a busy machine a reply may be late.
+        let late = line.split_once(" late)");
+        let late = late.and_then(|(before, after)| Some((before.rsplit_once(" (")?.0, after)));
+        let line = late.map_or(line.to_owned(), |(before, after)| {
+            format!("{before}{after}")
+        });
         let mut words: Vec<&str> = line.split_whitespace().collect();
         for at in 1..words.len() {
             let is_number = |word: &str| word.parse::<f64>().is_ok();
@@ -66,7 +74,75 @@ fn session() -> String {
 }
 
 fn readme() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../README.md")
+    root().join("README.md")
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+/// What a reader types further, beyond what is printed, so that it comes to its end.
+const ENDS: [(&str, &str); 3] = [
+    ("config set", " --yes"),
+    ("sniff", " --time 500ms"),
+    ("scan -l", " --addr 1-3"),
+];
+/// It serves the line that the commands on a port are tried on.
+const SERVES: &str = "sim --demo";
+
+/// The commands of a page, in its order: in blocks and in sentences.
+fn commands(text: &str) -> Vec<&str> {
+    let pieces = text.split(['`', '\n']).map(str::trim);
+    pieces
+        .filter_map(|piece| piece.trim_start_matches("$ ").strip_prefix("railbus "))
+        .filter(|command| *command != SERVES)
+        .collect()
+}
+
+/// Every command that a page of the root names does what it says, one after the other.
+fn runs(name: &str, file: &str, from: &str, to: &str) {
+    let Ok(page) = std::fs::read_to_string(root().join(file)) else {
+        return;
+    };
+    let (_, text) = page.rsplit_once(from).expect("it begins");
+    let (text, _) = text.split_once(to).expect("it ends");
+    let site = Site::served(name);
+    let ports = Site::demo(&format!("{name}-port"));
+    let port = format!("pty:{}", ports.folder.join("line").display());
+    let commands = commands(text);
+    for wanted in ["config set pump address=9", "doctor", "sniff"] {
+        assert!(commands.contains(&wanted), "{wanted}: {commands:?}");
+    }
+    for command in commands {
+        let more = ENDS.iter().find(|(start, _)| command.starts_with(start));
+        let line = command.replace("/dev/ttyUSB0", &port) + more.map_or("", |(_, more)| more);
+        let ran = match line == command || !command.contains("/dev/") {
+            true => site.run(&format!("--socket {} {line}", site.socket())),
+            false => ports.run(&line),
+        };
+        if command == "doctor" {
+            // What it finds of the machine is the machine's.
+            assert!(ran.out.contains("runs for the demo"), "{line}: {ran:?}");
+            continue;
+        }
+        assert_eq!(ran.code, 0, "{line}: {ran:?}");
+        assert_ne!(ran.out, "", "{line}: {ran:?}");
+    }
+}
+
+#[test]
+fn every_command_that_the_readme_names_runs() {
+    runs("named", "README.md", BEGIN, "\n## Test it");
+}
+
+#[test]
+fn every_command_that_the_chinese_readme_names_runs() {
+    runs(
+        "named-zh",
+        "README.zh-CN.md",
+        "cargo xtask demo\n",
+        "\n## 测试",
+    );
 }
 
 #[test]
