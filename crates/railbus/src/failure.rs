@@ -32,6 +32,8 @@ pub(crate) struct Failure {
     facts: Map<String, Value>,
     /// What may still have taken effect, if anything.
     perhaps: Option<Box<Perhaps>>,
+    /// The result says it already: only the exit code is left to tell.
+    is_told: bool,
 }
 
 /// What of a command may still have taken effect.
@@ -51,7 +53,18 @@ impl Failure {
             tries: Vec::new(),
             facts: Map::new(),
             perhaps: None,
+            is_told: false,
         }
+    }
+
+    /// Nothing is wrong, and the result says all: the exit code alone tells it to programs.
+    pub(crate) const fn told(mut self) -> Failure {
+        self.is_told = true;
+        self
+    }
+
+    pub(crate) const fn is_told(&self) -> bool {
+        self.is_told
     }
 
     /// With what the table says happened, what it usually comes from, and what to do next.

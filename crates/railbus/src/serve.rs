@@ -58,6 +58,7 @@ use crate::sim::background::Background;
 use crate::sim::remote::Remote;
 use crate::texts::Text;
 use access::Access;
+use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Command, value_parser};
 use config::Desk;
 use guard::Front;
@@ -148,6 +149,14 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         socket: matches.get_one("socket").cloned(),
         check: matches.get_flag("check"),
     };
+    if matches.value_source("line") == Some(ValueSource::CommandLine) {
+        let line = matches.get_one::<String>("line");
+        let line = line.map(String::as_str).unwrap_or_default();
+        let failure = Failure::new(Code::Usage, lang.get(Text::ServeNoLine).to_owned());
+        return Err(failure
+            .with_try(format!("railbus -l {line} scan --add"))
+            .with_try("railbus serve"));
+    }
     if !wanted.listen.ip().is_loopback() {
         may_listen_widely(lang, &wanted)?;
     }
@@ -259,9 +268,9 @@ impl Source {
         if wanted.demo {
             return Source::demo(lang);
         }
-        let file = config_file::path(wanted.config.as_deref()).map_err(|problem| {
-            refused(problem.with_hint(format!("railbus serve --config {}", config_file::NAME)))
-        })?;
+        // Where there is none anywhere, one is begun here.
+        let file = config_file::path(wanted.config.as_deref());
+        let file = file.unwrap_or_else(|_| config_file::real(Path::new(config_file::NAME)));
         // A site may begin with nothing: its first line is added in the browser.
         let config = match file.exists() {
             true => {

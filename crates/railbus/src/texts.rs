@@ -421,10 +421,12 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     }
     ServeExamples {
         en: "  railbus serve --demo                  five simulated modules, nothing is real
+  railbus serve                         railbus.toml; without one, set it up in the browser
   railbus serve --config railbus.toml   the site of a configuration
   railbus serve --check                 reads the configuration and says what is wrong
   curl -H 'Authorization: Bearer rb_…' http://127.0.0.1:7485/api/v1/points/pump/do0",
         zh: "  railbus serve --demo                  五个模拟模块，均非真实设备
+  railbus serve                         使用 railbus.toml；没有时在浏览器中设置
   railbus serve --config railbus.toml   按配置文件运行
   railbus serve --check                 检查配置文件
   curl -H 'Authorization: Bearer rb_…' http://127.0.0.1:7485/api/v1/points/pump/do0",
@@ -469,6 +471,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     }
     CantServeSite { en: "can't serve the site", zh: "无法提供服务" }
     NoSocket { en: "can't listen on the socket {path}", zh: "无法监听套接字 {path}" }
+    ServeNoLine {
+        en: "serve takes no -l: its lines are those of the configuration",
+        zh: "serve 不接受 -l：总线须写在配置中"
+    }
     ServesNew {
         en: "{file}: not there yet; it is made with the first line or module",
         zh: "{file}：尚不存在，添加第一条总线或模块时创建"

@@ -1,7 +1,7 @@
 //! `railbus get`: the values of points.
 
 use super::{Context, stop};
-use crate::api::problem::Problem;
+use crate::api::problem::{Problem, codes};
 use crate::api::types::{LineInfo, PointInfo, Quality};
 use crate::cli;
 use crate::failure::{Code, Failure};
@@ -66,6 +66,10 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         let points = points.ok_or_else(|| stop::interrupted(&context))?;
         Ok((points.map_err(|problem| context.failure(&problem))?, down))
     })?;
+    if points.is_empty() && !targets.is_empty() {
+        let nothing = Problem::new(codes::NO_SUCH_MODULE).with("name", targets.join(" "));
+        return Err(context.failure(&nothing));
+    }
     let mut shown = records(lang, &points, matches.get_flag("raw"));
     if context.format == Format::Value && matches.get_flag("last-known") {
         // What is not known to be doubtful is shown.

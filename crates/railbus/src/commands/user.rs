@@ -98,7 +98,10 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     };
     let password = || {
         let file = matches.get_one::<PathBuf>("password-file");
-        prompt::password(lang, name(), file.map(PathBuf::as_path))
+        let role = matches.try_get_one::<String>("role").ok().flatten();
+        let role = role.map(|role| format!(" --role {role}"));
+        let command = format!("railbus user {verb} {}{}", name(), role.unwrap_or_default());
+        prompt::password(lang, (name(), &command), file.map(PathBuf::as_path))
     };
     let locked = |locked: bool| Order::ChangeUser(name(), json!({ "locked": locked }));
     let (order, done) = match verb {

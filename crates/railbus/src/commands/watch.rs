@@ -4,7 +4,7 @@ use super::{Context, get, stop};
 use crate::api::types::{LineInfo, ModuleInfo, PointInfo, PortState, Quality, WatchEvent};
 use crate::backend::Watch;
 use crate::cli;
-use crate::failure::Failure;
+use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::records::{self, Records};
 use crate::render::{Format, out, time, values};
@@ -54,14 +54,16 @@ async fn follow(
     while let Some(event) = stop
         .or(watch.next())
         .await
-        .ok_or_else(|| stop::interrupted(context))?
+        // It watches until it is stopped: that is its usual end.
+        .ok_or_else(|| stop::interrupted(context).told())?
     {
         let event = event.map_err(|problem| context.failure(&problem))?;
         if let ControlFlow::Break(()) = out::put(context.lang, &show(context, &event))? {
-            break;
+            return Ok(());
         }
     }
-    Ok(())
+    // Nobody tells anything any more: that is not the same as that nothing happens.
+    Err(Failure::of(context.lang, Code::NoDaemon))
 }
 
 fn show(context: &Context, event: &WatchEvent) -> String {

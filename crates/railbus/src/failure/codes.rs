@@ -91,6 +91,10 @@ impl Code {
 
     /// The code of this name.
     pub(crate) fn from_name(name: &str) -> Option<Code> {
+        // It was so called before.
+        if name.eq_ignore_ascii_case("E13001") {
+            return Some(Code::Interrupted);
+        }
         Code::all().find(|code| code.0.name.eq_ignore_ascii_case(name))
     }
 
@@ -106,6 +110,10 @@ impl Code {
 
     /// The exit code that goes with it.
     pub(crate) fn exit(self) -> u8 {
+        // What shells say of Ctrl-C has three digits.
+        if self == Code::Interrupted {
+            return 130;
+        }
         let digits = self.0.name.trim_start_matches('E');
         let number: u16 = digits.parse().unwrap_or(100);
         u8::try_from(number / 100).unwrap_or(1)
@@ -148,7 +156,9 @@ mod tests {
     #[test]
     fn a_code_is_found_by_its_name() {
         assert_eq!(Code::from_name("e0301"), Some(Code::NoReply));
+        assert_eq!(Code::from_name("E1300"), Some(Code::Interrupted));
         assert_eq!(Code::from_name("E13001"), Some(Code::Interrupted));
+        assert!(Code::all().all(|code| code.name().len() == 5));
         assert_eq!(Code::from_name("E9999"), None);
         assert_eq!(Code::Interrupted.exit(), 130);
         assert_eq!(Code::NoReply.exit(), 3);

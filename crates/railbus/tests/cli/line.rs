@@ -154,6 +154,78 @@ fn watch_tells_changes_until_nobody_reads_or_it_is_stopped() {
     assert_eq!(line.as_bytes()[2], b':', "{line}");
     signal(&child, Signal::INT);
     assert_eq!(child.wait().expect("it ends").code(), Some(130));
+    let mut complaint = String::new();
+    let mut stderr = child.stderr.take().expect("piped");
+    stderr.read_to_string(&mut complaint).expect("text");
+    assert_eq!(complaint, "", "it is how one ends it");
+}
+
+/// A daemon that is gone tells nothing any more: that is not the same as that nothing happens.
+#[test]
+fn watch_says_when_the_daemon_is_gone() {
+    for end in [Site::stop_first, Site::end_first] {
+        watched_until(end);
+    }
+}
+
+fn watched_until(end: fn(&mut Site)) {
+    let mut site = Site::served("watch-gone");
+    let socket = site.socket();
+    let mut watch = site.command();
+    watch.args(["--socket", &socket, "watch", "pump", "-o", "json"]);
+    let watch = watch.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = watch.spawn().expect("railbus starts");
+    let mut lines = BufReader::new(child.stdout.take().expect("it is piped")).lines();
+    lines.next().expect("a line").expect("text");
+    end(&mut site);
+    for line in lines {
+        line.expect("text");
+    }
+    let mut told = String::new();
+    let mut stderr = child.stderr.take().expect("piped");
+    stderr.read_to_string(&mut told).expect("text");
+    assert_eq!(child.wait().expect("it ends").code(), Some(1), "{told}");
+    assert!(told.contains("E0109"), "{told}");
+}
+
+#[test]
+fn a_pattern_that_fits_nothing_is_told() {
+    let site = Site::demo("nothing");
+    for line in ["get x*", "get *.x1 -o json"] {
+        let ran = site.run(line);
+        assert_eq!((ran.code, ran.out.as_str()), (8, ""), "{line}: {ran:?}");
+        assert!(ran.err.contains("E0801"), "{line}: {ran:?}");
+    }
+}
+
+/// A site may begin with nothing: what is said is where its file will be.
+#[test]
+fn a_daemon_starts_without_a_configuration() {
+    let mut site = Site::empty("begin");
+    let refused = site.run("-l /dev/none-such serve --listen 127.0.0.1:0");
+    assert_eq!(refused.code, 2, "{refused:?}");
+    assert!(refused.err.contains("scan --add"), "{refused:?}");
+    let socket = site.socket();
+    let file = site.folder.join("railbus.toml");
+    let named = file.display().to_string();
+    site.start(
+        &["serve", "--listen", "127.0.0.1:0", "--socket", &socket],
+        &named,
+    );
+    let run = |line: &str| site.run(&format!("--socket {socket} {line}"));
+    let mut listed = run("ls lines -o value");
+    for _ in 0..200 {
+        if listed.code == 0 {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        listed = run("ls lines -o value");
+    }
+    assert_eq!((listed.code, listed.out.as_str()), (0, ""), "{listed:?}");
+    assert!(
+        !file.exists(),
+        "nothing is written before there is something"
+    );
 }
 
 /// A state is on or off in every form that people and tables read, of inputs and of outputs.

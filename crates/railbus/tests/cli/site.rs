@@ -109,6 +109,13 @@ impl Site {
         child.wait().expect("it ends");
     }
 
+    /// Asks it to end, and waits for that.
+    pub fn end_first(&mut self) {
+        let mut child = self.children.remove(0);
+        signal(&child, Signal::TERM);
+        child.wait().expect("it ends");
+    }
+
     pub fn socket(&self) -> String {
         self.folder.join("socket").display().to_string()
     }

@@ -146,3 +146,26 @@ fn a_table_and_a_bare_token_are_for_people_and_scripts() {
     );
     assert_eq!(added.out, "已添加 李工\n");
 }
+
+/// The way that is told leads there: whoever is not there yet has no password to change.
+#[test]
+fn without_a_terminal_the_same_command_is_told_with_a_file() {
+    let site = Site::empty("users-no-terminal");
+    site.configure("");
+    for line in ["user add li --role admin", "user passwd li"] {
+        let command = site.command();
+        let mut alone = std::process::Command::new("setsid");
+        alone
+            .arg("-w")
+            .arg(command.get_program())
+            .args(line.split(' '));
+        let variables = command
+            .get_envs()
+            .filter_map(|(name, value)| Some((name, value?)));
+        alone.envs(variables).current_dir(&site.folder);
+        let output = alone.stdin(std::process::Stdio::null()).output();
+        let told = String::from_utf8(output.expect("it runs").stderr).expect("text");
+        let way = format!("railbus {line} --password-file FILE");
+        assert!(told.contains(&way), "{told}");
+    }
+}

@@ -1,7 +1,7 @@
 //! `railbus plan` and `railbus apply`: the settings that the configuration wants, and those that
 //! the modules keep.
 
-use super::drive::{Driver, must_ask};
+use super::drive::Driver;
 use super::find::{Located, locate};
 use super::ground::{Ground, state_flag};
 use super::outcome::placed;
@@ -156,7 +156,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         .filter(|entry| entry.word() != "same")
         .count();
     if differs > 0 && matches.get_flag("exit-code") {
-        return Err(Failure::of(lang, Code::Differs).with_fact("count", differs));
+        return Err(Failure::of(lang, Code::Differs).told());
     }
     Ok(())
 }
@@ -267,9 +267,6 @@ pub(crate) fn apply(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let ground = Ground::of(&context, matches)?;
     let targets = by_line(ground.targets(&context, &super::show::words(matches, "only"))?);
     let terms = Terms::of(matches, By::Apply);
-    if !terms.dry && !terms.yes {
-        must_ask(&context)?;
-    }
     let (report, failed) = context.block(async {
         let mut entries = survey(&context, &ground, targets).await?;
         show(&context, &entries)?;

@@ -14,13 +14,19 @@ use std::path::Path;
 const LEN_MAX: usize = 1_024;
 
 /// The password, from a file or from whoever sits at the terminal.
-pub(super) fn password(lang: Lang, name: &str, file: Option<&Path>) -> Result<Secret, Failure> {
+///
+/// `command` is the way to name a file instead.
+pub(super) fn password(
+    lang: Lang,
+    (name, command): (&str, &str),
+    file: Option<&Path>,
+) -> Result<Secret, Failure> {
     match file {
         Some(path) => from_file(path).map_err(|error| {
             let message = lang.fill(UserText::NoFile, &[("file", &path.display())]);
             Failure::new(Code::Usage, message).because(error)
         }),
-        None => at_terminal(lang, name),
+        None => at_terminal(lang, name, command),
     }
 }
 
@@ -34,11 +40,11 @@ fn from_file(path: &Path) -> io::Result<Secret> {
     Ok(Secret::new(line.trim_end_matches(['\r', '\n']).to_owned()))
 }
 
-fn at_terminal(lang: Lang, name: &str) -> Result<Secret, Failure> {
+fn at_terminal(lang: Lang, name: &str, command: &str) -> Result<Secret, Failure> {
     let no_terminal = |error: io::Error| {
         let message = lang.get(UserText::NoTerminal).to_owned();
         let failure = Failure::new(Code::Usage, message).because(error);
-        failure.with_try(format!("railbus user passwd {name} --password-file FILE"))
+        failure.with_try(format!("{command} --password-file FILE"))
     };
     let ask = |question: &str| {
         let hidden = Hidden::open().map_err(no_terminal)?;

@@ -179,7 +179,7 @@ codes! {
             "值未出现 · 值在两次读取之间出现又消失 · 模块无应答"],
         next: ["railbus watch POINT", "railbus watch 测点"],
     }
-    Interrupted = "E13001" {
+    Interrupted = "E1300" {
         title: ["interrupted", "已中断"],
         likely: ["Ctrl-C", "按下了 Ctrl-C"],
         next: ["railbus get --fresh     shows how the outputs are",
