@@ -57,7 +57,8 @@ impl Failure {
         }
     }
 
-    /// Nothing is wrong, and the result says all: the exit code alone tells it to programs.
+    /// Nothing is wrong, and the result says all: people are told no error. Programs that asked for
+    /// JSON get its document, as with every exit code.
     pub(crate) const fn told(mut self) -> Failure {
         self.is_told = true;
         self

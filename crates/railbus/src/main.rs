@@ -27,7 +27,7 @@ fn main() -> ExitCode {
     let colour = render::colour::Colour::of_process(&arguments);
     match cli::run(lang, arguments) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(failure) if failure.is_told() => failure.exit_code(),
+        Err(failure) if failure.is_told() && !format.is_json() => failure.exit_code(),
         Err(failure) => {
             let paint = render::colour::Paint::of(colour, &std::io::stderr());
             // Where even stderr is gone there is nobody left to tell.

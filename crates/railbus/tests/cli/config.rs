@@ -355,7 +355,7 @@ fn a_plan_is_made_and_applied() {
         ),
         "{plan:?}"
     );
-    for form in ["table", "json"] {
+    for form in ["table", "csv"] {
         let differs = site.run(&format!("-q plan --exit-code -o {form}"));
         assert_eq!(
             (differs.code, differs.err.as_str()),

@@ -156,7 +156,9 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         .filter(|entry| entry.word() != "same")
         .count();
     if differs > 0 && matches.get_flag("exit-code") {
-        return Err(Failure::of(lang, Code::Differs).told());
+        return Err(Failure::of(lang, Code::Differs)
+            .with_fact("count", differs)
+            .told());
     }
     Ok(())
 }

@@ -290,7 +290,9 @@ pub(super) fn diff(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         return Err(failure);
     }
     if count > 0 && matches.get_flag("exit-code") {
-        return Err(Failure::of(lang, Code::Differs).told());
+        return Err(Failure::of(lang, Code::Differs)
+            .with_fact("count", count)
+            .told());
     }
     Ok(())
 }
