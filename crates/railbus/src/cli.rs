@@ -196,6 +196,8 @@ pub(crate) const LAST: usize = 1_000;
 
 /// Does what the arguments say.
 pub(crate) fn run(lang: Lang, arguments: Vec<OsString>) -> Result<(), Failure> {
+    let named = |argument: &OsString| names().find(|name| argument == name);
+    let verb = arguments.iter().skip(1).find_map(named);
     let matches = match define(lang).try_get_matches_from(arguments) {
         Ok(matches) => matches,
         Err(error) if is_answer(error.kind()) => {
@@ -203,7 +205,7 @@ pub(crate) fn run(lang: Lang, arguments: Vec<OsString>) -> Result<(), Failure> {
             let _ = write!(std::io::stdout(), "{}", page(lang, &error.render()));
             return Ok(());
         }
-        Err(error) => return Err(usage::failure(lang, &error)),
+        Err(error) => return Err(usage::failure(lang, &error, verb)),
     };
     // The parser lets nothing through without a command that it knows.
     let Some((name, matches)) = matches.subcommand() else {

@@ -39,26 +39,26 @@ texts! {
 
     // Headings and flags of every command.
     About {
-        en: "Commands RS-485 I/O modules, and simulates them.",
-        zh: "控制 RS-485 输入输出模块，也可模拟这些模块。",
+        en: "Control RS-485 I/O modules, or simulate them.",
+        zh: "控制 RS-485 输入输出模块，也可仿真这些模块。",
     }
     Examples { en: "Examples:", zh: "示例：" }
     Usage { en: "Usage: ", zh: "用法：" }
     Options { en: "Options", zh: "选项" }
     Commands { en: "Commands", zh: "命令" }
-    Help { en: "Says how to use this", zh: "显示用法" }
-    Version { en: "Says which version this is", zh: "显示版本" }
+    Help { en: "Show help", zh: "显示用法" }
+    Version { en: "Show version", zh: "显示版本" }
     LangFlag {
-        en: "Speaks English (en) or Chinese (zh); RAILBUS_LANG and LANG are heeded too",
-        zh: "使用英文 (en) 或中文 (zh)；也可用 RAILBUS_LANG 或 LANG 设定",
+        en: "Language: en or zh; also set by RAILBUS_LANG and LANG",
+        zh: "语言：en 或 zh；也可由 RAILBUS_LANG 或 LANG 设定",
     }
     Environment {
-        en: "The environment may hold the flags of all commands: RAILBUS_LINE and others.
+        en: "Flags of every command can also be set in the environment: RAILBUS_LINE and others.
 Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "每个命令都有的选项也可写入环境变量：RAILBUS_LINE、RAILBUS_OUTPUT 等。
 专题：railbus help exit-codes、addressing、units、protocols、safety",
     }
-    Verbose { en: "Shows each frame as it passes", zh: "逐帧显示线路上的通信" }
+    Verbose { en: "Show each frame as it passes", zh: "逐条显示线路上的报文" }
 
     // Labels of an error.
     Error { en: "error[{code}]: {message}", zh: "错误[{code}]：{message}" }
@@ -80,17 +80,17 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "输出格式：table、json、ndjson、csv 或 value",
     }
     ColorFlag {
-        en: "When to use colours: auto (if not said), always or never; NO_COLOR is heeded too",
+        en: "When to use colours: auto (default), always or never; NO_COLOR is respected",
         zh: "何时使用颜色：auto（默认）、always 或 never；也遵守 NO_COLOR",
     }
-    QuietFlag { en: "Says nothing but errors and results", zh: "只输出错误和结果" }
-    ConfigFlag { en: "The configuration instead of railbus.toml", zh: "指定配置文件，代替 railbus.toml" }
-    DirectFlag { en: "Opens the line itself, not through the daemon", zh: "直接打开总线，不经守护进程" }
+    QuietFlag { en: "Print only errors and results", zh: "只输出错误和结果" }
+    ConfigFlag { en: "Configuration file to use instead of railbus.toml", zh: "指定配置文件，代替 railbus.toml" }
+    DirectFlag { en: "Open the line directly, not through the daemon", zh: "直接打开总线，不经守护进程" }
     TheDemo { en: "the demo", zh: "演示站点" }
     ThroughDaemon { en: "through the daemon of {site}", zh: "经由守护进程，配置为 {site}" }
     SocketFlag { en: "The daemon's socket", zh: "守护进程的套接字" }
     TimeoutFlag {
-        en: "How long a reply to raw and scan may take: 60ms, 1.5s",
+        en: "How long raw and scan wait for a reply: 60ms, 1.5s",
         zh: "raw 和 scan 等待应答的时间：60ms、1.5s",
     }
     ModelFlag {
@@ -102,23 +102,23 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "Without a configuration: rtu, ascii, lc02 or r55",
         zh: "无配置时：rtu、ascii、lc02 或 r55",
     }
-    BaudFlag { en: "Without a configuration: the baud, 9600 if not said", zh: "无配置时：波特率，默认 9600" }
+    BaudFlag { en: "Without a configuration: the baud rate, default 9600", zh: "无配置时：波特率，默认 9600" }
     FormatFlag {
-        en: "Without a configuration: 8N1 (if not said), 8E1, 8O1 or 8N2",
+        en: "Without a configuration: 8N1 (default), 8E1, 8O1 or 8N2",
         zh: "无配置时：8N1（默认）、8E1、8O1 或 8N2",
     }
     ChecksumFlag {
         en: "Without a configuration: the module's ASCII frames carry a checksum",
-        zh: "无配置时：模块的 ASCII 帧带校验和",
+        zh: "无配置时：模块的 ASCII 报文带校验和",
     }
 
     AllBoards {
-        en: "Switches every 0x55 board of the line on or off at once; with --confirm broadcast",
+        en: "Switch every 0x55 board of the line on or off at once; with --confirm broadcast",
         zh: "同时吸合或断开总线上所有 0x55 板；须加 --confirm broadcast",
     }
     Confirm {
-        en: "The word broadcast, for what is meant for all modules",
-        zh: "面向所有模块时须写 broadcast",
+        en: "Required for broadcasts: --confirm broadcast",
+        zh: "广播时必须写：--confirm broadcast",
     }
 
     // What was met.
@@ -132,42 +132,43 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "模块 \"{module}\" 的应答损坏（{at}）",
     }
     NotVerifiedAt {
-        en: "not verified: {module}.{point} was acknowledged but reads back otherwise",
+        en: "not verified: {module}.{point} was acknowledged but reads back differently",
         zh: "未证实：{module}.{point} 已应答，但回读不一致",
     }
     ModbusException { en: "Modbus exception {why}", zh: "Modbus 异常码 {why}" }
     AtAddress { en: "address {address}", zh: "地址 {address}" }
     OnLine { en: "line {line}", zh: "总线 {line}" }
     HeardNothing {
-        en: "tries: {attempts}; {bytes} bytes came back: the line was silent, not noisy",
+        en: "attempts: {attempts}; bytes received: {bytes} (silent, no noise)",
         zh: "尝试次数：{attempts}；收到 {bytes} 字节：总线静默，无干扰",
     }
     HeardHalf {
-        en: "tries: {attempts}; {bytes} bytes came back: a reply began and did not end",
+        en: "attempts: {attempts}; bytes received: {bytes} (incomplete reply)",
         zh: "尝试次数：{attempts}；收到 {bytes} 字节：应答不完整",
     }
     HeardBytes {
-        en: "tries: {attempts}; {bytes} bytes came back that are no good reply",
+        en: "attempts: {attempts}; bytes received: {bytes} (not a valid reply)",
         zh: "尝试次数：{attempts}；收到 {bytes} 字节，不是有效应答",
     }
     HeldBy { en: "held by {holder}", zh: "占用者：{holder}" }
     OfGroup { en: "the port belongs to the group {group}", zh: "端口属于用户组 {group}" }
+    DidYouMean { en: "did you mean {name}?", zh: "是否指 {name}？" }
     Known { en: "known: {names}", zh: "已知：{names}" }
     MayHaveActed {
         en: "the command may still have taken effect; look before repeating",
         zh: "命令可能已生效，重复前请先查看实际状态",
     }
-    StaleModules { en: "not read lately, so out of date: {modules}", zh: "数据过期，近期未读取：{modules}" }
+    StaleModules { en: "not read recently, values out of date: {modules}", zh: "数据过期，近期未读取：{modules}" }
     LastGood { en: "{state}, last good {time}", zh: "{state}，最后有效 {time}" }
     SilentModules { en: "no reply from: {modules}", zh: "无应答：{modules}" }
     SomeFailed { en: "{failed} of {count} targets failed", zh: "{count} 个目标中 {failed} 个失败" }
-    NoBytes { en: "\"{text}\" is no bytes in hexadecimal", zh: "\"{text}\" 不是十六进制字节" }
+    NoBytes { en: "\"{text}\" is not hexadecimal bytes", zh: "\"{text}\" 不是十六进制字节" }
     FromEnvironment {
-        en: "the environment says so: {variable}={value}",
+        en: "set in the environment: {variable}={value}",
         zh: "来自环境变量：{variable}={value}",
     }
     NoSuchCode { en: "there is no code \"{name}\"", zh: "没有代码 \"{name}\"" }
-    BadOrder { en: "\"{word}\" says nothing to do", zh: "无法理解 \"{word}\"" }
+    BadOrder { en: "\"{word}\" gives no state; use on, off or toggle", zh: "\"{word}\" 未给出状态；请用 on、off 或 toggle" }
 
     // States.
     On { en: "on", zh: "接通" }
@@ -177,38 +178,38 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     Bad { en: "bad", zh: "无效" }
     OfflineValue { en: "offline", zh: "离线" }
     NeverRead { en: "never read", zh: "从未读到" }
-    LineAbsent { en: "its line is not there", zh: "总线端口不存在" }
-    LineBusy { en: "its line is held by another program", zh: "总线被其他程序占用" }
-    LineLent { en: "its line is lent", zh: "总线已借出" }
-    LineShut { en: "its line is closed", zh: "总线已关闭" }
+    LineAbsent { en: "port missing", zh: "端口不存在" }
+    LineBusy { en: "port in use by another program", zh: "端口被其他程序占用" }
+    LineLent { en: "line busy (settings being changed)", zh: "总线忙（正在更改设置）" }
+    LineShut { en: "line closed", zh: "总线已关闭" }
     Online { en: "online", zh: "在线" }
     Offline { en: "offline", zh: "离线" }
     Unheard { en: "not heard yet", zh: "尚未应答" }
     ReadBack { en: "read back", zh: "已回读" }
     Acknowledged { en: "acknowledged", zh: "已应答" }
-    SentOnly { en: "sent, nobody answers it", zh: "已发送，无应答" }
+    SentOnly { en: "sent (this command has no reply)", zh: "已发送（此命令无应答）" }
     ReadThenSet { en: "read, then set", zh: "先读后写" }
     Old { en: "{age} old", zh: "{age}前" }
     PulseMode { en: "pulse mode {width}", zh: "点动 {width}" }
     LockedWord { en: "locked", zh: "已锁定" }
     PortOpening { en: "opening", zh: "正在打开" }
     PortUp { en: "open", zh: "已打开" }
-    PortAbsent { en: "not there", zh: "不可用" }
+    PortAbsent { en: "port missing", zh: "端口不存在" }
     PortBusy { en: "busy", zh: "被占用" }
     PortClosed { en: "closed", zh: "已关闭" }
     Targets {
         en: "Modules and points: pump, pump.do0, '*.di*'",
-        zh: "模块和点：pump、pump.do0、'*.di*'",
+        zh: "模块和测点：pump、pump.do0、'*.di*'",
     }
     AllTargets {
-        en: "Modules and points: pump, pump.do0, '*.di*'; all if none",
-        zh: "模块和点：pump、pump.do0、'*.di*'；省略则为全部",
+        en: "Modules and points: pump, pump.do0, '*.di*'; default all",
+        zh: "模块和测点：pump、pump.do0、'*.di*'；省略则为全部",
     }
 
     // ls
     LsAbout {
-        en: "Lists what there is. Bits are in the order of the terminals, first one first.",
-        zh: "列出现有内容。各位按端子顺序排列，首个在前。",
+        en: "List modules, points, lines and more. Bits are in terminal order, first one first.",
+        zh: "列出模块、测点、总线等。各位按端子顺序排列，首个在前。",
     }
     LsExamples {
         en: "  railbus ls                 the modules and their states
@@ -216,20 +217,20 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
   railbus ls points -o json  every point with its value
   railbus ls ports           the serial ports of this machine",
         zh: "  railbus ls                 模块及其状态
-  railbus ls points pump     某个模块的点
-  railbus ls points -o json  所有点及其值
+  railbus ls points pump     某个模块的测点
+  railbus ls points -o json  所有测点及其值
   railbus ls ports           本机串口",
     }
     LsWhat {
-        en: "modules (if not said), points, lines, groups, models or ports",
+        en: "modules (default), points, lines, groups, models or ports",
         zh: "modules（默认）、points、lines、groups、models 或 ports",
     }
-    LsModule { en: "Only the points of these modules", zh: "只列出这些模块的点" }
+    LsModule { en: "Only the points of these modules", zh: "只列出这些模块的测点" }
     LsModulesHead {
         en: "MODULE|LINE|ADDR|PROTOCOL|MODEL|STATE|RTT|ERRORS 1h|OUTPUTS|INPUTS",
-        zh: "模块|总线|地址|协议|型号|状态|往返|1 小时错误|输出|输入",
+        zh: "模块|总线|地址|协议|型号|状态|响应时间|1 小时错误|输出|输入",
     }
-    LsGroupsHead { en: "GROUP|NAME|FRAMES|MEMBERS", zh: "分组|名称|帧数|成员" }
+    LsGroupsHead { en: "GROUP|NAME|FRAMES|MEMBERS", zh: "分组|名称|报文数|成员" }
     LsLinesHead { en: "LINE|PORT|SETTINGS|STATE|MODULES", zh: "总线|端口|参数|状态|模块" }
     LsModelsHead {
         en: "MODEL|TITLE|OUTPUTS|INPUTS|ANALOGS|ADDRESSES|PROTOCOLS|BAUD",
@@ -242,46 +243,46 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     Late { en: "({late} late)", zh: "（{late} 次迟到）" }
 
     // get
-    GetAbout { en: "Reads points.", zh: "读取点的值。" }
+    GetAbout { en: "Read points.", zh: "读取测点的值。" }
     GetExamples {
         en: "  railbus get pump                   all points of a module
   railbus get tank.ai1 -o value      the bare value
   railbus get '*.di*' -o csv         all inputs",
-        zh: "  railbus get pump                   一个模块的所有点
+        zh: "  railbus get pump                   一个模块的所有测点
   railbus get tank.ai1 -o value      只输出值
   railbus get '*.di*' -o csv         所有输入",
     }
-    GetFresh { en: "Asks the line, whatever the daemon knows", zh: "重新读取总线，不用守护进程的缓存" }
+    GetFresh { en: "Read from the module now, not from the daemon's cache", zh: "重新读取总线，不用守护进程的缓存" }
     LastKnown {
-        en: "With -o value: shows the last known value where none is good now, instead of ?",
+        en: "With -o value: show the last known value instead of ? where none is good",
         zh: "与 -o value 合用：当前无有效值时显示最后已知值，而不是 ?",
     }
-    GetRaw { en: "Shows the registers of analog values", zh: "显示模拟量的寄存器值" }
+    GetRaw { en: "Show the registers of analog values", zh: "显示模拟量的寄存器值" }
 
     // set
-    SetAbout { en: "Switches outputs, and reads them back.", zh: "操作输出并回读。" }
+    SetAbout { en: "Switch outputs and read them back.", zh: "操作输出并回读。" }
     SetExamples {
         en: "  railbus set pump.do0 on
   railbus set yard 1,3=on                    by the numbers at the terminals
   railbus set oven k1=on k2=off k5=toggle
-  railbus set '@night' off                   a group of the configuration
-  railbus set oven all=off -n                only shows the frames",
+  railbus set '@night' off                   a group
+  railbus set oven all=off -n                only show the frames",
         zh: "  railbus set pump.do0 on
   railbus set yard 1,3=on                    按端子编号
   railbus set oven k1=on k2=off k5=toggle
   railbus set '@night' off                   配置中的分组
-  railbus set oven all=off -n                只显示帧",
+  railbus set oven all=off -n                只显示报文",
     }
     SetTargets {
         en: "pump.do0 on; or a module and its outputs: oven k1=on k2=off",
         zh: "pump.do0 on；或模块及其输出：oven k1=on k2=off",
     }
-    DryRun { en: "Shows the frames and switches nothing", zh: "只显示帧，不操作" }
-    NoVerify { en: "Does not read back", zh: "不回读" }
+    DryRun { en: "Show the frames, switch nothing", zh: "只显示报文，不操作" }
+    NoVerify { en: "Do not read back", zh: "不回读" }
     WouldSend { en: "would send", zh: "将发送" }
 
     // pulse
-    PulseAbout { en: "Switches an output on for a while.", zh: "点动：输出吸合一段时间。" }
+    PulseAbout { en: "Switch an output on for a given time.", zh: "点动：输出吸合一段时间。" }
     PulseExamples {
         en: "  railbus pulse yard.k3 500ms
   railbus pulse oven.k1 2s           timed by the host: ERC-8 has no timer
@@ -292,35 +293,35 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     }
     PulsePoint { en: "The output", zh: "输出点" }
     PulseDuration {
-        en: "How long: 500ms, 2s; the module's own width if not said",
+        en: "How long: 500ms, 2s; default: the module's own width",
         zh: "时间：500ms、2s；省略则为模块自身的宽度",
     }
     PulseBy {
-        en: "Who keeps the time: auto (if not said), device or host",
+        en: "Who times it: auto (default), device or host",
         zh: "计时者：auto（默认）、device 或 host",
     }
-    PulseOff { en: "Releases first and pulls in after the time", zh: "点动断开：先断开，到时再吸合" }
+    PulseOff { en: "Switch off first, on after the time", zh: "点动断开：先断开，到时再吸合" }
     PulseHere {
-        en: "timed here: while this runs; if it is killed, the output stays on",
+        en: "timed by this program: if it is killed, the output stays on",
         zh: "由本程序计时：若被强行终止，输出将保持吸合",
     }
-    PulseReleased { en: "{path} was released", zh: "{path} 已断开" }
+    PulseReleased { en: "{path} was switched off", zh: "{path} 已断开" }
     TimedByHost { en: "timed by the host", zh: "上位机计时" }
     TimedByDevice { en: "timed by the module", zh: "模块计时" }
 
     // watch
-    WatchAbout { en: "Shows what changes, one line at a time.", zh: "逐行显示变化。" }
+    WatchAbout { en: "Show changes, one per line.", zh: "逐行显示变化。" }
     WatchExamples {
         en: "  railbus watch
   railbus watch pump '*.ai*' -o ndjson",
         zh: "  railbus watch
   railbus watch pump '*.ai*' -o ndjson",
     }
-    WatchPlain { en: "One line for each change, also on a terminal", zh: "终端上也逐行显示变化" }
-    WatchGap { en: "{count} changes were lost: too slow", zh: "读取太慢，丢失 {count} 个变化" }
+    WatchPlain { en: "One line per change, on a terminal too", zh: "终端上也逐行显示变化" }
+    WatchGap { en: "changes lost (reader too slow): {count}", zh: "读取太慢，丢失 {count} 个变化" }
 
     // raw
-    RawAbout { en: "Sends a frame and shows the reply.", zh: "发送一帧并显示应答。" }
+    RawAbout { en: "Send a frame and show the reply.", zh: "发送一条报文并显示应答。" }
     RawExamples {
         en: "  railbus raw --crc 03 01 00 3C 00 08
   railbus raw --ascii '$01M'
@@ -329,41 +330,41 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
   railbus raw --ascii '$01M'
   railbus raw --proto r55 55 04 10 00 00 00 00",
     }
-    RawHex { en: "The bytes in hexadecimal", zh: "十六进制字节" }
-    RawAscii { en: "A frame of the ASCII protocol without its end", zh: "ASCII 协议的帧，不含结束符" }
-    RawCrc { en: "Adds the CRC of Modbus RTU", zh: "添加 Modbus RTU 的 CRC" }
-    RawProto { en: "Adds the checksum of rtu, lc02 or r55", zh: "添加 rtu、lc02 或 r55 的校验和" }
+    RawHex { en: "Bytes in hexadecimal", zh: "十六进制字节" }
+    RawAscii { en: "A frame of the ASCII protocol without its end", zh: "ASCII 协议的报文，不含结束符" }
+    RawCrc { en: "Append the Modbus RTU CRC", zh: "添加 Modbus RTU 的 CRC" }
+    RawProto { en: "Append the checksum of rtu, lc02 or r55", zh: "添加 rtu、lc02 或 r55 的校验和" }
     MeantYes {
-        en: "it is meant, also where an output wants to be told so",
+        en: "Confirm outputs that require confirmation",
         zh: "确认执行，用于需要确认的输出",
     }
     RawYes {
-        en: "Sends also what is for all modules, changes settings, or is unknown",
-        zh: "广播、更改设置或未知的帧也发送",
+        en: "Allow broadcast, settings and unknown frames",
+        zh: "允许发送广播、更改设置和未知的报文",
     }
     RawOverride {
-        en: "Through the daemon: sends also past locks, interlocks and times of the configuration",
+        en: "Through the daemon: override configured locks, interlocks and times",
         zh: "经守护进程时：越过配置中的锁定、互锁和时限也发送",
     }
-    NotUnderstood { en: "no reply to this", zh: "不是对此的应答" }
+    NotUnderstood { en: "not a reply to this", zh: "不是对此的应答" }
 
     // decode
-    DecodeAbout { en: "Says what bytes mean.", zh: "解释字节的含义。" }
+    DecodeAbout { en: "Explain what bytes mean.", zh: "解释字节的含义。" }
     DecodeExamples {
         en: "  railbus decode 6C 63 01 03 22 34 0D
   railbus decode '55 01 00 03 00 04 C0 1D' --all
-  railbus decode -                   one frame to a line, from stdin
-  railbus decode -f night.pcapng     all that was captured",
+  railbus decode -                   one frame per line, from stdin
+  railbus decode -f night.pcapng     everything captured",
         zh: "  railbus decode 6C 63 01 03 22 34 0D
   railbus decode '55 01 00 03 00 04 C0 1D' --all
-  railbus decode -                   从标准输入读取，每行一帧
-  railbus decode -f night.pcapng     抓包文件中的所有帧",
+  railbus decode -                   从标准输入读取，每行一条报文
+  railbus decode -f night.pcapng     抓包文件中的所有报文",
     }
     DecodeHex {
         en: "The bytes in hexadecimal, or an ASCII frame such as '$016'",
-        zh: "十六进制字节，或 ASCII 帧如 '$016'",
+        zh: "十六进制字节，或 ASCII 报文如 '$016'",
     }
-    DecodeAll { en: "Shows every protocol that accepts the bytes", zh: "显示所有能接受的协议" }
+    DecodeAll { en: "Show every protocol that accepts the bytes", zh: "显示所有能接受的协议" }
     NoReading { en: "{count} bytes that no protocol accepts", zh: "{count} 字节，没有协议能接受" }
     RequestWord { en: "request", zh: "请求" }
     ReplyWord { en: "reply", zh: "应答" }
@@ -375,30 +376,30 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     AlsoCount { en: "other readings: {count}, see --all", zh: "{count} 种解释，见 --all" }
 
     // explain
-    ExplainAbout { en: "Says what an error code means.", zh: "解释错误代码。" }
+    ExplainAbout { en: "Explain an error code.", zh: "解释错误代码。" }
     ExplainExamples {
         en: "  railbus explain E0301
   railbus explain exit-codes",
         zh: "  railbus explain E0301
   railbus explain exit-codes",
     }
-    ExplainCode { en: "The code; all of them if not said", zh: "代码；省略则列出全部" }
+    ExplainCode { en: "Code, such as E0301 or 301; default: list all", zh: "代码，如 E0301 或 301；省略则列出全部" }
 
     // complete
     CompleteAbout { en: "Names that fit, for completion scripts.", zh: "供补全脚本使用的候选名称。" }
     CompleteWords { en: "The words of the command line so far", zh: "命令行已有的词" }
 
     // version
-    VersionAbout { en: "Says which version this is, and what it can do.", zh: "显示版本和所支持的内容。" }
+    VersionAbout { en: "Show version and features.", zh: "显示版本和所支持的内容。" }
 
     // Wrong arguments.
     NoSuchCommand { en: "there is no command \"{name}\"", zh: "没有命令 \"{name}\"" }
     NoSuchArgument { en: "there is no argument \"{name}\"", zh: "没有参数 \"{name}\"" }
     BadValue {
-        en: "\"{value}\" is no value for {name}",
+        en: "invalid value \"{value}\" for {name}",
         zh: "\"{value}\" 不能作为 {name} 的值",
     }
-    NoValue { en: "{name} wants a value", zh: "{name} 需要一个值" }
+    NoValue { en: "{name} needs a value", zh: "{name} 需要一个值" }
     MissingCommand { en: "a command is missing", zh: "缺少命令" }
     MissingArgument { en: "{name} is missing", zh: "缺少 {name}" }
     Conflict { en: "{name} can't be used here", zh: "此处不能使用 {name}" }
@@ -408,7 +409,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     NoTcp { en: "can't listen on TCP {address}", zh: "无法监听 TCP {address}" }
     NoPty { en: "can't make a PTY", zh: "无法创建 PTY" }
     ForeignPath {
-        en: "{path} exists and is no link to a PTY, so it is left alone",
+        en: "{path} exists and is not a link to a PTY; left unchanged",
         zh: "{path} 已存在且不是 PTY 链接，未作改动",
     }
     NoLink { en: "can't make the link {path} to the PTY", zh: "无法创建指向 PTY 的链接 {path}" }
@@ -416,57 +417,57 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
 
     // serve
     ServeAbout {
-        en: "Keeps the lines for the commands, programs and browsers of this machine.",
+        en: "Run the daemon: it owns the lines and serves commands, programs and browsers.",
         zh: "管理各条总线，供本机的命令、程序和浏览器使用。",
     }
     ServeExamples {
-        en: "  railbus serve --demo                  five simulated modules, nothing is real
+        en: "  railbus serve --demo                  five simulated modules, no real hardware
   railbus serve                         railbus.toml; without one, set it up in the browser
-  railbus serve --config railbus.toml   the site of a configuration
-  railbus serve --check                 reads the configuration and says what is wrong
+  railbus serve --config railbus.toml   run a configuration
+  railbus serve --check                 check the configuration
   curl -H 'Authorization: Bearer rb_…' http://127.0.0.1:7485/api/v1/points/pump/do0",
-        zh: "  railbus serve --demo                  五个模拟模块，均非真实设备
+        zh: "  railbus serve --demo                  五个仿真模块，均非真实设备
   railbus serve                         使用 railbus.toml；没有时在浏览器中设置
   railbus serve --config railbus.toml   按配置文件运行
   railbus serve --check                 检查配置文件
   curl -H 'Authorization: Bearer rb_…' http://127.0.0.1:7485/api/v1/points/pump/do0",
     }
     ServeDemo {
-        en: "A simulated line with five modules, instead of a configuration",
-        zh: "使用含五个模块的模拟总线，不读配置",
+        en: "Run a simulated line with five modules instead of a configuration",
+        zh: "使用含五个模块的仿真总线，不读配置",
     }
     ServeListen {
-        en: "Where to listen; 127.0.0.1:7485 if not said; other machines need TLS and a user",
+        en: "Listen address, default 127.0.0.1:7485; for other machines TLS and a user are required",
         zh: "监听地址，默认 127.0.0.1:7485；向其他机器开放须有 TLS 和用户",
     }
     ServeTls {
-        en: "auto: makes a certificate, keeps it, and shows its fingerprint",
+        en: "auto: create and keep a certificate, and show its fingerprint",
         zh: "auto：自动生成并保存证书，显示其指纹",
     }
-    ServeTlsCert { en: "A certificate of your own, in PEM", zh: "自备证书 (PEM)" }
+    ServeTlsCert { en: "Your own certificate (PEM)", zh: "自备证书 (PEM)" }
     ServeTlsKey {
-        en: "Its key, in PEM; both are read again when they change",
+        en: "Its private key (PEM); both are reloaded when they change",
         zh: "其私钥 (PEM)；文件更改后自动重新读取",
     }
     ServeName {
-        en: "A name under which browsers find it, beside this machine's own; may be repeated",
+        en: "Additional host name that browsers use; may be repeated",
         zh: "浏览器访问所用的名称，本机名之外另加；可重复",
     }
     TlsRead {
-        en: "certificate read again; SHA-256 {fingerprint}",
+        en: "certificate reloaded; SHA-256 {fingerprint}",
         zh: "已重新读取证书；SHA-256 {fingerprint}",
     }
-    ServeCheck { en: "Only reads the configuration", zh: "仅检查配置" }
+    ServeCheck { en: "Only check the configuration", zh: "仅检查配置" }
     ServeChecked {
-        en: "{file}: good, {lines} lines, {modules} modules",
-        zh: "{file}：正确，{lines} 条总线，{modules} 个模块",
+        en: "{file}: valid; lines: {lines}, modules: {modules}",
+        zh: "{file}：有效，{lines} 条总线，{modules} 个模块",
     }
     ServesDemo {
-        en: "demo line with 5 simulated modules, nothing is real",
-        zh: "演示总线，5 个模拟模块，均非真实设备",
+        en: "demo line with 5 simulated modules, no real hardware",
+        zh: "演示总线，5 个仿真模块，均非真实设备",
     }
     ServeStop {
-        en: "stop with Ctrl-C; outputs stay as they are",
+        en: "press Ctrl-C to stop; outputs keep their state",
         zh: "按 Ctrl-C 停止；输出保持原状",
     }
     CantServeSite { en: "can't serve the site", zh: "无法提供服务" }
@@ -476,14 +477,14 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "serve 不接受 -l：总线须写在配置中"
     }
     ServesNew {
-        en: "{file}: not there yet; it is made with the first line or module",
+        en: "{file}: does not exist yet; created with the first line or module",
         zh: "{file}：尚不存在，添加第一条总线或模块时创建"
     }
     Reloaded {
-        en: "configuration read again; lines kept: {kept}; opened: {opened}; closed: {closed}",
+        en: "configuration reloaded; lines kept: {kept}; opened: {opened}; closed: {closed}",
         zh: "已重新读取配置；保留的总线：{kept}；打开：{opened}；关闭：{closed}",
     }
-    NotReloaded { en: "nothing was changed", zh: "未作任何更改" }
+    NotReloaded { en: "no changes made", zh: "未作任何更改" }
 
     ServeSetup { en: "(one-time link, 15 min)", zh: "（一次性链接，15 分钟内有效）" }
 

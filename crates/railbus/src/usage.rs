@@ -4,9 +4,11 @@ use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::texts::Text;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
+use railbus_site::config::resembles;
 
 /// The parser's error in words of the catalogue.
-pub(crate) fn failure(lang: Lang, error: &clap::Error) -> Failure {
+/// `verb` is the command that was called, where there is one.
+pub(crate) fn failure(lang: Lang, error: &clap::Error, verb: Option<&str>) -> Failure {
     let of = |kind| error.get(kind).map(text).unwrap_or_default();
     let name = of(ContextKind::InvalidArg);
     let value = of(ContextKind::InvalidValue);
@@ -29,22 +31,37 @@ pub(crate) fn failure(lang: Lang, error: &clap::Error) -> Failure {
         }
         _ => lang.get(Text::BadArguments).to_owned(),
     };
-    let suggestions = [
-        ContextKind::SuggestedSubcommand,
-        ContextKind::SuggestedArg,
-        ContextKind::SuggestedValue,
-        ContextKind::ValidValue,
+    let meant = [
+        (
+            ContextKind::SuggestedSubcommand,
+            ContextKind::InvalidSubcommand,
+        ),
+        (ContextKind::SuggestedArg, ContextKind::InvalidArg),
+        (ContextKind::SuggestedValue, ContextKind::InvalidValue),
     ];
-    let suggested = suggestions.into_iter().map(of).filter(|s| !s.is_empty());
+    // The parser suggests what is far off, too.
+    let meant = meant.into_iter().filter_map(|(suggested, said)| {
+        let (suggested, said) = (of(suggested), of(said));
+        let said = said.trim_start_matches('-');
+        let near = |word: &&str| !word.is_empty() && resembles(word.trim_start_matches('-'), said);
+        let near: Vec<&str> = suggested.split(' ').filter(near).collect();
+        (!near.is_empty()).then(|| near.join(" "))
+    });
+    let valid = Some(of(ContextKind::ValidValue)).filter(|valid| !valid.is_empty());
+    let help = match verb {
+        Some(verb) => format!("railbus help {verb}"),
+        None => "railbus help".to_owned(),
+    };
     let mut failure = Failure::new(Code::Usage, message);
     if let Some(variable) = variable(&name, &value) {
         let values: &[(&str, &dyn std::fmt::Display)] =
             &[("variable", &variable), ("value", &value)];
         failure = failure.because(lang.fill(Text::FromEnvironment, values));
     }
-    suggested
+    meant
+        .chain(valid)
         .fold(failure, Failure::with_try)
-        .with_try("railbus --help")
+        .with_try(help)
 }
 
 /// The variable that a wrong value of a flag comes from: nobody sees it on the command line.
@@ -82,8 +99,12 @@ mod tests {
         let told = |line| told(Lang::En, line);
         assert!(told("railbus simm").contains("no command \"simm\"\n  try:    sim"));
         assert!(told("railbus sim --demmo").contains("no argument \"--demmo\"\n  try:    --demo"));
-        assert!(told("railbus sim --demo --seed x").contains("\"x\" is no value for --seed"));
+        assert!(told("railbus sim --demo --seed x").contains("invalid value \"x\" for --seed"));
         assert!(told("railbus sim --demo --seed").contains("--seed"));
+        // What is far off is not suggested, and the help is that of the command.
+        let far = told("railbus nosuch");
+        assert_eq!(far.lines().count(), 2, "{far}");
+        assert!(told("railbus get --nosuch").contains("try:    railbus help get"));
         assert!(told("railbus sim").contains("<FILE|--demo> is missing"));
         assert!(told("railbus").contains("a command is missing"));
         assert!(told("railbus sim --demo --lang fr").contains("try:    en zh"));

@@ -58,8 +58,12 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
         Kind::NoSuchSetting(known) => {
             let known = known.join(", ");
             both(
-                format!("the module has no such setting here; it has: {known}"),
-                format!("该模块在此没有这项设置；可用：{known}"),
+                format!(
+                    "the module has no such setting here; it has: {known}; address, baud, format and checksum stand in the module's own table"
+                ),
+                format!(
+                    "该模块在此没有这项设置；可用：{known}；address、baud、format、checksum 写在模块自身的表中"
+                ),
             )
         }
         Kind::BadSetting(possible) => both(

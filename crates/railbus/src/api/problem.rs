@@ -184,7 +184,7 @@ pub(crate) mod codes {
         /// Also `module`, `model`.
         UNSUPPORTED = "E0805", 422, "the model has no command for that";
         /// Also `reason`.
-        BAD_REQUEST = "E0806", 422, "the request says something that is no value here";
+        BAD_REQUEST = "E0806", 422, "invalid value in the request";
         /// Also `module`, `point`.
         NOT_AN_OUTPUT = "E0807", 422, "the point is no output";
         /// Also `reason`.

@@ -65,10 +65,15 @@ fn all() -> Vec<Explained> {
     errors.chain(findings).collect()
 }
 
+/// `E0301`, `d204`, or an error by its number alone: `e301`, `301`.
 fn find(name: &str) -> Option<Explained> {
+    let digits = name.trim_start_matches(['e', 'E']);
+    let is_number = !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
+    let error = is_number.then(|| format!("E{digits:0>4}"));
+    let wanted = error.as_deref().unwrap_or(name);
     all()
         .into_iter()
-        .find(|code| code.name.eq_ignore_ascii_case(name))
+        .find(|code| code.name.eq_ignore_ascii_case(wanted))
 }
 
 fn page(lang: Lang, code: &Explained) -> String {

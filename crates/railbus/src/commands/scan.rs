@@ -81,6 +81,14 @@ async fn scan(context: &Context, wanted: Wanted) -> Result<(Place, Wanted, Repor
         }
     };
     let wanted = wanted.on(&place);
+    // Who is asked for some addresses is told of these alone.
+    let known: Vec<Known> = match &wanted.wish.addresses {
+        None => known,
+        Some(addresses) => {
+            let is_asked = |known: &Known| addresses.contains(&known.address.0);
+            known.into_iter().filter(is_asked).collect()
+        }
+    };
     let keep = Keep::of(context, &place, &wanted.wish).await;
     let scope = Scope::of(&wanted.wish, known);
     if has_own_speed(&place.port) && scope.runs.iter().any(|run| run.settings != place.settings) {

@@ -39,18 +39,15 @@ pub(crate) const ALL: &[Finding] = &[
         "D101",
         ["the clock is wrong", "时钟不对"],
         [
-            "a machine without a clock battery that has not met a time server yet",
+            "no clock battery, and not yet synchronised with a time server",
             "没有时钟电池的机器尚未与时间服务器同步",
         ],
         ["timedatectl set-ntp true", "timedatectl set-ntp true"],
     ),
     finding(
         "D102",
-        ["you may not open the port", "无权打开端口"],
-        [
-            "you are not in the group of the device",
-            "未加入设备所属用户组",
-        ],
+        ["permission denied: can't open the port", "无权打开端口"],
+        ["you are not in the device's group", "未加入设备所属用户组"],
         [
             "sudo usermod -aG GROUP $USER, then log in again",
             "sudo usermod -aG 用户组 $USER，然后重新登录",
@@ -58,7 +55,7 @@ pub(crate) const ALL: &[Finding] = &[
     ),
     finding(
         "D103",
-        ["the port is not there", "端口不存在"],
+        ["port not found", "端口不存在"],
         [
             "adapter not plugged in · another number after plugging it in again",
             "转换器未插好 · 重新插入后编号改变",
@@ -67,21 +64,24 @@ pub(crate) const ALL: &[Finding] = &[
     ),
     finding(
         "D104",
-        ["another program has the port", "端口被其他程序占用"],
+        [
+            "the port is in use by another program",
+            "端口被其他程序占用",
+        ],
         ["one line has one master", "一条总线只能有一个上位机"],
         [
-            "stop that program, or let it be the only one",
+            "stop that program, or use only that one",
             "停止该程序，或只由它使用",
         ],
     ),
     finding(
         "D105",
         [
-            "ModemManager tries this adapter when it is plugged in",
+            "ModemManager probes this adapter when it is plugged in",
             "ModemManager 会在插入时试探该转换器",
         ],
         [
-            "it takes any serial adapter for a modem, and sends AT commands to your modules",
+            "it takes serial adapters for modems and sends AT commands to your modules",
             "它把串口转换器当作调制解调器，并向模块发送 AT 命令",
         ],
         [
@@ -92,11 +92,11 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "D106",
         [
-            "the FTDI adapter keeps what it hears",
+            "the FTDI adapter delays received data",
             "FTDI 转换器延迟转交数据",
         ],
         [
-            "its latency timer: each reply may come that much later",
+            "its latency timer: each reply may be delayed by this much",
             "其延迟定时器：每个应答可能晚到这么久",
         ],
         ["railbus doctor D106 --fix", "railbus doctor D106 --fix"],
@@ -104,15 +104,15 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "D107",
         [
-            "the configuration uses a name that changes",
+            "the configuration uses a port name that can change",
             "配置使用了会改变的端口名",
         ],
         [
-            "ttyUSB0 is whatever was plugged in first",
+            "ttyUSB0 is the adapter plugged in first",
             "ttyUSB0 是最先插入的设备",
         ],
         [
-            "write the stable name, see railbus ls ports",
+            "use the stable name, see railbus ls ports",
             "改用固定名称，见 railbus ls ports",
         ],
     ),
@@ -123,7 +123,7 @@ pub(crate) const ALL: &[Finding] = &[
             "brltty 会把 CH340 转换器当作盲文显示器",
         ],
         [
-            "they have the same USB numbers, and the port vanishes as soon as it is there",
+            "they share a USB ID, and the port disappears as soon as it appears",
             "两者 USB 编号相同，端口出现后随即消失",
         ],
         [
@@ -134,11 +134,11 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "D109",
         [
-            "you did not log in again since you came into the group",
-            "加入用户组后尚未重新登录",
+            "log out and in again for the new group to apply",
+            "须重新登录，新用户组才生效",
         ],
         [
-            "a login keeps the groups that it began with",
+            "a session keeps the groups it started with",
             "登录会话沿用登录时的用户组",
         ],
         [
@@ -150,14 +150,14 @@ pub(crate) const ALL: &[Finding] = &[
         "D110",
         ["the locale is not UTF-8", "语言环境不是 UTF-8"],
         [
-            "LANG=C or none at all: Chinese names can't be shown",
+            "LANG=C or not set: Chinese names can't be shown",
             "LANG=C 或未设置：无法显示中文名称",
         ],
         ["export LANG=C.UTF-8", "export LANG=C.UTF-8"],
     ),
     finding(
         "D111",
-        ["this is no serial port", "这不是串口"],
+        ["not a serial port", "不是串口"],
         [
             "a file or another kind of device has this name",
             "该名称是普通文件或其他设备",
@@ -168,7 +168,7 @@ pub(crate) const ALL: &[Finding] = &[
         "D112",
         ["the serial server can't be reached", "无法连接串口服务器"],
         [
-            "it is off · wrong host or port · a firewall",
+            "server off · wrong host or port · firewall",
             "未上电 · 主机或端口有误 · 防火墙",
         ],
         [
@@ -178,24 +178,18 @@ pub(crate) const ALL: &[Finding] = &[
     ),
     finding(
         "D113",
-        ["the port fails", "端口故障"],
+        ["port failure", "端口故障"],
         [
             "the adapter was pulled out · its driver fails",
             "转换器被拔出 · 驱动故障",
         ],
-        [
-            "plug it in again, and look at dmesg",
-            "重新插入并查看 dmesg",
-        ],
+        ["plug it in again and check dmesg", "重新插入并查看 dmesg"],
     ),
     finding(
         "D201",
+        ["unsolicited data on the line", "总线上有无人请求的数据"],
         [
-            "bytes on the line though nobody was asked",
-            "无人询问时总线上有字节",
-        ],
-        [
-            "bias or termination missing · A/B swapped · a machine nearby that disturbs",
+            "bias or termination missing · A/B swapped · interference from a machine nearby",
             "缺少偏置或终端电阻 · A/B 接反 · 附近设备干扰",
         ],
         [
@@ -206,13 +200,13 @@ pub(crate) const ALL: &[Finding] = &[
     ),
     finding(
         "D202",
-        ["another master talks on the line", "总线上另有上位机"],
+        ["another master is on the line", "总线上另有上位机"],
         [
             "a PLC, another program or another adapter polls the same modules",
             "PLC、其他程序或其他转换器在轮询同一批模块",
         ],
         [
-            "one line has one master: take the other one off, or only listen",
+            "one line has one master: disconnect the other one, or only listen",
             "一条总线只能有一个上位机：断开另一个，或只监听",
         ],
     ),
@@ -220,31 +214,31 @@ pub(crate) const ALL: &[Finding] = &[
         "D203",
         ["the adapter echoes what it sends", "转换器回显所发送的数据"],
         [
-            "its receiver stays on while it sends; railbus takes the echo out",
+            "its receiver stays on while it sends; railbus removes the echo",
             "发送时接收器未关闭；railbus 会去除回显",
         ],
-        ["nothing needs to be done", "无需处理"],
+        ["no action needed", "无需处理"],
     ),
     finding(
         "D204",
         [
-            "something on the line never stops sending",
+            "continuous transmission on the line",
             "总线上有设备持续发送",
         ],
         [
-            "a transceiver that hangs in sending · a wire broken or not connected",
+            "a transceiver stuck in transmit · a wire broken or not connected",
             "收发器卡在发送状态 · 断线或未接线",
         ],
         [
-            "unplug the modules one after the other until it is quiet",
+            "unplug the modules one by one until the line is idle",
             "逐个断开模块直到总线安静",
         ],
     ),
     finding(
         "D205",
-        ["no module of the line answers", "总线上没有模块应答"],
+        ["no module on the line replies", "总线上没有模块应答"],
         [
-            "A/B swapped · power off · other speed or parity · line broken near the adapter",
+            "A/B swapped · power off · other speed or parity · wire broken near the adapter",
             "A/B 接反 · 未上电 · 波特率或校验位不同 · 靠近转换器处断线",
         ],
         [
@@ -254,7 +248,7 @@ pub(crate) const ALL: &[Finding] = &[
     ),
     finding(
         "D301",
-        ["the module does not answer", "模块无应答"],
+        ["the module does not reply", "模块无应答"],
         [
             "module off · other address, speed or protocol · its wire broken",
             "模块未上电 · 地址、波特率或协议不同 · 其接线断开",
@@ -268,32 +262,29 @@ pub(crate) const ALL: &[Finding] = &[
             "two modules on one address · other parity · noise, bias or termination",
             "两个模块地址相同 · 校验位不同 · 干扰、偏置或终端电阻问题",
         ],
-        [
-            "take one module off the line and ask again",
-            "断开一个模块后再试",
-        ],
+        ["disconnect one module and try again", "断开一个模块后再试"],
     ),
     finding(
         "D303",
-        ["the module refuses to be read", "模块拒绝读取"],
+        ["the module refuses reads", "模块拒绝读取"],
         [
-            "another model than the configuration says",
+            "not the model given in the configuration",
             "实际型号与配置不符",
         ],
         ["railbus scan", "railbus scan"],
     ),
     finding(
         "D304",
-        ["replies of the module came too late", "模块有迟到的应答"],
+        ["late replies from the module", "模块有迟到的应答"],
         [
             "a slow module or gateway · a busy machine",
             "模块或网关较慢 · 主机繁忙",
         ],
-        ["railbus ls     shows how many", "railbus ls     查看次数"],
+        ["railbus ls     shows the count", "railbus ls     查看次数"],
     ),
     finding(
         "D305",
-        ["the module hears badly", "模块接收质量差"],
+        ["the module receives many bad frames", "模块接收质量差"],
         [
             "noise, bias or termination · its microcontroller is too busy",
             "干扰、偏置或终端电阻问题 · 模块的单片机过于繁忙",
@@ -306,15 +297,15 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "D306",
         [
-            "the module's host watchdog has tripped: its outputs are safe and locked",
+            "the module's host watchdog has tripped: outputs are in the safe state and locked",
             "模块的主机看门狗已触发：输出处于安全值并锁定",
         ],
         [
-            "the host was silent for longer than the watchdog's time",
+            "the host was silent for longer than the watchdog time",
             "主机静默超过看门狗时间",
         ],
         [
-            "find out why, then clear it: railbus raw --yes --crc 03 06 BE 00 00 00",
+            "find the cause, then clear it: railbus raw --yes --crc 03 06 BE 00 00 00",
             "查明原因后清除：railbus raw --yes --crc 03 06 BE 00 00 00",
         ],
     ),
@@ -333,16 +324,16 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "D402",
         ["the configuration has problems", "配置有问题"],
-        ["see railbus config check", "见 railbus config check"],
+        ["see the list of problems", "见问题列表"],
         ["railbus config check", "railbus config check"],
     ),
     finding(
         "D501",
         [
-            "a daemon was killed and left its socket behind",
+            "a killed daemon left its socket behind",
             "守护进程被强行终止，留下了套接字",
         ],
-        ["kill -9, or the power failed", "kill -9 或断电"],
+        ["kill -9 or a power failure", "kill -9 或断电"],
         [
             "railbus doctor D501 --fix, or start the daemon",
             "railbus doctor D501 --fix，或启动守护进程",
@@ -351,29 +342,29 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "D502",
         [
-            "others may use the daemon's socket",
+            "other users can use the daemon's socket",
             "其他用户可使用守护进程的套接字",
         ],
-        ["its mode was changed by hand", "权限被手工改动"],
+        ["its mode was changed manually", "权限被手工改动"],
         ["railbus doctor D502 --fix", "railbus doctor D502 --fix"],
     ),
     finding(
         "D503",
         [
-            "you may not use the daemon's socket",
+            "permission denied: can't use the daemon's socket",
             "无权使用守护进程的套接字",
         ],
-        ["another user runs the daemon", "守护进程由其他用户运行"],
+        [
+            "the daemon is run by another user",
+            "守护进程由其他用户运行",
+        ],
         ["run the command as that user", "以该用户身份执行命令"],
     ),
     finding(
         "D504",
+        ["the daemon replies incorrectly", "守护进程应答异常"],
         [
-            "the daemon does not answer as it should",
-            "守护进程应答异常",
-        ],
-        [
-            "it is of another version, or hangs",
+            "different version, or not responding",
             "版本不同，或已停止响应",
         ],
         ["restart the daemon", "重新启动守护进程"],
@@ -381,28 +372,27 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "D505",
         [
-            "the daemon's certificate ends soon",
+            "the daemon's certificate expires soon",
             "守护进程的证书即将到期",
         ],
+        ["certificates have a limited lifetime", "证书有有效期限制"],
         [
-            "a certificate is good for a limited time",
-            "证书有有效期限制",
-        ],
-        [
-            "get another and put it in the place of the file; the daemon reads it by itself",
+            "replace the certificate file; the daemon reloads it",
             "换用新证书文件；守护进程会自动读取",
         ],
     ),
     finding(
         "D506",
-        ["the daemon's certificate has ended", "守护进程的证书已过期"],
         [
-            "nobody renewed it, or the clock of this machine is wrong",
+            "the daemon's certificate has expired",
+            "守护进程的证书已过期",
+        ],
+        [
+            "not renewed, or this machine's clock is wrong",
             "未及时更换，或本机时钟有误",
         ],
         [
-            "get another and put it in the place of the file; one made by --tls auto is made anew \
-            when its file is gone and the daemon starts",
+            "replace the certificate file; for --tls auto, delete the file and restart the daemon",
             "换用新证书文件；--tls auto 的证书在删除文件并重启后重新生成",
         ],
     ),
@@ -439,8 +429,8 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "L001",
         [
-            "a Modbus address that frames of another protocol begin with",
-            "Modbus 地址与另一协议的帧首字节相同",
+            "a Modbus address equal to the first byte of another protocol's frames",
+            "Modbus 地址与另一协议报文的首字节相同",
         ],
         [
             "85 (55h) or 34 (22h) beside 0x55 boards, 76 (4Ch) or 108 (6Ch) beside LC-02, \
@@ -456,7 +446,7 @@ pub(crate) const ALL: &[Finding] = &[
         "L002",
         ["an address that Modbus reserves", "Modbus 保留的地址"],
         [
-            "248 to 255: some modules take them, some masters do not ask them",
+            "248 to 255: some modules accept them, some masters do not poll them",
             "248 至 255：部分模块可用，部分上位机不会询问",
         ],
         ["use 1 to 247", "使用 1 至 247"],
@@ -464,11 +454,11 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "L003",
         [
-            "address 0 is for all modules in Modbus",
+            "address 0 is the Modbus broadcast address",
             "地址 0 在 Modbus 中为广播",
         ],
         [
-            "switched to Modbus, the module could not be reached any more",
+            "once switched to Modbus, the module could not be reached",
             "切换到 Modbus 后将无法访问该模块",
         ],
         ["use 1 to 247", "使用 1 至 247"],
@@ -491,11 +481,11 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "L011",
         [
-            "values of the module grow stale between two readings",
+            "values of the module become stale between two reads",
             "两次读取之间数值已过期",
         ],
         [
-            "one round of all modules takes longer than max_age",
+            "one polling cycle takes longer than max_age",
             "轮询一圈的时间超过 max_age",
         ],
         [
@@ -510,11 +500,11 @@ pub(crate) const ALL: &[Finding] = &[
             "同一总线上波特率不同",
         ],
         [
-            "each poll of the odd ones costs two changes of speed, and is noise to the others",
+            "each poll of the others needs two speed changes, and is noise to the rest",
             "每次轮询都要切换两次波特率，且对其他模块是噪声",
         ],
         [
-            "give all modules of the line one speed",
+            "set all modules of the line to one speed",
             "使同一总线的模块波特率一致",
         ],
     ),
@@ -525,11 +515,11 @@ pub(crate) const ALL: &[Finding] = &[
             "同一总线上字符格式不同",
         ],
         [
-            "each poll of the odd ones costs two changes of format",
+            "each poll of the others needs two format changes",
             "每次轮询都要切换两次格式",
         ],
         [
-            "give all modules of the line one format",
+            "set all modules of the line to one format",
             "使同一总线的模块格式一致",
         ],
     ),
@@ -540,23 +530,20 @@ pub(crate) const ALL: &[Finding] = &[
             "同一总线上有带与不带校验和的 ASCII 模块",
         ],
         [
-            "a frame for one kind may be a good one for the other after a byte was lost",
-            "丢失字节后，一类的帧可能被另一类接受",
+            "after a lost byte, a frame for one kind may be valid for the other",
+            "丢失字节后，一类的报文可能被另一类接受",
         ],
-        [
-            "switch the checksum on for all of them",
-            "为全部模块启用校验和",
-        ],
+        ["enable the checksum on all of them", "为全部模块启用校验和"],
     ),
     finding(
         "L020",
-        ["the port has a name that changes", "端口名会改变"],
+        ["the port name can change", "端口名会改变"],
         [
-            "ttyUSB0 is whatever was plugged in first",
+            "ttyUSB0 is the adapter plugged in first",
             "ttyUSB0 是最先插入的设备",
         ],
         [
-            "write the stable name, see railbus ls ports",
+            "use the stable name, see railbus ls ports",
             "改用固定名称，见 railbus ls ports",
         ],
     ),

@@ -5,6 +5,7 @@ use crate::api::problem::Problem;
 use crate::i18n::Lang;
 use crate::render::wire_words;
 use crate::texts::Text;
+use railbus_site::config::resembles;
 use railbus_wire::Address;
 use railbus_wire::rtu::Exception;
 
@@ -199,6 +200,10 @@ fn reasons(lang: Lang, code: Code, problem: &Problem) -> Vec<String> {
     told.extend(places_in_config(problem));
     let known = problem.text("known");
     if !known.is_empty() {
+        let name = problem.text("name");
+        let names = plain(&known);
+        let meant = names.split(' ').find(|other| resembles(other, &name));
+        told.extend(meant.map(|meant| lang.fill(Text::DidYouMean, &[("name", &meant)])));
         told.push(lang.fill(Text::Known, &[("names", &plain(&known))]));
     }
     told

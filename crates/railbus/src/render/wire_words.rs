@@ -48,7 +48,7 @@ const MALFORMED: [Malformed; 9] = [
 
 const fn in_chinese(why: Malformed) -> &'static str {
     match why {
-        Malformed::Start => "开头不是这种帧",
+        Malformed::Start => "报文开头不符",
         Malformed::Address => "是其他模块的地址",
         Malformed::Function => "是其他功能",
         Malformed::Length => "数据个数与所问不符",
@@ -56,7 +56,7 @@ const fn in_chinese(why: Malformed) -> &'static str {
         Malformed::Echo => "所确认的与命令不符",
         Malformed::Syntax => "出现了不该有的字符",
         Malformed::Value => "数值超出范围",
-        Malformed::End => "帧尾缺少结束符",
+        Malformed::End => "报文末尾缺少结束符",
     }
 }
 

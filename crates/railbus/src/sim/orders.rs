@@ -354,37 +354,40 @@ mod tests {
     fn what_is_no_order_is_told_with_its_remedy() {
         let one = directory(&["main"]);
         for (text, told) in [
-            ("", "\"\" is no order; try help"),
-            ("frob pump", "\"frob pump\" is no order; try help"),
-            ("power pump", "write it so: power pump on|off|cycle"),
+            ("", "unknown command \"\"; try help"),
+            ("frob pump", "unknown command \"frob pump\"; try help"),
+            ("power pump", "write it as: power pump on|off|cycle"),
             (
                 "power pmp on",
                 "there is no module \"pmp\"; there are: pump, tank",
             ),
-            ("dip pump x", "write it so: dip yard 3"),
-            ("init pump", "write it so: init gate on|off"),
+            ("dip pump x", "write it as: dip yard 3"),
+            ("init pump", "write it as: init gate on|off"),
             ("dip pump 3", "pump has no DIP switch"),
             ("init tank on", "tank has no INIT* pin"),
-            ("reset pump now", "\"reset pump now\" is no order; try help"),
+            (
+                "reset pump now",
+                "unknown command \"reset pump now\"; try help",
+            ),
             (
                 "pump.do0 = 1",
-                "pump.do0 is no input; only inputs are moved from outside",
+                "pump.do0 is not an input; only inputs can be changed from outside",
             ),
             (
                 "pump.di9 = 1",
-                "pump.di9 is no input; only inputs are moved from outside",
+                "pump.di9 is not an input; only inputs can be changed from outside",
             ),
-            ("pump = 1", "write it so: pump.di1 = 1"),
-            ("pump.di1 = 2", "write it so: pump.di1 = 1"),
-            ("tank.ai1 = 5 mA", "write it so: tank.ai1 = 8.71 V"),
-            ("tank.ai1 = nan", "write it so: tank.ai1 = 8.71 V"),
+            ("pump = 1", "write it as: pump.di1 = 1"),
+            ("pump.di1 = 2", "write it as: pump.di1 = 1"),
+            ("tank.ai1 = 5 mA", "write it as: tank.ai1 = 8.71 V"),
+            ("tank.ai1 = nan", "write it as: tank.ai1 = 8.71 V"),
             ("fault pump drop", "write drop 5%"),
-            ("protocol tank ascii", "write it so: protocol tank rtu"),
+            ("protocol tank ascii", "write it as: protocol tank rtu"),
             (
                 "fault pump echo",
                 "\"echo\" is a fault of lines, not of modules",
             ),
-            ("show pump tank", "write it so: show pump"),
+            ("show pump tank", "write it as: show pump"),
         ] {
             assert_eq!(refused(&one, text), told, "{text}");
         }

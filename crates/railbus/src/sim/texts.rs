@@ -7,8 +7,8 @@ texts! {
 
     // The command and its flags.
     About {
-        en: "Serves simulated lines to any master, byte by byte at the lines' own pace.",
-        zh: "按线路本身的速度逐字节模拟总线，供任何上位机访问。",
+        en: "Simulate lines for any master, byte by byte at real line speed.",
+        zh: "按实际线路速度逐字节仿真总线，供任何上位机访问。",
     }
     Examples {
         en: "  railbus sim --demo                    five modules on a PTY and on TCP
@@ -17,7 +17,7 @@ texts! {
   railbus sim plant.toml --control ./ctl
   railbus sim ctl ./ctl power yard cycle",
         zh: "  railbus sim --demo                    五个模块，经 PTY 和 TCP 访问
-  railbus sim plant.toml                模拟配置文件中的总线和模块
+  railbus sim plant.toml                仿真配置文件中的总线和模块
   railbus sim plant.toml --pty /tmp/v0 --seed 7 --fault 'pump: drop 5%'
   railbus sim plant.toml --control ./ctl
   railbus sim ctl ./ctl power yard cycle",
@@ -53,7 +53,7 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
   show                    init gate on|off            fault tank clear
   show pump               protocol pump rtu           fault clear
   help                    quit",
-        zh: "仿真文件即 railbus.toml 格式的配置，可另含模拟设置：
+        zh: "仿真文件即 railbus.toml 格式的配置，可另含仿真设置：
   [sim]               seed、speed
   [line.名称.sim]     pty、tcp、faults
   [module.名称.sim]   factory、power、dip、init、init_sampled、faults、inputs、
@@ -84,7 +84,7 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
   show pump               protocol pump rtu           fault clear
   help                    quit",
     }
-    File { en: "The plant to simulate", zh: "要模拟的仿真文件" }
+    File { en: "The plant to simulate", zh: "仿真文件" }
     Demo { en: "The demo line: one module of each of five kinds", zh: "演示总线：五种模块各一个" }
     Pty {
         en: "The link to a line's PTY; LINE= where there are several. Demo: /tmp/railbus-main",
@@ -95,22 +95,22 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
         zh: "总线 TCP 原始字节的监听地址。演示默认 127.0.0.1:4001",
     }
     Seed {
-        en: "The number that all chance comes from; 0 if not said",
+        en: "Random seed; default 0",
         zh: "随机数种子；默认 0",
     }
-    Speed { en: "How many times faster than real; 1 if not said", zh: "相对实际时间的倍速；默认 1" }
+    Speed { en: "Speed factor relative to real time; default 1", zh: "相对实际时间的倍速；默认 1" }
     FaultFlag {
-        en: "What goes wrong: 'pump: drop 5%', 'line: echo'",
+        en: "Faults: 'pump: drop 5%', 'line: echo'",
         zh: "故障：'pump: drop 5%'、'line: echo'",
     }
-    Control { en: "A socket for orders, see railbus sim ctl", zh: "接收命令的套接字，见 railbus sim ctl" }
+    Control { en: "Control socket, see railbus sim ctl", zh: "接收命令的套接字，见 railbus sim ctl" }
     State {
-        en: "Keeps the modules' settings in this file over restarts",
+        en: "Keep the modules' settings in this file across restarts",
         zh: "将模块设置保存在此文件中，重启后保留",
     }
     CtlAbout {
-        en: "Sends an order to a running simulator, or those on stdin, one to a line.",
-        zh: "向运行中的模拟器发送命令；未给出时从标准输入读取，每行一条。",
+        en: "Send a command to a running simulator, or those from stdin, one per line.",
+        zh: "向运行中的仿真器发送命令；未给出时从标准输入读取，每行一条。",
     }
     CtlExamples {
         en: "  railbus sim ctl ./ctl power yard cycle
@@ -118,8 +118,8 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
         zh: "  railbus sim ctl ./ctl power yard cycle
   railbus sim ctl ./ctl 'tank.ai1 = 8.71 V'",
     }
-    CtlSocket { en: "What --control named", zh: "--control 所指定的路径" }
-    CtlOrder { en: "The order; see railbus sim --help", zh: "命令；见 railbus sim --help" }
+    CtlSocket { en: "The path given to --control", zh: "--control 所指定的路径" }
+    CtlOrder { en: "Command; see railbus help sim", zh: "命令；见 railbus help sim" }
 
     // The demo.
     Served {
@@ -141,11 +141,11 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
     // A plant.
     PlantServed {
         en: "{file} (lines: {lines}, modules: {modules}), all simulated, until you press Ctrl-C:",
-        zh: "{file}：{lines} 条总线，{modules} 个模块，均为模拟，按 Ctrl-C 结束：",
+        zh: "{file}：{lines} 条总线，{modules} 个模块，均为仿真，按 Ctrl-C 结束：",
     }
     LinesHead { en: "LINE|SETTINGS|MODULES|PTY|TCP", zh: "总线|参数|模块|PTY|TCP" }
     ControlledBy { en: "orders: railbus sim ctl {path} …", zh: "命令：railbus sim ctl {path} …" }
-    NoLines { en: "{file} has no line to simulate", zh: "{file} 中没有可模拟的总线" }
+    NoLines { en: "{file} has no line to simulate", zh: "{file} 中没有可仿真的总线" }
     NoSuchLine {
         en: "there is no line \"{name}\" in the plant; there are: {names}",
         zh: "仿真文件中没有总线 \"{name}\"，现有：{names}",
@@ -155,7 +155,7 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
         zh: "仿真文件中有多条总线，请指明，如 {form}",
     }
     SamePlace { en: "two lines are to be served at {place}", zh: "两条总线使用同一位置 {place}" }
-    BadAddress { en: "\"{value}\" is no TCP address", zh: "\"{value}\" 不是 TCP 地址" }
+    BadAddress { en: "\"{value}\" is not a TCP address", zh: "\"{value}\" 不是 TCP 地址" }
     BadState { en: "{path} can't be used", zh: "无法使用 {path}" }
     OtherFamily {
         en: "it has module \"{name}\" as another model",
@@ -164,19 +164,19 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
     NoControl { en: "can't use the control socket {path}", zh: "无法使用控制套接字 {path}" }
 
     // Orders and answers.
-    NoOrder { en: "\"{text}\" is no order; try help", zh: "\"{text}\" 不是命令；可输入 help" }
-    WriteSo { en: "write it so: {form}", zh: "应写为：{form}" }
+    NoOrder { en: "unknown command \"{text}\"; try help", zh: "未知命令 \"{text}\"；可输入 help" }
+    WriteSo { en: "write it as: {form}", zh: "应写为：{form}" }
     WhichLine { en: "which line? there are: {names}", zh: "哪条总线？现有：{names}" }
     NoModule {
         en: "there is no module \"{name}\"; there are: {names}",
         zh: "没有模块 \"{name}\"，现有：{names}",
     }
     NoInput {
-        en: "{path} is no input; only inputs are moved from outside",
+        en: "{path} is not an input; only inputs can be changed from outside",
         zh: "{path} 不是输入点；只能从外部改变输入",
     }
-    Gone { en: "the line is not served any more", zh: "总线已停止" }
-    TooLong { en: "the order is too long", zh: "命令过长" }
+    Gone { en: "the line has been stopped", zh: "总线已停止" }
+    TooLong { en: "the command is too long", zh: "命令过长" }
     HelpAnswer {
         en: "pump.di1 = 1 | tank.ai1 = 8.71 V | power yard on|off|cycle | dip yard 3 | \
             init gate on|off | reset tank | protocol pump rtu | fault tank mute 10s | \
@@ -187,8 +187,8 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
             fault line main noise 1e-3 | \
             fault tank clear | fault clear；查看：show | show pump；退出：quit",
     }
-    Bye { en: "the simulator ends", zh: "模拟器结束" }
-    AllClear { en: "nothing goes wrong any more", zh: "已清除全部故障" }
+    Bye { en: "simulator stopped", zh: "仿真器已停止" }
+    AllClear { en: "all faults cleared", zh: "已清除全部故障" }
     On { en: "on", zh: "开" }
     Off { en: "off", zh: "关" }
     High { en: "high", zh: "高电平" }

@@ -210,7 +210,7 @@ fn the_command_line_checks_and_prints_the_audit_log() {
     let (code, text, _) = run(&daemon.folder, "audit verify");
     assert_eq!(
         (code, text.as_str()),
-        (0, "whole: 1 entries, 3 records from number 1 on\n")
+        (0, "intact: entries 1, records 3, from number 1\n")
     );
     let (_, verified, _) = run(&daemon.folder, "audit verify -o json");
     let (_, records, _) = run(&daemon.folder, "audit export");

@@ -33,23 +33,23 @@ fn settings_are_shown_with_where_they_come_from() {
     let ran = site.run("-q config show pump");
     assert_eq!(
         ran.out,
-        "setting      value    possible                   note\n\
-         address      1 (01h)  0-255                      kept in EEPROM; acts after the reply\n\
-         baud         9600     1200 2400 4800 9600 19200  kept in EEPROM; acts after the reply\n\
-         checksum     off      on | off                   kept in EEPROM; acts after the reply\n\
-         protocol     ascii    ascii | lc02 | rtu         only by the maker's software\n\
-         do0.mode     level    level | pulse              kept in EEPROM; acts after the reply\n\
-         do1.mode     level    level | pulse              kept in EEPROM; acts after the reply\n\
-         do2.mode     level    level | pulse              kept in EEPROM; acts after the reply\n\
-         do3.mode     level    level | pulse              kept in EEPROM; acts after the reply\n\
-         pulse_width  1.0 s    0.1-20.0 s                 kept in EEPROM; acts after the reply\n"
+        "SETTING      VALUE    ALLOWED                    NOTE\n\
+         address      1 (01h)  0-255                      in EEPROM; in effect after the reply\n\
+         baud         9600     1200 2400 4800 9600 19200  in EEPROM; in effect after the reply\n\
+         checksum     off      on | off                   in EEPROM; in effect after the reply\n\
+         protocol     ascii    ascii | lc02 | rtu         only with the vendor's software\n\
+         do0.mode     level    level | pulse              in EEPROM; in effect after the reply\n\
+         do1.mode     level    level | pulse              in EEPROM; in effect after the reply\n\
+         do2.mode     level    level | pulse              in EEPROM; in effect after the reply\n\
+         do3.mode     level    level | pulse              in EEPROM; in effect after the reply\n\
+         pulse_width  1.0 s    0.1-20.0 s                 in EEPROM; in effect after the reply\n"
     );
     let zh = site.run("-q config show yard --lang zh");
     assert_eq!(
         zh.out,
         "设置     值       可选           说明\n\
          address  4 (04h)  1-244 246-255  存于 EEPROM；仅在上电 10 秒内、拨码为 0 时可写\n\
-         baud     9600     9600           该系列仅此一种\n"
+         baud     9600     9600           固定\n"
     );
     let all = site.run("-q config show -o json").json();
     assert_eq!(all["schema"], 1);
@@ -72,7 +72,7 @@ fn a_change_is_journaled_and_the_configuration_follows() {
     let before = toml(&site);
     let dry = site.run("-q config set pump address=9 baud=19200 -n");
     assert!(dry.out.contains("frame  %0109400700<CR>"), "{dry:?}");
-    assert!(dry.out.contains("costs two changes of speed"), "{dry:?}");
+    assert!(dry.out.contains("needs two speed changes"), "{dry:?}");
     assert!(dry.out.ends_with("nothing written\n"), "{dry:?}");
     assert_eq!(
         (toml(&site), journal(&site)),
@@ -102,13 +102,13 @@ fn a_change_is_journaled_and_the_configuration_follows() {
     let same = site.run("config set pump address=9 --yes");
     assert_eq!(
         same.out,
-        "pump  keeps that already, at 9 (09h), 19200 8N1: nothing written\n"
+        "pump  unchanged, at 9 (09h), 19200 8N1: nothing written\n"
     );
     let undone = site.run("config undo 1 --yes --lang zh");
     assert!(
         undone
             .out
-            .starts_with("pump  已写入，位于 1 (01h)，9600 8N1"),
+            .starts_with("pump  已写入并回读一致（1 (01h)，9600 8N1）"),
         "{undone:?}"
     );
     let log = site.run("config log -o json").json();
@@ -185,12 +185,12 @@ fn what_was_cut_short_is_recovered() {
     std::fs::write(&path, format!("{intent}\n{}", &intent[..40])).expect("a file");
     site.configure(&toml(&site).replace("address = 7", "address = 3"));
     let log = site.run("config log").out;
-    assert!(log.contains("cut short: railbus config recover"), "{log}");
+    assert!(log.contains("interrupted: railbus config recover"), "{log}");
     let ran = site.run("-q config recover");
     assert_eq!(ran.code, 0, "{ran:?}");
     assert_eq!(
         ran.out,
-        "oven  7 (07h), 9600 8N1  found; the change was carried out  #1\n"
+        "oven  7 (07h), 9600 8N1  found; the change is complete  #1\n"
     );
     assert!(toml(&site).contains("address = 7"));
     assert!(site.run("config log").out.contains("done"));
@@ -222,7 +222,7 @@ fn what_was_cut_short_is_recovered() {
     let ran = site.run("-q config recover");
     assert!(
         ran.out
-            .starts_with("oven  7 (07h), 9600 8N1  found in another place"),
+            .starts_with("oven  7 (07h), 9600 8N1  found at another address"),
         "{ran:?}"
     );
     assert!(toml(&site).contains("address = 7"));
@@ -270,7 +270,7 @@ fn a_backup_is_compared_and_written_back() {
         (diff.code, diff.out.as_str()),
         (
             0,
-            "module  setting      backup  now\n\
+            "MODULE  SETTING      BACKUP  NOW\n\
              pump    do3.mode     level   pulse\n\
              pump    pulse_width  1.0 s   0.7 s\n"
         ),
@@ -445,7 +445,7 @@ fn a_calibration_a_factory_reset_and_a_whole_line() {
     let ran = site.run("config factory tank --yes");
     assert!(
         ran.out
-            .starts_with("tank  written, found at 1 (01h), 9600 8N1"),
+            .starts_with("tank  written and verified at 1 (01h), 9600 8N1"),
         "{ran:?}"
     );
     assert!(ran.err.contains("loses its calibration"), "{ran:?}");
@@ -494,7 +494,7 @@ fn the_daemon_lends_its_line() {
     assert_eq!(ran.code, 0, "{ran:?}");
     assert!(
         ran.err
-            .contains("the daemon leaves line \"main\" to this command"),
+            .contains("polling of line \"main\" pauses during this command"),
         "{ran:?}"
     );
     assert!(

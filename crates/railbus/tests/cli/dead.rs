@@ -129,7 +129,7 @@ fn how_good_a_value_is_stands_beside_it_in_every_form() {
     site.stop_first();
     let run = |line: &str| site.run(&format!("--socket {socket} {line}"));
     until(&|| run("get oven.k1 -o csv").out.ends_with(",bad\n"));
-    tells_the_quality(&run, "its line is not there");
+    tells_the_quality(&run, "port missing");
     let told = run("get oven.k1");
     assert_eq!(told.code, 7, "{told:?}");
     assert!(told.err.starts_with("error[E0705]: "), "{told:?}");

@@ -49,6 +49,14 @@ fn daily(run: &dyn Fn(&str) -> Ran) {
         &run("set pump.do0 off --lang zh"),
         "pump.do0  接通 → 断开  已回读  # 毫秒\n",
     );
+    let misspelt = run("get pmup");
+    assert!(misspelt.err.contains("did you mean pump?"), "{misspelt:?}");
+    let far = run("get nosuch");
+    assert!(
+        far.code == 8 && !far.err.contains("did you mean"),
+        "{far:?}"
+    );
+    assert_eq!(run("set yard 5-6=ON k5-6=off").code, 0);
     prints(
         &run("set yard 1,3=on"),
         "yard.k1  off → on  read back  # ms\nyard.k3  off → on  read back  # ms\n",

@@ -47,14 +47,14 @@ fn as_host_only_reads_are_sent_and_replies_are_compared() {
 03 01 00 3C 00 08 FC 22  read 8 coils from 60
   differs: 03 01 01 00 50 30, recorded 03 01 01 55 90 0F
 03 05 00 3C FF 00 4D D4  coil 60 on
-  not sent: no read, not known, or another protocol's command, too
+  not sent: not a read, unknown, or also a command of another protocol
 23 2A 2A 0D  all modules: sample now
-  not sent: no read, not known, or another protocol's command, too
+  not sent: not a read, unknown, or also a command of another protocol
 25 30 31 30 32 34 30 30 36 30 30 0D  configure: address 2 (02h), speed code 06h, format 00h
-  not sent: no read, not known, or another protocol's command, too
+  not sent: not a read, unknown, or also a command of another protocol
 ";
     assert_eq!(shown.out, expected, "{shown:?}");
-    assert_eq!(shown.err, "1 the same, 1 different, 3 not sent\n");
+    assert_eq!(shown.err, "same: 1, different: 1, not sent: 3\n");
     assert_eq!(site.run("get oven.k1 -o value").out, "off\n");
     let coded = site.run(&format!(
         "replay {file} --as-host --exit-code -o json --lang zh"
@@ -85,7 +85,7 @@ fn writes_are_sent_only_where_that_was_said_and_confirmed() {
             .contains("coil 60 on\n  same: 03 05 00 3C FF 00 4D D4"),
         "{sent:?}"
     );
-    assert!(sent.err.ends_with("2 not sent\n"), "{sent:?}");
+    assert!(sent.err.ends_with("not sent: 2\n"), "{sent:?}");
     assert_eq!(site.run("get oven.k1 -o value").out, "on\n");
     let all = "--writes --yes --confirm broadcast";
     let all = site.run(&format!("replay {file} --as-host {all}"));
@@ -93,7 +93,7 @@ fn writes_are_sent_only_where_that_was_said_and_confirmed() {
         all.out.contains("all modules: sample now\n  same: silence"),
         "{all:?}"
     );
-    assert!(all.err.ends_with("1 not sent\n"), "{all:?}");
+    assert!(all.err.ends_with("not sent: 1\n"), "{all:?}");
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn as_module_every_byte_is_answered_as_it_was() {
         "-o",
         "ndjson",
     ];
-    let (child, _) = listening(&site, &arguments, "different requests are answered on");
+    let (child, _) = listening(&site, &arguments, "replying on");
     let faulty = faulty();
     // A pair, a request that was answered differently each time, and one that never was.
     let read = &faulty[2].1;

@@ -84,7 +84,7 @@ fn it_is_told_in_both_languages() {
     says(
         &zh.out,
         &[
-            "地址 协议 型号 说明 往返 结果",
+            "地址 协议 型号 说明 响应时间 结果",
             "1 (01h) ascii EDA9060A 4 路输出，4 路输入，无校验和 # 毫秒 正常",
             "2 (02h) lc02 EDA9050 8 路输出，7 路输入 # 毫秒 正常",
             "3 (03h) rtu ERC-8 60 起 8 个线圈，无型号寄存器 # 毫秒 正常（按行为判断）",
@@ -176,10 +176,7 @@ fn what_is_found_is_written_where_one_wants_it() {
     assert!(!file.exists());
     let ran = site.run(&format!("{scan} --yes"));
     assert_eq!(ran.code, 0, "{ran:?}");
-    assert!(
-        ran.err.contains("5 modules written to railbus.toml"),
-        "{ran:?}"
-    );
+    assert!(ran.err.contains("added to railbus.toml: "), "{ran:?}");
     let text = std::fs::read_to_string(&file).expect("text");
     assert!(
         text.starts_with(&format!("[line.main]\nport = \"{port}\"\n")),
@@ -204,7 +201,7 @@ fn what_is_found_is_written_where_one_wants_it() {
         "{text}"
     );
     let nothing = site.run("scan --addr 1-6 --timeout 200ms --add --yes");
-    assert!(nothing.err.contains("nothing to write"), "{nothing:?}");
+    assert!(nothing.err.contains("nothing new to add"), "{nothing:?}");
     assert_eq!(std::fs::read_to_string(&file).expect("text"), text);
 }
 
@@ -305,12 +302,12 @@ fn two_modules_on_one_address_are_told_of() {
     let scan = format!("scan -l pty:{port} --addr 3 --proto rtu");
     let ran = site.run(&scan);
     assert_eq!(ran.code, 0, "{ran:?}");
-    let row = "3 (03h) rtu ? replies wrong 3 of 3 – garbled: two modules on one address?";
+    let row = "3 (03h) rtu ? 3 of 3 replies wrong – garbled: two modules on one address?";
     assert_eq!(words(ran.out.lines().nth(1).expect("a row")), row);
     // What helps is by hand: there is no module of the configuration to recover.
     assert!(
         ran.err
-            .contains("two modules at address 3? switch one of them off"),
+            .contains("two modules at address 3? Switch one of them off"),
         "{ran:?}"
     );
     assert!(!ran.err.contains("config recover"), "{ran:?}");
@@ -346,7 +343,7 @@ fn what_could_be_several_is_added_only_by_name() {
     let ran = site.run(&scan);
     let row = ran.out.lines().nth(1).map(words).unwrap_or_default();
     assert!(
-        row.starts_with("4 (04h) rtu ? # ms could be EDA9050: nothing proves it"),
+        row.starts_with("4 (04h) rtu ? # ms could be EDA9050; not proven"),
         "{ran:?}"
     );
     let next = "railbus scan --addr 4 --add --model eda9050";
@@ -363,11 +360,11 @@ fn what_could_be_several_is_added_only_by_name() {
     let file = site.folder.join("railbus.toml");
     for flags in ["", " --model erc8"] {
         let none = site.run(&format!("{scan} --add --yes{flags}"));
-        assert!(none.err.contains("nothing to write"), "{flags}: {none:?}");
+        assert!(none.err.contains("nothing new to add"), "{flags}: {none:?}");
         assert!(!file.exists());
     }
     let added = site.run(&format!("{scan} --add --yes --model eda9050"));
-    assert!(added.err.contains("1 modules written"), "{added:?}");
+    assert!(added.err.contains("added to "), "{added:?}");
     let text = std::fs::read_to_string(&file).expect("text");
     assert!(
         text.contains("model = \"eda9050\"\naddress = 4\nprotocol = \"rtu\"\n"),
@@ -398,6 +395,13 @@ fn a_line_that_is_never_silent_is_given_up() {
     assert_eq!((ran.code, ran.out.lines().count()), (5, 1), "{ran:?}");
     assert!(ran.err.contains("error[E0570]: "), "{ran:?}");
     assert!(ran.err.contains("left out: 9600 8N1 rtu "), "{ran:?}");
+}
+
+#[test]
+fn only_the_addresses_asked_for_are_listed() {
+    let site = Site::demo("scan-only");
+    let ran = site.run("scan --addr 1-2 -o value");
+    assert_eq!((ran.code, ran.out.as_str()), (0, "1\n2\n"), "{ran:?}");
 }
 
 #[test]

@@ -130,7 +130,10 @@ fn a_table_and_a_bare_token_are_for_people_and_scripts() {
         made.out.starts_with("rb_") && made.out.trim().len() == 67,
         "{made:?}"
     );
-    assert!(made.err.starts_with("ci (operator) until "), "{made:?}");
+    assert!(
+        made.err.starts_with("ci (operator), valid until "),
+        "{made:?}"
+    );
     let listed = run(&site, "token list --lang zh");
     assert!(
         listed.out.contains("ci") && listed.out.contains("pump.*"),

@@ -673,6 +673,13 @@ fn closest(word: &str, known: &[&'static str]) -> Option<&'static str> {
     (distance(nearest) <= 2.max(word.len() / 3)).then_some(nearest)
 }
 
+/// Whether a word may be another one, mistyped.
+#[must_use]
+pub fn resembles(word: &str, meant: &str) -> bool {
+    let distance = edit_distance(word, meant);
+    distance <= 2 && distance * 2 <= word.chars().count()
+}
+
 /// How many letters must be changed, added or dropped.
 fn edit_distance(a: &str, b: &str) -> usize {
     let mut row: Vec<usize> = (0..=b.len()).collect();

@@ -4,7 +4,7 @@ crate::texts::texts! {
     CompletionsText;
 
     About {
-        en: "Prints what a shell needs to complete commands, flags and the names of points.",
+        en: "Print shell completions for commands, flags and point names.",
         zh: "输出 shell 补全脚本，可补全命令、选项和点名。",
     }
     Examples {
@@ -16,6 +16,6 @@ crate::texts::texts! {
   railbus completions fish | source",
     }
     Shell { en: "bash, zsh, fish, powershell or elvish", zh: "bash、zsh、fish、powershell 或 elvish" }
-    Install { en: "Puts it where the shell finds it, and says where", zh: "写到 shell 能找到的位置并显示路径" }
+    Install { en: "Install it where the shell finds it, and show where", zh: "写到 shell 能找到的位置并显示路径" }
     Next { en: "one line more is needed in {line}", zh: "还需一行：{line}" }
 }

@@ -4,7 +4,7 @@ crate::texts::texts! {
     ConfigCheckText;
 
     CheckAbout {
-        en: "Says what is wrong or unwise in the configuration.",
+        en: "Check the configuration for errors and unwise settings.",
         zh: "检查配置中的错误和不妥之处。",
     }
     CheckExamples {
@@ -13,11 +13,11 @@ crate::texts::texts! {
         zh: "  railbus config check
   railbus config check --config plant.toml -o json",
     }
-    PathAbout { en: "Says which configuration is used, and why.", zh: "显示所用的配置文件及原因。" }
+    PathAbout { en: "Show which configuration is used, and why.", zh: "显示所用的配置文件及原因。" }
     ByFlag { en: "named by --config", zh: "由 --config 指定" }
     ByEnvironment { en: "named by RAILBUS_CONFIG", zh: "由 RAILBUS_CONFIG 指定" }
     ByDaemon { en: "that of the daemon", zh: "守护进程的配置" }
-    ByPlace { en: "the first that is there", zh: "依次查找的首个文件" }
+    ByPlace { en: "first match in the search path", zh: "依次查找的首个文件" }
     Beside { en: "{address} beside {protocol}", zh: "{protocol} 旁的 {address}" }
     Load {
         en: "{percent} % at least; one round takes {round} ms at least",

@@ -23,7 +23,7 @@ const KNOWN: &[Known] = &[
         note: [
             "the EDA9060A manual prints this frame; its 22 34 are left over from the EDA9050 and \
              the right frame is 6C 63 01 03 02 06 0D",
-            "EDA9060A 手册如此印刷；其中 22 34 是 EDA9050 的残留，正确的帧为 6C 63 01 03 02 06 0D",
+            "EDA9060A 手册如此印刷；其中 22 34 是 EDA9050 的残留，正确的报文为 6C 63 01 03 02 06 0D",
         ],
     },
     Known {
@@ -40,7 +40,7 @@ const KNOWN: &[Known] = &[
         bytes: b"082\r",
         note: [
             "the EDA manuals leave out the $ here; the frame is $082",
-            "EDA 手册此处漏印 $；正确的帧为 $082",
+            "EDA 手册此处漏印 $；正确的报文为 $082",
         ],
     },
 ];

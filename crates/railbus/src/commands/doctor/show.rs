@@ -126,9 +126,9 @@ mod tests {
         assert_eq!(
             page(Lang::En, &found, Paint::Plain),
             "system   ✓ fine\n\
-             port     ✗ D102 you may not open the port: /dev/x\n                \
+             port     ✗ D102 permission denied: can't open the port: /dev/x\n                \
              fix: sudo one\n                     sudo two\n         \
-             ! D103 the port is not there: /dev/y\n                fix: railbus ls ports\n"
+             ! D103 port not found: /dev/y\n                fix: railbus ls ports\n"
         );
         let zh = page(Lang::Zh, &found, Paint::Plain);
         assert!(

@@ -4,23 +4,23 @@ crate::texts::texts! {
     DoctorText;
 
     About {
-        en: "Says what is wrong with port, line, modules, configuration and daemon.",
+        en: "Diagnose port, line, modules, configuration and daemon.",
         zh: "诊断端口、总线、模块、配置和守护进程的问题。",
     }
     Examples {
         en: "  railbus doctor
   railbus doctor -l /dev/ttyUSB0     one port, without a configuration
-  railbus doctor D105 --fix          shows what it would run, and asks",
+  railbus doctor D105 --fix          show the commands, then ask",
         zh: "  railbus doctor
   railbus doctor -l /dev/ttyUSB0     只看一个端口，无需配置
   railbus doctor D105 --fix          先显示要执行的命令并询问",
     }
     Code { en: "Only this finding, such as D204 or L012", zh: "只看某一项，如 D204 或 L012" }
     Fix {
-        en: "Shows the commands that mend it, and runs them after a yes",
+        en: "Show the commands that fix it, and run them after confirmation",
         zh: "显示修复命令，确认后执行",
     }
-    Yes { en: "Runs them without asking", zh: "不询问，直接执行" }
+    Yes { en: "Run them without asking", zh: "不询问，直接执行" }
 
     System { en: "system", zh: "系统" }
     Port { en: "port", zh: "端口" }
@@ -32,45 +32,45 @@ crate::texts::texts! {
 
     SystemGood { en: "clock {date}, locale {locale}", zh: "时钟 {date}，语言环境 {locale}" }
     PortGood { en: "{port} opens, {settings}", zh: "{port} 可以打开，{settings}" }
-    LineQuiet { en: "{line} is quiet for {time}", zh: "{line} 安静了 {time}" }
+    LineQuiet { en: "{line}: no data in {time}", zh: "{line} {time}内无数据" }
     LineHeard {
-        en: "{line}, {count} bytes in {time}: {bytes}",
+        en: "{line}: {count} bytes in {time}: {bytes}",
         zh: "{line}，{time}内 {count} 字节：{bytes}",
     }
     LineFrames {
-        en: "{line}, {frames} requests in {time}: {bytes}",
+        en: "{line}: {frames} requests in {time}: {bytes}",
         zh: "{line}，{time}内 {frames} 个请求：{bytes}",
     }
-    Answers { en: "{count} on {line}: {modules}", zh: "{line} 上 {count} 个应答：{modules}" }
+    Answers { en: "online on {line}: {modules} ({count})", zh: "{line} 上 {count} 个模块应答：{modules}" }
     Hears {
-        en: "{module} (address {address}) heard {messages} frames, {errors} broken ones, \
-             lost {overruns} characters",
-        zh: "{module}（地址 {address}）收到 {messages} 帧，损坏 {errors} 帧，\
+        en: "{module} (address {address}) received {messages} frames, {errors} bad, \
+             {overruns} characters lost",
+        zh: "{module}（地址 {address}）收到 {messages} 条报文，损坏 {errors} 条，\
              丢失 {overruns} 个字符",
     }
-    NoModules { en: "{line} has none to ask", zh: "{line} 上没有可询问的模块" }
+    NoModules { en: "no modules on {line}", zh: "{line} 上没有模块" }
     At {
         en: "{module} (address {address}, {protocol}, {settings})",
         zh: "{module}（地址 {address}，{protocol}，{settings}）",
     }
     LastGood { en: "{at}, last good {time}", zh: "{at}，最近有效 {time}" }
     ConfigGood {
-        en: "{file}: nothing to be said against it; load at least: {loads}",
-        zh: "{file}：没有问题；负载至少：{loads}",
+        en: "{file}: valid; estimated load {loads}",
+        zh: "{file}：有效；估计负载 {loads}",
     }
     NoDaemon {
-        en: "does not run; commands open the line themselves",
+        en: "not running; commands open the line themselves",
         zh: "未运行；命令会自行打开总线",
     }
-    DaemonRuns { en: "runs for {site}, {socket}", zh: "正在运行，配置为 {site}，{socket}" }
-    LineUp { en: "{line} is open at the daemon", zh: "守护进程已打开 {line}" }
+    DaemonRuns { en: "running for {site}, {socket}", zh: "正在运行，配置为 {site}，{socket}" }
+    LineUp { en: "{line} is open (daemon)", zh: "{line} 已打开（守护进程）" }
 
     Summary { en: "errors: {errors}, warnings: {warnings}", zh: "错误：{errors}，警告：{warnings}" }
     Unhealthy { en: "the doctor found errors: {errors}", zh: "诊断发现 {errors} 个错误" }
-    WouldRun { en: "these commands mend it:", zh: "修复命令：" }
+    WouldRun { en: "Fixes:", zh: "修复命令：" }
     Ask { en: "Run them? [y/N]", zh: "执行吗？[y/N]" }
-    NothingRun { en: "nothing was run", zh: "未执行任何命令" }
-    NothingToFix { en: "nothing here can be mended by a command", zh: "没有可用命令修复的问题" }
-    NobodyToAsk { en: "not run: there is no terminal to ask at", zh: "未执行：没有可供询问的终端" }
+    NothingRun { en: "no command was run", zh: "未执行任何命令" }
+    NothingToFix { en: "no automatic fix", zh: "没有可自动修复的问题" }
+    NobodyToAsk { en: "not run: confirmation needed, but there is no terminal", zh: "未执行：没有可供询问的终端" }
     Done { en: "done: {command}", zh: "已执行：{command}" }
 }

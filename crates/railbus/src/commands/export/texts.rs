@@ -3,7 +3,7 @@
 crate::texts::texts! {
     ExportText;
 
-    About { en: "Writes the configuration for another tool.", zh: "为其他工具导出配置。" }
+    About { en: "Export the configuration for another tool.", zh: "为其他工具导出配置。" }
     Examples {
         en: "  railbus export csv > points.csv
   railbus export mbpoll              a command line for each Modbus module",

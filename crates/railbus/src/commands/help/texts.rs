@@ -3,7 +3,7 @@
 crate::texts::texts! {
     HelpText;
 
-    About { en: "Shows the help of a command or a topic.", zh: "显示命令或专题的帮助。" }
+    About { en: "Show the help of a command or a topic.", zh: "显示命令或专题的帮助。" }
     Examples {
         en: "  railbus help set
   railbus help exit-codes
@@ -23,30 +23,30 @@ crate::texts::texts! {
   -l main                     a line of railbus.toml
   -l /dev/ttyUSB0             a serial port; better by its stable name: /dev/serial/by-id/…
   -l tcp:10.0.0.5:4001        a serial server that passes bytes on as they are
-  -l mbtcp:10.0.0.5           a gateway that speaks Modbus TCP; port 502 if not said
+  -l mbtcp:10.0.0.5           a gateway that speaks Modbus TCP; default port 502
   -l pty:/tmp/railbus-main    a pseudo-terminal, such as that of railbus sim
 
   pump                        a module; all its points
   pump.do0                    a point: labels are those printed on the module
-  '*.di*'                     a pattern; in quotes, since the shell would expand it
-  yard 1,3=on                 outputs of a module by the numbers at its terminals
+  '*.di*'                     a pattern; in quotes, or the shell would expand it
+  yard 1,3=on                 outputs of a module by terminal number; also 1-3=on
 
 EDA modules count from 0 (do0, di0), ERC-8 and 0x55 boards from 1 (k1), EMD-2A2Q from 1
-(ai1, do1). JSON has both the label and an index that counts from 0.
+(k1, ai1). JSON has both the label and an index that counts from 0.
 
 Addresses are written 10, 0x0A or 0Ah, and shown as 10 (0Ah), since manuals of ASCII modules
 are hexadecimal and those of Modbus modules decimal. 0 is for all modules (Modbus), and so is
 245 (F5h) with 0x55 boards.
 
 The configuration is the first of --config, RAILBUS_CONFIG, railbus.toml here or in a folder
-above, ~/.config/railbus/railbus.toml and /etc/railbus/railbus.toml: railbus config path says
+above, ~/.config/railbus/railbus.toml and /etc/railbus/railbus.toml: railbus config path shows
 which. Without one: railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8
 
 The daemon is found by its socket: --socket, RAILBUS_SOCKET, or railbus.sock in XDG_RUNTIME_DIR,
 /run/railbus or the user's temporary folder; RAILBUS_RUN names a folder in place of these. A
 daemon that serves another configuration than the one found here is not asked: name the site
 with --socket or --config.",
-        zh: "总线、模块和点的名称
+        zh: "总线、模块和测点的名称
 
   -l main                     railbus.toml 中的总线
   -l /dev/ttyUSB0             串口；最好用固定名称 /dev/serial/by-id/…
@@ -54,12 +54,12 @@ with --socket or --config.",
   -l mbtcp:10.0.0.5           Modbus TCP 网关；默认端口 502
   -l pty:/tmp/railbus-main    伪终端，例如 railbus sim 所建
 
-  pump                        模块；即其所有点
-  pump.do0                    点：标签与模块上所印一致
+  pump                        模块；即其所有测点
+  pump.do0                    测点：标签与模块上所印一致
   '*.di*'                     通配；须加引号，以免被 shell 展开
-  yard 1,3=on                 按端子编号指定输出
+  yard 1,3=on                 按端子编号指定输出；也可写 1-3=on
 
-EDA 模块从 0 起编号（do0、di0），ERC-8 和 0x55 板从 1 起（k1），EMD-2A2Q 从 1 起（ai1、do1）。
+EDA 模块从 0 起编号（do0、di0），ERC-8 和 0x55 板从 1 起（k1），EMD-2A2Q 从 1 起（k1、ai1）。
 JSON 中同时给出标签和从 0 起的序号。
 
 地址可写作 10、0x0A 或 0Ah，显示为 10 (0Ah)：ASCII 模块的手册用十六进制，Modbus 模块用十进制。
@@ -76,10 +76,10 @@ JSON 中同时给出标签和从 0 起的序号。
     Units {
         en: "Numbers and units
 
-Times carry their unit: 500ms, 1.5s, 2m, 1h. A bare number is refused, its unit being anyone's
-guess. Programs get whole milliseconds, in keys that end in _ms, and moments as RFC 3339 in UTC.
+Times carry their unit: 500ms, 1.5s, 2m, 1h. A number without a unit is
+refused. Programs get whole milliseconds, in keys that end in _ms, and moments as RFC 3339 in UTC.
 
-Analog values carry the unit of the configuration, V if not said, with as many decimals as the
+Analog values carry the unit of the configuration, default V, with as many decimals as the
 module resolves. EMD-2A2Q counts hundredths: --raw shows the register, 871 for 8.71 V.
 
 Bytes are hexadecimal, with or without blanks: 01 03 00 02. Addresses may be 10, 0x0A or 0Ah.
@@ -124,7 +124,7 @@ never taken for another module.",
   rtu     Modbus RTU，带 CRC                                （EDA、ERC-8、EMD）
   r55     以 55 开头的八个字节，应答以 22 开头                     （0x55 板）
 
-不同协议的模块可共用一条总线：railbus 不会发送会被总线上另一协议误认为命令的帧。
+不同协议的模块可共用一条总线：railbus 不会发送会被总线上另一协议误认为命令的报文。
 每个模块同时只用一种协议；没有切换命令时，由厂家软件或跳线切换。
 同一总线上的模块应使用相同波特率；不同时 railbus 会切换，但要花时间（railbus explain L012）。
 
@@ -137,7 +137,7 @@ never taken for another module.",
   settings    kept in EEPROM (address, speed, calibration): asked about first, or --yes
   broadcast   for all modules: asked about first, or --yes
 
-scan, get, ls, watch and doctor only read. -n with set shows the frames and sends none.
+scan, get, ls, watch and doctor only read. set -n shows the frames and sends nothing.
 
 \"done\" means that the module said so. What was acknowledged but reads back otherwise ends with
 exit code 6; where a command may have acted, though no reply came, the error says so. What must
@@ -149,22 +149,22 @@ Ctrl-C lets the frame on the wire end, and releases an output whose pulse is tim
 by force, a pulse timed here leaves its output on: the daemon (railbus serve) or a module that
 times pulses itself does not.
 
-railbus switches relays and reads inputs; it is no safety device. What protects people needs a
-circuit of its own.",
+railbus switches relays and reads inputs; it is not a safety device. Whatever protects people needs
+a circuit of its own.",
         zh: "发送什么，不发送什么
 
   输出      立即发送，能回读的模块会回读
   设置      保存在 EEPROM（地址、波特率、校准）：先询问，或用 --yes
   广播      面向所有模块：先询问，或用 --yes
 
-scan、get、ls、watch 和 doctor 只读取。set 加 -n 只显示帧而不发送。
+scan、get、ls、watch 和 doctor 只读取。set 加 -n 只显示报文而不发送。
 
 “完成”指模块已确认。已应答但回读不一致时退出码为 6；没有应答而命令可能已执行时，错误信息会说明。
 不可重复的命令（翻转、点动）不会自动重发。
 
-配置中某点的 locked = true 禁止任何命令和程序写入。
+配置中测点的 locked = true 禁止任何命令和程序写入。
 
-Ctrl-C 会等线路上的帧结束，并断开由本程序计时的点动输出。若被强行终止，由本程序计时的点动会保持
+Ctrl-C 会等线路上的报文结束，并断开由本程序计时的点动输出。若被强行终止，由本程序计时的点动会保持
 吸合；守护进程（railbus serve）或自行计时的模块则不会。
 
 railbus 用于操作继电器和读取输入，不是安全装置。人身保护须另设电路。",

@@ -3,7 +3,7 @@
 crate::texts::texts! {
     ManText;
 
-    About { en: "Prints or installs manual pages.", zh: "显示或安装手册页。" }
+    About { en: "Print or install manual pages.", zh: "显示或安装手册页。" }
     Examples {
         en: "  railbus man set | man -l -
   railbus man --install              the pages of all commands, in both languages
@@ -12,10 +12,10 @@ crate::texts::texts! {
   railbus man --install              安装所有命令的中英文手册页
   railbus man --dir target/man",
     }
-    Name { en: "A command; the program itself if not said", zh: "命令名；省略则为程序本身" }
+    Name { en: "A command; default: railbus itself", zh: "命令名；省略则为程序本身" }
     Install {
-        en: "Puts all pages where man finds them, and says where",
+        en: "Install all pages where man finds them, and show where",
         zh: "把手册页写到 man 能找到的位置并显示路径",
     }
-    Dir { en: "Writes all pages below this folder", zh: "把手册页写到此目录下" }
+    Dir { en: "Write all pages below this folder", zh: "把手册页写到此目录下" }
 }

@@ -70,8 +70,9 @@ pub(super) fn add(
             written.map_err(|error| failed(&file, &error))?;
         }
     }
-    let (count, file) = (modules.len(), file.display());
-    context.note(&lang.fill(ScanText::Written, &[("count", &count), ("file", &file)]));
+    let names: Vec<&str> = modules.iter().map(|(name, _)| name.as_str()).collect();
+    let (names, file) = (names.join(", "), file.display());
+    context.note(&lang.fill(ScanText::Written, &[("names", &names), ("file", &file)]));
     let boards = modules.iter();
     let boards = boards.filter(|(_, setup)| setup.family == Family::R55);
     if let (None, Some((_, first))) = (wanted.outputs, boards.clone().next()) {

@@ -4,7 +4,7 @@ crate::texts::texts! {
     SchemaText;
 
     About {
-        en: "Prints the JSON Schema of a command's -o json.",
+        en: "Print the JSON Schema of a command's -o json.",
         zh: "显示命令 -o json 输出的 JSON Schema。",
     }
     Examples {
@@ -16,7 +16,7 @@ crate::texts::texts! {
   railbus schema error               -o json 写到标准错误的内容",
     }
     Name {
-        en: "A command, or error; a list of them if not said",
+        en: "A command, or error; default: list them",
         zh: "命令名或 error；省略则列出全部",
     }
 }

@@ -63,20 +63,45 @@ pub(super) fn parse(words: &[String]) -> Result<Vec<Order>, String> {
             (None, None) => return Err(word.to_owned()),
         };
         for point in points.split(',') {
+            let each = numbered(point).ok_or_else(|| word.to_owned())?;
             if module.is_empty() || point.is_empty() {
                 return Err(word.to_owned());
             }
-            orders.push(Order {
+            orders.extend(each.into_iter().map(|point| Order {
                 module: module.to_owned(),
-                point: point.to_owned(),
+                point,
                 state,
-            });
+            }));
         }
     }
     if orders.is_empty() {
         return Err(words.join(" "));
     }
     Ok(orders)
+}
+
+/// The most outputs that a module has.
+const OUTPUTS_MAX: u8 = 32;
+
+/// `1-3` as `1`, `2` and `3`, `k1-k3` and `k1-3` as `k1` and so on; anything else as it is. None
+/// where it can't be a range.
+fn numbered(point: &str) -> Option<Vec<String>> {
+    let Some((first, last)) = point.split_once('-') else {
+        return Some(vec![point.to_owned()]);
+    };
+    let parted = |text: &str| {
+        let digits = text.trim_start_matches(|c: char| c.is_ascii_alphabetic());
+        let (letters, _) = text.split_at(text.len() - digits.len());
+        let number: u8 = digits.parse().ok()?;
+        Some((letters.to_owned(), number))
+    };
+    let ((letters, low), (other, high)) = (parted(first)?, parted(last)?);
+    let fits = low <= high && high <= OUTPUTS_MAX && (other.is_empty() || other == letters);
+    fits.then(|| {
+        (low..=high)
+            .map(|number| format!("{letters}{number}"))
+            .collect()
+    })
 }
 
 impl Order {
@@ -142,6 +167,9 @@ mod tests {
             ("pump.do0 吸合", "pump.do0 On"),
             ("yard 1,3=on", "yard.1 On, yard.3 On"),
             ("yard.k1,k3 off", "yard.k1 Off, yard.k3 Off"),
+            ("yard 1-3=ON", "yard.1 On, yard.2 On, yard.3 On"),
+            ("yard.k7-k8,k1 Off", "yard.k7 Off, yard.k8 Off, yard.k1 Off"),
+            ("pump do0-1=on", "pump.do0 On, pump.do1 On"),
             (
                 "oven k1=on k2=off k5=toggle",
                 "oven.k1 On, oven.k2 Off, oven.k5 Toggle",
@@ -163,6 +191,10 @@ mod tests {
             ("k1=on", "k1=on"),
             ("oven k1,=on", "k1,=on"),
             ("pump do0", "do0"),
+            ("yard 3-1=on", "3-1=on"),
+            ("yard 1-99=on", "1-99=on"),
+            ("yard k1-do3=on", "k1-do3=on"),
+            ("yard 1-=on", "1-=on"),
         ] {
             assert_eq!(told(line), Err(word.to_owned()), "{line}");
         }

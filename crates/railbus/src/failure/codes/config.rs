@@ -4,24 +4,24 @@ use super::{Code, codes};
 
 codes! {
     NoModule = "E0801" {
-        title: ["there is no such module or point", "没有该模块或点"],
-        likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
+        title: ["there is no such module or point", "没有该模块或测点"],
+        likely: ["a typing mistake · wrong configuration file", "输入错误 · 使用了别的配置"],
         next: ["railbus ls points", "railbus ls points"],
     }
     NoPoint = "E0802" {
-        title: ["the module has no such point", "模块没有该点"],
+        title: ["the module has no such point", "模块没有该测点"],
         likely: ["labels are those printed on the module: do0, di0, k1, ai1",
             "标签与模块上所印一致：do0、di0、k1、ai1"],
         next: ["railbus ls points", "railbus ls points"],
     }
     NoLine = "E0803" {
-        title: ["this names no line", "没有该总线"],
+        title: ["unknown line", "没有该总线"],
         likely: ["a typing mistake; a port is /dev/…, tcp:HOST:PORT, mbtcp:HOST or pty:/PATH",
             "输入错误；端口写作 /dev/…、tcp:HOST:PORT、mbtcp:HOST 或 pty:/PATH"],
         next: ["railbus ls lines", "railbus ls lines"],
     }
     Pulse = "E0804" {
-        title: ["the module can't give this pulse", "模块无法给出此点动"],
+        title: ["the module does not support this pulse", "该模块不支持此点动时间"],
         likely: ["EDA modules have one width for all outputs; 0x55 boards take 1 ms to 4 h 39 min; \
             the others have no timer",
             "EDA 模块各输出共用一个宽度；0x55 板为 1 ms 至 4 小时 39 分；其余没有定时器"],
@@ -29,25 +29,25 @@ codes! {
     }
     Unsupported = "E0805" {
         title: ["not sent: this model has no such command", "未发送：该型号没有此命令"],
-        likely: ["the family times no pulses or has no toggle, or another module on the line could \
+        likely: ["the family has no pulse timer or no toggle, or another module on the line could \
             take the frame for a command",
-            "该系列不能点动或翻转，或总线上其他模块可能误认此帧"],
+            "该系列不能点动或翻转，或总线上其他模块可能误认此报文"],
         next: ["railbus ls models", "railbus ls models"],
     }
     BadValue = "E0806" {
-        title: ["a point can't take this value", "该点不接受此值"],
-        likely: ["outputs take on, off, toggle; inputs take nothing; variables take numbers",
+        title: ["invalid value for this point", "该测点不接受此值"],
+        likely: ["outputs take on, off or toggle; inputs can't be written; variables take numbers",
             "输出接受 on、off、toggle；输入不可写；变量接受数字"],
-        next: ["railbus set --help", "railbus set --help"],
+        next: ["railbus help set", "railbus help set"],
     }
     NotAnOutput = "E0807" {
-        title: ["the point is no output", "该点不是输出"],
+        title: ["not an output", "该测点不是输出"],
         likely: ["inputs and analog values can only be read", "开关量输入和模拟量只能读取"],
         next: ["railbus ls points", "railbus ls points"],
     }
     BadFrame = "E0808" {
-        title: ["the bytes are no request of that protocol", "这些字节不是该协议的请求"],
-        likely: ["a wrong checksum · another protocol · through the daemon only known requests go",
+        title: ["the bytes are not a request of that protocol", "这些字节不是该协议的请求"],
+        likely: ["wrong checksum · another protocol · the daemon only sends known requests",
             "校验和有误 · 是另一协议 · 经守护进程时只发送已知的请求"],
         next: ["railbus decode", "railbus decode"],
     }
@@ -64,14 +64,14 @@ codes! {
         next: ["correct the places named", "改正所指出的位置"],
     }
     ConfigSyntax = "E0811" {
-        title: ["the configuration is no TOML", "配置不是有效的 TOML"],
+        title: ["the configuration is not valid TOML", "配置不是有效的 TOML"],
         likely: ["a quote or bracket is missing", "缺少引号或括号"],
-        next: ["look at the line and column named", "查看所指的行和列"],
+        next: ["see the line and column given", "查看所指的行和列"],
     }
     ConfigKey = "E0812" {
         title: ["unknown key in the configuration", "配置中有未知的键"],
         likely: ["a typing mistake", "输入错误"],
-        next: ["use the key that is suggested", "使用所建议的键"],
+        next: ["use the suggested key", "使用所建议的键"],
     }
     ConfigMissing = "E0813" {
         title: ["a key is missing in the configuration", "配置中缺少键"],
@@ -80,24 +80,24 @@ codes! {
         next: ["add the key", "补上该键"],
     }
     ConfigType = "E0814" {
-        title: ["a value of the wrong kind in the configuration", "配置中值的类型不对"],
-        likely: ["quotes around a number, or none around a text", "数字加了引号，或文本缺少引号"],
-        next: ["write the kind that is named", "改为所要求的类型"],
+        title: ["a value of the wrong type in the configuration", "配置中值的类型不对"],
+        likely: ["a number in quotes, or a text without quotes", "数字加了引号，或文本缺少引号"],
+        next: ["use the type given", "改为所要求的类型"],
     }
     ConfigChoice = "E0815" {
-        title: ["a value that is none of the possible ones", "值不在可选范围内"],
+        title: ["invalid value; not one of the allowed values", "值不在可选范围内"],
         likely: ["a typing mistake · an unknown model", "输入错误 · 未知型号"],
         next: ["use one of the values listed", "使用列出的值之一"],
     }
     ConfigRange = "E0816" {
-        title: ["a number out of its range in the configuration", "配置中数值超出范围"],
+        title: ["a number out of range in the configuration", "配置中数值超出范围"],
         likely: ["a typing mistake", "输入错误"],
-        next: ["use a number within the bounds named", "使用所示范围内的数值"],
+        next: ["use a number within the given range", "使用所示范围内的数值"],
     }
     ConfigName = "E0817" {
-        title: ["this can't be a name", "名称无效"],
+        title: ["invalid name", "名称无效"],
         likely: ["names are 1 to 32 of a-z, 0-9 and _", "名称为 1 至 32 个 a-z、0-9 或 _"],
-        next: ["choose another name; the name to show goes into name = {…}",
+        next: ["choose another name; the display name goes into name = {…}",
             "换一个名称；显示名写在 name = {…} 中"],
     }
     ConfigDuration = "E0818" {
@@ -106,79 +106,80 @@ codes! {
         next: ["add the unit", "补上单位"],
     }
     ConfigAnalog = "E0819" {
-        title: ["this is no range of an analog input", "模拟量量程无效"],
+        title: ["invalid range of an analog input", "模拟量量程无效"],
         likely: ["low is not below high", "下限不小于上限"],
-        next: ["see range in the guide", "参见手册中的 range"],
+        next: ["see range under [module.NAME] in the guide, page railbus.toml",
+            "见手册“railbus.toml”一页 [module.名称] 的 range"],
     }
     ConfigLine = "E0820" {
-        title: ["a module hangs on a line that is not there", "模块所属的总线不存在"],
+        title: ["a module uses a line that does not exist", "模块所属的总线不存在"],
         likely: ["a typing mistake in line =", "line = 有误"],
         next: ["add [line.NAME] or correct the name", "添加 [line.NAME] 或改正名称"],
     }
     ConfigPoint = "E0821" {
-        title: ["a point that the module does not have", "模块没有该点"],
+        title: ["the module has no such point", "模块没有该测点"],
         likely: ["labels are those printed on the module: do0, di0, k1, ai1",
             "标签与模块上所印一致：do0、di0、k1、ai1"],
         next: ["railbus ls models", "railbus ls models"],
     }
     ConfigSetup = "E0822" {
-        title: ["no module of this model can be as described", "该型号不可能如此设置"],
-        likely: ["an address, speed, protocol or number of channels that the family does not have",
+        title: ["impossible settings for this model", "该型号不支持此设置"],
+        likely: ["an address, speed, protocol or channel count that this family does not have",
             "该系列没有此地址、波特率、协议或通道数"],
         next: ["railbus ls models", "railbus ls models"],
     }
     ConfigTwice = "E0823" {
         title: ["two modules on one address", "两个模块地址相同"],
-        likely: ["copied without a change", "复制后未修改"],
-        next: ["give one of them another address", "为其中一个更换地址"],
+        likely: ["copied and not changed", "复制后未修改"],
+        next: ["change the address of one of them", "为其中一个更换地址"],
     }
     ConfigFile = "E0824" {
         title: ["the configuration can't be read", "无法读取配置"],
-        likely: ["no such file · no right to read it", "文件不存在 · 无读取权限"],
+        likely: ["no such file · no read permission", "文件不存在 · 无读取权限"],
         next: ["check the path given to --config", "检查 --config 的路径"],
     }
     ConfigPort = "E0825" {
-        title: ["the value names no port", "该值不是端口名称"],
+        title: ["not a port name", "该值不是端口名称"],
         likely: ["COM3 or ttyUSB0 without /dev/", "写成 COM3，或缺少 /dev/"],
         next: ["write /dev/ttyUSB0, tcp:HOST:PORT, mbtcp:HOST or pty:/PATH",
             "应写为 /dev/ttyUSB0、tcp:主机:端口、mbtcp:主机 或 pty:/路径"],
     }
     ConfigPortTwice = "E0826" {
         title: ["two lines on one port", "两条总线使用同一端口"],
-        likely: ["copied without a change", "复制后未修改"],
+        likely: ["copied and not changed", "复制后未修改"],
         next: ["put the modules of both on one line", "将两者的模块放在一条总线下"],
     }
     ConfigChanged = "E0827" {
-        title: ["the configuration was changed meanwhile", "配置已被他人更改"],
-        likely: ["somebody else, or another program, wrote the file", "其他人或程序写入了该文件"],
-        next: ["read it again and repeat the change", "重新读取后再次更改"],
+        title: ["the configuration has been changed by someone else", "配置已被他人更改"],
+        likely: ["another user or program wrote the file", "其他人或程序写入了该文件"],
+        next: ["reload it and repeat the change", "重新读取后再次更改"],
     }
     ConfigByHand = "E0828" {
         title: ["this part of the configuration can only be changed by hand",
             "配置的这一部分只能手动更改"],
-        likely: ["it is written in a form that can't be edited in place", "其写法无法就地编辑"],
+        likely: ["it is written in a form that can't be edited automatically", "其写法无法就地编辑"],
         next: ["edit the file as a whole", "直接编辑整个文件"],
     }
     ConfigNameTaken = "E0829" {
-        title: ["there is one of that name already", "名称已被使用"],
-        likely: ["lines and modules have names of their own", "各总线和模块的名称不得重复"],
+        title: ["the name is already in use", "名称已被使用"],
+        likely: ["names of lines and modules must be unique", "各总线和模块的名称不得重复"],
         next: ["choose another name", "换用其他名称"],
     }
     ConfigUnwritten = "E0830" {
         title: ["the configuration can't be written; nothing was changed",
             "无法写入配置；未作任何更改"],
-        likely: ["no right to the file or its folder · the disk is full",
+        likely: ["no write permission for the file or its folder · disk full",
             "文件或目录无写入权限 · 磁盘已满"],
         next: ["railbus doctor", "railbus doctor"],
     }
     NoGeneration = "E0831" {
-        title: ["no such generation of the configuration is kept", "没有保留该配置版本"],
-        likely: ["nothing was changed yet · only the last 20 are kept", "尚未更改 · 仅保留最近 20 个版本"],
+        title: ["no such saved version", "没有保存该版本"],
+        likely: ["nothing has been changed yet · only the last 20 are kept", "尚未更改 · 仅保留最近 20 个版本"],
         next: ["GET /api/v1/config/generations lists those that are",
             "GET /api/v1/config/generations 列出所保留的版本"],
     }
     NoIfMatch = "E0832" {
-        title: ["say which text is to be replaced", "须说明要替换的文本"],
+        title: ["the text to be replaced must be given", "须说明要替换的文本"],
         likely: ["the request has no If-Match header", "请求缺少 If-Match 头"],
         next: ["send the ETag of GET /api/v1/config as If-Match",
             "以 GET /api/v1/config 的 ETag 作为 If-Match 发送"],
@@ -189,50 +190,50 @@ codes! {
         next: ["railbus config show MODULE", "railbus config show MODULE"],
     }
     SettingRange = "E0841" {
-        title: ["the setting can't have this value", "该设置不能为此值"],
-        likely: ["the family has other addresses, bauds or widths", "该系列的地址、波特率或宽度不同"],
-        next: ["railbus config show MODULE     lists what each may be",
+        title: ["invalid value for this setting", "该设置不能为此值"],
+        likely: ["this family has other addresses, baud rates or widths", "该系列的地址、波特率或宽度不同"],
+        next: ["railbus config show MODULE     lists the allowed values",
             "railbus config show MODULE     列出各项可选值"],
     }
     SettingFixed = "E0842" {
-        title: ["no command changes this setting", "没有命令可更改该设置"],
-        likely: ["the maker's software, a pin or a switch does", "由厂家软件、引脚或拨码开关决定"],
+        title: ["this setting can't be changed by a command", "没有命令可更改该设置"],
+        likely: ["it is set by the vendor's software, a pin or a switch", "由厂家软件、引脚或拨码开关决定"],
         next: ["railbus config show MODULE", "railbus config show MODULE"],
     }
     PortSpeed = "E0843" {
-        title: ["nothing written: this port can't follow another speed or parity",
+        title: ["nothing written: this port can't change its speed or parity",
             "未写入：该端口无法改变波特率或校验位"],
-        likely: ["a serial server keeps its own speed: the module would be lost",
+        likely: ["a serial server keeps its own speed: the module would become unreachable",
             "串口服务器使用自身波特率：模块将无法访问"],
-        next: ["change the server's speed by hand, or connect the module to a serial port",
+        next: ["change the server's speed manually, or connect the module to a serial port",
             "手动更改服务器的波特率，或将模块接到串口"],
     }
     NotReadable = "E0844" {
-        title: ["nothing written: the settings kept beside it can't be read",
+        title: ["nothing written: related settings can't be read",
             "未写入：无法读取同时保存的其他设置"],
-        likely: ["an older EDA9060 has no pulses", "旧型 EDA9060 没有脉冲功能"],
+        likely: ["an older EDA9060 has no pulses", "旧型 EDA9060 没有点动功能"],
         next: ["railbus config show MODULE", "railbus config show MODULE"],
     }
     UnsafeFrame = "E0845" {
         title: ["nothing written: a module of another protocol could take the frame for a command",
-            "未写入：其他协议的模块可能误认此帧为命令"],
-        likely: ["the address is 85, 76 or 36, which begin frames of other protocols",
-            "地址 85、76 或 36 是其他协议的帧头"],
+            "未写入：其他协议的模块可能误认此报文为命令"],
+        likely: ["address 85, 76 or 36: frames of other protocols start with these bytes",
+            "地址 85、76 或 36 是其他协议报文的首字节"],
         next: ["choose another address", "选择其他地址"],
     }
     NoChange = "E0846" {
-        title: ["there is no such change in the journal", "日志中没有该更改"],
-        likely: ["another folder, or too long ago", "文件夹不同，或时间过久"],
+        title: ["no such change in the journal", "日志中没有该更改"],
+        likely: ["different folder, or too long ago", "文件夹不同，或时间过久"],
         next: ["railbus config log", "railbus config log"],
     }
     CantUndo = "E0847" {
-        title: ["this change can't be taken back", "该更改无法撤销"],
-        likely: ["the old values are not known, as after a calibration", "原值未知，例如校准之后"],
+        title: ["this change can't be undone", "该更改无法撤销"],
+        likely: ["the old values are unknown, e.g. after a calibration", "原值未知，例如校准之后"],
         next: ["railbus config log", "railbus config log"],
     }
     BackupFile = "E0848" {
-        title: ["this is no backup", "这不是备份文件"],
-        likely: ["another file than meant · cut short", "文件有误 · 不完整"],
+        title: ["not a backup file", "不是备份文件"],
+        likely: ["wrong file · incomplete", "文件有误 · 不完整"],
         next: ["railbus config backup -O site.json", "railbus config backup -O site.json"],
     }
     BackupSchema = "E0849" {
@@ -241,91 +242,91 @@ codes! {
         next: ["make a new backup with this version", "用此版本重新备份"],
     }
     BackupSite = "E0850" {
-        title: ["the backup is of another site", "备份属于另一个站点"],
-        likely: ["another configuration than the one it was made with", "与备份时的配置不同"],
-        next: ["add --other-site if that is what you want", "确认无误后加 --other-site"],
+        title: ["the backup belongs to another site", "备份属于另一个站点"],
+        likely: ["not the configuration it was made with", "与备份时的配置不同"],
+        next: ["add --other-site if intended", "确认无误后加 --other-site"],
     }
     NotAlone = "E0851" {
-        title: ["not sent: more than one module answers on the line", "未发送：总线上不止一个模块应答"],
+        title: ["not sent: more than one module replies on the line", "未发送：总线上不止一个模块应答"],
         likely: ["a broadcast would change all of them", "广播会更改所有模块"],
-        next: ["take the module off the line and connect it alone", "将该模块单独接到总线上"],
+        next: ["connect this module alone", "将该模块单独接到总线上"],
     }
     NothingToDo = "E0852" {
-        title: ["there is no module that this could be done with", "没有可执行此操作的模块"],
-        likely: ["another line than meant · no module of that family in the configuration",
+        title: ["no module to do this with", "没有可执行此操作的模块"],
+        likely: ["wrong line · no module of that family in the configuration",
             "总线有误 · 配置中没有该系列的模块"],
         next: ["railbus ls", "railbus ls"],
     }
     NoRule = "E0853" {
         title: ["there is no such rule", "没有此规则"],
-        likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
-        next: ["look into the configuration", "查看配置文件"],
+        likely: ["a typing mistake · wrong configuration file", "输入错误 · 使用了别的配置"],
+        next: ["check the configuration", "查看配置文件"],
     }
     RuleNotTried = "E0854" {
-        title: ["a rule is tried before it is armed", "规则须先试运行才能启用"],
-        likely: ["it was changed after it was tried · railbus was started anew",
-            "试运行后又作了更改 · railbus 已重新启动"],
-        next: ["try it against the history, then arm it", "先用历史数据试运行，再启用"],
+        title: ["a rule must be tested before it is enabled", "规则须先测试才能启用"],
+        likely: ["it was changed after the test · railbus was restarted",
+            "测试后又作了更改 · railbus 已重新启动"],
+        next: ["test it on the history, then enable it", "先用历史数据测试，再启用"],
     }
     HookUnreached = "E0857" {
         title: ["the receiver of the webhook can't be reached", "无法连接 webhook 接收方"],
-        likely: ["a wrong address · the receiver does not run · no way through the network",
+        likely: ["wrong address · the receiver is not running · no network connection",
             "地址有误 · 接收方未运行 · 网络不通"],
-        next: ["ask the address from this machine: curl -v URL", "在本机测试该地址：curl -v URL"],
+        next: ["test the address from this machine: curl -v URL", "在本机测试该地址：curl -v URL"],
     }
     HookTls = "E0858" {
         title: ["no trusted connection to the receiver of the webhook",
             "无法与 webhook 接收方建立可信连接"],
-        likely: ["its certificate is for another name, or of an authority unknown to this machine",
+        likely: ["its certificate is for another name, or from an authority this machine does not trust",
             "其证书不是由本机信任的机构签发，或域名不符"],
-        next: ["add its authority to those of this machine, or set SSL_CERT_FILE",
+        next: ["add its authority to this machine's trusted ones, or set SSL_CERT_FILE",
             "将其签发机构加入本机信任列表，或设置 SSL_CERT_FILE"],
     }
     HookSlow = "E0859" {
         title: ["the receiver of the webhook did not answer in time", "webhook 接收方未及时应答"],
-        likely: ["the receiver works before it answers", "接收方先处理后应答"],
-        next: ["let the receiver answer first, and work then", "让接收方先应答，再处理"],
+        likely: ["the receiver processes the event before it replies", "接收方先处理后应答"],
+        next: ["let the receiver reply first, then process", "让接收方先应答，再处理"],
     }
     NoGroup = "E0860" {
         title: ["there is no such group", "没有此分组"],
-        likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
+        likely: ["a typing mistake · wrong configuration file", "输入错误 · 使用了别的配置"],
         next: ["railbus ls groups", "railbus ls groups"],
     }
     NoScene = "E0861" {
         title: ["there is no such scene", "没有此场景"],
-        likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
+        likely: ["a typing mistake · wrong configuration file", "输入错误 · 使用了别的配置"],
         next: ["railbus scene list", "railbus scene list"],
     }
     NotSimulated = "E0862" {
-        title: ["this line is not simulated here", "此总线不是在此模拟的"],
-        likely: ["a line of real modules · a typing mistake", "总线上是真实模块 · 输入错误"],
+        title: ["this line is not simulated here", "此总线不是在此仿真的"],
+        likely: ["a line with real modules · a typing mistake", "总线上是真实模块 · 输入错误"],
         next: ["railbus serve --demo", "railbus serve --demo"],
     }
     NoSimModule = "E0863" {
-        title: ["there is no such module on the simulated line", "模拟总线上没有此模块"],
-        likely: ["it was named anew, or added, after the simulation began",
-            "模拟开始后才改名或添加"],
-        next: ["use one of the modules that the simulator shows", "使用模拟器中列出的模块"],
+        title: ["there is no such module on the simulated line", "仿真总线上没有此模块"],
+        likely: ["renamed or added after the simulation was started",
+            "仿真开始后才改名或添加"],
+        next: ["use a module listed by the simulator", "使用仿真器中列出的模块"],
     }
     ConfigOutput = "E0865" {
-        title: ["a key or a list of the configuration is for outputs only", "配置的该项仅适用于输出点"],
+        title: ["this key or list of the configuration is for outputs only", "配置的该项仅适用于输出"],
         likely: ["an input or analog value is named", "指定的是输入点或模拟量"],
         next: ["railbus ls points", "railbus ls points"],
     }
     ConfigSelf = "E0866" {
-        title: ["an output is to exclude itself", "输出与自身互锁"],
-        likely: ["another output is meant", "应为另一个输出"],
+        title: ["an output cannot interlock with itself", "输出与自身互锁"],
+        likely: ["a different output was intended", "应为另一个输出"],
         next: ["name the other output", "写另一个输出的名称"],
     }
     ConfigAgain = "E0867" {
-        title: ["a point is named twice in a list", "列表中某点重复"],
+        title: ["a point appears twice in a list", "列表中某测点重复"],
         likely: ["copied and not changed", "复制后未修改"],
-        next: ["take one of them out", "删去其中一个"],
+        next: ["remove one of them", "删去其中一个"],
     }
     ConfigTooMuch = "E0868" {
-        title: ["a time or a list of the configuration is out of bounds", "配置中的时间或列表超出范围"],
-        likely: ["another unit is meant", "单位有误"],
-        next: ["read the bounds in the message", "查看提示中的范围"],
+        title: ["a time or list in the configuration is out of range", "配置中的时间或列表超出范围"],
+        likely: ["wrong unit", "单位有误"],
+        next: ["see the range in the message", "查看提示中的范围"],
     }
     ConfigStep = "E0869" {
         title: ["a step of a scene can't be read", "无法理解场景的步骤"],
@@ -335,10 +336,10 @@ codes! {
             "应写为 { set = \"oven.k1\", to = true } 或 { wait = \"2s\" }"],
     }
     ScanNotWritten = "E0870" {
-        title: ["the modules found can't be written to the configuration", "无法将发现的模块写入配置"],
-        likely: ["no right to the file or its folder · no room · a table written in one line",
+        title: ["the modules found can't be saved to the configuration", "无法将发现的模块写入配置"],
+        likely: ["no permission for the file or its folder · disk full · an inline table",
             "文件或目录无权限 · 磁盘已满 · 配置中有单行表"],
-        next: ["write them by hand, as railbus scan shows them", "按 railbus scan 的结果手动写入"],
+        next: ["add them by hand as railbus scan shows them", "按 railbus scan 的结果手动写入"],
     }
     RuleWhen = "E0871" {
         title: ["the condition of a rule can't be read", "无法理解规则的条件"],
@@ -348,62 +349,62 @@ codes! {
             "应写为 { point = \"tank.ai1\", above = 8.5 } 或 { time = \"06:30\" }"],
     }
     RuleThen = "E0872" {
-        title: ["what a rule does can't be read", "无法理解规则的动作"],
+        title: ["the action of a rule can't be read", "无法理解规则的动作"],
         likely: ["\"set\" without \"to\" · an empty or long text",
             "只有 \"set\" 没有 \"to\" · 文字为空或过长"],
         next: ["write { set = \"oven.k1\", to = true }, { pulse = … } or { notify = … }",
             "应写为 { set = \"oven.k1\", to = true }、{ pulse = … } 或 { notify = … }"],
     }
     RuleAsks = "E0873" {
-        title: ["a rule is to switch an output that a person has to confirm",
-            "规则要操作须由人确认的输出"],
+        title: ["a rule may not switch an output that requires confirmation",
+            "规则不能操作须由人确认的输出"],
         likely: ["the output has \"confirm\"", "该输出设有 \"confirm\""],
-        next: ["name another output, or take \"confirm\" out", "换用其他输出，或去掉 \"confirm\""],
+        next: ["use another output, or remove \"confirm\"", "换用其他输出，或去掉 \"confirm\""],
     }
     RuleUnit = "E0874" {
-        title: ["a rule compares a value in another unit than its point has", "规则的单位与点的单位不同"],
-        likely: ["the scale of the point was changed", "点的量程已更改"],
-        next: ["write the limit in the unit of the point", "按点的单位填写限值"],
+        title: ["the unit of a rule differs from the unit of its point", "规则的单位与测点的单位不同"],
+        likely: ["the scale of the point was changed", "测点的量程已更改"],
+        next: ["write the limit in the unit of the point", "按测点的单位填写限值"],
     }
     ConfigUrl = "E0876" {
-        title: ["the configuration has no address of a receiver there", "配置中的该项不是接收方地址"],
-        likely: ["another scheme than http or https · a name and a password in it",
+        title: ["not a valid receiver address", "配置中的该项不是接收方地址"],
+        likely: ["not http or https · contains a name and password",
             "不是 http 或 https · 含有用户名和密码"],
-        next: ["write https://HOST/…; a secret is set apart", "写作 https://主机/…；密钥另行设置"],
+        next: ["write https://HOST/…; the secret is set separately", "写作 https://主机/…；密钥另行设置"],
     }
     NoHook = "E0877" {
         title: ["there is no such webhook", "没有此 webhook"],
-        likely: ["a typing mistake · another configuration than meant", "输入错误 · 使用了别的配置"],
-        next: ["look into the configuration", "查看配置文件"],
+        likely: ["a typing mistake · wrong configuration file", "输入错误 · 使用了别的配置"],
+        next: ["check the configuration", "查看配置文件"],
     }
     HookRefused = "E0878" {
-        title: ["the receiver of the webhook did not take the event", "webhook 接收方未接受事件"],
-        likely: ["a wrong path · another secret there · the receiver fails itself",
+        title: ["the receiver of the webhook did not accept the event", "webhook 接收方未接受事件"],
+        likely: ["wrong path · different secret · error in the receiver",
             "路径有误 · 密钥不一致 · 接收方自身出错"],
-        next: ["look into the log of the receiver", "查看接收方的日志"],
+        next: ["check the receiver's log", "查看接收方的日志"],
     }
     HookSecret = "E0879" {
-        title: ["the secrets of webhooks can't be kept", "无法保存 webhook 密钥"],
-        likely: ["the disk is full · no right to the folder of the state",
+        title: ["webhook secrets can't be saved", "无法保存 webhook 密钥"],
+        likely: ["disk full · no write permission for the state folder",
             "磁盘已满 · 状态文件夹无写权限"],
-        next: ["make room, or mend the rights", "腾出空间或修正权限"],
+        next: ["free disk space, or correct the permissions", "腾出空间或修正权限"],
     }
     SettingsChanged = "E0881" {
-        title: ["nothing written: the module keeps other settings than were seen",
+        title: ["nothing written: the module's settings differ from those shown",
             "未写入：模块的设置与所见不同"],
-        likely: ["somebody else changed them meanwhile", "期间被他人更改"],
+        likely: ["changed by someone else in the meantime", "期间被他人更改"],
         next: ["read the settings again, then change them", "重新读取设置后再更改"],
     }
     NoSettingsMatch = "E0882" {
-        title: ["nothing written: which settings are changed was not said", "未写入：未说明更改哪些设置"],
+        title: ["nothing written: the request does not say which settings it changes", "未写入：未说明更改哪些设置"],
         likely: ["If-Match is missing", "缺少 If-Match"],
         next: ["GET the settings, and send their ETag as If-Match",
             "先 GET 设置，并以其 ETag 作为 If-Match"],
     }
     LineAtWork = "E0883" {
-        title: ["something else is being done on this line", "该总线上正在执行其他操作"],
-        likely: ["a scan or a change of settings runs", "正在扫描或更改设置"],
-        next: ["wait until it has ended, or end it", "等待其结束，或将其取消"],
+        title: ["another operation is running on this line", "该总线上正在执行其他操作"],
+        likely: ["a scan or a change of settings is running", "正在扫描或更改设置"],
+        next: ["wait until it has finished, or cancel it", "等待其结束，或将其取消"],
     }
     OtherSite = "E0884" {
         title: ["not done: the daemon that answers serves another site",
@@ -414,31 +415,31 @@ codes! {
             "指明站点：--socket 使用该守护进程，--config 使用此文件"],
     }
     ConfigFault = "E0890" {
-        title: ["this is no fault to simulate", "不是可模拟的故障"],
+        title: ["unknown simulated fault", "不是可仿真的故障"],
         likely: ["a typing mistake · a value is missing", "输入错误 · 缺少数值"],
-        next: ["railbus sim --help lists them", "railbus sim --help 列出所有故障"],
+        next: ["railbus help sim     lists them", "railbus help sim     列出所有故障"],
     }
     SimState = "E0891" {
-        title: ["the settings kept of the simulated modules can't be used", "无法使用所保存的模拟模块设置"],
-        likely: ["a file of something else, or of another plant · no right to it",
+        title: ["the saved settings of the simulated modules can't be used", "无法使用所保存的仿真模块设置"],
+        likely: ["a different kind of file, or of another plant · no permission",
             "文件属于其他用途或其他仿真文件 · 无权限"],
         next: ["choose another file with --state", "用 --state 换一个文件"],
     }
     SimPlant = "E0892" {
-        title: ["the plant can't be simulated so", "无法如此模拟该仿真文件"],
-        likely: ["a flag names a line that is not there · there is nothing to simulate",
-            "参数中的总线不存在 · 没有可模拟的总线"],
-        next: ["railbus sim --help", "railbus sim --help"],
+        title: ["the plant can't be simulated", "仿真文件无法运行"],
+        likely: ["a flag names a line that does not exist · nothing to simulate",
+            "参数中的总线不存在 · 没有可仿真的总线"],
+        next: ["railbus help sim", "railbus help sim"],
     }
     ConfigInput = "E0893" {
-        title: ["a simulated level at a point that is no input", "模拟电平所在的点不是输入"],
-        likely: ["outputs and variables belong to the module and its master", "输出和变量由模块和上位机控制"],
-        next: ["name an input: di0, k1 of a board of inputs, ai1", "使用输入点：di0、输入板的点、ai1"],
+        title: ["a simulated level at a point that is not an input", "仿真电平所在的测点不是输入"],
+        likely: ["outputs and variables are set by the module and its master", "输出和变量由模块和上位机控制"],
+        next: ["use an input: di0, k1 of an input board, ai1", "使用输入：di0、输入板的 k1、ai1"],
     }
     AuditBroken = "E0894" {
-        title: ["the audit log is not as it was written", "审计日志与写入时不一致"],
-        likely: ["somebody changed or took away a part of it · a disk that fails",
+        title: ["the audit log has been altered", "审计日志与写入时不一致"],
+        likely: ["a part was changed or removed · a failing disk",
             "部分内容被改动或删除 · 磁盘故障"],
-        next: ["compare it with a copy: railbus audit export", "与备份比对：railbus audit export"],
+        next: ["compare with a copy: railbus audit export", "与备份比对：railbus audit export"],
     }
 }

@@ -4,18 +4,18 @@ use super::{Code, codes};
 
 codes! {
     Forbidden = "E0901" {
-        title: ["the daemon does not take this from there", "守护进程不接受来自该处的请求"],
+        title: ["request not allowed from this origin", "不允许来自该来源的请求"],
         likely: ["a request from another machine or page", "请求来自其他机器或网页"],
-        next: ["ask on the daemon's own machine", "请在守护进程所在机器上操作"],
+        next: ["use the daemon's own machine", "请在守护进程所在机器上操作"],
     }
     Unauthenticated = "E0902" {
-        title: ["log in first, or show a token", "请先登录，或出示令牌"],
-        likely: ["no cookie and no Authorization header · the session or token has ended",
+        title: ["log in first, or use a token", "请先登录，或出示令牌"],
+        likely: ["no cookie and no Authorization header · the session or token has expired",
             "没有 Cookie 或 Authorization 头 · 会话或令牌已失效"],
         next: ["railbus token create NAME --role viewer", "railbus token create 名称 --role viewer"],
     }
     NotLoopback = "E0903" {
-        title: ["will not listen beyond this machine without TLS and a user",
+        title: ["refusing to listen on the network without TLS and a user",
             "没有 TLS 和用户时不向其他机器开放"],
         likely: ["--listen names an address that others can reach", "--listen 的地址可被其他机器访问"],
         next: ["railbus user add NAME --role admin, then railbus serve --tls auto",
@@ -23,7 +23,7 @@ codes! {
     }
     WrongLogin = "E0904" {
         title: ["name or password is wrong, or the user is locked", "用户名或密码错误，或该用户已锁定"],
-        likely: ["a typing mistake · another daemon than meant", "输入错误 · 连接了别的守护进程"],
+        likely: ["a typing mistake · wrong daemon", "输入错误 · 连接了别的守护进程"],
         next: ["railbus user passwd NAME", "railbus user passwd 用户名"],
     }
     RoleTooLow = "E0905" {
@@ -33,13 +33,13 @@ codes! {
         next: ["ask an administrator: railbus user list", "请联系管理员：railbus user list"],
     }
     PointRight = "E0906" {
-        title: ["this point is none of those that you may switch", "您无权操作该点"],
-        likely: ["the user or the token is limited to some points", "该用户或令牌只限于部分点"],
+        title: ["you may not switch this point", "您无权操作该测点"],
+        likely: ["the user or the token is limited to some points", "该用户或令牌只限于部分测点"],
         next: ["ask an administrator: railbus user list", "请联系管理员：railbus user list"],
     }
     TooManyTries = "E0907" {
-        title: ["too many tries; wait a while", "尝试次数过多，请稍候"],
-        likely: ["five wrong tries in a minute, of one account or from one address",
+        title: ["too many attempts; please wait", "尝试次数过多，请稍候"],
+        likely: ["five failed attempts within a minute, for one account or from one address",
             "一分钟内同一账户或同一地址五次输入错误"],
         next: ["wait a minute, or railbus user passwd NAME", "等待一分钟，或 railbus user passwd 用户名"],
     }
@@ -47,12 +47,12 @@ codes! {
         title: ["the request lacks the X-CSRF-Token of its session", "请求缺少会话的 X-CSRF-Token"],
         likely: ["a page of another site · a page older than the session",
             "来自其他网站的网页 · 网页早于会话"],
-        next: ["load the page again; programs use a token instead of a cookie",
+        next: ["reload the page; programs should use a token instead of a cookie",
             "重新加载网页；程序请改用令牌"],
     }
     SetupLink = "E0909" {
-        title: ["the setup link is not good, or not any more", "设置链接无效或已失效"],
-        likely: ["it is older than 15 min, was used, or a newer one was made",
+        title: ["the set-up link is invalid or has expired", "设置链接无效或已失效"],
+        likely: ["older than 15 min, already used, or replaced by a newer one",
             "已超过 15 分钟、已使用，或已生成新链接"],
         next: ["railbus user setup-link", "railbus user setup-link"],
     }
@@ -68,8 +68,8 @@ codes! {
             "railbus user list 或 railbus token list"],
     }
     LastAdmin = "E0912" {
-        title: ["one administrator must be left who is not locked", "至少须保留一名未锁定的管理员"],
-        likely: ["this is the last one · it would be the first user, and no administrator",
+        title: ["at least one unlocked administrator must remain", "至少须保留一名未锁定的管理员"],
+        likely: ["this is the last one · the first user must be an administrator",
             "这是最后一名管理员 · 首个用户不是管理员"],
         next: ["railbus user add NAME --role admin", "railbus user add 用户名 --role admin"],
     }
@@ -77,54 +77,54 @@ codes! {
         title: ["the password is too short, too long or too simple", "密码过短、过长或过于简单"],
         likely: ["fewer than 10 letters, more than 256 bytes, one letter only, or the name itself",
             "少于 10 个字符、超过 256 字节、只有一种字符，或与用户名相同"],
-        next: ["take a few words that nobody else would", "请使用几个他人想不到的词"],
+        next: ["use a few words that others won't guess", "请使用几个他人想不到的词"],
     }
     NoToken = "E0914" {
         title: ["there is no such token", "没有该令牌"],
-        likely: ["a typing mistake · it was revoked", "输入错误 · 已被撤销"],
+        likely: ["a typing mistake · already revoked", "输入错误 · 已被撤销"],
         next: ["railbus token list", "railbus token list"],
     }
     TooManyAccounts = "E0915" {
-        title: ["there are as many as there may be", "数量已达上限"],
-        likely: ["64 users and 64 tokens are the most", "最多 64 个用户和 64 个令牌"],
+        title: ["the limit is reached", "数量已达上限"],
+        likely: ["at most 64 users and 64 tokens", "最多 64 个用户和 64 个令牌"],
         next: ["railbus token revoke NAME", "railbus token revoke 名称"],
     }
     AccountsFile = "E0916" {
-        title: ["the accounts can't be read or kept", "无法读取或保存账户"],
-        likely: ["the state folder may not be written · the disk is full", "状态文件夹不可写 · 磁盘已满"],
-        next: ["name another folder with RAILBUS_STATE", "用 RAILBUS_STATE 指定其他文件夹"],
+        title: ["the accounts can't be read or saved", "无法读取或保存账户"],
+        likely: ["no write permission for the state folder · disk full", "状态文件夹不可写 · 磁盘已满"],
+        next: ["choose another folder with RAILBUS_STATE", "用 RAILBUS_STATE 指定其他文件夹"],
     }
     AccountsHeld = "E0917" {
-        title: ["another program holds the accounts", "账户正由其他程序使用"],
-        likely: ["a daemon runs with them, at another socket", "有守护进程在别的套接字上使用它们"],
+        title: ["the accounts are in use by another program", "账户正由其他程序使用"],
+        likely: ["a daemon on another socket uses them", "有守护进程在别的套接字上使用它们"],
         next: ["name its socket with --socket", "用 --socket 指定其套接字"],
     }
     NoSession = "E0918" {
         title: ["there is no such session", "没有该会话"],
-        likely: ["it has ended", "会话已结束"],
-        next: ["load the list again", "重新加载列表"],
+        likely: ["it has expired", "会话已结束"],
+        next: ["reload the list", "重新加载列表"],
     }
     HasUser = "E0919" {
-        title: ["there is a user already, who may add others", "已有用户，可由其添加其他用户"],
-        likely: ["the setup link makes the first user only", "设置链接只用于创建首个用户"],
+        title: ["a user exists already, who can add others", "已有用户，可由其添加其他用户"],
+        likely: ["the set-up link is for the first user only", "设置链接只用于创建首个用户"],
         next: ["railbus user add NAME --role admin", "railbus user add 用户名 --role admin"],
     }
     BadName = "E0920" {
-        title: ["this can't be a name", "名称无效"],
+        title: ["invalid name", "名称无效"],
         likely: ["names are 1 to 32 letters or digits, and . _ - @ after the first; owner is taken",
             "名称为 1 至 32 个字母、汉字或数字，首字符之后可用 . _ - @；owner 为保留名"],
         next: ["choose another name", "换一个名称"],
     }
     BadPoints = "E0921" {
-        title: ["these are no patterns of points", "点的匹配模式无效"],
-        likely: ["patterns are such as pump, pump.* or *.do0, and 32 at most",
+        title: ["invalid point pattern", "测点匹配模式无效"],
+        likely: ["patterns look like pump, pump.* or *.do0; at most 32",
             "模式如 pump、pump.* 或 *.do0，最多 32 个"],
         next: ["railbus ls points", "railbus ls points"],
     }
     Limited = "E0922" {
-        title: ["you are limited to some points, and this may reach others",
+        title: ["your access is limited to some points, and this may affect others",
             "您的权限只限于部分测点，而此操作可能影响其他测点"],
-        likely: ["who is limited to points switches and names these, and changes nothing else",
+        likely: ["with access limited to points you can switch and name these, but change nothing else",
             "权限限于部分测点者只能操作和命名这些测点，不能更改其他内容"],
         next: ["ask an engineer or an administrator without this limit: railbus user list",
             "请由不受此限制的工程师或管理员操作：railbus user list"],
@@ -137,37 +137,37 @@ codes! {
             "在守护进程所在机器上编辑配置文件，再执行 systemctl reload railbus"],
     }
     PortNotAllowed = "E0924" {
-        title: ["no configuration from the network may open this port",
+        title: ["a configuration sent over the network may not open this port",
             "不允许通过网络提交的配置打开此端口"],
-        likely: ["it is neither a serial port, nor known since the start, nor in [ports] allow",
+        likely: ["not a serial port, not in the configuration at start, and not in [ports] allow",
             "它不是串口，启动时的配置中没有，[ports] allow 中也没有"],
         next: ["have the owner of the daemon add it to allow in [ports] of the file, and reload",
             "请守护进程的所有者将其加入配置文件 [ports] 的 allow，然后重新加载"],
     }
     HookTarget = "E0925" {
         title: ["a webhook may not lead to this address", "Webhook 不能指向此地址"],
-        likely: ["it is of the daemon's own machine, or of its link only",
+        likely: ["an address of the daemon's own machine, or of its local link",
             "该地址属于守护进程所在机器，或仅限其本地链路"],
         next: ["have the owner of the daemon add it to allow in [webhooks] of the file, and reload",
             "请守护进程的所有者将其加入配置文件 [webhooks] 的 allow，然后重新加载"],
     }
     Differs = "E1001" {
         title: ["differences were found", "发现差异"],
-        likely: ["the modules' settings are not those wanted", "模块设置与期望不同"],
-        next: ["look at the list of differences", "查看差异列表"],
+        likely: ["the modules' settings are not as configured", "模块设置与期望不同"],
+        next: ["see the list of differences", "查看差异列表"],
     }
     RepliesDiffer = "E1080" {
-        title: ["replies are other than recorded", "应答与记录不同"],
-        likely: ["inputs changed since · another module or firmware", "输入已变化 · 模块或固件不同"],
+        title: ["replies differ from the recording", "应答与记录不同"],
+        likely: ["inputs have changed · another module or firmware", "输入已变化 · 模块或固件不同"],
         next: ["railbus replay FILE --as-host -o ndjson", "railbus replay 文件 --as-host -o ndjson"],
     }
     Partial = "E1101" {
         title: ["some of several targets failed", "多个目标中部分失败"],
-        likely: ["see each of them", "见各目标的说明"],
+        likely: ["see the individual results", "见各目标的说明"],
         next: ["railbus ls", "railbus ls"],
     }
     ScanTimeUp = "E1170" {
-        title: ["the time was up before all were asked", "时间已到，扫描未完成"],
+        title: ["time is up before the scan was complete", "时间已到，扫描未完成"],
         likely: ["--max-time is shorter than the scan", "--max-time 短于扫描所需时间"],
         next: ["railbus scan --resume, with the same options", "railbus scan --resume，选项相同"],
     }
@@ -182,7 +182,7 @@ codes! {
     Interrupted = "E1300" {
         title: ["interrupted", "已中断"],
         likely: ["Ctrl-C", "按下了 Ctrl-C"],
-        next: ["railbus get --fresh     shows how the outputs are",
+        next: ["railbus get --fresh     shows the state of the outputs",
             "railbus get --fresh     查看输出状态"],
     }
 }

@@ -4,9 +4,9 @@ use super::{Code, codes};
 
 codes! {
     System = "E0101" {
-        title: ["the system refuses something that always works", "系统拒绝了通常可行的操作"],
+        title: ["internal error", "内部错误"],
         likely: ["no memory, no file handles or no right to use them", "内存、文件句柄或权限不足"],
-        next: ["read what the system says after \"why\"", "查看“原因”后的系统说明"],
+        next: ["see the system's message after \"why\"", "查看“原因”后的系统说明"],
     }
     Output = "E0102" {
         title: ["the result can't be written", "无法写出结果"],
@@ -14,56 +14,56 @@ codes! {
         next: ["make room and run the command again", "腾出空间后重新执行"],
     }
     Overloaded = "E0105" {
-        title: ["not sent: too much waits for the line already", "未发送：总线上等待的命令过多"],
-        likely: ["many commands at once, or modules that do not answer", "同时命令过多，或有模块不应答"],
+        title: ["not sent: too many commands are waiting for the line", "未发送：总线上等待的命令过多"],
+        likely: ["many commands at once, or modules that do not reply", "同时命令过多，或有模块不应答"],
         next: ["wait a moment, then repeat the command", "稍候再试"],
     }
     Expired = "E0106" {
-        title: ["not sent: its time to live ran out", "未发送：已超过有效时间"],
-        likely: ["the line is busy or silent modules hold it up", "总线繁忙，或被无应答的模块拖住"],
+        title: ["not sent: the command expired", "未发送：已超过有效时间"],
+        likely: ["the line is busy, or silent modules delay it", "总线繁忙，或被无应答的模块拖住"],
         next: ["railbus ls", "railbus ls"],
     }
     Locked = "E0107" {
-        title: ["not sent: the point is locked", "未发送：该点已锁定"],
+        title: ["not sent: the point is locked", "未发送：该测点已锁定"],
         likely: ["locked = true in the configuration", "配置中有 locked = true"],
-        next: ["take the lock out of the configuration if you may", "如有权限，请在配置中解除锁定"],
+        next: ["remove the lock from the configuration if you are allowed to", "如有权限，请在配置中解除锁定"],
     }
     NotAsAsked = "E0108" {
         title: ["not sent: the output is not in the state asked for", "未发送：输出不是所要求的状态"],
-        likely: ["someone else switched it meanwhile", "期间已被他人操作"],
+        likely: ["someone else switched it in the meantime", "期间已被他人操作"],
         next: ["railbus get --fresh", "railbus get --fresh"],
     }
     NoDaemon = "E0109" {
         title: ["the daemon can't be reached", "无法连接守护进程"],
-        likely: ["it does not run · another socket · no right to it", "未运行 · 套接字不同 · 无权限"],
+        likely: ["it is not running · different socket · no permission", "未运行 · 套接字不同 · 无权限"],
         next: ["railbus serve", "railbus serve"],
     }
     NoPage = "E0110" {
         title: ["the daemon has nothing at this address", "守护进程没有此地址"],
-        likely: ["the daemon is of another version than this command", "守护进程与此命令版本不同"],
+        likely: ["the daemon has a different version than this command", "守护进程与此命令版本不同"],
         next: ["restart the daemon", "重新启动守护进程"],
     }
     CutOff = "E0115" {
-        title: ["the end took too long and was cut off", "退出超时，已强制结束"],
-        likely: ["a disk or the driver of a port hangs", "磁盘或串口驱动没有响应"],
-        next: ["read the log of the next start: what was under way is told there as unknown",
+        title: ["shutdown took too long and was forced", "退出超时，已强制结束"],
+        likely: ["a disk or a port driver does not respond", "磁盘或串口驱动没有响应"],
+        next: ["see the log of the next start: unfinished commands are reported there as unknown",
             "查看下次启动的日志：未完成的操作记为未知"],
     }
     Journal = "E0140" {
         title: ["the journal of changes can't be written; nothing was sent after it failed",
             "无法写入更改日志；失败后未再发送任何内容"],
-        likely: ["no right to the folder · the disk is full", "文件夹无写权限 · 磁盘已满"],
+        likely: ["no write permission for the folder · disk full", "文件夹无写权限 · 磁盘已满"],
         next: ["choose another folder with --state DIR", "用 --state DIR 指定其他文件夹"],
     }
     JournalBusy = "E0141" {
-        title: ["another railbus changes settings just now", "另一个 railbus 正在更改设置"],
-        likely: ["a second shell, or an apply that still runs", "另一个终端，或仍在执行的 apply"],
-        next: ["wait until it has ended", "等待其结束"],
+        title: ["another railbus is changing settings", "另一个 railbus 正在更改设置"],
+        likely: ["a second shell, or an apply still running", "另一个终端，或仍在执行的 apply"],
+        next: ["wait until it has finished", "等待其结束"],
     }
     ConfigNotWritten = "E0142" {
         title: ["the module was changed, but the configuration file was not",
             "模块已更改，但配置文件未能更新"],
-        likely: ["no right to the file · the disk is full", "文件无写权限 · 磁盘已满"],
+        likely: ["no write permission for the file · disk full", "文件无写权限 · 磁盘已满"],
         next: ["railbus config recover", "railbus config recover"],
     }
     NotConfirmed = "E0143" {
@@ -72,145 +72,145 @@ codes! {
         next: ["repeat the command and answer y, or add --yes", "重新执行并回答 y，或加 --yes"],
     }
     NotKept = "E0150" {
-        title: ["not sent: what must be remembered can't be written down",
+        title: ["not sent: required state can't be saved to disk",
             "未发送：必须记住的内容无法写入磁盘"],
-        likely: ["the disk is full · no right to the folder of the state", "磁盘已满 · 状态文件夹无写权限"],
-        next: ["make room, or set RAILBUS_STATE to another folder",
+        likely: ["disk full · no write permission for the state folder", "磁盘已满 · 状态文件夹无写权限"],
+        next: ["free disk space, or set RAILBUS_STATE to another folder",
             "腾出空间，或用 RAILBUS_STATE 指定其他文件夹"],
     }
     NoCommand = "E0151" {
-        title: ["no command of that number is remembered", "没有此编号的命令记录"],
-        likely: ["it was long ago · the daemon was started since", "时间已久 · 守护进程已重新启动"],
-        next: ["look into the audit log", "查看操作记录"],
+        title: ["unknown command number", "没有此编号的命令记录"],
+        likely: ["too long ago · the daemon was restarted", "时间已久 · 守护进程已重新启动"],
+        next: ["see the audit log", "查看操作记录"],
     }
     NotTakenOver = "E0152" {
-        title: ["it was done, but the pulse or lease before it ends still, by what is on the disk",
-            "命令已执行，但之前的脉冲或租约仍会到期动作：无法记录其已被取代"],
-        likely: ["the disk is full · no right to the folder of the state", "磁盘已满 · 状态文件夹无写权限"],
-        next: ["make room, then give the command again", "腾出空间，然后重新下达命令"],
+        title: ["done, but an earlier pulse or lease will still end: its takeover could not be saved",
+            "命令已执行，但之前的点动或租约仍会到期动作：无法记录其已被取代"],
+        likely: ["disk full · no write permission for the state folder", "磁盘已满 · 状态文件夹无写权限"],
+        next: ["free disk space, then repeat the command", "腾出空间，然后重新下达命令"],
     }
     OutputDue = "E0153" {
-        title: ["the line is not lent: one of its outputs must be switched off soon",
+        title: ["line not available: one of its outputs must be switched off soon",
             "总线未借出：其上有输出即将到达最长接通时间，须按时断开"],
         likely: ["the output has a max_on, and is on", "该输出设有 max_on，且当前接通"],
         next: ["switch the output off, or wait until it is off", "先断开该输出，或等它断开后再试"],
     }
     NoHistory = "E0170" {
-        title: ["nothing is kept here", "此处未保存任何记录"],
-        likely: ["the daemon could not open its stores · no daemon was asked",
-            "守护进程无法打开存储 · 未通过守护进程查询"],
+        title: ["no history available", "没有历史记录"],
+        likely: ["the daemon could not open its database · no daemon is running",
+            "守护进程无法打开数据库 · 守护进程未运行"],
         next: ["railbus serve", "railbus serve"],
     }
     HistoryFails = "E0171" {
-        title: ["what is kept can't be read", "无法读取已保存的记录"],
-        likely: ["the disk is full or broken · no right to the folder",
+        title: ["the history can't be read", "无法读取已保存的记录"],
+        likely: ["disk full or failing · no permission for the folder",
             "磁盘已满或损坏 · 文件夹无权限"],
-        next: ["look at the events of the daemon", "查看守护进程的事件"],
+        next: ["see the daemon's events", "查看守护进程的事件"],
     }
     NotAudited = "E0172" {
-        title: ["not sent: it can't be written into the audit log", "未发送：无法写入审计日志"],
-        likely: ["the disk is full · the configuration says [audit] required = true",
+        title: ["not sent: the audit log can't be written", "未发送：无法写入审计日志"],
+        likely: ["disk full · [audit] required = true in the configuration",
             "磁盘已满 · 配置中有 [audit] required = true"],
-        next: ["make room on the disk", "腾出磁盘空间"],
+        next: ["free disk space", "腾出磁盘空间"],
     }
     NoEvent = "E0173" {
         title: ["there is no such event", "没有此事件"],
-        likely: ["it is too old and was forgotten", "已超过保留期限并被清除"],
+        likely: ["too old, already deleted", "已超过保留期限并被清除"],
         next: ["list the events again", "重新列出事件"],
     }
     TooMuch = "E0174" {
-        title: ["that is too much for one answer", "一次查询的内容过多"],
-        likely: ["a long time of a point that changes often", "时间跨度长且该点变化频繁"],
-        next: ["ask for a shorter time", "缩短查询时间"],
+        title: ["too much data for one request", "一次查询的内容过多"],
+        likely: ["a long period of a point that changes often", "时间跨度长且测点变化频繁"],
+        next: ["use a shorter period or longer steps", "缩短查询时间或加大时段"],
     }
     AuditHeld = "E0175" {
-        title: ["not checked: another program writes the audit log", "未校验：审计日志正由其他程序写入"],
-        likely: ["a daemon runs with it, at another socket", "有守护进程在别的套接字上使用它"],
+        title: ["not checked: another program is writing the audit log", "未校验：审计日志正由其他程序写入"],
+        likely: ["a daemon on another socket uses it", "有守护进程在别的套接字上使用它"],
         next: ["leave out --config, or name its socket with --socket",
             "去掉 --config，或用 --socket 指定其套接字"],
     }
     Capture = "E0180" {
         title: ["the capture file can't be read", "无法读取抓包文件"],
-        likely: ["it is no pcapng file · it was cut off while it was written",
+        likely: ["not a pcapng file · truncated while it was written",
             "不是 pcapng 文件 · 写入时被截断"],
-        next: ["editcap -F pcapng OLD NEW   (of Wireshark)",
+        next: ["editcap -F pcapng OLD NEW   (part of Wireshark)",
             "editcap -F pcapng 旧文件 新文件（Wireshark 工具）"],
     }
     CaptureWrite = "E0181" {
         title: ["the capture file can't be written", "无法写入抓包文件"],
-        likely: ["it is there already · the disk is full · no right to the folder",
+        likely: ["it already exists · disk full · no permission for the folder",
             "文件已存在 · 磁盘已满 · 无目录权限"],
         next: ["name another file", "换一个文件名"],
     }
     NothingToPlay = "E0183" {
-        title: ["the capture file can't be played", "无法重放抓包文件"],
-        likely: ["it holds replies alone, or too much", "文件中只有应答，或内容过多"],
+        title: ["the capture file can't be replayed", "无法重放抓包文件"],
+        likely: ["it contains only replies, or too many requests", "文件中只有应答，或内容过多"],
         next: ["railbus sniff --read FILE", "railbus sniff --read 文件"],
     }
     Tls = "E0190" {
         title: ["certificate or key can't be used", "证书或私钥不可用"],
-        likely: ["a wrong file · a key of another certificate · no right to read it",
+        likely: ["wrong file · key of another certificate · no read permission",
             "文件不对 · 私钥与证书不匹配 · 无读取权限"],
         next: ["railbus serve --tls auto", "railbus serve --tls auto"],
     }
     Install = "E0195" {
-        title: ["a file can't be put in its place", "无法写入文件"],
-        likely: ["no right to write there · the disk is full", "无写入权限 · 磁盘已满"],
-        next: ["name a folder of your own with --dir", "用 --dir 指定您自己的目录"],
+        title: ["a file can't be written", "无法写入文件"],
+        likely: ["no write permission · disk full", "无写入权限 · 磁盘已满"],
+        next: ["choose another folder with --dir", "用 --dir 指定您自己的目录"],
     }
     Unhealthy = "E0196" {
         title: ["the doctor found errors", "诊断发现错误"],
-        likely: ["see each of them", "见各项说明"],
+        likely: ["see the individual findings", "见各项说明"],
         next: ["railbus doctor --fix", "railbus doctor --fix"],
     }
     FixFailed = "E0197" {
         title: ["a fix did not work", "修复未成功"],
-        likely: ["the command named ended with an error · no right to run it",
+        likely: ["the command shown failed · no permission to run it",
             "所示命令执行出错 · 无执行权限"],
-        next: ["run the command yourself and read what it says", "自行执行该命令并查看其输出"],
+        next: ["run the command yourself and check its output", "自行执行该命令并查看其输出"],
     }
     Usage = "E0201" {
         title: ["wrong arguments", "参数有误"],
         likely: ["a typing mistake", "输入错误"],
-        next: ["railbus --help", "railbus --help"],
+        next: ["railbus help", "railbus help"],
     }
     NeedsYes = "E0202" {
-        title: ["not sent: the frame changes settings or is for all modules",
-            "未发送：此帧会更改设置或面向所有模块"],
+        title: ["not sent: the frame changes settings or is a broadcast",
+            "未发送：此报文会更改设置或为广播"],
         likely: ["a broadcast switches every module; a setting is kept in EEPROM",
             "广播会动作所有模块；设置会写入 EEPROM"],
-        next: ["repeat it with --yes if that is what you want", "确认无误后加 --yes 重试"],
+        next: ["repeat with --yes if intended", "确认无误后加 --yes 重试"],
     }
     ScanRuns = "E0210" {
-        title: ["not begun: a scan of this line runs already", "未开始：该总线上已有扫描在进行"],
-        likely: ["another page or program began one", "其他页面或程序已启动扫描"],
+        title: ["not started: a scan of this line is already running", "未开始：该总线上已有扫描在进行"],
+        likely: ["started by another page or program", "其他页面或程序已启动扫描"],
         next: ["wait for it, or cancel it", "等待其结束，或取消该扫描"],
     }
     NeedsAnswer = "E0240" {
-        title: ["nobody can be asked: this is no terminal", "无法提问：当前不是终端"],
-        likely: ["run from a script or with its input redirected", "在脚本中运行，或输入已重定向"],
-        next: ["look at it with -n, then add --yes", "先用 -n 查看，再加 --yes"],
+        title: ["confirmation needed, but there is no terminal", "需要确认，但当前不是终端"],
+        likely: ["run from a script, or with redirected input", "在脚本中运行，或输入已重定向"],
+        next: ["check with -n, then add --yes", "先用 -n 查看，再加 --yes"],
     }
     ScanNothing = "E0270" {
-        title: ["there is nothing to ask", "没有可询问的内容"],
-        likely: ["protocols, speeds and parity exclude each other", "协议、波特率与校验位互相矛盾"],
-        next: ["railbus scan --help", "railbus scan --help"],
+        title: ["no module can be read with these options", "没有可读取的模块"],
+        likely: ["protocols, speeds and parity contradict each other", "协议、波特率与校验位互相矛盾"],
+        next: ["railbus help scan", "railbus help scan"],
     }
     ScanNoneKept = "E0271" {
-        title: ["there is no scan to go on with", "没有可继续的扫描"],
-        likely: ["the last scan of this line came to its end · another folder or configuration",
+        title: ["no scan to resume", "没有可继续的扫描"],
+        likely: ["the last scan of this line was completed · another folder or configuration",
             "此总线上次扫描已完成 · 目录或配置不同"],
         next: ["railbus scan", "railbus scan"],
     }
     ScanOther = "E0272" {
-        title: ["the scan that was broken off is another one", "中断的扫描与此不同"],
-        likely: ["other options, another line or another port", "选项、总线或端口不同"],
+        title: ["the interrupted scan was a different one", "中断的扫描与此不同"],
+        likely: ["different options, line or port", "选项、总线或端口不同"],
         next: ["repeat it with the options of that scan, or scan without --resume",
             "使用原扫描的选项，或不带 --resume 重新扫描"],
     }
     ScanFixedSpeed = "E0274" {
         title: ["the speed of this line can't be changed from here", "无法从此处更改该总线的波特率"],
-        likely: ["the line is behind a serial server, which has a speed of its own",
+        likely: ["the line is behind a serial server, which sets the speed",
             "总线位于串口服务器之后，波特率由其设定"],
         next: ["railbus scan --full, and change the speed at the server for each of the others",
             "railbus scan --full；其他波特率须在服务器上逐一更改"],
@@ -222,8 +222,8 @@ codes! {
             "railbus sniff --filter 'addr=3 and (bad or slow>50ms)'"],
     }
     SimOrder = "E0290" {
-        title: ["the simulator does not understand this", "模拟器无法理解此命令"],
-        likely: ["a typing mistake · a module or point of another plant", "输入错误 · 属于其他仿真文件的模块或点"],
+        title: ["unknown simulator command", "无法识别的仿真命令"],
+        likely: ["a typing mistake · a module or point of another plant", "输入错误 · 属于其他仿真文件的模块或测点"],
         next: ["type help at its prompt", "在提示符下输入 help"],
     }
 }

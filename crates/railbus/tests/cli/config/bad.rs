@@ -56,7 +56,7 @@ fn modules_that_refuse_ignore_or_vanish() {
     let recover = "config recover emd2a2q --state state";
     let ran = site.run(&format!("-l pty:{port} -m emd2a2q -a 1 {recover}"));
     fails(&ran, "E0540", 5);
-    let told = "to part two: unplug one of them; railbus config set emd2a2q address=FREE";
+    let told = "to separate two modules: unplug one; railbus config set emd2a2q address=FREE";
     assert!(ran.err.contains(told), "{ran:?}");
     // It answers no.
     let ran = set(&emd(move |request, registers| match request[1] {
@@ -115,7 +115,7 @@ fn a_board_that_is_waited_for_may_be_left_alone() {
         .spawn()
         .expect("railbus starts");
     let mut lines = std::io::BufReader::new(child.stderr.take().expect("piped")).lines();
-    assert!(lines.any(|line| line.is_ok_and(|line| line.contains("switch the board off and on"))));
+    assert!(lines.any(|line| line.is_ok_and(|line| line.contains("power-cycle the board"))));
     crate::site::signal(&child, rustix::process::Signal::INT);
     let rest: Vec<String> = lines.map_while(Result::ok).collect();
     assert_eq!(child.wait().expect("it ends").code(), Some(130), "{rest:?}");
