@@ -19,6 +19,7 @@ mod websocket;
 
 use calm::calm;
 use page::Block;
+use railbus_site::config::TABLES;
 use shell::Shell;
 use std::path::{Path, PathBuf};
 
@@ -133,6 +134,59 @@ fn the_english_guide_is_true() {
 #[test]
 fn the_chinese_guide_is_true() {
     try_out("zh");
+}
+
+/// The heading of a table of the configuration in the reference.
+fn heading(table: &str, lang: &str) -> String {
+    let name = if lang == "zh" { "名称" } else { "NAME" };
+    let label = if lang == "zh" { "标签" } else { "LABEL" };
+    match table {
+        "" if lang == "zh" => "根".to_owned(),
+        "" => "Root".to_owned(),
+        "line" | "module" | "group" | "scene" | "rule" | "webhook" => format!("`[{table}.{name}]`"),
+        "line_sim" => format!("`[line.{name}.sim]`"),
+        "module_sim" => format!("`[module.{name}.sim]`"),
+        "point" => format!("`[module.{name}.point.{label}]`"),
+        "scale" => "`range`".to_owned(),
+        "names" => "`name`".to_owned(),
+        "step" => "`steps`".to_owned(),
+        "action" => "`then`".to_owned(),
+        "when" => "`when`".to_owned(),
+        root => format!("`[{root}]`"),
+    }
+}
+
+/// Every key that the reader of a configuration knows has its line in the reference, with its
+/// values, its default and its meaning, and the reference has no others.
+#[test]
+fn every_key_of_the_configuration_is_in_the_reference() {
+    for lang in ["en", "zh"] {
+        let page = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../docs/guide")
+            .join(lang)
+            .join("src/configuration.md");
+        let text = std::fs::read_to_string(&page).expect("the reference");
+        let sections: Vec<&str> = text.split("\n## ").skip(1).collect();
+        // One of them is the example.
+        assert_eq!(sections.len(), TABLES.len() + 1, "{lang}");
+        for (table, keys) in TABLES {
+            let heading = heading(table, lang) + "\n";
+            let section = sections.iter().find(|text| text.starts_with(&heading));
+            let section = section.unwrap_or_else(|| panic!("{lang}: {heading} is missing"));
+            let rows = section.lines().filter(|line| line.starts_with("| `"));
+            let mut told: Vec<&str> = Vec::new();
+            for row in rows {
+                let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
+                assert_eq!(cells.len(), 4, "{lang} {heading}{row}");
+                assert!(cells.iter().all(|cell| !cell.is_empty()), "{lang}: {row}");
+                told.push(cells[0].trim_matches('`'));
+            }
+            let mut known = keys.to_vec();
+            known.sort_unstable();
+            told.sort_unstable();
+            assert_eq!(told, known, "{lang} {heading}");
+        }
+    }
 }
 
 /// Who reads one of them must not miss a chapter or a command of the other.

@@ -418,7 +418,7 @@ pub(crate) const ALL: &[Finding] = &[
             "无法通过所指定的套接字访问守护进程",
         ],
         [
-            "it does not run · another socket · no permission",
+            "it is not running · another socket · no permission",
             "未运行 · 套接字不同 · 无权限",
         ],
         [

@@ -108,7 +108,7 @@ fn the_doctor_says_whose_daemon_it_is() {
     };
     let (_, found) = told();
     let socket = socket(&site).display().to_string();
-    let text = format!("runs for the demo, {socket}");
+    let text = format!("running for the demo, {socket}");
     assert_eq!(found[0]["message"], text, "{found:?}");
     other(&site);
     let (code, found) = told();
@@ -125,7 +125,7 @@ fn the_doctor_says_whose_daemon_it_is() {
     let told = site.run("doctor -o value").out + &site.run("doctor").out;
     let file = std::fs::canonicalize(site.folder.join("railbus.toml")).expect("a file");
     assert!(
-        told.contains(&format!("runs for {}", file.display())),
+        told.contains(&format!("running for {}", file.display())),
         "{told}"
     );
     // The same site is the same by every way that leads to its file.
