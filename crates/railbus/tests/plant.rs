@@ -370,7 +370,7 @@ fn each_line_typed_is_answered_by_one_line() {
         plant.order("power pump cycle"),
         "pump: power went and came back"
     );
-    assert_eq!(plant.order("quit"), "the simulator ends");
+    assert_eq!(plant.order("quit"), "simulator stopped");
     assert_eq!(plant.ended(), 0);
 }
 
@@ -605,7 +605,7 @@ fn a_line_that_is_never_silent_still_takes_orders() {
         plant.order("power pump cycle"),
         "pump: power went and came back"
     );
-    assert_eq!(plant.order("quit"), "the simulator ends");
+    assert_eq!(plant.order("quit"), "simulator stopped");
     assert_eq!(plant.ended(), 0);
 }
 
