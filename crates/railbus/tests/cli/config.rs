@@ -121,7 +121,7 @@ fn a_change_is_journaled_and_the_configuration_follows() {
     );
     assert_eq!(
         site.run("config recover").err.trim(),
-        "no change is open: nothing to recover"
+        "no unfinished change: nothing to recover"
     );
     fails(&site.run("config undo 77 --yes"), "E0846", 8);
 }
