@@ -84,7 +84,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "何时使用颜色：auto（默认）、always 或 never；也遵守 NO_COLOR",
     }
     QuietFlag { en: "Print only errors and results", zh: "只输出错误和结果" }
-    ConfigFlag { en: "Configuration file to use instead of railbus.toml", zh: "指定配置文件，代替 railbus.toml" }
+    ConfigFlag {
+        en: "Configuration file to use instead of railbus.toml",
+        zh: "指定配置文件，代替 railbus.toml",
+    }
     DirectFlag { en: "Open the line directly, not through the daemon", zh: "直接打开总线，不经守护进程" }
     TheDemo { en: "the demo", zh: "演示站点" }
     ThroughDaemon { en: "through the daemon of {site}", zh: "经由守护进程，配置为 {site}" }
@@ -158,7 +161,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "the command may still have taken effect; look before repeating",
         zh: "命令可能已生效，重复前请先查看实际状态",
     }
-    StaleModules { en: "not read recently, values out of date: {modules}", zh: "数据过期，近期未读取：{modules}" }
+    StaleModules {
+        en: "not read recently, values out of date: {modules}",
+        zh: "数据过期，近期未读取：{modules}",
+    }
     LastGood { en: "{state}, last good {time}", zh: "{state}，最后有效 {time}" }
     SilentModules { en: "no reply from: {modules}", zh: "无应答：{modules}" }
     SomeFailed { en: "{failed} of {count} targets failed", zh: "{count} 个目标中 {failed} 个失败" }
@@ -168,7 +174,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "来自环境变量：{variable}={value}",
     }
     NoSuchCode { en: "there is no code \"{name}\"", zh: "没有代码 \"{name}\"" }
-    BadOrder { en: "\"{word}\" gives no state; use on, off or toggle", zh: "\"{word}\" 未给出状态；请用 on、off 或 toggle" }
+    BadOrder {
+        en: "\"{word}\" gives no state; use on, off or toggle",
+        zh: "\"{word}\" 未给出状态；请用 on、off 或 toggle",
+    }
 
     // States.
     On { en: "on", zh: "接通" }
@@ -383,7 +392,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "  railbus explain E0301
   railbus explain exit-codes",
     }
-    ExplainCode { en: "Code, such as E0301 or 301; default: list all", zh: "代码，如 E0301 或 301；省略则列出全部" }
+    ExplainCode {
+        en: "Code, such as E0301 or 301; default: list all",
+        zh: "代码，如 E0301 或 301；省略则列出全部",
+    }
 
     // complete
     CompleteAbout { en: "Names that fit, for completion scripts.", zh: "供补全脚本使用的候选名称。" }
@@ -437,7 +449,8 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "使用含五个模块的仿真总线，不读配置",
     }
     ServeListen {
-        en: "Listen address, default 127.0.0.1:7485; for other machines TLS and a user are required",
+        en: "Listen address, default 127.0.0.1:7485; for other machines TLS and a user are \
+            required",
         zh: "监听地址，默认 127.0.0.1:7485；向其他机器开放须有 TLS 和用户",
     }
     ServeTls {

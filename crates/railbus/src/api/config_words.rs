@@ -59,7 +59,8 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
             let known = known.join(", ");
             both(
                 format!(
-                    "the module has no such setting here; it has: {known}; address, baud, format and checksum stand in the module's own table"
+                    "the module has no such setting here; it has: {known}; address, baud, \
+                        format and checksum stand in the module's own table"
                 ),
                 format!(
                     "该模块在此没有这项设置；可用：{known}；address、baud、format、checksum 写在模块自身的表中"

@@ -16,6 +16,9 @@ crate::texts::texts! {
   railbus completions fish | source",
     }
     Shell { en: "bash, zsh, fish, powershell or elvish", zh: "bash、zsh、fish、powershell 或 elvish" }
-    Install { en: "Install it where the shell finds it, and show where", zh: "写到 shell 能找到的位置并显示路径" }
+    Install {
+        en: "Install it where the shell finds it, and show where",
+        zh: "写到 shell 能找到的位置并显示路径",
+    }
     Next { en: "one line more is needed in {line}", zh: "还需一行：{line}" }
 }

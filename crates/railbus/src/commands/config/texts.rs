@@ -288,7 +288,8 @@ texts! {
     Unread { en: "incomplete journal lines skipped: {count}", zh: "跳过 {count} 行不完整记录" }
     NothingOpen { en: "no unfinished change: nothing to recover", zh: "没有未完成的更改：无需恢复" }
     NobodyAt {
-        en: "no module of the configuration has address {addr}; if two modules are there, switch one \
+        en: "no module of the configuration has address {addr}; if two modules are there, \
+            switch one \
             of them off, or connect one at a time; then railbus scan --add, and \
             railbus config set MODULE address=FREE",
         zh: "配置中没有地址为 {addr} 的模块；若该地址上有两个模块：请关闭其中一个，或逐个接入；\

@@ -71,6 +71,9 @@ crate::texts::texts! {
     Ask { en: "Run them? [y/N]", zh: "执行吗？[y/N]" }
     NothingRun { en: "no command was run", zh: "未执行任何命令" }
     NothingToFix { en: "no automatic fix", zh: "没有可自动修复的问题" }
-    NobodyToAsk { en: "not run: confirmation needed, but there is no terminal", zh: "未执行：没有可供询问的终端" }
+    NobodyToAsk {
+        en: "not run: confirmation needed, but there is no terminal",
+        zh: "未执行：没有可供询问的终端",
+    }
     Done { en: "done: {command}", zh: "已执行：{command}" }
 }

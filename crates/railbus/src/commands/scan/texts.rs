@@ -88,7 +88,8 @@ crate::texts::texts! {
         zh: "下一步：railbus scan --addr {addr} --add --model {model}    若铭牌上是此型号",
     }
     NextRecover {
-        en: "next:  railbus config recover --addr {addr}    shows how to separate two modules on one address",
+        en: "next:  railbus config recover --addr {addr}    shows how to separate two modules \
+            on one address",
         zh: "下一步：railbus config recover --addr {addr}    说明如何分开地址相同的两个模块",
     }
     NextPart {

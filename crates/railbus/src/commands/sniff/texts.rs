@@ -109,7 +109,8 @@ crate::texts::texts! {
     NotAsAsked { en: "not a reply to what was asked", zh: "与请求不符的应答" }
 
     Stowaway {
-        en: "contains a complete command of {protocol}, which such a module on the line would execute",
+        en: "contains a complete command of {protocol}, which such a module on the line would \
+            execute",
         zh: "其中含有完整的 {protocol} 命令，总线上的此类模块会执行",
     }
 

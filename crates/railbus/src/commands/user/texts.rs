@@ -51,7 +51,10 @@ crate::texts::texts! {
     Ask { en: "Password of {name}: ", zh: "{name} 的密码：" }
     Again { en: "Repeat the password: ", zh: "再次输入：" }
     Differ { en: "the passwords differ", zh: "两次输入不一致" }
-    NoTerminal { en: "no terminal to ask for the password; use --password-file", zh: "没有可输入密码的终端；请用 --password-file" }
+    NoTerminal {
+        en: "no terminal to ask for the password; use --password-file",
+        zh: "没有可输入密码的终端；请用 --password-file",
+    }
     NoFile { en: "can't read the password from {file}", zh: "无法从 {file} 读取密码" }
     UsersHead { en: "USER|ROLE|POINTS|STATE|SINCE", zh: "用户|角色|测点|状态|创建时间" }
     All { en: "all", zh: "全部" }

@@ -277,7 +277,8 @@ codes! {
     HookTls = "E0858" {
         title: ["no trusted connection to the receiver of the webhook",
             "无法与 webhook 接收方建立可信连接"],
-        likely: ["its certificate is for another name, or from an authority this machine does not trust",
+        likely: ["its certificate is for another name, or from an authority this machine does \
+            not trust",
             "其证书不是由本机信任的机构签发，或域名不符"],
         next: ["add its authority to this machine's trusted ones, or set SSL_CERT_FILE",
             "将其签发机构加入本机信任列表，或设置 SSL_CERT_FILE"],
@@ -396,7 +397,8 @@ codes! {
         next: ["read the settings again, then change them", "重新读取设置后再更改"],
     }
     NoSettingsMatch = "E0882" {
-        title: ["nothing written: the request does not say which settings it changes", "未写入：未说明更改哪些设置"],
+        title: ["nothing written: the request does not say which settings it changes",
+            "未写入：未说明更改哪些设置"],
         likely: ["If-Match is missing", "缺少 If-Match"],
         next: ["GET the settings, and send their ETag as If-Match",
             "先 GET 设置，并以其 ETag 作为 If-Match"],

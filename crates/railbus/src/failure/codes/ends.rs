@@ -124,7 +124,8 @@ codes! {
     Limited = "E0922" {
         title: ["your access is limited to some points, and this may affect others",
             "您的权限只限于部分测点，而此操作可能影响其他测点"],
-        likely: ["with access limited to points you can switch and name these, but change nothing else",
+        likely: ["with access limited to points you can switch and name these, but change \
+            nothing else",
             "权限限于部分测点者只能操作和命名这些测点，不能更改其他内容"],
         next: ["ask an engineer or an administrator without this limit: railbus user list",
             "请由不受此限制的工程师或管理员操作：railbus user list"],

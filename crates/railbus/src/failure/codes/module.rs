@@ -16,7 +16,8 @@ codes! {
         next: ["plug it in, then: railbus get --fresh", "重新插入后执行：railbus get --fresh"],
     }
     KeyBegun = "E0303" {
-        title: ["a command with this key was started before the daemon ended; its result is unknown",
+        title: ["a command with this key was started before the daemon ended; its result is \
+            unknown",
             "该幂等键的命令在守护进程退出前已开始，结果未知"],
         likely: ["the daemon was killed or lost power during the command",
             "命令进行中守护进程被终止或断电"],
@@ -86,7 +87,8 @@ codes! {
         title: ["not sent: max_on cannot be guaranteed without the daemon",
             "未发送：没有守护进程，无法保证到时断开"],
         likely: ["only the daemon enforces max_on", "max_on 只能由守护进程执行"],
-        next: ["start railbus serve, then repeat without --direct", "先启动 railbus serve，再不带 --direct 重试"],
+        next: ["start railbus serve, then repeat without --direct",
+            "先启动 railbus serve，再不带 --direct 重试"],
     }
     NoLease = "E0454" {
         title: ["the output has no lease", "该输出未被租用"],
@@ -169,14 +171,16 @@ codes! {
     }
     Halfway = "E0642" {
         title: ["partly failed; the part done could not be undone", "部分失败；已完成的部分无法恢复"],
-        likely: ["some settings are not in effect yet; this model usually applies them at the next power-up",
+        likely: ["some settings are not in effect yet; this model usually applies them at the \
+            next power-up",
             "部分设置尚未生效；该型号通常在下次上电时采用"],
         next: ["railbus config recover", "railbus config recover"],
     }
     AtPowerUp = "E0643" {
         title: ["acknowledged, but not in effect yet",
             "已应答，但尚未生效"],
-        likely: ["this model usually applies it at the next power-up · the module acknowledged and did \
+        likely: ["this model usually applies it at the next power-up · the module \
+            acknowledged and did \
             nothing",
             "该型号通常在下次上电时采用 · 模块只应答而未执行"],
         next: ["power-cycle the module, then: railbus config recover",
@@ -198,7 +202,8 @@ codes! {
     Untold = "E0646" {
         title: ["not acknowledged, and the setting can't be read back",
             "未应答，且该设置无法回读"],
-        likely: ["the write was lost · not in effect yet: this model usually applies it at the next power-up",
+        likely: ["the write was lost · not in effect yet: this model usually applies it at \
+            the next power-up",
             "写入丢失 · 尚未生效：该型号通常在下次上电时采用"],
         next: ["power-cycle the module, then: railbus config recover MODULE",
             "断电再上电，然后执行：railbus config recover MODULE"],

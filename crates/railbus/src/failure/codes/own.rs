@@ -84,7 +84,8 @@ codes! {
         next: ["see the audit log", "查看操作记录"],
     }
     NotTakenOver = "E0152" {
-        title: ["done, but an earlier pulse or lease will still end: its takeover could not be saved",
+        title: ["done, but an earlier pulse or lease will still end: its takeover could not \
+            be saved",
             "命令已执行，但之前的点动或租约仍会到期动作：无法记录其已被取代"],
         likely: ["disk full · no write permission for the state folder", "磁盘已满 · 状态文件夹无写权限"],
         next: ["free disk space, then repeat the command", "腾出空间，然后重新下达命令"],

@@ -60,7 +60,8 @@ codes! {
     }
     SimControl = "E0790" {
         title: ["the simulator's control socket can't be used", "无法使用仿真器的控制套接字"],
-        likely: ["no simulator is running there · used by another one · folder missing or not writable",
+        likely: ["no simulator is running there · used by another one · folder missing or not \
+            writable",
             "没有仿真器在此运行 · 已被另一仿真器占用 · 目录不存在或无权限"],
         next: ["railbus sim plant.toml --control PATH", "railbus sim plant.toml --control 路径"],
     }
