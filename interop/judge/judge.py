@@ -211,7 +211,8 @@ class Judge:
         """Each order was somebody's."""
         claims = self._by_relay[relay]
         for act in self.world.acts[relay]:
-            good = any(self._may_order(act, claim, part) for claim, part in claims)
+            # The newest first: it is nearly always one of those.
+            good = any(self._may_order(act, claim, part) for claim, part in reversed(claims))
             words = f"{act} came, and nobody ordered it then"
             near = [claim.words() for claim, _ in claims if claim.since <= act.hi]
             self.told("nobody's", good, relay, act.hi, "\n  ".join([words, *near[-6:]]))
