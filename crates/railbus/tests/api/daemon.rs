@@ -48,7 +48,10 @@ impl Answer {
 /// The program, speaking English and knowing nothing of this machine's sites.
 pub(crate) fn railbus() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_railbus"));
+    // No daemon of anybody is found without `--socket`.
+    let nowhere = format!("railbus-api-{}-nowhere", std::process::id());
     command
+        .env("RAILBUS_RUN", std::env::temp_dir().join(nowhere))
         .env("RAILBUS_LANG", "en")
         .env_remove("RAILBUS_STATE")
         .env_remove("RAILBUS_CONFIG");

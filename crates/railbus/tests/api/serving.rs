@@ -293,7 +293,7 @@ fn a_bad_configuration_is_refused_and_changes_nothing() {
     std::fs::write(&file, good.replace("erc8", "erc9")).expect("a file");
     daemon.signal(Signal::HUP);
     daemon.until("it is told", |daemon| {
-        daemon.stderr().contains("nothing was changed")
+        daemon.stderr().contains("no changes made")
     });
     let place = format!("{path}:5:9");
     assert!(daemon.stderr().contains(&place), "{}", daemon.stderr());
