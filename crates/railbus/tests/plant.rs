@@ -377,7 +377,7 @@ fn each_line_typed_is_answered_by_one_line() {
 #[test]
 fn the_prompt_speaks_chinese() {
     let mut plant = Plant::start("chinese", &["--lang", "zh"]);
-    let first = "plant.toml：2 条总线，5 个模块，均为模拟，按 Ctrl-C 结束：\n";
+    let first = "plant.toml：2 条总线，5 个模块，均为仿真，按 Ctrl-C 结束：\n";
     assert!(plant.head.starts_with(first), "{}", plant.head);
     assert_eq!(plant.type_in("pump.di1 = 1"), "pump.di1 = 高电平");
     assert_eq!(plant.type_in("power yard on"), "yard：电源开");
@@ -389,11 +389,11 @@ fn the_prompt_speaks_chinese() {
     );
     assert_eq!(
         plant.type_in("frob"),
-        "错误[E0290]：\"frob\" 不是命令；可输入 help"
+        "错误[E0290]：未知命令 \"frob\"；可输入 help"
     );
     let refused = plant.run(&["sim", "ctl", "ctl", "frob"]);
     assert_eq!(refused.status.code(), Some(2));
-    assert_eq!(plant.type_in("quit"), "模拟器结束");
+    assert_eq!(plant.type_in("quit"), "仿真器已停止");
     assert_eq!(plant.ended(), 0);
 }
 
@@ -509,12 +509,12 @@ fn what_is_wrong_is_told_with_its_place() {
         (
             &["--tcp", "main=here"],
             2,
-            "error[E0201]: \"here\" is no TCP address",
+            "error[E0201]: \"here\" is not a TCP address",
         ),
         (
             &["--fault", "pump drop 5%"],
             2,
-            "error[E0290]: write it so: pump: drop 5%",
+            "error[E0290]: write it as: pump: drop 5%",
         ),
         (
             &["--fault", "pmp: mute"],

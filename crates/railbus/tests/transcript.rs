@@ -122,7 +122,7 @@ fn runs(name: &str, file: &str, from: &str, to: &str) {
         };
         if command == "doctor" {
             // What it finds of the machine is the machine's.
-            assert!(ran.out.contains("runs for the demo"), "{line}: {ran:?}");
+            assert!(ran.out.contains("running for the demo"), "{line}: {ran:?}");
             continue;
         }
         assert_eq!(ran.code, 0, "{line}: {ran:?}");

@@ -673,11 +673,12 @@ fn closest(word: &str, known: &[&'static str]) -> Option<&'static str> {
     (distance(nearest) <= 2.max(word.len() / 3)).then_some(nearest)
 }
 
-/// Whether a word may be another one, mistyped.
+/// Whether a word may be another one, mistyped. Of short ones nobody can tell: `k9` is no `k1`.
 #[must_use]
 pub fn resembles(word: &str, meant: &str) -> bool {
     let distance = edit_distance(word, meant);
-    distance <= 2 && distance * 2 <= word.chars().count()
+    let longest = word.len().max(meant.len());
+    longest >= 4 && distance <= 2 && distance * 2 <= word.len()
 }
 
 /// How many letters must be changed, added or dropped.
