@@ -9,7 +9,7 @@ use crate::audit::Note;
 use crate::config::{ModuleConfig, Place};
 use crate::{Failure, Value};
 use railbus_device::{Bank, Module, Op, Point, PointKind, Seen};
-use railbus_host::{Confirmed, Done, Fault, Line, Probe, ProbeResult, Tap, Terms};
+use railbus_host::{Confirmed, Done, Fault, Line, ModuleId, Probe, ProbeResult, Tap, Terms};
 use railbus_wire::{Channel, Exchange, Micros, Settings};
 use std::fmt::Write;
 use std::sync::Arc;
@@ -86,6 +86,9 @@ pub struct RawTerms {
 /// A command of the line to outputs of one module.
 pub(super) struct Order<'a> {
     pub(super) module: &'a str,
+    /// Where the module hung when the output's turn came: while a command is under way, its name
+    /// may become that of another board. One that has left answers [`Fault::Closed`].
+    pub(super) at: Option<(Line, ModuleId)>,
     pub(super) points: &'a [Point],
     pub(super) op: Op,
     pub(super) verify: bool,
@@ -215,6 +218,7 @@ impl Service {
         let mut entry = Entry::new(self.note(self.inner.describe(module, set)));
         let order = Order {
             module,
+            at: self.inner.place(module),
             points: &points,
             op,
             verify: terms.verify,
@@ -255,6 +259,7 @@ impl Service {
             let note = self.note(format!("toggle {}", self.inner.label(module, point)));
             let order = Order {
                 module,
+                at: self.inner.place(module),
                 points: &[point],
                 op: Op::Toggle(channel(point)?.mask()),
                 verify: true,
@@ -474,6 +479,7 @@ impl Inner {
     ) -> Result<WriteDone, Failure> {
         let Order {
             module,
+            at,
             points,
             op,
             verify,
@@ -483,7 +489,7 @@ impl Inner {
         self.ask_excluded(&effect.rising).await;
         let mut underway = Underway::begin(self, module, points, entry, effect).await?;
         underway.limit().await;
-        let end = self.run_until(module, op, verify, expires).await;
+        let end = self.run_at(at, module, op, verify, expires).await;
         let after = |point: &Point| {
             let done = end.as_ref().ok()?;
             match (done.confirmed, done.seen) {
@@ -510,20 +516,21 @@ impl Inner {
 
     /// Does an op with a module, within the time that a command has.
     pub(super) async fn run(&self, module: &str, op: Op, verify: bool) -> Result<Done, Fault> {
-        self.run_until(module, op, verify, Instant::now() + TTL)
-            .await
+        let (at, expires) = (self.place(module), Instant::now() + TTL);
+        self.run_at(at, module, op, verify, expires).await
     }
 
     /// Does an op with a module; counts what the module or the line did wrong. What was not sent
     /// by then is not sent any more.
-    async fn run_until(
+    async fn run_at(
         &self,
+        at: Option<(Line, ModuleId)>,
         module: &str,
         op: Op,
         verify: bool,
         expires: Instant,
     ) -> Result<Done, Fault> {
-        let (line, id) = self.place(module).ok_or(Fault::Closed)?;
+        let (line, id) = at.ok_or(Fault::Closed)?;
         let left = expires.saturating_duration_since(Instant::now());
         let left = Micros(u64::try_from(left.as_micros()).unwrap_or(u64::MAX));
         let terms = Terms {

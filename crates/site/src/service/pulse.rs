@@ -107,6 +107,7 @@ impl Service {
                 let note = self.note(format!("pulse {label} {}ms by device", width.0 / 1_000));
                 let order = Order {
                     module,
+                    at: self.inner.place(module),
                     points: &[point],
                     op,
                     verify: true,

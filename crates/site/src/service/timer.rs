@@ -10,7 +10,7 @@ use crate::audit::Note;
 use crate::config::Place;
 use crate::{Change, Failure, Origin, Value, WriteDone};
 use railbus_device::{Bank, Op, Point, PointKind};
-use railbus_host::{Confirmed, Fault};
+use railbus_host::{Confirmed, Fault, Line, ModuleId};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -122,13 +122,16 @@ impl Timer {
         let mut tries_when_stopping = 0;
         loop {
             let turn = self.inner.turn_to_end(place).await;
+            // Before it is asked whether that is to be done: a reload leaves it out, and then the
+            // name may be that of another board.
+            let at = self.inner.place(&place.module);
             match self.inner.schedule.time_of(number) {
                 Time::Over => return true,
                 Time::NotYet => return false,
                 Time::Due => {}
             }
-            let end = self.inner.release(&turn, &self.key, &self.promise, entry);
-            if end.await {
+            let promised = (&self.key, &self.promise);
+            if self.inner.release(&turn, at, promised, entry).await {
                 self.inner.schedule.leave_out_one(number);
                 let _ = self.inner.schedule.keep().await;
                 return true;
@@ -190,6 +193,7 @@ impl Inner {
             Ok(()) => {
                 let order = Order {
                     module: &place.module,
+                    at: self.place(&place.module),
                     points: &[place.point],
                     op,
                     verify: true,
@@ -240,8 +244,8 @@ impl Inner {
     async fn release(
         self: &Arc<Inner>,
         turn: &Turn,
-        key: &Key,
-        promise: &Promise,
+        at: Option<(Line, ModuleId)>,
+        (key, promise): (&Key, &Promise),
         entry: &mut Entry,
     ) -> bool {
         let Place { module, point } = &key.0;
@@ -250,6 +254,7 @@ impl Inner {
         };
         let order = Order {
             module,
+            at,
             points: &[*point],
             op: Op::Write(Bank::one(channel, on)),
             verify: true,
@@ -301,12 +306,18 @@ impl Inner {
         let turn = Arc::new(turn.ok()?);
         // A command that had its turn still has gone out, and what it began is known.
         let held = self.schedule.held(|other| *other == place);
+        // Who waits for this does not wait for long, and may have another board by that name then.
+        let at = self.place(&place.module);
         let in_turn = Arc::clone(&turn);
         let ending = tokio::spawn(async move {
             for (number, key, promise) in held {
+                if self.schedule.time_of(number) == Time::Over {
+                    continue;
+                }
                 self.schedule.anticipate(number);
                 let mut entry = Entry::of_release(self.note_of_end(&key, &promise));
-                if self.release(&in_turn, &key, &promise, &mut entry).await {
+                let (at, promised) = (at.clone(), (&key, &promise));
+                if self.release(&in_turn, at, promised, &mut entry).await {
                     self.schedule.leave_out_one(number);
                 }
             }

@@ -272,3 +272,31 @@ async fn a_release_is_tried_until_it_is_seen_and_told_once() {
     service.pulses_ended().await;
     service.close().await;
 }
+
+/// The names of the boards at 3 and 5 are exchanged.
+fn exchanged(port: &str) -> String {
+    format!(
+        "[line.main]\nport = \"{port}\"\n\
+         [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 5\n\
+         [module.yard]\nline = \"main\"\nmodel = \"erc8\"\naddress = 4\n"
+    )
+}
+
+/// More ends than a reload waits for, of a board that does not answer.
+#[tokio::test]
+async fn an_end_never_meets_the_board_of_after_a_reload() {
+    let (port, boards) = board::start().await;
+    let service = Service::start(config(&port, "")).unwrap();
+    known(&service).await;
+    service.pulse("oven", k(1), LONG).await.unwrap();
+    boards.mute(3, true);
+    for _ in 0..8 {
+        service.pulse("oven", k(1), LONG).await.unwrap_err();
+    }
+    boards.set(5, 1);
+    service.reload(&exchanged(&port)).await.unwrap();
+    tokio::time::sleep(Duration::from_secs(4)).await;
+    assert!(boards.writes().iter().all(|write| write.address == 3));
+    assert_eq!(boards.relays(5), 1, "it gave no pulse");
+    service.close().await;
+}
