@@ -120,7 +120,8 @@ impl Service {
         let key = (Place::new(module, point), Why::Lease);
         let (number, held) = schedule.find(&key).ok_or(Failure::NoLease(point))?;
         let Some(on) = held.end else {
-            let kept = schedule.take_over(&[key.0], None).await;
+            // It stays as it is: a pulse that may have begun still has to end.
+            let kept = schedule.give_up(&key).await;
             kept.map_err(|why| Failure::NotTakenOver(why.kind()))?;
             return Ok(None);
         };

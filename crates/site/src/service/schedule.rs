@@ -243,6 +243,20 @@ impl Schedule {
         places: &[Place],
         owner: Option<(u64, Promise)>,
     ) -> io::Result<()> {
+        let of = |action: &Action| places.iter().any(|place| action.is_of(place));
+        self.hand_over(of, owner).await
+    }
+
+    /// The same of what is about this alone, which has no owner any more.
+    pub(super) async fn give_up(&self, key: &Key) -> io::Result<()> {
+        self.hand_over(|action| action.key == *key, None).await
+    }
+
+    async fn hand_over(
+        &self,
+        of: impl Fn(&Action) -> bool,
+        owner: Option<(u64, Promise)>,
+    ) -> io::Result<()> {
         let is_owner = |number: u64| owner.is_some_and(|(owner, _)| owner == number);
         let (version, before, taken) = {
             let mut actions = lock(&self.actions);
@@ -253,7 +267,7 @@ impl Schedule {
                     before = Some(action.promise);
                     action.promise = owner.map_or(action.promise, |(_, promise)| promise);
                     is_news = true;
-                } else if places.iter().any(|place| action.is_of(place)) {
+                } else if of(action) {
                     // What was left out before may be in the file yet.
                     is_news = true;
                     if action.left_out.is_none() {

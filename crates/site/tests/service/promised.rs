@@ -300,3 +300,24 @@ async fn an_end_never_meets_the_board_of_after_a_reload() {
     assert_eq!(boards.relays(5), 1, "it gave no pulse");
     service.close().await;
 }
+
+/// Nothing is done at the end of such a lease, and a pulse goes on that only lost its reply.
+#[tokio::test]
+async fn a_pulse_that_may_have_begun_ends_though_a_lease_is_given_back() {
+    let policy = "[module.oven.point.k1]\non_offline = \"hold\"\n";
+    let (service, boards) = crate::safety::site(policy).await;
+    let held = (false, Micros::from_secs(60));
+    service.lease("oven", k(1), held, false).await.unwrap();
+    boards.mute(3, true);
+    let width = Some(Micros::from_secs(3));
+    let pulse = Pulse { width, ..LONG };
+    service.pulse("oven", k(1), pulse).await.unwrap_err();
+    boards.set(3, 1);
+    boards.mute(3, false);
+    until(|| service.point("oven", k(1)).unwrap().quality == railbus_site::Quality::Good).await;
+    let given = service.end_lease("oven", k(1)).await;
+    assert_eq!(given.map(|done| done.is_none()), Ok(true));
+    assert_eq!(service.point("oven", k(1)).unwrap().left.lease, None);
+    until(|| boards.relays(3) == 0).await;
+    service.close().await;
+}
