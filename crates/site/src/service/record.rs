@@ -93,7 +93,7 @@ impl Service {
 
     /// Tells which ends of pulses and leases an earlier run has promised that are not done any
     /// more: the names of their modules stand for other boards now, or for none. To be called
-    /// once somebody listens.
+    /// once somebody listens; a reload tells its own.
     pub fn tell_dropped_ends(&self) {
         for ((place, why), board) in self.inner.schedule.take_dropped() {
             if why == Why::MinOff {

@@ -139,12 +139,13 @@ impl Service {
         self.inner.limit_anew();
         let _ = self.inner.schedule.keep().await;
         self.inner.tell(Update::Reloaded);
+        self.tell_dropped_ends();
         reloaded
     }
 
     /// What was to be done later to outputs of modules whose name is no more, or another's, is
     /// done now: afterwards it would meet nobody, or another module. What can't be done is not
-    /// done to that one.
+    /// done to that one, and told.
     async fn end_on_others(&self, old: &Config, new: &Config) -> Vec<Arc<Turn>> {
         let is_other = |place: &Place| {
             // Who has a line that is lent may have moved its modules: there the name counts.
@@ -152,8 +153,9 @@ impl Service {
             !same_board(old, new, &place.module) && is_here()
         };
         let (turns, left) = self.inner.end_now(is_other, TURN_MAX).await;
+        let boards = boards(old);
         for number in left {
-            self.inner.schedule.leave_out_one(number);
+            self.inner.schedule.drop_of(&boards, number);
         }
         // How long its outputs may be on counts anew, once they are seen.
         let limits = self.inner.schedule.limits(is_other);

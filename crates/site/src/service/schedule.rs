@@ -192,6 +192,26 @@ impl Schedule {
         std::mem::take(&mut *lock(&self.dropped))
     }
 
+    /// One could not be done to its board, which is one of these, and the name is about to stand
+    /// for another: [`Schedule::take_dropped`] says so, once of an output.
+    pub(super) fn drop_of(&self, boards: &Boards, number: u64) {
+        let dropped = {
+            let mut actions = lock(&self.actions);
+            let action = actions.by_number.get(&number);
+            let action = action.filter(|action| action.is_to_be_done());
+            let dropped = action.and_then(|Action { key, .. }| {
+                let board = boards.get(&key.0.module)?;
+                Some((key.clone(), board.clone()))
+            });
+            actions.leave_out(|at, _| at == number);
+            dropped
+        };
+        let mut known = lock(&self.dropped);
+        if let Some(one) = dropped.filter(|one| !known.contains(one)) {
+            known.push(one);
+        }
+    }
+
     /// For how long outputs must stay off.
     pub(super) fn off(&self) -> Vec<(Place, Promise)> {
         lock(&self.actions).off.clone()

@@ -301,6 +301,32 @@ async fn an_end_never_meets_the_board_of_after_a_reload() {
     service.close().await;
 }
 
+#[tokio::test]
+async fn an_end_that_a_reload_could_not_do_is_told() {
+    let (port, boards) = board::start().await;
+    let service = Service::start(config(&port, "")).unwrap();
+    known(&service).await;
+    let mut events = service.follow_events();
+    service.pulse("oven", k(1), LONG).await.unwrap();
+    service.pulse("yard", k(2), LONG).await.unwrap();
+    boards.mute(3, true);
+    service.reload(&exchanged(&port)).await.unwrap();
+    let told = async {
+        loop {
+            let told = events.next().await.unwrap().unwrap();
+            if told.code.as_deref() == Some("end_dropped") {
+                break told;
+            }
+        }
+    };
+    let told = tokio::time::timeout(Duration::from_secs(20), told).await;
+    let told = told.expect("it is told");
+    assert_eq!(told.module.as_deref(), Some("oven"));
+    assert_eq!(told.text.as_deref(), Some("address 3, output 1"));
+    assert!(service.point("yard", k(2)).unwrap().left.pulse.is_some());
+    service.close().await;
+}
+
 /// Nothing is done at the end of such a lease, and a pulse goes on that only lost its reply.
 #[tokio::test]
 async fn a_pulse_that_may_have_begun_ends_though_a_lease_is_given_back() {
