@@ -12,7 +12,7 @@ use std::time::{Duration, SystemTime};
 
 /// The file's name in the folder of the site's state.
 const NAME: &str = "promises.json";
-/// The longest file that is read: a promise has some 100 bytes.
+/// The longest file that is read or written: a promise has some 100 bytes.
 const LEN_MAX: u64 = 4 << 20;
 
 /// What a promise is about.
@@ -210,6 +210,10 @@ fn read(path: &Path) -> io::Result<Vec<Kept>> {
 }
 
 fn put(folder: &Path, bytes: &[u8]) -> io::Result<()> {
+    if u64::try_from(bytes.len()).is_ok_and(|len| len > LEN_MAX) {
+        // It would not be read, and nothing of what it promises done.
+        return Err(io::ErrorKind::FileTooLarge.into());
+    }
     durable::folder(folder)?;
     durable::replace(&folder.join(NAME), bytes, Some(0o600))
 }
@@ -217,6 +221,26 @@ fn put(folder: &Path, bytes: &[u8]) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What is longer is not read back, and then all of it would be lost.
+    #[tokio::test]
+    async fn a_file_is_never_longer_than_one_that_is_read() {
+        let unique = format!("railbus-{}-long-promises", std::process::id());
+        let folder = std::env::temp_dir().join(unique);
+        let _ = std::fs::remove_dir_all(&folder);
+        let (file, _) = File::open(&folder).unwrap();
+        let kind = PointKind::Output;
+        let place = Place::new(&"m".repeat(1 << 10), Point { kind, index: 0 });
+        let promise = Promise::after(Duration::from_secs(60), Some(false));
+        let one: Kept = ((place, Why::Pulse), promise, None);
+        let few = || (1, vec![one.clone(); 3]);
+        assert_eq!(file.write(1, few).await.unwrap(), 1);
+        let many = || (2, vec![one.clone(); 5_000]);
+        let refused = file.write(2, many).await.unwrap_err();
+        assert_eq!(refused.kind(), io::ErrorKind::FileTooLarge);
+        assert_eq!(File::open(&folder).unwrap().1.len(), 3);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 
     #[test]
     fn a_clock_that_was_set_back_makes_nothing_longer() {

@@ -387,6 +387,26 @@ impl Schedule {
         lock(&self.actions).leave_out(|at, _| at == number);
     }
 
+    /// One may have begun. Of those before it that end alike, the first one to end has the say;
+    /// where that is put off or over, this one. Those between are not to be done any more, so that
+    /// they do not pile up at a module that does not answer.
+    pub(super) fn leave_out_between(&self, number: u64) {
+        let mut actions = lock(&self.actions);
+        let Some(newest) = actions.by_number.get(&number) else {
+            return;
+        };
+        let (key, end) = (newest.key.clone(), newest.promise.end);
+        let is_alike = |at: u64, action: &Action| {
+            at != number && action.key == key && action.promise.end == end
+        };
+        let due = |action: &Action| action.due.as_ref().map(|due| *due.borrow());
+        let before = actions.by_number.iter();
+        let before = before.filter(|(at, action)| is_alike(**at, action) && action.is_to_be_done());
+        let first = before.min_by_key(|(_, action)| due(action));
+        let first = first.map(|(at, _)| *at);
+        actions.leave_out(|at, action| is_alike(at, action) && Some(at) != first);
+    }
+
     /// Nobody sees to one any more, and it is promised still: it is done after a restart.
     pub(super) fn put_aside(&self, number: u64) {
         if let Some(action) = lock(&self.actions).by_number.get_mut(&number) {

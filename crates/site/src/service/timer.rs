@@ -231,6 +231,7 @@ impl Inner {
                     let _ = self.schedule.keep().await;
                     return Err(failure);
                 }
+                self.schedule.leave_out_between(number);
                 let _ = self.schedule.renew(number, length).await;
                 Err(failure)
             }

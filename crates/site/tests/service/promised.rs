@@ -290,8 +290,9 @@ async fn an_end_never_meets_the_board_of_after_a_reload() {
     known(&service).await;
     service.pulse("oven", k(1), LONG).await.unwrap();
     boards.mute(3, true);
-    for _ in 0..8 {
+    for _ in 0..2 {
         service.pulse("oven", k(1), LONG).await.unwrap_err();
+        hold(&service, 600_000).await.unwrap_err();
     }
     boards.set(5, 1);
     service.reload(&exchanged(&port)).await.unwrap();
@@ -346,4 +347,24 @@ async fn a_pulse_that_may_have_begun_ends_though_a_lease_is_given_back() {
     assert_eq!(service.point("oven", k(1)).unwrap().left.lease, None);
     until(|| boards.relays(3) == 0).await;
     service.close().await;
+}
+
+/// Whoever asks again and again, of a board that does not answer, has one end more, not many.
+#[tokio::test]
+async fn promises_that_may_have_begun_do_not_pile_up() {
+    let folder = folder("pile");
+    let (service, boards) = site_in(&folder).await;
+    service.pulse("oven", k(1), LONG).await.unwrap();
+    let first = service.point("oven", k(1)).unwrap().left.pulse.unwrap();
+    boards.mute(3, true);
+    for _ in 0..5 {
+        service.pulse("oven", k(1), LONG).await.unwrap_err();
+        service.pulse("oven", k(2), LONG).await.unwrap_err();
+    }
+    // The one that surely began and the newest; the first that may have begun and the newest.
+    assert_eq!(kept(&folder).matches("pulse").count(), 4);
+    let left = service.point("oven", k(1)).unwrap().left.pulse.unwrap();
+    assert!(left < first, "the first has the say");
+    service.close().await;
+    let _ = std::fs::remove_dir_all(folder);
 }
