@@ -198,6 +198,12 @@ impl State {
         places.iter().flat_map(of).collect()
     }
 
+    /// Of these outputs, those that are off beyond doubt, and that nothing is about to switch on.
+    pub(super) fn surely_off(&self, places: &[Place], now: &Now) -> Vec<Place> {
+        let off = places.iter().filter(|place| !self.may_be_on(place, now));
+        off.cloned().collect()
+    }
+
     /// Of these outputs, those that are not off beyond doubt.
     pub(super) fn not_off(&self, places: Vec<Place>, now: &Now) -> Vec<Place> {
         let off = |place: &Place| self.is(place, false, now);

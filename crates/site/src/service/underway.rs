@@ -67,6 +67,8 @@ impl Commands {
 pub(super) struct Effect {
     /// Those that it may switch on.
     pub(super) rising: Vec<Place>,
+    /// Those of them that are off beyond doubt before it.
+    off: Vec<Place>,
     /// Those that it switches off, and that are not off already.
     falling: Vec<Place>,
     /// How long the module goes on by itself once it has the command.
@@ -117,6 +119,7 @@ impl Underway {
         let allowed = {
             let mut state = lock(&inner.state);
             effect.falling = state.not_off(effect.falling, &now);
+            effect.off = state.surely_off(&effect.rising, &now);
             state.rise(&effect.rising, &now)
         };
         if let Err(failure) = allowed {
@@ -139,6 +142,10 @@ impl Underway {
     pub(super) async fn limit(&mut self) {
         for place in &self.effect.rising {
             let key = (place.clone(), Why::MaxOn);
+            if self.effect.off.contains(place) {
+                // One that runs began for nothing: what was to switch it on did not.
+                self.inner.leave_out(|other| *other == key);
+            }
             let runs = self.inner.schedule.find(&key).is_some();
             if let Some(timer) = self.inner.limit_on(place) {
                 if !runs {
@@ -185,6 +192,7 @@ impl Underway {
             rising,
             falling,
             busy,
+            ..
         } = &self.effect;
         let from = self.inner.line_time(&self.module);
         let doubt = match acted {
@@ -311,6 +319,7 @@ impl Inner {
         };
         Effect {
             rising,
+            off: Vec::new(),
             falling,
             busy: Micros::from_millis(busy),
         }

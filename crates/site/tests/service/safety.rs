@@ -360,3 +360,27 @@ async fn a_command_that_fails_leaves_a_pulse_its_end() {
     until(|| boards.relays(3) == 0).await;
     service.close().await;
 }
+
+/// A command to switch on lost its reply, and the module has not acted on it.
+#[tokio::test]
+async fn a_longest_time_that_began_for_nothing_makes_the_next_one_no_shorter() {
+    let (service, boards) = site("[module.oven.point.k1]\nmax_on = \"60s\"\n").await;
+    let left = || service.point("oven", k(1)).unwrap().left.max_on;
+    boards.mute(3, true);
+    switch(&service, "oven", 1, true).await.unwrap_err();
+    assert!(left().is_some(), "it may be on");
+    // Nobody knows that it is off: the time goes on.
+    let before = left();
+    switch(&service, "oven", 1, true).await.unwrap_err();
+    assert!(left() < before);
+    boards.mute(3, false);
+    until(|| {
+        let is_good = service.point("oven", k(1)).unwrap().quality == Quality::Good;
+        is_good && left() < Some(Duration::from_secs(57))
+    })
+    .await;
+    let before = left();
+    switch(&service, "oven", 1, true).await.unwrap();
+    assert!(left() > before, "{:?} after {before:?}", left());
+    service.close().await;
+}
