@@ -1,6 +1,6 @@
 //! The gate: accounts, sessions and tries of one daemon, and who a request comes from.
 
-use super::accounts::{Accounts, User};
+use super::accounts::{Accounts, User, UserChange};
 use super::password::{Hashed, Hashers};
 use super::secret::{Fingerprint, Secret};
 use super::sessions::{Sessions, csrf};
@@ -192,6 +192,27 @@ impl Access {
         let user = user.ok_or_else(|| Problem::new(codes::WRONG_LOGIN))?;
         self.forget_tries(&whose);
         Ok(user.logins)
+    }
+
+    /// Another password for somebody who showed to know the one before, which let him carry these
+    /// `logins`. One that an administrator gave meanwhile stays.
+    pub(super) async fn change_own_password(
+        &self,
+        (name, logins): (&str, &str),
+        password: Hashed,
+        session: &Fingerprint,
+    ) -> Result<(), Problem> {
+        let change = UserChange {
+            password: Some(password),
+            ..UserChange::default()
+        };
+        let own = |accounts: &mut Accounts| {
+            let user = accounts.user(name).filter(|user| user.logins == logins);
+            user.ok_or_else(|| Problem::new(codes::WRONG_LOGIN))?;
+            accounts.change_user(name, change)
+        };
+        self.change(own).await?;
+        self.end_of_user(name, Some(session)).await
     }
 
     /// A session of somebody who showed who he is.
@@ -397,7 +418,7 @@ fn csrf_in(query: &str) -> Option<&str> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::accounts::{TokenWish, UserChange, new_logins};
+    use super::super::accounts::{TokenWish, new_logins};
     use super::super::password;
     use super::*;
     use axum::http::HeaderValue;
@@ -559,6 +580,43 @@ mod tests {
         let cookie = format!("{}={}", third.cookie_name, own.expose());
         let caller = third.caller(&with("cookie", &cookie), None, HERE);
         assert_eq!(caller.name, "li");
+    }
+
+    fn hashed(password: &str) -> Hashed {
+        let hashed = password::hash(&Secret::new(password.to_owned()));
+        hashed.unwrap_or_else(|problem| panic!("{problem:?}"))
+    }
+
+    /// An administrator gives another password, or locks, while the one that is asked for by who
+    /// knew the old one is hashed.
+    #[tokio::test]
+    async fn a_password_under_way_undoes_no_reset_and_no_lock() {
+        let (access, _folder) = access("reset").await;
+        let reset = UserChange {
+            password: Some(hashed("reset by li")),
+            ..UserChange::default()
+        };
+        let lock = UserChange {
+            locked: Some(true),
+            ..UserChange::default()
+        };
+        for (password, change) in [("correct horse", reset), ("reset by li", lock)] {
+            let own = log_in(&access, "wang", password)
+                .await
+                .unwrap()
+                .fingerprint();
+            let old = Secret::new(password.to_owned());
+            let logins = access.confirm("wang", old, HERE).await;
+            let logins = logins.unwrap_or_else(|problem| panic!("{problem:?}"));
+            let changed = access.change(|accounts| accounts.change_user("wang", change));
+            assert!(changed.await.is_ok());
+            let before = access.password_of("wang");
+            let new = hashed("of the thief");
+            let late = access.change_own_password(("wang", &logins), new, &own);
+            let refused = late.await.err().map(|problem| problem.code);
+            assert_eq!(refused.as_deref(), Some("E0904"));
+            assert!(access.password_of("wang") == before);
+        }
     }
 
     #[tokio::test]

@@ -1,6 +1,6 @@
 //! Logging in and out, and the first user.
 
-use super::accounts::{User, UserChange, new_logins};
+use super::accounts::{User, new_logins};
 use super::gate::{Access, Peer};
 use super::secret::Secret;
 use super::sessions::csrf;
@@ -334,15 +334,11 @@ async fn change_password(
         return Err(Problem::new(codes::FORBIDDEN).with("reason", reason));
     };
     password::check(&who.name, &wanted.new)?;
-    access.confirm(&who.name, wanted.old, address).await?;
-    let change = UserChange {
-        password: Some(access.hashers.hash(wanted.new).await?),
-        ..UserChange::default()
-    };
+    let logins = access.confirm(&who.name, wanted.old, address).await?;
+    let new = access.hashers.hash(wanted.new).await?;
     access
-        .change(|accounts| accounts.change_user(&who.name, change))
+        .change_own_password((&who.name, &logins), new, key)
         .await?;
-    access.end_of_user(&who.name, Some(key)).await?;
     note_change(site, who, "password_changed", "", None);
     Ok(())
 }
