@@ -7,6 +7,7 @@ use crate::failure::Failure;
 use crate::serve::access::{Access, desk};
 use hyper::Method;
 use serde_json::{Value, json};
+use std::sync::Arc;
 
 /// What is asked of the accounts.
 pub(super) enum Order<'a> {
@@ -23,7 +24,7 @@ pub(super) enum Order<'a> {
 /// Whoever keeps the accounts.
 enum Keeper {
     Daemon(Remote),
-    File(Box<Access>),
+    File(Arc<Access>),
 }
 
 /// Asks, and waits for the answer.
@@ -45,7 +46,7 @@ impl Keeper {
         }
         let access = Access::open(&files.state);
         let access = access.map_err(|problem| context.failure(&problem))?;
-        Ok(Keeper::File(Box::new(access)))
+        Ok(Keeper::File(Arc::new(access)))
     }
 }
 
@@ -64,7 +65,7 @@ async fn of_daemon(daemon: &Remote, order: &Order<'_>) -> Result<Value, Problem>
     daemon.order(method, &path, body).await
 }
 
-async fn of_file(access: &Access, order: &Order<'_>) -> Result<Value, Problem> {
+async fn of_file(access: &Arc<Access>, order: &Order<'_>) -> Result<Value, Problem> {
     let text = |value: &Value| value.to_string().into_bytes();
     match order {
         Order::Users => Ok(desk::users(access)),

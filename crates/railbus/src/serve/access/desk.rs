@@ -10,6 +10,7 @@ use crate::api::problem::Problem;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// A user that is wished for.
@@ -78,13 +79,13 @@ const fn usual_days() -> u32 {
 }
 
 /// All users.
-pub(crate) fn users(access: &Access) -> Value {
+pub(crate) fn users(access: &Arc<Access>) -> Value {
     let users = access.read(Accounts::users);
     json!(Users { schema: 1, users })
 }
 
 /// Adds a user.
-pub(crate) async fn add_user(access: &Access, body: &[u8]) -> Result<Value, Problem> {
+pub(crate) async fn add_user(access: &Arc<Access>, body: &[u8]) -> Result<Value, Problem> {
     let wanted: AddUser = read(body)?;
     password::check(&wanted.name, &wanted.password)?;
     let user = User {
@@ -104,7 +105,7 @@ pub(crate) async fn add_user(access: &Access, body: &[u8]) -> Result<Value, Prob
 
 /// Changes a user. Another password, or none any more, ends all sessions but the one that asks.
 pub(crate) async fn change_user(
-    access: &Access,
+    access: &Arc<Access>,
     name: &str,
     own: Option<&Fingerprint>,
     body: &[u8],
@@ -125,31 +126,32 @@ pub(crate) async fn change_user(
         locked: wanted.locked,
     };
     let change = |accounts: &mut Accounts| accounts.change_user(name, change);
-    let info = access.change(change).await?;
-    if logs_out {
-        let own = own.filter(|_| !info.locked);
-        access.end_of_user(name, own).await?;
-    }
+    let sessions = logs_out.then_some((name, own));
+    let info = access.change_and_end(sessions, change).await?;
     Ok(json!(info))
 }
 
 /// Removes a user.
-pub(crate) async fn remove_user(access: &Access, name: &str) -> Result<Value, Problem> {
-    access.change(|accounts| accounts.remove_user(name)).await?;
-    access.end_of_user(name, None).await?;
+pub(crate) async fn remove_user(access: &Arc<Access>, name: &str) -> Result<Value, Problem> {
+    let remove = |accounts: &mut Accounts| accounts.remove_user(name);
+    access.change_and_end(Some((name, None)), remove).await?;
     let removed = name.to_owned();
     Ok(json!(Removed { removed }))
 }
 
 /// All tokens.
-pub(crate) fn tokens(access: &Access) -> Value {
+pub(crate) fn tokens(access: &Arc<Access>) -> Value {
     let now = Timestamp::now();
     let tokens = access.read(|accounts| accounts.tokens(now));
     json!(Tokens { schema: 1, tokens })
 }
 
 /// Makes a token, which is told this once.
-pub(crate) async fn add_token(access: &Access, by: &str, body: &[u8]) -> Result<Value, Problem> {
+pub(crate) async fn add_token(
+    access: &Arc<Access>,
+    by: &str,
+    body: &[u8],
+) -> Result<Value, Problem> {
     let wanted: AddToken = read(body)?;
     let wish = TokenWish {
         name: wanted.name,
@@ -164,7 +166,7 @@ pub(crate) async fn add_token(access: &Access, by: &str, body: &[u8]) -> Result<
 }
 
 /// Removes a token, by its id or its name.
-pub(crate) async fn remove_token(access: &Access, named: &str) -> Result<Value, Problem> {
+pub(crate) async fn remove_token(access: &Arc<Access>, named: &str) -> Result<Value, Problem> {
     let remove = access.change(|accounts| accounts.remove_token(named));
     let removed = named.to_owned();
     remove.await.map(|()| json!(Removed { removed }))

@@ -38,7 +38,7 @@ const TRIES_TOLD_EVERY: Duration = Duration::from_secs(60);
 pub(crate) struct Access {
     accounts: Mutex<Arc<Kept>>,
     /// The file, for whoever changes accounts: one at a time.
-    store: tokio::sync::Mutex<Arc<Store>>,
+    store: Arc<tokio::sync::Mutex<Store>>,
     pub(super) sessions: Sessions,
     /// The name of the session's cookie. Browsers keep one jar for all ports of a host, so that two
     /// daemons there would throw out each other's sessions if it were the same.
@@ -72,7 +72,7 @@ impl Access {
         })?;
         Ok(Access {
             accounts: Mutex::new(Arc::new(Kept(accounts))),
-            store: tokio::sync::Mutex::new(Arc::new(store)),
+            store: Arc::new(tokio::sync::Mutex::new(store)),
             cookie_name: format!("{COOKIE_NAME}_{}", sessions.cookie()),
             sessions,
             hashers: Hashers::new(),
@@ -103,20 +103,44 @@ impl Access {
     }
 
     /// Changes the accounts: they are on the disk before they count, and stay as they were where
-    /// the change is refused or can't be kept.
+    /// the change is refused or can't be kept. Who asks may go away: it is whole, or not at all.
     pub(super) async fn change<T>(
-        &self,
+        self: &Arc<Self>,
         change: impl FnOnce(&mut Accounts) -> Result<T, Problem>,
     ) -> Result<T, Problem> {
-        let store = self.store.lock().await;
+        self.change_and_end(None, change).await
+    }
+
+    /// The same, and with it all sessions of a user but one end, for good.
+    pub(super) async fn change_and_end<T>(
+        self: &Arc<Self>,
+        sessions: Option<(&str, Option<&Fingerprint>)>,
+        change: impl FnOnce(&mut Accounts) -> Result<T, Problem>,
+    ) -> Result<T, Problem> {
+        let store = Arc::clone(&self.store).lock_owned().await;
         let mut accounts = self.now().0.clone();
         let done = change(&mut accounts)?;
-        let to_keep = accounts.clone();
-        let file = Arc::clone(&store);
-        let kept = tokio::task::spawn_blocking(move || file.write(&to_keep)).await;
-        kept.map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()))??;
-        *self.accounts.lock().unwrap_or_else(PoisonError::into_inner) = Arc::new(Kept(accounts));
-        self.changed();
+        let sessions = sessions.map(|(user, but)| (user.to_owned(), but.copied()));
+        let access = Arc::clone(self);
+        let kept = tokio::spawn(async move {
+            let write = move || store.write(&accounts).map(|()| (store, accounts));
+            let written = tokio::task::spawn_blocking(write).await;
+            let (store, accounts) = written.unwrap_or_else(|error| Err(broken(&error)))?;
+            *access
+                .accounts
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner) = Arc::new(Kept(accounts));
+            if let Some((user, but)) = &sessions {
+                access.end_of_user(user, but.as_ref());
+            }
+            access.changed();
+            drop(store);
+            match sessions {
+                Some(_) => access.sessions.keep().await,
+                None => Ok(()),
+            }
+        });
+        kept.await.unwrap_or_else(|error| Err(broken(&error)))?;
         Ok(done)
     }
 
@@ -197,7 +221,7 @@ impl Access {
     /// Another password for somebody who showed to know the one before, which let him carry these
     /// `logins`. One that an administrator gave meanwhile stays.
     pub(super) async fn change_own_password(
-        &self,
+        self: &Arc<Self>,
         (name, logins): (&str, &str),
         password: Hashed,
         session: &Fingerprint,
@@ -211,8 +235,8 @@ impl Access {
             user.ok_or_else(|| Problem::new(codes::WRONG_LOGIN))?;
             accounts.change_user(name, change)
         };
-        self.change(own).await?;
-        self.end_of_user(name, Some(session)).await
+        let sessions = Some((name, Some(session)));
+        self.change_and_end(sessions, own).await.map(|_| ())
     }
 
     /// A session of somebody who showed who he is.
@@ -354,16 +378,12 @@ impl Access {
         }
     }
 
-    /// Ends all sessions of a user but one, for good.
-    pub(super) async fn end_of_user(
-        &self,
-        user: &str,
-        but: Option<&Fingerprint>,
-    ) -> Result<(), Problem> {
-        let logins = self.logins_of(user).unwrap_or_default();
+    /// Ends all sessions of a user but one, which lasts only where he is not locked.
+    fn end_of_user(&self, user: &str, but: Option<&Fingerprint>) {
+        let lasts = self.unlocked(user);
+        let but = but.filter(|_| lasts.is_some());
+        let logins = lasts.map(|user| user.logins).unwrap_or_default();
         self.sessions.end_of_user((user, &logins), but);
-        self.changed();
-        self.sessions.keep().await
     }
 
     /// The session of a caller, where it has one.
@@ -373,6 +393,11 @@ impl Access {
             _ => None,
         }
     }
+}
+
+/// What a task broke off with.
+fn broken(error: &tokio::task::JoinError) -> Problem {
+    Problem::new(codes::INTERNAL).with("reason", error.to_string())
 }
 
 /// Says of every request over TCP who it comes from.
@@ -433,16 +458,20 @@ mod tests {
         }
     }
 
-    async fn access(name: &str) -> (Access, Folder) {
+    fn opened(folder: &Path) -> Arc<Access> {
+        let access = Access::open(folder);
+        Arc::new(access.unwrap_or_else(|problem| panic!("{problem:?}")))
+    }
+
+    async fn access(name: &str) -> (Arc<Access>, Folder) {
         let unique = format!("railbus-gate-{}-{name}", std::process::id());
         let folder = std::env::temp_dir().join(unique);
-        let access = Access::open(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));
-        let hashed = password::hash(&Secret::new("correct horse".to_owned()));
+        let access = opened(&folder);
         let user = User {
             name: "li".to_owned(),
             role: Role::Admin,
             points: Vec::new(),
-            password: hashed.unwrap_or_else(|problem| panic!("{problem:?}")),
+            password: hashed("correct horse"),
             locked: false,
             lang: None,
             logins: new_logins().unwrap_or_else(|problem| panic!("{problem:?}")),
@@ -533,10 +562,9 @@ mod tests {
         for name in ["li", "wang"] {
             cookies.push(log_in(&access, name, "correct horse").await.unwrap());
         }
-        let hashed = password::hash(&Secret::new("battery staple".to_owned()));
         let changes = [
             UserChange {
-                password: Some(hashed.unwrap_or_else(|problem| panic!("{problem:?}"))),
+                password: Some(hashed("battery staple")),
                 ..UserChange::default()
             },
             UserChange {
@@ -549,7 +577,7 @@ mod tests {
             assert!(changed.await.is_ok());
         }
         drop(access);
-        let again = Access::open(&folder.0).unwrap_or_else(|problem| panic!("{problem:?}"));
+        let again = opened(&folder.0);
         let unlock = UserChange {
             locked: Some(false),
             ..UserChange::default()
@@ -563,20 +591,12 @@ mod tests {
         }
         // Who asks for another password himself stays logged in, also over a restart.
         let own = log_in(&again, "li", "battery staple").await.unwrap();
-        let change = UserChange {
-            password: Some(
-                password::hash(&Secret::new("staple".to_owned()))
-                    .ok()
-                    .unwrap(),
-            ),
-            ..UserChange::default()
-        };
-        let changed = again.change(|accounts| accounts.change_user("li", change));
+        let logins = again.logins_of("li").unwrap();
+        let key = own.fingerprint();
+        let changed = again.change_own_password(("li", &logins), hashed("staple"), &key);
         assert!(changed.await.is_ok());
-        let ended = again.end_of_user("li", Some(&own.fingerprint())).await;
-        assert!(ended.is_ok());
         drop(again);
-        let third = Access::open(&folder.0).unwrap_or_else(|problem| panic!("{problem:?}"));
+        let third = opened(&folder.0);
         let cookie = format!("{}={}", third.cookie_name, own.expose());
         let caller = third.caller(&with("cookie", &cookie), None, HERE);
         assert_eq!(caller.name, "li");
@@ -585,6 +605,33 @@ mod tests {
     fn hashed(password: &str) -> Hashed {
         let hashed = password::hash(&Secret::new(password.to_owned()));
         hashed.unwrap_or_else(|problem| panic!("{problem:?}"))
+    }
+
+    /// Its connection is cut while it is written.
+    #[tokio::test]
+    async fn a_change_whose_asker_goes_away_is_whole() {
+        let (access, folder) = access("gone").await;
+        let session = log_in(&access, "wang", "correct horse").await.unwrap();
+        let lock = UserChange {
+            locked: Some(true),
+            ..UserChange::default()
+        };
+        {
+            let lock = |accounts: &mut Accounts| accounts.change_user("wang", lock);
+            let change = access.change_and_end(Some(("wang", None)), lock);
+            let mut context = std::task::Context::from_waker(std::task::Waker::noop());
+            assert!(std::pin::pin!(change).poll(&mut context).is_pending());
+        }
+        // One after the other: the next one is done when that is.
+        assert!(access.change(|_| Ok(())).await.is_ok());
+        let on_disk = Store::look(&folder.0).unwrap_or_else(|problem| panic!("{problem:?}"));
+        assert!(on_disk.user("wang").is_some_and(|user| user.locked));
+        assert!(access.unlocked("wang").is_none());
+        assert!(
+            !access
+                .sessions
+                .lasts(&session.fingerprint(), Instant::now())
+        );
     }
 
     /// An administrator gives another password, or locks, while the one that is asked for by who
@@ -652,7 +699,7 @@ mod tests {
         let refused = access.change(|accounts| accounts.remove_user("li")).await;
         assert!(refused.is_err(), "the last one");
         drop(access);
-        let again = Access::open(&folder.0).unwrap_or_else(|problem| panic!("{problem:?}"));
+        let again = opened(&folder.0);
         assert_eq!(again.read(|accounts| accounts.users().len()), 1);
         assert!(!again.is_new());
     }
