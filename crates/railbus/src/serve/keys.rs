@@ -243,7 +243,12 @@ impl Begin {
     /// How long ago that was, by the clock on the wall: no other one goes on while the program does
     /// not run.
     fn age(&self, today: SystemTime) -> Duration {
-        Duration::from_millis(millis(today).saturating_sub(self.at_ms))
+        self.age_at(millis(today))
+    }
+
+    /// How long ago it was at such a time, in milliseconds since 1970.
+    const fn age_at(&self, at_ms: u64) -> Duration {
+        Duration::from_millis(at_ms.saturating_sub(self.at_ms))
     }
 }
 
@@ -389,11 +394,16 @@ fn fold(bytes: &[u8]) -> Vec<Kept> {
             Ok(Row::Begin(begin)) => {
                 kept.retain(|one| !one.is_of(&begin.key, Some(&begin.who)));
                 if kept.len() >= KEYS_MAX {
+                    // One that was forgotten by then pushes out none that was not.
+                    let old = kept
+                        .iter()
+                        .position(|one| one.begin.age_at(begin.at_ms) > AGE_MAX);
                     let ended = kept.iter();
                     let ended = ended.map(|one| (&*one.begin.who, one.answer.is_some()));
                     // Where none has ended, nobody knows of any how it did.
                     let all = kept.iter().map(|one| (&*one.begin.who, true));
-                    let over = gives_way(ended, &begin.who).or(gives_way(all, &begin.who));
+                    let over = old.or_else(|| gives_way(ended, &begin.who));
+                    let over = over.or_else(|| gives_way(all, &begin.who));
                     kept.remove(over.unwrap_or_default());
                 }
                 let answer = None;
@@ -462,6 +472,46 @@ mod tests {
             // Somebody else's is another one, and tells nothing of this.
             let others = ask(&keys, "a", "wang", "k1", "3").await;
             assert_eq!(others, Ok(Bytes::from_static(b"3")), "round {round}");
+        }
+    }
+
+    /// What the file says of these, one after the other: a key of somebody, and how many hours ago
+    /// it was done.
+    fn text_of(rows: impl Iterator<Item = (String, &'static str, u64)>) -> Vec<u8> {
+        let now = millis(SystemTime::now());
+        let mut text = Vec::new();
+        for (key, who, hours) in rows {
+            let begin = Begin {
+                key: key.clone(),
+                who: who.to_owned(),
+                command: digest(who, &[b"toggle", b"k1"]),
+                at_ms: now - hours * 3_600_000,
+            };
+            let end = Row::End {
+                key,
+                who: Some(who.to_owned()),
+                answer: Told::Done("1".to_owned()),
+            };
+            for row in [Row::Begin(begin), end] {
+                serde_json::to_writer(&mut text, &row).unwrap();
+                text.push(b'\n');
+            }
+        }
+        text
+    }
+
+    /// While the program ran the old ones were forgotten before the new ones came.
+    #[tokio::test]
+    async fn old_keys_push_no_new_ones_out_after_a_restart() {
+        let place = Place::new("old");
+        let old = (0..100).map(|number| (format!("old{number}"), "li", 30));
+        let new = (0..200).map(|number| (format!("new{number}"), "wang", 1));
+        std::fs::create_dir_all(&place.0).unwrap();
+        std::fs::write(place.0.join(NAME), text_of(old.chain(new))).unwrap();
+        let keys = place.keys();
+        for number in 0..200 {
+            let again = ask(&keys, &format!("new{number}"), "wang", "k1", "2").await;
+            assert_eq!(again, Ok(Bytes::from_static(b"1")), "new{number}");
         }
     }
 
