@@ -202,19 +202,26 @@ impl Backend {
                 _ => Ok(Some(daemon)),
             };
         }
-        let mut daemons = Remote::usual().await?.into_iter();
+        let found = Remote::usual().await;
         let Some((file, why)) = own else {
-            return Ok(daemons.next());
+            return found.into_iter().next().transpose();
         };
-        let mut others = Vec::new();
-        for daemon in daemons {
-            if daemon.serves(&file) {
-                return Ok(Some(daemon));
-            }
-            others.push(daemon);
+        let mut refused = None;
+        for daemon in found {
+            match daemon {
+                Ok(daemon) if daemon.serves(&file) => return Ok(Some(daemon)),
+                Ok(daemon) => {
+                    refused.get_or_insert_with(|| other_site(wanted.lang, &daemon, &file))
+                }
+                // It may be the one that is meant.
+                Err(problem) => refused.get_or_insert_with(|| {
+                    let file = config_file::real(&file);
+                    problem.with_hint(format!("railbus --config {} ls", file.display()))
+                }),
+            };
         }
-        match (others.first(), why) {
-            (Some(daemon), Why::Place) => Err(other_site(wanted.lang, daemon, &file)),
+        match (refused, why) {
+            (Some(problem), Why::Place) => Err(problem),
             _ => Ok(None),
         }
     }

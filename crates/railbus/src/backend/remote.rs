@@ -6,7 +6,7 @@ use crate::api::control_types::{
     BatchAnswer, GroupInfo, GroupRequest, Groups, SceneInfo, SceneRequest, Scenes,
 };
 use crate::api::past::{HistoryInfo, VerifiedInfo};
-use crate::api::problem::{Problem, codes};
+use crate::api::problem::{Kind, Problem, codes};
 use crate::api::send_types::{SendAnswer, SendRequest};
 use crate::api::types::{
     FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
@@ -31,6 +31,11 @@ use tokio::task::JoinHandle;
 /// How often and after which pause a daemon is asked whether it has a line back: for a second.
 const BACK_TRIES: usize = 50;
 const BACK_PAUSE: Duration = Duration::from_millis(20);
+
+/// Where it says which site it serves.
+const SITE: &str = "/api/v1/site";
+/// How long a daemon that nobody named may take to say so: a command waits for it.
+const SEARCH: Duration = Duration::from_secs(5);
 
 /// The daemon behind a socket.
 #[derive(Clone, Debug)]
@@ -130,22 +135,33 @@ impl Drop for Borrowed {
 impl Remote {
     /// The daemon behind this socket, which says first which site it serves.
     pub(crate) async fn at(socket: &Path) -> Result<Remote, Problem> {
-        let answer = send(socket, Method::GET, "/api/v1/site", Vec::new()).await?;
+        let answer = send(socket, Method::GET, SITE, Vec::new()).await?;
+        let body = answer.whole().await.map_err(|problem| {
+            // One of another version, where it does not know this address.
+            match problem.code == codes::NO_SUCH_PAGE.code {
+                true => said_of(socket, codes::NO_SUCH_PAGE, SITE),
+                false => problem,
+            }
+        })?;
         Ok(Remote {
-            site: read(socket, &answer.whole().await?)?,
+            site: read(socket, &body)?,
             socket: socket.to_owned(),
         })
     }
 
-    /// Those that answer at the usual places.
-    pub(crate) async fn usual() -> Result<Vec<Remote>, Problem> {
+    /// Those that answer at the usual places; or why one says nothing that is understood.
+    pub(crate) async fn usual() -> Vec<Result<Remote, Problem>> {
         let mut found = Vec::new();
         for socket in socket::places() {
             if UnixStream::connect(&socket).await.is_ok() {
-                found.push(Remote::at(&socket).await?);
+                let asked = tokio::time::timeout(SEARCH, Remote::at(&socket)).await;
+                found.push(asked.unwrap_or_else(|_| {
+                    let reason = format!("no answer within {} s", SEARCH.as_secs());
+                    Err(said_of(&socket, codes::DAEMON, &reason))
+                }));
             }
         }
-        Ok(found)
+        found
     }
 
     pub(crate) fn socket(&self) -> &Path {
@@ -379,6 +395,13 @@ impl Remote {
     fn read<T: DeserializeOwned>(&self, body: &[u8]) -> Result<T, Problem> {
         read(&self.socket, body)
     }
+}
+
+fn said_of(socket: &Path, kind: Kind, reason: &str) -> Problem {
+    let socket = socket.display();
+    Problem::new(kind)
+        .with("socket", socket.to_string())
+        .with("reason", format!("{socket}: {reason}"))
 }
 
 fn read<T: DeserializeOwned>(socket: &Path, body: &[u8]) -> Result<T, Problem> {

@@ -3,6 +3,7 @@
 use crate::site::{Ran, Site};
 use crate::terminal::shown;
 use serde_json::Value;
+use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
@@ -290,4 +291,60 @@ fn without_a_configuration_the_daemon_that_runs_is_named() {
     let empty = Site::empty("whose-nothing");
     let error = empty.run("ls -o json").error();
     assert_eq!(error["hint"][0], "railbus serve --demo", "{error}");
+}
+
+/// Puts something at the place where commands look for a daemon that answers every request with
+/// this; or never.
+fn odd_daemon(site: &Site, answer: Option<&'static str>) {
+    std::fs::create_dir_all(site.folder.join("run")).expect("a folder");
+    let listener = std::os::unix::net::UnixListener::bind(socket(site)).expect("a socket");
+    std::thread::spawn(move || {
+        let mut silent = Vec::new();
+        for stream in listener.incoming() {
+            let mut stream = stream.expect("a connection");
+            match answer {
+                None => silent.push(stream),
+                Some(answer) => {
+                    // The head of a request; who only looks whether anybody is there sends none.
+                    let _ = stream.read(&mut [0; 4096]);
+                    let _ = stream.write_all(answer.as_bytes());
+                }
+            }
+        }
+    });
+}
+
+/// One that is too old to say which site it serves, or hangs, is not in the way of a file that is
+/// named. Else it may be the one that is meant, and what is told is what it is.
+#[test]
+fn a_daemon_that_can_not_be_asked_is_skipped_or_told() {
+    let bare = "HTTP/1.1 404 Not Found\r\ncontent-length: 0\r\n\r\n";
+    let told = "HTTP/1.1 404 Not Found\r\ncontent-length: 41\r\n\r\n\
+                {\"code\":\"E0110\",\"title\":\"-\",\"status\":404}";
+    for (name, answer, code, reason) in [
+        ("bare", Some(bare), "E0110", "/api/v1/site"),
+        ("told", Some(told), "E0110", "/api/v1/site"),
+        ("hangs", None, "E0109", "no answer within 5 s"),
+    ] {
+        let site = Site::demo(&format!("whose-odd-{name}"));
+        odd_daemon(&site, answer);
+        // One that hangs is waited for by each.
+        let count = if answer.is_some() { 2 } else { 1 };
+        for line in ["get pump.do1", "config get pump address"]
+            .iter()
+            .take(count)
+        {
+            let ran = site.run(&format!("--config railbus.toml {line} -o value"));
+            assert_eq!(ran.code, 0, "{name}: {line}: {ran:?}");
+            let error = site.run(&format!("{line} -o json")).error();
+            assert_eq!(error["code"], code, "{name}: {line}: {error}");
+            assert_eq!(error["socket"], socket(&site).display().to_string());
+            assert!(error.to_string().contains(reason), "{name}: {error}");
+        }
+        if answer.is_some() {
+            std::fs::remove_file(site.folder.join("railbus.toml")).expect("a file");
+            let error = site.run("ls -o json").error();
+            assert_eq!(error["code"], code, "{name}: {error}");
+        }
+    }
 }

@@ -5,7 +5,7 @@ use http_body_util::{BodyExt, Full, Limited};
 use hyper::body::{Bytes, Incoming};
 use hyper::client::conn::http1;
 use hyper::header::{CONTENT_TYPE, HOST, IF_MATCH};
-use hyper::{Method, Request, Response};
+use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::TokioIo;
 use std::path::Path;
 use std::time::Duration;
@@ -107,7 +107,10 @@ impl Answer {
             return Ok(body);
         }
         let told = serde_json::from_slice(&body);
-        Err(told.unwrap_or_else(|_| failed(format!("HTTP status {status}"))))
+        Err(told.unwrap_or_else(|_| match status {
+            StatusCode::NOT_FOUND => Problem::new(codes::NO_SUCH_PAGE),
+            _ => failed(format!("HTTP status {status}")),
+        }))
     }
 
     /// The body line by line; a problem where the daemon tells one.

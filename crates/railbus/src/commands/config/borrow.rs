@@ -3,6 +3,7 @@
 use super::texts::ConfigText;
 use crate::backend::{Borrowed, Remote};
 use crate::commands::Context;
+use crate::config_file::{self, Why};
 use crate::failure::Failure;
 use railbus_host::LineName;
 
@@ -15,17 +16,30 @@ pub(super) async fn borrow(
     if context.wanted.direct {
         return Ok(None);
     }
-    let failed = |problem| context.failure(&problem);
-    let daemons = match &context.wanted.socket {
-        Some(socket) => Remote::at(socket).await.map(|daemon| vec![daemon]),
+    let wanted = &context.wanted;
+    let daemons = match &wanted.socket {
+        Some(socket) => vec![Remote::at(socket).await],
         None => Remote::usual().await,
     };
-    for daemon in daemons.map_err(failed)? {
-        if let Some(borrowed) = borrow_of(context, &daemon, port).await? {
-            return Ok(Some(borrowed));
+    let is_named = wanted.ad_hoc.is_some()
+        || config_file::chosen(wanted.config.as_deref()).is_ok_and(|(_, why)| why != Why::Place);
+    let mut failed = None;
+    for daemon in daemons {
+        match daemon {
+            Ok(daemon) => {
+                if let Some(borrowed) = borrow_of(context, &daemon, port).await? {
+                    return Ok(Some(borrowed));
+                }
+            }
+            // If it has the port, that is told when the port is opened.
+            Err(_) if is_named && wanted.socket.is_none() => {}
+            Err(problem) => failed = failed.or(Some(problem)),
         }
     }
-    Ok(None)
+    match failed {
+        Some(problem) => Err(context.failure(&problem)),
+        None => Ok(None),
+    }
 }
 
 /// The same from this daemon.
