@@ -348,3 +348,23 @@ fn a_daemon_that_can_not_be_asked_is_skipped_or_told() {
         }
     }
 }
+
+/// A file that is named is a site of its own: no daemon of another one lends its line to that.
+#[test]
+fn a_line_is_borrowed_only_from_the_daemon_of_the_file_that_is_named() {
+    let mut site = Site::demo("whose-lends");
+    site.start(&["serve", "--listen", "127.0.0.1:0"], "socket");
+    let file = site.folder.join("railbus.toml");
+    std::fs::copy(&file, site.folder.join("other.toml")).expect("a copy");
+    let of = |config: &str| site.run(&format!("--config {config} config get pump address -q"));
+    let own = of("railbus.toml");
+    assert_eq!(own.code, 0, "{own:?}");
+    let other = of("other.toml");
+    assert_eq!(other.code, 7, "{other:?}");
+    assert!(other.err.contains("E0706"), "{other:?}");
+    // A port that is named is meant, whoever has it.
+    let port = site.folder.join("line").display().to_string();
+    let line = format!("-l pty:{port} -m eda9060a -a 1 config show -q");
+    let named = site.run(&line);
+    assert_eq!(named.code, 0, "{named:?}");
+}

@@ -21,18 +21,21 @@ pub(super) async fn borrow(
         Some(socket) => vec![Remote::at(socket).await],
         None => Remote::usual().await,
     };
-    let is_named = wanted.ad_hoc.is_some()
-        || config_file::chosen(wanted.config.as_deref()).is_ok_and(|(_, why)| why != Why::Place);
+    // The port that is named is meant, whoever has it; the site of a file, and no other.
+    let is_port = wanted.ad_hoc.is_some();
+    let file = config_file::chosen(wanted.config.as_deref()).ok();
+    let file = file.filter(|(_, why)| !is_port && *why != Why::Place);
     let mut failed = None;
     for daemon in daemons {
         match daemon {
+            Ok(daemon) if file.as_ref().is_some_and(|(file, _)| !daemon.serves(file)) => {}
             Ok(daemon) => {
                 if let Some(borrowed) = borrow_of(context, &daemon, port).await? {
                     return Ok(Some(borrowed));
                 }
             }
             // If it has the port, that is told when the port is opened.
-            Err(_) if is_named && wanted.socket.is_none() => {}
+            Err(_) if (is_port || file.is_some()) && wanted.socket.is_none() => {}
             Err(problem) => failed = failed.or(Some(problem)),
         }
     }
