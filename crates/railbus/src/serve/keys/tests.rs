@@ -1,0 +1,317 @@
+//! Tests of the keys.
+
+use super::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+struct Place(PathBuf);
+
+impl Place {
+    fn new(name: &str) -> Place {
+        let unique = format!("railbus-keys-{}-{name}", std::process::id());
+        Place(std::env::temp_dir().join(unique))
+    }
+
+    fn keys(&self) -> Keys {
+        let (keys, failed) = Keys::open(&self.0);
+        assert!(failed.is_none(), "{failed:?}");
+        keys
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+async fn ask(keys: &Keys, key: &str, who: &str, body: &str, answer: &'static str) -> End {
+    let work = async { Ok(Bytes::from_static(answer.as_bytes())) };
+    keys.once(key, who, &[b"toggle", body.as_bytes()], work)
+        .await
+}
+
+fn code(end: End) -> String {
+    end.expect_err("a problem").code
+}
+
+#[tokio::test]
+async fn a_key_stands_for_one_command_also_after_a_restart() {
+    let place = Place::new("one");
+    for (round, answer) in ["1", "2"].into_iter().enumerate() {
+        let keys = place.keys();
+        let first = ask(&keys, "a", "li", "k1", answer).await;
+        assert_eq!(first, Ok(Bytes::from_static(b"1")), "round {round}");
+        assert_eq!(code(ask(&keys, "a", "li", "k2", "3").await), "E0806");
+        // Somebody else's is another one, and tells nothing of this.
+        let others = ask(&keys, "a", "wang", "k1", "3").await;
+        assert_eq!(others, Ok(Bytes::from_static(b"3")), "round {round}");
+    }
+}
+
+/// What the file says of these, one after the other: a key of somebody, and how many hours ago
+/// it was done.
+fn text_of(rows: impl Iterator<Item = (String, &'static str, u64)>) -> Vec<u8> {
+    let now = millis(SystemTime::now());
+    let mut text = Vec::new();
+    for (key, who, hours) in rows {
+        let begin = Begin {
+            key: key.clone(),
+            who: who.to_owned(),
+            command: digest(who, &[b"toggle", b"k1"]),
+            at_ms: now - hours * 3_600_000,
+        };
+        let end = Row::End {
+            key,
+            who: Some(who.to_owned()),
+            answer: Told::Done("1".to_owned()),
+        };
+        for row in [Row::Begin(begin), end] {
+            serde_json::to_writer(&mut text, &row).unwrap();
+            text.push(b'\n');
+        }
+    }
+    text
+}
+
+/// While the program ran the old ones were forgotten before the new ones came.
+#[tokio::test]
+async fn old_keys_push_no_new_ones_out_after_a_restart() {
+    let place = Place::new("old");
+    let old = (0..100).map(|number| (format!("old{number}"), "li", 30));
+    let new = (0..200).map(|number| (format!("new{number}"), "wang", 1));
+    std::fs::create_dir_all(&place.0).unwrap();
+    std::fs::write(place.0.join(NAME), text_of(old.chain(new))).unwrap();
+    let keys = place.keys();
+    for number in 0..200 {
+        let again = ask(&keys, &format!("new{number}"), "wang", "k1", "2").await;
+        assert_eq!(again, Ok(Bytes::from_static(b"1")), "new{number}");
+    }
+}
+
+#[tokio::test]
+async fn nobody_pushes_the_keys_of_others_out() {
+    let place = Place::new("share");
+    let keys = place.keys();
+    for number in 0..10 {
+        ask(&keys, &format!("own{number}"), "wang", "k1", "1")
+            .await
+            .unwrap();
+    }
+    for number in 0..KEYS_MAX + 20 {
+        ask(&keys, &number.to_string(), "li", "k1", "1")
+            .await
+            .unwrap();
+    }
+    assert_eq!(lock(&keys.known).len(), KEYS_MAX);
+    let again = place.keys();
+    for keys in [&keys, &again] {
+        for number in 0..10 {
+            let end = ask(keys, &format!("own{number}"), "wang", "k1", "2").await;
+            assert_eq!(end, Ok(Bytes::from_static(b"1")), "{number}");
+        }
+    }
+    assert_eq!(ask(&again, "0", "li", "k1", "2").await, Ok("2".into()));
+}
+
+#[test]
+fn who_has_the_most_gives_way() {
+    let way = |keys: &[(&'static str, bool)], asker| gives_way(keys.iter().copied(), asker);
+    let two = [("li", true), ("wang", true), ("li", true)];
+    assert_eq!(way(&two, "zhao"), Some(0), "the oldest of li");
+    assert_eq!(way(&two, "li"), Some(0));
+    assert_eq!(way(&two, "wang"), Some(0));
+    // Whose commands are all under way waits for them, and takes no place of others.
+    let busy = [("li", false), ("wang", true), ("li", false)];
+    assert_eq!(way(&busy, "li"), None);
+    assert_eq!(way(&busy, "zhao"), Some(1));
+}
+
+/// The clock on the wall is set by a year while the program runs.
+#[tokio::test]
+async fn a_key_lasts_a_day_whatever_the_clock_on_the_wall_says() {
+    let place = Place::new("clock");
+    let keys = place.keys();
+    let now = Instant::now();
+    let first = keys.slot("a", "li", "k1", now).unwrap();
+    first.set(Ok(Bytes::new())).unwrap();
+    let again = keys.slot("a", "li", "k1", now + AGE_MAX).unwrap();
+    assert!(Arc::ptr_eq(&first, &again));
+    let late = now + AGE_MAX + Duration::from_secs(1);
+    let anew = keys.slot("a", "li", "k1", late).unwrap();
+    assert!(!Arc::ptr_eq(&first, &anew), "it is over");
+
+    // What an earlier run wrote down with a clock that went ahead is as old as nothing, and is
+    // so at every start.
+    let year = Duration::from_secs(365 * 24 * 3_600);
+    let row = Row::Begin(Begin {
+        key: "b".to_owned(),
+        who: "li".to_owned(),
+        command: "k1".to_owned(),
+        at_ms: millis(SystemTime::now() + year),
+    });
+    keys.write(row).await.unwrap();
+    let keys = place.keys();
+    let aged = |keys: &Keys| lock(&keys.known).back().unwrap().aged;
+    assert!(aged(&keys) < Duration::from_secs(60), "{:?}", aged(&keys));
+    let text = std::fs::read_to_string(place.0.join(NAME)).unwrap();
+    let Ok(Row::Begin(begin)) = serde_json::from_str(text.lines().last().unwrap()) else {
+        panic!("{text}");
+    };
+    assert!(begin.at_ms <= millis(SystemTime::now()));
+}
+
+/// A full disk takes a part of a line, and does not let it be taken back either.
+#[tokio::test]
+async fn a_line_that_was_torn_hides_none_after_it() {
+    let place = Place::new("torn");
+    let keys = place.keys();
+    let file = keys.file.clone().unwrap();
+    let path = place.0.join(NAME);
+    let whole = std::mem::replace(&mut lock(&file).file, File::open(&path).unwrap());
+    let refused = ask(&keys, "a", "li", "k1", "1").await;
+    assert_eq!(code(refused), "E0150");
+    let mut part = append_to(&path).unwrap();
+    part.write_all(b"{\"begin\":{\"key\":\"a\"").unwrap();
+    lock(&file).file = whole;
+    ask(&keys, "b", "li", "k1", "1").await.unwrap();
+    // A write that fails later takes back what is its own.
+    let len = std::fs::metadata(&path).unwrap().len();
+    assert_eq!(lock(&file).len, len);
+    let keys = place.keys();
+    let again = ask(&keys, "b", "li", "k1", "2").await;
+    assert_eq!(again, Ok(Bytes::from_static(b"1")));
+}
+
+#[tokio::test]
+async fn who_asks_at_the_same_time_waits_for_the_one_answer() {
+    let place = Place::new("same");
+    let keys = place.keys();
+    let count = Arc::new(AtomicUsize::new(0));
+    let ask = || {
+        let count = Arc::clone(&count);
+        keys.once("a", "li", &[b"toggle"], async move {
+            tokio::task::yield_now().await;
+            let times = count.fetch_add(1, Ordering::Relaxed) + 1;
+            Ok(Bytes::from(times.to_string()))
+        })
+    };
+    let (one, two, three) = tokio::join!(ask(), ask(), ask());
+    assert_eq!(count.load(Ordering::Relaxed), 1);
+    assert_eq!(one, Ok(Bytes::from_static(b"1")));
+    assert_eq!((&two, &three), (&one, &one));
+}
+
+#[tokio::test]
+async fn what_began_and_has_no_end_is_not_done_again() {
+    let place = Place::new("cut");
+    let keys = place.keys();
+    let command = digest("li", &[b"toggle", b"k1"]);
+    let begin = |key: &str| {
+        let (key, who, command) = (key.to_owned(), "li".to_owned(), command.clone());
+        let at_ms = millis(SystemTime::now());
+        Row::Begin(Begin {
+            key,
+            who,
+            command,
+            at_ms,
+        })
+    };
+    keys.write(begin("a")).await.unwrap();
+    // A line that was torn began nothing, and spoils nothing.
+    let mut file = append_to(&place.0.join(NAME)).unwrap();
+    file.write_all(b"{\"begin\":{\"key\":\"b\"").unwrap();
+    for _ in 0..2 {
+        let keys = place.keys();
+        let end = ask(&keys, "a", "li", "k1", "again").await;
+        let problem = end.expect_err("a problem");
+        assert_eq!(
+            (problem.code.as_str(), problem.may_have_acted),
+            ("E0303", true)
+        );
+    }
+    let keys = place.keys();
+    assert!(ask(&keys, "b", "li", "k1", "1").await.is_ok());
+}
+
+#[tokio::test]
+async fn a_task_that_breaks_off_is_not_done_again() {
+    let place = Place::new("broken");
+    let keys = place.keys();
+    let end = keys.once("a", "li", &[b"toggle", b"k1"], async { panic!("a test") });
+    let end = end.await.expect_err("a problem");
+    assert!(end.may_have_acted);
+    assert_eq!(ask(&keys, "a", "li", "k1", "2").await, Err(end));
+}
+
+#[tokio::test]
+async fn old_keys_are_forgotten_and_those_under_way_are_not() {
+    let place = Place::new("bound");
+    let keys = place.keys();
+    let start = Instant::now();
+    let slot = |key: &str, command| keys.slot(key, "li", command, start);
+    let under_way = slot("scene", "evening").unwrap();
+    for number in 0..KEYS_MAX {
+        let slot = slot(&number.to_string(), "").unwrap();
+        let _ = slot.set(Ok(Bytes::new()));
+    }
+    assert!(slot("0", "another").is_ok(), "it is forgotten");
+    let again = slot("scene", "evening").unwrap();
+    assert!(Arc::ptr_eq(&under_way, &again), "it is not done twice");
+    let held: Vec<_> = (0..KEYS_MAX).map(|n| slot(&format!("h{n}"), "")).collect();
+    assert!(
+        held.iter().filter(|slot| slot.is_err()).count() >= 1,
+        "no room"
+    );
+
+    let day = AGE_MAX + Duration::from_secs(1);
+    let row = |key: &str, at: SystemTime| {
+        let (key, who, command) = (key.to_owned(), String::new(), String::new());
+        let row = Row::Begin(Begin {
+            key,
+            who,
+            command,
+            at_ms: millis(at),
+        });
+        serde_json::to_string(&row).unwrap() + "\n"
+    };
+    let now = SystemTime::now();
+    let names = |text: String| {
+        std::fs::write(place.0.join(NAME), text).unwrap();
+        let (_, kept) = KeyFile::open(&place.0).unwrap();
+        let names = kept.into_iter().map(|one| one.begin.key);
+        names.collect::<Vec<_>>()
+    };
+    assert_eq!(names(row("old", now - day) + &row("new", now)), ["new"]);
+    let many = (0..KEYS_MAX + 9).map(|n| row(&n.to_string(), now));
+    let kept = names(many.collect());
+    assert_eq!((kept.len(), kept[0].as_str()), (KEYS_MAX, "9"));
+}
+
+#[tokio::test]
+async fn the_file_does_not_grow_for_ever() {
+    let place = Place::new("file");
+    let keys = place.keys();
+    let long = "x".repeat(60_000);
+    for number in 0..120 {
+        let answer = Bytes::from(long.clone());
+        let end = keys
+            .once("same", "li", &[number.to_string().as_bytes()], async {
+                Ok(answer)
+            })
+            .await;
+        assert!(end.is_ok());
+        lock(&keys.known).clear();
+    }
+    let len = std::fs::metadata(place.0.join(NAME)).unwrap().len();
+    assert!(len < 2 * SLACK, "{len}");
+}
+
+#[tokio::test]
+async fn without_a_disk_nothing_is_done_under_a_key() {
+    let place = Place::new("none");
+    std::fs::write(&place.0, "a file, no folder").unwrap();
+    let (keys, failed) = Keys::open(&place.0);
+    assert!(failed.is_some());
+    assert_eq!(code(ask(&keys, "a", "li", "k1", "1").await), "E0150");
+    std::fs::remove_file(&place.0).unwrap();
+}
