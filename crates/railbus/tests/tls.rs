@@ -183,7 +183,7 @@ fn other_machines_are_let_in_by_tls_and_with_a_user() {
     assert!(!answer.starts_with(b"HTTP"), "{answer:?}");
 
     kill_process(Pid::from_child(&daemon.0), Signal::HUP).expect("it runs");
-    while !said.contains("certificate read again") {
+    while !said.contains("certificate reloaded") {
         assert_ne!(stdout.read_line(&mut said).expect("text"), 0, "it ended");
     }
     assert_eq!(said.matches(&fingerprint).count(), 2, "{said}");

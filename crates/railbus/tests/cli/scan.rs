@@ -156,7 +156,7 @@ fn nothing_is_changed_and_known_modules_are_named() {
         "[line.main]\n{port}\n[module.kiln]\nline = \"main\"\nmodel = \"erc8\"\naddress = 5\n\
          [module.gone]\nline = \"main\"\nmodel = \"erc8\"\naddress = 9\n"
     ));
-    let ran = site.run("scan --addr 5 --proto rtu --timeout 200ms");
+    let ran = site.run("scan --addr 5,9 --proto rtu --timeout 200ms");
     let differs = "kiln is another model in the configuration";
     assert!(ran.out.contains(differs), "{ran:?}");
     assert!(

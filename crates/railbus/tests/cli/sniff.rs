@@ -103,7 +103,7 @@ fn a_faulty_line_is_told_frame_by_frame_in_both_languages() {
         "{}",
         lines[16]
     );
-    let summary = "21 帧，7 次交换，2 次无应答，5 帧损坏；总线占用 16.4 %；\
+    let summary = "21 条报文，7 次交换，2 次无应答，5 条损坏；总线占用 16.4 %；\
                    最慢应答：地址 4，17.5 毫秒\n";
     assert_eq!(zh.err, summary);
 }
@@ -141,7 +141,7 @@ fn filters_choose_and_programs_read_it() {
     assert_eq!(wrong.code, 2);
     assert_eq!(wrong.error()["code"], "E0280");
     let message = wrong.error()["message"].as_str().map(str::to_owned);
-    let said = "the filter, character 8 \"bad\": \"and\" or \"or\" should stand here";
+    let said = "the filter, character 8 \"bad\": expected \"and\" or \"or\"";
     assert_eq!(message.as_deref(), Some(said));
     let zh = read(&site, &["--filter", "addr=", "--lang", "zh"]);
     assert!(zh.err.contains("过滤条件第 6 个字符"), "{zh:?}");
@@ -357,7 +357,7 @@ fn a_line_of_the_daemon_is_looked_at_without_touching_it() {
     let arguments: Vec<&str> = ["sniff"].into_iter().chain(tap).collect();
     let ran = site.run_with(&arguments, "");
     assert_eq!(ran.code, 0, "{ran:?}");
-    let said = "listening to line main through the daemon; the line is not touched";
+    let said = "listening to line main through the daemon; the line is not affected";
     assert_eq!(ran.err.trim(), said);
     let rows = keeps_to(&site, "sniff", &ran);
     let replies: Vec<_> = rows.iter().filter(|row| row["role"] == "reply").collect();
@@ -433,5 +433,5 @@ fn a_frame_of_ones_own_that_hides_a_command_is_asked_about() {
     let ran = site.run(hidden);
     assert_eq!(ran.error()["code"], "E0202", "{ran:?}");
     let why = ran.error()["why"].to_string();
-    assert!(why.contains("a whole command of r55"), "{why}");
+    assert!(why.contains("a complete command of r55"), "{why}");
 }

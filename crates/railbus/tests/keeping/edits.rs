@@ -21,7 +21,11 @@ fn a_site_begins_with_nothing_and_grows() {
     let folder = Folder::new("empty");
     let file = folder.0.join("new.toml");
     let daemon = Daemon::start_in(folder, &["--config", file.to_str().expect("text")]);
-    assert!(daemon.told.contains("not there yet"), "{}", daemon.told);
+    assert!(
+        daemon.told.contains("does not exist yet"),
+        "{}",
+        daemon.told
+    );
     assert_eq!(daemon.get("/config")["text"], "");
     let line = json!({"line": "main", "port": "/dev/railbus-test-nothing", "parity": "even"});
     let answer = daemon.send("POST", "/config/lines", &line);
