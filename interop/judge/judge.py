@@ -7,6 +7,9 @@ import collections
 # So much more than said may the end of a pulse or a lease take while nothing is wrong with its
 # line; what was wrong, or a daemon that did not run, is added.
 END_MAX = 4.0
+# So much later than said may an order of an end still come: one that was lost, or whose answer was,
+# is tried again after one, two and four seconds, and each try takes its time.
+TRIED_AGAIN = 12.0
 # A timed end may come so much earlier than told: what is rounded.
 EARLY = 0.012
 # A command ends by itself after so long: five seconds to be sent, and as many to be read back.
@@ -241,16 +244,16 @@ class Judge:
             return None
         if not claim.is_done_or_renewed(part):
             # What may have begun is ended all the same, at once or later.
-            return act.lo <= self.calm_after(part.relay, claim.until + claim.seconds, END_MAX)
+            return act.lo <= self.calm_after(part.relay, claim.until + claim.seconds, TRIED_AGAIN)
         due = claim.until + claim.seconds
         if any(life[3] == "TERM" and claim.since <= life[1] <= act.hi for life in self.lives):
             # Who is told to stop ends at once what it has begun, or after its next start.
-            return act.lo <= self.calm_after(part.relay, due, END_MAX)
+            return act.lo <= self.calm_after(part.relay, due, TRIED_AGAIN)
         if act.hi < claim.since + claim.seconds - EARLY:
             return False
         if claim.kind == "lease" and self._is_leased(act, claim, part):
             return False
-        return act.lo <= self.calm_after(part.relay, due, END_MAX)
+        return act.lo <= self.calm_after(part.relay, due, TRIED_AGAIN)
 
     def _is_leased(self, act, claim, part):
         """Whether the lease holds still, by its last renewal; of several at once by all of them."""

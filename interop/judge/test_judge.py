@@ -187,6 +187,18 @@ class Lies(unittest.TestCase):
         early.says("pulse", True, 10, 10.2, readback(True), seconds=1.0, by="host")
         self.lie(early, "nobody's")
 
+    def test_an_end_that_is_tried_again(self):
+        def tried(*times):
+            told = Told().acts(10.1, True)
+            told.says("pulse", True, 10, 10.2, readback(True), seconds=1.0, by="host")
+            for when in times:
+                told.acts(when, False)
+            return told
+
+        self.true(tried(11.1, 12.6, 15.1, 19.6))
+        self.lie(tried(11.1, 24.0), "nobody's")
+        self.lie(tried(19.6), "end")
+
     def test_a_pulse_beside_a_set(self):
         """The set ended first, and whoever ended last leaves it off, too."""
         told = Told().acts(10.05, False).acts(10.1, True)
@@ -214,7 +226,7 @@ class Lies(unittest.TestCase):
         renewed = {"value": True, "renewed": True}
         shorter.says("lease", True, 10.5, 10.51, renewed, seconds=0.25, by="host")
         self.true(shorter, left=True)
-        self.lie(leased(19.0), "end", "nobody's")
+        self.lie(leased(26.0), "end", "nobody's")
 
     def test_what_this_machine_spoilt_is_not_judged(self):
         told = Told().reads(9.9, 10.2, True)
