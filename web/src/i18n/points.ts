@@ -7,7 +7,7 @@ export const points = {
   high: ["high", "高"],
   low: ["low", "低"],
   unknown: ["unknown", "未知"],
-  is_now: ["now", "现为"],
+  is_now: ["now", "刚刚"],
   was: ["was {value}", "上次{value}"],
   switching: ["switching…", "执行中…"],
   confirmed_readback: ["confirmed", "已确认"],
