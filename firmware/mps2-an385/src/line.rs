@@ -5,7 +5,8 @@
 //!
 //! QEMU brings all characters of a frame at once, or late when its machine is busy. On a line
 //! they take their time, and so they do here: none ends earlier than the time of a character
-//! after the one before it. Where characters come as fast as they may, that changes nothing.
+//! after the one before it, and those that lie there together end right after one another. Where
+//! characters come as fast as they may, that changes nothing.
 
 use crate::map::{CLOCK_HZ, LEDS, UART0};
 use crate::{clock, guard};
@@ -40,6 +41,9 @@ static DRAINED: AtomicBool = AtomicBool::new(false);
 /// Characters came, or room for them.
 pub(crate) fn take_in() {
     UART0.interrupt.write(IN);
+    // Once for all that lie there: QEMU may be held up while we take them, and that is no pause
+    // between them.
+    let now = clock::now();
     while RING.has_room() {
         let state = UART0.state.read();
         let what = if state & OVERRUN_IN != 0 {
@@ -52,7 +56,7 @@ pub(crate) fn take_in() {
             return;
         };
         RING.push(Heard {
-            at: ends_at(clock::now()),
+            at: ends_at(now),
             what,
         });
     }
@@ -131,6 +135,10 @@ pub(crate) fn retune(serial: Settings) {
     CHARACTER.store(character, Ordering::Relaxed);
     UART0.divider.write(CLOCK_HZ / serial.baud.rate());
     UART0.control.write(HEARING);
+    // QEMU's multiplexer keeps what came before this, and hands it on when a character is taken.
+    if UART0.state.read() & IS_FULL_IN == 0 {
+        UART0.data.read();
+    }
 }
 
 pub(crate) fn light(lit: bool) {

@@ -1,10 +1,10 @@
 //! What can compile for a Cortex-M3 here.
 //!
 //! Two toolchains can, tried in this order:
-//! 1. the one that runs xtask, if its `thumbv7m-none-eabi` target is installed
-//!    (`rustup target add thumbv7m-none-eabi`);
-//! 2. Debian's `rustc-web`, `cargo-web` and `rust-web-src`, which build `core` from source. This is
-//!    the way for machines that cannot reach rustup's server.
+//! 1. Debian's `rustc-web`, `cargo-web` and `rust-web-src`, which build `core` from source and for
+//!    size. Only their images are as small as `docs/firmware-size.md` says;
+//! 2. the one that runs xtask, if its `thumbv7m-none-eabi` target is installed
+//!    (`rustup target add thumbv7m-none-eabi`).
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -54,18 +54,19 @@ pub(crate) fn target_installed(root: &Path) -> bool {
 }
 
 pub(super) fn choose(root: &Path) -> Result<Toolchain> {
-    if target_installed(root) {
-        return Ok(Toolchain::Installed);
-    }
+    // The limits of size are held with this one.
     let source = |sysroot: PathBuf| sysroot.join("lib/rustlib/src/rust/library").is_dir();
     if Path::new(DEBIAN_CARGO).is_file() && sysroot(root, DEBIAN_RUSTC).is_ok_and(source) {
         return Ok(Toolchain::DebianSource);
     }
+    if target_installed(root) {
+        return Ok(Toolchain::Installed);
+    }
     Err(Error::new(
         format!("no compiler here can build for {TARGET}"),
         format!(
-            "run `rustup target add {TARGET}`, or on Debian \
-             `apt-get install rustc-web cargo-web rust-web-src`"
+            "on Debian run `apt-get install rustc-web cargo-web rust-web-src`, elsewhere \
+             `rustup target add {TARGET}`"
         ),
     ))
 }
