@@ -68,7 +68,7 @@ pub enum Malformed {
     Address,
     /// They name another function or command, or one that does not exist.
     Function,
-    /// They hold more or fewer values than were asked for.
+    /// They end early, or hold more or fewer values than were asked for.
     Length,
     /// The checksum is wrong.
     Checksum,
@@ -88,7 +88,7 @@ impl fmt::Display for Malformed {
             Malformed::Start => "does not begin like such a frame",
             Malformed::Address => "another module's address",
             Malformed::Function => "another function",
-            Malformed::Length => "another number of values than asked for",
+            Malformed::Length => "incomplete, or not the number of values asked for",
             Malformed::Checksum => "wrong checksum",
             Malformed::Echo => "acknowledges something else than was commanded",
             Malformed::Syntax => "a character stands where it may not",

@@ -203,6 +203,22 @@ impl<'a> Exchange<'a> {
     }
 }
 
+impl Exchange<'_> {
+    /// Whether a good reply to this request, no refusal, can be no reply to the other one, and no
+    /// reply to the other one a good reply to this.
+    ///
+    /// Modules answer in the order in which they were asked. So where this was asked after the
+    /// other, and is answered, no reply to the other can come any more.
+    #[must_use]
+    pub fn stands_apart(&self, other: &Exchange<'_>) -> bool {
+        match (self, other) {
+            (Exchange::Ascii(a), Exchange::Ascii(b)) => a.stands_apart(b),
+            (Exchange::Lc02(a), Exchange::Lc02(b)) => a.stands_apart(b),
+            _ => !self.confusable(other),
+        }
+    }
+}
+
 impl<R> Reply<R> {
     /// The same reply with another kind of response.
     #[inline]

@@ -247,6 +247,16 @@ impl Exchange {
             .any(|address| other.answerers().contains(address))
     }
 
+    /// Whether a good reply to this request can't be one to the other, nor the reverse: replies of
+    /// other modules, and the configuration, which is longer than any other reply and does not
+    /// begin with one: where a shorter one ends, it has the model's high byte or the type, and
+    /// neither is 0D [EDA §3.4].
+    #[must_use]
+    pub fn stands_apart(&self, other: &Exchange) -> bool {
+        let asks_config = |exchange: &Exchange| matches!(exchange.request, Request::ReadConfig);
+        !self.confusable(other) || asks_config(self) != asks_config(other)
+    }
+
     /// The addresses that a reply may carry.
     #[inline]
     const fn answerers(&self) -> [Address; 2] {

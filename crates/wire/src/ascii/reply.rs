@@ -156,20 +156,36 @@ impl Exchange {
     /// address fit any module; a refusal `?AA` fits every request to its module.
     #[must_use]
     pub fn confusable(&self, other: &Exchange) -> bool {
+        let mut forms = self.request.forms();
+        forms.any(|mine| self.fits(mine, other))
+    }
+
+    /// Whether a good reply to this request, no refusal, can't be any reply to the other one, nor
+    /// the reverse.
+    #[must_use]
+    pub fn stands_apart(&self, other: &Exchange) -> bool {
+        use Request::{ReadConfig, ReadName};
+        // Told apart by what they hold, too.
+        let pair = (self.request, other.request);
+        let by_body = matches!(pair, (ReadConfig, ReadName) | (ReadName, ReadConfig));
+        let good = self.request.good_form();
+        by_body || good.is_some_and(|mine| !self.fits(mine, other))
+    }
+
+    /// Whether a reply of this form could be one to another request.
+    fn fits(&self, mine: Form, other: &Exchange) -> bool {
         let same_module = self
             .answerers()
             .iter()
             .any(|address| other.answerers().contains(address));
-        self.request.forms().any(|mine| {
-            other.request.forms().any(|theirs| {
-                let (shortest, longest) = mine.lengths(self.checksum);
-                let (their_shortest, their_longest) = theirs.lengths(other.checksum);
-                let both_addressed = mine.addressed && theirs.addressed;
-                mine.lead == theirs.lead
-                    && shortest <= their_longest
-                    && their_shortest <= longest
-                    && (same_module || !both_addressed)
-            })
+        let (shortest, longest) = mine.lengths(self.checksum);
+        other.request.forms().any(|theirs| {
+            let (their_shortest, their_longest) = theirs.lengths(other.checksum);
+            let both_addressed = mine.addressed && theirs.addressed;
+            mine.lead == theirs.lead
+                && shortest <= their_longest
+                && their_shortest <= longest
+                && (same_module || !both_addressed)
         })
     }
 
@@ -234,6 +250,8 @@ impl Exchange {
             _ => Err(Malformed::Value),
         };
         Ok(match (&self.request, body) {
+            // So a late configuration is never taken for a name.
+            (Request::ReadName, body) if looks_like_config(body) => return Err(Malformed::Value),
             (Request::ReadName | Request::ReadFirmware, _) => Response::Text(Text::parse(body)?),
             (Request::ReadConfig, [a, b, c, d, e, f]) => Response::Config {
                 type_code: two(a, b)?,
@@ -316,6 +334,11 @@ impl Exchange {
             Err(Malformed::End)
         }
     }
+}
+
+/// Whether it is the configuration of a digital module, `40CCFF`: no module has such a name.
+fn looks_like_config(body: &[u8]) -> bool {
+    matches!(body, [b'4', b'0', b'0', _, _, _]) && body.iter().all(u8::is_ascii_hexdigit)
 }
 
 /// The characters between address and checksum.
