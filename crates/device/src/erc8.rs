@@ -63,7 +63,7 @@ pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
     let register = |at, value| Some(Request::WriteRegister { at, value });
     let request = match *op {
         Op::ReadOutputs => Some(Request::ReadCoils(BitSpan::new(FIRST_COIL, RELAYS)?)),
-        Op::ReadConfig => Some(Request::ReadHoldingRegisters(WordSpan::new(
+        Op::ReadConfig | Op::Fence => Some(Request::ReadHoldingRegisters(WordSpan::new(
             ADDRESS, REGISTERS,
         )?)),
         Op::Write(bank) => return modbus::write_run(setup, FIRST_COIL, bank),

@@ -63,6 +63,8 @@ impl Module {
             (Response::Ascii(ascii::Response::Ignored), _) => {
                 Some(Seen::Refused(Refusal::WatchdogTripped))
             }
+            // That it answered is all that is wanted.
+            _ if matches!(op, Op::Fence) => Some(Seen::Done),
             (_, Family::Eda9060a | Family::Eda9050) => eda::interpret(&self.setup, op, response),
             (_, Family::Erc8) => erc8::interpret(op, response),
             (_, Family::Emd2a2q) => emd2a2q::interpret(op, response),
@@ -79,6 +81,13 @@ impl Module {
             Family::Eda9060a | Family::Eda9050 => eda::recognises(&self.setup, seen),
             Family::Erc8 | Family::R55 | Family::Emd2a2q => true,
         }
+    }
+
+    /// Whether [`Op::Identify`] can show that another model answers.
+    #[must_use]
+    pub fn can_be_contradicted(&self) -> bool {
+        let says_so = matches!(self.setup.family, Family::Eda9060a | Family::Eda9050);
+        says_so && self.exchange(&Op::Identify).is_ok()
     }
 
     /// Takes note of what changes how later ops are to be treated.

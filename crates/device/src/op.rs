@@ -58,6 +58,10 @@ pub enum Op {
     Identify,
     /// Read address, speed, parity, checksum.
     ReadConfig,
+    /// Ask something harmless whose reply can be none to the other reads and writes of the module:
+    /// once it is answered, whatever was asked before is answered or lost. Only where a poll has
+    /// no two such reads anyway.
+    Fence,
     /// Bring outputs into these states, and leave the others alone.
     Write(Bank),
     /// The same in a form that no module answers.
@@ -196,6 +200,7 @@ impl Op {
                 | Op::ReadPulse
                 | Op::Identify
                 | Op::ReadConfig
+                | Op::Fence
         )
     }
 }

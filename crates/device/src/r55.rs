@@ -37,6 +37,8 @@ pub(crate) const VARIABLES: usize = match Family::ONLY {
 pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<railbus_wire::Exchange<'static>> {
     let request = match *op {
         Op::ReadOutputs | Op::ReadInputs => Request::ReadState,
+        // A board with variables has two reads that are told apart, and is polled for both.
+        Op::Fence if setup.variables == 0 => Request::ReadAddress,
         Op::Write(bank) | Op::WriteSilent(bank) => write(setup, bank)?,
         Op::Toggle(mask) if mask == 0 || mask & !setup.output_mask() != 0 => return None,
         Op::Toggle(mask) => match single(mask) {

@@ -33,7 +33,7 @@ fn in_ascii(setup: &Setup, op: &Op) -> Option<ascii::Request> {
         Op::ReadOutputs | Op::ReadInputs => ascii::Request::ReadData,
         Op::ReadPulse => ascii::Request::ReadPulse,
         Op::Identify => ascii::Request::ReadName,
-        Op::ReadConfig => ascii::Request::ReadConfig,
+        Op::ReadConfig | Op::Fence => ascii::Request::ReadConfig,
         Op::Write(bank) => {
             let (order, data) = match outputs(setup, bank)? {
                 lc02::Outputs::All(value) => (ascii::ALL_OUTPUTS, value),
@@ -60,7 +60,7 @@ fn in_lc02(setup: &Setup, op: &Op) -> Option<lc02::Request> {
     Some(match *op {
         Op::ReadOutputs | Op::ReadInputs => lc02::Request::ReadData,
         Op::ReadPulse => lc02::Request::ReadPulse,
-        Op::Identify | Op::ReadConfig => lc02::Request::ReadConfig,
+        Op::Identify | Op::ReadConfig | Op::Fence => lc02::Request::ReadConfig,
         Op::Write(bank) => lc02::Request::WriteOutputs(outputs(setup, bank)?),
         Op::Configure(Change::Pulse { mask, width }) => lc02::Request::WritePulse { mask, width },
         Op::Configure(Change::Serial {
@@ -148,6 +148,10 @@ pub(crate) fn interpret(setup: &Setup, op: &Op, response: &Response<'_>) -> Opti
 fn of_ascii(setup: &Setup, response: &ascii::Response) -> Option<Seen> {
     Some(match *response {
         ascii::Response::Data { outputs, inputs } => channels(setup, outputs, inputs),
+        // A name that comes late has bits that no mask has: `!019060`.
+        ascii::Response::Pulse { mask, .. } if u32::from(mask) & !setup.output_mask() != 0 => {
+            return None;
+        }
         ascii::Response::Pulse { mask, width } => Seen::Pulse { mask, width },
         ascii::Response::Text(name) => Seen::Name(name),
         ascii::Response::Config {
