@@ -14,7 +14,7 @@ pub struct Scene {
     pub modules: Vec<Setup>,
     /// One round of reads, in the order in which the line master asks.
     pub reads: Vec<Step>,
-    /// What else may be asked: greetings, and the write of [`command`].
+    /// What else may be asked: greetings, fences, and the write of [`command`].
     others: Vec<Step>,
     /// From the end of a request to the reply.
     pub turnaround: Micros,
@@ -70,7 +70,10 @@ impl Scene {
         for setup in &modules {
             let module = Module::new(*setup).map_err(|why| why.to_string())?;
             // The write first: afterwards the module shows what it did.
-            for op in std::iter::once(command()).chain(module.greeting()) {
+            for op in [command(), Op::Fence, Op::Identify]
+                .into_iter()
+                .chain(module.greeting())
+            {
                 others.extend(step(&module, &op)?);
             }
             for op in module.full_poll() {

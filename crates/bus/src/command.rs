@@ -40,8 +40,6 @@ pub(crate) struct Command {
     /// When the last of its own replies had come in.
     pub(crate) replied: Option<Instant>,
     pub(crate) evidence: Evidence,
-    /// The last frame came back garbled rather than not at all.
-    pub(crate) garbled: bool,
 }
 
 /// Where a command is.
@@ -103,10 +101,10 @@ impl Command {
             replied: None,
             evidence: Evidence {
                 attempts: 0,
+                garbled: 0,
                 bytes: 0,
                 why: None,
             },
-            garbled: false,
         }
     }
 
@@ -115,11 +113,15 @@ impl Command {
         matches!(self.stage, Stage::Queued) && self.evidence.attempts == 0
     }
 
-    /// What the outputs, read after its frame, make of it: its end, or nothing yet.
+    /// What the outputs, read after its frame, make of it: its end, or nothing yet. Who read
+    /// something else, such as the inputs, has not read it back.
     pub(crate) fn judge(&mut self, node: &Node, outputs: Bank) -> Option<Result<Confirmed, Fault>> {
         let Stage::ReadBack(reads) = self.stage else {
             return None;
         };
+        if outputs.mask == 0 {
+            return None;
+        }
         let Some(want) = bank_of(&self.op) else {
             return Some(self.end_by_reply());
         };
@@ -137,7 +139,7 @@ impl Command {
                 return Some(self.end_by_reply());
             }
             // Whether it is one is asked once. A module that does not say has none.
-            if node.greeting().is_some() && (reads == 0 || self.asks_pulses) {
+            if node.pulse_question().is_some() && (reads == 0 || self.asks_pulses) {
                 self.asks_pulses = true;
                 self.stage = Stage::ReadBack(1);
                 return None;
@@ -172,6 +174,12 @@ impl Command {
         let want = bank_of(&self.op).filter(|_| core::mem::take(&mut self.asks_pulses))?;
         self.wrong &= !(pulses & want.on);
         (self.wrong == 0).then(|| self.end_by_reply())
+    }
+
+    /// The end where another model answers than it was meant for.
+    pub(crate) const fn end_by_stranger(&self) -> Result<Confirmed, Fault> {
+        let sent = !self.is_unsent();
+        Err(Fault::Stranger { sent })
     }
 
     /// When it ends because its time is up; a frame on the line is waited for.
@@ -222,11 +230,7 @@ impl Command {
 
     /// The fault of an exchange without a good reply.
     pub(crate) const fn lost(&self) -> Fault {
-        if self.garbled {
-            Fault::Garbled(self.evidence)
-        } else {
-            Fault::NoReply(self.evidence)
-        }
+        self.evidence.fault()
     }
 }
 

@@ -57,6 +57,13 @@ pub struct Config {
     /// Unanswered requests are remembered, so that their late replies are not taken for
     /// others. Off only to show that a simulation notices when they are not.
     pub ghosts: bool,
+    /// After a miss something is asked whose reply shows that nothing older can come
+    /// (docs/decisions/0015). Off only where the rules are to be seen by which a module is treated
+    /// that answers nothing of the kind.
+    pub fences: bool,
+    /// A module that can say what it is is asked for that when it is heard anew
+    /// (docs/decisions/0031). Off only where nothing but the rest is to be seen.
+    pub identify: bool,
 }
 
 impl Default for Config {
@@ -68,6 +75,8 @@ impl Default for Config {
             duplicate_window: Micros::from_millis(100),
             probation: 20,
             ghosts: true,
+            fences: true,
+            identify: true,
         }
     }
 }

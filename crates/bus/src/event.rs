@@ -21,15 +21,44 @@ pub enum Confirmed {
     Sent,
 }
 
-/// What was heard instead of a good reply.
+/// What was heard instead of a good reply, at all tries together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Evidence {
     /// How often it was tried.
     pub attempts: u8,
+    /// How often something came that is no reply.
+    pub garbled: u8,
     /// How many bytes came back in all, echo apart.
     pub bytes: u16,
     /// Why the first of them were no reply.
     pub why: Option<Malformed>,
+}
+
+impl Evidence {
+    /// What one try met: so many bytes, and why they are no reply.
+    pub(crate) const fn of_try(bytes: u16, why: Option<Malformed>) -> Evidence {
+        Evidence {
+            attempts: 1,
+            garbled: why.is_some() as u8,
+            bytes,
+            why,
+        }
+    }
+
+    /// With what another try met, which was counted when it was sent.
+    pub(crate) fn add(&mut self, other: Evidence) {
+        self.garbled = self.garbled.saturating_add(other.garbled);
+        self.bytes = self.bytes.saturating_add(other.bytes);
+        self.why = self.why.or(other.why);
+    }
+
+    /// The fault of an exchange without a good reply: silence only where nothing else ever came.
+    pub(crate) const fn fault(self) -> Fault {
+        match self.why {
+            Some(_) => Fault::Garbled(self),
+            None => Fault::NoReply(self),
+        }
+    }
 }
 
 /// Why a command was not confirmed, and whether the module may have acted all the same.
@@ -45,9 +74,14 @@ pub enum Fault {
     Locked,
     /// Not sent: the line is closed.
     Closed,
+    /// What answers there says that it is another model.
+    Stranger {
+        /// It was sent before that was known.
+        sent: bool,
+    },
     /// The module answered no.
     Refused(Refusal),
-    /// Nothing came back.
+    /// Nothing came back that could be a reply to it.
     NoReply(Evidence),
     /// Something came back that is no reply to this.
     Garbled(Evidence),
@@ -68,6 +102,7 @@ impl Fault {
             | Fault::Locked
             | Fault::Closed
             | Fault::Refused(_) => false,
+            Fault::Stranger { sent } => *sent,
             Fault::NoReply(_) | Fault::Garbled(_) | Fault::NotVerified | Fault::Unknown => true,
         }
     }
@@ -81,6 +116,7 @@ impl Fault {
             Fault::Expired => "expired",
             Fault::Locked => "locked",
             Fault::Closed => "closed",
+            Fault::Stranger { .. } => "other_model",
             Fault::Refused(_) => "refused",
             Fault::NoReply(_) => "no_reply",
             Fault::Garbled(_) => "garbled",
@@ -108,6 +144,9 @@ pub enum Presence {
     Online,
     /// It answered before and does not now.
     Silent,
+    /// Something answers that says it is another model. What it reads is not told, and it gets no
+    /// commands.
+    Stranger,
 }
 
 /// Something that happened on a line.

@@ -18,6 +18,9 @@ pub(crate) enum Job {
     Greeting { module: ModuleId, op: Op },
     /// The frame of one or more commands.
     Command { module: ModuleId, op: Op },
+    /// What was asked before and not answered is to be over: something whose reply is of another
+    /// shape.
+    Fence { module: ModuleId, op: Op },
     /// The outputs are read for commands that wait for it.
     ReadBack { module: ModuleId },
     /// A probe of a scan.
@@ -34,15 +37,35 @@ impl Job {
             Job::Poll { module, .. }
             | Job::Greeting { module, .. }
             | Job::Command { module, .. }
+            | Job::Fence { module, .. }
             | Job::ReadBack { module } => Some(*module),
             Job::Probe { .. } => None,
         }
     }
 
+    /// Whether it looks how a module is: what one costs that is silent is paid for.
+    pub(crate) const fn is_look(&self) -> bool {
+        matches!(self, Job::Poll { .. } | Job::Fence { .. })
+    }
+
+    /// Whether it asks a module what it is.
+    pub(crate) const fn identifies(&self) -> bool {
+        matches!(
+            self,
+            Job::Greeting {
+                op: Op::Identify,
+                ..
+            }
+        )
+    }
+
     /// The op of its exchange, where it has one.
     pub(crate) const fn op(&self) -> Op {
         match self {
-            Job::Poll { op, .. } | Job::Greeting { op, .. } | Job::Command { op, .. } => *op,
+            Job::Poll { op, .. }
+            | Job::Greeting { op, .. }
+            | Job::Command { op, .. }
+            | Job::Fence { op, .. } => *op,
             Job::ReadBack { .. } | Job::Probe { .. } => Op::ReadOutputs,
         }
     }
@@ -77,6 +100,11 @@ impl Flight {
             deadline,
             limit: deadline + PIECES_MAX,
         }
+    }
+
+    /// Whether its reply is wanted for nothing but what it shows of requests before it.
+    pub(crate) const fn is_fence(&self) -> bool {
+        matches!(self.job, Job::Fence { .. })
     }
 
     /// The reply has begun: its other pieces may be a little late.

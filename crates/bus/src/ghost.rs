@@ -1,14 +1,23 @@
 //! Ghosts: requests whose reply may still come.
 //!
-//! A request that was not answered in time stays a ghost until no late reply can arrive. No
+//! A request that was not answered in time stays a ghost until no late reply can arrive: until
+//! something that was asked after it is answered (docs/decisions/0015), or its time is over. No
 //! request that could be confused with a ghost is sent meanwhile: so a late reply is never taken
 //! for another module's, or for another moment's.
 
 use crate::ModuleId;
-use railbus_wire::{Decoded, Exchange, Instant};
+use core::ops::Range;
+use railbus_wire::{Decoded, Exchange, Instant, Micros, Reply, Response};
 
 /// How many ghosts a line holds; with that many, it asks nothing until one is gone.
-pub const GHOSTS_MAX: usize = 16;
+const GHOSTS_MAX: usize = 192;
+
+/// So long after its request a reply may come to who opens the port after us: what is waited for
+/// where nothing is known of a module.
+const HAUNTS: Micros = Micros::from_millis(900);
+
+/// So many bytes of a reply say whose it is, and of what kind.
+const HEAD: usize = 3;
 
 /// A request whose reply may still come.
 #[derive(Clone, Copy, Debug)]
@@ -17,9 +26,37 @@ pub(crate) struct Ghost {
     pub(crate) module: Option<ModuleId>,
     /// When its request had left.
     pub(crate) sent: Instant,
+    /// Until when the module itself may answer it.
+    pub(crate) late: Instant,
+    /// Until when the reply may arrive, held back on its way.
     pub(crate) until: Instant,
     /// The request was answered: what may come is the same reply again.
     pub(crate) answered: bool,
+    /// It was a fence: only a good reply counts ([`Exchange::stands_apart`]).
+    pub(crate) fence: bool,
+}
+
+impl Ghost {
+    /// Whether its reply could be taken for a reply to this.
+    fn is_confusable(&self, exchange: &Exchange<'_>) -> bool {
+        if self.fence {
+            !self.exchange.stands_apart(exchange)
+        } else {
+            self.exchange.confusable(exchange)
+        }
+    }
+
+    /// Until when it is to be reckoned with by who opens the port next. The fence has taught the
+    /// line how fast the module is, which says nothing of the reply that did not come.
+    fn haunts_until(&self) -> Instant {
+        self.late.max((self.sent + HAUNTS).min(self.until))
+    }
+
+    /// Whether it may keep other modules waiting than its own. ASCII data may look like a reply
+    /// that begins with an address.
+    const fn is_common(&self) -> bool {
+        matches!(self.exchange, Exchange::Ascii(_))
+    }
 }
 
 /// The ghosts of a line.
@@ -28,6 +65,9 @@ pub(crate) struct Ghosts {
     slots: [Option<Ghost>; GHOSTS_MAX],
     /// How many slots are taken: none on a good line, which then spends no time here.
     count: usize,
+    /// Until when modules may answer what a fence has shown to be over: who opens the port after
+    /// us relies on no order.
+    laid: Option<Instant>,
     /// Whether any are kept at all.
     kept: bool,
 }
@@ -37,6 +77,7 @@ impl Ghosts {
         Ghosts {
             slots: [None; GHOSTS_MAX],
             count: 0,
+            laid: None,
             kept,
         }
     }
@@ -54,17 +95,73 @@ impl Ghosts {
     pub(crate) fn clear(&mut self) {
         self.slots = [None; GHOSTS_MAX];
         self.count = 0;
+        self.laid = None;
     }
 
     pub(crate) fn expire(&mut self, now: Instant) {
+        self.retain(|ghost| ghost.until > now);
+        self.laid = self.laid.filter(|late| *late > now);
+    }
+
+    /// A module answered what it was asked at this moment. What it was asked before is answered or
+    /// lost. What others were asked so long before that they can't answer it any more is lost,
+    /// too, where nothing is late but what lies between: that is believed of what would keep all
+    /// others waiting, and where there is little room left.
+    pub(crate) fn lay(&mut self, module: ModuleId, asked: Instant) {
+        let is_crowded = self.is_crowded();
+        let mut laid = self.laid;
+        self.retain(|ghost| {
+            let is_own = ghost.module == Some(module) && ghost.sent <= asked;
+            let is_common = is_crowded || ghost.is_common();
+            let is_over = is_own || is_common && ghost.late <= asked;
+            let goes = is_over && !ghost.answered;
+            if goes {
+                laid = laid.max(Some(ghost.haunts_until()));
+            }
+            !goes
+        });
+        self.laid = laid;
+    }
+
+    /// Whether a reply of another module can show that this one is over.
+    pub(crate) fn ends_by_others(&self, ghost: &Ghost) -> bool {
+        ghost.is_common() || self.is_crowded()
+    }
+
+    const fn is_crowded(&self) -> bool {
+        self.count > GHOSTS_MAX / 2
+    }
+
+    /// What modules were asked that are not there any more is from now on another one's, where
+    /// `heir` knows one.
+    pub(crate) fn bequeath(&mut self, heir: impl Fn(&Ghost) -> Option<ModuleId>) {
+        for ghost in self.slots.iter_mut().flatten() {
+            ghost.module = heir(ghost).or(ghost.module);
+        }
+    }
+
+    /// A module answered what it was asked at this moment, and only its own fences before that are
+    /// over.
+    pub(crate) fn lay_fences(&mut self, module: ModuleId, asked: Instant) {
+        self.retain(|ghost| {
+            let is_own = ghost.module == Some(module) && ghost.sent <= asked;
+            ghost.answered || !ghost.fence || !is_own
+        });
+    }
+
+    fn retain(&mut self, mut stays: impl FnMut(&Ghost) -> bool) {
         if self.count == 0 {
             return;
         }
         for slot in &mut self.slots {
-            if slot.take_if(|ghost| ghost.until <= now).is_some() {
+            if slot.take_if(|ghost| !stays(ghost)).is_some() {
                 self.count -= 1;
             }
         }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &Ghost> {
+        self.slots.iter().flatten()
     }
 
     /// Until when this exchange must not be sent: the end of the last ghost it could be
@@ -73,43 +170,189 @@ impl Ghosts {
         if self.count == 0 {
             return None;
         }
-        let ghosts = || self.slots.iter().flatten();
-        let confusable = ghosts().filter(|ghost| ghost.exchange.confusable(exchange));
+        let confusable = self.iter().filter(|ghost| ghost.is_confusable(exchange));
+        confusable.map(|ghost| ghost.until).max().max(self.room())
+    }
+
+    /// The same where only what modules may still answer is waited for, not what may be held back
+    /// on its way.
+    pub(crate) fn late_until(&self, exchange: &Exchange<'_>, now: Instant) -> Option<Instant> {
+        let late = self.iter().filter(|ghost| ghost.late > now);
+        let confusable = late.filter(|ghost| ghost.is_confusable(exchange));
+        confusable.map(|ghost| ghost.late).max().max(self.room())
+    }
+
+    /// The same of a fence, which may be asked again while it is a ghost.
+    pub(crate) fn fence_blocked_until(&self, exchange: &Exchange<'_>) -> Option<Instant> {
+        let answered = self.iter().filter(|ghost| ghost.answered);
+        let confusable = answered.filter(|ghost| ghost.is_confusable(exchange));
+        confusable.map(|ghost| ghost.until).max().max(self.room())
+    }
+
+    /// Whether there is no room for one more.
+    pub(crate) const fn are_full(&self) -> bool {
+        self.count == GHOSTS_MAX
+    }
+
+    /// When there is room for one more, where there is none now.
+    fn room(&self) -> Option<Instant> {
         let full = self.count == GHOSTS_MAX;
-        let room = ghosts().map(|ghost| ghost.until).min().filter(|_| full);
-        confusable.map(|ghost| ghost.until).max().max(room)
+        self.iter().map(|ghost| ghost.until).min().filter(|_| full)
     }
 
-    /// Until when a reply may still come to a request that was given up.
+    /// The last request that was given up and that this exchange could be confused with.
+    pub(crate) fn in_the_way(&self, exchange: &Exchange<'_>) -> Option<&Ghost> {
+        let given_up = self.iter().filter(|ghost| !ghost.answered);
+        let confusable = given_up.filter(|ghost| ghost.is_confusable(exchange));
+        confusable.max_by_key(|ghost| ghost.sent)
+    }
+
+    /// The first request that was given up and whose reply could be taken for a good one to this
+    /// fence.
+    pub(crate) fn first_like(&self, fence: &Exchange<'_>) -> Option<&Ghost> {
+        if self.count == 0 {
+            return None;
+        }
+        let given_up = self.iter().filter(|ghost| !ghost.answered);
+        let alike = given_up.filter(|ghost| !fence.stands_apart(&ghost.exchange));
+        alike.min_by_key(|ghost| ghost.sent)
+    }
+
+    /// Takes that one.
+    pub(crate) fn take_first_like(&mut self, fence: &Exchange<'_>) -> Option<Ghost> {
+        let first = *self.first_like(fence)?;
+        let is_it = |ghost: &mut Ghost| {
+            !ghost.answered && ghost.sent == first.sent && ghost.exchange == first.exchange
+        };
+        let taken = self.slots.iter_mut().find_map(|slot| slot.take_if(is_it));
+        self.count -= usize::from(taken.is_some());
+        taken
+    }
+
+    /// When the next module can't answer any more what was given up.
+    pub(crate) fn next_late(&self, now: Instant) -> Option<Instant> {
+        let late = self.iter().filter(|ghost| ghost.late > now);
+        late.map(|ghost| ghost.late).min()
+    }
+
+    /// Until when a module may still reply to a request that was given up.
     pub(crate) fn haunted_until(&self) -> Option<Instant> {
-        let given_up = self.slots.iter().flatten().filter(|ghost| !ghost.answered);
-        given_up.map(|ghost| ghost.until).max()
+        let given_up = self.iter().filter(|ghost| !ghost.answered);
+        given_up.map(Ghost::haunts_until).max().max(self.laid)
     }
 
-    /// Whether a reply found so far into these bytes lies within what is, or may become, a
-    /// ghost's: LC-02 data may hold what an ASCII module says.
-    pub(crate) fn hide(&self, bytes: &[u8], at: usize) -> bool {
-        at > 0
+    /// Whether a reply found there in these bytes shares some of them with what is, or may become,
+    /// a ghost's: LC-02 data may hold what an ASCII module says, and where a late reply runs into
+    /// another one, the sum of both may come out right.
+    pub(crate) fn hide(&self, bytes: &[u8], reply: Range<usize>) -> bool {
+        self.count > 0
             && self
-                .slots
                 .iter()
-                .flatten()
                 .any(|ghost| match ghost.exchange.find_response(bytes) {
-                    (skip, Decoded::Whole { len, .. }) => skip < at && at < skip + len,
-                    (skip, Decoded::Partial { .. }) => skip < at,
+                    (at, Decoded::Whole { len, .. }) => {
+                        at != reply.start && at < reply.end && reply.start < at + len
+                    }
+                    // Of less than a head it can't be told.
+                    (at, Decoded::Partial { .. }) => {
+                        at < reply.start || at > reply.start && at + HEAD < reply.end
+                    }
                     (_, Decoded::Malformed(_)) => false,
                 })
     }
 
-    /// Takes the ghost that these bytes hold a reply to; where that stands, and its length.
-    pub(crate) fn take_answered(&mut self, bytes: &[u8]) -> Option<(Ghost, usize, usize)> {
-        let answered = self.slots.iter_mut().find_map(|slot| {
-            match slot.as_ref()?.exchange.find_response(bytes) {
-                (skip, Decoded::Whole { len, .. }) => slot.take().map(|ghost| (ghost, skip, len)),
-                (_, Decoded::Partial { .. } | Decoded::Malformed(_)) => None,
+    /// What these bytes hold of a ghost's.
+    pub(crate) fn meet(&mut self, bytes: &[u8]) -> Option<Met> {
+        if self.count == 0 {
+            return None;
+        }
+        let reply_of = |ghost: &Ghost| match ghost.exchange.find_response(bytes) {
+            (at, Decoded::Whole { len, value }) => Some((at, len, value)),
+            (_, Decoded::Partial { .. } | Decoded::Malformed(_)) => None,
+        };
+        let (mut first, mut unnamed): (Option<(usize, Instant, usize, usize)>, _) = (None, None);
+        for (index, ghost) in self.slots.iter().enumerate() {
+            let Some(ghost) = ghost else { continue };
+            let Some((at, len, reply)) = reply_of(ghost) else {
+                continue;
+            };
+            // A reply that names no module may be any module's, again.
+            if !ghost.answered && !names(&reply) {
+                unnamed = Some((at, len));
+            } else if first.is_none_or(|(_, sent, ..)| ghost.sent < sent) {
+                first = Some((index, ghost.sent, at, len));
             }
-        });
-        self.count -= usize::from(answered.is_some());
-        answered
+        }
+        let Some((index, _, at, len)) = first else {
+            return unnamed.map(|(at, len)| Met {
+                ghost: None,
+                at,
+                len,
+            });
+        };
+        let ghost = self.slots.get_mut(index).and_then(Option::take);
+        self.count -= usize::from(ghost.is_some());
+        Some(Met { ghost, at, len })
+    }
+}
+
+/// Whether a reply names the module that it is from.
+pub(crate) const fn names(reply: &Reply<Response<'_>>) -> bool {
+    reply.from.is_some()
+}
+
+/// A reply that belongs to a request of before.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Met {
+    /// Whose it is, and gone with that; nothing where the reply names no module, so that it may be
+    /// any one's.
+    pub(crate) ghost: Option<Ghost>,
+    /// Where it stands.
+    pub(crate) at: usize,
+    /// Its length.
+    pub(crate) len: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{GHOSTS_MAX, Ghost, Ghosts};
+    use crate::ModuleId;
+    use railbus_wire::{Address, Exchange, Instant, rtu};
+
+    fn read(address: u8) -> Exchange<'static> {
+        let span = rtu::BitSpan::new(0, 8).unwrap();
+        Exchange::rtu(Address(address), rtu::Request::ReadCoils(span))
+    }
+
+    /// Where all slots are taken nothing is asked until the first ghost is gone, by its time or by
+    /// its late reply.
+    #[test]
+    fn a_line_full_of_ghosts_waits_for_the_first_to_go() {
+        for late in [false, true] {
+            let mut ghosts = Ghosts::new(true);
+            for nth in 0..GHOSTS_MAX {
+                let at = Instant(nth as u64);
+                assert_eq!(ghosts.blocked_until(&read(200)), None, "{nth} of them");
+                ghosts.add(Ghost {
+                    exchange: read(nth as u8 + 1),
+                    module: Some(ModuleId(nth)),
+                    sent: at,
+                    late: Instant(1000 + at.0),
+                    until: Instant(5000 + at.0),
+                    answered: false,
+                    fence: false,
+                });
+            }
+            assert_eq!(ghosts.blocked_until(&read(200)), Some(Instant(5000)));
+            if late {
+                // The first one's reply, with its CRC.
+                let reply = [0x01, 0x01, 0x01, 0x00, 0x51, 0x88];
+                let met = ghosts.meet(&reply).unwrap();
+                assert_eq!(met.ghost.unwrap().module, Some(ModuleId(0)));
+            } else {
+                ghosts.expire(Instant(5000));
+            }
+            assert_eq!(ghosts.blocked_until(&read(200)), None, "late: {late}");
+            assert_eq!(ghosts.blocked_until(&read(2)), Some(Instant(5001)));
+        }
     }
 }

@@ -23,8 +23,11 @@ mod command;
 mod config;
 mod ear;
 mod event;
+mod fence;
 mod flight;
 mod ghost;
+mod identity;
+mod membership;
 mod node;
 mod outcome;
 mod schedule;
@@ -32,17 +35,17 @@ mod schedule;
 pub use config::{Config, EchoMode, Medium, Past, Plan, Terms};
 use event::Events;
 pub use event::{Confirmed, Event, Evidence, Fault, Presence, Probed, Ticket};
-pub use ghost::GHOSTS_MAX;
 pub use node::{LATE_MIN, MISSES_SILENT};
 pub use schedule::COMMANDS_MAX;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
-use command::{Command, Stage, decide};
+use command::{Command, decide};
 use ear::{Ear, EchoNews};
+use fence::shows_order;
 use flight::{Flight, Job, write_frame};
 pub use flight::{PIECE_PAUSE, Probe};
-use ghost::{Ghost, Ghosts};
+use ghost::{Ghost, Ghosts, Met};
 use node::Node;
 use railbus_device::{Module, Refusal, Seen};
 use railbus_wire::{
@@ -104,8 +107,8 @@ pub struct Bus {
     busy_until: Instant,
     /// Nobody had sent anything lately when it was opened, nor since.
     at_rest: bool,
-    /// How long is listened before the first request.
-    settle: Micros,
+    /// What is known of those who had the port before.
+    past: Past,
     /// The time that one silent module may be probed again.
     probe_silent_at: Instant,
     next_silent: usize,
@@ -145,77 +148,13 @@ impl Bus {
             settings: Settings::FACTORY,
             busy_until: Instant(0),
             at_rest: false,
-            settle: config.settle,
+            past: Past::Unknown,
             probe_silent_at: Instant(0),
             next_silent: 0,
             cycle: Micros::ZERO,
             next_ticket: 0,
             now: Instant(0),
         }
-    }
-
-    /// Adds a module to the line; it is polled as the plan says, unless the plan says never.
-    pub fn add(&mut self, module: Module, plan: Plan) -> ModuleId {
-        let id = ModuleId(self.nodes.len());
-        let mut node = Node::new(module, plan);
-        node.start(self.now, id.0, id.0 + 1);
-        let protocol = node.module.setup().protocol;
-        self.mixed |= self
-            .nodes
-            .iter()
-            .any(|other| other.module.setup().protocol != protocol);
-        self.nodes.push(node);
-        id
-    }
-
-    /// Adds a module to a line at work: its polls begin now, those of the others go on.
-    pub fn join(&mut self, now: Instant, module: Module, plan: Plan) -> ModuleId {
-        self.now = now;
-        let id = self.add(module, plan);
-        self.measure();
-        id
-    }
-
-    /// Takes a module off a line at work. Commands for it that wait end now, one on the wire when
-    /// its reply has come; its number is not given again.
-    pub fn leave(&mut self, now: Instant, id: ModuleId) {
-        self.now = now;
-        let Some(node) = self.nodes.get_mut(id.0) else {
-            return;
-        };
-        node.retire();
-        self.end_commands_of(id);
-        self.measure();
-    }
-
-    /// Ends the commands for a module that has left, but for those on the wire.
-    fn end_commands_of(&mut self, id: ModuleId) {
-        decide(&mut self.commands, &mut self.events, self.now, |command| {
-            let waits = command.module == id && command.stage != Stage::Sent;
-            waits.then(|| match command.is_unsent() {
-                true => Err(Fault::Closed),
-                false => command.end_by_time(),
-            })
-        });
-    }
-
-    /// An exchange has ended: what it was for may have left meanwhile, and gets no other one.
-    fn end_if_left(&mut self, flight: &Flight) {
-        if let Some(id) = flight.job.module()
-            && self.nodes.get(id.0).is_some_and(|node| node.retired)
-        {
-            self.end_commands_of(id);
-        }
-    }
-
-    /// What the modules that are there make of the line.
-    fn measure(&mut self) {
-        let there = self.nodes.iter().filter(|node| !node.retired);
-        let mut protocols = there.map(|node| node.module.setup().protocol);
-        let first = protocols.next();
-        self.mixed = protocols.any(|protocol| Some(protocol) != first);
-        let cycles = self.nodes.iter().map(Node::cycle);
-        self.cycle = cycles.fold(Micros::ZERO, |sum, cycle| sum + cycle);
     }
 
     /// The module of this number.
@@ -227,10 +166,7 @@ impl Bus {
     /// Whether a module is heard.
     #[must_use]
     pub fn presence(&self, id: ModuleId) -> Presence {
-        self.nodes
-            .get(id.0)
-            .map(|node| node.presence)
-            .unwrap_or_default()
+        self.nodes.get(id.0).map(Node::heard_as).unwrap_or_default()
     }
 
     /// The bytes heard since the last request, echo taken out. Meant for the driver right after
@@ -268,11 +204,7 @@ impl Bus {
     /// What is known of those who had the port before, at the opening that follows.
     pub const fn found(&mut self, past: Past) {
         self.at_rest = matches!(past, Past::Rested);
-        self.settle = match past {
-            Past::Rested => Micros::ZERO,
-            Past::Unknown => self.config.settle,
-            Past::Abandoned => LATE_MIN,
-        };
+        self.past = past;
     }
 
     /// Tells the line what happened, and when. Time never runs backwards.
@@ -333,7 +265,11 @@ impl Bus {
     }
 
     fn open(&mut self) {
-        let settle = self.settle;
+        let settle = match self.past {
+            Past::Rested => Micros::ZERO,
+            Past::Unknown => self.config.settle,
+            Past::Abandoned => LATE_MIN,
+        };
         self.state = State::Settling(self.now + settle);
         self.ghosts.clear();
         self.ear = Ear::new(self.config.echo, self.config.probation);
@@ -366,15 +302,10 @@ impl Bus {
             }))
         });
         for index in 0..self.nodes.len() {
-            if let Some(node) = self.nodes.get_mut(index)
-                && node.presence == Presence::Online
-            {
-                node.presence = Presence::Silent;
-                self.events.tell(Event::Presence {
-                    module: ModuleId(index),
-                    presence: Presence::Silent,
-                });
+            if let Some(node) = self.nodes.get_mut(index) {
+                node.close();
             }
+            self.tell_presence(ModuleId(index));
         }
     }
 
@@ -394,21 +325,23 @@ impl Bus {
         if self.ear.heard().is_empty() {
             return;
         }
-        if let Some((ghost, ..)) = self.ghosts.take_answered(self.ear.heard()) {
+        if let Some(met) = self.ghosts.meet(self.ear.heard()) {
             self.ear.forget();
-            self.meet(ghost);
+            self.meet(met);
         } else if self.ear.holds_duplicate() {
             self.ear.forget();
             self.become_cautious();
         }
     }
 
-    /// The reply of a ghost came.
-    fn meet(&mut self, ghost: Ghost) {
+    /// A reply came that was no longer waited for. One that names no module is only dropped.
+    fn meet(&mut self, met: Met) {
+        let Some(ghost) = met.ghost else { return };
+        let after = self.now.since(ghost.sent);
         if ghost.module.is_none() {
             self.events.tell(Event::ProbedLate {
                 exchange: ghost.exchange,
-                after: self.now.since(ghost.sent),
+                after,
                 again: ghost.answered,
             });
         }
@@ -419,14 +352,25 @@ impl Bus {
         if self.ear.is_cautious() {
             let until = self.now + self.config.duplicate_window;
             self.ghosts.add(Ghost {
+                late: until,
                 until,
                 answered: true,
                 ..ghost
             });
         }
         let Some(module) = ghost.module else { return };
-        let after = self.now.since(ghost.sent);
-        self.note_answer(module, after);
+        self.ghosts.lay(module, ghost.sent);
+        if ghost.fence {
+            self.answered_fence(module);
+        }
+        if self.now <= ghost.late {
+            self.note_answer(module, after);
+        } else {
+            // It says nothing of how fast the module is, nor of how it is now: that is asked.
+            if self.nodes.get(module.0).is_some_and(Node::is_silent) {
+                (self.probe_silent_at, self.next_silent) = (self.now, module.0);
+            }
+        }
         self.events.tell(Event::Late { module, after });
     }
 
@@ -437,15 +381,12 @@ impl Bus {
     }
 
     fn note_answer(&mut self, module: ModuleId, turnaround: Micros) {
-        let news = self
-            .nodes
-            .get_mut(module.0)
-            .is_some_and(|node| node.answered(turnaround));
-        if news {
-            self.events.tell(Event::Presence {
-                module,
-                presence: Presence::Online,
-            });
+        let Some(node) = self.nodes.get_mut(module.0) else {
+            return;
+        };
+        node.answered(turnaround);
+        if node.heard_as() != Presence::Online {
+            self.tell_presence(module);
         }
     }
 
@@ -461,17 +402,22 @@ impl Bus {
         }
         let heard = self.ear.reply();
         let missing = match flight.exchange.find_response(heard) {
-            (skip, Decoded::Whole { len, value }) if !self.ghosts.hide(heard, skip) => {
+            (skip, Decoded::Whole { len, value })
+                if !self
+                    .ghosts
+                    .hide(heard, skip..skip + doubtful(&flight.exchange, len)) =>
+            {
                 let outcome = self.interpret(&flight, &value);
-                return self.answered(&flight, skip, len, outcome);
+                let in_order = shows_order(&flight, &value);
+                return self.answered(&flight, (skip, len), outcome, in_order);
             }
             (_, Decoded::Partial { more }) => more,
             _ if heard.is_empty() => return,
             // Someone else, or noise: the reply may still follow it.
             (_, Decoded::Malformed(_) | Decoded::Whole { .. }) => {
-                if let Some((ghost, skip, len)) = self.ghosts.take_answered(heard) {
-                    self.ear.cut(skip, len);
-                    self.meet(ghost);
+                if let Some(met) = self.ghosts.meet(heard) {
+                    self.ear.cut(met.at, met.len);
+                    self.meet(met);
                 }
                 flight.exchange.response_len_max()
             }
@@ -500,11 +446,14 @@ impl Bus {
             .end_of_listening(&flight.exchange, self.outgoing.bytes());
         for skip in 0..self.ear.reply().len() {
             let rest = self.ear.reply().get(skip..).unwrap_or_default();
+            // What has not followed by now does not follow: what looked like the head of another
+            // reply was none.
             if let Decoded::Whole { len, value } = flight.exchange.decode_response(rest)
-                && !self.ghosts.hide(self.ear.reply(), skip)
+                && !self.ghosts.hide(self.ear.reply(), skip..skip)
             {
                 let outcome = self.interpret(&flight, &value);
-                return self.answered(&flight, skip, len, outcome);
+                let in_order = shows_order(&flight, &value);
+                return self.answered(&flight, (skip, len), outcome, in_order);
             }
         }
         self.missed(flight);
@@ -518,8 +467,15 @@ impl Bus {
         }
     }
 
-    /// A good reply came, `len` bytes after `skip` others.
-    fn answered(&mut self, flight: &Flight, skip: usize, len: usize, outcome: Outcome) {
+    /// A good reply came, `len` bytes after `skip` others. With `in_order` it shows that what was
+    /// asked before is over.
+    fn answered(
+        &mut self,
+        flight: &Flight,
+        (skip, len): (usize, usize),
+        outcome: Outcome,
+        in_order: bool,
+    ) {
         self.state = State::Idle;
         let reply_time = self.settings.frame_time(len);
         // What is only understood at the deadline came before it.
@@ -533,6 +489,7 @@ impl Bus {
         if self.ear.fell_silent() {
             self.events.tell(Event::Quiet);
         }
+        let is_own = self.is_own(flight, in_order);
         self.lay_ghosts_in_ear();
         // Two modules on one address both answer a probe.
         if self.ear.is_cautious() || matches!(flight.job, Job::Probe { .. }) {
@@ -542,8 +499,10 @@ impl Bus {
                 exchange: flight.exchange,
                 module,
                 sent: flight.sent,
+                late: until,
                 until,
                 answered: true,
+                fence: flight.is_fence(),
             };
             self.ghosts.add(ghost);
         }
@@ -551,6 +510,8 @@ impl Bus {
             self.note_answer(module, turnaround);
         }
         match outcome {
+            // It may be the reply to one before it: its own may as well have been lost.
+            _ if !is_own => self.fail(flight, len, None),
             Outcome::Probed => {
                 self.events.tell(Event::Probed {
                     outcome: Probed::Answered,
@@ -558,9 +519,9 @@ impl Bus {
                 });
             }
             Outcome::Seen(Seen::Refused(Refusal::Exception(rtu::Exception::CHECKSUM))) => {
-                self.fail(flight, Some(Malformed::Checksum));
+                self.fail(flight, len, Some(Malformed::Checksum));
             }
-            Outcome::Seen(Seen::Unexpected) => self.fail(flight, Some(Malformed::Value)),
+            Outcome::Seen(Seen::Unexpected) => self.fail(flight, len, Some(Malformed::Value)),
             Outcome::Seen(seen) => self.learn(flight, seen),
         }
         self.end_if_left(flight);
@@ -573,47 +534,39 @@ impl Bus {
             self.events.tell(Event::Babble);
         }
         // Perhaps what was heard is a reply to something before.
-        let late = self.ghosts.take_answered(self.ear.heard());
+        let late = self.ghosts.meet(self.ear.heard());
         let why = match late {
             Some(_) => None,
             None => self.ear.why(&flight.exchange),
         };
         self.haunt(&flight);
-        if let Some((ghost, ..)) = late {
-            self.meet(ghost);
+        if let Some(met) = late {
+            self.meet(met);
         }
         if let Some(module) = flight.job.module()
             && let Some(node) = self.nodes.get_mut(module.0)
         {
             let was_silent = node.is_silent();
             let gap = node.module.setup().request_gap();
-            let falls_silent = node.missed();
-            if falls_silent {
-                self.events.tell(Event::Presence {
-                    module,
-                    presence: Presence::Silent,
-                });
+            // That it has no fence, or does not say what it is, says nothing of how it is.
+            let has_none = match flight.job {
+                Job::Fence { .. } => node.missed_fence(),
+                job => job.identifies(),
+            };
+            if flight.is_fence() && !has_none {
+                // The next look is as far off as after a poll.
+                node.put_off(flight.asked + node.plan.interval);
             }
-            if was_silent && matches!(flight.job, Job::Poll { .. }) {
+            if !has_none {
+                node.missed();
+            }
+            self.tell_presence(module);
+            if was_silent && flight.job.is_look() {
                 self.pay_for_silence(flight.asked, gap);
             }
         }
-        self.fail(&flight, why);
+        self.fail(&flight, 0, why);
         self.end_if_left(&flight);
-    }
-
-    /// The request becomes a ghost: its reply may still come.
-    fn haunt(&mut self, flight: &Flight) {
-        let module = flight.job.module();
-        let node = module.and_then(|id| self.nodes.get(id.0));
-        let late_max = node.map_or(LATE_MIN, Node::late_max);
-        self.ghosts.add(Ghost {
-            exchange: flight.exchange,
-            module,
-            sent: flight.sent,
-            until: flight.sent + late_max,
-            answered: false,
-        });
     }
 
     /// A frame that nobody answers has left.
@@ -621,7 +574,7 @@ impl Bus {
         self.state = State::Idle;
         match flight.job {
             Job::Command { module, .. } => self.decide_sent(module, |_| Some(Ok(Confirmed::Sent))),
-            Job::Poll { .. } | Job::ReadBack { .. } | Job::Greeting { .. } => {}
+            Job::Poll { .. } | Job::ReadBack { .. } | Job::Greeting { .. } | Job::Fence { .. } => {}
             Job::Probe { .. } => self.events.tell(Event::Probed {
                 outcome: Probed::Silent,
                 after: Micros::ZERO,
@@ -660,6 +613,14 @@ impl Bus {
             Medium::Wire => reply,
             Medium::Buffered => reply + self.settings.frame_time(self.outgoing.bytes().len()),
         }
+    }
+}
+
+/// How much of a reply may be another one's: a CRC over all of it leaves no room for that.
+const fn doubtful(exchange: &Exchange<'_>, len: usize) -> usize {
+    match exchange {
+        Exchange::Rtu(_) => 0,
+        Exchange::Ascii(_) | Exchange::Lc02(_) | Exchange::R55(_) => len,
     }
 }
 

@@ -1,9 +1,9 @@
 //! What a line knows of each of its modules: how fast it answers, and when to ask it next.
 
 use crate::command::bank_of;
-use crate::{Plan, Presence};
+use crate::{Config, Plan, Presence};
 use alloc::vec::Vec;
-use railbus_device::{Module, Op};
+use railbus_device::{Module, Op, Seen};
 use railbus_wire::{Exchange, Frame, Instant, Micros};
 
 /// How long a module that never answered is waited for, on top of the wire's own time.
@@ -13,6 +13,17 @@ const TIMEOUT_MIN: Micros = Micros::from_millis(20);
 const TIMEOUT_MAX: Micros = Micros::from_millis(300);
 /// The least time after which no late reply can arrive any more.
 pub const LATE_MIN: Micros = Micros::from_millis(500);
+/// The longest that a reply is held back on its way, by an adapter or a network, without overtaking
+/// any other.
+pub(crate) const HELD_BACK_MAX: Micros = Micros::from_secs(5);
+/// So often a fence is tried in vain before a module counts as one that has none.
+const FENCE_TRIES: u8 = 8;
+/// So often until the line no longer relies on it.
+const FENCE_DOUBTS: u8 = 2;
+/// So often a module that does not say what it is is asked for that, each time it is heard anew.
+const IDENTIFY_TRIES: u8 = 4;
+/// As often as it takes: of one that has said that it is another model.
+const UNTIL_TOLD: u8 = u8::MAX;
 /// After so many misses in a row a module counts as silent and is only probed.
 pub const MISSES_SILENT: u8 = 3;
 /// What asking a silent module costs in all, gap and wire included: little, so that its turn
@@ -30,14 +41,63 @@ const WINDOW: u16 = 1000;
 pub(crate) struct Node {
     pub(crate) module: Module,
     pub(crate) presence: Presence,
+    /// What was told of that: until it is known what it is, it does not count as heard.
+    told: Presence,
     misses: u8,
     turnaround: Turnaround,
     pub(crate) polls: Vec<Poll>,
-    /// Whether the greeting's op was done since the module was last heard anew.
-    pub(crate) greeted: bool,
+    /// What is asked of it when it is heard anew, and what of that is still to be asked.
+    questions: ToAsk,
+    to_ask: ToAsk,
+    /// When it may be greeted again that did not answer the greeting.
+    pub(crate) greet_at: Instant,
+    /// When it may be asked again what it is.
+    identify_at: Instant,
+    /// What it said before that was known.
+    veiled: Option<Reading>,
+    /// What it last said that it is, where that is another model.
+    says: Option<Seen>,
+    /// It said so twice, and did not take it back.
+    stranger: bool,
+    /// It said that it is what it should be.
+    named: bool,
+    fence: Fence,
     pub(crate) plan: Plan,
     /// It was taken off the line; only its number is left.
     pub(crate) retired: bool,
+}
+
+/// What shows that a module is through with what it was asked before (docs/decisions/0015).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Fence {
+    /// Nothing.
+    None,
+    /// Its polls: a reply to one of them is no reply to another.
+    Polls,
+    /// [`Op::Fence`], where the module answers it; so often it did not, and answered what it was
+    /// asked next.
+    Untried { tries: u8, missed: bool },
+    /// [`Op::Fence`]: the module answered it.
+    Known,
+}
+
+/// What is asked of a module that is heard anew, as long as there is something.
+#[derive(Clone, Copy, Debug)]
+struct ToAsk {
+    /// [`Op::Identify`], so often at most.
+    identity: u8,
+    /// Which outputs give pulses ([`Module::greeting`]).
+    pulses: bool,
+}
+
+impl ToAsk {
+    fn of(module: &Module, identify: bool) -> ToAsk {
+        let can = identify && module.can_be_contradicted();
+        ToAsk {
+            identity: if can { IDENTIFY_TRIES } else { 0 },
+            pulses: module.greeting().is_some(),
+        }
+    }
 }
 
 /// A read of the poll plan.
@@ -47,6 +107,15 @@ pub(crate) struct Poll {
     pub(crate) due: Instant,
     /// When the last good answer was asked for.
     pub(crate) asked: Instant,
+}
+
+/// What a module said.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reading {
+    pub(crate) op: Op,
+    pub(crate) seen: Seen,
+    pub(crate) asked: Instant,
+    pub(crate) heard: Instant,
 }
 
 /// The slowest turnarounds lately: of this window of a thousand and of the one before.
@@ -75,8 +144,30 @@ impl Turnaround {
     }
 }
 
+impl Fence {
+    const UNTRIED: Fence = Fence::Untried {
+        tries: 0,
+        missed: false,
+    };
+
+    fn of(module: &Module) -> Fence {
+        let mut exchanges = module
+            .full_poll()
+            .filter_map(|op| module.exchange(&op).ok());
+        let first = exchanges.next();
+        let differs = |other: Exchange<'_>| first.is_some_and(|first| first.stands_apart(&other));
+        if exchanges.any(differs) {
+            Fence::Polls
+        } else if module.exchange(&Op::Fence).is_ok() {
+            Fence::UNTRIED
+        } else {
+            Fence::None
+        }
+    }
+}
+
 impl Node {
-    pub(crate) fn new(module: Module, plan: Plan) -> Node {
+    pub(crate) fn new(module: Module, plan: Plan, config: &Config) -> Node {
         let polls = module
             .full_poll()
             .map(|op| Poll {
@@ -85,13 +176,28 @@ impl Node {
                 asked: Instant(0),
             })
             .collect();
+        let fence = if config.fences {
+            Fence::of(&module)
+        } else {
+            Fence::None
+        };
+        let questions = ToAsk::of(&module, config.identify);
         Node {
             module,
             presence: Presence::Unheard,
+            told: Presence::Unheard,
             misses: 0,
             turnaround: Turnaround::default(),
             polls,
-            greeted: false,
+            questions,
+            to_ask: questions,
+            greet_at: Instant(0),
+            identify_at: Instant(0),
+            veiled: None,
+            says: None,
+            stranger: false,
+            named: false,
+            fence,
             plan,
             retired: false,
         }
@@ -115,9 +221,13 @@ impl Node {
                 ..*poll
             };
         }
-        self.presence = Presence::Unheard;
+        (self.presence, self.told) = (Presence::Unheard, Presence::Unheard);
         self.misses = 0;
-        self.greeted = false;
+        self.veiled = None;
+        self.doubt();
+        if let Fence::Untried { .. } = self.fence {
+            self.fence = Fence::UNTRIED;
+        }
     }
 
     /// What reading everything once takes, about.
@@ -140,6 +250,13 @@ impl Node {
     pub(crate) fn poll_started(&mut self, op: &Op, now: Instant) {
         for poll in self.polls.iter_mut().filter(|poll| poll.op == *op) {
             poll.due = now + self.plan.interval;
+        }
+    }
+
+    /// Not asked before this moment; a fence takes a poll's turn.
+    pub(crate) fn put_off(&mut self, until: Instant) {
+        for poll in &mut self.polls {
+            poll.due = poll.due.max(until);
         }
     }
 
@@ -174,37 +291,204 @@ impl Node {
         let bytes = frame.bytes().len() + exchange.response_len_max();
         let all = match self.presence {
             Presence::Unheard => PROBE_UNHEARD,
-            Presence::Online | Presence::Silent => PROBE_KNOWN,
+            Presence::Online | Presence::Silent | Presence::Stranger => PROBE_KNOWN,
         };
         let rest = all - setup.serial.frame_time(bytes) - setup.request_gap();
         self.timeout().min(rest.max(TIMEOUT_MIN))
     }
 
-    /// How long after its request a reply may still come.
+    /// How long after its request a module may still answer.
     pub(crate) fn late_max(&self) -> Micros {
         (self.timeout() * 3).max(LATE_MIN)
     }
 
-    /// A reply came; true when the module was not heard before it.
-    pub(crate) fn answered(&mut self, turnaround: Micros) -> bool {
+    /// A reply came.
+    pub(crate) fn answered(&mut self, turnaround: Micros) {
         self.turnaround.learn(turnaround.max(Micros(1)));
         self.misses = 0;
-        let news = self.presence != Presence::Online;
-        if news {
+        if !self.is_online() {
             self.presence = Presence::Online;
-            self.greeted = false;
+            self.doubt();
         }
-        news
     }
 
-    /// No reply came; true when the module counts as silent from now on.
-    pub(crate) fn missed(&mut self) -> bool {
-        self.misses = self.misses.saturating_add(1);
-        let falls_silent = self.misses == MISSES_SILENT && self.presence == Presence::Online;
-        if falls_silent {
+    /// What it was asked with its greeting may not be so any more.
+    pub(crate) fn doubt(&mut self) {
+        self.to_ask = self.questions;
+        self.identify_at = Instant(0);
+        if !self.stranger {
+            self.says = None;
+        }
+    }
+
+    /// Whether it is heard, and as what, as far as was told.
+    pub(crate) const fn heard_as(&self) -> Presence {
+        self.told
+    }
+
+    /// Whether it is heard, and as what, where that is to be told.
+    #[inline]
+    pub(crate) fn news(&mut self) -> Option<Presence> {
+        let is = match self.presence {
+            Presence::Online if self.stranger => Presence::Stranger,
+            Presence::Online if self.is_veiled() => return None,
+            presence => presence,
+        };
+        (is != self.told).then(|| {
+            self.told = is;
+            is
+        })
+    }
+
+    /// Whether a reading is not told: that of another model is read by the wrong datasheet. Of one
+    /// that is still to say what it is the last waits for that.
+    #[cold]
+    pub(crate) fn withholds(&mut self, reading: Reading) -> bool {
+        let is_veiled = self.is_veiled();
+        let is_reading = reading.op.is_read() && reading.op != Op::Identify;
+        let withholds = is_reading && (is_veiled || self.is_stranger());
+        if withholds {
+            self.polled(&reading.op, reading.asked);
+        }
+        if withholds && is_veiled {
+            self.veiled = Some(reading);
+        }
+        withholds
+    }
+
+    /// The reading that may be told now. The others were not, and are due.
+    pub(crate) fn unveil(&mut self, now: Instant) -> Option<Reading> {
+        let reading = self.veiled.take()?;
+        for poll in self.polls.iter_mut().filter(|poll| poll.op != reading.op) {
+            poll.due = poll.due.min(now);
+        }
+        (self.told == Presence::Online).then_some(reading)
+    }
+
+    /// Whether it is heard.
+    pub(crate) const fn is_online(&self) -> bool {
+        matches!(self.presence, Presence::Online)
+    }
+
+    /// Whether its values are held back until it has named its model, or one question was in vain.
+    pub(crate) fn is_veiled(&self) -> bool {
+        self.plan.enabled && self.told != Presence::Online && self.identify_first().is_some()
+    }
+
+    /// Its line is closed.
+    pub(crate) fn close(&mut self) {
+        if self.told != Presence::Unheard {
             self.presence = Presence::Silent;
         }
-        falls_silent
+    }
+
+    /// Whether it says that it is another model.
+    pub(crate) const fn is_stranger(&self) -> bool {
+        self.stranger && self.is_online()
+    }
+
+    /// It answered something else than [`Op::Fence`]: if it did not answer that before, it may
+    /// have no such thing.
+    pub(crate) const fn answered_no_fence(&mut self) {
+        if let Fence::Untried { tries, missed } = &mut self.fence
+            && core::mem::replace(missed, false)
+        {
+            *tries = tries.saturating_add(1);
+        }
+    }
+
+    /// It answered [`Op::Fence`], in time or late.
+    pub(crate) const fn answered_fence(&mut self) {
+        if let Fence::Untried { .. } = self.fence {
+            self.fence = Fence::Known;
+        }
+    }
+
+    /// It refused [`Op::Fence`], or something before it, or must not be asked it on this line.
+    pub(crate) const fn refused_fence(&mut self) {
+        if let Fence::Untried { tries, .. } = &mut self.fence {
+            *tries = tries.saturating_add(1);
+        }
+    }
+
+    /// It did not answer [`Op::Fence`]; true where that may be because it has no such thing.
+    pub(crate) const fn missed_fence(&mut self) -> bool {
+        let Fence::Untried { missed, .. } = &mut self.fence else {
+            return false;
+        };
+        let is_first = !core::mem::replace(missed, true);
+        is_first && matches!(self.presence, Presence::Online)
+    }
+
+    /// Whether it is still to be found out if the module answers [`Op::Fence`].
+    pub(crate) const fn tries_fence(&self) -> bool {
+        let is_untried = matches!(
+            self.fence,
+            Fence::Untried {
+                tries: ..FENCE_TRIES,
+                missed: false
+            }
+        );
+        is_untried && matches!(self.presence, Presence::Online)
+    }
+
+    /// Whether an answer can be had, as far as is known, that shows what was asked before to be
+    /// over.
+    pub(crate) const fn has_fence(&self) -> bool {
+        match self.fence {
+            Fence::None
+            | Fence::Untried {
+                tries: FENCE_TRIES..,
+                ..
+            } => false,
+            Fence::Polls | Fence::Untried { .. } | Fence::Known => true,
+        }
+    }
+
+    /// Whether it has shown that it has one.
+    pub(crate) const fn knows_fence(&self) -> bool {
+        matches!(self.fence, Fence::Polls | Fence::Known)
+    }
+
+    /// Whether what was given up is to be remembered until a fence ends it, however long that
+    /// takes: not of a module that did not answer one when it was tried, and then tried again.
+    pub(crate) const fn relies_on_fence(&self) -> bool {
+        matches!(
+            self.fence,
+            Fence::Polls
+                | Fence::Known
+                | Fence::Untried {
+                    tries: ..FENCE_DOUBTS,
+                    ..
+                }
+        )
+    }
+
+    /// What may be asked for that, the best first where nothing is known of the line.
+    pub(crate) fn fences(&self, by_polls: bool) -> impl Iterator<Item = Op> + '_ {
+        let by_polls = by_polls || self.fence == Fence::Polls;
+        let polls = self.polls.iter().map(|poll| poll.op);
+        polls
+            .filter(move |_| by_polls)
+            .chain((!by_polls).then_some(Op::Fence))
+    }
+
+    /// Whether this is what [`Op::Fence`] asks, where that is this module's fence.
+    pub(crate) fn is_fence(&self, exchange: &Exchange<'_>) -> bool {
+        !matches!(self.fence, Fence::None | Fence::Polls)
+            && self.module.exchange(&Op::Fence).as_ref() == Ok(exchange)
+    }
+
+    /// No reply came.
+    pub(crate) fn missed(&mut self) {
+        self.misses = self.misses.saturating_add(1);
+        // It may just be being replaced: who has said what it is is asked again.
+        if self.named {
+            self.to_ask.identity = self.to_ask.identity.max(1);
+        }
+        if self.misses == MISSES_SILENT && self.is_online() {
+            self.presence = Presence::Silent;
+        }
     }
 
     /// Whether it is only probed, in turn with the other silent ones.
@@ -223,10 +507,10 @@ impl Node {
         polls.chain([Op::ReadConfig]).find(addressed)
     }
 
-    /// Whether it was asked what the greeting asks since it was heard anew. Until
+    /// Whether it was asked which outputs give pulses since it was heard anew. Until
     /// then what it does with commands may have changed.
-    fn is_known(&self) -> bool {
-        self.greeted || self.module.greeting().is_none()
+    const fn is_known(&self) -> bool {
+        !self.to_ask.pulses
     }
 
     /// Whether doing the op twice is certainly the same as doing it once.
@@ -240,11 +524,74 @@ impl Node {
         self.module.pulses().filter(|_| self.is_known())
     }
 
-    /// The greeting's op, where it is still to be done.
-    pub(crate) const fn greeting(&self) -> Option<Op> {
+    /// Whether anything is to be asked with its greeting.
+    #[inline]
+    pub(crate) fn is_to_be_greeted(&self) -> bool {
+        (self.to_ask.identity > 0 || self.to_ask.pulses) && self.is_online()
+    }
+
+    /// What is to be asked with its greeting, and from when on.
+    pub(crate) fn greetings(&self) -> impl Iterator<Item = (Op, Instant)> + use<> {
+        let identity = (self.to_ask.identity > 0).then_some((Op::Identify, self.identify_at));
+        let pulses = self.pulse_question().filter(|_| !self.stranger);
+        let pulses = pulses.map(|op| (op, self.greet_at));
+        identity.into_iter().chain(pulses)
+    }
+
+    /// What asks which outputs give pulses, where that is still to be asked.
+    #[inline]
+    pub(crate) const fn pulse_question(&self) -> Option<Op> {
         match self.presence {
-            Presence::Online if !self.greeted => self.module.greeting(),
-            Presence::Online | Presence::Unheard | Presence::Silent => None,
+            Presence::Online if self.to_ask.pulses => self.module.greeting(),
+            _ => None,
         }
+    }
+
+    /// It answered which outputs give pulses, or must not be asked on this line.
+    pub(crate) const fn answered_pulses(&mut self) {
+        self.to_ask.pulses = false;
+    }
+
+    /// From when on it is to be asked what it is before anything is done with it, where that is
+    /// so: it was not asked yet, or has said once that it is another model.
+    #[inline]
+    pub(crate) fn identify_first(&self) -> Option<Instant> {
+        let unasked = self.to_ask.identity == IDENTIFY_TRIES || self.says.is_some();
+        let is_due = unasked && !self.stranger && self.is_online();
+        is_due.then_some(self.identify_at)
+    }
+
+    /// It said what it is, or refused to. A reply may be spoilt: only one that comes twice makes a
+    /// stranger of it.
+    pub(crate) fn identified(&mut self, seen: &Seen, now: Instant) {
+        self.named = !matches!(seen, Seen::Refused(_)) && self.module.recognises(seen);
+        if self.named || matches!(seen, Seen::Refused(_)) {
+            return self.is_no_stranger();
+        }
+        let before = self.says.replace(*seen);
+        self.stranger |= before == Some(*seen);
+        if self.stranger {
+            self.to_ask.identity = UNTIL_TOLD;
+        }
+        if before.is_some() {
+            self.identify_at = now + LATE_MIN;
+        }
+    }
+
+    /// It did not say what it is; after a few times it counts as the model that it should be.
+    pub(crate) fn not_identified(&mut self, sent: Instant) {
+        self.identify_at = sent + LATE_MIN;
+        match self.to_ask.identity {
+            0 | UNTIL_TOLD => {}
+            1 => self.is_no_stranger(),
+            tries => self.to_ask.identity = tries - 1,
+        }
+    }
+
+    /// Nothing that it says contradicts what it should be.
+    pub(crate) const fn is_no_stranger(&mut self) {
+        self.says = None;
+        self.to_ask.identity = 0;
+        self.stranger = false;
     }
 }

@@ -3,8 +3,8 @@
 use crate::command::{self, Command, Stage, bank_of, decide};
 use crate::ear::is_own_reply;
 use crate::flight::{Flight, Job};
-use crate::node::Node;
-use crate::{Bus, Confirmed, Event, Evidence, Fault, ModuleId, Probed};
+use crate::node::{LATE_MIN, Node, Reading};
+use crate::{Bus, Confirmed, Event, Evidence, Fault, ModuleId, Presence, Probed};
 use railbus_device::{Bank, Op, Seen};
 use railbus_wire::Malformed;
 
@@ -14,13 +14,29 @@ impl Bus {
         let Some(module) = flight.job.module() else {
             return;
         };
+        if flight.is_fence() {
+            return;
+        }
         let op = flight.job.op();
         let refused = matches!(seen, Seen::Refused(_));
         if let Some(node) = self.nodes.get_mut(module.0) {
+            if node.heard_as() != Presence::Online
+                && node.withholds(Reading {
+                    op,
+                    seen,
+                    asked: flight.asked,
+                    heard: self.now,
+                })
+            {
+                return self.decide_sent(module, |command| {
+                    command.stage = Stage::Queued;
+                    None
+                });
+            }
             node.module.learn(&seen);
             node.polled(&op, flight.asked);
-            if node.greeting() == Some(op) {
-                node.greeted = true;
+            if node.pulse_question() == Some(op) {
+                node.answered_pulses();
             }
         }
         if !matches!(seen, Seen::Done | Seen::Refused(_)) {
@@ -33,7 +49,9 @@ impl Bus {
                 heard,
             });
         }
-        if let Job::Greeting { .. } = flight.job {
+        if let Op::Identify = op {
+            self.identified(module, &seen);
+        } else if let Job::Greeting { .. } = flight.job {
             self.tell_pulses(module);
         }
         if let Job::Command { .. } = flight.job {
@@ -71,7 +89,8 @@ impl Bus {
             if let Seen::Refused(refusal) = seen {
                 return command.refused(Fault::Refused(refusal), reads_back);
             }
-            let to_be_read = command.verify && reads_back;
+            // What may be an echo is no reply.
+            let to_be_read = reads_back && (command.verify || parrots);
             command.denied = is_denied(&command.op, op, &seen);
             if !to_be_read && command.denied {
                 return Some(Err(Fault::NotVerified));
@@ -91,18 +110,13 @@ impl Bus {
         });
     }
 
-    /// An exchange failed: no reply, or none that is good.
-    pub(crate) fn fail(&mut self, flight: &Flight, why: Option<Malformed>) {
-        let bytes = u16::try_from(self.ear.heard().len()).unwrap_or(u16::MAX);
-        let fault = |evidence: Evidence| match why {
-            Some(_) => Fault::Garbled(evidence),
-            None => Fault::NoReply(evidence),
-        };
-        let evidence = Evidence {
-            attempts: 1,
-            bytes,
-            why,
-        };
+    /// An exchange failed: no reply, or none that is good. `taken` bytes of what was heard were
+    /// taken out of the ear already.
+    pub(crate) fn fail(&mut self, flight: &Flight, taken: usize, why: Option<Malformed>) {
+        let left = self.ear.heard().len();
+        let bytes = u16::try_from(taken + left).unwrap_or(u16::MAX);
+        let evidence = Evidence::of_try(bytes, why);
+        let fault = evidence.fault();
         match flight.job {
             Job::Command { module, op } => self.lose(module, &op, evidence),
             Job::ReadBack { module } => {
@@ -110,21 +124,31 @@ impl Bus {
                 self.events.tell(Event::Missed {
                     module,
                     op: Op::ReadOutputs,
-                    fault: fault(evidence),
+                    fault,
                 });
+            }
+            // That it does not say what it is says nothing of how it is.
+            Job::Greeting { module, .. } if flight.job.identifies() => {
+                self.not_identified(module, flight);
             }
             Job::Poll { module, op } | Job::Greeting { module, op } => {
                 if let Job::Greeting { .. } = flight.job {
                     self.tell_pulses(module);
+                    // Some models never answer it.
+                    if let Some(node) = self.nodes.get_mut(module.0) {
+                        node.greet_at = flight.sent + LATE_MIN;
+                    }
                 }
-                self.events.tell(Event::Missed {
-                    module,
-                    op,
-                    fault: fault(evidence),
-                });
+                self.events.tell(Event::Missed { module, op, fault });
+            }
+            Job::Fence { module, op } => {
+                // One that is only tried says nothing of the module by its silence.
+                if self.nodes.get(module.0).is_some_and(Node::has_fence) {
+                    self.events.tell(Event::Missed { module, op, fault });
+                }
             }
             Job::Probe { .. } => {
-                let outcome = if bytes == 0 {
+                let outcome = if left == 0 {
                     Probed::Silent
                 } else {
                     Probed::Garbled
@@ -146,12 +170,8 @@ impl Bus {
         let silent = node.is_silent();
         self.decide_sent(module, |command| {
             command.acknowledged = false;
-            command.garbled = evidence.why.is_some();
+            command.evidence.add(evidence);
             let attempts = command.evidence.attempts;
-            command.evidence = Evidence {
-                attempts,
-                ..evidence
-            };
             if silent {
                 // More of the same would only keep the line from the others.
                 return Some(Err(command.lost()));
@@ -192,7 +212,8 @@ impl Bus {
         });
     }
 
-    /// A read-back failed: after a few, the command ends by what its own reply said.
+    /// A read-back failed: after a few, the command ends by what its own reply said. Who does not
+    /// want it verified does not wait for a second: this one did not come back as an echo either.
     pub(crate) fn miss_read_back(&mut self, module: ModuleId) {
         decide(
             &mut self.commands,
@@ -201,7 +222,8 @@ impl Bus {
             |command| match command.stage {
                 Stage::ReadBack(reads) if command.module == module => {
                     command.stage = Stage::ReadBack(reads + 1);
-                    (reads + 1 >= command::READS_MAX).then(|| command.end_by_reply())
+                    let is_last = reads + 1 >= command::READS_MAX || !command.verify;
+                    is_last.then(|| command.end_by_reply())
                 }
                 _ => None,
             },

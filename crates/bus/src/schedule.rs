@@ -4,7 +4,7 @@
 use crate::command::{Command, Stage, bank_of, decide, touched};
 use crate::flight::{Job, Probe, write_frame};
 use crate::node::Node;
-use crate::{Bus, Event, Fault, Last, ModuleId, Presence, Probed, State, Terms, Ticket};
+use crate::{Bus, Event, Fault, Last, ModuleId, Probed, State, Terms, Ticket};
 use railbus_device::{Bank, Module, Op};
 use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, carries_command};
 
@@ -64,6 +64,9 @@ impl Bus {
         }
         let node = self.nodes.get(module.0).filter(|node| !node.retired);
         let node = node.ok_or(Fault::Unsupported)?;
+        if node.is_stranger() && op != Op::Identify {
+            return Err(Fault::Stranger { sent: false });
+        }
         let first = match bank_of(&op) {
             Some(bank) => Op::Write(node.module.group(bank)),
             None => op,
@@ -111,12 +114,13 @@ impl Bus {
     /// A silent module that is being asked gives way to a command for another one.
     fn hurry_silent_module(&mut self, wanted: ModuleId) {
         if let State::Waiting(flight) = &mut self.state
-            && let Job::Poll { module, .. } = flight.job
+            && flight.job.is_look()
+            && let Some(module) = flight.job.module()
             && module != wanted
             && self
                 .nodes
                 .get(module.0)
-                .is_some_and(|node| node.presence != Presence::Online)
+                .is_some_and(|node| !node.is_online())
         {
             let gives_way = self.now.max(flight.sent + GIVES_WAY);
             flight.deadline = flight.deadline.min(gives_way);
@@ -153,14 +157,18 @@ impl Bus {
                 self.decide_sent(module, |command| command.refused(fault, reads_back));
             }
             Job::ReadBack { module } => self.miss_read_back(module),
+            Job::Fence { module, .. } => {
+                if let Some(node) = self.nodes.get_mut(module.0) {
+                    node.refused_fence();
+                }
+            }
             Job::Probe { .. } => {
                 let (outcome, after) = (Probed::Unsafe, Micros::ZERO);
                 self.events.tell(Event::Probed { outcome, after });
             }
             Job::Poll { module, op } | Job::Greeting { module, op } => {
-                if let (Some(node), Job::Greeting { .. }) = (self.nodes.get_mut(module.0), job) {
-                    node.greeted = true;
-                    self.tell_pulses(module);
+                if let Job::Greeting { .. } = job {
+                    self.cannot_greet(module, &op);
                 }
                 self.events.tell(Event::Missed { module, op, fault });
             }
@@ -189,7 +197,7 @@ impl Bus {
             Job::Command { module, op } => {
                 self.mark_sent(module, &op);
                 if let (Op::Configure(_), Some(node)) = (op, self.nodes.get_mut(module.0)) {
-                    node.greeted = false;
+                    node.doubt();
                 }
             }
             Job::Poll { module, op } => {
@@ -205,6 +213,11 @@ impl Bus {
                     self.doubt_all();
                 }
             }
+            Job::Fence { module, .. } => {
+                if self.is_silent(module) {
+                    self.next_silent = module.0 + 1;
+                }
+            }
             Job::Greeting { .. } | Job::ReadBack { .. } => {}
         }
         self.last = Last {
@@ -218,7 +231,7 @@ impl Bus {
     #[cold]
     fn doubt_all(&mut self) {
         for node in self.nodes.iter_mut().filter(|node| !node.retired) {
-            node.greeted = false;
+            node.doubt();
             for poll in &mut node.polls {
                 poll.due = self.now;
             }
@@ -264,19 +277,70 @@ impl Bus {
     /// Whether anything but polls wants the line. Among themselves the one due longest goes first,
     /// so that those that can't wait need not be looked for.
     fn polls_have_rivals(&self) -> bool {
-        let has_other_reads = |node: &Node| node.is_silent() || node.greeting().is_some();
+        let has_other_reads = |node: &Node| node.is_silent() || node.is_to_be_greeted();
         !self.commands.is_empty() || self.probe.is_some() || self.nodes.iter().any(has_other_reads)
     }
 
-    /// Takes the work unless a ghost forbids it now.
+    /// Takes the work unless a ghost forbids it now; then the fence that ends the ghost.
     #[inline]
     fn offer(&self, search: &mut Search, work: Work) -> bool {
-        if let Some(until) = self.ghosts.blocked_until(&work.exchange) {
-            search.look_again(until);
+        let blocked_until = match work.job {
+            Job::Probe { .. } => self.ghosts.late_until(&work.exchange, self.now),
+            // Commands for a module that is silent do not wait for what it may never answer.
+            Job::Command { module, .. } | Job::ReadBack { module } if self.is_silent(module) => {
+                self.ghosts.late_until(&work.exchange, self.now)
+            }
+            Job::Fence { .. } => self.ghosts.fence_blocked_until(&work.exchange),
+            _ => self.ghosts.blocked_until(&work.exchange),
+        };
+        match blocked_until {
+            None => {
+                search.work = Some(work);
+                true
+            }
+            Some(until) => {
+                search.look_again(until);
+                self.offer_fence(search, &work)
+            }
+        }
+    }
+
+    fn is_silent(&self, module: ModuleId) -> bool {
+        self.nodes.get(module.0).is_some_and(Node::is_silent)
+    }
+
+    /// Takes the fence that this work waits for, where there is one.
+    #[cold]
+    fn offer_fence(&self, search: &mut Search, blocked: &Work) -> bool {
+        let (Some(module), false) = (blocked.job.module(), self.ghosts.are_full()) else {
+            return false;
+        };
+        if let Job::Fence { .. } = blocked.job {
             return false;
         }
-        search.work = Some(work);
-        true
+        match self.fence_for(module, &blocked.exchange) {
+            Ok(job) => {
+                let asked = job.module().and_then(|id| self.nodes.get(id.0));
+                let timeout = asked.map_or(blocked.timeout, Node::timeout);
+                let work = job.module().and_then(|id| self.work(id, job, timeout));
+                let until = work.and_then(|work| self.ghosts.fence_blocked_until(&work.exchange));
+                if let Some(until) = until {
+                    search.look_again(until);
+                    return false;
+                }
+                search.work = work.map(|work| Work {
+                    urgent: blocked.urgent,
+                    ..work
+                });
+                search.work.is_some()
+            }
+            Err(again) => {
+                if let Some(again) = again {
+                    search.look_again(again);
+                }
+                false
+            }
+        }
     }
 
     #[inline]
@@ -302,7 +366,17 @@ impl Bus {
             };
             let job = match command.stage {
                 Stage::Sent => continue,
-                Stage::ReadBack(_) => match node.greeting() {
+                _ if (node.plan.enabled || command.op == Op::Identify)
+                    && let Some(at) = node.identify_first() =>
+                {
+                    if at > self.now {
+                        search.look_again(at);
+                        continue;
+                    }
+                    let op = Op::Identify;
+                    Job::Greeting { module, op }
+                }
+                Stage::ReadBack(_) => match node.pulse_question() {
                     Some(op) if command.asks_pulses => Job::Greeting { module, op },
                     _ => Job::ReadBack { module },
                 },
@@ -396,8 +470,21 @@ impl Bus {
                     best = Some(rank);
                 }
             };
-            if !urgent && let Some(op) = node.greeting() {
-                look(Instant(0), Job::Greeting { module, op });
+            if node.is_to_be_greeted() {
+                for (op, at) in node.greetings() {
+                    if !urgent || op == Op::Identify && node.is_veiled() {
+                        look(at, Job::Greeting { module, op });
+                    }
+                }
+            }
+            if !urgent && node.tries_fence() {
+                look(
+                    Instant(0),
+                    Job::Fence {
+                        module,
+                        op: Op::Fence,
+                    },
+                );
             }
             for poll in &node.polls {
                 let due = if urgent {
@@ -441,6 +528,16 @@ impl Bus {
             {
                 return true;
             }
+            // What it would be read by waits for its ghost; a fence need not.
+            let fence = self.fence_of(module, None).and_then(|job| {
+                let exchange = node.module.exchange(&job.op()).ok()?;
+                self.work(module, job, node.probe_timeout(&exchange))
+            });
+            if let Some(work) = fence
+                && self.offer(search, work)
+            {
+                return true;
+            }
         }
         false
     }
@@ -478,7 +575,7 @@ impl Bus {
     }
 
     /// The same of the frame as it goes out for a job.
-    fn is_unsafe_for(&self, job: Job, exchange: &Exchange<'_>) -> bool {
+    pub(crate) fn is_unsafe_for(&self, job: Job, exchange: &Exchange<'_>) -> bool {
         if !self.mixed {
             return false;
         }

@@ -25,6 +25,8 @@ impl Script {
             echo: EchoMode::Off,
             settle: Micros::ZERO,
             probation: 0,
+            fences: false,
+            identify: false,
             ..Config::default()
         });
         for setup in setups {

@@ -4,7 +4,7 @@ mod support;
 
 use railbus_bus::{Bus, Config, EchoMode, Event, Fault, Input, ModuleId, Plan, Presence, Terms};
 use railbus_device::{Bank, Eeprom, Engine, Family, Module, Op, Options, Setup};
-use railbus_wire::{Address, Instant, Micros};
+use railbus_wire::{Address, Instant, Micros, Protocol};
 use support::{Drive, Happening, millis};
 
 /// How often each module is read.
@@ -94,7 +94,8 @@ fn those_that_stay_are_asked_on_as_if_nothing_had_been() {
     let of_first: Vec<Instant> = polls.filter(|(_, at)| *at == 3).map(|(at, _)| at).collect();
     let settled = of_first.windows(2).skip(5);
     let longest = settled.map(|pair| pair[1].since(pair[0])).max();
-    let most = INTERVAL + millis(60);
+    // The new one is asked for its fence, too.
+    let most = INTERVAL + millis(100);
     assert!(
         longest.is_some_and(|longest| longest <= most),
         "{longest:?}"
@@ -184,4 +185,50 @@ fn a_module_that_left_is_gone_when_the_port_comes_back() {
     drive.input(Input::Opened);
     let (asked, _) = run(&mut drive, Micros::from_secs(2));
     assert!(!asked.is_empty() && asked.iter().all(|(_, address)| *address == 4));
+}
+
+#[test]
+fn who_joins_at_the_address_of_one_that_left_is_not_kept_waiting_by_its_ghosts() {
+    for (family, protocol) in [
+        (Family::Erc8, Protocol::Rtu),
+        (Family::Emd2a2q, Protocol::Rtu),
+        (Family::Eda9050, Protocol::Ascii),
+        (Family::Eda9050, Protocol::Lc02),
+        (Family::R55, Protocol::R55),
+    ] {
+        let setup = Setup {
+            protocol,
+            ..Setup::new(family, Address(1))
+        };
+        let module = || Module::new(setup).expect("a possible module");
+        let mut bus = Bus::new(Config {
+            echo: EchoMode::Off,
+            ..Config::default()
+        });
+        let gone = bus.add(module(), plan());
+        let mut drive = Drive::new(bus);
+        let engine = Engine::new(&setup, Eeprom::of(&setup), Options::default(), Instant(0));
+        drive.play(engine.expect("a possible module"));
+        drive.input(Input::Opened);
+        run(&mut drive, Micros::from_secs(1));
+        drive.players[0].alive = false;
+        while !matches!(
+            drive.step(Instant(3_000_000)),
+            Some(Happening::Told(Event::Missed { .. }))
+        ) {}
+        drive.players[0].alive = true;
+
+        let now = drive.now;
+        drive.bus.leave(now, gone);
+        let new = drive.bus.join(now, module(), plan());
+        drive.touched();
+        let (asked, told) = run(&mut drive, Micros::from_secs(1));
+        let seen = told.iter().filter(|event| is_seen(event, new.0)).count();
+        assert!(seen >= 5, "{family:?} {protocol:?}: read {seen} times");
+        assert!(
+            asked.len() <= seen + 4,
+            "{family:?} {protocol:?}: asked {} times to be read {seen} times",
+            asked.len()
+        );
+    }
 }

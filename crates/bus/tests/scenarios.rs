@@ -7,7 +7,7 @@
 //! The script, one thing a line, `#` begins a remark:
 //! - `config KEY=VALUE…`: `echo` (auto, on, off), `medium` (wire, buffered), `settle`,
 //!   `window` (of duplicates), `probation`. Unlike the product's own, a scenario's line
-//!   has `echo=off probation=0 settle=0` unless it says otherwise.
+//!   has `echo=off probation=0 settle=0 fences=off identify=off` unless it says otherwise.
 //! - `adapter echoes`: every frame comes back when it ends.
 //! - `module NAME FAMILY PROTOCOL ADDRESS [KEY=VALUE…] [polled] [alive]`: without `polled` only
 //!   commands reach it; an `alive` one answers what no `answer` is left for.
@@ -24,8 +24,8 @@
 mod support;
 
 use railbus_bus::{
-    Bus, Config, Confirmed, EchoMode, Event, Fault, Input, Medium, ModuleId, Plan, Presence, Probe,
-    Terms,
+    Bus, Config, Confirmed, EchoMode, Event, Fault, Input, Medium, ModuleId, Past, Plan, Presence,
+    Probe, Terms,
 };
 use railbus_device::{
     Bank, Change, Eeprom, Engine, Family, Layout, Module, Op, Options, Seen, Setup,
@@ -89,7 +89,7 @@ enum Answer {
 
 /// Something that happens at a given moment.
 enum Action {
-    Open { at_rest: bool },
+    Open(Past),
     Close,
     Bytes(Vec<u8>),
     Power(usize, bool),
@@ -113,6 +113,8 @@ impl Scenario {
             echo: EchoMode::Off,
             settle: Micros::ZERO,
             probation: 0,
+            fences: false,
+            identify: false,
             ..Config::default()
         };
         for line in script.lines().filter(|line| line.starts_with("config")) {
@@ -126,6 +128,8 @@ impl Scenario {
                         };
                     }
                     "medium" if value == "buffered" => config.medium = Medium::Buffered,
+                    "fences" => config.fences = value == "on",
+                    "identify" => config.identify = value == "on",
                     "settle" => config.settle = span(value),
                     "window" => config.duplicate_window = span(value),
                     "probation" => config.probation = value.parse().expect("a number"),
@@ -253,9 +257,12 @@ impl Scenario {
     fn read_action(&self, text: &str) -> Action {
         let (word, rest) = text.split_once(' ').unwrap_or((text, ""));
         match word {
-            "open" => Action::Open {
-                at_rest: rest == "at rest",
-            },
+            "open" => Action::Open(match rest {
+                "" => Past::Unknown,
+                "at rest" => Past::Rested,
+                "abandoned" => Past::Abandoned,
+                other => panic!("opened how? {other}"),
+            }),
             "close" => Action::Close,
             "bytes" => Action::Bytes(hex(rest)),
             "dies" | "wakes" => Action::Power(self.module(rest), word == "wakes"),
@@ -352,13 +359,14 @@ impl Scenario {
     fn act(&mut self, action: Action) {
         let now = self.drive.now;
         match action {
-            Action::Open { at_rest } => {
-                self.note("call", if at_rest { "open at rest" } else { "open" });
-                self.drive.bus.found(if at_rest {
-                    railbus_bus::Past::Rested
-                } else {
-                    railbus_bus::Past::Unknown
-                });
+            Action::Open(past) => {
+                let how = match past {
+                    Past::Unknown => "open",
+                    Past::Rested => "open at rest",
+                    Past::Abandoned => "open abandoned",
+                };
+                self.note("call", how);
+                self.drive.bus.found(past);
                 self.drive.input(Input::Opened);
             }
             Action::Close => {
@@ -463,6 +471,7 @@ impl Scenario {
                     Presence::Unheard => "unheard",
                     Presence::Online => "online",
                     Presence::Silent => "silent",
+                    Presence::Stranger => "stranger",
                 };
                 format!("{} {presence}", name(module))
             }
@@ -539,9 +548,9 @@ fn shown(bytes: &[u8]) -> String {
     text.trim_end().to_owned()
 }
 
-/// An op: `read`, `inputs`, `analogs`, `pulses`, `config`, `write 0=on,3=off`, `write 0-15=310D`,
-/// `silent 0=on`, `toggle 0,1`, `jog 0 MILLIS`, `set-pulse 0,1 TENTHS`, `variable N`,
-/// `set-variable N VALUE`.
+/// An op: `read`, `inputs`, `analogs`, `pulses`, `config`, `identity`, `write 0=on,3=off`,
+/// `write 0-15=310D`, `silent 0=on`, `toggle 0,1`, `jog 0 MILLIS`, `set-pulse 0,1 TENTHS`,
+/// `variable N`, `set-variable N VALUE`.
 fn op(words: &[&str]) -> Op {
     let number = |index: usize| words[index].parse::<u32>().expect("a number");
     let u24 = |index| U24::new(number(index)).expect("24 bits");
@@ -551,6 +560,7 @@ fn op(words: &[&str]) -> Op {
         "analogs" => Op::ReadAnalogs,
         "pulses" => Op::ReadPulse,
         "config" => Op::ReadConfig,
+        "identity" => Op::Identify,
         "write" => Op::Write(bank(words[1])),
         "silent" => Op::WriteSilent(bank(words[1])),
         "toggle" => Op::Toggle(mask(words[1])),
@@ -605,6 +615,7 @@ fn op_text(op: &Op) -> String {
         Op::ReadAnalogs => "analogs".to_owned(),
         Op::ReadPulse => "pulses".to_owned(),
         Op::ReadConfig => "config".to_owned(),
+        Op::Identify => "identity".to_owned(),
         Op::Write(_) => "write".to_owned(),
         Op::Toggle(_) => "toggle".to_owned(),
         Op::Jog { .. } => "jog".to_owned(),
@@ -628,6 +639,8 @@ fn seen_text(seen: &Seen) -> String {
         Seen::Analogs([first, second]) => format!("{first} {second}"),
         Seen::Pulse { mask, width } => format!("mask={mask:04b} tenths={}", width.tenths()),
         Seen::Variable(index, value) => format!("v{index}={}", value.get()),
+        Seen::Name(name) => name.as_str().to_owned(),
+        Seen::Model(number) => format!("{number:04X}"),
         other => format!("{other:?}"),
     }
 }
@@ -639,10 +652,17 @@ fn fault_text(fault: &Fault) -> String {
                 Some(why) => format!(": {why}"),
                 None => String::new(),
             };
-            let (attempts, bytes) = (e.attempts, e.bytes);
-            format!("{fault} ({attempts} tried, {bytes} bytes{why})")
+            let (attempts, garbled, bytes) = (e.attempts, e.garbled, e.bytes);
+            // Where not all of them are alike.
+            let garbled = match garbled {
+                0 => String::new(),
+                all if all == attempts => String::new(),
+                some => format!("{some} garbled, "),
+            };
+            format!("{fault} ({attempts} tried, {garbled}{bytes} bytes{why})")
         }
         Fault::Refused(refusal) => format!("{fault} ({refusal:?})"),
+        Fault::Stranger { sent: true } => format!("{fault} (sent)"),
         _ => fault.to_string(),
     }
 }

@@ -50,7 +50,9 @@ mod tcp;
 
 pub use error::{Access, Holder, PortError};
 pub use event::{Events, LineEvent, LineState, Observer};
-pub use line::{Done, JOBS_MAX, LATE_MAX, LateReply, Line, LineConfig, Membership, ProbeResult};
+pub use line::{
+    Done, JOBS_MAX, LATE_MAX, LateReply, Line, LineConfig, Membership, ProbeResult, reply_in,
+};
 pub use mbtcp::ModbusTcpPort;
 pub use name::{LineName, NameError};
 pub use port::{AnyPort, Port};

@@ -11,7 +11,7 @@ use crate::{
 };
 use railbus_bus::{Config, Confirmed, Fault, ModuleId, Plan, Probe, Probed, Terms};
 use railbus_device::{Module, Op, Seen};
-use railbus_wire::{Exchange, Instant, Micros};
+use railbus_wire::{Decoded, Exchange, Instant, Micros};
 use std::fmt;
 use std::sync::Arc;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
@@ -90,6 +90,31 @@ pub struct ProbeResult {
     /// Replies to probes before it that were no longer waited for, oldest first; at most
     /// [`LATE_MAX`].
     pub late: Vec<LateReply>,
+}
+
+impl ProbeResult {
+    /// The bytes of the reply to what was asked; none where no good one came. See [`reply_in`].
+    #[must_use]
+    pub fn reply(&self, asked: &Exchange<'_>) -> Option<&[u8]> {
+        let is_answered = self.outcome == Probed::Answered;
+        is_answered.then(|| reply_in(asked, &self.bytes)).flatten()
+    }
+}
+
+/// The bytes of the reply among all that was heard of a probe that was answered. The line takes it
+/// as soon as it is whole: what stands before it is another module's late reply, or noise.
+#[must_use]
+pub fn reply_in<'h>(asked: &Exchange<'_>, heard: &'h [u8]) -> Option<&'h [u8]> {
+    let whole = |skip: usize| {
+        let rest = heard.get(skip..)?;
+        match asked.decode_response(rest) {
+            Decoded::Whole { len, .. } => Some((skip + len, rest.get(..len)?)),
+            _ => None,
+        }
+    };
+    // Of those with the same end the longest.
+    let each = (0..heard.len()).rev().filter_map(whole);
+    each.max_by_key(|(end, _)| *end).map(|(_, reply)| reply)
 }
 
 /// A reply to a probe that was over.

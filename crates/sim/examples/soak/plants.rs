@@ -10,8 +10,20 @@ use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth, Setti
 pub(crate) struct Plant {
     /// What it is like.
     pub(crate) line: LineConfig,
+    /// Whether replies are held back.
+    pub(crate) stalls: Option<Stalls>,
     /// Its modules.
     pub(crate) modules: Vec<Fitted>,
+}
+
+/// The adapter or the network holds back all that modules say, and then hands it over at once, in
+/// order.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stalls {
+    /// The mean time from the end of one to the beginning of the next.
+    pub(crate) every: Micros,
+    /// How long one lasts.
+    pub(crate) time: Span,
 }
 
 /// A module of a line.
@@ -31,7 +43,7 @@ pub(crate) struct Fitted {
 type Named<T> = (&'static str, fn(&mut Dice) -> T);
 
 /// What goes wrong on a line, by name: the rows of the table.
-pub(crate) const CAMPAIGNS: [Named<Faults>; 9] = [
+pub(crate) const CAMPAIGNS: [Named<Faults>; 10] = [
     ("nothing", |_| Faults::NONE),
     ("lost requests and replies", |dice| Faults {
         lose_request: dice.percent(1, 6),
@@ -43,6 +55,8 @@ pub(crate) const CAMPAIGNS: [Named<Faults>; 9] = [
         late_by: Span::millis(20, 450),
         ..Faults::NONE
     }),
+    // Of the adapter or the network: see [`Stalls`].
+    ("replies held back", |_| Faults::NONE),
     ("duplicated replies", |dice| Faults {
         again: dice.percent(30, 90),
         again_after: Span::millis(0, 60),
@@ -157,7 +171,15 @@ pub(crate) fn plant(line: usize, campaign: usize, seed: u64) -> Plant {
         },
         trace: 0,
     };
-    Plant { line, modules }
+    let stalls = (CAMPAIGNS[campaign].0 == "replies held back").then(|| Stalls {
+        every: Micros::from_millis(dice.between(300, 5000)),
+        time: Span::millis(20, 5000),
+    });
+    Plant {
+        line,
+        stalls,
+        modules,
+    }
 }
 
 fn fitted(setup: Setup, dice: &mut Dice) -> Fitted {

@@ -2,10 +2,11 @@
 
 use crate::dice::Dice;
 use crate::oracle::{OnceOnly, Oracle, Told, Verdicts};
-use crate::plants::Plant;
+use crate::plants::{Plant, Stalls};
 use railbus_bus as bus;
 use railbus_device::{Bank, Effect, Family, Module, Op, Seen};
 use railbus_sim as sim;
+use railbus_sim::Span;
 use railbus_wire::{Channel, Instant, Micros, Protocol, r55};
 
 /// What a run was asked to do.
@@ -66,6 +67,11 @@ struct Run {
     oracle: Oracle,
     dice: Dice,
     report: Report,
+    stalls: Option<Stalls>,
+    /// Until when all that is heard is held back.
+    stalled_until: Instant,
+    next_stall: Instant,
+    held_back: Vec<u8>,
     /// Spoilt characters when the request under way began.
     spoilt_at_request: u64,
     next_command: Instant,
@@ -129,6 +135,10 @@ impl Run {
             oracle,
             dice: Dice::new(seed.wrapping_mul(0x2545_F491_4F6C_DD1D)),
             report: Report::default(),
+            stalls: plant.stalls,
+            stalled_until: now,
+            next_stall: Instant(if plant.stalls.is_some() { 0 } else { u64::MAX }),
+            held_back: Vec::new(),
             spoilt_at_request: 0,
             next_command: Instant(1_000_000),
             next_change: Instant(0),
@@ -145,10 +155,20 @@ impl Run {
             self.next_command = self.now + self.around(script.command_every);
             self.command();
         }
+        if self.next_stall <= self.now {
+            self.stall();
+        }
+        if self.stalled_until <= self.now && !self.held_back.is_empty() {
+            let bytes = core::mem::take(&mut self.held_back);
+            self.bus.handle(self.now, bus::Input::Bytes(&bytes));
+        }
         let bus_wakes = self.drain_bus();
         let line_wakes = self.drain_line();
         let Some(line_wakes) = line_wakes else { return };
-        let own = self.next_change.min(self.next_command);
+        let mut own = self.next_change.min(self.next_command).min(self.next_stall);
+        if !self.held_back.is_empty() {
+            own = own.min(self.stalled_until);
+        }
         let bus_wakes = bus_wakes.unwrap_or(own);
         self.now = line_wakes.min(bus_wakes).min(own).max(self.now);
         if line_wakes <= self.now {
@@ -156,6 +176,15 @@ impl Run {
         } else if bus_wakes <= self.now {
             self.bus.handle(self.now, bus::Input::Timeout);
         }
+    }
+
+    /// From now on all that is heard is held back for a time.
+    fn stall(&mut self) {
+        let Some(stalls) = self.stalls else { return };
+        let Span { from, to } = stalls.time;
+        self.stalled_until = self.now + Micros(self.dice.between(from.0, to.0));
+        self.next_stall = self.stalled_until + self.around(stalls.every);
+        self.report.faults += 1;
     }
 
     fn around(&mut self, mean: Micros) -> Micros {
@@ -188,6 +217,9 @@ impl Run {
     fn drain_line(&mut self) -> Option<Instant> {
         loop {
             match self.line.poll() {
+                sim::Output::Heard { at, bytes } if at < self.stalled_until => {
+                    self.held_back.extend_from_slice(bytes);
+                }
                 sim::Output::Heard { at, bytes } => {
                     self.bus.handle(at.max(self.now), bus::Input::Bytes(bytes));
                     return None;
@@ -341,14 +373,15 @@ impl Run {
             .trace()
             .map(ToString::to_string)
             .unwrap_or_default();
-        let end = self.now + Micros::from_secs(8);
+        // A command is sent within five seconds, and read back within five more.
+        let end = self.now + Micros::from_secs(12);
         (self.next_command, self.next_change) = (end, end);
         while self.now < end {
             self.step(script);
         }
         self.oracle.close();
         self.report.time = self.now.0;
-        self.report.faults = self.line.injected().total();
+        self.report.faults += self.line.injected().total();
         self.report.verdicts = self.oracle.verdicts;
         self.report.first_wrong = self.oracle.first_wrong.take();
         self.report

@@ -54,7 +54,9 @@ pub(crate) fn page(cells: &[Cell], sum: &Report) -> String {
          sums of LC-02, the 0x55 boards and ASCII miss one spoilt frame in some hundreds. Use \
          Modbus RTU, or the ASCII checksum, where a line is bad.\n\n\
          Half of the seeds have an echoing adapter, a third hear everything in random pieces; \
-         in the lines `ascii` and `mixed` some modules are dead.\n\n\
+         in the lines `ascii` and `mixed` some modules are dead. With \
+         \"replies held back\" all that is heard stands still for up to five seconds and then \
+         comes at once, in order.\n\n\
          {} exchanges, {} faults, {:.1} line-hours.\n\n{}",
         sum.exchanges,
         sum.faults,

@@ -1,0 +1,191 @@
+//! The fence after a miss: what shows that nothing older can come any more
+//! (docs/decisions/0015).
+//!
+//! A module answers in the order in which it was asked, and neither a line nor a network lets one
+//! reply overtake another. So after a request that was not answered the module is asked something
+//! whose reply can't be taken for the one that is missing: once it has answered that, the other
+//! one came or never will.
+
+use crate::flight::{Flight, Job};
+use crate::ghost::{Ghost, names};
+use crate::node::{HELD_BACK_MAX, LATE_MIN, Node};
+use crate::{Bus, ModuleId, Presence};
+use railbus_device::Op;
+use railbus_wire::{Exchange, Instant, Reply, Response, ascii};
+
+impl Bus {
+    /// What to ask, so that this exchange for a module need not wait until all ghosts are gone by
+    /// their time; otherwise when to look again.
+    pub(crate) fn fence_for(
+        &self,
+        wanted: ModuleId,
+        exchange: &Exchange<'_>,
+    ) -> Result<Job, Option<Instant>> {
+        let ghost = self.ghosts.in_the_way(exchange).ok_or(None)?;
+        let is_up = |id: &ModuleId| {
+            let node = self.nodes.get(id.0);
+            node.is_some_and(|node| !node.retired && !node.is_silent())
+        };
+        // One that was not heard yet may be dead.
+        let is_heard = |id: &ModuleId| {
+            let node = self.nodes.get(id.0);
+            node.is_some_and(|node| node.presence != Presence::Unheard)
+        };
+        let by_others = ghost.late <= self.now && self.ghosts.ends_by_others(ghost);
+        let owner = ghost.module.filter(is_up);
+        let asked = match owner.filter(|id| is_heard(id) || !by_others) {
+            Some(owner) => owner,
+            // A module that does not answer is given its time; then a reply of any other one, asked
+            // after that, shows that nothing is held back on its way.
+            None if ghost.late > self.now => return Err(Some(ghost.late)),
+            None if !self.ghosts.ends_by_others(ghost) => return Err(None),
+            None => Some(wanted).filter(is_up).ok_or(None)?,
+        };
+        let fence = self.fence_of(asked, Some(ghost));
+        fence.ok_or_else(|| self.ghosts.next_late(self.now))
+    }
+
+    /// What to ask a module to have a reply that ends a ghost of its. Such a reply may be to the
+    /// first ghost of its like, and ends what is older than that. So of several the one is asked
+    /// whose first ghost is the youngest, be it the like of this ghost, and be it waited for:
+    /// with another one in its place two kinds of reads would take turns for ever.
+    pub(crate) fn fence_of(&self, module: ModuleId, ghost: Option<&Ghost>) -> Option<Job> {
+        let node = self.nodes.get(module.0).filter(|node| node.has_fence())?;
+        let mut best: Option<((Instant, bool), Job)> = None;
+        // What was asked like a fence is over as soon as a poll is answered.
+        let by_polls = ghost.is_some_and(|ghost| ghost.fence && node.is_fence(&ghost.exchange));
+        for op in node.fences(by_polls) {
+            let Ok(exchange) = node.module.exchange(&op) else {
+                continue;
+            };
+            let job = Job::Fence { module, op };
+            let is_like = ghost.is_some_and(|ghost| !exchange.stands_apart(&ghost.exchange));
+            if is_like && (by_polls || op == Op::Fence) || self.is_unsafe_for(job, &exchange) {
+                continue;
+            }
+            let (since, job) = match self.ghosts.first_like(&exchange) {
+                Some(_) if by_polls => continue,
+                // Another module, which may answer later than this one.
+                Some(first) if first.module != Some(module) && first.late > self.now => continue,
+                Some(first) => (first.sent, job),
+                // Nothing to be confused with: what it reads is read.
+                None if op != Op::Fence => (Instant(u64::MAX), Job::Poll { module, op }),
+                None => (Instant(u64::MAX), job),
+            };
+            let is_free = self.ghosts.fence_blocked_until(&exchange).is_none();
+            let rank = (since, is_free);
+            if best.is_none_or(|(known, _)| rank > known) {
+                best = Some((rank, job));
+            }
+        }
+        best.map(|(_, job)| job)
+    }
+
+    /// A good reply came: whether it is certainly to this request, and not to one before it that
+    /// could be confused with it. With `in_order` it shows that what was asked before is over.
+    pub(crate) fn is_own(&mut self, flight: &Flight, in_order: bool) -> bool {
+        let Some(module) = flight.job.module() else {
+            return true;
+        };
+        let is_refused = flight.is_fence() && !in_order;
+        // Another module, asked before, may answer after this one as long as its time is not over.
+        let like = self.ghosts.first_like(&flight.exchange);
+        let in_order = in_order
+            && like.is_none_or(|like| like.module == Some(module) || like.late <= flight.asked);
+        let first = match in_order {
+            true => self.ghosts.take_first_like(&flight.exchange),
+            false => self.ghosts.first_like(&flight.exchange).copied(),
+        };
+        if flight.job.op() == Op::Fence {
+            if is_refused {
+                self.refused_fence(flight, module);
+            } else {
+                self.answered_fence(module);
+            }
+        } else if let Some(node) = self.nodes.get_mut(module.0) {
+            node.answered_no_fence();
+        }
+        match (first, in_order) {
+            (None, true) => self.ghosts.lay(module, flight.asked),
+            // A reply that names no module is enough to forget what was itself asked only to know.
+            (None, false) => self.ghosts.lay_fences(module, flight.asked),
+            // Then the reply to this one is still to come.
+            (Some(first), true) => {
+                self.ghosts.lay(module, first.sent);
+                self.haunt(flight);
+            }
+            (Some(_), false) => {}
+        }
+        first.is_none() || flight.is_fence()
+    }
+
+    /// The request becomes a ghost: its reply may still come.
+    pub(crate) fn haunt(&mut self, flight: &Flight) {
+        let module = flight.job.module();
+        let node = module.and_then(|id| self.nodes.get(id.0));
+        let late = flight.sent + node.map_or(LATE_MIN, Node::late_max);
+        // Where nothing can end it before its time, it must not keep the line waiting for long.
+        let ends_by_fence = |node: &Node| match flight.job.identifies() {
+            true => node.knows_fence(),
+            false => node.relies_on_fence(),
+        };
+        let until = match node {
+            Some(node) if ends_by_fence(node) => late.max(flight.sent + HELD_BACK_MAX),
+            _ => late,
+        };
+        self.ghosts.add(Ghost {
+            exchange: flight.exchange,
+            module,
+            sent: flight.sent,
+            late,
+            until,
+            answered: false,
+            fence: flight.is_fence() || node.is_some_and(|node| node.is_fence(&flight.exchange)),
+        });
+    }
+
+    /// The module said no. Where that may be of something before, the reply to this may still come.
+    #[cold]
+    fn refused_fence(&mut self, flight: &Flight, module: ModuleId) {
+        if self.ghosts.in_the_way(&flight.exchange).is_some() {
+            self.haunt(flight);
+        }
+        if let Some(node) = self.nodes.get_mut(module.0) {
+            node.refused_fence();
+        }
+    }
+
+    /// Ghosts of a module that has left are those of the one that stands at its address now.
+    pub(crate) fn settle_ghosts(&mut self) {
+        let nodes = &self.nodes;
+        self.ghosts.bequeath(|ghost| {
+            let owner = ghost.module.and_then(|id| nodes.get(id.0));
+            owner.filter(|node| node.retired)?;
+            let exchange = &ghost.exchange;
+            let heir = nodes.iter().position(|node| {
+                let setup = node.module.setup();
+                !node.retired
+                    && setup.protocol == exchange.protocol()
+                    && setup.address == exchange.address()
+            });
+            heir.map(ModuleId)
+        });
+    }
+
+    /// The module has the fence of its own.
+    pub(crate) fn answered_fence(&mut self, module: ModuleId) {
+        if let Some(node) = self.nodes.get_mut(module.0) {
+            node.answered_fence();
+        }
+    }
+}
+
+/// Whether a reply shows that what the module was asked before is over. One that names no module
+/// may be any module's, again; a refusal that does not say of what, one of something before.
+pub(crate) fn shows_order(flight: &Flight, reply: &Reply<Response<'_>>) -> bool {
+    let refuses = matches!(
+        reply.response,
+        Response::Ascii(ascii::Response::Invalid | ascii::Response::Ignored)
+    );
+    names(reply) && !(flight.is_fence() && refuses)
+}

@@ -1,0 +1,76 @@
+//! Which modules are on the line: they may join and leave while it is at work.
+
+use crate::command::{Stage, decide};
+use crate::flight::Flight;
+use crate::node::Node;
+use crate::{Bus, Fault, ModuleId, Plan};
+use railbus_device::Module;
+use railbus_wire::{Instant, Micros};
+
+impl Bus {
+    /// Adds a module to the line; it is polled as the plan says, unless the plan says never.
+    pub fn add(&mut self, module: Module, plan: Plan) -> ModuleId {
+        let id = ModuleId(self.nodes.len());
+        let mut node = Node::new(module, plan, &self.config);
+        node.start(self.now, id.0, id.0 + 1);
+        let protocol = node.module.setup().protocol;
+        self.mixed |= self
+            .nodes
+            .iter()
+            .any(|other| other.module.setup().protocol != protocol);
+        self.nodes.push(node);
+        id
+    }
+
+    /// Adds a module to a line at work: its polls begin now, those of the others go on.
+    pub fn join(&mut self, now: Instant, module: Module, plan: Plan) -> ModuleId {
+        self.now = now;
+        let id = self.add(module, plan);
+        self.measure();
+        self.settle_ghosts();
+        id
+    }
+
+    /// Takes a module off a line at work. Commands for it that wait end now, one on the wire when
+    /// its reply has come; its number is not given again.
+    pub fn leave(&mut self, now: Instant, id: ModuleId) {
+        self.now = now;
+        let Some(node) = self.nodes.get_mut(id.0) else {
+            return;
+        };
+        node.retire();
+        self.end_commands_of(id);
+        self.measure();
+        self.settle_ghosts();
+    }
+
+    /// Ends the commands for a module that has left, but for those on the wire.
+    fn end_commands_of(&mut self, id: ModuleId) {
+        decide(&mut self.commands, &mut self.events, self.now, |command| {
+            let waits = command.module == id && command.stage != Stage::Sent;
+            waits.then(|| match command.is_unsent() {
+                true => Err(Fault::Closed),
+                false => command.end_by_time(),
+            })
+        });
+    }
+
+    /// An exchange has ended: what it was for may have left meanwhile, and gets no other one.
+    pub(crate) fn end_if_left(&mut self, flight: &Flight) {
+        if let Some(id) = flight.job.module()
+            && self.nodes.get(id.0).is_some_and(|node| node.retired)
+        {
+            self.end_commands_of(id);
+        }
+    }
+
+    /// What the modules that are there make of the line.
+    pub(crate) fn measure(&mut self) {
+        let there = self.nodes.iter().filter(|node| !node.retired);
+        let mut protocols = there.map(|node| node.module.setup().protocol);
+        let first = protocols.next();
+        self.mixed = protocols.any(|protocol| Some(protocol) != first);
+        let cycles = self.nodes.iter().map(Node::cycle);
+        self.cycle = cycles.fold(Micros::ZERO, |sum, cycle| sum + cycle);
+    }
+}
