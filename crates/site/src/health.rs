@@ -1,12 +1,17 @@
 //! How well a module answers: how fast, and how often not.
 
 use crate::Counts;
+use railbus_host::{Evidence, Fault};
 use railbus_wire::Micros;
+use std::collections::VecDeque;
 
 /// A minute, in microseconds.
 const MINUTE: u64 = 60_000_000;
 /// How many minutes are counted.
 const MINUTES: u64 = 60;
+
+/// So many exchanges in a row without a good reply tell what a module's replies are like.
+const LOST_MAX: usize = 16;
 
 /// How well a module answers.
 #[derive(Clone, Debug, Default)]
@@ -16,14 +21,44 @@ pub(crate) struct Health {
     rtt: Option<Micros>,
     pub(crate) errors: Hourly,
     pub(crate) late: Hourly,
+    /// What came instead of a good reply since the last one: of so many exchanges, the last.
+    lost: VecDeque<Evidence>,
 }
 
 impl Health {
     /// A reply took so long. Old ones count less and less: an eighth of each new one goes in.
     pub(crate) fn replied(&mut self, after: Micros) {
         self.counts.replied(after);
+        self.lost.clear();
         let smoothed = self.rtt.map_or(after.0, |rtt| (rtt.0 * 7 + after.0) / 8);
         self.rtt = Some(Micros(smoothed));
+    }
+
+    /// An exchange failed, so long after the start.
+    pub(crate) fn failed(&mut self, now: Micros, fault: &Fault) {
+        self.errors.count(now);
+        self.counts.failed(fault);
+        match fault {
+            Fault::NoReply(met) | Fault::Garbled(met) => {
+                if self.lost.len() == LOST_MAX {
+                    self.lost.pop_front();
+                }
+                self.lost.push_back(*met);
+            }
+            // A reply that says no is one.
+            _ => self.lost.clear(),
+        }
+    }
+
+    /// What came instead of a good reply since the last one.
+    pub(crate) fn lost(&self) -> Evidence {
+        let together = |all: Evidence, one: &Evidence| Evidence {
+            attempts: all.attempts.saturating_add(one.attempts),
+            garbled: all.garbled.saturating_add(one.garbled),
+            bytes: all.bytes.saturating_add(one.bytes),
+            why: all.why.or(one.why),
+        };
+        self.lost.iter().fold(Evidence::default(), together)
     }
 
     pub(crate) const fn rtt(&self) -> Option<Micros> {
@@ -84,6 +119,8 @@ impl Hourly {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use railbus_device::Refusal;
+    use railbus_wire::Malformed;
 
     #[test]
     fn an_hour_later_it_is_forgotten() {
@@ -98,6 +135,38 @@ mod tests {
         assert_eq!(hourly.total(at(90)), 0);
         hourly.count(at(1_000));
         assert_eq!(hourly.total(at(1_000)), 1);
+    }
+
+    #[test]
+    fn what_came_since_the_last_good_reply_is_kept_for_a_while() {
+        let mut health = Health::default();
+        let met = |bytes, why: Option<Malformed>| Evidence {
+            attempts: 1,
+            garbled: u8::from(why.is_some()),
+            bytes,
+            why,
+        };
+        let garbled = met(6, Some(Malformed::Checksum));
+        health.failed(Micros(0), &Fault::Garbled(garbled));
+        health.failed(Micros(0), &Fault::NoReply(met(0, None)));
+        let both = Evidence {
+            attempts: 2,
+            ..garbled
+        };
+        assert_eq!(health.lost(), both);
+        for _ in 0..LOST_MAX {
+            health.failed(Micros(0), &Fault::NoReply(met(0, None)));
+        }
+        let silent = Evidence {
+            attempts: LOST_MAX as u8,
+            ..Evidence::default()
+        };
+        assert_eq!(health.lost(), silent);
+        health.replied(Micros(8_000));
+        assert_eq!(health.lost(), Evidence::default());
+        health.failed(Micros(0), &Fault::Garbled(garbled));
+        health.failed(Micros(0), &Fault::Refused(Refusal::Invalid));
+        assert_eq!(health.lost(), Evidence::default());
     }
 
     #[test]

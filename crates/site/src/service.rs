@@ -289,10 +289,16 @@ impl Inner {
 
     /// The line's handle of a module, and its number there.
     fn place(&self, module: &str) -> Option<(Line, ModuleId)> {
-        // Together: a line that is opened anew numbers its modules anew.
-        let state = lock(&self.state);
-        let (line, id) = state.place(module)?;
-        Some((self.handle(&line)?, id))
+        // The handle first, and no lock within another: a line that is closed is taken out of
+        // `lines` before its modules get other numbers, and one that is opened comes after that.
+        loop {
+            let (line, _) = lock(&self.state).place(module)?;
+            let handle = self.handle(&line)?;
+            let (now, id) = lock(&self.state).place(module)?;
+            if now == line {
+                return Some((handle, id));
+            }
+        }
     }
 
     /// Fails where nobody listens, which does not matter.
@@ -318,4 +324,30 @@ fn prepare(config: &Config, name: &str, polls: bool) -> Result<LineConfig, Start
         prepared.modules.push((module, plan));
     }
     Ok(prepared)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    /// Who waits for the lines keeps nobody from the state.
+    #[tokio::test]
+    async fn a_place_is_looked_up_with_one_lock_at_a_time() {
+        let text = "[line.main]\nport = \"/dev/none-such\"\n\
+            [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+        let service = Service::start(Config::parse(text).unwrap()).unwrap();
+        let held = lock(&service.inner.lines);
+        let inner = Arc::clone(&service.inner);
+        let looks = std::thread::spawn(move || inner.place("oven").map(|(_, id)| id));
+        let free = || {
+            std::thread::sleep(Duration::from_millis(1));
+            service.inner.state.try_lock().is_ok()
+        };
+        let times = (0..100).filter(|_| free()).count();
+        drop(held);
+        assert_eq!(looks.join().unwrap(), Some(ModuleId(0)));
+        assert!(times > 90, "{times}");
+        service.close().await;
+    }
 }

@@ -3,7 +3,7 @@
 use crate::Config;
 use crate::config::ModuleConfig;
 use railbus_bus::Presence;
-use railbus_device::{Bank, Point, PointKind, Seen};
+use railbus_device::{Bank, Family, Point, PointKind, Seen};
 use railbus_host::MISSES_SILENT;
 use railbus_wire::{Channel, Instant, PulseWidth};
 use std::collections::BTreeMap;
@@ -37,6 +37,8 @@ pub enum Reason {
     NeverRead,
     /// Its module does not answer.
     Offline,
+    /// What answers in the place of its module says that it is another model.
+    OtherModel,
     /// The port of its line can't be opened, or was lost.
     LineAbsent,
     /// Another program has the port of its line.
@@ -77,6 +79,8 @@ struct ModuleState {
     missing: Option<u8>,
     points: BTreeMap<Point, PointState>,
     pulse: Option<Pulses>,
+    /// What it last said that it is: a model, or the name that it gives itself.
+    says: Option<String>,
 }
 
 /// Which outputs of a module give pulses, and how long.
@@ -138,7 +142,20 @@ impl Site {
     pub fn heard(&mut self, module: &str, presence: Presence) {
         if let Some(state) = self.modules.get_mut(module) {
             (state.presence, state.missing) = (presence, None);
+            if presence == Presence::Stranger {
+                // What the right one was read to be says nothing of it.
+                state.points.clear();
+                state.pulse = None;
+            }
         }
+    }
+
+    /// What answers in the place of a module, where that says that it is another model.
+    #[must_use]
+    pub fn stranger(&self, module: &str) -> Option<&str> {
+        let state = self.modules.get(module)?;
+        let says = state.says.as_deref();
+        says.filter(|_| state.presence == Presence::Stranger)
     }
 
     /// A module did not answer; true when that makes one that was heard before its line was lent
@@ -166,6 +183,9 @@ impl Site {
         };
         if let Seen::Pulse { mask, width } = *seen {
             state.pulse = Some(Pulses { mask, width });
+        }
+        if let Some(says) = model_of(seen) {
+            state.says = Some(says);
         }
         let mut changes = Vec::new();
         for (point, value) in values(config, seen) {
@@ -235,6 +255,7 @@ impl Site {
             .get(module)
             .map(|config| config.plan.max_age);
         let quality = match (known, self.presence(module), max_age) {
+            (_, Presence::Stranger, Some(_)) => Quality::Bad(Reason::OtherModel),
             (None, Presence::Silent, Some(_)) => Quality::Bad(Reason::Offline),
             (None, ..) | (_, _, None) => Quality::Bad(Reason::NeverRead),
             (Some(_), Presence::Silent | Presence::Unheard, _) => Quality::Bad(Reason::Offline),
@@ -245,6 +266,16 @@ impl Site {
         };
         (known, quality)
     }
+}
+
+/// The model that a module says it is, or the name that it gives itself, where no family has that.
+fn model_of(seen: &Seen) -> Option<String> {
+    let (family, said) = match seen {
+        Seen::Name(name) => (Family::of_name(name.bytes()), name.as_str().to_owned()),
+        Seen::Model(number) => (Family::of_number(*number), format!("{number:04X}")),
+        _ => return None,
+    };
+    Some(family.map_or(said, |family| family.to_string()))
 }
 
 /// The points that a reply tells of.

@@ -107,8 +107,7 @@ pub struct Safety {
     pub min_off: Option<Micros>,
     /// When the site is closed.
     pub on_exit: Policy,
-    /// When who commands it is lost; nothing said of it holds, but for a lease, which then ends
-    /// in the other state.
+    /// When who holds it by a lease is lost; nothing said, the lease ends in the other state.
     pub on_offline: Option<Policy>,
     /// When its module is heard again.
     pub on_return: Policy,

@@ -84,6 +84,9 @@ pub enum GroupState {
     Toggle,
 }
 
+/// What outputs are; those of which nothing is known are not in it.
+type States = BTreeMap<Place, bool>;
+
 /// An output of a batch and its number there.
 type Item = (usize, Place, bool);
 
@@ -124,7 +127,17 @@ impl Service {
         // Before the turn: nobody has to wait while a silent module is asked.
         self.ask_unknown(&places).await;
         match self.inner.turn(places, Instant::now() + TTL).await {
-            Ok(turn) => self.all_or_nothing(done, &items, terms, turn).await,
+            Ok(turn) => {
+                // Meanwhile the configuration may have changed, or the site begun to end.
+                let (done, items) = self.checked(set, terms);
+                if items.is_empty() {
+                    return done;
+                }
+                let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
+                let before = self.read_in_turn(&places).await;
+                self.all_or_nothing(done, &items, terms, (turn, before))
+                    .await
+            }
             Err(fault) => BatchDone {
                 parts: parts(set, |_, _| Err(fault.into())),
                 undone: false,
@@ -158,10 +171,9 @@ impl Service {
         mut done: BatchDone,
         items: &[Item],
         terms: BatchTerms,
-        turn: Turn,
+        (turn, before): (Turn, States),
     ) -> BatchDone {
         let held = Held::All(Arc::new(turn));
-        let before: Vec<_> = items.iter().map(|item| self.inner.known(&item.1)).collect();
         self.switch_in_turn(&mut done, items, terms, &held).await;
         if done.has_failed() {
             // Taken back, the outputs are as they were found, in their pulses and leases.
@@ -216,22 +228,14 @@ impl Service {
         self.ask_unknown(&members).await;
         let turn = self.inner.turn(members.clone(), Instant::now() + TTL);
         let turn = turn.await?;
-        let mut are_off = true;
-        let modules: BTreeSet<&str> = members.iter().map(|at| at.module.as_str()).collect();
-        for module in modules {
-            let mut of_module = members.iter().filter(|place| place.module == module);
-            // What was acknowledged before may not have been read since. Where nothing is known,
-            // any of it may be on.
-            let is_known = of_module.clone().all(|at| self.inner.known(at).is_some());
-            are_off = are_off
-                && is_known
-                && self.inner.read_all(module).await.is_ok()
-                && of_module.all(|at| self.inner.known(at) == Some(false));
-        }
+        let before = self.read_in_turn(&members).await;
+        // Where nothing is known, any of it may be on.
+        let are_off = members.iter().all(|at| before.get(at) == Some(&false));
         let set: Vec<_> = members.into_iter().map(|at| (at, are_off)).collect();
         let (mut done, items) = self.checked(&set, terms);
         if terms.all_or_nothing && !items.is_empty() {
-            return Ok(self.all_or_nothing(done, &items, terms, turn).await);
+            let all = self.all_or_nothing(done, &items, terms, (turn, before));
+            return Ok(all.await);
         }
         turn.give_back(|place| !items.iter().any(|item| item.1 == *place));
         let held = Held::Each(Arc::new(turn));
@@ -273,6 +277,29 @@ impl Service {
             // What could not be read stays unknown.
             let _ = self.inner.read_all(&module).await;
         }
+    }
+
+    /// What outputs are, read in their turn: what was known before may have been acknowledged and
+    /// not read, or moved by hand since. Nobody waits for a module of which nothing is known.
+    async fn read_in_turn(&self, places: &[Place]) -> States {
+        let mut modules: BTreeMap<&str, bool> = BTreeMap::new();
+        for place in places {
+            *modules.entry(&place.module).or_insert(true) &= self.inner.known(place).is_some();
+        }
+        let known = modules.into_iter().filter(|(_, is_known)| *is_known);
+        let reading = known.map(|(module, _)| {
+            let (inner, module) = (Arc::clone(&self.inner), module.to_owned());
+            tokio::spawn(async move { inner.read_all(&module).await.is_ok().then_some(module) })
+        });
+        let mut read = BTreeSet::new();
+        for module in reading.collect::<Vec<_>>() {
+            // Fails only where the runtime itself ends.
+            read.extend(module.await.ok().flatten());
+        }
+        let of_read = places.iter().filter(|place| read.contains(&place.module));
+        of_read
+            .filter_map(|place| Some((place.clone(), self.inner.known(place)?)))
+            .collect()
     }
 
     /// Switches them, in two turns where they exclude each other. After a failure in the first
@@ -400,22 +427,19 @@ impl Service {
     }
 
     /// Takes back what was done, and what may have been.
-    async fn undo(
-        &self,
-        done: &mut BatchDone,
-        items: &[Item],
-        before: &[Option<bool>],
-        held: &Held,
-    ) {
+    async fn undo(&self, done: &mut BatchDone, items: &[Item], before: &States, held: &Held) {
         let touched = |end: &Result<PartDone, Failure>| match end {
             Ok(_) => true,
             Err(failure) => failure.may_have_acted(),
         };
         let mut back = Vec::new();
         let mut lost = Vec::new();
-        for ((number, place, _), before) in items.iter().zip(before) {
+        for (number, place, _) in items {
             let part = done.parts.get(*number);
-            match (part.is_some_and(|part| touched(&part.end)), before) {
+            match (
+                part.is_some_and(|part| touched(&part.end)),
+                before.get(place),
+            ) {
                 (false, _) => {}
                 // What gives pulses by itself can't be brought back into one: that begins another.
                 (true, Some(true)) if self.gives_pulses(place).await => lost.push(*number),

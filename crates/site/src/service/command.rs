@@ -172,21 +172,18 @@ impl Service {
         self.inner.take_over(module, &points, done).await
     }
 
-    /// The same for a policy, also at the end of the site: nobody is asked whether it is meant.
-    pub(super) async fn write_by_policy(
+    /// The same at the end of the site: nobody is asked whether it is meant, and how many wait
+    /// does not matter.
+    pub(super) async fn write_at_exit(
         &self,
         module: &str,
         set: &[(Point, bool)],
     ) -> Result<WriteDone, Failure> {
         let (service, module, set) = (self.clone(), module.to_owned(), set.to_vec());
         to_its_end(async move {
-            let expires = Instant::now() + TTL;
             let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
-            let turn = service
-                .inner
-                .turn(places(&module, &points), expires)
-                .await?;
-            let terms = WriteTerms::default();
+            let turn = service.inner.turn_to_end(places(&module, &points)).await;
+            let (terms, expires) = (WriteTerms::default(), Instant::now() + TTL);
             let done = service.write_in_turn(&turn, &module, &set, terms, expires);
             let done = done.await?;
             service.inner.take_over(&module, &points, done).await
@@ -360,6 +357,17 @@ impl Inner {
         let described = Module::new(setup).map_err(|_| Fault::Unsupported)?;
         for op in described.full_poll() {
             self.run(module, op, false).await?;
+        }
+        // Where nobody polls, nobody else asks that.
+        if !self.polls && described.can_be_contradicted() {
+            let mut end = self.run(module, Op::Identify, false).await;
+            if end.is_err() {
+                end = self.run(module, Op::Identify, false).await;
+            }
+            let seen = end.ok().and_then(|done| done.seen);
+            if seen.is_some_and(|seen| !described.recognises(&seen)) {
+                return Err(Fault::Stranger { sent: false }.into());
+            }
         }
         Ok(())
     }

@@ -1,47 +1,42 @@
 //! What becomes of outputs when something is lost or comes back.
 
+use super::promises::{Key, Promise, Why};
+use super::timer::Timer;
 use super::{Inner, Service, lock};
 use crate::Origin;
-use crate::config::{Place, Policy, Safety};
+use crate::config::{Config, Place, Policy, Safety};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::oneshot;
 
 /// When the site ends, its outputs have this time to be switched.
 const EXIT_MAX: Duration = Duration::from_millis(1_200);
 
-impl Service {
-    /// Who commands this site over a network was lost: outputs with a policy for that are
-    /// switched. Returns when each of them was, or could not be.
-    pub async fn northbound_lost(&self) {
-        let policy = |safety: &Safety| safety.on_offline.unwrap_or_default();
-        self.apply(policy, "on_offline", None).await;
-    }
+/// Outputs by their modules, and the state that each of them goes into.
+type Wanted = BTreeMap<String, Vec<(Place, bool)>>;
 
+impl Service {
     /// Outputs with a policy for the end of the site are switched.
     pub(super) async fn exit_policy(&self) {
-        let switching = self.apply(|safety| safety.on_exit, "on_exit", None);
+        let service = self.on_behalf_of(Origin::program("on_exit"));
+        let wanted = self.inner.wanted(None, |safety| safety.on_exit);
+        let each = wanted.into_iter().map(|(module, outputs)| {
+            let service = service.clone();
+            tokio::spawn(async move { service.switch_at_exit(&module, &outputs).await })
+        });
+        let each: Vec<_> = each.collect();
+        let switching = async {
+            for module in each {
+                // Fails only where the runtime itself ends.
+                let _ = module.await;
+            }
+        };
         // What is not done by then, is told by its audit entry.
         let _ = tokio::time::timeout(EXIT_MAX, switching).await;
     }
 
-    /// Switches outputs, of one module or of all, as their policies say: module by module, what
-    /// goes off first.
-    async fn apply(&self, policy: impl Fn(&Safety) -> Policy, part: &str, of: Option<&str>) {
-        let service = self.on_behalf_of(Origin::program(part));
-        let wanted = self.inner.wanted(policy, of);
-        let each = wanted.into_iter().map(|(module, outputs)| {
-            let service = service.clone();
-            tokio::spawn(async move { service.switch_all(&module, &outputs).await })
-        });
-        let each: Vec<_> = each.collect();
-        for module in each {
-            // Fails only where the runtime itself ends.
-            let _ = module.await;
-        }
-    }
-
-    async fn switch_all(&self, module: &str, outputs: &[(Place, bool)]) {
+    async fn switch_at_exit(&self, module: &str, outputs: &[(Place, bool)]) {
         let points = |wanted: bool| {
             let these = outputs.iter().filter(move |(_, on)| *on == wanted);
             these.map(|(place, on)| (place.point, *on))
@@ -49,52 +44,94 @@ impl Service {
         let off: Vec<_> = points(false).collect();
         if !off.is_empty() {
             // How it ended, its audit entry says.
-            let _ = self.write_by_policy(module, &off).await;
+            let _ = self.write_at_exit(module, &off).await;
         }
         for on in points(true) {
             // One by one: what excludes one of them does not keep the others.
-            let _ = self.write_by_policy(module, &[on]).await;
+            let _ = self.write_at_exit(module, &[on]).await;
         }
     }
 }
 
+/// What a policy wants of an output.
+fn state(config: &Config, place: &Place, policy: impl Fn(&Safety) -> Policy) -> Option<bool> {
+    let point = config.modules.get(&place.module)?.points.get(&place.point);
+    let point = point.filter(|point| !point.locked)?;
+    policy(&point.safety).state()
+}
+
 impl Inner {
-    fn wanted(
-        &self,
-        policy: impl Fn(&Safety) -> Policy,
-        of: Option<&str>,
-    ) -> BTreeMap<String, Vec<(Place, bool)>> {
-        let state = lock(&self.state);
-        let mut wanted: BTreeMap<_, Vec<_>> = BTreeMap::new();
-        for (module, config) in &state.site.config().modules {
+    /// What a policy wants of outputs, of one module or of all.
+    fn wanted(&self, of: Option<&str>, policy: impl Fn(&Safety) -> Policy) -> Wanted {
+        let state_of = |config: &Config, place: &Place| state(config, place, &policy);
+        let known = lock(&self.state);
+        let config = known.site.config();
+        let mut wanted = Wanted::new();
+        for (module, described) in &config.modules {
             if of.is_some_and(|of| of != module) {
                 continue;
             }
-            for (point, config) in &config.points {
-                if let (false, Some(on)) = (config.locked, policy(&config.safety).state()) {
-                    let outputs = wanted.entry(module.clone()).or_default();
-                    outputs.push((Place::new(module, *point), on));
+            for point in described.points.keys() {
+                let place = Place::new(module, *point);
+                if let Some(on) = state_of(config, &place) {
+                    wanted.entry(module.clone()).or_default().push((place, on));
                 }
             }
         }
         wanted
     }
 
-    /// A module is heard again.
-    pub(super) fn returned(self: &Arc<Inner>, module: String) {
-        if self
-            .wanted(|safety| safety.on_return, Some(&module))
-            .is_empty()
-        {
-            return;
-        }
-        let service = Service {
-            inner: Arc::clone(self),
-            origin: Arc::new(Origin::program("on_return")),
+    /// What the policy for the return of its module wants of an output now.
+    pub(super) fn policy(&self, place: &Place) -> Option<bool> {
+        let known = lock(&self.state);
+        state(known.site.config(), place, |safety| safety.on_return)
+    }
+
+    /// Whether what keeps an output from going on is about to go off by the same policy. Where
+    /// somebody wants it on, nothing waits for it to be switched off.
+    pub(super) fn comes_free(&self, (place, why): &Key) -> bool {
+        let excluded = {
+            let known = lock(&self.state);
+            let safety = known.site.config().safety(place);
+            safety.map_or_else(Vec::new, |safety| {
+                safety.interlock.iter().cloned().collect()
+            })
         };
+        let goes_off = |other: Place| {
+            let found = self.schedule.find(&(other, *why));
+            found.is_some_and(|(_, promise)| promise.end == Some(false))
+        };
+        excluded.into_iter().any(goes_off)
+    }
+
+    /// A module is heard again: its outputs go where their policies say, what goes off first.
+    /// What fails is tried again until it is done, or somebody else commands the output.
+    pub(super) fn returned(self: &Arc<Inner>, module: String) {
+        let inner = Arc::clone(self);
         tokio::spawn(async move {
-            let policy = |safety: &Safety| safety.on_return;
-            service.apply(policy, "on_return", Some(&module)).await;
+            let wanted = inner.wanted(Some(&module), |safety| safety.on_return);
+            let outputs: Vec<_> = wanted.into_values().flatten().collect();
+            for wanted in [false, true] {
+                let these = outputs.iter().filter(|(_, on)| *on == wanted);
+                let begun = these.map(|(place, on)| inner.begin_policy(place, *on));
+                for tried in begun.collect::<Vec<_>>() {
+                    // It is closed, then.
+                    let _ = tried.await;
+                }
+            }
         });
+    }
+
+    fn begin_policy(self: &Arc<Inner>, place: &Place, on: bool) -> oneshot::Receiver<()> {
+        let (tell, tried) = oneshot::channel();
+        let (inner, key) = (Arc::clone(self), (place.clone(), Why::OnReturn));
+        tokio::spawn(async move {
+            // Those who asked before come before it, and take nothing from it.
+            let turn = inner.turn_to_end([key.0.clone()]).await;
+            let promise = Promise::after(Duration::ZERO, Some(on));
+            let timer = Timer::new(&inner, key, promise).at_once(turn, tell);
+            timer.promised().await;
+        });
+        tried
     }
 }

@@ -25,8 +25,17 @@ pub(super) enum Why {
     Lease,
     /// An output has been on for as long as it may.
     MaxOn,
+    /// A module is heard again.
+    OnReturn,
     /// An output has been off for as long as it must. Nothing is done then.
     MinOff,
+}
+
+impl Why {
+    /// Whether it is the policy of an output.
+    pub(super) const fn is_policy(self) -> bool {
+        matches!(self, Why::OnReturn)
+    }
 }
 
 /// What a promise is about, and of which output.

@@ -418,18 +418,23 @@ impl Recorder {
         let presence = lock(&site.inner.state).site.presence(name);
         let before = self.presence.insert(name.to_owned(), presence);
         let (severity, code) = match (before.unwrap_or(Presence::Unheard), presence) {
-            (Presence::Silent, Presence::Online) => (Severity::Info, "module_online"),
-            (Presence::Online | Presence::Unheard, Presence::Silent) => {
-                (Severity::Warning, "module_offline")
+            (Presence::Silent | Presence::Stranger, Presence::Online) => {
+                (Severity::Info, "module_online")
             }
+            (Presence::Silent, Presence::Silent) | (Presence::Stranger, Presence::Stranger) => {
+                return;
+            }
+            (_, Presence::Silent) => (Severity::Warning, "module_offline"),
+            (_, Presence::Stranger) => (Severity::Warning, "module_other_model"),
             // That it is there when the program begins is as it should be.
             _ => return,
         };
-        let event = Event::new(EventKind::Module, severity, code).module(name);
-        site.tell_event(match site.module(name) {
-            Some(status) => event.line(&status.line),
-            None => event,
-        });
+        let mut event = Event::new(EventKind::Module, severity, code).module(name);
+        if let Some(status) = site.module(name) {
+            event = event.line(&status.line);
+            event.text = status.stranger;
+        }
+        site.tell_event(event);
     }
 
     /// A line's port was opened or lost, or a babble began or ended.

@@ -6,9 +6,11 @@ use super::turn::Turn;
 use super::{Service, Update, close_all, lock, prepare};
 use crate::Config;
 use crate::config::{LineConfig, ModuleConfig, Place, Problem};
+use crate::history::{Event, EventKind, Severity};
 use railbus_device::{Module, PointKind};
 use railbus_host::{LineState, Membership, ModuleId, Plan, PortError};
 use std::collections::BTreeSet;
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -39,9 +41,25 @@ impl Service {
     /// # Errors
     /// Every problem of the text. Then nothing has changed.
     pub async fn reload(&self, text: &str) -> Result<Reloaded, Vec<Problem>> {
+        let written = async { Ok::<(), Infallible>(()) };
+        let reloaded = self.reload_written(text, written).await?;
+        Ok(reloaded.unwrap_or_else(|never| match never {}))
+    }
+
+    /// The same of a text that is written meanwhile: what is promised of modules whose names are
+    /// about to stand for others is done before that, so that a crash leaves nothing behind that is
+    /// to be done at a board without a name. What can't be written is not taken.
+    ///
+    /// # Errors
+    /// As [`Service::reload`]; inside it, why it was not written.
+    pub async fn reload_written<E: Send + 'static>(
+        &self,
+        text: &str,
+        written: impl Future<Output = Result<(), E>> + Send + 'static,
+    ) -> Result<Result<Reloaded, E>, Vec<Problem>> {
         let config = Config::parse(text)?;
         let service = self.clone();
-        match tokio::spawn(async move { service.take_config(config).await }).await {
+        match tokio::spawn(async move { service.take_config(config, written).await }).await {
             Ok(reloaded) => Ok(reloaded),
             Err(broken) => match broken.try_into_panic() {
                 Ok(why) => std::panic::resume_unwind(why),
@@ -51,7 +69,11 @@ impl Service {
         }
     }
 
-    async fn take_config(&self, config: Config) -> Reloaded {
+    async fn take_config<E>(
+        &self,
+        config: Config,
+        written: impl Future<Output = Result<(), E>>,
+    ) -> Result<Reloaded, E> {
         let _one_at_a_time = self.inner.reloading.lock().await;
         let old = self.config();
         let goes_on = |line: &&String| self.goes_on(&old, &config, line);
@@ -74,7 +96,15 @@ impl Service {
         };
 
         // Nobody commands those until they are where they belong.
-        let turns = self.end_on_others(&old, &config).await;
+        let (turns, left) = self.end_on_others(&old, &config).await;
+        if let Err(why) = written.await {
+            for number in left {
+                self.inner.schedule.hasten(number);
+            }
+            return Err(why);
+        }
+        self.drop_on_others(&old, &config, &left);
+        let _ = self.inner.schedule.keep().await;
         let gone: Vec<_> = {
             let mut lines = lock(&self.inner.lines);
             let ending = reloaded.opened.iter().chain(&reloaded.closed);
@@ -136,32 +166,46 @@ impl Service {
                 self.open_again(&config, line);
             }
         }
-        self.inner.limit_anew();
+        for place in self.inner.limit_anew() {
+            let label = self.inner.label(&place.module, place.point);
+            let event = Event::new(EventKind::System, Severity::Warning, "limit_dropped");
+            self.tell_event(event.module(&place.module).point(&label));
+        }
         let _ = self.inner.schedule.keep().await;
         self.inner.tell(Update::Reloaded);
         self.tell_dropped_ends();
-        reloaded
+        Ok(reloaded)
+    }
+
+    fn is_other(&self, old: &Config, new: &Config, place: &Place) -> bool {
+        // Who has a line that is lent may have moved its modules: there the name counts.
+        let is_here = || self.inner.place(&place.module).is_some();
+        !same_board(old, new, &place.module) && is_here()
     }
 
     /// What was to be done later to outputs of modules whose name is no more, or another's, is
-    /// done now: afterwards it would meet nobody, or another module. What can't be done is not
-    /// done to that one, and told.
-    async fn end_on_others(&self, old: &Config, new: &Config) -> Vec<Arc<Turn>> {
-        let is_other = |place: &Place| {
-            // Who has a line that is lent may have moved its modules: there the name counts.
-            let is_here = || self.inner.place(&place.module).is_some();
-            !same_board(old, new, &place.module) && is_here()
-        };
-        let (turns, left) = self.inner.end_now(is_other, TURN_MAX).await;
+    /// done now: afterwards it would meet nobody, or another module. Gives back what could not be
+    /// done.
+    async fn end_on_others(&self, old: &Config, new: &Config) -> (Vec<Arc<Turn>>, Vec<u64>) {
+        let is_other = |place: &Place| self.is_other(old, new, place);
+        self.inner.end_now(is_other, TURN_MAX).await
+    }
+
+    /// What could not be done to them is not done to those that have their names from now on, and
+    /// told.
+    fn drop_on_others(&self, old: &Config, new: &Config, left: &[u64]) {
         let boards = boards(old);
         for number in left {
-            self.inner.schedule.drop_of(&boards, number);
+            self.inner.schedule.drop_of(&boards, *number);
         }
-        // How long its outputs may be on counts anew, once they are seen.
-        let limits = self.inner.schedule.limits(is_other);
-        self.inner.schedule.leave_out(|key| limits.contains(key));
-        let _ = self.inner.schedule.keep().await;
-        turns
+        // How long the other board's may be on counts anew, once they are seen; what is on at this
+        // one stays on.
+        let is_other = |place: &Place| self.is_other(old, new, place);
+        for key in self.inner.schedule.limits(is_other) {
+            if let Some((number, _)) = self.inner.schedule.find(&key) {
+                self.inner.schedule.drop_of(&boards, number);
+            }
+        }
     }
 
     /// Opens a line of a configuration that was checked. What the system refuses even so is the

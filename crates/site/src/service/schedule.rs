@@ -57,8 +57,7 @@ struct Action {
 
 impl Action {
     fn is_of(&self, place: &Place) -> bool {
-        let held = matches!(self.key.1, Why::Pulse | Why::Lease);
-        held && self.key.0 == *place
+        !matches!(self.key.1, Why::MaxOn | Why::MinOff) && self.key.0 == *place
     }
 
     const fn is_to_be_done(&self) -> bool {
@@ -132,14 +131,16 @@ impl Schedule {
         }
     }
 
-    /// One more, as from now on. Of the longest times that an output may be on there is one.
-    /// [`Schedule::keep`] brings it to the disk.
+    /// One more, as from now on. Of the longest times that an output may be on there is one, and
+    /// of its policies. [`Schedule::keep`] brings it to the disk.
     pub(super) fn add(&self, key: Key, promise: Promise) -> Watched {
         let (sender, due) = watch::channel(Instant::now() + promise.left());
         let mut actions = lock(&self.actions);
-        if key.1 == Why::MaxOn {
-            actions.leave_out(|_, action| action.key == key);
-        }
+        let gives_way = |why: Why| match key.1 {
+            Why::MaxOn => why == Why::MaxOn,
+            newer => newer.is_policy() && why.is_policy(),
+        };
+        actions.leave_out(|_, action| action.key.0 == key.0 && gives_way(action.key.1));
         let number = actions.add(key, promise, Some(sender));
         drop(actions);
         self.watched(number, due)

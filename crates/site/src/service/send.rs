@@ -7,7 +7,7 @@ use super::{Inner, RawTerms, Service, Update, lock};
 use crate::config::Place;
 use crate::{Failure, Risk, is_answered};
 use railbus_device::PointKind;
-use railbus_host::{Fault, ProbeResult, Probed};
+use railbus_host::{Fault, ProbeResult, Probed, reply_in};
 use railbus_wire::{Exchange, Response, ascii, rtu};
 use std::sync::Arc;
 use std::time::Duration;
@@ -100,10 +100,11 @@ fn audited(asked: &Exchange<'_>, end: &Result<ProbeResult, Fault>) -> &'static s
     }
 }
 
-/// Whether a module said no.
+/// Whether a module that answered said no, by all that was heard.
 #[must_use]
-pub fn is_refused(asked: &Exchange<'_>, bytes: &[u8]) -> bool {
-    let reply = asked.find_response(bytes).1.whole();
+pub fn is_refused(asked: &Exchange<'_>, heard: &[u8]) -> bool {
+    let reply = reply_in(asked, heard).unwrap_or_default();
+    let reply = asked.decode_response(reply).whole();
     reply.is_some_and(|reply| {
         matches!(
             reply.response,

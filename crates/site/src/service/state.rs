@@ -103,9 +103,7 @@ impl State {
 
     /// An exchange with a module failed.
     pub(super) fn missed(&mut self, module: &str, now: Micros, fault: &Fault) {
-        let health = self.health_of(module);
-        health.errors.count(now);
-        health.counts.failed(fault);
+        self.health_of(module).failed(now, fault);
     }
 
     fn health_of(&mut self, module: &str) -> &mut Health {
@@ -148,11 +146,16 @@ impl State {
                 let took = heard.since(*asked);
                 known.busy.add(now, took);
                 self.health_of(&module).replied(took);
+                let stranger = self.site.stranger(&module).map(str::to_owned);
                 let changes = self.site.saw(&module, seen, *asked);
                 for change in &changes {
                     self.watch_off(change, now);
                 }
-                changes.into_iter().map(Update::Point).collect()
+                // Yet another one may have taken its place.
+                let is_other = self.site.stranger(&module) != stranger.as_deref();
+                let other = is_other.then_some(Update::Module(module));
+                let changes = changes.into_iter().map(Update::Point);
+                changes.chain(other).collect()
             }
             Event::Missed { module, fault, .. } => {
                 let module = name(*module);
@@ -170,7 +173,8 @@ impl State {
                 if before != Presence::Online && *presence == Presence::Online {
                     self.heard.push(module.clone());
                 }
-                if (before, *presence) == (Presence::Silent, Presence::Online) {
+                let was_away = matches!(before, Presence::Silent | Presence::Stranger);
+                if was_away && *presence == Presence::Online {
                     self.returned.push(module.clone());
                 }
                 vec![Update::Module(module)]

@@ -6,7 +6,7 @@ use super::{Inner, Service, lock};
 use crate::config::{ModuleConfig, Name, Place, PointConfig, Range};
 use crate::{Config, Quality, Value};
 use railbus_device::{Point, PointKind, Setup};
-use railbus_host::{LineState, Presence};
+use railbus_host::{Evidence, LineState, Presence};
 use railbus_wire::{Instant, Micros, Settings};
 use std::time::Duration;
 
@@ -40,12 +40,16 @@ pub struct ModuleStatus {
     pub setup: Setup,
     /// Whether it is heard. Nobody is while the line is not open.
     pub presence: Presence,
+    /// What answers in its place, where that says that it is another model.
+    pub stranger: Option<String>,
     /// From the beginning of a request to the end of its reply, smoothed.
     pub rtt: Option<Micros>,
     /// Exchanges that failed within the last hour.
     pub errors: u32,
     /// Replies that came too late within the last hour.
     pub late: u32,
+    /// What came instead of a good reply since the last one: of the last few exchanges.
+    pub lost: Evidence,
     /// What people call it.
     pub called: Name,
     /// Where it stands.
@@ -212,9 +216,12 @@ impl State {
 
     fn module(&mut self, name: &str, now: Micros) -> Option<ModuleStatus> {
         let presence = match self.site.presence(name) {
-            Presence::Online if !self.is_up(name) => Presence::Silent,
+            Presence::Online | Presence::Stranger if !self.is_up(name) => Presence::Silent,
             presence => presence,
         };
+        let stranger = self.site.stranger(name);
+        let stranger = stranger.filter(|_| presence == Presence::Stranger);
+        let stranger = stranger.map(str::to_owned);
         let config = self.site.config().modules.get(name)?;
         let (line, setup) = (config.line.clone(), config.setup);
         let (called, area) = (config.name.clone(), config.area.clone());
@@ -224,9 +231,11 @@ impl State {
             line,
             setup,
             presence,
+            stranger,
             rtt: health.rtt(),
             errors: health.errors.total(now),
             late: health.late.total(now),
+            lost: health.lost(),
             called,
             area,
         })

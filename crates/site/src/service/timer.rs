@@ -1,5 +1,6 @@
 //! What is done to an output later: the end of a pulse, of a lease, or of the longest time that
-//! it may be on. Nothing of it depends on who asked for it.
+//! it may be on; and what its policy wants, which may take more than one try. Nothing of it
+//! depends on who asked for it.
 
 use super::command::{Entry, Order, TTL, channel};
 use super::promises::{Key, Promise, Why};
@@ -14,6 +15,7 @@ use railbus_host::{Confirmed, Fault, Line, ModuleId};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::sync::oneshot;
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
@@ -31,6 +33,10 @@ pub(super) struct Timer {
     key: Key,
     promise: Promise,
     watched: Watched,
+    /// The turn that it has at its first try, if any.
+    turn: Option<Turn>,
+    /// Closed once it was tried.
+    tried: Option<oneshot::Sender<()>>,
 }
 
 /// How an output is switched now, of which the end comes later.
@@ -51,7 +57,15 @@ impl Timer {
             key,
             promise,
             watched,
+            turn: None,
+            tried: None,
         }
+    }
+
+    /// It is due, and has its turn; closes this once it was tried.
+    pub(super) fn at_once(mut self, turn: Turn, tried: oneshot::Sender<()>) -> Timer {
+        (self.turn, self.tried) = (Some(turn), Some(tried));
+        self
     }
 
     pub(super) const fn number(&self) -> u64 {
@@ -121,7 +135,10 @@ impl Timer {
         let mut pause = RETRY;
         let mut tries_when_stopping = 0;
         loop {
-            let turn = self.inner.turn_to_end(place).await;
+            let turn = match self.turn.take() {
+                Some(turn) => turn,
+                None => self.inner.turn_to_end([place.clone()]).await,
+            };
             // Before it is asked whether that is to be done: a reload leaves it out, and then the
             // name may be that of another board.
             let at = self.inner.place(&place.module);
@@ -137,6 +154,7 @@ impl Timer {
                 return true;
             }
             drop(turn);
+            self.tried = None;
             let Watched { due, stop, .. } = &mut self.watched;
             let stopping = *stop.borrow();
             if stopping {
@@ -253,6 +271,10 @@ impl Inner {
         let (Some(on), Ok(channel)) = (promise.end, channel(*point)) else {
             return true;
         };
+        if key.1.is_policy() && self.policy(&key.0) != Some(on) {
+            // There is another configuration by now.
+            return true;
+        }
         let order = Order {
             module,
             at,
@@ -265,10 +287,12 @@ impl Inner {
         let end = self.command(turn, order, entry, wanted).await;
         match end {
             Ok(done) if is_released(&done) => {
-                let is_of = |other: &Key| other.0 == key.0 && other.1 != Why::MaxOn;
+                let is_of =
+                    |other: &Key| other.0 == key.0 && matches!(other.1, Why::Pulse | Why::Lease);
                 self.schedule.leave_out(is_of);
                 true
             }
+            Err(Failure::Interlock { .. }) if key.1.is_policy() => !self.comes_free(key),
             // What was acknowledged and not seen is not believed. Who locks an output does not keep
             // it from its end, which was promised before.
             _ => matches!(
@@ -303,7 +327,7 @@ impl Inner {
 
     /// The same of one output: it waits for none of the others.
     async fn end_in_turn(self: Arc<Inner>, place: Place, until: Instant) -> Option<Arc<Turn>> {
-        let turn = tokio::time::timeout_at(until, self.turn_to_end(&place)).await;
+        let turn = tokio::time::timeout_at(until, self.turn_to_end([place.clone()])).await;
         let turn = Arc::new(turn.ok()?);
         // A command that had its turn still has gone out, and what it began is known.
         let held = self.schedule.held(|other| *other == place);
@@ -369,9 +393,15 @@ impl Inner {
 
     fn note_of_end(&self, (place, why): &Key, promise: &Promise) -> Note {
         let label = self.label(&place.module, place.point);
+        let end = if promise.end == Some(true) {
+            "on"
+        } else {
+            "off"
+        };
         let (part, what) = match why {
             Why::Pulse => ("pulse", format!("end of pulse {label}")),
             Why::Lease => ("lease", format!("end of lease {label}")),
+            Why::OnReturn => ("on_return", format!("{label}={end}")),
             Why::MaxOn | Why::MinOff => {
                 let longest = promise.length.as_millis();
                 ("max_on", format!("{label}=off after {longest}ms"))
@@ -420,8 +450,9 @@ impl Inner {
         self.polls.then(|| Timer::new(self, key, promise))
     }
 
-    /// There is another configuration: outputs that are on are limited as it says.
-    pub(super) fn limit_anew(self: &Arc<Inner>) {
+    /// There is another configuration: outputs that are on are limited as it says. Gives back those
+    /// that were, and are not any more.
+    pub(super) fn limit_anew(self: &Arc<Inner>) -> Vec<Place> {
         let outputs = self.outputs();
         let (limited, free): (Vec<_>, Vec<_>) = {
             let state = lock(&self.state);
@@ -439,12 +470,14 @@ impl Inner {
             let (limited, free): (Vec<_>, Vec<_>) = outputs.into_iter().partition(is_limited);
             (limited.into_iter().filter(on).collect(), free)
         };
-        self.leave_out(|(place, why)| *why == Why::MaxOn && free.contains(place));
+        let dropped = self.schedule.limits(|place| free.contains(place));
+        self.leave_out(|key| dropped.contains(key));
         for place in limited {
             if let Some(timer) = self.limit_on(&place) {
                 tokio::spawn(timer.promised());
             }
         }
+        dropped.into_iter().map(|(place, _)| place).collect()
     }
 
     /// Takes up what was promised before the process began. All of it ends when it was to end
@@ -467,6 +500,8 @@ impl Inner {
                 key,
                 promise,
                 watched,
+                turn: None,
+                tried: None,
             };
             tokio::spawn(async move {
                 let module = &timer.key.0.module;

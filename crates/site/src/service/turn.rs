@@ -9,7 +9,7 @@ use super::{Inner, lock};
 use crate::config::Place;
 use railbus_host::Fault;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 use tokio::sync::oneshot;
 use tokio::time::{Instant, timeout_at};
 
@@ -96,10 +96,28 @@ impl Queue {
 }
 
 impl Turns {
-    /// A place in the queue, and what says when the turn has come.
-    fn ask(&self, places: BTreeSet<Place>, is_end: bool) -> (Turn, oneshot::Receiver<()>) {
+    /// A place in the queue for an end, and what says when the turn has come.
+    fn ask(&self, places: BTreeSet<Place>) -> (Turn, oneshot::Receiver<()>) {
+        self.take(lock(&self.0), places, true)
+    }
+
+    /// The same for a command, of which only so many may wait.
+    fn ask_of_many(&self, places: BTreeSet<Place>) -> Result<(Turn, oneshot::Receiver<()>), Fault> {
+        let queue = lock(&self.0);
+        let is_full = |place| queue.waiting_for(place) >= WAITING_MAX;
+        match places.iter().any(is_full) {
+            true => Err(Fault::Overloaded),
+            false => Ok(self.take(queue, places, false)),
+        }
+    }
+
+    fn take(
+        &self,
+        mut queue: MutexGuard<'_, Queue>,
+        places: BTreeSet<Place>,
+        is_end: bool,
+    ) -> (Turn, oneshot::Receiver<()>) {
         let (tell, told) = oneshot::channel();
-        let mut queue = lock(&self.0);
         queue.newest += 1;
         let number = queue.newest;
         let waits = Some(tell);
@@ -110,15 +128,8 @@ impl Turns {
         };
         queue.each.insert(number, asked);
         queue.call();
-        drop(queue);
         let queue = Arc::clone(&self.0);
         (Turn { queue, number }, told)
-    }
-
-    fn is_overloaded(&self, places: &BTreeSet<Place>) -> bool {
-        let queue = lock(&self.0);
-        let is_full = |place| queue.waiting_for(place) >= WAITING_MAX;
-        places.iter().any(is_full)
     }
 }
 
@@ -133,19 +144,17 @@ impl Inner {
         until: Instant,
     ) -> Result<Turn, Fault> {
         let places: BTreeSet<Place> = places.into_iter().collect();
-        if self.turns.is_overloaded(&places) {
-            return Err(Fault::Overloaded);
-        }
-        let (turn, comes) = self.turns.ask(places, false);
+        let (turn, comes) = self.turns.ask_of_many(places)?;
         match timeout_at(until, comes).await {
             Ok(Ok(())) => Ok(turn),
             _ => Err(Fault::Expired),
         }
     }
 
-    /// Waits for the turn with an output however long that takes: for an end that was promised.
-    pub(super) async fn turn_to_end(&self, place: &Place) -> Turn {
-        let (turn, comes) = self.turns.ask(BTreeSet::from([place.clone()]), true);
+    /// Waits for the turn with these outputs however long that takes: for an end that was
+    /// promised, or a policy.
+    pub(super) async fn turn_to_end(&self, places: impl IntoIterator<Item = Place>) -> Turn {
+        let (turn, comes) = self.turns.ask(places.into_iter().collect());
         // Nobody but this turn's own drop ends the wait before it comes.
         let _ = comes.await;
         turn
@@ -187,7 +196,7 @@ mod tests {
         let both = tokio::spawn(async move { waits.turn([k(1), k(2)], soon()).await });
         tokio::task::yield_now().await;
         let asked = Instant::now();
-        drop(inner.turn_to_end(&k(1)).await);
+        drop(inner.turn_to_end([k(1)]).await);
         assert_eq!(asked.elapsed(), Duration::ZERO, "nobody commands it");
         // Another command comes after the one that waits.
         let late = inner.turn([k(1)], Instant::now() + Duration::from_millis(1));
@@ -212,7 +221,7 @@ mod tests {
             let (inner, order) = (Arc::clone(inner), Arc::clone(&order));
             waiting.push(tokio::spawn(async move {
                 let _turn = match number {
-                    2 => inner.turn_to_end(&k(1)).await,
+                    2 => inner.turn_to_end([k(1)]).await,
                     _ => inner.turn([k(1)], soon()).await.unwrap(),
                 };
                 lock(&order).push(number);
@@ -227,6 +236,25 @@ mod tests {
         }
         assert_eq!(*lock(&order), [0, 2, 3, 4, 5]);
         service.close().await;
+    }
+
+    /// Asked on all processors at the same moment.
+    #[test]
+    fn never_more_may_wait_for_an_output() {
+        for _ in 0..200 {
+            let turns = Turns::default();
+            let _first = turns.ask(BTreeSet::from([k(1)]));
+            let ask = || {
+                let asked = (0..40).map(|_| turns.ask_of_many(BTreeSet::from([k(1)])));
+                asked.filter_map(Result::ok).collect::<Vec<_>>()
+            };
+            let waiting: usize = std::thread::scope(|scope| {
+                let asked = [(); 4].map(|()| scope.spawn(ask));
+                let asked = asked.map(|asked| asked.join().unwrap());
+                asked.iter().map(Vec::len).sum()
+            });
+            assert_eq!(waiting, WAITING_MAX);
+        }
     }
 
     #[tokio::test(start_paused = true)]

@@ -4,6 +4,7 @@ mod board;
 mod held;
 mod otherwise;
 mod owners;
+mod policies;
 mod promised;
 mod safety;
 mod sending;

@@ -328,6 +328,57 @@ async fn an_end_that_a_reload_could_not_do_is_told() {
     service.close().await;
 }
 
+/// What a reload tells of outputs that are on: nobody switches them off any more.
+#[tokio::test]
+async fn a_limit_that_a_reload_drops_is_told() {
+    let (port, boards) = board::start().await;
+    let limits = "[module.oven.point]\nk1.max_on = \"1h\"\nk2.max_on = \"1h\"\n\
+                  [module.yard.point]\nk2.max_on = \"1h\"\n";
+    let service = Service::start(config(&port, limits)).unwrap();
+    known(&service).await;
+    for module in ["oven", "yard"] {
+        switch(&service, module, 2, true).await.unwrap();
+    }
+    let mut events = service.follow_events();
+    let mut told = async |code: &str| loop {
+        let told = tokio::time::timeout(Duration::from_secs(5), events.next()).await;
+        let told = told.expect("it is told").unwrap().unwrap();
+        if told.code.as_deref() == Some(code) {
+            let (point, text) = (told.point, told.text);
+            break (
+                told.module.unwrap(),
+                point.unwrap_or_default(),
+                text.unwrap_or_default(),
+            );
+        }
+    };
+    service
+        .reload(&crate::safety::text(&port, limits))
+        .await
+        .unwrap();
+    let without = "[module.yard.point]\nk2.max_on = \"1h\"\n";
+    service
+        .reload(&crate::safety::text(&port, without))
+        .await
+        .unwrap();
+    assert_eq!(
+        told("limit_dropped").await,
+        ("oven".into(), "k2".into(), String::new())
+    );
+    let left = |module| service.point(module, k(2)).unwrap().left.max_on;
+    assert!(left("oven").is_none() && left("yard").is_some());
+    // The name of another board.
+    let moved = crate::safety::text(&port, without).replace("address = 4", "address = 5");
+    service.reload(&moved).await.unwrap();
+    let dropped = "address 4, output 2".into();
+    assert_eq!(
+        told("end_dropped").await,
+        ("yard".into(), String::new(), dropped)
+    );
+    assert_eq!((boards.relays(3), boards.relays(4)), (2, 2));
+    service.close().await;
+}
+
 /// Nothing is done at the end of such a lease, and a pulse goes on that only lost its reply.
 #[tokio::test]
 async fn a_pulse_that_may_have_begun_ends_though_a_lease_is_given_back() {

@@ -5,7 +5,11 @@ use crate::board::{k, until};
 use crate::safety::{site, switch};
 use railbus_host::Probed;
 use railbus_site::{Failure, Quality, RawTerms, Service, Value};
-use railbus_wire::{Address, Exchange, rtu};
+use railbus_wire::{Address, Exchange, crc16, rtu};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpListener;
 
 const LOCK: &str = "[module.oven.point.k1]\ninterlock = [\"yard.k1\"]\n";
 
@@ -94,5 +98,49 @@ async fn an_output_that_may_have_gone_off_stays_off_for_its_time() {
         matches!(refused, Err(Failure::MinOff { .. })),
         "{refused:?}"
     );
+    service.close().await;
+}
+
+/// Two boards, of which that at address 4 answers late: right before the other one, whose relays
+/// are asked for by a frame of one's own.
+#[tokio::test]
+async fn the_late_reply_of_another_module_is_no_part_of_the_reply() {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = format!("tcp:{}", listener.local_addr().unwrap());
+    let [is_slow, has_kept] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
+    let (slow, kept) = (Arc::clone(&is_slow), Arc::clone(&has_kept));
+    tokio::spawn(async move {
+        let (mut stream, _) = listener.accept().await.unwrap();
+        let (mut request, mut late) = ([0; 64], Vec::new());
+        while let Ok(8..) = stream.read(&mut request).await {
+            let mut reply = vec![request[0], 1, 1, request[0]];
+            reply.extend(crc16(&reply).to_le_bytes());
+            if request[0] == 4 && slow.load(Ordering::SeqCst) {
+                late = reply;
+                kept.store(true, Ordering::SeqCst);
+                continue;
+            }
+            late.extend(reply);
+            stream.write_all(&std::mem::take(&mut late)).await.unwrap();
+        }
+    });
+    let text = crate::safety::text(&port, "").replace("address", "poll = \"50ms\"\naddress");
+    let text = text.replacen("50ms", "1h", 1);
+    let service = Service::start(railbus_site::Config::parse(&text).unwrap()).unwrap();
+    service.opened("main").await.unwrap();
+    let good = || service.point("yard", k(1)).unwrap().quality == Quality::Good;
+    until(good).await;
+    is_slow.store(true, Ordering::SeqCst);
+    until(|| has_kept.load(Ordering::SeqCst)).await;
+    let coils = rtu::BitSpan::new(60, 8).unwrap();
+    let asked = Exchange::rtu(Address(3), rtu::Request::ReadCoils(coils));
+    let met = service
+        .raw("main", asked, RawTerms::default())
+        .await
+        .unwrap();
+    assert_eq!(met.outcome, Probed::Answered);
+    assert_eq!(met.bytes.len(), 12, "both were heard: {:02X?}", met.bytes);
+    let own = met.reply(&asked).unwrap();
+    assert_eq!(own[..4], [3, 1, 1, 3]);
     service.close().await;
 }

@@ -7,18 +7,18 @@ use railbus_site::{BatchDone, BatchTerms, Failure, GroupState, Quality, Service}
 use railbus_wire::Micros;
 use std::time::Duration;
 
-fn set(outputs: &[(&str, u8, bool)]) -> Vec<(Place, bool)> {
+pub(crate) fn set(outputs: &[(&str, u8, bool)]) -> Vec<(Place, bool)> {
     let place = |(module, number, on): &(&str, u8, bool)| (Place::new(module, k(*number)), *on);
     outputs.iter().map(place).collect()
 }
 
-const ALL: BatchTerms = BatchTerms {
+pub(crate) const ALL: BatchTerms = BatchTerms {
     verify: true,
     confirm: false,
     all_or_nothing: true,
 };
 
-fn failures(done: &BatchDone) -> Vec<Option<&'static str>> {
+pub(crate) fn failures(done: &BatchDone) -> Vec<Option<&'static str>> {
     let end = |part: &railbus_site::Part| part.end.as_ref().err().map(Failure::name);
     done.parts.iter().map(end).collect()
 }

@@ -1,8 +1,10 @@
-//! All or nothing beside outputs that give pulses by themselves.
+//! All or nothing: what is taken back, and where it goes.
 
-use crate::board::{k, until};
+use crate::board::{self, k, until};
+use crate::safety::{config, known, switch, text};
+use crate::several::{ALL, failures, set};
 use railbus_site::config::Place;
-use railbus_site::{BatchTerms, Config, Failure, Quality, Service};
+use railbus_site::{Config, Failure, Quality, Service};
 use railbus_wire::crc16;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -53,11 +55,7 @@ async fn taking_back_begins_no_pulse_again() {
     let is_good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
     until(|| is_good("gate") && is_good("oven")).await;
     let set = ["gate", "oven"].map(|module| (Place::new(module, k(1)), true));
-    let terms = BatchTerms {
-        all_or_nothing: true,
-        ..BatchTerms::default()
-    };
-    let done = service.batch(&set, terms).await;
+    let done = service.batch(&set, ALL).await;
     assert!(!done.undone, "{done:?}");
     assert_eq!(done.parts[0].end, Err(Failure::NotUndone), "{done:?}");
     assert!(done.parts[1].end.is_err(), "{done:?}");
@@ -66,5 +64,52 @@ async fn taking_back_begins_no_pulse_again() {
         1,
         "begun by the batch alone"
     );
+    service.close().await;
+}
+
+/// Somebody has switched a relay by hand since it was read last.
+#[tokio::test]
+async fn what_is_taken_back_goes_where_it_was_and_not_where_it_was_read_before() {
+    let (port, boards) = board::start().await;
+    let rarely = "poll = \"1m\"\nmax_age = \"10m\"\naddress";
+    let text = text(&port, "").replace("address", rarely);
+    let service = Service::start(Config::parse(&text).unwrap()).unwrap();
+    service.opened("main").await.unwrap();
+    for module in ["oven", "yard"] {
+        service.read_fresh(module).await.unwrap();
+    }
+    boards.set(3, 1);
+    boards.refuse_together(1);
+    let set = set(&[("oven", 1, true), ("yard", 1, true), ("yard", 2, true)]);
+    let done = service.batch(&set, ALL).await;
+    let refused = Some("refused");
+    assert_eq!(failures(&done), [Some("undone"), refused, refused]);
+    assert!(done.undone);
+    assert_eq!(boards.relays(3), 1, "as it was");
+    service.close().await;
+}
+
+/// The configuration wants to be asked by now.
+#[tokio::test]
+async fn what_it_may_is_asked_again_in_its_turn() {
+    let (port, boards) = board::start().await;
+    let service = Service::start(config(&port, "")).unwrap();
+    known(&service).await;
+    boards.slow(100);
+    let site = service.clone();
+    let first = tokio::spawn(async move { switch(&site, "oven", 1, false).await });
+    until(|| !service.audit().is_empty()).await;
+    let site = service.clone();
+    let both = set(&[("oven", 1, true), ("yard", 1, true)]);
+    let waits = tokio::spawn(async move { site.batch(&both, ALL).await });
+    tokio::task::yield_now().await;
+    let asks = text(&port, "[module.oven.point.k1]\nconfirm = true\n");
+    service.reload(&asks).await.unwrap();
+    assert!(!first.is_finished(), "the other one waits yet");
+    first.await.unwrap().unwrap();
+    let done = waits.await.unwrap();
+    assert_eq!(failures(&done), [Some("confirm"), Some("not_tried")]);
+    assert!(!done.undone, "nothing was done");
+    assert!(boards.writes().iter().all(|write| write.on == 0));
     service.close().await;
 }
