@@ -155,7 +155,7 @@ fn other_site(lang: Lang, daemon: &Remote, file: &Path) -> Problem {
         Lang::En => {
             format!("the daemon at {socket} serves {served}; the configuration here is {file}")
         }
-        Lang::Zh => format!("{socket} 的守护进程使用 {served}；此处的配置是 {file}"),
+        Lang::Zh => format!("{socket} 的守护进程的配置：{served}；此处的配置：{file}"),
     };
     Problem::new(codes::OTHER_SITE)
         .with("socket", socket.to_string())

@@ -12,7 +12,7 @@ pub(crate) use exits::EXITS;
 
 use crate::i18n::Lang;
 use crate::render::colour::Paint;
-use crate::render::{Format, width};
+use crate::render::{Format, reasons, width};
 use crate::texts::Text;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
@@ -171,7 +171,8 @@ impl Failure {
         let sentence = lang.get(Text::MayHaveActed);
         let of_part =
             |part: &String| lang.fill(Text::Named, &[("title", part), ("name", &sentence)]);
-        let mut told = self.why.clone();
+        let why = self.why.iter();
+        let mut told: Vec<String> = why.map(|why| reasons::error(lang, why)).collect();
         match self.perhaps.as_deref() {
             None => {}
             Some(Perhaps::Whole) => told.push(sentence.to_owned()),

@@ -3,6 +3,7 @@
 pub(crate) mod colour;
 pub(crate) mod hex;
 pub(crate) mod out;
+pub(crate) mod reasons;
 pub(crate) mod records;
 pub(crate) mod table;
 pub(crate) mod time;

@@ -90,7 +90,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     }
     DirectFlag { en: "Open the line directly, not through the daemon", zh: "直接打开总线，不经守护进程" }
     TheDemo { en: "the demo", zh: "演示站点" }
-    ThroughDaemon { en: "through the daemon of {site}", zh: "经由守护进程，配置为 {site}" }
+    ThroughDaemon { en: "through the daemon of {site}", zh: "经由守护进程，配置：{site}" }
     SocketFlag { en: "The daemon's socket", zh: "守护进程的套接字" }
     TimeoutFlag {
         en: "How long raw and scan wait for a reply: 60ms, 1.5s",
@@ -117,7 +117,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
 
     AllBoards {
         en: "Switch every 0x55 board of the line on or off at once; with --confirm broadcast",
-        zh: "同时吸合或断开总线上所有 0x55 板；须加 --confirm broadcast",
+        zh: "同时接通或断开总线上所有 0x55 板；须加 --confirm broadcast",
     }
     Confirm {
         en: "Required for broadcasts: --confirm broadcast",
@@ -135,8 +135,21 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "模块 \"{module}\" 的应答损坏（{at}）",
     }
     NotVerifiedAt {
-        en: "not verified: {module}.{point} was acknowledged but reads back differently",
-        zh: "未证实：{module}.{point} 已应答，但回读不一致",
+        en: "not verified: {point} was acknowledged but reads back differently",
+        zh: "未证实：{point} 已应答，但回读不一致",
+    }
+    OnlyGarbled {
+        en: "no valid reply from {module}: {lost}",
+        zh: "{module} 没有有效应答：{lost}",
+    }
+    Lost {
+        en: "requests: {attempts}, garbled replies: {garbled}, bytes: {bytes} ({why})",
+        zh: "请求 {attempts} 次，应答损坏 {garbled} 次，共 {bytes} 字节（{why}）",
+    }
+    ChannelDoubtful {
+        en: "the board answers, but not for {point}: does it have that many relays? See outputs of \
+            {module}",
+        zh: "此板有应答，但 {point} 无响应：是否有这么多路继电器？请核对 {module} 的 outputs",
     }
     ModbusException { en: "Modbus exception {why}", zh: "Modbus 异常码 {why}" }
     AtAddress { en: "address {address}", zh: "地址 {address}" }
@@ -146,12 +159,16 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "尝试次数：{attempts}；收到 {bytes} 字节：总线静默，无干扰",
     }
     HeardHalf {
-        en: "attempts: {attempts}; bytes received: {bytes} (incomplete reply)",
-        zh: "尝试次数：{attempts}；收到 {bytes} 字节：应答不完整",
+        en: "attempts: {attempts}; bytes received: {bytes} (no valid reply to this request)",
+        zh: "尝试次数：{attempts}；收到 {bytes} 字节，没有对此请求的有效应答",
     }
     HeardBytes {
         en: "attempts: {attempts}; bytes received: {bytes} (not a valid reply)",
         zh: "尝试次数：{attempts}；收到 {bytes} 字节，不是有效应答",
+    }
+    AnswersAs {
+        en: "the module there says it is {found}; the configuration says {model}",
+        zh: "该处模块自报型号为 {found}，配置中为 {model}",
     }
     HeldBy { en: "held by {holder}", zh: "占用者：{holder}" }
     OfGroup { en: "the port belongs to the group {group}", zh: "端口属于用户组 {group}" }
@@ -194,6 +211,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     Online { en: "online", zh: "在线" }
     Offline { en: "offline", zh: "离线" }
     Unheard { en: "not heard yet", zh: "尚未应答" }
+    OtherModel { en: "other model", zh: "型号不符" }
     ReadBack { en: "read back", zh: "已回读" }
     Acknowledged { en: "acknowledged", zh: "已应答" }
     SentOnly { en: "sent (this command has no reply)", zh: "已发送（此命令无应答）" }
@@ -236,11 +254,11 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     }
     LsModule { en: "Only the points of these modules", zh: "只列出这些模块的测点" }
     LsModulesHead {
-        en: "MODULE|LINE|ADDR|PROTOCOL|MODEL|STATE|RTT|ERRORS 1h|OUTPUTS|INPUTS",
-        zh: "模块|总线|地址|协议|型号|状态|响应时间|1 小时错误|输出|输入",
+        en: "MODULE|NAME|LINE|ADDR|PROTOCOL|MODEL|STATE|RTT|ERRORS 1h|OUTPUTS|INPUTS",
+        zh: "模块|名称|总线|地址|协议|型号|状态|响应时间|1 小时错误|输出|输入",
     }
     LsGroupsHead { en: "GROUP|NAME|FRAMES|MEMBERS", zh: "分组|名称|报文数|成员" }
-    LsLinesHead { en: "LINE|PORT|SETTINGS|STATE|MODULES", zh: "总线|端口|参数|状态|模块" }
+    LsLinesHead { en: "LINE|NAME|PORT|SETTINGS|STATE|MODULES", zh: "总线|名称|端口|参数|状态|模块" }
     LsModelsHead {
         en: "MODEL|TITLE|OUTPUTS|INPUTS|ANALOGS|ADDRESSES|PROTOCOLS|BAUD",
         zh: "型号|名称|输出|输入|模拟量|地址|协议|波特率",
@@ -291,7 +309,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     WouldSend { en: "would send", zh: "将发送" }
 
     // pulse
-    PulseAbout { en: "Switch an output on for a given time.", zh: "点动：输出吸合一段时间。" }
+    PulseAbout { en: "Switch an output on for a given time.", zh: "点动：输出接通一段时间。" }
     PulseExamples {
         en: "  railbus pulse yard.k3 500ms
   railbus pulse oven.k1 2s           timed by the host: ERC-8 has no timer
@@ -309,10 +327,10 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         en: "Who times it: auto (default), device or host",
         zh: "计时者：auto（默认）、device 或 host",
     }
-    PulseOff { en: "Switch off first, on after the time", zh: "点动断开：先断开，到时再吸合" }
+    PulseOff { en: "Switch off first, on after the time", zh: "点动断开：先断开，到时再接通" }
     PulseHere {
         en: "timed by this program: if it is killed, the output stays on",
-        zh: "由本程序计时：若被强行终止，输出将保持吸合",
+        zh: "由本程序计时：若被强行终止，输出将保持接通",
     }
     PulseReleased { en: "{path} was switched off", zh: "{path} 已断开" }
     TimedByHost { en: "timed by the host", zh: "上位机计时" }

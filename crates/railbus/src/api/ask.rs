@@ -25,6 +25,18 @@ pub(crate) fn modules(service: &Service) -> Vec<ModuleInfo> {
         .collect()
 }
 
+/// All modules, each read now: see [`fresh_points`]. One that does not answer is listed as
+/// offline.
+pub(crate) async fn fresh_modules(service: &Service) -> Vec<ModuleInfo> {
+    let mut modules = Vec::new();
+    for name in service.config().modules.into_keys() {
+        let _ = service.read_fresh(&name).await;
+        let status = service.module(&name);
+        modules.extend(status.map(|status| convert::module(service, status)));
+    }
+    modules
+}
+
 /// The points that a selector names.
 pub(crate) fn points(service: &Service, selectors: &[String]) -> Vec<PointInfo> {
     let modules = service.config().modules.into_keys();

@@ -1,6 +1,7 @@
 //! What is wrong with a configuration, in words.
 
 use crate::i18n::Lang;
+use crate::render::reasons;
 use railbus_device::SetupError;
 use railbus_host::NameError;
 use railbus_site::config::{FAULTS, FaultError, Kind};
@@ -13,8 +14,10 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
     };
     let fixed = |both: [&'static str; 2]| lang.of(both).to_owned();
     match kind {
-        // The parser speaks English only.
-        Kind::Syntax(words) => both(format!("no TOML: {words}"), format!("不是 TOML：{words}")),
+        Kind::Syntax(words) => {
+            let words = reasons::told(lang, words);
+            both(format!("no TOML: {words}"), format!("不是 TOML：{words}"))
+        }
         Kind::UnknownKey(Some(meant)) => both(
             format!("unknown key; did you mean \"{meant}\"?"),
             format!("未知的键；是否应为 \"{meant}\"？"),
@@ -22,6 +25,7 @@ pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
         Kind::UnknownKey(None) => fixed(["unknown key", "未知的键"]),
         Kind::MissingKey(key) => both(format!("\"{key}\" is missing"), format!("缺少 \"{key}\"")),
         Kind::WrongType(wanted) => {
+            let wanted = reasons::word(lang, wanted);
             both(format!("must be: {wanted}"), format!("类型应为：{wanted}"))
         }
         Kind::NotOneOf(choices) => {
@@ -192,7 +196,8 @@ const fn port(why: NameError) -> [&'static str; 2] {
     }
 }
 
-fn setup(lang: Lang, why: SetupError) -> String {
+/// Why a module can't be set up so.
+pub(crate) fn setup(lang: Lang, why: SetupError) -> String {
     match (lang, why) {
         (Lang::En, why) => why.to_string(),
         (Lang::Zh, SetupError::Address(low, high)) => format!("该型号的地址应为 {low} 到 {high}"),

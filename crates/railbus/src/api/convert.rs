@@ -60,10 +60,9 @@ pub(crate) fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
         let of_kind = points.iter().filter(|status| status.point.kind == kind);
         of_kind
             .map(|status| match (status.quality, status.value) {
-                // What it was before says nothing of what it is.
-                (railbus_site::Quality::Bad(_), _) => '?',
-                (_, Some(railbus_site::Value::Bool(true))) => '1',
-                (_, Some(railbus_site::Value::Bool(false))) => '0',
+                // What it was a while ago says nothing of what it is.
+                (railbus_site::Quality::Good, Some(railbus_site::Value::Bool(true))) => '1',
+                (railbus_site::Quality::Good, Some(railbus_site::Value::Bool(false))) => '0',
                 _ => '?',
             })
             .collect()
@@ -89,11 +88,14 @@ pub(crate) fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
             Presence::Online => ModuleState::Online,
             Presence::Silent => ModuleState::Offline,
             Presence::Unheard => ModuleState::Unheard,
+            Presence::Stranger => ModuleState::OtherModel,
         },
+        answers_as: status.stranger,
         last_good,
         rtt_ms: status.rtt.filter(|_| is_online).map(millis_tenths),
         errors_1h: status.errors,
         late_1h: status.late,
+        lost: (!is_online && status.lost.attempts > 0).then(|| status.lost.into()),
     }
 }
 
@@ -179,6 +181,7 @@ const fn reason(why: railbus_site::Reason) -> Reason {
     match why {
         R::NeverRead => Reason::NeverRead,
         R::Offline => Reason::Offline,
+        R::OtherModel => Reason::OtherModel,
         R::LineAbsent => Reason::LineAbsent,
         R::LineBusy => Reason::LineBusy,
         R::Lent => Reason::Lent,

@@ -1,11 +1,11 @@
 //! From what went wrong at the site to what the API says of it.
 
 use super::problem::{Kind, Problem, codes};
-use super::types::LineInfo;
+use super::types::{LineInfo, Lost};
 use crate::i18n::Lang;
 use railbus_bus::Evidence;
-use railbus_device::{Point, Refusal};
-use railbus_host::{Access, Fault, LineState, PortError};
+use railbus_device::{Family, Point, Refusal};
+use railbus_host::{Access, Fault, LineState, PortError, Presence};
 use railbus_site::config::Problem as ConfigProblem;
 use railbus_site::{Failure, Service};
 use railbus_wire::Micros;
@@ -52,7 +52,9 @@ pub(crate) fn problem(
         }
         Failure::Unwatched(point) => of_point(codes::UNWATCHED, point),
         Failure::NoLease(point) => of_point(codes::NO_LEASE, point),
-        Failure::LeaseTime(point) => of_point(codes::BAD_REQUEST, point).with("reason", "ttl_ms"),
+        Failure::LeaseTime(point) => {
+            of_point(codes::BAD_REQUEST, point).with("reason", "\"ttl_ms\" is 200 to 3600000")
+        }
         Failure::NotKept(why) => Problem::new(codes::NOT_KEPT).with("reason", why.to_string()),
         Failure::NotTakenOver(why) => {
             let problem = about(service, Problem::new(codes::NOT_TAKEN_OVER), module);
@@ -70,7 +72,10 @@ pub(crate) fn problem(
         Failure::NotRead(fault) | Failure::Line(fault) => {
             let problem = of_fault(service, module, fault);
             match point {
-                Some(point) => problem.with("point", label(service, module, point)),
+                Some(point) => {
+                    let problem = problem.with("point", label(service, module, point));
+                    of_channel(service, module, fault, problem)
+                }
                 None => problem,
             }
         }
@@ -78,6 +83,18 @@ pub(crate) fn problem(
     Problem {
         may_have_acted: failure.may_have_acted(),
         ..problem
+    }
+}
+
+/// A board that does not report how many channels it has may not have the one that stays silent
+/// while the board answers.
+fn of_channel(service: &Service, module: &str, fault: &Fault, problem: Problem) -> Problem {
+    let board = service
+        .module(module)
+        .filter(|status| status.setup.family == Family::R55 && status.presence == Presence::Online);
+    match (fault, board) {
+        (Fault::NoReply(_), Some(_)) => problem.with("channel_doubtful", true),
+        _ => problem,
     }
 }
 
@@ -155,6 +172,20 @@ fn of_fault(service: &Service, module: &str, fault: &Fault) -> Problem {
             problem.with_hint(format!("railbus scan -l {line}"))
         }
         Fault::Garbled(evidence) => with_evidence(problem, evidence),
+        Fault::Expired => match service.module(module) {
+            Some(status) if status.presence != Presence::Online && status.lost.garbled > 0 => {
+                let lost = serde_json::to_value(Lost::from(status.lost));
+                problem.with("lost", lost.unwrap_or_default())
+            }
+            _ => problem,
+        },
+        Fault::Stranger { .. } => {
+            let status = service.module(module);
+            match status.and_then(|status| status.stranger) {
+                Some(found) => problem.with("answers_as", found),
+                None => problem,
+            }
+        }
         Fault::Refused(Refusal::Exception(why)) => problem
             .with("exception", why.0)
             .with("refusal", format!("Modbus exception {why}")),
@@ -248,6 +279,7 @@ const fn kind_of(fault: &Fault) -> Kind {
         Fault::Expired => codes::EXPIRED,
         Fault::Locked => codes::LOCKED,
         Fault::Closed => codes::LINE_CLOSED,
+        Fault::Stranger { .. } => codes::OTHER_MODEL,
         Fault::Refused(_) => codes::REFUSED,
         Fault::NoReply(_) => codes::NO_REPLY,
         Fault::Garbled(_) => codes::GARBLED,

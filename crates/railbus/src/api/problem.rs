@@ -1,6 +1,8 @@
 //! Why something was not done, as data: the code says what to tell, the rest fills the gaps.
 //! Over HTTP it is an `application/problem+json` [RFC 9457].
 
+use crate::failure::Code;
+use crate::i18n::Lang;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
@@ -33,7 +35,7 @@ impl Problem {
     pub(crate) fn new(kind: Kind) -> Problem {
         Problem {
             code: kind.code.to_owned(),
-            title: kind.title.to_owned(),
+            title: kind.title().to_owned(),
             status: kind.status,
             with: BTreeMap::new(),
             hint: Vec::new(),
@@ -76,8 +78,13 @@ pub(crate) struct Kind {
     pub(crate) code: &'static str,
     /// The HTTP status.
     pub(crate) status: u16,
-    /// In one English sentence.
-    pub(crate) title: &'static str,
+}
+
+impl Kind {
+    /// In one English sentence, as the table of codes has it.
+    fn title(self) -> &'static str {
+        Code::from_name(self.code).map_or("", |code| code.page().title(Lang::En))
+    }
 }
 
 /// Every kind there is, and the keys that come with it.
@@ -85,10 +92,8 @@ pub(crate) mod codes {
     use super::Kind;
 
     macro_rules! kinds {
-        ($($(#[$doc:meta])* $name:ident = $code:literal, $status:literal, $title:literal;)*) => {
-            $($(#[$doc])* pub(crate) const $name: Kind = Kind {
-                code: $code, status: $status, title: $title,
-            };)*
+        ($($(#[$doc:meta])* $name:ident = $code:literal, $status:literal;)*) => {
+            $($(#[$doc])* pub(crate) const $name: Kind = Kind { code: $code, status: $status };)*
             /// All of them.
             #[cfg(test)]
             pub(crate) const ALL: &[Kind] = &[$($name),*];
@@ -97,191 +102,194 @@ pub(crate) mod codes {
 
     kinds! {
         /// Also `reason`.
-        INTERNAL = "E0101", 500, "the system refuses something that always works";
+        INTERNAL = "E0101", 500;
         /// Also `module`, `line`.
-        OVERLOADED = "E0105", 503, "too much is waiting already; nothing was sent";
-        /// Also `module`, `line`.
-        EXPIRED = "E0106", 503, "its time ran out while it waited; nothing was sent";
+        OVERLOADED = "E0105", 503;
+        /// Also `module`, `line`; `lost`, as of a module: what came of the last requests to it,
+        /// where that was garbled.
+        EXPIRED = "E0106", 503;
         /// Also `module`, `point`.
-        LOCKED = "E0107", 423, "the point is locked by the configuration";
+        LOCKED = "E0107", 423;
         /// Also `module`, `point`, `value`: what it is.
-        NOT_AS_ASKED = "E0108", 409, "the output is not in the state asked for; nothing was sent";
+        NOT_AS_ASKED = "E0108", 409;
         /// Also `reason`, `socket`.
-        DAEMON = "E0109", 502, "the daemon's answer can't be understood";
+        DAEMON = "E0109", 502;
         /// Also `path`, `reason`.
-        TLS = "E0190", 500, "certificate or key can't be used";
+        TLS = "E0190", 500;
         /// Also `path`.
-        NO_SUCH_PAGE = "E0110", 404, "there is nothing at this address";
+        NO_SUCH_PAGE = "E0110", 404;
         /// Also `reason`.
-        NOT_KEPT = "E0150", 503, "what must be remembered can't be written down; nothing was sent";
+        NOT_KEPT = "E0150", 503;
         /// Also `reason`.
-        NOT_TAKEN_OVER = "E0152", 503, "it was done, but the pulse or lease before it ends still";
+        NOT_TAKEN_OVER = "E0152", 503;
         /// Also `path`, `retry_after_ms`.
-        OUTPUT_DUE = "E0153", 409, "an output must be switched off soon; not lent";
+        OUTPUT_DUE = "E0153", 409;
         /// Also `name`.
-        NO_SUCH_COMMAND = "E0151", 404, "no command of that number is remembered";
+        NO_SUCH_COMMAND = "E0151", 404;
         /// There is no history and no audit log here.
-        NO_HISTORY = "E0170", 503, "nothing is kept here";
+        NO_HISTORY = "E0170", 503;
         /// Also `reason`.
-        HISTORY_FAILS = "E0171", 503, "what is kept can't be read";
+        HISTORY_FAILS = "E0171", 503;
         /// Also `module`.
-        NOT_AUDITED = "E0172", 503, "it can't be written into the audit log; nothing was sent";
+        NOT_AUDITED = "E0172", 503;
         /// Also `name`.
-        NO_SUCH_EVENT = "E0173", 404, "there is no such event";
+        NO_SUCH_EVENT = "E0173", 404;
         /// A shorter time may go.
-        TOO_MUCH_ASKED = "E0174", 422, "that is too much for one answer";
+        TOO_MUCH_ASKED = "E0174", 422;
         /// Told by the command line alone: a daemon checks what it writes itself.
-        AUDIT_HELD = "E0175", 409, "another program writes the audit log";
+        AUDIT_HELD = "E0175", 409;
         /// Also `line`, `op`: the one that runs.
-        SCAN_RUNS = "E0210", 409, "a scan of this line runs already";
+        SCAN_RUNS = "E0210", 409;
         /// Also `reason`.
-        SIM_ORDER = "E0290", 422, "the simulator does not understand this";
+        SIM_ORDER = "E0290", 422;
         /// Also `module`, `line`, `address`, `protocol`, `model`, `attempts`, `rx_bytes`, `baud`,
-        /// `format`.
-        NO_REPLY = "E0301", 504, "the module did not answer";
+        /// `format`; `channel_doubtful` where the board answers, and may not have this channel.
+        NO_REPLY = "E0301", 504;
         /// Also `module`, `line`, ...
-        UNKNOWN = "E0302", 504, "the line was lost during the command; nobody knows how it ended";
-        KEY_BEGUN = "E0303", 504, "begun under this key; nobody knows how it ended";
+        UNKNOWN = "E0302", 504;
+        KEY_BEGUN = "E0303", 504;
         /// Also `module`, `line`, ..., `refusal`.
-        REFUSED = "E0401", 502, "the module answered no";
+        REFUSED = "E0401", 502;
+        /// Also `module`, `line`, ...; `answers_as`: what is there instead.
+        OTHER_MODEL = "E0402", 409;
         /// Also `module`, `point`. To be repeated with `"confirm": true`.
-        CONFIRM = "E0450", 409, "the output wants to be told that this is meant";
+        CONFIRM = "E0450", 409;
         /// Also `module`, `point`, `by`: the path of the other output.
-        INTERLOCK = "E0451", 409, "an output that excludes this one is on, or may be";
+        INTERLOCK = "E0451", 409;
         /// Also `module`, `point`, `retry_after_ms`.
-        MIN_OFF = "E0452", 409, "the output must stay off for a while yet";
+        MIN_OFF = "E0452", 409;
         /// Also `module`, `point`.
-        UNWATCHED = "E0453", 409, "nobody would switch the output off when its time is over";
+        UNWATCHED = "E0453", 409;
         /// Also `module`, `point`.
-        NO_LEASE = "E0454", 409, "nobody holds the output";
+        NO_LEASE = "E0454", 409;
         /// Also `module`.
-        NOT_TRIED = "E0455", 409, "not done, because another part was not";
+        NOT_TRIED = "E0455", 409;
         /// Also `module`.
-        UNDONE = "E0456", 409, "done and taken back, because another part failed";
+        UNDONE = "E0456", 409;
         /// Also `scene`.
-        PLAYING = "E0457", 409, "the scene is being played already";
+        PLAYING = "E0457", 409;
         /// Also `line`, `risk`, `needs`: the words that `confirm` must hold, `may`: what it may do.
-        SEND_CONFIRM = "E0458", 409, "the frame may change something: say that this is meant";
+        SEND_CONFIRM = "E0458", 409;
         /// Also `module`, `line`, ..., `attempts`, `rx_bytes`, `why`.
-        GARBLED = "E0501", 502, "something came back that is no reply";
+        GARBLED = "E0501", 502;
         /// Also `line`.
-        SCAN_NOISE = "E0570", 503, "the line is never silent";
+        SCAN_NOISE = "E0570", 503;
         /// Also `module`, `line`, ..., `point`, `value`: what was wanted.
-        NOT_VERIFIED = "E0601", 409, "acknowledged, but read back otherwise";
+        NOT_VERIFIED = "E0601", 409;
         /// Also `module`.
-        NOT_UNDONE = "E0650", 409, "done, and could not be taken back though another part failed";
+        NOT_UNDONE = "E0650", 409;
         /// Also `line`, `port`, `reason`, `holder`, `group`.
-        LINE_CLOSED = "E0710", 503, "the line is not open";
+        LINE_CLOSED = "E0710", 503;
         /// Also `name`, `known`.
-        NO_SUCH_MODULE = "E0801", 404, "there is no such module";
+        NO_SUCH_MODULE = "E0801", 404;
         /// Also `module`, `name`, `known`.
-        NO_SUCH_POINT = "E0802", 404, "the module has no such point";
+        NO_SUCH_POINT = "E0802", 404;
         /// Also `name`, `known`.
-        NO_SUCH_LINE = "E0803", 404, "there is no such line";
+        NO_SUCH_LINE = "E0803", 404;
         /// Also `module`, `point`, `model`, `width_ms` and `pulse_mode`: the module's own, where
         /// known.
-        PULSE_WIDTH = "E0804", 422, "the module can't give a pulse of this length";
+        PULSE_WIDTH = "E0804", 422;
         /// Also `module`, `model`.
-        UNSUPPORTED = "E0805", 422, "the model has no command for that";
+        UNSUPPORTED = "E0805", 422;
         /// Also `reason`.
-        BAD_REQUEST = "E0806", 422, "invalid value in the request";
+        BAD_REQUEST = "E0806", 422;
         /// Also `module`, `point`.
-        NOT_AN_OUTPUT = "E0807", 422, "the point is no output";
+        NOT_AN_OUTPUT = "E0807", 422;
         /// Also `reason`.
-        BAD_FRAME = "E0808", 422, "the bytes are no request of that protocol";
+        BAD_FRAME = "E0808", 422;
         /// No configuration, no flags. Also `looked`: the places.
-        NO_CONFIG = "E0809", 422, "there is no configuration";
+        NO_CONFIG = "E0809", 422;
         /// Also `file`, `problems`: each with `line`, `column`, `path`, `code`, `reason`.
-        BAD_CONFIG = "E0810", 422, "the configuration has problems";
+        BAD_CONFIG = "E0810", 422;
         /// Also `file`, `reason`.
-        CONFIG_FILE = "E0824", 422, "the configuration can't be read";
+        CONFIG_FILE = "E0824", 422;
         /// Also `file`, `etag`: that of the text there is now.
-        CONFIG_CHANGED = "E0827", 412, "the configuration was changed meanwhile";
+        CONFIG_CHANGED = "E0827", 412;
         /// Also `name`.
-        NOT_EDITABLE = "E0828", 422, "this part of the configuration can only be changed by hand";
+        NOT_EDITABLE = "E0828", 422;
         /// Also `kind`, `name`.
-        ALREADY_THERE = "E0829", 409, "there is one of that name already";
+        ALREADY_THERE = "E0829", 409;
         /// Also `file`, `reason`.
-        CONFIG_NOT_WRITTEN = "E0830", 500, "the configuration can't be written; all is as it was";
+        CONFIG_NOT_WRITTEN = "E0830", 500;
         /// No such text is kept.
-        NO_GENERATION = "E0831", 404, "no such generation of the configuration is kept";
+        NO_GENERATION = "E0831", 404;
         /// A whole text came without saying which one it replaces.
-        NO_IF_MATCH = "E0832", 428, "say with If-Match which text is to be replaced";
+        NO_IF_MATCH = "E0832", 428;
         /// Also `name`.
-        NO_SUCH_RULE = "E0853", 404, "there is no such rule";
+        NO_SUCH_RULE = "E0853", 404;
         /// Also `name`.
-        RULE_NOT_TRIED = "E0854", 409, "a rule is tried before it is armed";
+        RULE_NOT_TRIED = "E0854", 409;
         /// Also `reason`.
-        HOOK_UNREACHED = "E0857", 502, "the receiver of the webhook can't be reached";
+        HOOK_UNREACHED = "E0857", 502;
         /// Also `reason`.
-        HOOK_TLS = "E0858", 502, "no trusted connection to the receiver of the webhook";
+        HOOK_TLS = "E0858", 502;
         /// Also `reason`.
-        HOOK_SLOW = "E0859", 504, "the receiver of the webhook did not answer in time";
+        HOOK_SLOW = "E0859", 504;
         /// Also `name`, `known`.
-        NO_SUCH_GROUP = "E0860", 404, "there is no such group";
+        NO_SUCH_GROUP = "E0860", 404;
         /// Also `name`, `known`.
-        NO_SUCH_SCENE = "E0861", 404, "there is no such scene";
+        NO_SUCH_SCENE = "E0861", 404;
         /// Also `name`.
-        NOT_SIMULATED = "E0862", 404, "this line is not simulated here";
+        NOT_SIMULATED = "E0862", 404;
         /// Also `name`.
-        NO_SIM_MODULE = "E0863", 404, "there is no such module on the simulated line";
+        NO_SIM_MODULE = "E0863", 404;
         /// Also `name`.
-        NO_SUCH_HOOK = "E0877", 404, "there is no such webhook";
+        NO_SUCH_HOOK = "E0877", 404;
         /// Also `reason`: the status that came back.
-        HOOK_REFUSED = "E0878", 502, "the receiver of the webhook did not take the event";
+        HOOK_REFUSED = "E0878", 502;
         /// Also `path`, `reason`.
-        HOOK_SECRET = "E0879", 500, "the secrets of webhooks can't be kept";
+        HOOK_SECRET = "E0879", 500;
         /// Also `reason`.
-        FORBIDDEN = "E0901", 403, "not from there";
+        FORBIDDEN = "E0901", 403;
         /// Told by the command line alone. Also `socket`, `served`, `config`: the two files.
-        OTHER_SITE = "E0884", 409, "the daemon that answers serves another configuration";
+        OTHER_SITE = "E0884", 409;
         /// Also `module`, `etag`: that of the values there are now.
-        SETTINGS_CHANGED = "E0881", 412, "the module keeps other settings than were seen";
+        SETTINGS_CHANGED = "E0881", 412;
         /// Settings came without saying which ones they change.
-        NO_SETTINGS_MATCH = "E0882", 428, "say with If-Match which settings are to be changed";
+        NO_SETTINGS_MATCH = "E0882", 428;
         /// Also `line`, `op`: what is done there.
-        LINE_AT_WORK = "E0883", 409, "something else is being done on this line";
+        LINE_AT_WORK = "E0883", 409;
         /// Nobody knows who asks.
-        UNAUTHENTICATED = "E0902", 401, "log in first, or show a token";
-        WRONG_LOGIN = "E0904", 401, "name or password is wrong, or the user is locked";
+        UNAUTHENTICATED = "E0902", 401;
+        WRONG_LOGIN = "E0904", 401;
         /// Also `role`, `need`.
-        ROLE = "E0905", 403, "the caller's role does not allow this";
+        ROLE = "E0905", 403;
         /// Also `module`, `point`.
-        POINT_RIGHT = "E0906", 403, "this point is none of those that the caller may switch";
+        POINT_RIGHT = "E0906", 403;
         /// Also `retry_after_ms`.
-        TRIES = "E0907", 429, "too many tries; wait a while";
-        CSRF = "E0908", 403, "the request lacks the X-CSRF-Token of its session";
-        SETUP = "E0909", 403, "the setup link is not good, or not any more";
+        TRIES = "E0907", 429;
+        CSRF = "E0908", 403;
+        SETUP = "E0909", 403;
         /// Also `name`.
-        NO_SUCH_USER = "E0910", 404, "there is no such user";
+        NO_SUCH_USER = "E0910", 404;
         /// Also `name`.
-        NAME_TAKEN = "E0911", 409, "the name is taken";
-        LAST_ADMIN = "E0912", 409, "one administrator must be left who is not locked";
+        NAME_TAKEN = "E0911", 409;
+        LAST_ADMIN = "E0912", 409;
         /// Also `why_weak`: `short`, `long` or `simple`; `letters_min`, `bytes_max`.
-        WEAK_PASSWORD = "E0913", 422, "the password is too short, too long or too simple";
+        WEAK_PASSWORD = "E0913", 422;
         /// Also `name`.
-        NO_SUCH_TOKEN = "E0914", 404, "there is no such token";
+        NO_SUCH_TOKEN = "E0914", 404;
         /// Also `most`.
-        TOO_MANY = "E0915", 409, "there are as many as there may be";
+        TOO_MANY = "E0915", 409;
         /// Also `path`, `reason`.
-        ACCOUNTS_FILE = "E0916", 500, "the accounts can't be read or kept";
+        ACCOUNTS_FILE = "E0916", 500;
         /// Also `path`.
-        ACCOUNTS_HELD = "E0917", 409, "another program holds the accounts";
+        ACCOUNTS_HELD = "E0917", 409;
         /// Also `name`.
-        NO_SUCH_SESSION = "E0918", 404, "there is no such session";
-        HAS_USER = "E0919", 409, "there is a user already, who may add others";
+        NO_SUCH_SESSION = "E0918", 404;
+        HAS_USER = "E0919", 409;
         /// Also `name`.
-        BAD_NAME = "E0920", 422, "the name is none: 1 to 32 letters, digits, and . _ - @ within";
+        BAD_NAME = "E0920", 422;
         /// Also `most`.
-        BAD_POINTS = "E0921", 422, "points are up to 32 patterns such as pump, pump.* or *.do0";
+        BAD_POINTS = "E0921", 422;
         /// Also `points`: those that the caller is limited to.
-        LIMITED = "E0922", 403, "the caller is limited to points, and this may reach others";
+        LIMITED = "E0922", 403;
         /// Also `reason`: the tables.
-        OWNER_ONLY = "E0923", 403, "only the owner of the daemon may change this";
+        OWNER_ONLY = "E0923", 403;
         /// Also `line`, `port`.
-        PORT_NOT_ALLOWED = "E0924", 403, "no configuration from the network may open this port";
+        PORT_NOT_ALLOWED = "E0924", 403;
         /// Also `name`: host and port.
-        HOOK_TARGET = "E0925", 403, "a webhook may not lead to this address";
+        HOOK_TARGET = "E0925", 403;
     }
 }
 
@@ -294,6 +302,7 @@ mod tests {
         let mut seen = std::collections::BTreeSet::new();
         for kind in codes::ALL {
             assert!(seen.insert(kind.code), "{}", kind.code);
+            assert_ne!(kind.title(), "", "{}", kind.code);
             let exit: u8 = kind.code[1..3].parse().expect("two digits");
             assert!((1..=11).contains(&exit), "{}", kind.code);
         }

@@ -12,7 +12,7 @@ use crate::commands::decode::meaning;
 use crate::i18n::Lang;
 use crate::render::hex;
 use railbus_device::PointKind;
-use railbus_host::{Fault, LateReply, Probed};
+use railbus_host::{Fault, LateReply};
 use railbus_site::config::{Place, PointConfig};
 use railbus_site::{Config, Failure, RawTerms, Risk, Service, is_answered, request, stowaway};
 use railbus_wire::{Baud, Character, Exchange, Frame, Micros, Protocol, Settings, lc02};
@@ -183,8 +183,8 @@ pub(crate) async fn carry_out(
         });
         (met?, None)
     };
-    let found = asked.find_response(&met.bytes).1.whole();
-    let answered = met.outcome == Probed::Answered;
+    let own = met.reply(&asked);
+    let found = own.and_then(|own| asked.decode_response(own).whole());
     Ok(SendAnswer {
         schema: SCHEMA,
         line: plan.line.clone(),
@@ -192,10 +192,8 @@ pub(crate) async fn carry_out(
         meaning: plan.told.meaning.clone(),
         bytes: hex::spaced(&met.bytes),
         outcome: convert::outcome(met.outcome),
-        says: found
-            .filter(|_| answered)
-            .map(|reply| meaning::response(lang, &asked, &reply.response)),
-        refused: answered && railbus_site::is_refused(&asked, &met.bytes),
+        says: found.map(|reply| meaning::response(lang, &asked, &reply.response)),
+        refused: own.is_some_and(|own| railbus_site::is_refused(&asked, own)),
         after_ms: convert::millis_tenths(met.after),
         late: met.late.iter().map(late).collect(),
         audit,
@@ -208,7 +206,7 @@ fn protocol(name: &str) -> Result<Protocol, Problem> {
         .find(|protocol| protocol.name() == name);
     known.ok_or_else(|| {
         let names = Protocol::ALL.map(Protocol::name).to_vec();
-        let problem = Problem::new(codes::BAD_REQUEST).with("reason", "protocol");
+        let problem = Problem::new(codes::BAD_REQUEST).with("reason", "\"protocol\" can't be read");
         problem.with("known", names)
     })
 }
@@ -251,7 +249,7 @@ fn settings(
     };
     let baud = match wanted.baud {
         None => own.baud,
-        Some(rate) => Baud::from_rate(rate).ok_or_else(|| wrong("baud"))?,
+        Some(rate) => Baud::from_rate(rate).ok_or_else(|| wrong("\"baud\" can't be read"))?,
     };
     let all = [Character::N1, Character::E1, Character::O1, Character::N2];
     let character = match &wanted.format {
@@ -260,7 +258,7 @@ fn settings(
     };
     Ok(Settings {
         baud,
-        character: character.ok_or_else(|| wrong("format"))?,
+        character: character.ok_or_else(|| wrong("\"format\" can't be read"))?,
     })
 }
 

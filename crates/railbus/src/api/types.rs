@@ -1,6 +1,7 @@
 //! The values of the API, version 1. Fields are only ever added; readers ignore what they do
 //! not know.
 
+use railbus_host::Evidence;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -100,6 +101,9 @@ pub(crate) struct ModuleInfo {
     pub(crate) checksum: Option<bool>,
     /// Whether it is heard.
     pub(crate) state: ModuleState,
+    /// What answers in its place says that it is: a model, or a name; only where that is another.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) answers_as: Option<String>,
     /// When a value of it was read last, as RFC 3339 in UTC; only where it is not online now.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) last_good: Option<String>,
@@ -110,10 +114,40 @@ pub(crate) struct ModuleInfo {
     pub(crate) errors_1h: u32,
     /// Replies that came too late within the last hour.
     pub(crate) late_1h: u32,
-    /// Its outputs in the order of the terminals: `1`, `0`, or `?` where nothing is known.
+    /// What came instead of a good reply since the last one; only where it was asked and is not
+    /// online now.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) lost: Option<Lost>,
+    /// Its outputs in the order of the terminals: `1`, `0`, or `?` where it is not known how
+    /// it is now.
     pub(crate) outputs: String,
     /// Its digital inputs, in the same way.
     pub(crate) inputs: String,
+}
+
+/// The last failed requests to a module since its last good reply, sixteen at most.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub(crate) struct Lost {
+    /// The requests.
+    pub(crate) attempts: u8,
+    /// After how many of them something came that is no reply.
+    pub(crate) garbled: u8,
+    /// How many bytes came in all.
+    pub(crate) rx_bytes: u16,
+    /// Why the first of them are no reply.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) why: Option<String>,
+}
+
+impl From<Evidence> for Lost {
+    fn from(met: Evidence) -> Lost {
+        Lost {
+            attempts: met.attempts,
+            garbled: met.garbled,
+            rx_bytes: met.bytes,
+            why: met.why.map(|why| why.to_string()),
+        }
+    }
 }
 
 /// Whether a module is heard.
@@ -126,6 +160,8 @@ pub(crate) enum ModuleState {
     Offline,
     /// It was not heard yet.
     Unheard,
+    /// What answers in its place says that it is another model.
+    OtherModel,
 }
 
 /// A point.
@@ -280,6 +316,8 @@ pub(crate) enum Reason {
     NeverRead,
     /// Its module does not answer.
     Offline,
+    /// What answers in the place of its module says that it is another model.
+    OtherModel,
     /// The port of its line can't be opened, or was lost.
     LineAbsent,
     /// Another program has the port of its line.

@@ -83,11 +83,10 @@ impl Local {
     }
 
     pub(super) async fn modules(&self) -> Result<Vec<ModuleInfo>, Problem> {
-        if !self.polls {
-            // It does not matter here which of them answers: each says so itself.
-            let _ = ask::fresh_points(&self.service, &[]).await;
-        }
-        Ok(ask::modules(&self.service))
+        Ok(match self.polls {
+            true => ask::modules(&self.service),
+            false => ask::fresh_modules(&self.service).await,
+        })
     }
 
     pub(super) async fn points(

@@ -34,7 +34,7 @@ const BACK_PAUSE: Duration = Duration::from_millis(20);
 
 /// Where it says which site it serves.
 const SITE: &str = "/api/v1/site";
-/// How long a daemon that nobody named may take to say so: a command waits for it.
+/// How long a daemon may take to say so: it knows, and has to ask nobody.
 const SEARCH: Duration = Duration::from_secs(5);
 
 /// The daemon behind a socket.
@@ -135,8 +135,18 @@ impl Drop for Borrowed {
 impl Remote {
     /// The daemon behind this socket, which says first which site it serves.
     pub(crate) async fn at(socket: &Path) -> Result<Remote, Problem> {
-        let answer = send(socket, Method::GET, SITE, Vec::new()).await?;
-        let body = answer.whole().await.map_err(|problem| {
+        let asked = async {
+            send(socket, Method::GET, SITE, Vec::new())
+                .await?
+                .whole()
+                .await
+        };
+        let body = tokio::time::timeout(SEARCH, asked).await;
+        let body = body.unwrap_or_else(|_| {
+            let reason = format!("no answer within {} s", SEARCH.as_secs());
+            Err(said_of(socket, codes::DAEMON, &reason))
+        });
+        let body = body.map_err(|problem| {
             // One of another version, where it does not know this address.
             match problem.code == codes::NO_SUCH_PAGE.code {
                 true => said_of(socket, codes::NO_SUCH_PAGE, SITE),
@@ -154,11 +164,7 @@ impl Remote {
         let mut found = Vec::new();
         for socket in socket::places() {
             if UnixStream::connect(&socket).await.is_ok() {
-                let asked = tokio::time::timeout(SEARCH, Remote::at(&socket)).await;
-                found.push(asked.unwrap_or_else(|_| {
-                    let reason = format!("no answer within {} s", SEARCH.as_secs());
-                    Err(said_of(&socket, codes::DAEMON, &reason))
-                }));
+                found.push(Remote::at(&socket).await);
             }
         }
         found
@@ -247,7 +253,7 @@ impl Remote {
         Ok(groups.groups)
     }
 
-    pub(super) async fn scenes(&self) -> Result<Vec<SceneInfo>, Problem> {
+    pub(crate) async fn scenes(&self) -> Result<Vec<SceneInfo>, Problem> {
         let scenes: Scenes = self.get("/api/v1/scenes").await?;
         Ok(scenes.scenes)
     }

@@ -1,7 +1,9 @@
 //! `railbus complete`: the names that fit at the end of a command line. The completion scripts
-//! ask this; it reads the configuration and nothing else, gives up after 100 ms, and is silent
-//! where something is wrong.
+//! ask this; it asks the daemon that the command would ask, else reads the configuration, and
+//! nothing else, gives up soon, and is silent where something is wrong.
 
+use crate::api::types::Kind;
+use crate::backend::{Backend, Wanted};
 use crate::cli;
 use crate::commands::help::TOPICS;
 use crate::commands::schema::SCHEMAS;
@@ -11,6 +13,7 @@ use crate::i18n::Lang;
 use crate::render::out;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use railbus_device::PointKind;
 use railbus_site::Config;
 use std::path::PathBuf;
 use std::sync::mpsc;
@@ -19,8 +22,11 @@ use std::time::Duration;
 /// The name of the command.
 pub(crate) const NAME: &str = "complete";
 
+/// A daemon that does not answer by then is done without.
+const DAEMON: Duration = Duration::from_millis(300);
+
 /// Nobody waits longer for a name.
-const PATIENCE: Duration = Duration::from_millis(100);
+const PATIENCE: Duration = DAEMON.saturating_add(Duration::from_millis(100));
 
 /// Its parser; it is not for people.
 pub(crate) fn define(lang: Lang) -> Command {
@@ -39,16 +45,23 @@ pub(crate) fn define(lang: Lang) -> Command {
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let words = matches.get_many::<String>("WORD").into_iter().flatten();
     let words: Vec<String> = words.cloned().collect();
+    let wanted = Wanted {
+        config: matches.get_one("config").cloned(),
+        socket: matches.get_one("socket").cloned(),
+        direct: matches.get_flag("direct"),
+        lang,
+        ..Wanted::default()
+    };
     let (sender, names) = mpsc::channel();
     // A file on a network that hangs must not hang the shell.
-    std::thread::spawn(move || sender.send(candidates(lang, &words)));
+    std::thread::spawn(move || sender.send(candidates(wanted, &words)));
     let names = names.recv_timeout(PATIENCE).unwrap_or_default();
     let lines = names.into_iter().map(|name| name + "\n");
     out::result(lang, &lines.collect::<String>())
 }
 
 /// What fits for the last of the words, which may be empty or begun.
-fn candidates(lang: Lang, words: &[String]) -> Vec<String> {
+fn candidates(wanted: Wanted, words: &[String]) -> Vec<String> {
     let Some((current, before)) = words.split_last() else {
         return Vec::new();
     };
@@ -57,19 +70,13 @@ fn candidates(lang: Lang, words: &[String]) -> Vec<String> {
         .iter()
         .copied()
         .find(|word| cli::names().any(|name| name == *word));
-    let config = || configuration(lang, &before);
+    let site = || names(wanted, &before);
     let all: Vec<String> = match (before.last().copied(), verb) {
-        (Some("-l" | "--line"), _) => config().lines.into_keys().collect(),
-        (_, Some("get" | "watch" | "wait" | "history" | "read")) => {
-            points(&config(), current, |_| true)
-        }
-        (_, Some("set" | "pulse" | "write")) => points(&config(), current, |point| {
-            point.kind == railbus_device::PointKind::Output
-        }),
-        (Some("run"), Some("scene")) => config().scenes.into_keys().collect(),
-        (_, Some("config" | "plan" | "apply")) if !current.starts_with('-') => {
-            config().modules.into_keys().collect()
-        }
+        (Some("-l" | "--line"), _) => site().lines,
+        (_, Some("get" | "watch" | "wait" | "history" | "read")) => site().paths(current, |_| true),
+        (_, Some("set" | "pulse" | "write")) => site().paths(current, |point| point.is_output),
+        (Some("run"), Some("scene")) => site().scenes,
+        (_, Some("config" | "plan" | "apply")) if !current.starts_with('-') => site().modules,
         (_, Some("doctor")) => codes_of_findings().collect(),
         (_, Some("explain")) => {
             let codes = Code::all().map(|code| code.name().to_owned());
@@ -88,39 +95,100 @@ fn codes_of_findings() -> impl Iterator<Item = String> {
     findings::ALL.iter().map(|finding| finding.code.to_owned())
 }
 
-/// Modules, and the points of a module that is named so far.
-fn points(
-    config: &Config,
-    current: &str,
-    wanted: impl Fn(&railbus_device::Point) -> bool,
-) -> Vec<String> {
-    let labels = |(name, module): (&String, &railbus_site::config::ModuleConfig)| {
-        let setup = module.setup;
-        let points = setup.points().filter(|point| wanted(point));
-        let paths = points.map(|point| {
-            let (prefix, number) = setup.label(point);
-            format!("{name}.{prefix}{number}")
-        });
-        paths.collect::<Vec<_>>()
-    };
-    match current.split_once('.') {
-        Some((module, _)) => {
-            let named = config.modules.get_key_value(module);
-            named.map(labels).unwrap_or_default()
-        }
-        None => config
-            .modules
-            .keys()
-            .cloned()
-            .chain(config.modules.iter().flat_map(labels))
-            .collect(),
+/// What there is that has a name.
+#[derive(Default)]
+struct Names {
+    lines: Vec<String>,
+    modules: Vec<String>,
+    scenes: Vec<String>,
+    points: Vec<Named>,
+}
+
+/// A point.
+struct Named {
+    module: String,
+    path: String,
+    is_output: bool,
+}
+
+impl Names {
+    /// Modules, and the points of a module that is named so far.
+    fn paths(self, current: &str, wanted: impl Fn(&Named) -> bool) -> Vec<String> {
+        let of = current.split_once('.').map(|(module, _)| module);
+        let modules = self.modules.into_iter().filter(|_| of.is_none());
+        let points = self
+            .points
+            .into_iter()
+            .filter(|point| of.is_none_or(|module| module == point.module) && wanted(point));
+        modules.chain(points.map(|point| point.path)).collect()
     }
 }
 
-/// The configuration that the words so far mean; an empty one where there is none to be read.
-fn configuration(lang: Lang, before: &[&str]) -> Config {
-    let at = before.iter().position(|word| *word == "--config");
-    let named = at.and_then(|at| before.get(at + 1)).map(PathBuf::from);
-    let found = config_file::read(lang, named.as_deref());
-    found.map(|found| found.config).unwrap_or_default()
+/// The names of the site that the words so far mean; none where there is none.
+fn names(mut wanted: Wanted, before: &[&str]) -> Names {
+    let after = |flag: &str| {
+        let at = before.iter().position(|word| *word == flag)?;
+        before.get(at + 1).map(PathBuf::from)
+    };
+    wanted.config = after("--config").or(wanted.config);
+    wanted.socket = after("--socket").or(wanted.socket);
+    wanted.direct |= before.contains(&"--direct");
+    let told = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .ok()
+        .and_then(|runtime| {
+            let told = async { tokio::time::timeout(DAEMON, told(&wanted)).await };
+            runtime.block_on(told).ok().flatten()
+        });
+    told.unwrap_or_else(|| {
+        let found = config_file::read(wanted.lang, wanted.config.as_deref());
+        found.map(|found| written(found.config)).unwrap_or_default()
+    })
+}
+
+/// Those that the daemon tells, where one serves what is meant.
+async fn told(wanted: &Wanted) -> Option<Names> {
+    let daemon = Backend::daemon(wanted).await.ok()??;
+    let (lines, modules, points, scenes) = tokio::join!(
+        daemon.lines(),
+        daemon.modules(),
+        daemon.points(&[], false),
+        daemon.scenes()
+    );
+    Some(Names {
+        lines: lines.ok()?.into_iter().map(|line| line.line).collect(),
+        modules: modules.ok()?.into_iter().map(|one| one.module).collect(),
+        scenes: scenes.ok()?.into_iter().map(|one| one.scene).collect(),
+        points: points
+            .ok()?
+            .into_iter()
+            .map(|point| Named {
+                is_output: point.kind == Kind::Output,
+                module: point.module,
+                path: point.path,
+            })
+            .collect(),
+    })
+}
+
+/// Those of a configuration.
+fn written(config: Config) -> Names {
+    let points = config.modules.iter().flat_map(|(name, module)| {
+        let setup = module.setup;
+        setup.points().map(move |point| {
+            let (prefix, number) = setup.label(point);
+            Named {
+                module: name.clone(),
+                path: format!("{name}.{prefix}{number}"),
+                is_output: point.kind == PointKind::Output,
+            }
+        })
+    });
+    Names {
+        points: points.collect(),
+        lines: config.lines.into_keys().collect(),
+        modules: config.modules.into_keys().collect(),
+        scenes: config.scenes.into_keys().collect(),
+    }
 }

@@ -112,7 +112,9 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     let user = User::this(machine);
     let variable = |name: &str| std::env::var(name).ok();
     let mut found = system::check(lang, variable, Timestamp::now());
-    let daemon = context.daemon().await;
+    let socket = context.wanted.socket.as_deref();
+    // Side by side: one that hangs is waited for once.
+    let (daemon, of_sockets) = tokio::join!(context.daemon(), daemon::check(lang, socket, &user));
     let served = daemon.as_ref().ok().and_then(Option::as_ref);
     let served = served.map(|daemon| daemon.config().to_owned());
     let config = configuration(context, machine, served.as_deref())?;
@@ -128,7 +130,7 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     let end = stop.or(work).await;
     found.extend(end.ok_or_else(|| stop::interrupted(context))??);
     found.extend(config.findings);
-    found.extend(daemon::check(lang, context.wanted.socket.as_deref(), &user).await);
+    found.extend(of_sockets);
     found.sort_by_key(|finding| finding.section);
     Ok(found)
 }

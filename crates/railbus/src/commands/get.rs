@@ -88,13 +88,13 @@ pub(super) fn selected(matches: &ArgMatches) -> Vec<String> {
 /// Points in any form.
 pub(super) fn records(lang: Lang, points: &[PointInfo], raw: bool) -> Records {
     // What people call it can be spared; how good the value is can not.
-    let mut table = Table::bare().spare(&[2]);
+    let mut table = Table::bare().spare(&[2]).names(2);
     for point in points {
         let mut notes = notes(lang, point);
         if let (true, Some(register)) = (raw, point.raw) {
             notes.insert(0, format!("(raw {register})"));
         }
-        let name = point.name.get(lang.name()).cloned().unwrap_or_default();
+        let name = values::called(lang, &point.name);
         table.add([
             point.path.clone(),
             values::point(lang, point),

@@ -121,8 +121,10 @@ fn ask<T>(
 
 fn modules(lang: Lang, modules: &[ModuleInfo]) -> Records {
     let head = lang.get(Text::LsModulesHead).split('|');
-    // Line, protocol, errors, round trip, model, inputs, address, outputs.
-    let mut table = Table::new(head).spare(&[1, 3, 7, 6, 4, 9, 2, 8]);
+    // Line, protocol, errors, round trip, model, inputs, name, address, outputs.
+    let mut table = Table::new(head)
+        .spare(&[2, 4, 8, 7, 5, 10, 1, 3, 9])
+        .names(1);
     for module in modules {
         let rtt = module
             .rtt_ms
@@ -134,6 +136,7 @@ fn modules(lang: Lang, modules: &[ModuleInfo]) -> Records {
         };
         table.add([
             module.module.clone(),
+            values::called(lang, &module.name),
             module.line.clone(),
             Address(module.address).to_string(),
             module.protocol.clone(),
@@ -169,6 +172,9 @@ fn modules(lang: Lang, modules: &[ModuleInfo]) -> Records {
 /// Whether it is heard, and where it is not, when it was.
 fn state(lang: Lang, module: &ModuleInfo) -> String {
     let state = values::presence(lang, module.state);
+    if let Some(found) = &module.answers_as {
+        return format!("{state} ({found})");
+    }
     match &module.last_good {
         Some(moment) => {
             let time = time::clock_of(Some(moment));
@@ -179,8 +185,9 @@ fn state(lang: Lang, module: &ModuleInfo) -> String {
 }
 
 fn lines(lang: Lang, lines: &[LineInfo]) -> Records {
-    // Modules, settings, port.
-    let mut table = Table::new(lang.get(Text::LsLinesHead).split('|')).spare(&[4, 2, 1]);
+    let head = lang.get(Text::LsLinesHead).split('|');
+    // Modules, settings, port, name.
+    let mut table = Table::new(head).spare(&[5, 3, 2, 1]).names(1);
     for line in lines {
         let state = lang.get(match line.state {
             PortState::Opening => Text::PortOpening,
@@ -196,6 +203,7 @@ fn lines(lang: Lang, lines: &[LineInfo]) -> Records {
         };
         table.add([
             line.line.clone(),
+            values::called(lang, &line.name),
             line.port.clone(),
             format!("{} {}", line.baud, line.format),
             state,

@@ -18,6 +18,7 @@ use crate::render::table::Table;
 use crate::render::{Format, hex, out, records, time};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_host::reply_in;
 use railbus_site::{Risk, is_answered, is_refused, stowaway};
 use railbus_wire::{Address, Decoded, Exchange, Micros, Protocol, ascii, lc02, r55, rtu};
 use serde_json::json;
@@ -246,8 +247,8 @@ fn read(
     answer: &Answer,
 ) -> Option<(String, Option<Address>, bool)> {
     let asked = asked.filter(|_| answer.outcome == Some(Outcome::Answered))?;
-    let (_, found) = asked.find_response(&answer.bytes);
-    let reply = found.whole()?;
+    let own = reply_in(asked, &answer.bytes)?;
+    let reply = asked.decode_response(own).whole()?;
     let refused = is_refused(asked, &answer.bytes);
     let text = meaning::response(lang, asked, &reply.response);
     Some((text, reply.from, refused))

@@ -154,7 +154,7 @@ fn play(context: &Context, name: &str, wanted: SceneRequest) -> Result<(), Failu
 }
 
 fn records(lang: Lang, scenes: &[SceneInfo]) -> Records {
-    let mut table = Table::new(lang.get(SceneText::Head).split('|'));
+    let mut table = Table::new(lang.get(SceneText::Head).split('|')).names(1);
     let told = |step: &StepInfo| match step {
         StepInfo::Set { path, value } => format!("{path} {}", values::state(lang, *value)),
         StepInfo::Wait { wait_ms } => {
@@ -163,7 +163,7 @@ fn records(lang: Lang, scenes: &[SceneInfo]) -> Records {
         }
     };
     for scene in scenes {
-        let name = scene.name.get(lang.name()).cloned().unwrap_or_default();
+        let name = values::called(lang, &scene.name);
         let steps: Vec<String> = scene.steps.iter().map(told).collect();
         table.add([scene.scene.clone(), name, steps.join(lang.get(Text::Comma))]);
     }

@@ -254,7 +254,11 @@ pub(super) fn tell(context: &Context, outcomes: &[Outcome]) -> Result<(), Failur
                     .then(|| lang.get(Text::MayHaveActed));
                 let perhaps = perhaps.unwrap_or_default().to_owned();
                 table.add([outcome.path.clone(), told, perhaps]);
-                merge(&mut row, json!({ "error": failure.to_json(lang) }));
+                let error = match context.format {
+                    Format::Csv => json!(failure.code().name()),
+                    _ => failure.to_json(lang),
+                };
+                merge(&mut row, json!({ "error": error }));
             }
             // The one failure there is is told as such.
             Err(_) => return Ok(()),
@@ -264,7 +268,7 @@ pub(super) fn tell(context: &Context, outcomes: &[Outcome]) -> Result<(), Failur
     let records = Records {
         key: "set",
         rows,
-        columns: &["path", "value", "before", "confirmed", "took_ms"],
+        columns: &["path", "value", "before", "confirmed", "took_ms", "error"],
         value: "value",
         table,
     };

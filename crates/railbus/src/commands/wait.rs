@@ -6,7 +6,7 @@ mod want;
 use super::{Context, stop};
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{PointInfo, Quality, WatchEvent};
-use crate::backend::{Backend, Watch};
+use crate::backend::Backend;
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
@@ -20,7 +20,7 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::time::Duration;
 use texts::WaitText;
-use tokio::time::Instant;
+use tokio::time::{Instant, timeout, timeout_at};
 use want::Want;
 
 /// The name of the command.
@@ -28,6 +28,9 @@ pub(crate) const NAME: &str = "wait";
 
 /// How long it is waited where nobody says.
 const PATIENCE: Micros = Micros(10_000_000);
+
+/// How long the last question may take, what the points are when the time is over.
+const LAST_WORD: Duration = Duration::from_secs(1);
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
@@ -62,8 +65,13 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     context.block(async {
         let mut stop = stop::Stop::new(&context)?;
         let begun = Instant::now();
-        let backend = context.open().await?;
-        let end = waited(&context, &backend, &wants, (begun, patience), &mut stop).await;
+        let until = begun + Duration::from_micros(patience.0);
+        let opened = stop.or(timeout_at(until, context.open())).await;
+        let backend = match opened.ok_or_else(|| stop::interrupted(&context))? {
+            Ok(backend) => backend?,
+            Err(_) => return Err(in_vain(&context, &wants, &[], patience)),
+        };
+        let end = waited(&context, &backend, &wants, (until, patience), &mut stop).await;
         backend.finish(true).await;
         let points = end?;
         let took = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
@@ -87,32 +95,47 @@ async fn waited(
     context: &Context,
     backend: &Backend,
     wants: &[Want],
-    (begun, patience): (Instant, Micros),
+    (until, patience): (Instant, Micros),
     stop: &mut stop::Stop,
 ) -> Result<Vec<PointInfo>, Failure> {
-    let failed = |problem: Problem| context.failure(&problem);
     let paths: Vec<String> = wants.iter().map(|want| want.path.clone()).collect();
-    let mut watch = backend.watch(&paths).await.map_err(failed)?;
-    let until = begun + Duration::from_micros(patience.0);
-    let come = tokio::time::timeout_at(until, come(context, backend, &mut watch, wants));
-    match stop.or(come).await {
-        None => Err(stop::interrupted(context)),
-        Some(Ok(end)) => end,
-        Some(Err(_)) => {
-            let points = backend.known(&paths).await.map_err(failed)?;
-            Err(in_vain(context, wants, &points, patience))
+    let last = async {
+        if let Ok(end) = timeout_at(until, come(context, backend, &paths, wants)).await {
+            return end;
         }
-    }
+        // Not all that becomes so is told at once: a value may be good again, and the same.
+        let known = timeout(LAST_WORD, backend.known(&paths)).await;
+        let known = known.unwrap_or_else(|_| Ok(Vec::new()));
+        let known = known.map_err(|problem| context.failure(&problem))?;
+        let told = known.into_iter().map(|point| (point.path.clone(), point));
+        let told: BTreeMap<String, PointInfo> = told.collect();
+        met(wants, &told).ok_or_else(|| {
+            let known: Vec<PointInfo> = told.into_values().collect();
+            in_vain(context, wants, &known, patience)
+        })
+    };
+    let end = stop.or(last).await;
+    end.unwrap_or_else(|| Err(stop::interrupted(context)))
+}
+
+/// The points in the order of what is wanted of them, where they are so.
+fn met(wants: &[Want], told: &BTreeMap<String, PointInfo>) -> Option<Vec<PointInfo>> {
+    let each = wants.iter().map(|want| {
+        let point = told.get(&want.path);
+        point.filter(|_| want.is_met_by(point)).cloned()
+    });
+    each.collect()
 }
 
 /// Follows what happens until the points are as wanted.
 async fn come(
     context: &Context,
     backend: &Backend,
-    watch: &mut Watch,
+    paths: &[String],
     wants: &[Want],
 ) -> Result<Vec<PointInfo>, Failure> {
-    let paths: Vec<String> = wants.iter().map(|want| want.path.clone()).collect();
+    let watch = backend.watch(paths).await;
+    let mut watch = watch.map_err(|problem| context.failure(&problem))?;
     let mut told: BTreeMap<String, PointInfo> = BTreeMap::new();
     while let Some(event) = watch.next().await {
         let event = event.map_err(|problem| context.failure(&problem))?;
@@ -126,15 +149,12 @@ async fn come(
         }
         let path = point.path.clone();
         told.insert(path.clone(), point);
-        if !wants
-            .iter()
-            .all(|want| want.is_met_by(told.get(&want.path)))
-        {
+        if met(wants, &told).is_none() {
             continue;
         }
         // What was told of the others may be out of date by now without a word having come.
         if told.len() > 1 {
-            let known = backend.known(&paths).await;
+            let known = backend.known(paths).await;
             let known = known.map_err(|problem| context.failure(&problem))?;
             told.extend(
                 known
@@ -142,15 +162,10 @@ async fn come(
                     .filter(|point| point.path != path)
                     .map(|point| (point.path.clone(), point)),
             );
-            if !wants
-                .iter()
-                .all(|want| want.is_met_by(told.get(&want.path)))
-            {
-                continue;
-            }
         }
-        let in_order = wants.iter().filter_map(|want| told.get(&want.path));
-        return Ok(in_order.cloned().collect());
+        if let Some(in_order) = met(wants, &told) {
+            return Ok(in_order);
+        }
     }
     Err(context.failure(&Problem::new(codes::DAEMON)))
 }
@@ -164,6 +179,8 @@ fn in_vain(context: &Context, wants: &[Want], points: &[PointInfo], patience: Mi
     let mut rows: Vec<Value> = Vec::new();
     for want in wants {
         let Some(point) = points.iter().find(|point| point.path == want.path) else {
+            let text = lang.fill(WaitText::Unread, &[("word", &want.word)]);
+            failure = failure.because(text);
             continue;
         };
         let value = values::point(lang, point);

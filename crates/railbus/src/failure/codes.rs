@@ -19,6 +19,13 @@ const TABLES: [&[Code]; 5] = [
     ends::TABLE,
 ];
 
+/// What makes replies that are not good ones.
+pub(super) const GARBLED: [&str; 2] = [
+    "two modules on one address · other baud or parity · noise, bias, termination or a bad cable · \
+     gaps between the bytes",
+    "两个模块地址相同 · 波特率或校验位不同 · 干扰、偏置、终端电阻或线缆问题 · 字节之间有间隔",
+];
+
 /// What the tables say of a failure, in both languages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Page {
@@ -151,6 +158,17 @@ mod tests {
                 "{code:?}"
             );
         }
+    }
+
+    /// What is promised, who may what and what was done lie in the folder of the state.
+    #[test]
+    fn nobody_is_sent_to_another_folder_of_the_state() {
+        let sends = |code: &Code| {
+            let next = code.page().next.join("");
+            next.contains("RAILBUS_STATE") || next.contains("--state DIR")
+        };
+        let sent: Vec<Code> = Code::all().filter(sends).collect();
+        assert!(sent.is_empty(), "{sent:?}");
     }
 
     #[test]

@@ -37,10 +37,10 @@ pub(crate) const EXITS: &[Exit] = &[
     exit(
         3,
         "no_reply",
-        "nobody answered in time",
-        "限定时间内无人应答",
+        "no reply within the time limit",
+        "限定时间内无应答",
     ),
-    exit(4, "refused", "the module answered no", "模块拒绝"),
+    exit(4, "refused", "refused by the module", "模块拒绝"),
     exit(
         5,
         "garbled",
@@ -50,7 +50,7 @@ pub(crate) const EXITS: &[Exit] = &[
     exit(
         6,
         "not_verified",
-        "acknowledged, but read back otherwise",
+        "acknowledged, but reads back differently",
         "已应答，但回读不一致",
     ),
     exit(
@@ -74,8 +74,8 @@ pub(crate) const EXITS: &[Exit] = &[
     exit(
         10,
         "differs",
-        "differences found, where that was asked",
-        "按要求比较并发现差异",
+        "differences found (--exit-code)",
+        "发现差异（--exit-code）",
     ),
     exit(
         11,

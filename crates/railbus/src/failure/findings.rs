@@ -2,7 +2,7 @@
 //! read. D1 is the machine and its ports, D2 the line, D3 modules, D5 the daemon; L is what the
 //! configuration allows and is still unwise.
 
-use super::codes::Page;
+use super::codes::{GARBLED, Page};
 
 /// A kind of finding.
 #[derive(Clone, Copy, Debug)]
@@ -258,11 +258,11 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "D302",
         ["the module's replies are garbled", "模块的应答损坏"],
+        GARBLED,
         [
-            "two modules on one address · other parity · noise, bias or termination",
-            "两个模块地址相同 · 校验位不同 · 干扰、偏置或终端电阻问题",
+            "railbus scan; then check cable, bias and termination, and try one module alone",
+            "railbus scan；再检查线缆、偏置和终端电阻，并单独接一个模块试验",
         ],
-        ["disconnect one module and try again", "断开一个模块后再试"],
     ),
     finding(
         "D303",
@@ -310,6 +310,21 @@ pub(crate) const ALL: &[Finding] = &[
         ],
     ),
     finding(
+        "D307",
+        [
+            "another model replies in the module's place",
+            "该处应答的是另一型号",
+        ],
+        [
+            "a module was replaced by another model · wrong model in the configuration",
+            "换上了另一型号的模块 · 配置的型号不对",
+        ],
+        [
+            "put the right module in its place, or correct \"model\" in the configuration",
+            "装回正确的模块，或更正配置中的 model",
+        ],
+    ),
+    finding(
         "D401",
         ["there is no configuration", "没有配置"],
         [
@@ -324,7 +339,7 @@ pub(crate) const ALL: &[Finding] = &[
     finding(
         "D402",
         ["the configuration has problems", "配置有问题"],
-        ["see the list of problems", "见问题列表"],
+        ["a key, a value or a name is wrong", "键、值或名称有误"],
         ["railbus config check", "railbus config check"],
     ),
     finding(

@@ -32,6 +32,8 @@ fn faults() -> Vec<(Fault, bool)> {
         Fault::Expired,
         Fault::Locked,
         Fault::Closed,
+        Fault::Stranger { sent: false },
+        Fault::Stranger { sent: true },
         Fault::Refused(Refusal::Invalid),
         Fault::NoReply(evidence),
         Fault::Garbled(evidence),
@@ -46,8 +48,13 @@ fn faults() -> Vec<(Fault, bool)> {
             | Fault::Expired
             | Fault::Locked
             | Fault::Closed
-            | Fault::Refused(_) => false,
-            Fault::NoReply(_) | Fault::Garbled(_) | Fault::NotVerified | Fault::Unknown => true,
+            | Fault::Refused(_)
+            | Fault::Stranger { sent: false } => false,
+            Fault::Stranger { sent: true }
+            | Fault::NoReply(_)
+            | Fault::Garbled(_)
+            | Fault::NotVerified
+            | Fault::Unknown => true,
         };
         (fault, acted)
     });

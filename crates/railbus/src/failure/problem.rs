@@ -3,8 +3,9 @@
 use super::{Code, Failure};
 use crate::api::problem::Problem;
 use crate::i18n::Lang;
-use crate::render::wire_words;
+use crate::render::{reasons, wire_words};
 use crate::texts::Text;
+use railbus_device::Family;
 use railbus_site::config::resembles;
 use railbus_wire::Address;
 use railbus_wire::rtu::Exception;
@@ -94,11 +95,12 @@ fn message(lang: Lang, code: Code, problem: &Problem) -> String {
         Code::Refused if !module.is_empty() => with_module(Text::RefusedBy),
         Code::Garbled if !module.is_empty() => with_module(Text::GarbledBy),
         Code::NotVerified if !module.is_empty() => {
-            let point = text("point");
-            lang.fill(
-                Text::NotVerifiedAt,
-                &[("module", &module), ("point", &point)],
-            )
+            let point = match text("point") {
+                // Several outputs were switched at once.
+                none if none.is_empty() => module,
+                point => format!("{module}.{point}"),
+            };
+            lang.fill(Text::NotVerifiedAt, &[("point", &point)])
         }
         Code::NoModule
         | Code::NoLine
@@ -173,6 +175,18 @@ fn reasons(lang: Lang, code: Code, problem: &Problem) -> Vec<String> {
             &[("attempts", &attempts), ("bytes", &bytes)];
         told.push(lang.fill(heard, values));
     }
+    let lost = problem.with.get("lost").cloned();
+    if let Some(lost) = lost.and_then(|lost| serde_json::from_value(lost).ok()) {
+        let (module, lost) = (problem.text("module"), wire_words::lost(lang, &lost));
+        let values: &[(&str, &dyn std::fmt::Display)] = &[("module", &module), ("lost", &lost)];
+        told.push(lang.fill(Text::OnlyGarbled, values));
+        told.push(Code::Garbled.page().likely(lang).to_owned());
+    }
+    if problem.with.contains_key("channel_doubtful") {
+        let (module, point) = (problem.text("module"), problem.text("point"));
+        let values: &[(&str, &dyn std::fmt::Display)] = &[("module", &module), ("point", &point)];
+        told.push(lang.fill(Text::ChannelDoubtful, values));
+    }
     for key in ["why", "refusal", "reason"] {
         let text = problem.text(key);
         let is_code = code != Code::LineClosed && key == "reason" && problem.code == "E0710";
@@ -186,8 +200,17 @@ fn reasons(lang: Lang, code: Code, problem: &Problem) -> Vec<String> {
                 lang.fill(Text::ModbusException, &[("why", &why)])
             }
             ("why", _) => wire_words::malformed(lang, &text),
+            ("reason", _) if code == Code::LineClosed => reasons::word(lang, &text),
+            ("reason", _) => reasons::told(lang, &text),
             _ => text,
         });
+    }
+    let found = problem.text("answers_as");
+    if !found.is_empty() {
+        let model = problem.text("model");
+        let model = Family::from_name(&model).map_or(model, |family| family.to_string());
+        let values: &[(&str, &dyn std::fmt::Display)] = &[("found", &found), ("model", &model)];
+        told.push(lang.fill(Text::AnswersAs, values));
     }
     let holder = problem.text("holder");
     if !holder.is_empty() {
@@ -233,7 +256,10 @@ fn places_in_config(problem: &Problem) -> Vec<String> {
         .map(|entry| {
             let [line, column, path, reason] =
                 ["line", "column", "path", "reason"].map(|key| of(entry, key));
-            format!("{file}:{line}:{column}: {path}: {reason}")
+            match path.is_empty() {
+                true => format!("{file}:{line}:{column}: {reason}"),
+                false => format!("{file}:{line}:{column}: {path}: {reason}"),
+            }
         })
         .collect()
 }

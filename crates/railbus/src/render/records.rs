@@ -42,14 +42,15 @@ impl Records {
         if format == Format::Csv {
             return self.rows.iter().map(|row| csv(row, self.columns)).collect();
         }
-        // Bare, a value has no room for how good it is.
+        // Bare, a value has no room for how good it is, nor for why there is none.
         let doubtful = |row: &Value| {
             let quality = row.get("quality").and_then(Value::as_str);
             quality.is_some_and(|quality| quality != "good")
         };
-        let bare = |row: &Value| match doubtful(row) {
-            true => "?".to_owned(),
-            false => plain(row.get(self.value).unwrap_or(&Value::Null)),
+        let bare = |row: &Value| match row.get(self.value).unwrap_or(&Value::Null) {
+            Value::Null if self.value == "value" => "?".to_owned(),
+            _ if doubtful(row) => "?".to_owned(),
+            value => plain(value),
         };
         self.rows.iter().map(|row| bare(row) + "\n").collect()
     }
@@ -102,6 +103,7 @@ mod tests {
             rows: vec![
                 json!({"path": "a", "value": true}),
                 json!({"path": "b, \"c\"", "value": 8.5}),
+                json!({"path": "d", "value": null}),
             ],
             columns: &["path", "value", "unit"],
             value: "value",
@@ -113,10 +115,10 @@ mod tests {
     fn every_form_tells_the_same() {
         let of = |format| records().render(format);
         assert_eq!(of(Format::Table), "POINT\na\n");
-        assert_eq!(of(Format::Value), "on\n8.5\n");
+        assert_eq!(of(Format::Value), "on\n8.5\n?\n");
         assert_eq!(
             of(Format::Csv),
-            "path,value,unit\na,on,\n\"b, \"\"c\"\"\",8.5,\n"
+            "path,value,unit\na,on,\n\"b, \"\"c\"\"\",8.5,\nd,,\n"
         );
         let json: Value = serde_json::from_str(&of(Format::Json)).unwrap();
         assert_eq!(json["schema"], 1);

@@ -8,6 +8,7 @@ pub(crate) struct Table {
     head: Vec<String>,
     rows: Vec<Vec<String>>,
     spare: &'static [usize],
+    names: Option<usize>,
 }
 
 impl Table {
@@ -17,7 +18,15 @@ impl Table {
             head: head.into_iter().map(str::to_owned).collect(),
             rows: Vec::new(),
             spare: &[],
+            names: None,
         }
+    }
+
+    /// Which column is what people call it, by its number from 0: where nothing has a name, it is
+    /// left out.
+    pub(crate) const fn names(mut self, column: usize) -> Table {
+        self.names = Some(column);
+        self
     }
 
     /// Which columns can be done without on a narrow terminal, by their number from 0, the first
@@ -44,26 +53,32 @@ impl Table {
             return self.render();
         };
         let fits = |text: &String| text.lines().all(|line| width::of(line) <= columns);
-        let mut narrower = (0..=self.spare.len()).map(|gone| self.without(gone).render());
+        let mut narrower = (0..=self.spare.len()).map(|gone| self.without(gone).aligned());
         match narrower.find(fits) {
             Some(text) => text,
-            None if self.head.is_empty() => self.without(self.spare.len()).render(),
+            None if self.head.is_empty() => self.without(self.spare.len()).aligned(),
             None => self.stacked(),
         }
     }
 
-    /// The table without the first so many of the columns that it can spare.
+    /// The table without the first so many of the columns that it can spare, and without names
+    /// where there are none.
     fn without(&self, gone: usize) -> Table {
         let (gone, _) = self.spare.split_at(gone.min(self.spare.len()));
+        let nameless = self.names.filter(|names| {
+            let cells = self.rows.iter().filter_map(|row| row.get(*names));
+            cells.into_iter().all(String::is_empty)
+        });
         let kept = |row: &Vec<String>| {
             let cells = row.iter().enumerate();
-            let cells = cells.filter(|(column, _)| !gone.contains(column));
+            let cells =
+                cells.filter(|(column, _)| !gone.contains(column) && nameless != Some(*column));
             cells.map(|(_, cell)| cell.clone()).collect()
         };
         Table {
             head: kept(&self.head),
             rows: self.rows.iter().map(kept).collect(),
-            spare: &[],
+            ..Table::default()
         }
     }
 
@@ -86,6 +101,11 @@ impl Table {
 
     /// All of it, each line ended.
     pub(crate) fn render(&self) -> String {
+        self.without(0).aligned()
+    }
+
+    /// Each cell below its heading.
+    fn aligned(&self) -> String {
         let lines = || std::iter::once(&self.head).chain(&self.rows);
         let columns = lines().map(Vec::len).max().unwrap_or_default();
         let widths: Vec<usize> = (0..columns)
@@ -137,6 +157,19 @@ mod tests {
         let mut bare = Table::bare().spare(&[1]);
         bare.add(["pump.do0".to_owned(), "Pump".to_owned(), "on".to_owned()]);
         assert_eq!(bare.render_within(Some(4)), "pump.do0  on\n");
+    }
+
+    #[test]
+    fn a_column_of_names_is_there_where_something_has_one() {
+        let mut table = Table::new(["LINE", "NAME", "STATE"]).spare(&[2]).names(1);
+        table.add(["main".to_owned(), String::new(), "up".to_owned()]);
+        assert_eq!(table.render(), "LINE  STATE\nmain  up\n");
+        assert_eq!(table.render_within(Some(8)), "LINE\nmain\n");
+        table.add(["b".to_owned(), "车间".to_owned(), "up".to_owned()]);
+        assert_eq!(
+            table.render(),
+            "LINE  NAME  STATE\nmain        up\nb     车间  up\n"
+        );
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use crate::api::types::{Confirmed, ModuleState, PointInfo, Quality, Reason, Value};
 use crate::i18n::Lang;
 use crate::texts::Text;
+use std::collections::BTreeMap;
 
 /// `on`, `off`; `8.71 V`; `–` where nothing is known.
 pub(crate) fn point(lang: Lang, point: &PointInfo) -> String {
@@ -42,12 +43,20 @@ pub(crate) fn quality(lang: Lang, point: &PointInfo) -> &'static str {
         (Quality::Stale, _) => Text::Stale,
         (Quality::Bad, Some(Reason::NeverRead)) => Text::NeverRead,
         (Quality::Bad, Some(Reason::Offline)) => Text::OfflineValue,
+        (Quality::Bad, Some(Reason::OtherModel)) => Text::OtherModel,
         (Quality::Bad, Some(Reason::LineAbsent)) => Text::LineAbsent,
         (Quality::Bad, Some(Reason::LineBusy)) => Text::LineBusy,
         (Quality::Bad, Some(Reason::Lent)) => Text::LineLent,
         (Quality::Bad, Some(Reason::LineClosed)) => Text::LineShut,
         (Quality::Bad, Some(Reason::Other) | None) => Text::Bad,
     })
+}
+
+/// What something is called: in the language asked for, else in the one it has a name in; nothing
+/// where it has none.
+pub(crate) fn called(lang: Lang, names: &BTreeMap<String, String>) -> String {
+    let name = names.get(lang.name()).or_else(|| names.values().next());
+    name.cloned().unwrap_or_default()
 }
 
 /// How certain a write is, in words.
@@ -65,5 +74,6 @@ pub(crate) fn presence(lang: Lang, state: ModuleState) -> &'static str {
         ModuleState::Online => Text::Online,
         ModuleState::Offline => Text::Offline,
         ModuleState::Unheard => Text::Unheard,
+        ModuleState::OtherModel => Text::OtherModel,
     })
 }

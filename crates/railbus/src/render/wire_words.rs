@@ -1,6 +1,8 @@
 //! Words of the wire in the user's language. The core speaks English only, and so do logs and JSON.
 
+use crate::api::types::Lost;
 use crate::i18n::Lang;
+use crate::texts::Text;
 use railbus_wire::Malformed;
 use railbus_wire::rtu::Exception;
 
@@ -33,6 +35,18 @@ pub(crate) fn malformed(lang: Lang, why: &str) -> String {
     }
 }
 
+/// What came of the last requests to a module that gives no good reply.
+pub(crate) fn lost(lang: Lang, lost: &Lost) -> String {
+    let why = malformed(lang, lost.why.as_deref().unwrap_or_default());
+    let values: &[(&str, &dyn std::fmt::Display)] = &[
+        ("attempts", &lost.attempts),
+        ("garbled", &lost.garbled),
+        ("bytes", &lost.rx_bytes),
+        ("why", &why),
+    ];
+    lang.fill(Text::Lost, values)
+}
+
 /// All of them: whoever adds one to the match below adds it here.
 const MALFORMED: [Malformed; 9] = [
     Malformed::Start,
@@ -51,7 +65,7 @@ const fn in_chinese(why: Malformed) -> &'static str {
         Malformed::Start => "报文开头不符",
         Malformed::Address => "是其他模块的地址",
         Malformed::Function => "是其他功能",
-        Malformed::Length => "数据个数与所问不符",
+        Malformed::Length => "不完整，或数据个数与所问不符",
         Malformed::Checksum => "校验错误",
         Malformed::Echo => "所确认的与命令不符",
         Malformed::Syntax => "出现了不该有的字符",

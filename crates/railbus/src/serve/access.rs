@@ -128,6 +128,8 @@ pub(super) enum Known {
 pub(super) struct Caller {
     /// The name under which it is written down.
     pub(super) name: String,
+    /// Whose is what is kept of it: a name that is given again is another one's.
+    pub(super) id: String,
     /// None for somebody unknown.
     pub(super) role: Option<Role>,
     /// From where: `socket`; `http` for this machine, and with an address for another.
@@ -142,6 +144,7 @@ impl Caller {
     pub(super) fn owner() -> Caller {
         Caller {
             name: "owner".to_owned(),
+            id: "owner".to_owned(),
             role: Some(Role::Admin),
             via: "socket".to_owned(),
             points: Arc::default(),
@@ -273,6 +276,15 @@ fn note_tries(site: &Site, via: &str) {
         who: "an unknown name".to_owned(),
         via: via.to_owned(),
     }));
+}
+
+/// Does what was asked to its end, whether or not the caller waits for it: what was changed is
+/// told, by an event and to the sessions that it ends.
+async fn to_its_end(asked: impl Future<Output = Response> + Send + 'static) -> Response {
+    tokio::spawn(asked).await.unwrap_or_else(|error| {
+        let problem = Problem::new(codes::INTERNAL).with("reason", error.to_string());
+        answer::problem(&problem)
+    })
 }
 
 /// Tells that somebody changed who may what, and of whom.

@@ -70,13 +70,13 @@ async fn download(
     let form = match asked.get("format").map(String::as_str) {
         None | Some("pcapng") => Form::Pcapng,
         Some("ndjson") => Form::Ndjson,
-        Some(_) => return bad_request("format"),
+        Some(_) => return bad_request("\"format\" is pcapng or ndjson"),
     };
     let seconds = asked
         .get("seconds")
         .map_or(Ok(SECONDS), |text| text.parse());
     let Ok(seconds @ 1..=SECONDS_MAX) = seconds else {
-        return bad_request("seconds");
+        return bad_request("\"seconds\" is 1 to 600");
     };
     let lang = language::of(&site, &asked, &headers);
     match begin(&site, asked.get("line"), lang, form, seconds).await {

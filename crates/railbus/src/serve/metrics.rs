@@ -148,7 +148,7 @@ impl Scrape {
     }
 
     fn up(&self, to: &mut DescriptorEncoder<'_>) -> Result<(), Error> {
-        let about = "Whether a module answers";
+        let about = "Whether a module answers, and is the model of the configuration";
         let name = "railbus_module_up";
         let mut family = to.encode_descriptor(name, about, None, MetricType::Gauge)?;
         for module in &self.modules {

@@ -136,7 +136,7 @@ impl Order {
             may(&service, &name, &wanted)?;
             run(service, name, wanted).await.map(as_json)
         };
-        let (keys, who, body) = (Arc::clone(&self.site.keys), self.who.name, self.body);
+        let (keys, who, body) = (Arc::clone(&self.site.keys), self.who.id, self.body);
         let task = tokio::spawn(async move {
             let Some(key) = key else { return end.await };
             let command = [what.0.as_bytes(), what.1.as_bytes(), &body];

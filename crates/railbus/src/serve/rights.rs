@@ -173,6 +173,7 @@ impl Drop for Here {
 fn callers() -> Vec<Caller> {
     let with = |role: Option<Role>, points: &[&str]| Caller {
         name: "token:x".to_owned(),
+        id: "token:x".to_owned(),
         role,
         via: "http".to_owned(),
         points: points.iter().map(|&points| points.to_owned()).collect(),
@@ -289,6 +290,7 @@ async fn an_answer_under_a_key_is_told_to_who_may_ask_for_it_only() {
     let here = Here::new("key");
     let [all, limited] = [&[][..], &["pump.*".to_owned()]].map(|points| Caller {
         name: "li".to_owned(),
+        id: "li".to_owned(),
         role: Some(Role::Operator),
         via: "http".to_owned(),
         points: points.to_vec().into(),

@@ -113,9 +113,9 @@ fn wish(wanted: &ScanRequest, line: &LineStatus) -> Result<Wish, Problem> {
     let wrong = |what: &str| Problem::new(codes::BAD_REQUEST).with("reason", what.to_owned());
     let protocol = |name: &String| {
         let found = Protocol::ALL.into_iter().find(|p| p.name() == name);
-        found.ok_or_else(|| wrong("protocols"))
+        found.ok_or_else(|| wrong("\"protocols\" can't be read"))
     };
-    let baud = |rate: &u32| Baud::from_rate(*rate).ok_or_else(|| wrong("bauds"));
+    let baud = |rate: &u32| Baud::from_rate(*rate).ok_or_else(|| wrong("\"bauds\" can't be read"));
     let named = wanted.addresses.as_deref().map(addresses).transpose();
     let protocols = wanted.protocols.as_ref();
     let bauds = wanted.bauds.as_ref();

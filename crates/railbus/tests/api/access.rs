@@ -471,3 +471,91 @@ fn no_secret_comes_out_again() {
         }
     }
 }
+
+/// The connection is closed while the new password is hashed. Closed earlier, the request is
+/// dropped, which is as true; so it is asked again, each time closed a little later.
+#[test]
+fn a_change_of_an_account_is_made_and_told_though_the_caller_has_gone() {
+    let daemon = Daemon::start("access-gone", &["--demo"]);
+    assert_eq!(set_up(&daemon).status, 200);
+    let token = token(&daemon, "boss", "admin", &[]);
+    let host = &daemon.address;
+    let mut gone = Vec::new();
+    let ask_and_go = |nth: u64| {
+        let name = format!("wang{nth}");
+        let user = json!({ "name": name, "role": "viewer", "password": PASSWORD }).to_string();
+        let length = user.len();
+        let mut stream = daemon.connect();
+        write!(
+            stream,
+            "POST /api/v1/users HTTP/1.1\r\nHost: {host}\r\n{token}\
+             Content-Length: {length}\r\n\r\n{user}"
+        )
+        .expect("it takes bytes");
+        std::thread::sleep(Duration::from_millis(nth));
+        stream.set_nonblocking(true).expect("a socket");
+        let is_answered = stream.peek(&mut [0]).is_ok();
+        drop(stream);
+        if !is_answered {
+            gone.push(name);
+        }
+        (0..20).find_map(|_| {
+            std::thread::sleep(Duration::from_millis(25));
+            let users = daemon.as_owner("GET", "/api/v1/users", "");
+            let is_made = |name: &&String| users.text().contains(&format!("\"{name}\""));
+            gone.iter().find(is_made).cloned()
+        })
+    };
+    let name = (0..100).find_map(ask_and_go).expect("one was made");
+    let told = || {
+        let path = "/api/v1/events?kind=login";
+        let events = daemon.as_owner("GET", path, "").json();
+        let is_it = |event: &&Value| event["code"] == "user_added" && event["what"] == *name;
+        let events = events["items"].as_array().expect("events");
+        events.iter().find(is_it).map(|event| event["who"].clone())
+    };
+    let told = (0..200).find_map(|_| {
+        std::thread::sleep(Duration::from_millis(50));
+        told()
+    });
+    assert_eq!(told, Some("token:boss".into()));
+}
+
+/// A name that is given again is another one's.
+#[test]
+fn keys_of_a_token_or_a_user_that_is_no_more_are_nobodys() {
+    let daemon = Daemon::demo("access-again");
+    assert_eq!(set_up(&daemon).status, 200);
+    let toggle = |head: &str| {
+        let head = format!("{head}Idempotency-Key: one\r\n");
+        let end = ask(&daemon, "POST", "/api/v1/points/oven/k1/toggle", &head, "");
+        end.json()["value"].clone()
+    };
+    let first = token(&daemon, "plc", "operator", &[]);
+    let on = toggle(&first);
+    assert_eq!(toggle(&first), on, "it is done once");
+    assert_eq!(
+        daemon.as_owner("DELETE", "/api/v1/tokens/plc", "").status,
+        200
+    );
+    let second = token(&daemon, "plc", "operator", &[]);
+    assert_ne!(toggle(&second), on);
+
+    let user = json!({ "name": "wang", "role": "operator", "password": PASSWORD }).to_string();
+    let mut states = Vec::new();
+    for _ in 0..2 {
+        assert_eq!(daemon.as_owner("POST", "/api/v1/users", &user).status, 200);
+        let session = log_in(&daemon, "wang", PASSWORD);
+        let csrf = session.json()["csrf"].as_str().expect("text").to_owned();
+        let cookie = cookie_of(&session);
+        states.push(toggle(&format!(
+            "Cookie: {cookie}\r\nX-CSRF-Token: {csrf}\r\n"
+        )));
+        assert_eq!(
+            daemon.as_owner("DELETE", "/api/v1/users/wang", "").status,
+            200
+        );
+    }
+    assert_ne!(states[0], states[1]);
+    assert!(states.iter().all(Value::is_boolean), "{states:?}");
+}

@@ -378,5 +378,6 @@ fn several_outputs_are_switched_at_once() {
         (409, "E0454".to_owned())
     );
     let short = daemon.put(lease, r#"{"value":true,"ttl_ms":1}"#);
+    assert_eq!(short.json()["reason"], "\"ttl_ms\" is 200 to 3600000");
     assert_eq!(code(short), (422, "E0806".to_owned()));
 }

@@ -1,8 +1,12 @@
 //! Where a value stands, how good it is stands beside it: of modules that are dead, of lines that
 //! are not there, and where the daemon is gone.
 
+use crate::liar::slave;
 use crate::site::{Ran, Site};
 use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
+use std::time::Duration;
 
 /// A simulated line whose modules can be switched off, and a configuration for it that has some
 /// more.
@@ -43,6 +47,9 @@ fn a_module_is_not_blamed_for_the_silence_of_others() {
         // The dead ones were waited for after it was read.
         assert!(point["age_ms"].as_u64() > Some(1_000), "{point}");
     }
+    let listed = site.run("ls").out;
+    let of_gate = listed.lines().find(|line| line.starts_with("gate "));
+    assert!(of_gate.is_some_and(|line| !line.contains('?')), "{listed}");
     let shown = site.run("get gate.do0 kiln.k1 -o value");
     assert_eq!(
         (shown.code, shown.out.as_str()),
@@ -54,6 +61,55 @@ fn a_module_is_not_blamed_for_the_silence_of_others() {
     assert!(
         shown.err.starts_with("error[E0301]: no reply from: kiln\n"),
         "{shown:?}"
+    );
+}
+
+/// Asks the daemon; of what would go on for ever, the first words.
+fn asked(site: &Site, line: &str) -> Ran {
+    let line = format!("--socket {} {line}", site.socket());
+    if !line.contains(" watch ") {
+        return site.run(&line);
+    }
+    let mut child = site
+        .command()
+        .args(line.split(' '))
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("railbus starts");
+    let mut said = BufReader::new(child.stdout.take().expect("it is piped")).lines();
+    // The headings of CSV say nothing yet.
+    let word = said
+        .by_ref()
+        .map(|line| line.expect("text"))
+        .find(|line| !line.starts_with("time,"));
+    child.kill().expect("it ran");
+    child.wait().expect("it ends");
+    Ran {
+        code: 0,
+        out: word.unwrap_or_default() + "\n",
+        err: String::new(),
+    }
+}
+
+#[test]
+fn what_was_read_too_long_ago_is_not_listed_as_if_it_were_now() {
+    let mut site = plant("stale", "");
+    let text = std::fs::read_to_string(site.folder.join("railbus.toml")).expect("a file");
+    let slow = "address = 3\npoll = \"60s\"\nmax_age = \"300ms\"\n";
+    site.configure(&text.replace("address = 3\n", slow));
+    site.serve();
+    let stale = (0..400).any(|_| {
+        std::thread::sleep(Duration::from_millis(25));
+        asked(&site, "get oven.k1 -o csv").out.ends_with(",stale\n")
+    });
+    assert!(stale, "it stays fresh");
+    let modules = asked(&site, "ls -o json").json()["modules"].clone();
+    let oven = modules.as_array().into_iter().flatten();
+    let oven = oven.clone().find(|module| module["module"] == "oven");
+    let oven = oven.expect("oven");
+    assert_eq!(
+        (&oven["state"], &oven["outputs"]),
+        (&"online".into(), &"????????".into())
     );
 }
 
@@ -101,17 +157,151 @@ fn tells_the_quality(run: &dyn Fn(&str) -> Ran, why: &str) {
     );
     let csv = run("ls -o csv").out;
     assert!(csv.contains("????????"), "{csv}");
+    together_tells_the_quality(run);
+    watch_tells_the_quality(run, why);
+}
+
+/// What groups and scenes tell of outputs of which one is not known now: what they are said to
+/// be is none of their states, and what could not be done is told with its error in every form.
+fn together_tells_the_quality(run: &dyn Fn(&str) -> Ran) {
+    for (line, no_states) in [
+        ("ls groups -o csv", "group,frames"),
+        ("scene list -o csv", "scene"),
+        (
+            "export csv",
+            "point,module,label,index,line,port,model,address,protocol,baud,format,name_en,name_zh",
+        ),
+    ] {
+        let ran = run(line);
+        assert_eq!(ran.out.lines().next(), Some(no_states), "{line}: {ran:?}");
+    }
+    for line in [
+        "set @night on",
+        "set oven.k1=on yard.k1=on",
+        "scene run evening",
+    ] {
+        let told = |format: &str| {
+            let ran = run(&format!("{line} -o {format}"));
+            assert_ne!(ran.code, 0, "{line}: {ran:?}");
+            let mut rows = ran.out.lines();
+            let of_oven = rows.find(|row| row.contains("oven.k1") || format == "value");
+            of_oven
+                .unwrap_or_else(|| panic!("{line}: {ran:?}"))
+                .to_owned()
+        };
+        let table = told("table");
+        assert!(table.starts_with("oven.k1  E0"), "{line}: {table}");
+        let csv = told("csv");
+        let error = csv.strip_prefix("oven.k1,,,,,E0");
+        assert_eq!(error.map(str::len), Some(3), "{line}: {csv}");
+        assert_eq!(told("value"), "?", "{line}");
+        let json: Value = serde_json::from_str(&told("json")).expect("JSON");
+        let oven = &json["set"][0];
+        assert!(oven["error"]["code"].is_string(), "{line}: {oven}");
+        assert!(oven["value"].is_null(), "{line}: {oven}");
+    }
+}
+
+/// The first thing that `watch` tells of the output, in every form.
+fn watch_tells_the_quality(run: &dyn Fn(&str) -> Ran, why: &str) {
+    let first = |format: &str| run(&format!("watch oven.k1 -o {format}")).out;
+    let table = first("table");
+    assert!(
+        table.contains("oven.k1  on  ") && table.contains(why),
+        "{table}"
+    );
+    let csv = first("csv");
+    assert!(csv.contains(",oven.k1,on,bad,"), "{csv}");
+    assert_eq!(first("value"), "?\n");
+    for format in ["json", "ndjson"] {
+        let point: Value = serde_json::from_str(&first(format)).expect("JSON");
+        assert_eq!(point["quality"], "bad", "{point}");
+    }
+}
+
+/// An adapter that passes a reply on byte by byte: the module is never heard, commands expire, and
+/// it is told that something came all the same.
+#[test]
+fn replies_in_pieces_are_told_where_a_command_expires() {
+    let piece = |at: usize, byte: u8| (Duration::from_millis(100 * at as u64), vec![byte]);
+    let reply = [3, 1, 1, 0, 0x51, 0xF0];
+    let port = slave(move |_, _| (0..).zip(reply).map(|(at, byte)| piece(at, byte)).collect());
+    let mut site = Site::empty("pieces");
+    site.configure(&format!(
+        "[line.main]\nport = \"pty:{port}\"\n\
+        [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n"
+    ));
+    site.serve();
+    std::thread::sleep(Duration::from_secs(2));
+    let ran = asked(&site, "set oven.k1 on");
+    assert!(ran.err.starts_with("error[E0106]: "), "{ran:?}");
+    assert!(
+        ran.err.contains("no valid reply from oven: requests: ")
+            && ran.err.contains("two modules on one address"),
+        "{ran:?}"
+    );
+    let zh = asked(&site, "--lang zh set oven.k1 on");
+    assert!(zh.err.contains("oven 没有有效应答：请求 "), "{zh:?}");
+}
+
+/// A 0x55 board does not report how many channels it has: where it answers but for one of
+/// them, that is told; where it is silent, it is not.
+#[test]
+fn a_channel_that_a_board_may_not_have_is_told() {
+    let mut site = plant("channel", "");
+    let text = std::fs::read_to_string(site.folder.join("railbus.toml")).expect("a file");
+    site.configure(&text.replace("outputs = 8\n", "outputs = 32\n"));
+    let hint =
+        "the board answers, but not for k20: does it have that many relays? See outputs of yard";
+    let zh = "此板有应答，但 k20 无响应：是否有这么多路继电器？请核对 yard 的 outputs";
+    let whys = |error: &Value| error["why"].to_string();
+    for served in [false, true] {
+        let socket = match served {
+            true => format!("--socket {} ", site.socket()),
+            false => String::new(),
+        };
+        if served {
+            site.serve();
+            let first = (0..400).any(|_| {
+                std::thread::sleep(Duration::from_millis(25));
+                asked(&site, "get yard.k1 -o csv").out.ends_with(",good\n")
+            });
+            assert!(first, "it was never read");
+        }
+        let run = |line: &str| site.run(&format!("{socket}{line}"));
+        for line in ["set yard.k20 on", "pulse yard.k20 300ms"] {
+            let ran = run(line);
+            assert_eq!(ran.code, 3, "{ran:?}");
+            assert!(ran.err.contains(hint), "{line}: {ran:?}");
+            let error = run(&format!("--lang zh {line} -o json")).error();
+            assert!(whys(&error).contains(zh), "{error}");
+        }
+        let both = run("set yard k19=on k20=on");
+        let told = "error[E0601]: not verified: yard was acknowledged";
+        assert!(both.err.starts_with(told), "{both:?}");
+    }
+    power(&site, "yard", "off");
+    let silent = (0..400).any(|_| {
+        std::thread::sleep(Duration::from_millis(25));
+        asked(&site, "get yard.k1 -o csv").out.ends_with(",bad\n")
+    });
+    assert!(silent, "it goes on");
+    let error = asked(&site, "set yard.k20 on -o json").error();
+    assert!(!whys(&error).contains("relays"), "{error}");
 }
 
 #[test]
 fn how_good_a_value_is_stands_beside_it_in_every_form() {
-    let mut site = plant("quality", "");
+    const TOGETHER: &str = "[group.night]\nmembers = [\"oven.k1\", \"yard.k1\"]\n\
+        [scene.evening]\nsteps = [{ set = \"oven.k1\", to = true },\n\
+        { set = \"yard.k1\", to = true }]\n";
+    let mut site = plant("quality", TOGETHER);
     site.serve();
     let socket = site.socket();
-    let run = |line: &str| site.run(&format!("--socket {socket} {line}"));
+    let run = |line: &str| asked(&site, line);
     let until = |what: &dyn Fn() -> bool| {
         let came = (0..400).any(|_| {
-            std::thread::sleep(std::time::Duration::from_millis(25));
+            std::thread::sleep(Duration::from_millis(25));
             what()
         });
         assert!(came, "it did not come");
@@ -125,9 +315,9 @@ fn how_good_a_value_is_stands_beside_it_in_every_form() {
     assert_eq!(history.out.lines().last(), Some("?"), "{history:?}");
     power(&site, "oven", "on");
     until(&|| run("set oven.k1 on").code == 0);
-    // The adapter is pulled out.
-    site.stop_first();
-    let run = |line: &str| site.run(&format!("--socket {socket} {line}"));
+    // The adapter is pulled out: its name goes, too, which would lead to another test's terminal.
+    site.end_first();
+    let run = |line: &str| asked(&site, line);
     until(&|| run("get oven.k1 -o csv").out.ends_with(",bad\n"));
     tells_the_quality(&run, "port missing");
     let told = run("get oven.k1");
@@ -139,7 +329,15 @@ fn how_good_a_value_is_stands_beside_it_in_every_form() {
         "get oven.k1 -o value",
         "ls",
         "ls points oven -o value",
+        "ls -o csv",
+        "ls groups",
+        "scene list",
         "watch oven.k1",
+        "watch oven.k1 -o csv",
+        "set @night on",
+        "set oven.k1=on yard.k1=on -o csv",
+        "scene run evening -o value",
+        "history oven.k1",
     ] {
         let ran = site.run(&format!("--socket {socket} {line}"));
         assert_ne!(ran.code, 0, "{line}: {ran:?}");

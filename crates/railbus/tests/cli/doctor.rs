@@ -1,7 +1,8 @@
 //! `railbus doctor` on the demo line, on bad lines, and mending.
 
-use crate::liar::{liar, talker};
+use crate::liar::{Replies, liar, slave, talker};
 use crate::site::Site;
+use railbus_wire::crc16;
 use std::os::unix::net::UnixListener;
 use std::time::Duration;
 
@@ -140,6 +141,88 @@ fn bad_lines_are_told_apart() {
     assert_eq!(of(""), ["D402"]);
 }
 
+/// A module whose replies come, but broken, is no silent one, whoever asks it: what came is told,
+/// how often and what is wrong with it.
+#[test]
+fn replies_that_are_garbled_are_told_as_such_directly_and_by_the_daemon() {
+    /// Its outputs, or the settings that a fence asks for.
+    fn reply(function: u8) -> Vec<u8> {
+        let mut reply = match function {
+            3 => vec![3, 3, 6, 0, 3, 0, 1, 0, 0],
+            _ => vec![3, 1, 1, 0],
+        };
+        reply.extend(crc16(&reply).to_le_bytes());
+        reply
+    }
+    fn wrong(function: u8) -> Replies {
+        let mut reply = reply(function);
+        *reply.last_mut().expect("bytes") ^= 1;
+        vec![(Duration::ZERO, reply)]
+    }
+    fn pieces(function: u8) -> Replies {
+        let piece = |(at, byte): (u64, u8)| (Duration::from_millis(100 * at), vec![byte]);
+        (0_u64..).zip(reply(function)).map(piece).collect()
+    }
+    type Script = fn(usize, u8) -> Replies;
+    let sum: Script = |_, function| wrong(function);
+    // One garbled reply before silence is no silence.
+    let once: Script = |number, function| match number {
+        0 => wrong(function),
+        _ => Vec::new(),
+    };
+    let cases: [(&str, Script, [&str; 2]); 3] = [
+        ("sum", sum, ["wrong checksum", "校验错误"]),
+        (
+            "pieces",
+            |_, function| pieces(function),
+            ["incomplete", "不完整"],
+        ),
+        ("once", once, ["wrong checksum", "校验错误"]),
+    ];
+    for (name, script, why) in cases {
+        let port = slave(move |number, request| script(number, request[1]));
+        let mut site = Site::empty(&format!("doctor-garbled-{name}"));
+        site.configure(&format!(
+            "[line.main]\nport = \"pty:{port}\"\n\
+            [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n"
+        ));
+        let direct = site.run("doctor --direct -o json");
+        assert_eq!(codes(&direct), ["D302"], "{name}: {direct:?}");
+        assert!(direct.out.contains(why[0]), "{name}: {direct:?}");
+        if name == "once" {
+            assert!(direct.out.contains("garbled replies: 1"), "{direct:?}");
+            continue;
+        }
+        site.serve();
+        std::thread::sleep(Duration::from_secs(1));
+        let socket = site.socket();
+        let told = site.run(&format!("--socket {socket} doctor D302"));
+        assert!(
+            told.out
+                .contains("✗ D302 the module's replies are garbled: oven"),
+            "{name}: {told:?}"
+        );
+        assert!(
+            told.out.contains("requests: ") && told.out.contains(why[0]),
+            "{name}: {told:?}"
+        );
+        assert!(
+            told.out.contains("likely: two modules on one address"),
+            "{name}: {told:?}"
+        );
+        let zh = site.run(&format!("--socket {socket} --lang zh doctor"));
+        assert!(
+            zh.out.contains("✗ D302 模块的应答损坏：oven"),
+            "{name}: {zh:?}"
+        );
+        assert!(
+            zh.out.contains("应答损坏 ") && zh.out.contains(why[1]),
+            "{name}: {zh:?}"
+        );
+        assert!(!zh.out.contains("D301"), "{name}: {zh:?}");
+    }
+}
+
 #[test]
 fn what_is_heard_on_an_idle_line_is_told_apart() {
     let site = Site::empty("doctor-noise");
@@ -187,7 +270,9 @@ fn a_bad_line_reads_so_in_both_languages() {
         &run("en"),
         "system   ✓ clock DATE, locale C.UTF-8\n\
          port     ✗ D103 port not found: /dev/none-such\n                \
-         fix: railbus ls ports\n\
+         likely: adapter not plugged in · another number after plugging it in \
+         again\n                \
+         fix:    railbus ls ports\n\
          daemon   ✓ not running; commands open the line themselves\n\
          errors: 1, warnings: 0\n\
          error[E0196]: the doctor found errors: 1\n  \
@@ -198,6 +283,7 @@ fn a_bad_line_reads_so_in_both_languages() {
         &run("zh"),
         "系统      ✓ 时钟 DATE，语言环境 C.UTF-8\n\
          端口      ✗ D103 端口不存在：/dev/none-such\n                 \
+         可能： 转换器未插好 · 重新插入后编号改变\n                 \
          处理： railbus ls ports\n\
          守护进程  ✓ 未运行；命令会自行打开总线\n\
          错误：1，警告：0\n\

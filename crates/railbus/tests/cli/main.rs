@@ -18,6 +18,7 @@ mod scan;
 mod shells;
 mod site;
 mod sniff;
+mod stranger;
 mod terminal;
 mod users;
 mod wait;

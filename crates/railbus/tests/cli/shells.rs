@@ -89,6 +89,35 @@ fn other_shells_take_their_scripts() {
     }
 }
 
+/// Names are those of the daemon that the command would ask, where it answers at once; else those
+/// of the file.
+#[test]
+fn names_are_asked_of_the_daemon() {
+    let mut served = Site::served("complete");
+    let socket = served.socket();
+    let told = |site: &Site, words: &str| site.run(&format!("complete -- {words}")).out;
+    let asked = format!("--socket {socket}");
+    assert_eq!(
+        told(&served, &format!("{asked} set tank.")),
+        "tank.k1\ntank.k2\n"
+    );
+    assert_eq!(told(&served, &format!("{asked} config show ga")), "gate\n");
+    assert_eq!(told(&served, &format!("{asked} -l ")), "main\n");
+    // Without a flag, a daemon of another site is not asked.
+    let own = site("complete-own");
+    assert_eq!(told(&own, "set pump.do3"), "pump.do3\n");
+    assert_eq!(told(&own, "get ga"), "");
+    served.start(&["serve", "--demo", "--listen", "127.0.0.1:0"], "socket");
+    assert_eq!(told(&served, "get gat").lines().next(), Some("gate"));
+    // One that takes the question and never answers.
+    let mute = own.folder.join("mute");
+    let _mute = std::os::unix::net::UnixListener::bind(&mute).expect("a socket");
+    let begun = std::time::Instant::now();
+    let names = told(&own, &format!("--socket {} get ov", mute.display()));
+    assert!(names.starts_with("oven\noven.k1\n"), "{names}");
+    assert!(begun.elapsed() < std::time::Duration::from_secs(2));
+}
+
 #[test]
 fn names_are_given_in_silence_whatever_is_wrong() {
     let site = Site::empty("silence");

@@ -85,6 +85,52 @@ fn a_table_too_wide_for_the_terminal_does_without_some_columns() {
     assert!(narrow.starts_with("MODULE  "), "{narrow}");
 }
 
+/// What people call it stands beside what commands call it; in the other language where it has no
+/// name in this one.
+#[test]
+fn names_are_listed_at_eighty_columns() {
+    let mut site = Site::demo("terminal-names");
+    let text = std::fs::read_to_string(site.folder.join("railbus.toml")).expect("a file");
+    let called = |name: &str, en: &str, zh: &str| {
+        format!("[{name}]\nname = {{ en = \"{en}\", zh = \"{zh}\" }}\n")
+    };
+    let text = text
+        .replace("[line.main]\n", &called("line.main", "Cellar", "地下室"))
+        .replace(
+            "[module.oven]\n",
+            &called("module.oven", "Oven hall", "炉房"),
+        )
+        .replace(
+            "[module.tank]\n",
+            "[module.tank]\nname = { zh = \"水池\" }\n",
+        );
+    site.configure(&(text + &called("module.oven.point.k1", "Heater", "加热")));
+    site.serve();
+    let run = |columns, line: &str| {
+        let text = shown(
+            &site,
+            columns,
+            &format!("--socket {} {line}", site.socket()),
+        );
+        let widest = text.lines().map(UnicodeWidthStr::width).max();
+        assert!(widest <= Some(usize::from(columns)), "{text}");
+        text
+    };
+    let modules = run(80, "ls");
+    assert!(modules.starts_with("MODULE  NAME       "), "{modules}");
+    assert!(modules.contains("\noven    Oven hall  "), "{modules}");
+    assert!(modules.contains("\ntank    水池       "), "{modules}");
+    assert_eq!(modules.lines().count(), 6, "{modules}");
+    assert!(run(80, "ls --lang zh").contains("\noven  炉房  "));
+    assert!(run(80, "ls lines").contains("\nmain  Cellar  "));
+    let points = run(80, "get oven --fresh");
+    assert!(points.starts_with("oven.k1  off  Heater"), "{points}");
+    assert_eq!(run(40, "ls").lines().count(), 6);
+    // Where nothing has a name, there is no room kept for one.
+    let nameless = run(80, "get gate.do0 --fresh");
+    assert!(nameless.starts_with("gate.do0  off\n"), "{nameless}");
+}
+
 /// A line of the terminal after what was shown on it before and taken away.
 fn uncovered(line: &str) -> &str {
     line.rsplit("\x1b[K").next().unwrap_or_default()

@@ -3,7 +3,11 @@
 use crate::dead::{plant, power};
 use crate::published::keeps_to;
 use crate::site::{Ran, Site};
+use serde_json::{Value, json};
+use std::io::{Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
 use std::process::Stdio;
+use std::time::{Duration, Instant};
 
 /// What must hold whoever has the line.
 fn waits(site: &Site, flags: &[&str]) {
@@ -87,4 +91,118 @@ fn through_the_daemon_it_waits_for_what_happens() {
 fn it_waits_on_a_line_opened_here() {
     let site = plant("wait-line", "");
     waits(&site, &[]);
+}
+
+/// What somebody who looks like a daemon answers.
+enum Answer {
+    Whole(Value),
+    /// One line, and then nothing more.
+    Stream(Value),
+    Nothing,
+}
+
+/// By the path of the request.
+type Answers = fn(&str) -> Answer;
+
+/// Puts one at the socket of a site.
+fn daemon(site: &Site, answer: Answers) {
+    let listener = UnixListener::bind(site.socket()).expect("a socket");
+    let reply = move |mut stream: UnixStream| {
+        let mut head = [0; 4096];
+        let len = stream.read(&mut head).unwrap_or_default();
+        let head = String::from_utf8_lossy(&head[..len]).into_owned();
+        let path = head.split(' ').nth(1).unwrap_or_default();
+        let told = match answer(path) {
+            Answer::Whole(told) => {
+                let told = told.to_string();
+                format!("content-length: {}\r\n\r\n{told}", told.len())
+            }
+            Answer::Stream(told) => {
+                let told = format!("{told}\n");
+                format!(
+                    "transfer-encoding: chunked\r\n\r\n{:x}\r\n{told}\r\n",
+                    told.len()
+                )
+            }
+            Answer::Nothing => return stream,
+        };
+        let _ = stream.write_all(format!("HTTP/1.1 200 OK\r\n{told}").as_bytes());
+        stream
+    };
+    std::thread::spawn(move || {
+        let mut open = Vec::new();
+        for stream in listener.incoming() {
+            open.push(reply(stream.expect("a connection")));
+        }
+    });
+}
+
+fn whose() -> Answer {
+    Answer::Whole(json!({ "schema": 1, "demo": false, "config": "/c", "state": "/s" }))
+}
+
+fn di1(on: bool) -> Value {
+    json!({
+        "path": "p.di1", "module": "p", "label": "di1", "kind": "input", "index": 1, "value": on,
+        "quality": "good", "age_ms": 1,
+    })
+}
+
+fn told(event: &Value) -> Answer {
+    let mut event = event.clone();
+    event["ev"] = "point".into();
+    Answer::Stream(event)
+}
+
+/// A value can come in the last moment, or be good again, without a word of it in time.
+#[test]
+fn what_is_reached_when_the_time_is_over_is_reached() {
+    let site = Site::empty("wait-last");
+    daemon(&site, |path| match path {
+        "/api/v1/site" => whose(),
+        path if path.starts_with("/api/v1/watch") => told(&di1(false)),
+        _ => Answer::Whole(json!({ "schema": 1, "points": [di1(true)] })),
+    });
+    let socket = site.socket();
+    let ran = site.run(&format!(
+        "--socket {socket} wait p.di1=on --timeout 1s -o value"
+    ));
+    assert_eq!((ran.code, ran.out.as_str()), (0, "on\n"), "{ran:?}");
+    let vain = site.run(&format!(
+        "--socket {socket} wait p.di1=off p.di0=on --timeout 1s"
+    ));
+    assert_eq!(vain.code, 12, "{vain:?}");
+}
+
+/// Whoever is asked says nothing, at this step or that.
+#[test]
+fn it_waits_no_longer_than_was_said() {
+    let never: [(&str, Answers); 3] = [
+        ("site", |_| Answer::Nothing),
+        ("watch", |path| match path {
+            "/api/v1/site" => whose(),
+            _ => Answer::Nothing,
+        }),
+        ("points", |path| match path {
+            "/api/v1/site" => whose(),
+            path if path.starts_with("/api/v1/watch") => told(&di1(false)),
+            _ => Answer::Nothing,
+        }),
+    ];
+    for (step, answer) in never {
+        let site = Site::empty(&format!("wait-{step}"));
+        daemon(&site, answer);
+        let begun = Instant::now();
+        let line = format!("--socket {} wait p.di1=on --timeout 1s", site.socket());
+        let ran = site.run(&line);
+        assert!(begun.elapsed() < Duration::from_secs(5), "{step}");
+        assert_eq!(ran.code, 12, "{step}: {ran:?}");
+        let mut lines = ran.err.lines();
+        assert_eq!(lines.next(), Some("error[E1201]: not reached within 1.0 s"));
+        assert!(
+            ran.err
+                .contains("p.di1=on: it could not be read in this time"),
+            "{step}: {ran:?}"
+        );
+    }
 }

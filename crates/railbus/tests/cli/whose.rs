@@ -6,6 +6,7 @@ use serde_json::Value;
 use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 /// A demo at the place where commands look for a daemon.
 fn demo(name: &str) -> Site {
@@ -347,6 +348,25 @@ fn a_daemon_that_can_not_be_asked_is_skipped_or_told() {
             assert_eq!(error["code"], code, "{name}: {error}");
         }
     }
+}
+
+/// A command that waits for half a minute seems to hang itself.
+#[test]
+fn a_daemon_that_hangs_is_told_within_seconds() {
+    let site = Site::empty("whose-hangs");
+    odd_daemon(&site, None);
+    let named = format!("--socket {} ls -o json", socket(&site).display());
+    for line in [named.as_str(), "doctor -o json"] {
+        let begun = Instant::now();
+        let ran = site.run(line);
+        assert!(begun.elapsed() < Duration::from_secs(9), "{line}");
+        let told = format!("{}{}", ran.out, ran.err);
+        assert!(told.contains("no answer within 5 s"), "{line}: {ran:?}");
+        assert_ne!(ran.code, 0, "{line}: {ran:?}");
+    }
+    let error = site.run(&named).error();
+    assert_eq!(error["code"], "E0109", "{error}");
+    assert!(error["hint"].to_string().contains("restart"), "{error}");
 }
 
 /// A file that is named is a site of its own: no daemon of another one lends its line to that.

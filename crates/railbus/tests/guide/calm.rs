@@ -18,10 +18,14 @@ pub(crate) fn calm(text: &str) -> String {
             let word = word.trim_end_matches([',', '.', ';', '，', '。', '；']);
             matches!(word, "ms" | "s" | "毫秒" | "秒" | "%")
         };
+        // How much noise came meanwhile, and how often it was asked into it.
+        let is_noisy = line.contains("(not a valid reply)") || line.contains("不是有效应答");
         let masked = words.iter().enumerate().map(|(at, word)| {
             let measured = word.parse::<f64>().is_ok() && words.get(at + 1).is_some_and(is_unit);
+            let number = word.trim_end_matches([';', '；']);
+            let is_noise = is_noisy && number.parse::<u16>().is_ok();
             let is_port = word.contains("127.0.0.1:");
-            match measured || is_port || is_moment(word) || is_gap(word) {
+            match measured || is_noise || is_port || is_moment(word) || is_gap(word) {
                 true => "#",
                 false => *word,
             }

@@ -1,7 +1,10 @@
 //! The configuration is changed while the site is at work.
 
 use crate::daemon::{Daemon, Folder, railbus};
+use crate::keys::{Board, started};
 use serde_json::json;
+use std::io::Write;
+use std::os::unix::net::UnixStream;
 
 const LINE: &str = "# our site\n[line.main] # the only one\nport = \"/dev/railbus-test-nothing\"\n";
 
@@ -284,4 +287,28 @@ fn groups_and_scenes_are_put_and_taken_out() {
         schema,
         serde_json::from_slice::<serde_json::Value>(&printed.stdout).expect("JSON")
     );
+}
+
+/// A pulse runs at a board whose name becomes that of another one. Once the file says so, a crash
+/// finds nothing left to be done at the first one.
+#[test]
+fn what_was_promised_of_a_board_is_done_before_its_name_is_written_to_be_anothers() {
+    let board = Board::new();
+    let (mut daemon, file) = started(&board, "edits-promised");
+    let begun = daemon.send("POST", "/points/oven/k1/pulse", &json!({ "ms": 600_000 }));
+    assert_eq!((begun.status, board.relays()), (200, 1), "{}", begun.body);
+    // Asked, and not waited for.
+    let mut asked = UnixStream::connect(daemon.folder.0.join("socket")).expect("it listens");
+    write!(
+        asked,
+        "PATCH /api/v1/config/modules/oven HTTP/1.1\r\nHost: any\r\nContent-Length: 13\r\n\r\n\
+         {{\"address\":5}}"
+    )
+    .expect("it is read");
+    while !std::fs::read_to_string(&file).is_ok_and(|text| text.contains("address = 5")) {
+        std::thread::yield_now();
+    }
+    daemon.child.kill().expect("it runs");
+    daemon.child.wait().expect("it ends");
+    assert_eq!(board.relays(), 0);
 }

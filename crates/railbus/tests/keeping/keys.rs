@@ -8,12 +8,13 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
 use std::thread::JoinHandle;
 
 /// A relay board that counts what it is told to switch, and can be made to answer nothing.
-struct Board {
+pub(crate) struct Board {
     device: PathBuf,
+    relays: Arc<AtomicU8>,
     writes: Arc<AtomicUsize>,
     deaf: Arc<AtomicBool>,
     over: Arc<AtomicBool>,
@@ -21,8 +22,10 @@ struct Board {
 }
 
 impl Board {
-    fn new() -> Board {
+    pub(crate) fn new() -> Board {
         let (line, device) = terminal();
+        let now = Arc::<AtomicU8>::default();
+        let shown = Arc::clone(&now);
         let (writes, deaf) = (Arc::<AtomicUsize>::default(), Arc::<AtomicBool>::default());
         let over = Arc::<AtomicBool>::default();
         let (counted, is_deaf, is_over) = (writes.clone(), deaf.clone(), over.clone());
@@ -43,6 +46,7 @@ impl Board {
                 counted.fetch_add(usize::from(writes), Ordering::SeqCst);
                 // It acts, and its answer is lost.
                 let reply = answer(&request[..len], &mut relays);
+                shown.store(relays, Ordering::SeqCst);
                 if !(is_deaf.load(Ordering::SeqCst) && writes) {
                     let _ = rustix::io::write(&line, &reply);
                 }
@@ -50,11 +54,16 @@ impl Board {
         });
         Board {
             device,
+            relays: now,
             writes,
             deaf,
             over,
             thread: Some(thread),
         }
+    }
+
+    pub(crate) fn relays(&self) -> u8 {
+        self.relays.load(Ordering::SeqCst)
     }
 
     fn writes(&self) -> usize {
@@ -71,7 +80,7 @@ impl Drop for Board {
     }
 }
 
-fn started(board: &Board, name: &str) -> (Daemon, PathBuf) {
+pub(crate) fn started(board: &Board, name: &str) -> (Daemon, PathBuf) {
     let folder = Folder::new(name);
     let text = format!(
         "[line.main]\nport = \"pty:{}\"\n[module.oven]\nline = \"main\"\n\

@@ -11,9 +11,9 @@ use crate::cli;
 use crate::commands::Context;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
-use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
+use crate::render::{out, wire_words};
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_device::Refusal;
 use railbus_site::commission::{
@@ -167,7 +167,7 @@ pub(crate) fn hindered(lang: Lang, target: &Target, why: Hindrance) -> Failure {
     match why {
         Hindrance::Stopped => of(Code::NotConfirmed),
         Hindrance::Refused(Refusal::Exception(exception)) => {
-            of(Code::SettingRefused).because(exception)
+            of(Code::SettingRefused).because(wire_words::exception(lang, exception))
         }
         Hindrance::Refused(_) => of(Code::SettingRefused),
         Hindrance::NotFinished => of(Code::NotCalibrated),

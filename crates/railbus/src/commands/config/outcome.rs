@@ -2,8 +2,10 @@
 
 use super::target::Target;
 use super::texts::ConfigText;
+use crate::api::config_words;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
+use crate::render::wire_words;
 use railbus_device::{Refusal, SetupError};
 use railbus_site::commission::{Ended, Place, Refused, Trouble, Why};
 use railbus_site::settings::{Wrong, range};
@@ -38,7 +40,9 @@ pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure
         Trouble::Refused(Refused::Setup(SetupError::Address(low, high))) => {
             about(Code::SettingRange).because(format!("address: {low}-{high}"))
         }
-        Trouble::Refused(Refused::Setup(why)) => about(Code::SettingRange).because(why),
+        Trouble::Refused(Refused::Setup(why)) => {
+            about(Code::SettingRange).because(config_words::setup(lang, *why))
+        }
         Trouble::Refused(Refused::NoCommand) => about(Code::SettingFixed),
         Trouble::Refused(Refused::NotReadable) => about(Code::NotReadable),
         Trouble::Taken(taken) => {
@@ -145,7 +149,9 @@ pub(crate) fn ended(
 
 fn because(lang: Lang, failure: Failure, why: Why) -> Failure {
     match why {
-        Why::Refused(Refusal::Exception(exception)) => failure.because(exception),
+        Why::Refused(Refusal::Exception(exception)) => {
+            failure.because(wire_words::exception(lang, exception))
+        }
         Why::Refused(Refusal::Invalid) => failure.because("?AA"),
         Why::Refused(Refusal::WatchdogTripped) => failure.because("!"),
         Why::NotVerified => failure.because(lang.get(ConfigText::ReadsOtherwise)),

@@ -273,7 +273,7 @@ texts! {
     CallsItself { en: "it identifies itself as {name}", zh: "它自称 {name}" }
     NotAsModel { en: "its replies do not match that model", zh: "其应答与该型号不符" }
     TakenBy { en: "at {place} in {protocol}: {module}", zh: "位于 {place}，协议 {protocol}：{module}" }
-    TakenGarbled { en: "the reply was not valid: there may be two modules", zh: "应答不完整：可能有两个模块" }
+    TakenGarbled { en: "the reply was not valid: there may be two modules", zh: "应答无效：可能有两个模块" }
     ReadsOtherwise { en: "acknowledged, but reads back differently", zh: "已应答，但回读不一致" }
     NotAcknowledged { en: "not acknowledged", zh: "未得到应答" }
 

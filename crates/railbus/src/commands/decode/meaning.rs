@@ -348,7 +348,7 @@ fn of_r55(lang: Lang, request: &r55::Request) -> String {
             say!(
                 lang,
                 "pulse: k{n} on for {time} ms",
-                "点动闭合：k{n} {time} 毫秒"
+                "点动接通：k{n} {time} 毫秒"
             )
         }
         R::JogOpen(channel, time) => {

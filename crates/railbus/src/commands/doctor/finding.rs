@@ -1,8 +1,11 @@
 //! What is found: a code of the table, the facts of this case, and the commands that mend it.
 
+use super::texts::DoctorText;
+use crate::api::types::Lost;
 use crate::commands::config_check::Shown;
 use crate::failure::findings;
 use crate::i18n::Lang;
+use crate::render::wire_words;
 use crate::texts::Text;
 use serde_json::{Value, json};
 
@@ -92,6 +95,24 @@ impl Finding {
         }
     }
 
+    /// A module that gives no good reply, and what came instead of one. Where most of it was
+    /// garbled, it is not silent.
+    pub(super) fn unanswered(lang: Lang, at: &str, lost: Option<&Lost>) -> Finding {
+        let met = lost.filter(|lost| lost.garbled > 0);
+        let code = match met {
+            Some(lost) if u16::from(lost.garbled) * 2 >= u16::from(lost.attempts) => "D302",
+            _ => "D301",
+        };
+        let detail = match met {
+            Some(lost) => {
+                let lost = wire_words::lost(lang, lost);
+                lang.fill(DoctorText::Met, &[("at", &at), ("lost", &lost)])
+            }
+            None => at.to_owned(),
+        };
+        Finding::error(Section::Modules, code, detail)
+    }
+
     pub(super) fn of_lint(shown: &Shown) -> Finding {
         let detail = format!("{} ({})", shown.message, shown.path);
         Finding {
@@ -128,6 +149,12 @@ impl Finding {
         }
     }
 
+    /// What it usually comes from.
+    pub(super) fn likely(&self, lang: Lang) -> Option<&'static str> {
+        let page = self.code.and_then(findings::find)?;
+        Some(page.page.likely(lang))
+    }
+
     /// What to do: the commands, or else what the table or the case says.
     pub(super) fn steps(&self, lang: Lang) -> Vec<String> {
         let page = self.code.and_then(findings::find);
@@ -145,11 +172,10 @@ impl Finding {
     }
 
     pub(super) fn json(&self, lang: Lang) -> Value {
-        let page = self.code.and_then(findings::find);
         json!({
             "section": self.section.name(), "state": self.state.name(), "code": self.code,
             "message": self.message(lang),
-            "likely": page.map(|finding| finding.page.likely(lang)),
+            "likely": self.likely(lang),
             "hint": self.steps(lang), "fix": self.fix,
         })
     }

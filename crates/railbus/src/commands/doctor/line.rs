@@ -4,6 +4,7 @@
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
 use super::{device_of, hearing, port};
+use crate::api::types::Lost;
 use crate::commands::Context;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
@@ -223,7 +224,11 @@ async fn read(lang: Lang, line: &Chosen) -> Vec<Finding> {
     let (mut ends, mut hearings) = (Vec::new(), Vec::new());
     for (index, (name, module)) in line.modules.iter().enumerate() {
         let op = module.full_poll().next().unwrap_or(Op::ReadOutputs);
-        let end = handle.run(ModuleId(index), op, Terms::default()).await;
+        let id = ModuleId(index);
+        let mut end = handle.run(id, op, Terms::default()).await;
+        if end.is_ok() && is_stranger(&handle, id, module).await {
+            end = Err(Fault::Stranger { sent: false });
+        }
         if end.is_ok()
             && let Some(told) = hearing::ask(&handle, module).await
         {
@@ -252,6 +257,16 @@ async fn read(lang: Lang, line: &Chosen) -> Vec<Finding> {
     found
 }
 
+/// Whether a module that has answered says that it is another model.
+async fn is_stranger(line: &Line, id: ModuleId, module: &Module) -> bool {
+    if !module.can_be_contradicted() {
+        return false;
+    }
+    let end = line.run(id, Op::Identify, Terms::default()).await;
+    let seen = end.ok().and_then(|done| done.seen);
+    seen.is_some_and(|seen| !module.recognises(&seen))
+}
+
 /// What the reads of a line's modules came to.
 fn verdicts(lang: Lang, line: &Chosen, ends: &[Option<Fault>], late: &[usize]) -> Vec<Finding> {
     let mut found = Vec::new();
@@ -266,19 +281,18 @@ fn verdicts(lang: Lang, line: &Chosen, ends: &[Option<Fault>], late: &[usize]) -
             ("settings", &setup.serial),
         ];
         let at = || lang.fill(DoctorText::At, values);
-        let code = match end {
-            None if late.contains(&index) => "D304",
+        found.push(match end {
+            None if late.contains(&index) => Finding::warning(Section::Modules, "D304", at()),
             None => {
                 answered.push(name.as_str());
                 continue;
             }
-            Some(Fault::Garbled(_)) => "D302",
-            Some(Fault::Refused(_)) => "D303",
-            Some(_) => "D301",
-        };
-        found.push(match code {
-            "D304" => Finding::warning(Section::Modules, code, at()),
-            _ => Finding::error(Section::Modules, code, at()),
+            Some(Fault::NoReply(met) | Fault::Garbled(met)) => {
+                Finding::unanswered(lang, &at(), Some(&Lost::from(*met)))
+            }
+            Some(Fault::Refused(_)) => Finding::error(Section::Modules, "D303", at()),
+            Some(Fault::Stranger { .. }) => Finding::error(Section::Modules, "D307", at()),
+            Some(_) => Finding::unanswered(lang, &at(), None),
         });
     }
     if answered.is_empty()
@@ -306,7 +320,7 @@ mod tests {
     use super::*;
     use railbus_bus::Evidence;
     use railbus_device::{Family, Refusal, Setup};
-    use railbus_wire::Address;
+    use railbus_wire::{Address, Malformed};
 
     fn line() -> Chosen {
         let module = |address| Module::new(Setup::new(Family::Erc8, Address(address))).unwrap();
@@ -355,8 +369,17 @@ mod tests {
             told(&[Some(silent), Some(silent)], &[]),
             ["D301", "D301", "D205"]
         );
-        let garbled = Fault::Garbled(Evidence::default());
+        let met = |attempts| Evidence {
+            attempts,
+            garbled: 1,
+            bytes: 6,
+            why: Some(Malformed::Checksum),
+        };
+        let garbled = Fault::Garbled(met(2));
         let refused = Fault::Refused(Refusal::Invalid);
         assert_eq!(told(&[Some(garbled), Some(refused)], &[]), ["D302", "D303"]);
+        // Mostly it is silent.
+        let once = Fault::Garbled(met(3));
+        assert_eq!(told(&[Some(once), None], &[]), ["ok", "D301"]);
     }
 }

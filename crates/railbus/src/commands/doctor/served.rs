@@ -9,6 +9,7 @@ use crate::commands::Context;
 use crate::failure::Failure;
 use crate::i18n::Lang;
 use crate::render::time;
+use crate::texts::Text;
 
 /// What the daemon knows of its lines and modules.
 ///
@@ -53,9 +54,16 @@ pub(super) fn told(
     modules: impl Iterator<Item = ModuleInfo>,
     points: &[PointInfo],
 ) -> Vec<Finding> {
-    let lines = lines.iter();
-    let mut found: Vec<Finding> = lines.flat_map(|line| line_at_daemon(lang, line)).collect();
-    found.extend(modules_at_daemon(lang, modules, points));
+    let mut found: Vec<Finding> = lines
+        .iter()
+        .flat_map(|line| line_at_daemon(lang, line))
+        .collect();
+    // Of a line that is not open nobody can be asked.
+    let is_open = |module: &ModuleInfo| {
+        let line = lines.iter().find(|line| line.line == module.line);
+        line.is_some_and(|line| line.state == PortState::Up)
+    };
+    found.extend(modules_at_daemon(lang, modules.filter(is_open), points));
     found
 }
 
@@ -93,7 +101,7 @@ fn modules_at_daemon(
     points: &[PointInfo],
 ) -> Vec<Finding> {
     let mut found = Vec::new();
-    let mut answered = Vec::new();
+    let (mut answered, mut unasked) = (Vec::new(), Vec::new());
     for module in modules {
         if module.late_1h > LATE_MAX {
             let detail = format!("{} ({} / h)", module.module, module.late_1h);
@@ -103,8 +111,20 @@ fn modules_at_daemon(
             answered.push(module.module);
             continue;
         }
+        if module.state == ModuleState::Unheard && module.lost.is_none() {
+            unasked.push(module.module);
+            continue;
+        }
         let address = railbus_wire::Address(module.address);
         let at = format!("{} ({address}, {})", module.module, module.protocol);
+        if let Some(says) = &module.answers_as {
+            let values: &[(&str, &dyn std::fmt::Display)] =
+                &[("found", says), ("model", &module.title)];
+            let says = lang.fill(Text::AnswersAs, values);
+            let detail = lang.fill(Text::Named, &[("title", &at), ("name", &says)]);
+            found.push(Finding::error(Section::Modules, "D307", detail));
+            continue;
+        }
         let of_module = points.iter().filter(|point| point.module == module.module);
         let last = of_module.filter_map(|point| point.time.as_deref()).max();
         let detail = match last {
@@ -115,7 +135,11 @@ fn modules_at_daemon(
             }
             None => at,
         };
-        found.push(Finding::error(Section::Modules, "D301", detail));
+        found.push(Finding::unanswered(lang, &detail, module.lost.as_ref()));
+    }
+    if !unasked.is_empty() {
+        let text = lang.fill(DoctorText::NotAsked, &[("modules", &unasked.join(" "))]);
+        found.push(Finding::good(Section::Modules, text));
     }
     if !answered.is_empty() {
         let (count, modules) = (answered.len(), answered.join(" "));
@@ -135,6 +159,7 @@ fn modules_at_daemon(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::api::types::Lost;
     use serde_json::json;
 
     #[test]
@@ -163,6 +188,15 @@ mod tests {
             module("slow", "online", 6),
             module("tank", "offline", 0),
             module("shed", "unheard", 0),
+            ModuleInfo {
+                lost: Some(Lost {
+                    attempts: 7,
+                    garbled: 6,
+                    rx_bytes: 36,
+                    why: Some("wrong checksum".to_owned()),
+                }),
+                ..module("kiln", "unheard", 0)
+            },
         ];
         let found = modules_at_daemon(Lang::En, modules.into_iter(), &points);
         let told: Vec<(Option<&str>, &str)> =
@@ -171,7 +205,10 @@ mod tests {
         assert_eq!(told[0], (Some("D304"), "slow (6 / h)"));
         let tank = format!("tank (5 (05h), rtu), last good {last}");
         assert_eq!(told[1], (Some("D301"), tank.as_str()));
-        assert_eq!(told[2], (Some("D301"), "shed (5 (05h), rtu)"));
-        assert_eq!(told[3], (None, "online on railbus serve: oven slow (2)"));
+        let kiln =
+            "kiln (5 (05h), rtu); requests: 7, garbled replies: 6, bytes: 36 (wrong checksum)";
+        assert_eq!(told[2], (Some("D302"), kiln));
+        assert_eq!(told[3], (None, "not asked yet: shed"));
+        assert_eq!(told[4], (None, "online on railbus serve: oven slow (2)"));
     }
 }

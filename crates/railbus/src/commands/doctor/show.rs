@@ -9,6 +9,7 @@ use crate::render::colour::Paint;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::{Format, out, records, width};
+use crate::texts::Text;
 use serde_json::json;
 
 pub(super) fn result(context: &Context, found: &[Finding]) -> Result<(), Failure> {
@@ -84,15 +85,15 @@ fn page(lang: Lang, found: &[Finding], paint: Paint) -> String {
             width::pad(head, margin),
             finding.message(lang)
         );
+        let (likely, fix) = (lang.get(Text::Likely), lang.get(DoctorText::FixLabel));
+        let wide = width::of(likely).max(width::of(fix)) + 1;
         let steps = finding.steps(lang);
-        for (index, step) in steps.iter().enumerate() {
-            let label = if index == 0 {
-                lang.get(DoctorText::FixLabel)
-            } else {
-                ""
-            };
-            let label = width::pad(label, width::of(lang.get(DoctorText::FixLabel)) + 1);
-            text += &format!("{}{label}{step}\n", " ".repeat(margin + 7));
+        let first = std::iter::once(fix).chain(std::iter::repeat(""));
+        let likely = finding.likely(lang).map(|why| (likely, why));
+        let steps = first.zip(steps.iter().map(String::as_str));
+        for (label, line) in likely.into_iter().chain(steps) {
+            let label = width::pad(label, wide);
+            text += &format!("{}{label}{line}\n", " ".repeat(margin + 7));
         }
     }
     text
@@ -127,8 +128,12 @@ mod tests {
             page(Lang::En, &found, Paint::Plain),
             "system   ✓ fine\n\
              port     ✗ D102 permission denied: can't open the port: /dev/x\n                \
-             fix: sudo one\n                     sudo two\n         \
-             ! D103 port not found: /dev/y\n                fix: railbus ls ports\n"
+             likely: you are not in the device's group\n                \
+             fix:    sudo one\n                        sudo two\n         \
+             ! D103 port not found: /dev/y\n                \
+             likely: adapter not plugged in · another number after plugging it in \
+             again\n                \
+             fix:    railbus ls ports\n"
         );
         let zh = page(Lang::Zh, &found, Paint::Plain);
         assert!(

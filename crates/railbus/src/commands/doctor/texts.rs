@@ -53,6 +53,8 @@ crate::texts::texts! {
         en: "{module} (address {address}, {protocol}, {settings})",
         zh: "{module}（地址 {address}，{protocol}，{settings}）",
     }
+    Met { en: "{at}; {lost}", zh: "{at}；{lost}" }
+    NotAsked { en: "not asked yet: {modules}", zh: "尚未询问：{modules}" }
     LastGood { en: "{at}, last good {time}", zh: "{at}，最近有效 {time}" }
     ConfigGood {
         en: "{file}: valid; estimated load {loads}",
@@ -62,7 +64,7 @@ crate::texts::texts! {
         en: "not running; commands open the line themselves",
         zh: "未运行；命令会自行打开总线",
     }
-    DaemonRuns { en: "running for {site}, {socket}", zh: "正在运行，配置为 {site}，{socket}" }
+    DaemonRuns { en: "running for {site}, {socket}", zh: "正在运行，配置：{site}，{socket}" }
     LineUp { en: "{line} is open (daemon)", zh: "{line} 已打开（守护进程）" }
 
     Summary { en: "errors: {errors}, warnings: {warnings}", zh: "错误：{errors}，警告：{warnings}" }

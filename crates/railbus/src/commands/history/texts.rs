@@ -21,8 +21,8 @@ crate::texts::texts! {
     }
     Point { en: "A point, such as pump.do0", zh: "测点，例如 pump.do0" }
     Since {
-        en: "Start: 30m, 12h or 7d ago, or 08:00, \"2026-11-22 08:00\"; default 1h",
-        zh: "起始：30m、12h、7d 之前，或 08:00、\"2026-11-22 08:00\"；默认 1h",
+        en: "Start: \"2026-11-22 08:00\", 08:00, or 30m, 12h, 7d ago; default 1h",
+        zh: "起始：\"2026-11-22 08:00\"、08:00，或 30m、12h、7d 之前；默认 1h",
     }
     Until {
         en: "End, in the same form; default now",

@@ -4,13 +4,15 @@ use crate::api::control_types::GroupInfo;
 use crate::i18n::Lang;
 use crate::render::records::Records;
 use crate::render::table::Table;
+use crate::render::values;
 use crate::texts::Text;
 
 /// The list of groups.
 pub(super) fn records(lang: Lang, groups: &[GroupInfo]) -> Records {
-    let mut table = Table::new(lang.get(Text::LsGroupsHead).split('|')).spare(&[2, 1]);
+    let head = lang.get(Text::LsGroupsHead).split('|');
+    let mut table = Table::new(head).spare(&[2, 1]).names(1);
     for group in groups {
-        let name = group.name.get(lang.name()).cloned().unwrap_or_default();
+        let name = values::called(lang, &group.name);
         table.add([
             format!("@{}", group.group),
             name,

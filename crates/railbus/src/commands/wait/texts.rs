@@ -46,5 +46,9 @@ crate::texts::texts! {
         en: "waiting for {word}: {value}, {quality}",
         zh: "等待 {word}：{value}，{quality}",
     }
+    Unread {
+        en: "waiting for {word}: it could not be read in this time",
+        zh: "等待 {word}：在此时间内未能读取",
+    }
     After { en: "after {time}", zh: "用时 {time}" }
 }

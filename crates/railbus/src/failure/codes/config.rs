@@ -35,10 +35,9 @@ codes! {
         next: ["railbus ls models", "railbus ls models"],
     }
     BadValue = "E0806" {
-        title: ["invalid value for this point", "该测点不接受此值"],
-        likely: ["outputs take on, off or toggle; inputs can't be written; variables take numbers",
-            "输出接受 on、off、toggle；输入不可写；变量接受数字"],
-        next: ["railbus help set", "railbus help set"],
+        title: ["invalid value", "值无效"],
+        likely: ["a typing mistake, another type, or out of range", "输入错误、类型不符，或超出范围"],
+        next: ["correct the value and try again", "改正后重试"],
     }
     NotAnOutput = "E0807" {
         title: ["not an output", "该测点不是输出"],
@@ -179,7 +178,8 @@ codes! {
             "GET /api/v1/config/generations 列出所保留的版本"],
     }
     NoIfMatch = "E0832" {
-        title: ["the text to be replaced must be given", "须说明要替换的文本"],
+        title: ["nothing written: If-Match does not say which text is to be replaced",
+            "未写入：If-Match 未说明要替换哪个文本"],
         likely: ["the request has no If-Match header", "请求缺少 If-Match 头"],
         next: ["send the ETag of GET /api/v1/config as If-Match",
             "以 GET /api/v1/config 的 ETag 作为 If-Match 发送"],
@@ -397,8 +397,8 @@ codes! {
         next: ["read the settings again, then change them", "重新读取设置后再更改"],
     }
     NoSettingsMatch = "E0882" {
-        title: ["nothing written: the request does not say which settings it changes",
-            "未写入：未说明更改哪些设置"],
+        title: ["nothing written: If-Match does not say which settings are to be changed",
+            "未写入：If-Match 未说明要更改哪些设置"],
         likely: ["If-Match is missing", "缺少 If-Match"],
         next: ["GET the settings, and send their ETag as If-Match",
             "先 GET 设置，并以其 ETag 作为 If-Match"],

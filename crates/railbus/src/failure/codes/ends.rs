@@ -92,7 +92,8 @@ codes! {
     AccountsFile = "E0916" {
         title: ["the accounts can't be read or saved", "无法读取或保存账户"],
         likely: ["no write permission for the state folder · disk full", "状态文件夹不可写 · 磁盘已满"],
-        next: ["choose another folder with RAILBUS_STATE", "用 RAILBUS_STATE 指定其他文件夹"],
+        next: ["free disk space or restore write permission for the state folder, then repeat",
+            "腾出空间或恢复状态文件夹的写权限，然后重试"],
     }
     AccountsHeld = "E0917" {
         title: ["the accounts are in use by another program", "账户正由其他程序使用"],

@@ -1,6 +1,6 @@
 //! What a module did or did not: exit codes 3 to 6.
 
-use super::{Code, codes};
+use super::{Code, GARBLED, codes};
 
 codes! {
     NoReply = "E0301" {
@@ -48,6 +48,14 @@ codes! {
             host watchdog has tripped",
             "配置的型号不对 · 通道或值不存在 · 模块的主机看门狗已动作"],
         next: ["railbus scan", "railbus scan"],
+    }
+    OtherModel = "E0402" {
+        title: ["another model replies in the module's place", "该处应答的是另一型号"],
+        likely: ["a module was replaced by another model · two modules changed places · \
+            wrong model in the configuration",
+            "换上了另一型号的模块 · 两个模块装反 · 配置的型号不对"],
+        next: ["put the right module in its place, or correct \"model\" in the configuration",
+            "装回正确的模块，或更正配置中的 model"],
     }
     AddressTaken = "E0440" {
         title: ["nothing written: the new address is in use", "未写入：新地址已被占用"],
@@ -120,8 +128,7 @@ codes! {
     }
     Garbled = "E0501" {
         title: ["garbled: the bytes received are not a valid reply", "应答损坏：收到的字节不是有效应答"],
-        likely: ["other baud or parity · two modules on one address · noise, bias or termination",
-            "波特率或校验位不同 · 两个模块地址相同 · 干扰、偏置或终端电阻问题"],
+        likely: GARBLED,
         next: ["railbus scan", "railbus scan"],
     }
     NoProtocol = "E0502" {

@@ -35,11 +35,13 @@ codes! {
     }
     NoDaemon = "E0109" {
         title: ["the daemon can't be reached", "无法连接守护进程"],
-        likely: ["it is not running · different socket · no permission", "未运行 · 套接字不同 · 无权限"],
-        next: ["railbus serve", "railbus serve"],
+        likely: ["it is not running, or hangs · different socket · no permission",
+            "未运行或已停止响应 · 套接字不同 · 无权限"],
+        next: ["railbus serve, or restart the daemon if it hangs",
+            "railbus serve；若守护进程已停止响应，请重新启动它"],
     }
     NoPage = "E0110" {
-        title: ["the daemon has nothing at this address", "守护进程没有此地址"],
+        title: ["there is nothing at this address", "没有此地址"],
         likely: ["the daemon has a different version than this command", "守护进程与此命令版本不同"],
         next: ["restart the daemon", "重新启动守护进程"],
     }
@@ -50,10 +52,11 @@ codes! {
             "查看下次启动的日志：未完成的操作记为未知"],
     }
     Journal = "E0140" {
-        title: ["the journal of changes can't be written; nothing was sent after it failed",
-            "无法写入更改日志；失败后未再发送任何内容"],
+        title: ["the journal of changes can't be read or written; nothing was sent after it failed",
+            "无法读取或写入更改日志；失败后未再发送任何内容"],
         likely: ["no write permission for the folder · disk full", "文件夹无写权限 · 磁盘已满"],
-        next: ["choose another folder with --state DIR", "用 --state DIR 指定其他文件夹"],
+        next: ["free disk space or restore write permission for the state folder, then repeat",
+            "腾出空间或恢复状态文件夹的写权限，然后重试"],
     }
     JournalBusy = "E0141" {
         title: ["another railbus is changing settings", "另一个 railbus 正在更改设置"],
@@ -75,8 +78,8 @@ codes! {
         title: ["not sent: required state can't be saved to disk",
             "未发送：必须记住的内容无法写入磁盘"],
         likely: ["disk full · no write permission for the state folder", "磁盘已满 · 状态文件夹无写权限"],
-        next: ["free disk space, or set RAILBUS_STATE to another folder",
-            "腾出空间，或用 RAILBUS_STATE 指定其他文件夹"],
+        next: ["free disk space or restore write permission for the state folder, then repeat",
+            "腾出空间或恢复状态文件夹的写权限，然后重试"],
     }
     NoCommand = "E0151" {
         title: ["unknown command number", "没有此编号的命令记录"],

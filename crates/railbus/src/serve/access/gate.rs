@@ -293,6 +293,7 @@ impl Access {
         };
         let nobody = Caller {
             name: "nobody".to_owned(),
+            id: "nobody".to_owned(),
             role: None,
             via,
             points: Arc::default(),
@@ -316,6 +317,7 @@ impl Access {
             None => nobody,
             Some(token) => Caller {
                 name: format!("token:{}", token.name),
+                id: format!("token:{}", token.id),
                 role: Some(token.role),
                 points: token.points.into(),
                 known: Known::Token(token.id),
@@ -340,6 +342,7 @@ impl Access {
         };
         let is_ours = presented.is_some_and(|presented| presented == csrf(cookie));
         Caller {
+            id: format!("user:{}:{}", user.name, user.created.as_millisecond()),
             name: user.name,
             role: Some(user.role),
             points: user.points.into(),

@@ -5,7 +5,7 @@ use super::gate::{Access, Peer};
 use super::secret::Secret;
 use super::sessions::csrf;
 use super::tries::Who;
-use super::{Caller, Known, Need, Role, note_change, note_login, password};
+use super::{Caller, Known, Need, Role, note_change, note_login, password, to_its_end};
 use crate::api::problem::{Problem, codes};
 use crate::serve::doc::Doc;
 use crate::serve::routes::{Answer, Route, Site};
@@ -167,17 +167,20 @@ async fn set_up(
     peer: Option<Extension<Peer>>,
     body: Bytes,
 ) -> Answer {
-    let end = first_user(&site, address(peer), &body).await;
-    let name = end.as_ref().ok().map(|(name, _)| name.as_str());
-    note_login(&site, name, &who.via, end.as_ref().err());
-    if let Some(name) = name {
-        let first = Caller {
-            name: name.to_owned(),
-            ..who.0.clone()
-        };
-        note_change(&site, &first, "user_added", name, Some(Role::Admin.name()));
-    }
-    begun((&site, &who), end)
+    to_its_end(async move {
+        let end = first_user(&site, address(peer), &body).await;
+        let name = end.as_ref().ok().map(|(name, _)| name.as_str());
+        note_login(&site, name, &who.via, end.as_ref().err());
+        if let Some(name) = name {
+            let first = Caller {
+                name: name.to_owned(),
+                ..who.0.clone()
+            };
+            note_change(&site, &first, "user_added", name, Some(Role::Admin.name()));
+        }
+        begun((&site, &who), end)
+    })
+    .await
 }
 
 async fn first_user(
@@ -231,14 +234,17 @@ async fn log_in(
     peer: Option<Extension<Peer>>,
     body: Bytes,
 ) -> Answer {
-    let wanted: LoginRequest = match read(&body) {
-        Ok(wanted) => wanted,
-        Err(problem) => return answer::problem(&problem),
-    };
-    let LoginRequest { name, password } = wanted;
-    let end = site.access.log_in(&name, password, address(peer)).await;
-    note_login(&site, Some(&name), &who.via, end.as_ref().err());
-    begun((&site, &who), end.map(|secret| (name, secret)))
+    to_its_end(async move {
+        let wanted: LoginRequest = match read(&body) {
+            Ok(wanted) => wanted,
+            Err(problem) => return answer::problem(&problem),
+        };
+        let LoginRequest { name, password } = wanted;
+        let end = site.access.log_in(&name, password, address(peer)).await;
+        note_login(&site, Some(&name), &who.via, end.as_ref().err());
+        begun((&site, &who), end.map(|secret| (name, secret)))
+    })
+    .await
 }
 
 /// The answer to a login: the session, and the cookie that carries it from now on.
@@ -289,21 +295,24 @@ fn with_cookie(mut response: Answer, site: &Site, value: &str, age: Option<u32>)
 
 /// `POST /logout`.
 async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
-    if let Some(key) = Access::session_of(&who) {
-        site.access.sessions.end(key);
-        site.access.changed();
-        // It is told to have ended when it stays so.
-        if let Err(problem) = site.access.sessions.keep().await {
-            return answer::problem(&problem);
+    to_its_end(async move {
+        if let Some(key) = Access::session_of(&who) {
+            site.access.sessions.end(key);
+            site.access.changed();
+            // It is told to have ended when it stays so.
+            if let Err(problem) = site.access.sessions.keep().await {
+                return answer::problem(&problem);
+            }
+            note_change(&site, &who, "logged_out", "", None);
         }
-        note_change(&site, &who, "logged_out", "", None);
-    }
-    let nobody = Caller {
-        role: None,
-        ..who.0
-    };
-    let told = told(&site, &nobody, None);
-    with_cookie(answer::json(Ok(told)), &site, "", Some(0))
+        let nobody = Caller {
+            role: None,
+            ..who.0
+        };
+        let told = told(&site, &nobody, None);
+        with_cookie(answer::json(Ok(told)), &site, "", Some(0))
+    })
+    .await
 }
 
 /// `POST /password`: a new one for oneself. All other sessions of the user end.
@@ -313,12 +322,15 @@ async fn new_password(
     peer: Option<Extension<Peer>>,
     body: Bytes,
 ) -> Answer {
-    match change_password(&site, &who, address(peer), &body).await {
-        Ok(()) => answer::json(Ok(Changed {
-            changed: who.0.name,
-        })),
-        Err(problem) => refused(&problem),
-    }
+    to_its_end(async move {
+        match change_password(&site, &who, address(peer), &body).await {
+            Ok(()) => answer::json(Ok(Changed {
+                changed: who.0.name,
+            })),
+            Err(problem) => refused(&problem),
+        }
+    })
+    .await
 }
 
 async fn change_password(

@@ -4,7 +4,7 @@ use super::accounts::UserInfo;
 use super::desk::{AddToken, AddUser, ChangeUser, MadeToken, Removed, Tokens, Users};
 use super::gate::Access;
 use super::sessions::SessionInfo;
-use super::{Caller, Need, desk, note_change};
+use super::{Caller, Need, desk, note_change, to_its_end};
 use crate::api::problem::{Problem, codes};
 use crate::serve::answer;
 use crate::serve::doc::Doc;
@@ -85,8 +85,11 @@ fn noted(
 }
 
 async fn add_user(State(site): State<Site>, who: Extension<Caller>, body: Bytes) -> Answer {
-    let end = desk::add_user(&site.access, &body).await;
-    noted((&site, &who.0, "user_added"), ("name", None), end)
+    to_its_end(async move {
+        let end = desk::add_user(&site.access, &body).await;
+        noted((&site, &who.0, "user_added"), ("name", None), end)
+    })
+    .await
 }
 
 async fn change_user(
@@ -95,13 +98,16 @@ async fn change_user(
     who: Extension<Caller>,
     body: Bytes,
 ) -> Answer {
-    let own = Access::session_of(&who);
-    let end = desk::change_user(&site.access, &name, own, &body).await;
-    let keys: BTreeMap<String, IgnoredAny> = serde_json::from_slice(&body).unwrap_or_default();
-    let known = ["role", "points", "password", "locked"].into_iter();
-    let known: Vec<&str> = known.filter(|key| keys.contains_key(*key)).collect();
-    let text = known.join(" ");
-    noted((&site, &who.0, "user_changed"), ("name", Some(&text)), end)
+    to_its_end(async move {
+        let own = Access::session_of(&who);
+        let end = desk::change_user(&site.access, &name, own, &body).await;
+        let keys: BTreeMap<String, IgnoredAny> = serde_json::from_slice(&body).unwrap_or_default();
+        let known = ["role", "points", "password", "locked"].into_iter();
+        let known: Vec<&str> = known.filter(|key| keys.contains_key(*key)).collect();
+        let text = known.join(" ");
+        noted((&site, &who.0, "user_changed"), ("name", Some(&text)), end)
+    })
+    .await
 }
 
 async fn remove_user(
@@ -109,8 +115,11 @@ async fn remove_user(
     Path(name): Path<String>,
     who: Extension<Caller>,
 ) -> Answer {
-    let end = desk::remove_user(&site.access, &name).await;
-    noted((&site, &who.0, "user_removed"), ("removed", None), end)
+    to_its_end(async move {
+        let end = desk::remove_user(&site.access, &name).await;
+        noted((&site, &who.0, "user_removed"), ("removed", None), end)
+    })
+    .await
 }
 
 async fn tokens(State(site): State<Site>) -> Answer {
@@ -118,8 +127,11 @@ async fn tokens(State(site): State<Site>) -> Answer {
 }
 
 async fn add_token(State(site): State<Site>, who: Extension<Caller>, body: Bytes) -> Answer {
-    let end = desk::add_token(&site.access, &who.name, &body).await;
-    noted((&site, &who.0, "token_created"), ("name", None), end)
+    to_its_end(async move {
+        let end = desk::add_token(&site.access, &who.name, &body).await;
+        noted((&site, &who.0, "token_created"), ("name", None), end)
+    })
+    .await
 }
 
 async fn remove_token(
@@ -127,16 +139,19 @@ async fn remove_token(
     Path(id): Path<String>,
     who: Extension<Caller>,
 ) -> Answer {
-    let all = site
-        .access
-        .read(|accounts| accounts.tokens(Timestamp::now()));
-    let named = all.into_iter().find(|token| token.id == id);
-    let name = named.map_or_else(|| id.clone(), |token| token.name);
-    let end = desk::remove_token(&site.access, &id).await;
-    if end.is_ok() {
-        note_change(&site, &who, "token_revoked", &name, None);
-    }
-    answer::json(end)
+    to_its_end(async move {
+        let all = site
+            .access
+            .read(|accounts| accounts.tokens(Timestamp::now()));
+        let named = all.into_iter().find(|token| token.id == id);
+        let name = named.map_or_else(|| id.clone(), |token| token.name);
+        let end = desk::remove_token(&site.access, &id).await;
+        if end.is_ok() {
+            note_change(&site, &who, "token_revoked", &name, None);
+        }
+        answer::json(end)
+    })
+    .await
 }
 
 async fn sessions(State(site): State<Site>, who: Extension<Caller>) -> Answer {
@@ -153,16 +168,19 @@ async fn end_session(
     Path(id): Path<String>,
     who: Extension<Caller>,
 ) -> Answer {
-    let all = site.access.sessions.list(None, Instant::now());
-    let whose = all.into_iter().find(|session| session.id == id);
-    if !site.access.sessions.end_by_id(&id) {
-        return answer::problem(&Problem::new(codes::NO_SUCH_SESSION).with("name", id));
-    }
-    site.access.changed();
-    if let Err(problem) = site.access.sessions.keep().await {
-        return answer::problem(&problem);
-    }
-    let whose = whose.map(|session| session.user).unwrap_or_default();
-    note_change(&site, &who, "session_ended", &whose, None);
-    answer::json(Ok(Removed { removed: id }))
+    to_its_end(async move {
+        let all = site.access.sessions.list(None, Instant::now());
+        let whose = all.into_iter().find(|session| session.id == id);
+        if !site.access.sessions.end_by_id(&id) {
+            return answer::problem(&Problem::new(codes::NO_SUCH_SESSION).with("name", id));
+        }
+        site.access.changed();
+        if let Err(problem) = site.access.sessions.keep().await {
+            return answer::problem(&problem);
+        }
+        let whose = whose.map(|session| session.user).unwrap_or_default();
+        note_change(&site, &who, "session_ended", &whose, None);
+        answer::json(Ok(Removed { removed: id }))
+    })
+    .await
 }

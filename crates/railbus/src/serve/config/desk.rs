@@ -157,10 +157,15 @@ impl Desk {
         // From here on it goes to its end, whether or not somebody waits.
         let end = tokio::spawn(async move {
             let _turn = turn;
-            if is_other {
-                desk.write(before, text.clone(), who).await?;
-            }
-            let changed = desk.bring_into_force(&service, lang, &text).await?;
+            let (writer, to_write) = (Arc::clone(&desk), text.clone());
+            let written = async move {
+                match is_other {
+                    true => writer.write(before, to_write, who).await,
+                    false => Ok(()),
+                }
+            };
+            let changed = desk.bring_into_force(&service, lang, &text, written);
+            let changed = changed.await?;
             if is_other {
                 let event = told("config_changed", &old.differences(&new));
                 service.tell_event(event.by(service.origin()));
@@ -181,7 +186,9 @@ impl Desk {
         let _turn = self.turn().await;
         let text = config_file::text_of(self.file())?;
         let old = service.config();
-        let changed = self.bring_into_force(service, lang, &text).await?;
+        let written = async { Ok(()) };
+        let changed = self.bring_into_force(service, lang, &text, written);
+        let changed = changed.await?;
         let event = told("config_reloaded", &old.differences(&service.config()));
         let signal = Origin {
             via: "signal".to_owned(),
@@ -215,10 +222,11 @@ impl Desk {
         service: &Service,
         lang: Lang,
         text: &str,
+        written: impl Future<Output = Result<(), Problem>> + Send + 'static,
     ) -> Result<Changed, Problem> {
         let name = self.file().display().to_string();
-        let done = service.reload(text).await;
-        let reloaded = done.map_err(|problems| bad_config(lang, &name, &problems))?;
+        let done = service.reload_written(text, written).await;
+        let reloaded = done.map_err(|problems| bad_config(lang, &name, &problems))??;
         self.is_another();
         let etag = etag(text);
         Ok(Changed { etag, reloaded })

@@ -41,8 +41,9 @@ pub(super) async fn begin(wish: Wish, who: String, voltage: &str) -> Result<OpBe
         .set(&target.setup, &Key::CalibrationVoltage.to_string(), voltage)
         .map_err(|why| outcome::wrong(wish.lang, &target, &why).to_problem())?;
     let voltage = wanted.kept.voltage;
-    let voltage =
-        voltage.ok_or_else(|| Problem::new(codes::BAD_REQUEST).with("reason", "voltage"))?;
+    let voltage = voltage.ok_or_else(|| {
+        Problem::new(codes::BAD_REQUEST).with("reason", "\"voltage\" can't be read")
+    })?;
     let store = journal(&wish).await?;
     let job = Job {
         change: store.log().next_change(),

@@ -53,8 +53,14 @@ async fn put(service: &Service, target: &Target, ask: &Ask) -> Result<Option<Hea
     if met.late.iter().any(|late| late.again) {
         return Ok(None);
     }
+    let bytes = match met.reply(&ask.exchange) {
+        Some(own) => own.to_vec(),
+        // What looks like a reply here is a part of somebody else's.
+        None if ask.exchange.find_response(&met.bytes).1.whole().is_some() => return Ok(None),
+        None => met.bytes,
+    };
     Ok(Some(Heard {
-        bytes: met.bytes,
+        bytes,
         ..Heard::default()
     }))
 }

@@ -1,5 +1,5 @@
 //! `GET /api/v1/modules/{module}/registers`: what a module says of itself, byte for byte. Each of
-//! its reads is sent once, between the polls of its line.
+//! its reads is sent between the polls of its line, and once more where no good reply comes.
 
 use super::look::send;
 use super::wish::Wish;
@@ -13,6 +13,7 @@ use crate::commands::decode::meaning;
 use crate::i18n::Lang;
 use crate::render::hex;
 use railbus_device::{Family, Module, Op, Point, PointKind, Setup};
+use railbus_host::Probed;
 use railbus_site::RawTerms;
 use railbus_site::commission::{Place, Trouble};
 use railbus_wire::rtu::{Request, Response as RtuResponse, WordSpan};
@@ -93,17 +94,22 @@ impl Wish {
             settings: Some(target.setup.serial),
             ..RawTerms::default()
         };
-        let met = send(&self.service, target, exchange, terms).await?;
+        let mut met = send(&self.service, target, exchange, terms).await?;
+        if met.outcome == Probed::Garbled {
+            // It may have been the late reply of another module alone.
+            met = send(&self.service, target, exchange, terms).await?;
+        }
         let mut frame = Frame::new();
         exchange.encode(&mut frame);
-        let found = exchange.find_response(&met.bytes).1;
-        let reply = found.whole().map(|reply| reply.response);
+        let own = met.reply(&exchange);
+        let reply = own.and_then(|own| exchange.decode_response(own).whole());
+        let reply = reply.map(|reply| reply.response);
         let says = reply.map(|reply| meaning::response(self.lang, &exchange, &reply));
         let cells = reply.map(|reply| cells(self.lang, &target.setup, &exchange, &reply));
         Ok(RegisterRead {
             sent: hex::spaced(frame.bytes()),
             meaning: meaning::request(self.lang, &exchange),
-            bytes: hex::spaced(&met.bytes),
+            bytes: hex::spaced(own.unwrap_or(&met.bytes)),
             says,
             after_ms: convert::millis_tenths(met.after),
             cells: cells.unwrap_or_default(),
@@ -111,7 +117,7 @@ impl Wish {
     }
 }
 
-/// All reads of a module, each once.
+/// All reads of a module.
 fn exchanges(setup: &Setup) -> Vec<Exchange<'static>> {
     let Ok(module) = Module::new(*setup) else {
         return Vec::new();

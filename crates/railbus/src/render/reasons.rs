@@ -1,0 +1,475 @@
+//! Reasons in the user's language. They come as data, in English: from our own parsers, from the
+//! system, and from the libraries that read TOML and JSON. What is known of them is told in
+//! Chinese; the rest stays as it was said, and is marked as that.
+
+use crate::i18n::Lang;
+use std::borrow::Cow;
+use std::io;
+
+/// A reason as it is told: where it is not known in Chinese, marked as the original words. A single
+/// word is a name, or what programs call it: that stays as it is.
+pub(crate) fn told(lang: Lang, reason: &str) -> String {
+    if lang == Lang::En || !reason.is_ascii() && of_system(reason).is_none() {
+        return reason.to_owned();
+    }
+    match of_error(reason) {
+        Some(told) => told,
+        None if !reason.contains(' ') => reason.to_owned(),
+        None => of_table(reason).unwrap_or_else(|| format!("原文：{reason}")),
+    }
+}
+
+/// The same of a word that is no name.
+pub(crate) fn word(lang: Lang, word: &str) -> String {
+    let known = of_table(word).filter(|_| lang == Lang::Zh);
+    known.unwrap_or_else(|| word.to_owned())
+}
+
+/// What the system or the parser of JSON said, which may stand among names and commands: all else
+/// stays as it is.
+pub(crate) fn error(lang: Lang, reason: &str) -> String {
+    let known = of_error(reason).filter(|_| lang == Lang::Zh);
+    known.unwrap_or_else(|| reason.to_owned())
+}
+
+fn of_error(reason: &str) -> Option<String> {
+    match placed(reason) {
+        Some((words, line, column)) => {
+            let told = of_table(words)?;
+            Some(format!("{told}（第 {line} 行第 {column} 列）"))
+        }
+        None => of_system(reason),
+    }
+}
+
+/// `… at line 3 column 7`, as JSON's parser ends.
+fn placed(reason: &str) -> Option<(&str, usize, usize)> {
+    let (words, place) = reason.rsplit_once(" at line ")?;
+    let (line, column) = place.split_once(" column ")?;
+    Some((words, line.parse().ok()?, column.parse().ok()?))
+}
+
+/// What the system says, whatever stands before it: a path, mostly.
+fn of_system(reason: &str) -> Option<String> {
+    let Some((_, number)) = reason.rsplit_once(" (os error ") else {
+        let known = KINDS.iter().find(|(kind, _)| kind.to_string() == reason);
+        return known.map(|(_, zh)| (*zh).to_owned());
+    };
+    let number = number.strip_suffix(')')?.parse().ok()?;
+    let error = io::Error::from_raw_os_error(number);
+    let zh = match number {
+        5 => "读写出错",
+        6 | 19 => "设备不存在",
+        _ => KINDS.iter().find(|(kind, _)| *kind == error.kind())?.1,
+    };
+    let before = reason.strip_suffix(&error.to_string())?;
+    Some(format!("{before}{zh}（os error {number}）"))
+}
+
+/// By the first row that fits. What stands in a gap may be such a phrase, too.
+fn of_table(reason: &str) -> Option<String> {
+    REASONS.iter().find_map(|[en, zh]| {
+        let gaps = gaps(en, reason)?;
+        let mut told = (*zh).to_owned();
+        for (name, words) in gaps {
+            let words = match words.contains(' ') || name == "wanted" {
+                true => of_table(words).map_or(Cow::Borrowed(words), Cow::Owned),
+                false => Cow::Borrowed(words),
+            };
+            told = told.replace(&format!("{{{name}}}"), &words);
+        }
+        Some(told)
+    })
+}
+
+/// What stands in the gaps of a pattern, where it fits the whole text. A gap is never empty.
+fn gaps<'p, 't>(pattern: &'p str, text: &'t str) -> Option<Vec<(&'p str, &'t str)>> {
+    let Some((before, rest)) = pattern.split_once('{') else {
+        return (pattern == text).then(Vec::new);
+    };
+    let (name, after) = rest.split_once('}')?;
+    let text = text.strip_prefix(before)?;
+    let next = after.split('{').next().unwrap_or_default();
+    let ends = match next.is_empty() {
+        true => vec![text.len()],
+        false => text.match_indices(next).map(|(at, _)| at).collect(),
+    };
+    ends.into_iter().filter(|end| *end > 0).find_map(|end| {
+        let (words, left) = text.split_at_checked(end)?;
+        let mut found = gaps(after, left)?;
+        found.insert(0, (name, words));
+        Some(found)
+    })
+}
+
+/// What the system's errors mean.
+const KINDS: &[(io::ErrorKind, &str)] = &[
+    (io::ErrorKind::NotFound, "找不到文件或目录"),
+    (io::ErrorKind::PermissionDenied, "权限不足"),
+    (io::ErrorKind::AlreadyExists, "已存在"),
+    (io::ErrorKind::ResourceBusy, "设备或资源忙"),
+    (io::ErrorKind::StorageFull, "磁盘已满"),
+    (io::ErrorKind::QuotaExceeded, "超出磁盘配额"),
+    (io::ErrorKind::ReadOnlyFilesystem, "文件系统只读"),
+    (io::ErrorKind::FileTooLarge, "文件过大"),
+    (io::ErrorKind::IsADirectory, "是目录，不是文件"),
+    (io::ErrorKind::NotADirectory, "路径中有一级不是目录"),
+    (io::ErrorKind::DirectoryNotEmpty, "目录不为空"),
+    (io::ErrorKind::ConnectionRefused, "连接被拒绝"),
+    (io::ErrorKind::ConnectionReset, "连接被对方重置"),
+    (io::ErrorKind::ConnectionAborted, "连接中断"),
+    (io::ErrorKind::NotConnected, "未连接"),
+    (io::ErrorKind::BrokenPipe, "管道已断开"),
+    (io::ErrorKind::HostUnreachable, "主机不可达"),
+    (io::ErrorKind::NetworkUnreachable, "网络不可达"),
+    (io::ErrorKind::TimedOut, "超时"),
+    (io::ErrorKind::AddrInUse, "地址已被占用"),
+    (io::ErrorKind::AddrNotAvailable, "本机没有此地址"),
+    (io::ErrorKind::InvalidInput, "参数无效"),
+    (io::ErrorKind::InvalidData, "数据无效"),
+    (io::ErrorKind::UnexpectedEof, "数据意外结束"),
+    (io::ErrorKind::Unsupported, "系统不支持"),
+];
+
+/// What is said of a value that is not of the kind it should be, our own reasons, and those of the
+/// libraries, in this order.
+const REASONS: &[[&str; 2]] = &[
+    ["number", "数字"],
+    ["whole number", "整数"],
+    ["table", "表"],
+    ["text in quotes", "加引号的文字"],
+    ["true / false", "true 或 false"],
+    ["list of actions", "动作列表"],
+    ["list of steps", "步骤列表"],
+    ["list of points", "测点列表"],
+    ["list of patterns", "通配名称列表"],
+    ["list of kinds", "事件种类列表"],
+    ["list of names", "名称列表"],
+    // Why a line takes nothing.
+    ["opening", "正在打开"],
+    ["closed", "已关闭"],
+    ["gone", "端口已消失"],
+    ["stuck", "数据发不出去"],
+    ["busy", "正忙"],
+    // Requests that can't be carried out.
+    [
+        "\"{key}\" is missing, or can't be read",
+        "缺少 \"{key}\"，或无法识别",
+    ],
+    ["\"{key}\" can't be read", "\"{key}\" 无法识别"],
+    ["\"rule\" is missing", "缺少 \"rule\""],
+    ["\"seconds\" is 1 to 600", "\"seconds\" 应为 1 到 600"],
+    [
+        "\"ttl_ms\" is 200 to 3600000",
+        "\"ttl_ms\" 应为 200 到 3600000",
+    ],
+    [
+        "\"format\" is pcapng or ndjson",
+        "\"format\" 应为 pcapng 或 ndjson",
+    ],
+    ["\"set\" names no output", "\"set\" 中没有输出"],
+    [
+        "\"set\" names more than {most} outputs",
+        "\"set\" 中的输出多于 {most} 个",
+    ],
+    ["{path} is named twice", "{path} 重复列出"],
+    ["\"from\" is not before \"to\"", "\"from\" 应早于 \"to\""],
+    ["\"hours\" is 1 to 168", "\"hours\" 应为 1 到 168"],
+    [
+        "\"since\" is at most 168 hours before \"until\"",
+        "\"since\" 最多比 \"until\" 早 168 小时",
+    ],
+    [
+        "\"point\" names 1 to 64 points",
+        "\"point\" 应为 1 到 64 个点",
+    ],
+    [
+        "\"format\" is csv or ndjson",
+        "\"format\" 应为 csv 或 ndjson",
+    ],
+    [
+        "a comment has at most 500 characters",
+        "备注最多 500 个字符",
+    ],
+    ["expires_days is 1 to 3650", "expires_days 应为 1 到 3650"],
+    ["modules: 1 to {most}", "modules 应为 1 到 {most} 个"],
+    [
+        "secret: {least} to {most} bytes, or null",
+        "secret 应为 {least} 到 {most} 字节，或 null",
+    ],
+    ["{key}: a text", "{key} 应为文字"],
+    ["{key}: this value can't be written", "{key} 的值无法写入"],
+    ["{name}: a word or a number", "{name} 应为单词或数字"],
+    [
+        "name, or model and address, are needed",
+        "需要名称，或型号和地址",
+    ],
+    ["no setting is named", "未指定设置项"],
+    ["no such speed: {rate}", "没有此波特率：{rate}"],
+    ["addresses: {part}", "地址无法识别：{part}"],
+    ["nobody can be asked so", "按此范围没有可询问的地址"],
+    [
+        "a serial server sets the speed of this line",
+        "此总线的波特率由串口服务器设定",
+    ],
+    [
+        "not pairs of hexadecimal digits, or too many of them",
+        "不是成对的十六进制数，或过长",
+    ],
+    [
+        "no request of that protocol, or a wrong checksum",
+        "不是该协议的请求，或校验错误",
+    ],
+    [
+        "a module of {other} on this line would take it for a command",
+        "此总线上使用 {other} 的模块会把它当作命令",
+    ],
+    [
+        "an Idempotency-Key has 1 to 128 characters of ASCII",
+        "Idempotency-Key 应为 1 到 128 个 ASCII 字符",
+    ],
+    [
+        "this Idempotency-Key stands for another command",
+        "此 Idempotency-Key 已用于另一命令",
+    ],
+    [
+        "no such request: line {line} column {column}",
+        "请求格式有误：第 {line} 行第 {column} 列",
+    ],
+    ["no such operation", "没有此操作"],
+    ["no such topic", "没有此主题"],
+    ["too many topics", "主题过多"],
+    ["it asks nothing now", "此操作目前没有提问"],
+    ["not with this method", "不支持此请求方法"],
+    [
+        "only a user who has logged in has a password",
+        "只有登录的用户才有密码",
+    ],
+    [
+        "the request comes from a page of another site",
+        "请求来自其他网站的页面",
+    ],
+    [
+        "the Host header does not name this machine",
+        "Host 请求头不是本机",
+    ],
+    ["the simulated line has ended", "仿真总线已结束"],
+    // Files and connections.
+    ["no answer within 30 s", "30 秒内无应答"],
+    ["HTTP status {status}", "HTTP 状态码 {status}"],
+    ["it holds no PEM", "其中没有 PEM 内容"],
+    ["it holds no certificate", "其中没有证书"],
+    ["it holds no private key", "其中没有私钥"],
+    [
+        "stream did not contain valid UTF-8",
+        "不是有效的 UTF-8 文本",
+    ],
+    // The parser of TOML.
+    [
+        "invalid unquoted key, expected {wanted}",
+        "键名中有不允许的字符",
+    ],
+    [
+        "string values must be quoted, expected {wanted}",
+        "缺少值，或值有误（文字须加引号）",
+    ],
+    [
+        "key with no value, expected {wanted}",
+        "只有键，缺少 {wanted} 和值",
+    ],
+    ["extra `=`, expected {wanted}", "多余的 `=`"],
+    ["duplicate key", "键重复"],
+    ["missing value", "缺少值"],
+    ["missing value for key", "键没有值"],
+    ["invalid value", "值无效"],
+    ["invalid string", "字符串无效"],
+    ["invalid basic string", "字符串未闭合，或其中有不允许的字符"],
+    [
+        "invalid literal string",
+        "字符串未闭合，或其中有不允许的字符",
+    ],
+    [
+        "invalid multi-line basic string",
+        "多行字符串未闭合，或其中有不允许的字符",
+    ],
+    [
+        "invalid multi-line literal string",
+        "多行字符串未闭合，或其中有不允许的字符",
+    ],
+    ["invalid boolean", "应为 true 或 false"],
+    ["invalid integer number", "整数无效"],
+    ["invalid float", "小数无效"],
+    ["invalid mantissa", "小数无效"],
+    ["invalid fraction", "小数无效"],
+    ["invalid date-time", "日期时间无效"],
+    ["invalid key-value pair", "不是“键 = 值”"],
+    ["missing opening quote", "缺少左引号"],
+    ["missing escaped value", "反斜杠后缺少转义字符"],
+    [
+        "missing comma between array elements",
+        "列表各项之间缺少逗号",
+    ],
+    [
+        "missing comma between key-value pairs",
+        "各键值之间缺少逗号",
+    ],
+    [
+        "missing assignment between key-value pairs",
+        "键和值之间缺少 `=`",
+    ],
+    ["extra comma in array", "列表中有多余的逗号"],
+    ["extra comma in inline table", "花括号中有多余的逗号"],
+    ["unclosed table", "表头未闭合"],
+    ["unclosed array table", "表头未闭合"],
+    ["unclosed array", "列表未闭合"],
+    ["unclosed inline table", "花括号未闭合"],
+    ["unexpected key or value", "此处不应有键或值"],
+    ["unexpected content", "此处有多余的内容"],
+    ["unexpected leading zero", "数字不能以 0 开头"],
+    [
+        "unexpected leading zero, expected {wanted}",
+        "数字不能以 0 开头",
+    ],
+    ["{what}, expected {wanted}", "{what}，应为 {wanted}"],
+    ["newline", "换行"],
+    ["nothing", "空"],
+    ["value", "值"],
+    ["key", "键"],
+    ["digits", "数字"],
+    // The parser of JSON.
+    ["missing field {field}", "缺少 {field}"],
+    [
+        "unknown field {field}, expected {wanted}",
+        "未知的 {field}，可用：{wanted}",
+    ],
+    [
+        "unknown field {field}, there are no fields",
+        "未知的 {field}",
+    ],
+    [
+        "unknown variant {found}, expected {wanted}",
+        "{found} 不可用，可用：{wanted}",
+    ],
+    ["duplicate field {field}", "{field} 重复"],
+    [
+        "invalid type: {found}, expected {wanted}",
+        "类型有误：现为 {found}，应为 {wanted}",
+    ],
+    [
+        "invalid value: {found}, expected {wanted}",
+        "值有误：现为 {found}，应为 {wanted}",
+    ],
+    ["expected value", "此处应有值"],
+    ["trailing characters", "末尾有多余的字符"],
+    ["trailing comma", "末尾有多余的逗号"],
+    ["key must be a string", "键须加引号"],
+    ["EOF while parsing {what}", "内容不完整"],
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_site::Config;
+
+    #[test]
+    fn reasons_are_told_in_chinese_and_what_is_not_known_is_marked() {
+        let zh = |reason: &str| told(Lang::Zh, reason);
+        assert_eq!(
+            zh("\"set\" names more than 64 outputs"),
+            "\"set\" 中的输出多于 64 个"
+        );
+        assert_eq!(word(Lang::Zh, "whole number"), "整数");
+        assert_eq!(
+            zh("/dev/x: Permission denied (os error 13)"),
+            "/dev/x: 权限不足（os error 13）"
+        );
+        assert_eq!(zh("no storage space"), "磁盘已满");
+        let missing = "missing field `name` at line 3 column 7";
+        assert_eq!(zh(missing), "缺少 `name`（第 3 行第 7 列）");
+        assert_eq!(zh("it went wrong"), "原文：it went wrong");
+        assert_eq!(error(Lang::Zh, "oven.k1 pump.k2"), "oven.k1 pump.k2");
+        assert_eq!(
+            error(Lang::Zh, "/泵: No such file or directory (os error 2)"),
+            "/泵: 找不到文件或目录（os error 2）"
+        );
+        // Data and what is Chinese already need no mark.
+        for same in ["?AA", "ttl_ms", "busy", "不存在 x"] {
+            assert_eq!(zh(same), same);
+        }
+        assert_eq!(told(Lang::En, missing), missing);
+    }
+
+    /// What people write wrong in the file of the configuration, by the parser that reads it.
+    #[test]
+    fn no_slip_in_toml_is_told_in_english() {
+        let mut wrong = Vec::new();
+        for (slip, wanted) in [
+            ("[line.main", "表头未闭合，应为 `]`"),
+            ("a = ", "缺少值，或值有误（文字须加引号）"),
+            ("a = hello", "缺少值，或值有误（文字须加引号）"),
+            ("a = \"x", "字符串未闭合"),
+            ("a = 1 2", "缺少值，或值有误（文字须加引号）"),
+            ("a = 1\na = 2", "键重复"),
+            ("a", "只有键，缺少 `=` 和值"),
+            ("a == 1", "多余的 `=`"),
+            ("a = [1, 2", "列表未闭合，应为 `]`"),
+            ("a = [1 2]", "缺少值，或值有误（文字须加引号）"),
+            ("a = { b = 1", "花括号未闭合，应为 `}`"),
+            ("a = 01", "数字不能以 0 开头"),
+            ("泵 = 1", "键名中有不允许的字符"),
+        ] {
+            let problems = Config::parse(slip).expect_err(slip);
+            let reason = crate::api::config_words::reason(Lang::Zh, &problems[0].kind);
+            if !reason.contains(wanted) || reason.contains("原文") {
+                wrong.push(format!("{slip:?}: {reason}"));
+            }
+        }
+        assert!(wrong.is_empty(), "{wrong:#?}");
+    }
+
+    /// Who changes one of our own reasons changes its row.
+    #[test]
+    fn each_reason_of_our_own_is_said_somewhere() {
+        fn sources(folder: &std::path::Path, all: &mut String) {
+            for entry in std::fs::read_dir(folder).expect("a folder") {
+                let path = entry.expect("an entry").path();
+                if path.is_dir() {
+                    sources(&path, all);
+                } else if !path.ends_with("render/reasons.rs") {
+                    *all += &std::fs::read_to_string(&path).unwrap_or_default();
+                }
+            }
+        }
+        let crates = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let mut all = String::new();
+        for one in ["railbus/src", "site/src", "host/src"] {
+            sources(&crates.join(one), &mut all);
+        }
+        let own = REASONS
+            .iter()
+            .take_while(|[en, _]| !en.starts_with("stream did not"));
+        for [en, _] in own {
+            // What stands before and after a gap.
+            let parts = en.split('{').flat_map(|part| part.split('}').next_back());
+            for part in parts {
+                let part = part.replace('"', "\\\"");
+                assert!(all.contains(part.trim()), "{en}: {part}");
+            }
+        }
+    }
+
+    #[test]
+    fn each_row_has_the_gaps_of_its_pattern() {
+        let names = |text: &str| {
+            let parts = text.split('{').skip(1);
+            let names = parts.filter_map(|part| part.split_once('}'));
+            names
+                .map(|(name, _)| name.to_owned())
+                .collect::<std::collections::BTreeSet<_>>()
+        };
+        for [en, zh] in REASONS {
+            assert!(names(zh).is_subset(&names(en)), "{en}: {zh}");
+            assert!(!zh.is_ascii(), "{zh}");
+        }
+    }
+}
