@@ -1,19 +1,9 @@
 // Pages against a mock that speaks the contract of the API: what the demo has none of, or what
 // would take long there.
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { browse, faults, LOOKS, open, words } from "./daemon.js";
-import { start } from "./mock/server.js";
-
-let server, browser;
-before(async () => {
-  server = await start();
-  browser = await browse();
-});
-after(async () => {
-  await browser?.close();
-  server?.stop();
-});
+import { test } from "node:test";
+import { faults, LOOKS, open, words } from "./daemon.js";
+import { browser, server } from "./mocked.js";
 
 const PAGES = ["/groups", "/system", "/users", "/events", "/trends", "/backup"];
 

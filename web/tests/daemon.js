@@ -1,4 +1,5 @@
 // The real daemon with its demo line, and a real browser in front of it.
+import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
 import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { request } from "node:http";
@@ -52,6 +53,15 @@ export async function serve() {
       rmSync(folder, { recursive: true, force: true });
     },
   };
+}
+
+/** Looks again until it is so, such as what takes a moment to be everywhere. */
+export async function until(so) {
+  const end = Date.now() + PATIENCE_MS;
+  while (!(await so())) {
+    assert.ok(Date.now() < end, `it never was so: ${so}`);
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
 }
 
 /** Both languages, phone and desk, light and dark. */

@@ -1,31 +1,10 @@
 // What people call lines, modules and points: asked for in the page's language first, shown before
 // what they are called in the file; and what else is said of a module and of a point in their forms.
 import assert from "node:assert/strict";
-import { after, before, test } from "node:test";
-import { browse, faults, open, serve, setUp, words } from "./daemon.js";
+import { test } from "node:test";
+import { faults, open, until, words } from "./daemon.js";
 import { misplaced } from "./geometry.js";
-
-let daemon, browser, cookies, csrf;
-
-before(async () => {
-  daemon = await serve();
-  browser = await browse();
-  ({ cookies, csrf } = await setUp(browser, daemon));
-});
-
-after(async () => {
-  await browser?.close();
-  await daemon?.stop();
-});
-
-async function ask(method, path, data) {
-  const cookie = cookies.map(({ name, value }) => `${name}=${value}`).join("; ");
-  const headers = { "Content-Type": "application/json", "X-CSRF-Token": csrf, Cookie: cookie, Origin: daemon.origin };
-  const answer = await fetch(`${daemon.origin}/api/v1${path}`, { method, headers, body: data && JSON.stringify(data) });
-  const said = await answer.text();
-  assert.ok(answer.status < 300, `${method} ${path}: ${answer.status} ${said}`);
-  return said && JSON.parse(said);
-}
+import { ask, browser, cookies, daemon } from "./site.js";
 
 async function visitor(lang, width) {
   const { context, page, wrong } = await open(browser, { lang, width, scheme: "light" });
@@ -38,14 +17,6 @@ const sound = async (page, wrong) => assert.deepEqual([...wrong, ...(await mispl
 
 async function shot(page, name) {
   if (process.env.SHOTS) await page.screenshot({ path: `${process.env.SHOTS}/names-${name}.png`, fullPage: true });
-}
-
-/** Looks again until it is so: a change of the configuration takes a moment to be everywhere. */
-async function until(so) {
-  for (let times = 0; !(await so()); times++) {
-    assert.ok(times < 200, `it never was so: ${so}`);
-    await new Promise((resolve) => setTimeout(resolve, 50));
-  }
 }
 
 const NAMES = {

@@ -85,6 +85,22 @@ for (const lang of ["en", "zh"]) {
   });
 }
 
+test("another model in a module's place is named on its card and page", async () => {
+  await ask("PATCH", "/config/modules/pump", { model: "eda9050" });
+  const found = [];
+  for (const lang of ["en", "zh"]) {
+    const { context, page, t } = await visitor(lang);
+    const badge = page.locator("main .tag.bad", { hasText: t("state_other").replace("{model}", "EDA9060A") });
+    for (const path of ["/", "/module/pump"]) {
+      await page.goto(`${daemon.origin}${path}`);
+      await badge.first().waitFor();
+      found.push(...(await measure(page, `another model ${path} ${lang}`)));
+    }
+    await context.close();
+  }
+  assert.deepEqual(found, []);
+});
+
 test("the daemon ends while groups, rules and trends are looked at", async () => {
   const all = [];
   const SEEN = [["/groups", "article li"], ["/rules", "article .tag"], ["/trends?points=oven.k1,tank.ai1&for=60", "section table tbody tr"]];

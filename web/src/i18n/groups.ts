@@ -4,10 +4,10 @@ import type { Pair } from "./index.svelte";
 export const groups = {
   groups: ["Groups", "分组"],
   scenes: ["Scenes", "场景"],
-  group_on: ["All on", "组吸合"],
-  group_off: ["All off", "组断开"],
+  group_on: ["All on", "全部接通"],
+  group_off: ["All off", "全部断开"],
   group_toggle: ["Toggle", "组翻转"],
-  group_members: ["{n} outputs: {on} on, {off} off", "{n} 个输出：{on} 个吸合，{off} 个断开"],
+  group_members: ["{n} outputs: {on} on, {off} off", "{n} 个输出：{on} 个接通，{off} 个断开"],
   group_unknown: ["{n} unknown", "{n} 个未知"],
   group_failed: ["{name}: {n} of {m} not confirmed", "{name}：{m} 个中 {n} 个未确认"],
   group_frames: ["sent in {n} frames", "以 {n} 条报文发送"],

@@ -59,6 +59,15 @@ export function t(key: Key, gaps?: Gaps): string {
   return gaps ? text.replace(/\{(\w+)\}/g, (whole, name: string) => String(gaps[name] ?? whole)) : text;
 }
 
+/** The text under a key that is made of what the daemon says; what it says itself where there is none. */
+export function word(key: string, otherwise: string): string {
+  return key in all ? t(key as Key) : otherwise;
+}
+
+/** Things one after the other, and what belongs to a word: as the language sets them apart. */
+export const listed = (all: readonly string[]): string => all.join(lang === "zh" ? "、" : ", ");
+export const told = (what: string, more: string): string => `${what}${lang === "zh" ? "：" : ": "}${more}`;
+
 /** Of names by language, the one to show. */
 export function named(names: Partial<Record<string, string>> | undefined): string | undefined {
   return names?.[lang] ?? names?.["en"] ?? names?.["zh"];

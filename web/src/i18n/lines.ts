@@ -22,7 +22,6 @@ export const lines = {
   model_r55: ["0x55 board", "0x55 继电器板"],
   board_outputs: ["Number of relays", "继电器路数"],
   board_outputs_ask: ["The board does not report it: enter 1 to {n}, as printed on it.", "此板不报告路数：请按板上标注填写 1 到 {n}。"],
-  board_channel: ["The other channels answer: does the board have {label}? Set the number of relays in the module's form.", "其他通道有应答：此板是否有 {label}？可在模块编辑中修改继电器路数。"],
   name_rule: ["Lower-case letters, digits and _, starting with a letter", "小写字母、数字和下划线，以字母开头"],
   name_taken: ["Another module has this name", "此名称已被其他模块使用"],
   scan_depth: ["Scan depth", "扫描深度"],

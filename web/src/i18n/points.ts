@@ -2,7 +2,7 @@ import type { Pair } from "./index.svelte";
 
 /** Modules and points: values, switches, what came of a command. */
 export const points = {
-  on: ["on", "吸合"],
+  on: ["on", "接通"],
   off: ["off", "断开"],
   high: ["high", "高"],
   low: ["low", "低"],
@@ -45,6 +45,7 @@ export const points = {
   read_at: ["read at {at}", "{at} 读取"],
   quality_stale: ["out of date", "数据过期"],
   reason_offline: ["module offline", "模块离线"],
+  reason_other: ["other model there", "型号不符"],
   reason_never_read: ["no data yet", "尚无数据"],
   reason_line_absent: ["port missing", "端口不可用"],
   reason_line_closed: ["line closed", "总线已关闭"],
@@ -57,6 +58,7 @@ export const points = {
   variables: ["Variables", "变量"],
   state_online: ["online", "在线"],
   state_offline: ["offline", "离线"],
+  state_other: ["other model: {model}", "型号不符：{model}"],
   state_unheard: ["waiting for first reply", "等待首次应答"],
   state_old: ["some values out of date", "部分数据过期"],
   offline_for: ["offline for {time}", "离线 {time}"],
@@ -67,6 +69,10 @@ export const points = {
   line_down: ["Line {line}: {why}.", "总线 {line}：{why}。"],
   line_down_since: ["Line {line}: {why} since {at}.", "总线 {line}：{at} 起{why}。"],
   module_silent: ["The module does not answer; its last reply came at {at}.", "模块无应答，最后应答 {at}。"],
+  module_garbled: [
+    "The module's replies are garbled ({garbled} of {attempts} requests); its last valid reply came at {at}.",
+    "模块的应答损坏（{attempts} 次请求中 {garbled} 次），最后有效应答 {at}。",
+  ],
   values_last: ["Values shown are the last ones read.", "显示的是最后读取的数值。"],
   rtt: ["response time {ms}", "响应时间 {ms}"],
   online_n: ["{n} online", "{n} 个在线"],
@@ -78,7 +84,7 @@ export const points = {
   trend_short: ["Last minute: {min} – {max}", "最近一分钟：{min} 至 {max}"],
   filter_modules: ["Filter by module, model, line or point name", "按模块、型号、总线或测点名称筛选"],
   as_list: ["Table", "列表"],
-  on_of: ["{n} of {m} on", "{m} 个中 {n} 个吸合"],
+  on_of: ["{n} of {m} on", "{m} 个中 {n} 个接通"],
   module: ["Module", "模块"],
   module_none: ["No module {name}", "没有模块 {name}"],
   model: ["Model", "型号"],

@@ -2,8 +2,7 @@
 import { SvelteMap } from "svelte/reactivity";
 import { t } from "../i18n/index.svelte";
 import { post, problem, put } from "./api";
-import { modules, points, refresh } from "./live.svelte";
-import { BOARD, standing } from "./points";
+import { points, refresh } from "./live.svelte";
 import { complain } from "./toasts.svelte";
 import type { PointInfo, Problem, Written } from "./types";
 
@@ -17,8 +16,6 @@ const CONFIRMED_MS = 4_000;
 const TROUBLE_MS = 60_000;
 /** The code of a write that reads back otherwise. */
 const NOT_VERIFIED = "E0601";
-/** The code of a module that did not answer. */
-const NO_REPLY = "E0301";
 
 /** What is so after a command that did not succeed: one of these, and never two. */
 export type Verdict = "failed" | "unknown" | "not_verified";
@@ -62,19 +59,11 @@ async function run(point: PointInfo, want: boolean, ask: () => Promise<Written>)
     }
     show(path, { state: "confirmed", how: done.confirmed, ms: done.took_ms }, CONFIRMED_MS);
   } catch (thrown) {
-    const why = withHint(problem(thrown), point);
+    const why = problem(thrown);
     const verdict = verdictOf(why);
     show(path, { state: verdict, why }, TROUBLE_MS);
     complain(why, t(`verdict_${verdict}_why`));
   }
-}
-
-/** A board of which the number of channels is what somebody said: one that stays silent while the
- * board answers may not be there. */
-function withHint(why: Problem, { module, label }: PointInfo): Problem {
-  const board = modules.get(module);
-  if (why.code !== NO_REPLY || board?.model !== BOARD || standing(board) !== "online") return why;
-  return { ...why, help: [t("board_channel", { label }), ...(why.help ?? [])] };
 }
 
 function show(path: string, end: Command, ms: number): void {

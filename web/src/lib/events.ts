@@ -1,5 +1,5 @@
 // What happened, as `/events` and `/audit` tell it.
-import { named, t, type Key } from "../i18n/index.svelte";
+import { listed, named, t, told, word } from "../i18n/index.svelte";
 import { span } from "./format";
 import { points } from "./live.svelte";
 import { lineText, moduleText, pointText } from "./names";
@@ -46,72 +46,8 @@ export interface Page<T> {
   next: string | null;
 }
 
-const CODES: Record<string, Key> = {
-  module_online: "code_module_online",
-  module_offline: "code_module_offline",
-  line_up: "code_line_up",
-  line_down: "code_line_down",
-  line_babble: "code_line_babble",
-  line_quiet: "code_line_quiet",
-  config_reloaded: "code_config_reloaded",
-  audit_fails: "code_audit_fails",
-  keys_fail: "code_keys_fail",
-  end_dropped: "code_end_dropped",
-  audit_works: "code_audit_works",
-  started: "code_started",
-  stopped: "code_stopped",
-  rule_fired: "code_rule_fired",
-  rule_failed: "code_rule_failed",
-  rule_stopped: "code_rule_stopped",
-  logged_in: "code_logged_in",
-  login_refused: "code_login_refused",
-  logins_many: "code_logins_many",
-  logged_out: "code_logged_out",
-  password_changed: "code_password_changed",
-  session_ended: "code_session_ended",
-  user_added: "code_user_added",
-  user_changed: "code_user_changed",
-  user_removed: "code_user_removed",
-  token_created: "code_token_created",
-  token_revoked: "code_token_revoked",
-  config_changed: "code_config_changed",
-  webhook_secret_changed: "code_webhook_secret_changed",
-  webhook_secrets_lost: "code_webhook_secrets_lost",
-  webhook_fails: "code_webhook_fails",
-  webhook_works: "code_webhook_works",
-  sim_order: "code_sim_order",
-};
-
-const ENDS: Record<string, Key> = {
-  readback: "end_readback",
-  reply: "end_reply",
-  sent: "end_sent",
-  refused: "end_refused",
-  expired: "end_expired",
-  not_verified: "end_not_verified",
-  unknown: "end_unknown",
-  no_reply: "end_no_reply",
-  garbled: "end_garbled",
-  unsupported: "end_unsupported",
-  overloaded: "end_overloaded",
-  closed: "end_closed",
-  locked: "end_locked",
-  interlock: "end_interlock",
-  min_off: "end_min_off",
-  confirm: "end_confirm",
-  not_as_asked: "end_not_as_asked",
-  unwatched: "end_unwatched",
-  lent: "end_lent",
-  not_tried: "end_not_tried",
-  undone: "end_undone",
-  not_undone: "end_not_undone",
-};
-
 /** How a command ended, in words where there are some. */
-export function endText(end: string): string {
-  const key = ENDS[end];
-  return key ? t(key) : end;
-}
+export const endText = (end: string): string => word(`end_${end}`, end);
 
 export function endedWell(end: string | null | undefined): boolean {
   return end === "readback" || end === "reply" || end === "sent";
@@ -129,14 +65,16 @@ const EACH_MOST = 4;
 /** Of which module something is told; and of which of its points, where that is said already. */
 type Of = Pick<SiteEvent, "module" | "point">;
 
+const onOff = (state: string | undefined): string => t(state === "on" ? "on" : "off");
+
 /** States of outputs as the daemon writes them, `do3=on do4=off`, in words; what is none, as it is. */
 export function statesText(of: Of, text: string): string {
   const all = text.split(" ").map((one) => /^(\w+)=(on|off)$/.exec(one));
   const states = new Set(all.map((one) => one?.[2]));
   if (all.includes(null)) return text;
   const [state] = states;
-  if (all.length > EACH_MOST && states.size === 1) return t("what_all", { n: all.length, state: t(state === "on" ? "on" : "off") });
-  return all.map((one) => `${labelText(of, one?.[1] ?? "")} ${t(one?.[2] === "on" ? "on" : "off")}`.trim()).join(", ");
+  if (all.length > EACH_MOST && states.size === 1) return t("what_all", { n: all.length, state: onOff(state) });
+  return listed(all.map((one) => `${labelText(of, one?.[1] ?? "")} ${onOff(one?.[2])}`.trim()));
 }
 
 function labelText({ module, point }: Of, label: string): string {
@@ -144,32 +82,80 @@ function labelText({ module, point }: Of, label: string): string {
   return path === point ? "" : (named(points.get(path)?.name) ?? label);
 }
 
-/** What was asked of a module, in words: `pulse k1 500ms by host`. */
+/** What the daemon writes down of commands, and how it is said; the parts in the order of the gaps. */
+const ASKED: [RegExp, (of: Of, ...parts: string[]) => string][] = [
+  [/^pulse (\w+) (\d+)ms by (host|device)$/, (of, label = "", ms, by) =>
+    t(by === "device" ? "what_pulse_device" : "what_pulse_host", { point: labelText(of, label), time: span(Number(ms)) })],
+  [/^(toggle|end of pulse|end of lease) (\w+)$/, (of, what = "", label = "") =>
+    t(what === "toggle" ? "what_toggle" : what.endsWith("pulse") ? "what_pulse_end" : "what_lease_end", { point: labelText(of, label) })],
+  [/^lease (\w+)=(on|off) (\d+)ms$/, (of, label = "", state, ms) =>
+    t("what_lease", { point: labelText(of, label), state: onOff(state), time: span(Number(ms)) })],
+  [/^(\w+)=off after (\d+)ms$/, (of, label = "", ms) => t("what_max_on", { point: labelText(of, label), time: span(Number(ms)) })],
+  [/^settings (.*)$/, (_, all = "") =>
+    told(t("tab_settings"), listed(all.split(/ (?=\w+=)/)).replace(/(\w+)=/g, (_, name: string) => `${word(`set_${name}`, name)} `))],
+  [/^calibrate zero, span at (.*)$/, (_, volts = "") => t("what_calibrate", { volts })],
+  [/^send (\S*): (.*) \((\S+)\)$/, (_, needs = "", bytes = "") => {
+    const may = needs.split("+").map((need) => word(`need_${need}`, need));
+    return t("what_send", { bytes, may: listed(may.filter(Boolean)) || t("need_read") });
+  }],
+];
+
+/** What was asked of a module, in words. */
 export function askedText(of: Of, what: string): string {
-  const pulse = /^pulse (\w+) (\d+)ms by (host|device)$/.exec(what);
-  if (pulse) {
-    const gaps = { point: labelText(of, pulse[1] ?? ""), time: span(Number(pulse[2])) };
-    return t(pulse[3] === "device" ? "what_pulse_device" : "what_pulse_host", gaps);
+  for (const [form, said] of ASKED) {
+    const parts = form.exec(what);
+    if (parts) return said(of, ...parts.slice(1));
   }
-  const toggle = /^toggle (\w+)$/.exec(what);
-  if (toggle) return t("what_toggle", { point: labelText(of, toggle[1] ?? "") });
   return statesText(of, what);
 }
 
-/** Who and from where, where that is a word of the daemon's and no name. */
-export function whoText(who: string | undefined): string {
-  return who === "an unknown name" ? t("who_unknown") : (who ?? "");
+/** What a rule does, as the daemon writes it: `pump.do0=off, pulse gate.do0 500ms, notify`. */
+function actionsText(what: string): string {
+  const one = (action: string): string => {
+    const [, pulsed, ms, set, state] = /^pulse (\S+)(?: (\d+)ms)?$|^(\S+)=(on|off)$/.exec(action) ?? [];
+    if (pulsed) return t("rule_says_pulse", { point: pointText(pulsed), time: ms ? span(Number(ms)) : "" }).trim();
+    return set ? t("rule_says_set", { point: pointText(set), state: onOff(state) }) : word(`rule_${action}`, action);
+  };
+  return listed(what.split(", ").map(one));
 }
 
-export function viaText(via: string | undefined): string {
-  return via === "socket" ? t("via_socket") : (via ?? "");
+/** Who it was: a part of the program has a name for programs. */
+export function whoText({ who = "", via = "" }: Pick<SiteEvent, "who" | "via">): string {
+  if (who === "an unknown name") return t("who_unknown");
+  if (via === "socket" || via === "signal") return word(`who_${who}`, who);
+  if (via !== "program") return who;
+  const [, rule] = /^rule:(.*)/.exec(who) ?? [];
+  return rule ? t("rule_edit", { rule }) : word(`who_${who}`, word(`point_${who}`, who));
+}
+
+export const viaText = (via = ""): string => word(`via_${via}`, via);
+
+/** What the daemon adds to an event in its own words. */
+function addedText({ code, text = "", end }: SiteEvent): string {
+  if (text === end) return "";
+  switch (code) {
+    case "end_dropped": {
+      const [, address, output] = /^address (\d+), output (\d+)$/.exec(text) ?? [];
+      return address && output ? t("dropped_at", { address, output }) : text;
+    }
+    case "history_works":
+      return t("dropped_n", { n: text.replace("dropped ", "") });
+    case "line_down":
+      return word(`port_is_${text}`, word(`port_${text}`, text));
+    case "user_added":
+      return word(`role_${text}`, text);
+    case "user_changed":
+      return listed(text.split(" ").map((one) => word(`user_has_${one}`, one)));
+    default:
+      return word(`code_${code}_${text}`, text);
+  }
 }
 
 /** What happened, in a few words. */
 export function eventText(event: SiteEvent): string {
-  if (event.kind === "write") return askedText(event, event.what ?? "");
-  const key = event.code ? CODES[event.code] : undefined;
-  const said = key ? t(key) : (event.what ?? event.code?.replaceAll("_", " ") ?? "");
-  const more = [key && event.what, event.text].filter((one) => one && one !== said).join(" ");
-  return more ? `${said}${said ? ": " : ""}${more}` : said;
+  const { kind, code = "", what = "" } = event;
+  if (kind === "write") return askedText(event, what);
+  const said = word(`code_${code}`, what || code.replaceAll("_", " "));
+  const more = [kind === "rule" ? actionsText(what) : what, addedText(event)].filter((one) => one && one !== said).join(" · ");
+  return more ? told(said, more) : said;
 }

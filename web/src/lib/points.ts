@@ -38,6 +38,8 @@ function reasonText(point: PointInfo): string {
   switch (point.reason) {
     case "offline":
       return t("reason_offline");
+    case "other_model":
+      return t("reason_other");
     case "line_absent":
       return t("reason_line_absent");
     case "line_busy":
@@ -54,12 +56,13 @@ function reasonText(point: PointInfo): string {
 }
 
 /** How a module stands, from best to worst; what lies beyond it comes first: page, line, module. */
-export type Standing = "online" | "old" | "waiting" | "offline" | "line" | "lost";
+export type Standing = "online" | "old" | "waiting" | "offline" | "other" | "line" | "lost";
 
 export function standing(module: ModuleInfo): Standing {
   if (lostAt() !== null) return "lost";
   const line = lines.get(module.line);
   if (line && line.state !== "up") return "line";
+  if (module.state === "other_model") return "other";
   if (module.state !== "online") return module.state === "offline" ? "offline" : "waiting";
   return pointsOf(module.module).some((point) => point.quality !== "good") ? "old" : "online";
 }
@@ -85,6 +88,8 @@ export function standingText(module: ModuleInfo): string {
       return t("state_unheard");
     case "offline":
       return last === undefined ? t("state_offline") : t("offline_for", { time: ago(last) });
+    case "other":
+      return t("state_other", { model: module.answers_as ?? "?" });
     case "line":
     case "lost": {
       return last === undefined ? t("unknown") : t("last_seen", { at: secondTime(last) });

@@ -43,10 +43,14 @@ export interface ModuleInfo {
   baud?: number;
   format?: string;
   checksum?: boolean;
-  state: "online" | "offline" | "unheard";
+  state: "online" | "offline" | "unheard" | "other_model";
+  /** The other model that answers in its place. */
+  answers_as?: string;
   rtt_ms?: number;
   errors_1h: number;
   late_1h: number;
+  /** What came of the last requests, where it is not online. */
+  lost?: { attempts: number; garbled: number; rx_bytes: number; why?: string };
 }
 
 export type PointValue = boolean | number | null;

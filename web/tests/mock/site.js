@@ -71,14 +71,14 @@ export function history(path, from, to, buckets) {
 const id = (n) => `01JD${String(n).padStart(22, "0")}`;
 const written = (n, ago, who, after, end = "readback") => ({
   id: id(n), at: iso(ago), kind: "write", severity: end === "readback" ? "info" : "warning", module: "pump", point: "pump.do0",
-  who, via: "http 192.168.1.7", what: after, before: after.endsWith("on") ? "do0=off" : "do0=on", after, end, code: "write",
+  who, via: who.startsWith("rule:") ? "program" : "http 192.168.1.7", what: after, before: after.endsWith("on") ? "do0=off" : "do0=on", after, end, code: "write",
 });
 export const events = [
   { id: id(120), at: iso(9_000), kind: "module", severity: "info", module: "tank", line: "main", code: "module_online" },
   written(119, 61_000, "anna", "do0=off"),
   { id: id(118), at: iso(90_000), kind: "module", severity: "warning", module: "tank", line: "main", code: "module_offline" },
   written(117, 180_000, "li", "do0=on", "not_verified"),
-  { id: id(116), at: iso(240_000), kind: "line", severity: "error", line: "main", code: "line_down", text: "unplugged",
+  { id: id(116), at: iso(240_000), kind: "line", severity: "error", line: "main", code: "line_down", text: "missing",
     acked: { who: "li", at: iso(200_000), comment: "adapter replaced" } },
   { id: id(115), at: iso(300_000), kind: "config", severity: "info", who: "anna", via: "http 192.168.1.7", code: "config_reloaded" },
   ...Array.from({ length: 90 }, (_, i) => written(114 - i, 400_000 + i * 1_900_000, i % 3 ? "anna" : "rule:night", i % 2 ? "do0=on" : "do0=off")),
