@@ -47,9 +47,9 @@ def _suite(table, module, steps, open_master, open_helper):
                 case _ if not master.can(unit, step):
                     tally.cannot(step.entries)
                     if helper and (step.want == "done" or unit == 0):
-                        helper.request(unit, step, _timeout(step))
+                        rig.after(helper.request(unit, step, _timeout(step)))
                 case _:
-                    got = master.request(unit, step, _timeout(step))
+                    got = rig.after(master.request(unit, step, _timeout(step)))
                     tally.check(step.entries, got, step.want, f"unit {unit}, {_describe(step)}")
         if helper:
             helper.close()

@@ -14,6 +14,7 @@ _ERRORS = {
     "Illegal data address": exception(2),
     "Illegal data value": exception(3),
     "Slave device or server failure": exception(4),
+    "Memory parity error": exception(8),
     "Connection timed out": SILENT,
 }
 

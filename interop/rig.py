@@ -53,6 +53,10 @@ class Rig:
             raise RuntimeError(f"rig, `{command}`: {' '.join(answer).strip()}")
         return answer[1].strip() if len(answer) > 1 else ""
 
+    def after(self, got):
+        """What a request got, when all that it leads to has happened."""
+        return got
+
     def outputs(self, name):
         """The outputs of a module as they are, whatever it says of them."""
         return int(self.do(f"outputs {name}"), 16)

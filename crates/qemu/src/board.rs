@@ -6,28 +6,31 @@ use crate::{Folder, Hub, Machine, Turn};
 use railbus_cases::{Bench, Outside};
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_keep::{Record, slot_image};
-use railbus_wire::Protocol;
 use std::io::{self, Read, Write};
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// How many bytes the EEPROM has.
 const EEPROM: usize = 4096;
 
-/// So long a reply that must come may take.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// So often [`PAUSE`] may pass before a reply comes that must. While the machine holds QEMU up the
+/// board's clock goes on, so that one long pause counts as one.
+const PAUSES: usize = 80;
 
-/// So often a Modbus request is sent where a reply must come. A host that is busy holds up QEMU
-/// between two characters, and a pause ends a Modbus frame: the module is right to ignore both
-/// halves. One that answers no whole frame answers none of these either.
-const SENT: u32 = 5;
+/// So long it may take until the board shows something, however busy the machine is.
+const PATIENCE: Duration = Duration::from_secs(40);
 
-/// So long nothing may come for it to be silence. A reply that is later than this is not lost: it
-/// comes instead of the next one, or at the end of the case.
+/// So long nothing may come for it to be silence, by the board's clock, as all times below. A
+/// reply that is later than this is not lost: it comes instead of the next one, or at the end of
+/// the case.
 const SILENCE: Duration = Duration::from_millis(80);
 
 /// Silence behind a reply; longer than the gap that any family wants before a request.
 const PAUSE: Duration = Duration::from_millis(25);
+
+/// What the board has said by now is there after so long.
+const SAID: Duration = Duration::from_millis(1);
 
 /// Outputs are looked at again after so long.
 const LOOK_AGAIN: Duration = Duration::from_millis(5);
@@ -45,10 +48,6 @@ pub struct Board {
     outside: Outside,
     image: PathBuf,
     folder: Folder,
-    /// How many times longer than usual anything may take.
-    slower: u32,
-    protocol: Protocol,
-    repeated: u32,
 }
 
 impl Board {
@@ -81,25 +80,9 @@ impl Board {
             outside: Outside::of(setup),
             image: family_image(images, setup.family),
             folder,
-            slower: 1,
-            protocol: setup.protocol,
-            repeated: 0,
         };
         board.power_on()?;
         Ok(board)
-    }
-
-    /// Waits so many times longer, for a machine that turned out to be busy.
-    #[must_use]
-    pub fn slower(mut self, times: u32) -> Board {
-        self.slower = times;
-        self
-    }
-
-    /// How many requests had to be sent again.
-    #[must_use]
-    pub const fn repeated(&self) -> u32 {
-        self.repeated
     }
 
     /// Puts power on, if there is none.
@@ -136,10 +119,15 @@ impl Board {
     /// # Errors
     /// Where there is no power.
     pub fn runs_at(&mut self, rate: u32) -> io::Result<bool> {
-        let until = Instant::now() + PATIENCE * self.slower;
+        self.runs(|one| is_same(one, rate))
+    }
+
+    /// Whether the board listens at a speed that is wanted, for which it is given some time.
+    fn runs(&mut self, wanted: impl Fn(u32) -> bool) -> io::Result<bool> {
+        let until = Instant::now() + PATIENCE;
         let mut speed = self.machine()?.speed();
         loop {
-            let runs = speed(Turn::Hears).is_some_and(|one| is_same(one, rate));
+            let runs = speed(Turn::Hears).is_some_and(&wanted);
             if runs || Instant::now() > until {
                 return Ok(runs);
             }
@@ -148,15 +136,37 @@ impl Board {
         }
     }
 
-    /// The board becomes a member of this line, for as long as it has power.
+    /// The board becomes a member of this line, for as long as it has power. When this returns it
+    /// listens: what is said while its program still starts, it does not hear.
     ///
     /// # Errors
-    /// Where there is no power.
+    /// Where there is no power, or the board does not come to listen.
     pub fn join(&mut self, hub: &Hub) -> io::Result<()> {
+        if !self.runs(|_| true)? {
+            return Err(io::Error::other("the board does not listen"));
+        }
         let machine = self.machine()?;
-        let line = machine.line();
-        hub.join(line.try_clone()?, line.try_clone()?, machine.speed());
+        hub.join(machine.line().try_clone()?, machine.ear()?, machine.speed());
         Ok(())
+    }
+
+    /// Lets as much time pass by the board's clock as silence takes, if the board has power.
+    ///
+    /// # Errors
+    /// Where QEMU is gone.
+    pub fn keep_silence(&mut self) -> io::Result<()> {
+        let Some(machine) = &self.machine else {
+            return Ok(());
+        };
+        let began = machine.clock()?;
+        loop {
+            let passed = machine.since(began)?;
+            if passed >= SILENCE {
+                return Ok(());
+            }
+            // QEMU sends no notice when the guest clock reaches a time, so it is read again.
+            std::thread::sleep(SILENCE - passed);
+        }
     }
 
     /// What lies around the board, to be changed with [`Bench::surround`].
@@ -170,31 +180,35 @@ impl Board {
     /// # Errors
     /// Where there is no power.
     pub fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.machine()?.line().write_all(bytes)
+        self.machine()?.ear()?.write_all(bytes)
     }
 
-    /// Hears what comes until there was silence for so long.
+    /// Hears what comes until there was silence for so long, by the board's clock.
     ///
     /// # Errors
     /// Where there is no power.
     pub fn hear(&mut self, silence: Duration, said: &mut Vec<u8>) -> io::Result<()> {
-        let mut line = self.machine()?.line();
-        line.set_read_timeout(Some(silence))?;
-        let mut buffer = [0; 512];
+        let machine = self.machine()?;
+        let mut spoke = machine.clock()?;
         loop {
-            match line.read(&mut buffer) {
-                Ok(0) => return Err(io::Error::other("QEMU has ended")),
-                Ok(count) => said.extend_from_slice(&buffer[..count]),
-                Err(error) if is_silence(&error) => return Ok(()),
-                Err(error) => return Err(error),
+            let silent = machine.since(spoke)?;
+            // Nothing that was said before that is under way still.
+            if read(machine.line(), SAID, said)? {
+                spoke = machine.clock()?;
+            } else if silent >= silence {
+                return Ok(());
+            } else if read(machine.line(), silence - silent, said)? {
+                spoke = machine.clock()?;
             }
         }
     }
 
     /// Hears what comes until it is so many bytes, with patience.
     fn hear_so_many(&mut self, worth: usize, said: &mut Vec<u8>) -> io::Result<()> {
-        let until = Instant::now() + PATIENCE * self.slower;
-        while said.len() < worth && Instant::now() < until {
+        for _ in 0..PAUSES {
+            if said.len() >= worth {
+                break;
+            }
             self.hear(PAUSE, said)?;
         }
         Ok(())
@@ -208,29 +222,15 @@ impl Bench for Board {
         let mut said = Vec::new();
         self.send(request)?;
         if worth == 0 {
-            self.hear(SILENCE * self.slower, &mut said)?;
+            self.hear(SILENCE, &mut said)?;
             return Ok(said);
         }
         self.hear_so_many(worth, &mut said)?;
-        let again = if self.protocol == Protocol::Rtu {
-            SENT - 1
-        } else {
-            0
-        };
-        for _ in 0..again {
-            if !said.is_empty() {
-                break;
-            }
-            self.repeated += 1;
-            self.send(request)?;
-            self.hear_so_many(worth, &mut said)?;
-        }
-        self.hear(PAUSE * self.slower, &mut said)?;
         Ok(said)
     }
 
     fn outputs(&mut self, expected: u32) -> io::Result<u32> {
-        let until = Instant::now() + PATIENCE * self.slower;
+        let until = Instant::now() + PATIENCE;
         loop {
             let outputs = self.machine()?.outputs()?;
             if outputs == expected || Instant::now() > until {
@@ -253,14 +253,31 @@ impl Bench for Board {
     }
 
     fn wait(&mut self, millis: u64) -> io::Result<Vec<u8>> {
-        let mut said = Vec::new();
-        let until = Instant::now() + Duration::from_millis(millis);
-        while Instant::now() < until {
-            self.hear(
-                until.duration_since(Instant::now()).max(LOOK_AGAIN),
-                &mut said,
-            )?;
+        let (mut said, wait) = (Vec::new(), Duration::from_millis(millis));
+        let machine = self.machine()?;
+        let began = machine.clock()?;
+        loop {
+            let passed = machine.since(began)?;
+            read(machine.line(), SAID, &mut said)?;
+            if passed >= wait {
+                return Ok(said);
+            }
+            read(machine.line(), wait - passed, &mut said)?;
         }
-        Ok(said)
+    }
+}
+
+/// Reads what comes within this time; whether anything came.
+fn read(mut line: &UnixStream, within: Duration, said: &mut Vec<u8>) -> io::Result<bool> {
+    line.set_read_timeout(Some(within))?;
+    let mut buffer = [0; 512];
+    match line.read(&mut buffer) {
+        Ok(0) => Err(io::Error::other("QEMU has ended")),
+        Ok(count) => {
+            said.extend_from_slice(&buffer[..count]);
+            Ok(true)
+        }
+        Err(error) if is_silence(&error) => Ok(false),
+        Err(error) => Err(error),
     }
 }

@@ -1,7 +1,7 @@
 //! One QEMU with a board and its chips.
 
-use crate::Turn;
 use crate::qmp::{self, Qmp};
+use crate::{Ear, Turn};
 use railbus_cases::Outside;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde_json::json;
@@ -18,6 +18,11 @@ use std::time::Duration;
 const SHELL: &str = r#""$@" </dev/null & exec >&-; read -r _; kill -KILL $!; wait $!"#;
 
 /// The line and the console, in the order of QEMU's `-serial`.
+///
+/// The UART takes one character at a time, and QEMU's own thread brings the next one only when the
+/// processor has taken the last: on a busy machine the pause between two is long enough to end a
+/// Modbus frame. A multiplexer has room for a short frame and hands it on by itself (see [`Ear`]).
+/// It would take a character for its own commands; there is none of the number 256.
 const QEMU: &[&str] = &[
     "qemu-system-arm",
     "-M",
@@ -27,14 +32,18 @@ const QEMU: &[&str] = &[
     "-monitor",
     "none",
     "-S",
+    "-chardev",
+    "socket,id=line,path=line,mux=on",
+    "-echr",
+    "256",
     "-serial",
-    "unix:line",
+    "chardev:line",
     "-serial",
     "unix:console",
     "-qmp",
     "unix:qmp",
     "-drive",
-    "if=none,id=ee,file=ee.bin,format=raw",
+    "if=none,id=ee,file=ee.bin,format=raw,cache=unsafe",
     "-device",
     "at24c-eeprom,bus=i2c,address=0x50,rom-size=4096,drive=ee",
     "-device",
@@ -53,6 +62,10 @@ const QEMU: &[&str] = &[
 /// The register of the line's UART that divides the clock, and the clock.
 const DIVIDER: u32 = 0x4000_4010;
 const CLOCK: u32 = 25_000_000;
+
+/// The register with the time: it counts down, and begins anew there.
+const TIME: u32 = 0x4000_0004;
+const ROUND: u64 = 25 << 27;
 
 /// So long QEMU may take to start.
 const STARTS: Timespec = Timespec {
@@ -131,12 +144,39 @@ impl Machine {
         move |turn| {
             if turn == Turn::Hears || heard_at.is_none() {
                 let mut qmp = qmp.lock().unwrap_or_else(PoisonError::into_inner);
-                let answers = qmp.execute(&[qmp::peek(DIVIDER)]).ok()?;
-                let divider = answers.first().and_then(qmp::peeked)?;
-                heard_at = CLOCK.checked_div(divider);
+                heard_at = CLOCK.checked_div(qmp.word(DIVIDER).ok()?);
             }
             heard_at
         }
+    }
+
+    /// How long the program has run, by the board's own clock, which comes round every 134 s. It
+    /// starts with the program.
+    ///
+    /// # Errors
+    /// Where QEMU is gone.
+    pub fn clock(&self) -> io::Result<Duration> {
+        let left = u64::from(self.qmp().word(TIME)?);
+        let ticks = (ROUND - 1).saturating_sub(left);
+        Ok(Duration::from_micros(ticks * 1_000_000 / u64::from(CLOCK)))
+    }
+
+    /// How long it has run since then, if that is not longer than a round of its clock.
+    ///
+    /// # Errors
+    /// Where QEMU is gone.
+    pub fn since(&self, then: Duration) -> io::Result<Duration> {
+        let round = Duration::from_micros(ROUND * 1_000_000 / u64::from(CLOCK));
+        let now = self.clock()?;
+        Ok(now.checked_sub(then).unwrap_or(now + round - then))
+    }
+
+    /// What the board hears through.
+    ///
+    /// # Errors
+    /// The limit of open files is reached.
+    pub fn ear(&self) -> io::Result<Ear> {
+        Ok(Ear::new(Arc::clone(&self.qmp), self.line.try_clone()?))
     }
 
     /// The board's end of the line.

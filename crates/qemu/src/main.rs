@@ -51,15 +51,21 @@ fn serve(args: &[String]) -> Result<(), String> {
         return Err(format!("`{flag}` is not `--images`"));
     }
     let orders = orders().map_err(|error| error.to_string())?;
-    let mut line = Line::default();
+    let pty = Pty::open(Path::new(link)).map_err(|error| format!("{link}: {error}"))?;
+    let mut line = Line {
+        hub: Hub::new(),
+        boards: Vec::new(),
+        pty,
+    };
     for pair in modules.chunks(2) {
         match pair {
             [flag, text] if flag == "--module" => line.add(Path::new(images), text)?,
             _ => return Err(format!("`{}` is not understood", pair.join(" "))),
         }
     }
-    let pty = Pty::open(Path::new(link)).map_err(|error| format!("{link}: {error}"))?;
-    pty.join(&line.hub).map_err(|error| error.to_string())?;
+    line.pty
+        .join(&line.hub)
+        .map_err(|error| error.to_string())?;
     println!("ok");
     for order in orders.into_iter().map_while(|order| order) {
         match line.obey(order.trim()) {
@@ -83,11 +89,11 @@ fn orders() -> std::io::Result<Receiver<Option<String>>> {
     Ok(orders)
 }
 
-/// The boards and what joins them.
-#[derive(Default)]
+/// The boards, what joins them, and where their master is.
 struct Line {
     hub: Hub,
     boards: Vec<(String, Board)>,
+    pty: Pty,
 }
 
 impl Line {
@@ -124,9 +130,24 @@ impl Line {
                     Err(error) => Err(error.to_string()),
                 }
             }
+            ["silence"] => {
+                let said = self.silence().map_err(|error| error.to_string())?;
+                Ok(said.to_string())
+            }
             [verb, name, ref rest @ ..] => self.act(verb, name, rest).map(|()| String::new()),
             _ => Err(format!("`{order}` is not understood")),
         }
+    }
+
+    /// How many bytes come to a master that has heard nothing: what it sent last has come to the
+    /// boards then, and by their own clocks they had the time to answer.
+    fn silence(&mut self) -> std::io::Result<usize> {
+        let before = self.pty.heard();
+        self.pty.settle()?;
+        for (_, board) in &mut self.boards {
+            board.keep_silence()?;
+        }
+        Ok(self.pty.heard() - before)
     }
 
     fn act(&mut self, verb: &str, name: &str, rest: &[&str]) -> Result<(), String> {

@@ -10,6 +10,10 @@ use std::fs::File;
 use std::io::{self, Read, Write};
 use std::os::unix::ffi::OsStringExt;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 /// The kernel may hand over what was written at once in two pieces. QEMU paces no characters, so
 /// that a pause between them would be one inside the frame, and end it.
@@ -18,13 +22,25 @@ const PIECES: Timespec = Timespec {
     tv_nsec: 2_000_000,
 };
 
+/// What is sent behind all that a master has sent, to know when the line has carried that. No
+/// master sends this.
+const MARK: &[u8] = b"\0railbus: is all of it heard?\0";
+
+/// So long it may be under way, however busy the machine is.
+const PATIENCE: Duration = Duration::from_secs(40);
+
 /// Our end, and the other one kept open so that masters may come and go.
 #[derive(Debug)]
 pub struct Pty {
     ours: File,
     theirs: File,
     link: PathBuf,
+    waiting: Waiting,
+    heard: Arc<AtomicUsize>,
 }
+
+/// Who waits for the mark that is under way.
+type Waiting = Arc<Mutex<Option<Sender<()>>>>;
 
 impl Pty {
     /// A raw terminal at 9600 baud, with a symbolic link to it, which goes when this does.
@@ -47,6 +63,8 @@ impl Pty {
             ours: File::from(ours),
             theirs: File::from(theirs),
             link: link.to_owned(),
+            waiting: Waiting::default(),
+            heard: Arc::default(),
         })
     }
 
@@ -58,11 +76,36 @@ impl Pty {
         let port = self.theirs.try_clone()?;
         let speed = move |_| tcgetattr(&port).ok().map(|termios| termios.output_speed());
         hub.join(
-            Sent(self.ours.try_clone()?),
-            Heard(self.ours.try_clone()?),
+            Sent {
+                file: self.ours.try_clone()?,
+                waiting: Arc::clone(&self.waiting),
+                carried: None,
+            },
+            Heard {
+                file: self.ours.try_clone()?,
+                bytes: Arc::clone(&self.heard),
+            },
             speed,
         );
         Ok(())
+    }
+
+    /// Waits until the line has carried all that the master has sent, who sends nothing meanwhile:
+    /// on a busy machine it may lie for a while in the kernel.
+    ///
+    /// # Errors
+    /// Where it does not come, or the system says no.
+    pub fn settle(&self) -> io::Result<()> {
+        let (tell, carried) = channel();
+        *self.waiting.lock().unwrap_or_else(PoisonError::into_inner) = Some(tell);
+        (&self.theirs).write_all(MARK)?;
+        wait(&carried)
+    }
+
+    /// How many bytes the master was given to hear so far.
+    #[must_use]
+    pub fn heard(&self) -> usize {
+        self.heard.load(Ordering::SeqCst)
     }
 }
 
@@ -72,36 +115,100 @@ impl Drop for Pty {
     }
 }
 
-/// What the master sends, a whole burst at a time.
-struct Sent(File);
+fn wait(carried: &Receiver<()>) -> io::Result<()> {
+    let why = "the line does not carry what was sent";
+    carried
+        .recv_timeout(PATIENCE)
+        .map_err(|_| io::Error::new(io::ErrorKind::TimedOut, why))
+}
 
-impl Read for Sent {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let mut count = self.0.read(buffer)?;
+/// What the master sends, a whole burst at a time.
+struct Sent {
+    file: File,
+    waiting: Waiting,
+    /// Who is told that all is carried, when the line asks for more.
+    carried: Option<Sender<()>>,
+}
+
+impl Sent {
+    fn burst(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let mut count = self.file.read(buffer)?;
         while count < buffer.len() {
-            let mut fds = [PollFd::new(&self.0, PollFlags::IN)];
+            let mut fds = [PollFd::new(&self.file, PollFlags::IN)];
             if poll(&mut fds, Some(&PIECES))? == 0 || fds[0].revents() != PollFlags::IN {
                 break;
             }
-            count += self.0.read(&mut buffer[count..])?;
+            count += self.file.read(&mut buffer[count..])?;
         }
         Ok(count)
     }
 }
 
+impl Read for Sent {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        loop {
+            if let Some(carried) = self.carried.take() {
+                // Who waits no more has given up.
+                let _ = carried.send(());
+            }
+            let count = self.burst(buffer)?;
+            let Some(before) = buffer[..count].strip_suffix(MARK) else {
+                return Ok(count);
+            };
+            let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+            self.carried = waiting.take();
+            if !before.is_empty() {
+                return Ok(before.len());
+            }
+        }
+    }
+}
+
 /// What the master is to hear. What it does not fetch is lost, as on a wire.
-struct Heard(File);
+struct Heard {
+    file: File,
+    bytes: Arc<AtomicUsize>,
+}
 
 impl Write for Heard {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let mut fds = [PollFd::new(&self.0, PollFlags::OUT)];
+        self.bytes.fetch_add(bytes.len(), Ordering::SeqCst);
+        let mut fds = [PollFd::new(&self.file, PollFlags::OUT)];
         if poll(&mut fds, Some(&Timespec::default()))? == 0 {
             return Ok(bytes.len());
         }
-        self.0.write(bytes)
+        self.file.write(bytes)
     }
 
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Pty;
+    use crate::{Folder, Hub};
+    use std::io::{Read, Write};
+    use std::os::unix::net::UnixStream;
+
+    #[test]
+    fn all_that_was_sent_is_carried_when_the_line_has_settled() {
+        let (folder, hub) = (Folder::new().expect("a folder"), Hub::new());
+        let pty = Pty::open(&folder.path().join("line")).expect("a terminal");
+        pty.join(&hub).expect("it joins");
+        let (mut ours, theirs) = UnixStream::pair().expect("a pair");
+        hub.join(theirs.try_clone().expect("a second handle"), theirs, |_| {
+            Some(9600)
+        });
+        ours.set_nonblocking(true).expect("a socket");
+        let mut heard = [0; 64];
+        for sent in [&b"$016\r"[..], b"", b"$026\r"] {
+            (&pty.theirs).write_all(sent).expect("there is room");
+            pty.settle().expect("it is carried");
+            let count = ours.read(&mut heard).unwrap_or(0);
+            assert_eq!(&heard[..count], sent);
+        }
+        assert_eq!(pty.heard(), 0);
     }
 }

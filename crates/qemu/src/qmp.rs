@@ -13,6 +13,8 @@ const PATIENCE: Duration = Duration::from_secs(30);
 #[derive(Debug)]
 pub(crate) struct Qmp {
     lines: BufReader<UnixStream>,
+    /// Somebody wants the processor to stand still, as it does at first.
+    halted: bool,
 }
 
 impl Qmp {
@@ -24,6 +26,7 @@ impl Qmp {
         stream.set_read_timeout(Some(PATIENCE))?;
         let mut qmp = Qmp {
             lines: BufReader::new(stream),
+            halted: true,
         };
         qmp.line()?; // Its greeting.
         qmp.execute(&[json!({"execute": "qmp_capabilities"})])?;
@@ -48,12 +51,35 @@ impl Qmp {
 
     /// Lets the processor run.
     pub(crate) fn go(&mut self) -> io::Result<()> {
+        self.halted = false;
         self.execute(&[json!({"execute": "cont"})]).map(|_| ())
     }
 
     /// Stops it.
     pub(crate) fn halt(&mut self) -> io::Result<()> {
+        self.halted = true;
         self.execute(&[json!({"execute": "stop"})]).map(|_| ())
+    }
+
+    /// Has something done while the processor stands still.
+    pub(crate) fn while_halted<T>(
+        &mut self,
+        doing: impl FnOnce() -> io::Result<T>,
+    ) -> io::Result<T> {
+        if self.halted {
+            return doing();
+        }
+        self.halt()?;
+        let done = doing();
+        self.go()?;
+        done
+    }
+
+    /// Reads a word at an address, as the debugger of a chip would.
+    pub(crate) fn word(&mut self, address: u32) -> io::Result<u32> {
+        let answers = self.execute(&[peek(address)])?;
+        let word = answers.first().and_then(peeked);
+        word.ok_or_else(|| io::Error::other(format!("no word at {address:#x}: {answers:?}")))
     }
 
     fn answer(&mut self, command: &Value) -> io::Result<Value> {
@@ -78,14 +104,14 @@ impl Qmp {
     }
 }
 
-/// The command that reads a word at an address, as the debugger of a chip would.
-pub(crate) fn peek(address: u32) -> Value {
+/// The command that reads a word at an address.
+fn peek(address: u32) -> Value {
     let line = format!("xp /1xw {address:#x}");
     json!({"execute": "human-monitor-command", "arguments": {"command-line": line}})
 }
 
 /// The word that [`peek`] brought: `40004010: 0x00000a2c`.
-pub(crate) fn peeked(answer: &Value) -> Option<u32> {
+fn peeked(answer: &Value) -> Option<u32> {
     let (_, word) = answer.as_str()?.trim().split_once("0x")?;
     u32::from_str_radix(word, 16).ok()
 }

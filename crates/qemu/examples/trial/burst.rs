@@ -21,7 +21,7 @@ pub(crate) fn no_frame_of_a_burst_is_lost(world: &World) -> Result<String, Strin
 fn burst(world: &World, setup: &Setup) -> std::io::Result<Result<String, String>> {
     // Each frame moves relays over an emulated I2C bus.
     let board = Board::new(&world.images, setup, Options::default());
-    let mut board = board?.slower(20);
+    let mut board = board?;
     // Relay n is toggled every n-th time: the sum over all is the count of every frame.
     let (mut frames, mut expected) = (Vec::new(), 0u32);
     for number in 0..FRAMES {

@@ -10,10 +10,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Boards side by side. Most of the time each waits for silence.
 const BOARDS: usize = 6;
 
-/// What is not passed side by side has so many tries alone: a busy machine may hold up QEMU in
-/// the middle of a frame that gets no reply. A firmware that is wrong is wrong each time.
-const TRIES: u32 = 4;
-
 /// Passes all, and most of them at once.
 pub(crate) fn every_case_holds(world: &World) -> Result<String, String> {
     let cases = all()?;
@@ -21,35 +17,20 @@ pub(crate) fn every_case_holds(world: &World) -> Result<String, String> {
         .iter()
         .flat_map(|case| case.modules.iter().map(move |subject| (case, subject)))
         .collect();
-    let (next, repeated) = (AtomicUsize::new(0), AtomicUsize::new(0));
-    let again = Mutex::new(Vec::new());
+    let (next, failures) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {
         for _ in 0..BOARDS {
             scope.spawn(|| {
                 while let Some((case, subject)) = runs.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    match once(&world.images, case, subject, 1) {
-                        Ok(times) => _ = repeated.fetch_add(times, Ordering::Relaxed),
-                        Err(_) => again
-                            .lock()
-                            .expect("no thread panics")
-                            .push((*case, *subject)),
+                    if let Err(why) = pass(&world.images, case, subject) {
+                        failures.lock().expect("no thread panics").push(why);
                     }
                 }
             });
         }
     });
-    let again = again.into_inner().expect("no thread panics");
-    let failures: Vec<String> = again
-        .iter()
-        .filter_map(|(case, subject)| tries(&world.images, case, subject))
-        .collect();
-    let done = format!(
-        "{} runs of {} cases, {} requests sent again, {} cases tried again",
-        runs.len(),
-        cases.len(),
-        repeated.into_inner(),
-        again.len(),
-    );
+    let failures = failures.into_inner().expect("no thread panics");
+    let done = format!("{} runs of {} cases", runs.len(), cases.len());
     if failures.is_empty() {
         Ok(done)
     } else {
@@ -57,23 +38,9 @@ pub(crate) fn every_case_holds(world: &World) -> Result<String, String> {
     }
 }
 
-/// Why a case was not passed, where no try was good.
-fn tries(images: &Path, case: &Case, subject: &Subject) -> Option<String> {
-    let mut why = String::new();
-    for slower in 1..=TRIES {
-        match once(images, case, subject, slower) {
-            Ok(_) => return None,
-            Err(error) => why = error,
-        }
-    }
-    Some(why)
-}
-
-/// How many requests had to be sent again, or why the case was not passed.
-fn once(images: &Path, case: &Case, subject: &Subject, slower: u32) -> Result<usize, String> {
+/// Puts a module on a bench and runs a case with it.
+fn pass(images: &Path, case: &Case, subject: &Subject) -> Result<(), String> {
     let board = Board::new(images, &subject.setup, subject.options);
     let board = board.map_err(|error| format!("{}:{}: {error}", case.file, case.line));
-    let mut board = board?.slower(slower);
-    run(case, &subject.setup, &mut board).map_err(|failure| failure.to_string())?;
-    Ok(board.repeated() as usize)
+    run(case, &subject.setup, &mut board?).map_err(|failure| failure.to_string())
 }

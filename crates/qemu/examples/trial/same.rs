@@ -16,10 +16,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// So many streams of random bursts.
 const STREAMS: u64 = 25;
 
-/// Boards side by side, and tries of each life. As with cases: held up is not wrong, and wrong is
-/// wrong each time.
+/// Boards side by side.
 const BOARDS: usize = 6;
-const TRIES: u32 = 4;
 
 /// What a module goes through.
 #[derive(Clone, Copy)]
@@ -48,12 +46,13 @@ impl Life {
         }
     }
 
-    fn live(self, world: &World, requests: &[Known], slower: u32) -> Result<Count, String> {
+    fn live(self, world: &World, requests: &[Known]) -> Result<Count, String> {
         match self {
-            Life::Clocked(clock) => clocked::live(world, clock, slower),
-            Life::Trace(setup) => traces::live(world, setup, slower),
-            Life::Random(seed) => random::live(world, seed, slower, requests)
-                .map_err(|why| format!("seed {seed}: {why}")),
+            Life::Clocked(clock) => clocked::live(world, clock),
+            Life::Trace(setup) => traces::live(world, setup),
+            Life::Random(seed) => {
+                random::live(world, seed, requests).map_err(|why| format!("seed {seed}: {why}"))
+            }
         }
     }
 }
@@ -62,13 +61,13 @@ impl Life {
 pub(crate) fn the_same_bytes_get_the_same_replies(world: &World) -> Result<String, String> {
     let requests = random::requests()?;
     let lives = Life::all();
-    let (next, again) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let next = AtomicUsize::new(0);
     let (counts, failures) = (Mutex::new([Count::default(); 3]), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {
         for _ in 0..BOARDS {
             scope.spawn(|| {
                 while let Some(life) = lives.get(next.fetch_add(1, Ordering::Relaxed)) {
-                    match tries(*life, world, &requests, &again) {
+                    match life.live(world, &requests) {
                         Ok(count) => {
                             let counts = &mut counts.lock().expect("no thread panics");
                             counts[life.kind()].frames += count.frames;
@@ -89,9 +88,8 @@ pub(crate) fn the_same_bytes_get_the_same_replies(world: &World) -> Result<Strin
         format!("{frames} frames {kind} with {replies} replies")
     });
     let done = format!(
-        "{} lives, {} tried again: {}",
+        "{} lives: {}",
         lives.len(),
-        again.into_inner(),
         told.collect::<Vec<_>>().join(", ")
     );
     // What nobody answers would prove nothing.
@@ -101,21 +99,4 @@ pub(crate) fn the_same_bytes_get_the_same_replies(world: &World) -> Result<Strin
     } else {
         Err(format!("{done}\n{}", failures.join("\n")))
     }
-}
-
-fn tries(
-    life: Life,
-    world: &World,
-    requests: &[Known],
-    again: &AtomicUsize,
-) -> Result<Count, String> {
-    let mut result = life.live(world, requests, 1);
-    for slower in 2..=TRIES {
-        if result.is_ok() {
-            break;
-        }
-        again.fetch_add(1, Ordering::Relaxed);
-        result = life.live(world, requests, slower);
-    }
-    result
 }

@@ -12,10 +12,6 @@ use std::time::{Duration, Instant};
 /// So long the daemon may take to know everything.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// So often a command is given that ends with this.
-const TRIES: usize = 5;
-const NO_REPLY: &str = "error[E0301]";
-
 /// The demo's five modules as boards, and its configuration.
 pub(crate) struct Site<'a> {
     world: &'a World,
@@ -38,7 +34,7 @@ impl<'a> Site<'a> {
         for (name, setup) in railbus_sim::demo::modules() {
             let mut board = Board::new(&world.images, &setup, options).map_err(said)?;
             board.join(&hub).map_err(said)?;
-            boards.push((name, board.slower(10)));
+            boards.push((name, board));
         }
         let pty = Pty::open(&folder.path().join("line")).map_err(said)?;
         pty.join(&hub).map_err(said)?;
@@ -139,20 +135,13 @@ impl<'a> Site<'a> {
         command
     }
 
-    /// What a command prints that ends well. As with cases: QEMU that is held up in the middle of
-    /// a frame gets no reply from a module that is right.
+    /// What a command prints that ends well.
     pub(crate) fn railbus(&self, args: &[&str]) -> Result<String, String> {
-        let mut told = String::new();
-        for _ in 0..TRIES {
-            let output = self.command(args).output().map_err(said)?;
-            if output.status.success() {
-                return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
-            }
-            told = String::from_utf8_lossy(&output.stderr).into_owned();
-            if !told.contains(NO_REPLY) {
-                break;
-            }
+        let output = self.command(args).output().map_err(said)?;
+        if output.status.success() {
+            return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
         }
+        let told = String::from_utf8_lossy(&output.stderr);
         Err(format!("`railbus {}`: {told}", args.join(" ")))
     }
 }

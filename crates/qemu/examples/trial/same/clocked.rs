@@ -9,7 +9,7 @@ use railbus_device::{Family, Options, Setup};
 use railbus_wire::{Address, Protocol};
 
 /// So long something runs at least, in milliseconds; the few frames before its end are exchanged
-/// in a third of that. A busy machine gets a multiple.
+/// in a third of that, by the board's clock.
 const TIME: u64 = 3_000;
 
 /// So often something is begun.
@@ -61,19 +61,18 @@ impl Clock {
 }
 
 /// One module's life.
-pub(super) fn live(world: &World, clock: Clock, slower: u32) -> Result<Count, String> {
+pub(super) fn live(world: &World, clock: Clock) -> Result<Count, String> {
     let options = Options {
         beyond: true,
         ..Options::default()
     };
-    let mut pair = Pair::new(world, clock.setup(), options, slower)?;
+    let mut pair = Pair::new(world, clock.setup(), options)?;
     let mut dice = Dice::new(1);
-    let time = TIME * u64::from(slower);
     for _ in 0..ROUNDS {
         match clock {
-            Clock::Jogs => jogs(&mut pair, &mut dice, time),
-            Clock::Pulses(protocol) => pulses(&mut pair, &mut dice, time, protocol),
-            Clock::Watchdog(_) => watchdog(&mut pair, &mut dice, time, clock.setup()),
+            Clock::Jogs => jogs(&mut pair, &mut dice, TIME),
+            Clock::Pulses(protocol) => pulses(&mut pair, &mut dice, TIME, protocol),
+            Clock::Watchdog(_) => watchdog(&mut pair, &mut dice, TIME, clock.setup()),
             Clock::Calibration => calibration(&mut pair, &mut dice),
         }?;
     }

@@ -22,18 +22,13 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// Both fresh from the factory; the one in QEMU has so many times longer for all it does.
-    pub(super) fn new(
-        world: &World,
-        setup: Setup,
-        options: Options,
-        slower: u32,
-    ) -> Result<Pair, String> {
+    /// Both fresh from the factory.
+    pub(super) fn new(world: &World, setup: Setup, options: Options) -> Result<Pair, String> {
         let board = Board::new(&world.images, &setup, options).map_err(said)?;
         Ok(Pair {
             setup,
             simulated: Simulated::new(setup, options).map_err(said)?,
-            board: board.slower(slower),
+            board,
             count: Count::default(),
         })
     }

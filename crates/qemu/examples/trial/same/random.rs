@@ -29,12 +29,7 @@ pub(super) fn requests() -> Result<Vec<Known>, String> {
 }
 
 /// One module's life.
-pub(super) fn live(
-    world: &World,
-    seed: u64,
-    slower: u32,
-    requests: &[Known],
-) -> Result<Count, String> {
+pub(super) fn live(world: &World, seed: u64, requests: &[Known]) -> Result<Count, String> {
     let mut dice = Dice::new(seed);
     let setup = setup(seed, &mut dice);
     let own: Vec<&Vec<u8>> = requests
@@ -42,7 +37,7 @@ pub(super) fn live(
         .filter(|(family, protocol, _)| (*family, *protocol) == (setup.family, setup.protocol))
         .map(|(_, _, request)| request)
         .collect();
-    let mut pair = Pair::new(world, setup, Options::default(), slower)?;
+    let mut pair = Pair::new(world, setup, Options::default())?;
     for _ in 0..BURSTS {
         pair.ask(&timeless(setup.family, &own, &mut dice))?;
     }

@@ -23,8 +23,8 @@ pub(super) fn setups() -> impl Iterator<Item = Setup> {
 }
 
 /// One module hears a file of frames, from first to last.
-pub(super) fn live(world: &World, setup: Setup, slower: u32) -> Result<Count, String> {
-    let mut pair = Pair::new(world, setup, Options::default(), slower)?;
+pub(super) fn live(world: &World, setup: Setup) -> Result<Count, String> {
+    let mut pair = Pair::new(world, setup, Options::default())?;
     for frame in frames(setup.protocol)? {
         if !runs_by_the_clock(setup.family, &frame) {
             pair.ask(&frame)?;
