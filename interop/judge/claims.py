@@ -42,7 +42,7 @@ class Claim:
         """Whether it was told that nothing was done."""
         if not self.answered or not is_error(part):
             return False
-        return not part.told.get("may_have_acted") and part.told.get("code") != "E0456"
+        return not part.told.get("may_have_acted") and not is_undone(part)
 
     def is_done(self, part):
         """Whether it was told that it was done."""
@@ -62,6 +62,11 @@ class Claim:
 def is_error(part):
     """Whether an output was not switched, or is not any more."""
     return "code" in part.told
+
+
+def is_undone(part):
+    """Whether it was told to have been taken back."""
+    return part.told.get("code") == "E0456"
 
 
 @dataclasses.dataclass

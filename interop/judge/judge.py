@@ -4,6 +4,8 @@ nothing of the program or of the protocols."""
 import bisect
 import collections
 
+from claims import is_undone
+
 # So much more than said may the end of a pulse or a lease take while nothing is wrong with its
 # line; what was wrong, or a daemon that did not run, is added.
 END_MAX = 4.0
@@ -65,6 +67,10 @@ class Judge:
                 self._by_relay[part.relay].append((claim, part))
         for claims in self._by_relay.values():
             claims.sort(key=lambda both: both[0].since)
+        self._begins = {relay: [claim.since for claim, _ in claims]
+                        for relay, claims in self._by_relay.items()}
+        self._longest = max((claim.until - claim.since for claim in book.claims), default=0.0)
+        self._bad, self._clusters = {}, {}
         self._times = {relay: [change[0] for change in changes]
                        for relay, changes in world.changes.items()}
 
@@ -74,6 +80,12 @@ class Judge:
         at_most = claim.until + UNANSWERED_MAX
         ends = [life[2] for life in self.lives if life[0] <= claim.until and life[2]]
         return max(claim.until, min([at_most, *(end for end in ends if end >= claim.since)]))
+
+    def _near(self, relay, since, until):
+        """The commands for a relay whose windows may touch this one."""
+        begins = self._begins.get(relay, [])
+        first = bisect.bisect_left(begins, since - self._longest)
+        return self._by_relay[relay][first:bisect.bisect_right(begins, until)]
 
     # What was so ---------------------------------------------------------------------------
 
@@ -105,18 +117,25 @@ class Judge:
 
     def calm_after(self, relay, since, length):
         """When so much time has passed since then in which nothing was wrong and the daemon ran."""
+        end = since + length
+        if relay not in self._bad:
+            self._bad[relay] = self._bad_times(relay)
+        for a, b in self._bad[relay]:
+            if a <= end and b >= since:
+                end = max(end, b + length)
+        return end
+
+    def _bad_times(self, relay):
+        """When something was wrong with a relay or on its way, and when the daemon was away."""
         module = relay.split(".")[0]
         bad = [stretch for what in (relay, module, self.line_of.get(module))
                for stretch in self.world.troubles.get(what, [])]
+        bad += self.world.stalls.get(self.line_of.get(module), [])
         bad = [[a, float("inf") if b is None else b] for a, b in bad]
         for before, after in zip(self.lives, [*self.lives[1:], None], strict=True):
             if before[1] is not None:
                 bad.append([before[1], after[0] + 1.5 if after else float("inf")])
-        end = since + length
-        for a, b in sorted(bad):
-            if a <= end and b >= since:
-                end = max(end, b + length)
-        return end
+        return sorted(bad)
 
     def is_outside(self, relay, when):
         """Whether this machine broke the promise that the judge makes to the daemon."""
@@ -124,32 +143,35 @@ class Judge:
         return any(late <= when <= late + OVERDUE for late in self.world.overdue.get(line, []))
 
     def told(self, kind, good, relay, when, words):
-        """One check."""
+        """One check. `words` say more of a lie, or are a function that does."""
         if not good and kind in OF_VALUES and self.is_outside(relay, when):
             self.outside[kind] += 1
             return
         self.checked[kind] += 1
         if not good:
-            self.false.append(False_(kind, relay, when, words))
+            self.false.append(False_(kind, relay, when, words() if callable(words) else words))
 
     # Claims --------------------------------------------------------------------------------
 
     def judge(self):
         """All that was claimed."""
-        first = {}
+        first, began = {}, {}
         for claim in self.book.claims:
+            # Who sent a key in vain may have been heard: the answer to the next is of that.
+            since = began.setdefault(claim.key, claim.since) if claim.key else claim.since
             if not claim.answered:
                 continue
             if claim.key and claim.key in first:
                 # Asked again: the answer is the first one, and so is what it says.
                 same = claim.parts[0].told == first[claim.key].parts[0].told
-                words = f"{claim.words()}\n  {first[claim.key].words()}"
-                self.told("twice", same, claim.parts[0].relay, claim.until, words)
+                both = (claim, first[claim.key])
+                self.told("twice", same, claim.parts[0].relay, claim.until,
+                          lambda both=both: "\n  ".join(one.words() for one in both))
                 continue
             if claim.key:
                 first[claim.key] = claim
             for part in claim.parts:
-                self._confirmed(claim, part)
+                self._confirmed(claim, part, since)
         for relay in self.world.acts:
             self._orders(relay)
             self._twice(relay)
@@ -157,45 +179,48 @@ class Judge:
         for reading in self.book.readings:
             if reading.path in self._times:
                 good = self.held(reading.path, reading.since, reading.until, reading.value)
-                self.told("reading", good, reading.path, reading.until, str(reading))
+                self.told("reading", good, reading.path, reading.until, reading.__str__)
         return self
 
-    def _confirmed(self, claim, part):
+    def _confirmed(self, claim, part, since):
         relay, told = part.relay, part.told
         if told.get("before") is not None and not told.get("renewed"):
             # Before its own order, where it is known which one that is: others may order meanwhile,
             # a pulse or a lease may end, and its own may be lost.
-            alone = not any(other is not claim and other.since <= claim.until
-                            and other.until >= claim.since for other, _ in self._by_relay[relay])
-            acts = self.orders(relay, claim.since, claim.until)
+            alone = not any(other is not claim and other.until >= since
+                            for other, _ in self._near(relay, since, claim.until))
+            acts = self.orders(relay, since, claim.until)
             until = acts[0].hi - 1e-6 if len(acts) == 1 and alone else claim.until
-            good = self.held(relay, claim.since - BEFORE_MAX, until, told["before"])
-            self.told("before", good, relay, claim.until, claim.words())
-        if claim.undone and told.get("code") == "E0456":
+            good = self.held(relay, since - BEFORE_MAX, until, told["before"])
+            self.told("before", good, relay, claim.until, claim.words)
+        if claim.undone and is_undone(part):
             self._undone(claim, part)
         if not claim.is_done(part):
             return
         value = told.get("value")
         if told["confirmed"] == "readback" and value is not None:
-            good = self.held(relay, claim.since, claim.until, value)
-            self.told("readback", good, relay, claim.until, claim.words())
+            good = self.held(relay, since, claim.until, value)
+            self.told("readback", good, relay, claim.until, claim.words)
         if told["confirmed"] == "reply":
             want = value if part.want is None else part.want
-            acts = self.orders(relay, claim.since, claim.until, None if part.want is None else want)
+            acts = self.orders(relay, since, claim.until, None if part.want is None else want)
             acts = [act for act in acts if act.answered]
             # An order that a pulse output ignores is none, and is answered.
             good = bool(acts) or relay in self.pulsing and not want
-            self.told("reply", good, relay, claim.until, claim.words())
+            self.told("reply", good, relay, claim.until, claim.words)
             if claim.verify and acts and value is not None and relay not in self.pulsing:
                 good = not all(self._is_contradicted(act, relay, value, claim) for act in acts)
-                self.told("reply value", good, relay, claim.until, claim.words())
+                self.told("reply value", good, relay, claim.until, claim.words)
 
     def _is_contradicted(self, act, relay, value, claim):
         """Whether one of the two readings after an order told the other state."""
         if self.held(relay, act.hi, claim.until, value):
             return False
         replies = self.world.replies.get(relay.split(".")[0], [])
-        after = [reply for reply in replies if reply.lo >= act.hi and reply.sent <= claim.until]
+        # They were noted as they were sent.
+        first = bisect.bisect_left(replies, act.hi, key=lambda reply: reply.sent)
+        last = bisect.bisect_right(replies, claim.until, key=lambda reply: reply.sent)
+        after = [reply for reply in replies[first:last] if reply.lo >= act.hi]
         return any(reply.clean and reply.states.get(relay, value) != value for reply in after[:2])
 
     def _undone(self, claim, part):
@@ -206,25 +231,34 @@ class Judge:
         if others or relay in self.pulsing or self.is_troubled(relay, claim.since, claim.until):
             return
         before, after = self.value_at(relay, claim.since), self.value_at(relay, claim.until)
-        self.told("undone", before == after, relay, claim.until, claim.words())
+        self.told("undone", before == after, relay, claim.until, claim.words)
 
     # Orders --------------------------------------------------------------------------------
 
     def _orders(self, relay):
         """Each order was somebody's."""
-        claims = self._by_relay[relay]
+        claims, begins = self._by_relay[relay], self._begins.get(relay, [])
         for act in self.world.acts[relay]:
             # The newest first: it is nearly always one of those.
-            good = any(self._may_order(act, claim, part) for claim, part in reversed(claims))
-            words = f"{act} came, and nobody ordered it then"
-            near = [claim.words() for claim, _ in claims if claim.since <= act.hi]
-            self.told("nobody's", good, relay, act.hi, "\n  ".join([words, *near[-6:]]))
+            before = reversed(claims[:bisect.bisect_right(begins, act.hi)])
+            good = any(self._may_order(act, claim, part) for claim, part in before)
+            self.told("nobody's", good, relay, act.hi, lambda act=act: "\n  ".join(
+                [f"{act} came, and nobody ordered it then", *self._last_words(relay, act.hi, 6)]))
+
+    def _last_words(self, relay, when, count):
+        """What was said of a relay last before that."""
+        before = [claim for claim, _ in self._by_relay[relay] if claim.since <= when]
+        return [claim.words() for claim in before[-count:]]
 
     def _may_order(self, act, claim, part):
         """Whether an order may come of this command, or of its end."""
         if claim.since > act.hi or claim.did_nothing(part):
             return False
         until = claim.until + IN_FLIGHT
+        if claim.kind == "unlease" and part.told.get("confirmed") == "reply":
+            # What was acknowledged and not seen is not believed, and tried again.
+            until = self.calm_after(part.relay, claim.until, TRIED_AGAIN)
+            return act.kind == "set" and act.lo <= until and act.value == part.told.get("value")
         if act.kind != "set":
             # Of a toggle or a pulse of the module only what asks for that.
             fits = claim.kind == "jog" or claim.by in ("device",) or claim.is_raw
@@ -285,7 +319,8 @@ class Judge:
             fits = [c for c in claims if c[0] <= act.hi and c[1] >= act.lo]
             if fits:
                 claims.remove(min(fits, key=lambda c: c[1]))
-            self.told("twice", bool(fits), relay, act.hi, f"{act} is one more than was ordered")
+            self.told("twice", bool(fits), relay, act.hi,
+                      lambda act=act: f"{act} is one more than was ordered")
 
     # Ends ----------------------------------------------------------------------------------
 
@@ -296,8 +331,8 @@ class Judge:
                 continue
             due = claim.until + claim.seconds
             until = self.calm_after(relay, due, END_MAX)
-            others = [other for other, own in claims if other is not claim
-                      and other.until >= claim.since and other.since <= until
+            others = [other for other, own in self._near(relay, claim.since, until)
+                      if other is not claim and other.until >= claim.since
                       and not other.did_nothing(own)]
             if claim.kind == "lease":
                 # Its last renewal counts.
@@ -306,34 +341,53 @@ class Judge:
             if others or until > self.over:
                 continue
             good = self.held(relay, due - EARLY, until, not part.want)
-            self.told("end", good, relay, until, claim.words() + f", due {due:.3f}")
+            self.told("end", good, relay, until,
+                      lambda claim=claim, due=due: f"{claim.words()}, due {due:.3f}")
 
     # The end of a run ----------------------------------------------------------------------
 
     def candidates(self, relay, until):
         """What an output may be then by what was told, and since when that says so."""
         may, since = {self.value_at(relay, 0.0)}, 0.0
-        clusters, ends = [], float("-inf")
-        for claim, part in self._by_relay[relay]:
-            if claim.since > until:
-                break
-            if claim.since > ends:
-                clusters.append([])
-            clusters[-1].append((claim, part))
-            ends = max(ends, claim.until)
-        for cluster in clusters:
-            new, is_done = set(), False
+        clusters = self._clusters_of(relay)
+        last = bisect.bisect_right(clusters, until, key=lambda cluster: cluster[0][0].since)
+        clusters = [[both for both in cluster if both[0].since <= until]
+                    for cluster in clusters[:last]]
+        # What was before the last of which one is sure does not matter.
+        first = next((nth for nth in reversed(range(last)) if self._decides(clusters[nth])), 0)
+        for cluster in clusters[first:]:
+            new = set()
             for claim, part in cluster:
-                if claim.did_nothing(part):
-                    continue
-                # What is taken back is as it was before the batch came to it.
-                is_undone = part.told.get("code") == "E0456"
-                new |= may if is_undone else self._final(claim, part)
-                sure = claim.is_done(part) and part.told["confirmed"] != "sent"
-                is_done |= sure and not part.told.get("renewed")
+                if not claim.did_nothing(part):
+                    # What is taken back is as it was before the batch came to it.
+                    new |= may if is_undone(part) else self._final(claim, part)
+            is_done = any(self._is_sure(claim, part) for claim, part in cluster)
             may = new if is_done else new | may
             since = cluster[0][0].since if is_done else since
         return may, since
+
+    def _clusters_of(self, relay):
+        """The commands for a relay, those together that were at work at the same time."""
+        if relay not in self._clusters:
+            clusters, ends = [], float("-inf")
+            for claim, part in self._by_relay[relay]:
+                if claim.since > ends:
+                    clusters.append([])
+                clusters[-1].append((claim, part))
+                ends = max(ends, claim.until)
+            self._clusters[relay] = clusters
+        return self._clusters[relay]
+
+    @staticmethod
+    def _is_sure(claim, part):
+        """Whether an output is for sure what the command wanted, or what one beside it did."""
+        sure = claim.is_done(part) and part.told["confirmed"] != "sent"
+        return sure and not claim.did_nothing(part) and not part.told.get("renewed")
+
+    def _decides(self, cluster):
+        """Whether these commands alone say what the output may be after them."""
+        return (any(self._is_sure(claim, part) for claim, part in cluster)
+                and not any(is_undone(part) for _, part in cluster))
 
     def _final(self, claim, part):
         told = part.told
@@ -358,6 +412,7 @@ class Judge:
             if self.is_troubled(relay, since - 1.0, now):
                 continue
             value = self.value_at(relay, now)
-            words = [claim.words() for claim, _ in self._by_relay[relay] if claim.since < now][-8:]
-            words = f"is {value}, and may be {sorted(may)}\n  " + "\n  ".join(words)
-            self.told("left", value in may, relay, now, words)
+            self.told("left", value in may, relay, now,
+                      lambda value=value, may=may, relay=relay: "\n  ".join(
+                          [f"is {value}, and may be {sorted(may)}",
+                           *self._last_words(relay, now, 8)]))

@@ -17,9 +17,9 @@ TURNAROUND = 0.004
 PROMISED = 0.5
 LATE_MAX = 0.44
 # A second copy of a reply is promised to be told apart within this of the first; what is sent twice
-# here mostly comes well before it. Further apart are those of the lines that promise nothing.
+# here comes well before it.
 AGAIN_PROMISED = 0.1
-AGAIN_MAX, AGAIN_FAR = 0.07, 1.0
+AGAIN_MAX = 0.07
 # Bytes that make no request are forgotten after so long.
 FORGOTTEN = 0.05
 # So often it is looked whether somebody has opened the terminal.
@@ -27,9 +27,10 @@ LOOK_AGAIN = 0.002
 # So often it is looked at the clock, so that it is known when a request came.
 TICK = 0.015
 
-# The faults of a line that are drawn for each request, and how often where they are in force.
-ODDS = {"late": 0.12, "late5": 0.06, "lost_request": 0.05, "lost_reply": 0.05, "twice": 0.1,
-        "garbled": 0.08, "master": 0.05, "pieces": 0.05}
+# The faults of a line that are drawn for each request, and how often where they are in force. After
+# each the line has to be cautious for a while: more of them would only mean fewer commands.
+ODDS = {"late": 0.05, "late5": 0.01, "lost_request": 0.02, "lost_reply": 0.02, "twice": 0.05,
+        "garbled": 0.03, "master": 0.03, "pieces": 0.05}
 # Those by which a line must be no worse than slow.
 INSIDE = ("late", "lost_request", "lost_reply", "twice", "garbled", "pieces")
 
@@ -54,6 +55,8 @@ class Line:
         self.trace = []
         self.asked = {module.name: 0 for module in modules}
         self._queue, self._order = [], itertools.count()
+        # When the last of what is under way comes, where the line keeps its order.
+        self._last = 0.0
         self._wake, self._stop = os.pipe(), False
         self._fd = None
         self._lock = threading.RLock()
@@ -80,6 +83,9 @@ class Line:
             os.unlink(self.path)
             fd, self._fd = self._fd, None
             self._queue.clear()
+            self._last = 0.0
+            for module in self.modules:
+                module.busy_until = 0.0
             os.close(fd)
         os.write(self._wake[1], b"\0")
 
@@ -152,7 +158,7 @@ class Line:
         return not any(what & select.POLLHUP for _, what in poll.poll(0))
 
     def _run(self):
-        heard, babbled, last = b"", 0.0, 0.0
+        heard, babbled, last, looked = b"", 0.0, 0.0, time.monotonic()
         while not self._stop:
             with self._lock:
                 now = time.monotonic()
@@ -170,13 +176,18 @@ class Line:
                     ports.append(self._fd)
                 elif self._fd is not None:
                     wait.append(LOOK_AGAIN)
-            lo = time.monotonic()
-            ready = select.select(ports, [], [], max(min([*wait, TICK]), 0))[0]
+            now = time.monotonic()
+            ready = select.select(ports, [], [], 0)[0]
+            if self._fd not in ready:
+                # Nothing was there at that moment; what is there later came after it.
+                looked = now
+                ready = ready or select.select(ports, [], [], max(min([*wait, TICK]), 0))[0]
             with self._lock:
                 if self._wake[0] in ready:
                     os.read(self._wake[0], 64)
                 if self._fd is None or self._fd not in ready:
                     continue
+                lo, looked = looked, time.monotonic()
                 try:
                     data = os.read(self._fd, 600)
                 except OSError:
@@ -251,17 +262,20 @@ class Line:
             delay = self.random.uniform(0.02, LATE_MAX)
         if self._draw("late5"):
             delay = self.random.uniform(0.5, 5.0)
+        # A module answers one request after the other, whatever holds its replies up.
+        delay = max(delay, module.busy_until - hi)
+        module.busy_until = hi + delay
         if module.has_checksum and self._draw("garbled"):
             at = self.random.randrange(len(reply) - 1)
             spoilt = reply[at] ^ 1 << self.random.randrange(7)
             reply, clean = reply[:at] + bytes([spoilt]) + reply[at + 1:], False
-        is_late = delay > 0.02
-        is_meant = delay <= LATE_MAX
+        is_held = delay > LATE_MAX or self._last > hi
+        is_late = is_held or delay > 0.02
 
         first = []
 
         def sent(when):
-            if is_meant and when - lo > PROMISED:
+            if not is_held and when - lo > PROMISED:
                 self.world.overdue[self.name].append(when)
             first.append(when)
             if tells:
@@ -272,20 +286,30 @@ class Line:
         if self._draw("pieces") and len(reply) > 3:
             cut = self.random.randrange(1, len(reply))
             copies = [(delay, reply[:cut], lambda _: None), (delay + 0.01, reply[cut:], sent)]
+            module.busy_until += 0.01
         if self.twice_first or self._draw("twice"):
             self.twice_first = max(self.twice_first - 1, 0)
-            far = AGAIN_FAR if "late5" in self.faults else AGAIN_MAX
-            again = delay + self.random.uniform(0.004, far)
+            again = delay + self.random.uniform(0.004, AGAIN_MAX)
 
             def repeated(when):
-                if far == AGAIN_MAX and first and when - first[0] > AGAIN_PROMISED:
+                if first and when - first[0] > AGAIN_PROMISED:
                     self.world.overdue[self.name].append(when)
             copies.append((again, reply, repeated))
         for after, data, done in copies:
-            heapq.heappush(self._queue, (hi + after, next(self._order), data, done))
+            self._put(hi + after, data, done)
         if not strange and self._draw("master") and tells and module.names_itself:
             # Somebody else asks the same a little later.
             def ask(_when, frame=frame):
                 self._answer_all(frame, time.monotonic(), time.monotonic(), strange=True)
             later = hi + delay + self.random.uniform(0.001, 0.1)
             heapq.heappush(self._queue, (later, next(self._order), frame, ask))
+
+    def _put(self, due, data, done):
+        """Sends this then. What comes later than is promised holds up all behind it, as in an
+        adapter or on TCP: nothing overtakes it."""
+        now = time.monotonic()
+        if "late5" in self.faults or self._last > now:
+            due = self._last = max(due, self._last)
+            if due - now > PROMISED:
+                self.world.stall(self.name, now, due)
+        heapq.heappush(self._queue, (due, next(self._order), data, done))

@@ -28,6 +28,8 @@ class World:
         self.troubles = collections.defaultdict(list)
         # When a reply left that the test's own machine made later than promised, by line.
         self.overdue = collections.defaultdict(list)
+        # Stretches in which the replies of a line were held up longer than promised.
+        self.stalls = collections.defaultdict(list)
         self.lines = {}
         self.frames = 0
         self.lock = threading.Lock()
@@ -41,6 +43,14 @@ class World:
     def trouble(self, what, since, until=None):
         """Something is wrong with that from then on, or was until then."""
         self.troubles[what].append([since, until])
+
+    def stall(self, line, since, until):
+        """Replies of a line are held up for so long."""
+        stalls = self.stalls[line]
+        if stalls and stalls[-1][1] >= since:
+            stalls[-1][1] = until
+        else:
+            stalls.append([since, until])
 
     def trouble_ends(self, what, until):
         """It is right again."""
@@ -69,6 +79,8 @@ class Module:
         self.inputs = [f"{name}.{label}" for label in inputs]
         self.state, self.levels = 0, 0
         self.powered, self.stuck, self.welded, self.deaf = True, 0, 0, False
+        # When its last reply has been sent.
+        self.busy_until = 0.0
         # Outputs that change by themselves: channel -> (when, to what).
         self.due = {}
         # Outputs that give pulses, and how long in seconds.
@@ -401,6 +413,9 @@ class R55(Module):
         match plain:
             case 0x10:
                 pass
+            case 0x40:
+                body = bytes([0x22, self.address, function, 0, 0, 0, self.address])
+                return body + bytes([total(body)]), False
             case 0x11 | 0x12:
                 self.order(seen, channel, plain == 0x12)
             case 0x13:

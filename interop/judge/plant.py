@@ -17,15 +17,18 @@ HISTORY_BEFORE, HISTORY_AFTER = 3.2, 0.65
 
 
 def whole_site(world):
-    """All families in all protocols, on three lines."""
+    """All families in all protocols, on six lines: it is the lines that limit how much is
+    commanded."""
     pulsing = EdaRtu(world, "gate", 3)
     pulsing.pulse_mask, pulsing.width = 0b1000, 0.5
     return {
         "rtu": [Erc8(world, "oven", 1), Emd(world, "tank", 2), pulsing],
-        "eda": [EdaAscii(world, "pump", 1, 4), EdaAscii(world, "old", 2, 4, is_old=True),
-                EdaLc02(world, "hall", 5, 8), EdaLc02(world, "shed", 6, 4)],
+        "ascii": [EdaAscii(world, "pump", 1, 4), EdaAscii(world, "old", 2, 4, is_old=True)],
+        "lc02": [EdaLc02(world, "hall", 5, 8), EdaLc02(world, "shed", 6, 4)],
         "mixed": [R55(world, "yard", 9), EdaAscii(world, "door", 4, 8, checksum=False),
                   Erc8(world, "roof", 7)],
+        "boards": [R55(world, "quay", 1), R55(world, "dock", 2)],
+        "far": [Erc8(world, "mill", 1), EdaRtu(world, "barn", 2), EdaLc02(world, "well", 3, 8)],
     }
 
 
@@ -149,8 +152,8 @@ class Plant:
                     good = entry.get("end") == part.told["confirmed"]
                 else:
                     good = bool(entry.get("end"))
-                words = f"{claim.words()}\n  {entry}"
-                judge.told("audit", good, part.relay, claim.until, words)
+                judge.told("audit", good, part.relay, claim.until,
+                           lambda claim=claim, entry=entry: f"{claim.words()}\n  {entry}")
 
     def _history(self, judge):
         """Each good sample was so."""

@@ -34,9 +34,9 @@ SECONDS = 120.0
 TRIALS_TAKE = 42.0
 # Of the soak, for each second: who ran fewer has judged too little. A busy machine makes some
 # twenty commands.
-FLOORS = {"commands": 3.0, "reading": 100.0, "nobody's": 2.0, "readback": 1.5, "left": 1.0}
+FLOORS = {"commands": 5.0, "reading": 100.0, "nobody's": 2.0, "readback": 1.5, "left": 1.0}
 # Of the soak, for each minute.
-KILLS_MIN = 2.0
+KILLS_MIN = 6.0
 # Where replies come later than promised, so many of a hundred thousand readings may be false.
 LATE_MAX = 1.0
 BY_READING = ("reading", "history", "before")
@@ -137,19 +137,21 @@ class Run:
 
     def soak(self, seconds):
         """The rounds of load."""
-        modes = {"modes": (("late5",), ("late5", "twice", "lost_reply"))} if self.args.late else {}
+        late = (("late5",), ("late5", "lost_request", "lost_reply"))
+        modes = {"modes": late} if self.args.late else {}
         soak = Soak(self.args.seed, **modes)
         try:
             judge = soak.run(seconds)
-            commands = len(soak.plant.book.claims)
+            commands = sum(claim.answered for claim in soak.plant.book.claims)
             floors = {kind: least * seconds for kind, least in FLOORS.items() if kind in KINDS}
             self.take("soak", soak.plant, judge, floors)
             if commands < FLOORS["commands"] * seconds:
                 self.failed.append(f"soak: only {commands} commands in {seconds:.0f} s")
             if soak.kills < KILLS_MIN * seconds / 60:
                 self.failed.append(f"soak: only {soak.kills} kills in {seconds:.0f} s")
-            print(f"  {soak.rounds} rounds, {commands} commands, {soak.kills} kills, "
-                  f"{soak.terms} stops, {soak.others} other events")
+            print(f"  {soak.rounds} rounds, {commands} commands answered, {soak.kills} kills, "
+                  f"{soak.terms} stops, {soak.others} other events; "
+                  f"judged in {soak.judging:.1f} s")
         finally:
             soak.plant.__exit__()
 

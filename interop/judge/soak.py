@@ -12,13 +12,15 @@ MODES = (("late",), ("lost_request", "lost_reply"), ("twice",), ("garbled", "pie
          ("late", "lost_request", "lost_reply", "twice", "garbled", "pieces"), (),
          ("echo",), ("master", "lost_reply"), ("once", "late"))
 # What happens in the midst of a round.
-EVENTS = ("kill", "kill", "kill", "term", "reload", "unplug", "power", "exchange", "stuck",
-          "welded", "babble", "inputs", "kill_loop")
+EVENTS = ("kill", "kill", "kill", "kill", "kill", "kill_loop", "kill_loop", "term", "reload",
+          "unplug", "power", "exchange", "stuck", "welded", "babble", "inputs")
+# So many of them in each round, and so many kills in a loop of them.
+EVENTS_EACH, LOOP = 3, 4
 GROUPS = (("wide", ("oven.k1", "hall.do1", "yard.k1", "pump.do0")),
           ("near", ("oven.k2", "oven.k3")))
 SCENES = (("dusk", (("oven.k4", True), ("yard.k2", False), ("shed.do0", True))),)
 # So long does a round load the lines.
-ROUND = 5.0
+ROUND = 7.0
 
 
 class Soak:
@@ -27,6 +29,8 @@ class Soak:
     def __init__(self, seed, modes=MODES, pause=0.01, say=print):
         self.seed, self.random, self.say, self.modes = seed, random.Random(seed), say, modes
         self.kills = self.terms = self.rounds = self.others = 0
+        # How many seconds it took to judge all of it.
+        self.judging = 0.0
         self.plant = Plant(seed, whole_site, GROUPS, SCENES, pulsing={"gate.do3": 0.5})
         # What was in a pulse or lease at the end of each round, and when the rounds were.
         self.lefts, self.quiet = [], []
@@ -49,17 +53,19 @@ class Soak:
         mode_of = itertools.cycle(self.random.sample(self.modes, len(self.modes)))
         event_of = itertools.cycle(self.random.sample(EVENTS, len(EVENTS)))
         while time.monotonic() < end:
-            self.round(next(mode_of), next(event_of), next(event_of))
+            self.round(next(mode_of), *itertools.islice(event_of, EVENTS_EACH))
         for client in self.clients:
             client.over = True
         self.reader.over = True
         self.reader.join(5)
+        began = time.monotonic()
         judge = plant.judged().judge()
         for when, words in self.lefts:
             judge.told("held", not words, words, when, "in a pulse or lease at the end")
         for now in self.quiet:
             judge.left(now)
         plant.judge_rest(judge)
+        self.judging = time.monotonic() - began
         return judge
 
     def round(self, mode, *events):
@@ -80,7 +86,7 @@ class Soak:
         for client in self.clients:
             client.go.set()
         for event in events:
-            time.sleep(self.random.uniform(0.2, ROUND / 2 - 0.5))
+            time.sleep(self.random.uniform(0.2, ROUND / EVENTS_EACH - 0.5))
             getattr(self, event)()
         time.sleep(max(since + ROUND - time.monotonic(), 0))
         self.silence("echo" in mode)
@@ -90,10 +96,10 @@ class Soak:
         plant = self.plant
         for client in self.clients:
             client.go.clear()
+        plant.heal()
         for client in self.clients:
             client.idle.wait(25)
             client.leases.clear()
-        plant.heal()
         if echoes:
             self.restart("TERM", lambda: self.set_echo(False))
         plant.wait_back()
@@ -130,7 +136,7 @@ class Soak:
         self.restart("KILL")
 
     def kill_loop(self):
-        for _ in range(3):
+        for _ in range(LOOP):
             self.restart("KILL")
             time.sleep(self.random.uniform(0.0, 0.4))
 

@@ -1,10 +1,13 @@
 """The judge against logs that lie: each kind of lie has to be reported, and the truth must not."""
 
+import tempfile
+import time
 import unittest
 
 from checksums import crc, total
 from claims import Book, Claim, Part, Reading, take_answer
 from judge import KINDS, Judge
+from line import Line
 from modules import Act, EdaAscii, EdaLc02, EdaRtu, Emd, Erc8, R55, Reply, World
 
 RELAY = "oven.k1"
@@ -130,6 +133,17 @@ class Lies(unittest.TestCase):
         self.lie(given_back(readback(False)), "left", left=True)
         self.lie(given_back(readback(True)).acts(10.45, False), "left", left=True)
 
+    def test_a_lease_given_back_and_not_seen_is_tried_again(self):
+        def given_back(told):
+            held = Told().acts(10.1, True)
+            held.says("lease", True, 10, 10.2, readback(True), seconds=9, by="host")
+            held.acts(10.4, False).says("unlease", None, 10.3, 10.5, told)
+            return held.acts(10.9, False)
+
+        self.true(given_back(reply(False)), left=True)
+        self.lie(given_back(readback(False)), "nobody's", left=True)
+        self.lie(given_back(reply(False)).acts(33.0, False), "nobody's", left=True)
+
     def test_nothing_was_done(self):
         self.true(Told().acts(10.1, True).says("set", True, 10, 10.2, MAY_HAVE, 504))
         self.lie(Told().acts(10.1, True).says("set", True, 10, 10.2, NOTHING_DONE, 409), "nobody's")
@@ -155,6 +169,10 @@ class Lies(unittest.TestCase):
             asked.says("toggle", None, since, since + 0.2, reply(True), is_raw=True, key="x")
         self.true(asked)
         self.lie(asked.acts(10.4, False, "toggle"), "twice")
+        # The first answer was lost with its connection.
+        late = Told().acts(10.1, True, "toggle")
+        late.says("toggle", None, 10.0, 10.2, None, is_raw=True, key="x")
+        self.true(late.says("toggle", None, 10.4, 10.6, reply(True), is_raw=True, key="x"))
         other = Told().acts(10.1, True, "toggle")
         other.says("toggle", None, 10, 10.2, reply(True), is_raw=True, key="x")
         other.says("toggle", None, 10.3, 10.5, reply(False), is_raw=True, key="x")
@@ -239,10 +257,61 @@ class Lies(unittest.TestCase):
         told.world.trouble("oven", 11.0, 24.0)
         self.true(told)
 
+    def test_replies_that_are_held_up_widen_the_time_of_an_end(self):
+        told = self.pulse(ends=False).acts(20.0, False).acts(25.0, False)
+        self.lie(told, "end", "nobody's")
+        told = self.pulse(ends=False).acts(25.0, False)
+        told.world.stall("rtu", 11.0, 18.0)
+        told.world.stall("rtu", 17.0, 24.0)
+        self.assertEqual(told.world.stalls["rtu"], [[11.0, 24.0]])
+        self.true(told)
+
     def test_all_kinds_are_named(self):
         told = Told().reads(9.9, 10.2, True)
         told.judge()
         self.assertLessEqual(set(told.judged.checked), set(KINDS))
+
+
+class Order(unittest.TestCase):
+    """What comes too late is overtaken by nothing."""
+
+    def test_nothing_overtakes_what_is_held_up(self):
+        with tempfile.TemporaryDirectory() as folder:
+            line = Line(World(), "rtu", folder + "/rtu", [], 1)
+            with open(line.path, "rb+", buffering=0) as port:
+                now = time.monotonic()
+                line.faults = {"late5"}
+                line.do(lambda _: line._put(now + 0.6, b"late", lambda _: None))
+                line.faults = set()
+                line.do(lambda _: line._put(now, b"soon", lambda _: None))
+                heard = b""
+                while len(heard) < 8:
+                    heard += port.read(8)
+                took = time.monotonic() - now
+            line.close()
+        self.assertEqual(heard, b"latesoon")
+        self.assertGreater(took, 0.59)
+        self.assertEqual(len(line.world.stalls["rtu"]), 1)
+
+    def test_a_module_answers_in_the_order_in_which_it_was_asked(self):
+        with tempfile.TemporaryDirectory() as folder:
+            world = World()
+            modules = [Erc8(world, "oven", 1), Erc8(world, "hall", 2)]
+            line = Line(world, "rtu", folder + "/rtu", modules, 1)
+            line.faults = {"late", "pieces"}
+
+            def fill(now):
+                for number in range(200):
+                    reply, at = bytes([number]) * 4, now + number / 1000
+                    module = modules[number % 2]
+                    line._fate(module, reply, False, (at, at, number), b"", False)
+                return [data[0] for _, _, data, _ in sorted(line._queue, key=lambda due: due[:2])]
+            came = line.do(fill)
+            line.close()
+        of_each = [[number for number in came if number % 2 == nth] for nth in range(2)]
+        self.assertEqual([sorted(numbers) for numbers in of_each], of_each)
+        # Modules do not wait for each other.
+        self.assertNotEqual(sorted(came), came)
 
 
 class Modules(unittest.TestCase):
