@@ -3,11 +3,14 @@ to misbehave. Only the standard library is used; the frames are made here and no
 
 import collections
 import copy
+import fcntl
 import heapq
 import itertools
 import os
 import random
 import select
+import socket
+import termios
 import threading
 import time
 import tty
@@ -15,9 +18,17 @@ import tty
 from checksums import crc, total
 
 # So late is a reply that comes too late: after any reply timeout, and before its request is
-# forgotten. One that this program sends after that is its own fault.
+# forgotten.
 LATE = 0.75
-OVERDUE = 0.88
+# A reply that comes too late or once more may be later than it says by so much: what comes later
+# still, nothing is promised of. What a busy machine has held up for longer is not sent, as if the
+# line had lost it.
+SPARE = 0.13
+# The line is looked at so often at least: what is heard was not there a look before, so that it is
+# known when it was sent at the earliest.
+LOOK = 0.02
+# So late is one that is told apart all the same, also by who asks without a daemon.
+WITHIN = 0.45
 # A reply that came too late or once more comes so long after the next request, and the reply to
 # that one after a further while.
 STRAY = 0.005
@@ -28,6 +39,11 @@ AGAIN = 0.02
 # behind it, and that a host which learns how fast a module is waits its longest.
 TURNAROUND = 0.01
 SLOW = 0.16
+# The turnaround of a module that is slower than any reply is waited for at first.
+SLOW_MODULE = 0.4
+
+# Bytes that make no request are forgotten after so long.
+FORGOTTEN = 0.05
 
 Request = collections.namedtuple("Request", "unit kind detail")
 Request.__doc__ = "A request to a unit: `read`, `write` or `other`, and what its protocol needs."
@@ -52,10 +68,11 @@ def word(data):
 
 
 class Rtu:
-    """Modbus RTU. `first` is the number of the first coil, `count` how many there are."""
+    """Modbus RTU. `first` is the number of the first coil, `count` how many there are; `registers`
+    gives those of a unit."""
 
-    def __init__(self, first, count):
-        self.first, self.count = first, count
+    def __init__(self, first, count, registers):
+        self.first, self.count, self.registers = first, count, registers
 
     def take(self, data):
         """The first request in these bytes, and how many of them are done with."""
@@ -84,12 +101,17 @@ class Rtu:
         """The reply without its checksum."""
         head, function = [request.unit, request.detail[0]], request.detail[0]
         at, count = word(request.detail[1:]), word(request.detail[3:])
+        if function == 1 and at < self.first:
+            return bytes([head[0], function | 0x80, 2])
         if function in (1, 2):
             levels = unit.outputs >> at - self.first if function == 1 else unit.inputs >> at
             size = (count + 7) // 8
             return bytes([*head, size]) + (levels & (1 << count) - 1).to_bytes(size, "little")
         if function == 3:
-            return bytes([*head, 2 * count, *bytes(2 * count)])
+            values = self.registers(request.unit)[at:at + count]
+            if len(values) < count:
+                return bytes([head[0], function | 0x80, 2])
+            return bytes([*head, 2 * count]) + b"".join(v.to_bytes(2, "big") for v in values)
         return bytes(head[:1]) + request.detail[:5]
 
     @staticmethod
@@ -215,7 +237,7 @@ class Lc02:
     @staticmethod
     def body(request, unit):
         """The reply without its checksum."""
-        data = {1: [6, 0x90, 0x60, 0], 3: [unit.outputs, unit.inputs], 6: [0, 10]}
+        data = {1: [6, 0x90, 0x50, 0], 3: [unit.outputs, unit.inputs], 6: [0, 10]}
         return bytes([request.unit, *data.get(request.detail[0], [])])
 
     @staticmethod
@@ -236,7 +258,7 @@ class Lc02:
     @staticmethod
     def other_command(body):
         """The configuration."""
-        return bytes([body[0], 6, 0x90, 0x60, 0])
+        return bytes([body[0], 6, 0x90, 0x50, 0])
 
 
 class R55:
@@ -292,6 +314,53 @@ class R55:
         return body[:2] + b"\x13" + body[3:-1] + bytes([body[-1] ^ 0x0F])
 
 
+class TcpPort:
+    """A serial server: a port of TCP in front of a terminal. `number` is that of the port."""
+
+    def __init__(self, path):
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.number = self._listener.getsockname()[1]
+        self._terminal = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        self._stop = os.pipe()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        master = None
+        while True:
+            ends = [self._stop[0], self._listener, self._terminal, *([master] if master else [])]
+            ready = select.select(ends, [], [])[0]
+            if self._stop[0] in ready:
+                break
+            if self._listener in ready:
+                if master:
+                    master.close()
+                master = self._listener.accept()[0]
+                master.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                continue
+            if self._terminal in ready:
+                data = os.read(self._terminal, 300)
+                if master:
+                    master.sendall(data)
+            if master in ready:
+                data = master.recv(300)
+                if data:
+                    os.write(self._terminal, data)
+                else:
+                    master.close()
+                    master = None
+        if master:
+            master.close()
+
+    def close(self):
+        """No more of it."""
+        os.write(self._stop[1], b"\0")
+        self._thread.join()
+        self._listener.close()
+        for end in (self._terminal, *self._stop):
+            os.close(end)
+
+
 def noise(seed, length):
     """Bytes without meaning, always the same ones."""
     return random.Random(seed).randbytes(length)
@@ -313,10 +382,13 @@ class Line:
         self._second_at = 0.0
         self.babble = False
         self.trace = []
-        self.is_overdue = False
         self._began = time.monotonic()
         self._faults = {}
         self._strays = []
+        # When the line was looked at before what was heard last.
+        self._looked = self._began
+        # Until then nothing gets to the master, and from then on the next request ends that.
+        self._held_until, self._held_for = 0.0, 0.0
         self._queue, self._order = [], itertools.count()
         self._lock = threading.Lock()
         self._seen = threading.Condition(self._lock)
@@ -336,6 +408,11 @@ class Line:
             os.symlink(os.ttyname(self._slave), self.path)
             self._note("plugged in")
         self._nudge()
+
+    def free(self):
+        """Whoever had the port was killed, which leaves it barred while we have it open."""
+        with self._lock:
+            fcntl.ioctl(self._slave, termios.TIOCNXCL)
 
     def unplug(self):
         """Takes the port away."""
@@ -370,6 +447,17 @@ class Line:
         with self._lock:
             self._faults.clear()
 
+    def add(self, address, outputs):
+        """One more module."""
+        with self._lock:
+            self.units[address] = Unit(outputs)
+
+    def stall(self, seconds):
+        """All replies are held up for so long and until somebody asks; then they come at once, in
+        their order."""
+        with self._lock:
+            self._held_until, self._held_for = float("inf"), time.monotonic() + seconds
+
     def asked(self, unit):
         """How many requests a module got."""
         with self._lock:
@@ -396,42 +484,58 @@ class Line:
         after = (time.monotonic() - self._began) * 1000
         self.trace.append(f"{after:8.1f}  {what:10}  {data.hex(' ')}")
 
-    def _later(self, delay, data):
-        heapq.heappush(self._queue, (time.monotonic() + delay, next(self._order), data))
+    def _later(self, delay, data, overdue=float("inf")):
+        due = time.monotonic() + delay
+        heapq.heappush(self._queue, (due, next(self._order), data, overdue))
 
     def _send(self, data, what="<"):
         self._note(what, data)
         if self._master is not None:
             os.write(self._master, data)
 
+    def _stray(self, delay, data):
+        due, overdue = time.monotonic() + delay, self._looked + delay + SPARE
+        self._strays.append((due, data, overdue))
+
+    def _send_late(self, data, overdue, what="<"):
+        """Sends what comes too late or once more, unless it would be later than it says."""
+        if time.monotonic() > overdue:
+            self._note("held up", data)
+        else:
+            self._send(data, what)
+
     def _disturbed(self, data):
         """What becomes of a reply: two that talk at once are not understood."""
         return self._random.randbytes(len(data)) if self.babble else data
 
     def _run(self):
-        heard, babbled = b"", 0.0
+        heard, last, babbled = b"", 0.0, 0.0
         while not self._stop:
             with self._lock:
                 now = time.monotonic()
                 for stray in [stray for stray in self._strays if stray[0] <= now]:
                     self._strays.remove(stray)
-                    self._send(stray[1], "< late")
-                    self.is_overdue |= now > stray[0] + OVERDUE - LATE
-                while self._queue and self._queue[0][0] <= now:
-                    self._send(self._disturbed(heapq.heappop(self._queue)[2]))
+                    self._send_late(stray[1], stray[2], "< late")
+                while self._queue and max(self._queue[0][0], self._held_until) <= now:
+                    _, _, data, overdue = heapq.heappop(self._queue)
+                    self._send_late(self._disturbed(data), overdue)
                 if self.babble and now >= babbled:
                     self._send(self._random.randbytes(5), "< babble")
                     babbled = now + 0.005
-                times = [stray[0] for stray in self._strays] + [due[0] for due in self._queue[:1]]
+                times = [stray[0] for stray in self._strays]
+                dues = [max(due[0], self._held_until) for due in self._queue[:1]]
+                times += [due for due in dues if due < float("inf")]
                 times += [babbled] if self.babble else []
-                wait = max(min(times) - now, 0) if times else None
+                wait = max(min([*times, now + LOOK]) - now, 0)
                 ports = [self._wake[0]] + ([self._master] if self._master is not None else [])
             ready = select.select(ports, [], [], wait)[0]
             with self._lock:
                 if self._wake[0] in ready:
                     os.read(self._wake[0], 64)
                 if self._master is None or self._master not in ready:
+                    self._looked = now
                     continue
+                looked = time.monotonic()
                 data = os.read(self._master, 300)
                 self._note(">", data)
                 if self.echo:
@@ -442,7 +546,9 @@ class Line:
                 elif self.second_master and time.monotonic() >= self._second_at:
                     self._second_at = time.monotonic() + self._random.uniform(0.3, 0.7)
                     self._send(data, "< second")
-                heard = self._hear(heard + data)
+                now = time.monotonic()
+                heard, last = self._hear((heard if now - last < FORGOTTEN else b"") + data), now
+                self._looked = looked
 
     def _hear(self, heard):
         while True:
@@ -456,11 +562,12 @@ class Line:
                 self._seen.notify_all()
 
     def _answer(self, request):
+        if self._held_for < time.monotonic() < self._held_until:
+            self._held_until = time.monotonic() + STRAY
         # What is late comes now: into this request's turn.
         behind = 0
-        for stray in self._strays:
-            self._later(STRAY, stray[1])
-            self.is_overdue |= time.monotonic() > stray[0] + OVERDUE - LATE
+        for _, data, overdue in self._strays:
+            self._later(STRAY, data, overdue)
             behind = BEHIND
         self._strays.clear()
         for delay, data in self._answers(request):
@@ -496,11 +603,15 @@ class Line:
                 return [(TURNAROUND, frame)] if unit.reads == 1 else []
             case "slow":
                 return [(SLOW, frame)]
+            case "slow_module":
+                return [(SLOW_MODULE, frame)]
+            case "late_within":
+                return [(WITHIN, frame)]
             case "late":
-                self._strays.append((time.monotonic() + LATE, frame))
+                self._stray(LATE, frame)
                 return []
             case "twice":
-                self._strays.append((time.monotonic() + SLOW + AGAIN, frame))
+                self._stray(SLOW + AGAIN, frame)
                 return [(SLOW, frame)]
             case "glitch_before":
                 return [(TURNAROUND, b"\x00" + frame)]
