@@ -178,7 +178,7 @@ impl Command {
 
     /// The end where another model answers than it was meant for.
     pub(crate) const fn end_by_stranger(&self) -> Result<Confirmed, Fault> {
-        let sent = !self.is_unsent();
+        let sent = !self.is_unsent() && !self.op.is_read();
         Err(Fault::Stranger { sent })
     }
 

@@ -55,6 +55,9 @@ impl Job {
             Job::Greeting {
                 op: Op::Identify,
                 ..
+            } | Job::Command {
+                op: Op::Identify,
+                ..
             }
         )
     }

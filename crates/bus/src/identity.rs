@@ -1,11 +1,177 @@
 //! What a module says that it is, and what that means for its being heard and for the commands
 //! to it (docs/decisions/0031).
 
-use crate::command::decide;
+use crate::command::{Stage, decide};
 use crate::flight::Flight;
-use crate::node::Node;
-use crate::{Bus, Confirmed, Event, ModuleId};
+use crate::node::{LATE_MIN, Node};
+use crate::{Bus, Confirmed, Event, Evidence, ModuleId};
 use railbus_device::{Op, Seen};
+use railbus_wire::Instant;
+
+/// So often a module that does not say what it is is asked for that, each time it is heard anew.
+const TRIES: u8 = 4;
+
+/// What a module is, as far as it has said.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Identity {
+    /// It can say it, and is to be asked.
+    can: bool,
+    /// So often it is still to be asked, where it does not answer.
+    tries: u8,
+    /// Not before this moment.
+    at: Instant,
+    /// It said that it is what it should be: who has said it is asked again after a miss.
+    named: bool,
+    claim: Claim,
+}
+
+/// The other model that a module says that it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Claim {
+    /// None.
+    No,
+    /// This one stood in its place before it was silent.
+    Past(Seen),
+    /// Said once: without a checksum the reply may have been spoilt.
+    Once(Seen),
+    /// Said again in the same words: another model stands in its place.
+    Sure(Seen),
+}
+
+/// What came of asking a module what it is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Said {
+    /// What it should be.
+    Itself,
+    /// Another model.
+    Other(Seen),
+    /// That it does not say it.
+    Refusal,
+}
+
+impl Identity {
+    pub(crate) const fn new(can: bool) -> Identity {
+        Identity {
+            can,
+            tries: if can { TRIES } else { 0 },
+            at: Instant(0),
+            named: false,
+            claim: Claim::No,
+        }
+    }
+
+    /// The module is heard anew, or was changed: it is asked again from the beginning. Another
+    /// model that was there before needs to say it once only, and all questions have to be in vain
+    /// until it counts as gone.
+    pub(crate) const fn doubt(&mut self) {
+        self.claim = match self.claim {
+            Claim::Sure(other) | Claim::Past(other) => Claim::Past(other),
+            Claim::No | Claim::Once(_) => Claim::No,
+        };
+        self.tries = if self.can { TRIES } else { 0 };
+        self.at = Instant(0);
+    }
+
+    /// An exchange failed: the module may just be being replaced.
+    pub(crate) const fn suspect(&mut self) {
+        if self.named && self.tries == 0 {
+            self.tries = 1;
+        }
+    }
+
+    /// Whether it is suspected only because an exchange failed, and may be asked.
+    #[inline]
+    pub(crate) fn is_suspected(&self, now: Instant) -> bool {
+        self.tries > 0 && self.named && self.claim == Claim::No && self.at <= now
+    }
+
+    /// Whether it is to be asked.
+    #[inline]
+    pub(crate) const fn is_to_be_asked(&self) -> bool {
+        self.tries > 0
+    }
+
+    /// From when on.
+    pub(crate) const fn at(&self) -> Instant {
+        self.at
+    }
+
+    /// Whether it is to be asked before anything else is done with the module: it was not yet, or
+    /// may be another model and does not count as one.
+    pub(crate) const fn comes_first(&self) -> bool {
+        match self.claim {
+            Claim::No => self.tries == TRIES,
+            Claim::Past(_) | Claim::Once(_) => true,
+            Claim::Sure(_) => false,
+        }
+    }
+
+    /// Whether another model is known to stand in its place.
+    pub(crate) const fn is_stranger(&self) -> bool {
+        matches!(self.claim, Claim::Sure(_))
+    }
+
+    /// Whether what answers there has said that it is another model.
+    pub(crate) const fn is_other(&self) -> bool {
+        matches!(self.claim, Claim::Once(_) | Claim::Sure(_))
+    }
+
+    /// It answered.
+    pub(crate) fn said(&mut self, said: Said, now: Instant) {
+        if !self.can {
+            return;
+        }
+        self.at = now + LATE_MIN;
+        match (said, self.claim) {
+            (Said::Itself, _) => {
+                self.named = true;
+                self.settle();
+            }
+            (Said::Other(_), Claim::Sure(_)) => {}
+            (Said::Other(other), Claim::Once(before) | Claim::Past(before)) if other == before => {
+                self.claim(Claim::Sure(other));
+            }
+            (Said::Other(other), before) => {
+                // Whether it was spoilt is known at once.
+                if !matches!(before, Claim::Once(_)) {
+                    self.at = now;
+                }
+                self.claim(Claim::Once(other));
+            }
+            // A question may be spoilt as well: who has answered it does not refuse it.
+            (Said::Refusal, Claim::No) => self.settle(),
+            (Said::Refusal, _) => self.vain(),
+        }
+    }
+
+    const fn claim(&mut self, claim: Claim) {
+        self.named = false;
+        self.tries = TRIES;
+        self.claim = claim;
+    }
+
+    /// It did not answer what was sent then.
+    pub(crate) const fn lost(&mut self, sent: Instant) {
+        self.at = Instant(sent.0 + LATE_MIN.0);
+        self.vain();
+    }
+
+    /// A question in vain: who has said what it is is asked until it says so again, anyone else
+    /// counts after a few as what it should be.
+    const fn vain(&mut self) {
+        match (self.claim, self.tries) {
+            (Claim::Once(_) | Claim::Sure(_), _) => {}
+            (_, 0 | 1) => self.settle(),
+            (_, tries) => self.tries = tries - 1,
+        }
+    }
+
+    /// Nothing that it says contradicts what it should be.
+    pub(crate) const fn settle(&mut self) {
+        self.tries = 0;
+        self.claim = Claim::No;
+    }
+}
 
 impl Bus {
     /// Tells how a module is heard, where that is news.
@@ -41,27 +207,38 @@ impl Bus {
         let is_stranger = node.is_some_and(Node::is_stranger);
         let is_settled = node.is_some_and(|node| node.identify_first().is_none());
         decide(&mut self.commands, &mut self.events, now, |command| {
-            let asks = command.op == Op::Identify;
-            let ends = command.module == module && if asks { is_settled } else { is_stranger };
-            match (ends, asks) {
-                (false, _) => None,
+            if command.module != module {
+                return None;
+            }
+            match command.op {
                 // Who asks just that has his answer.
-                (true, true) => command.is_unsent().then_some(Ok(Confirmed::Reply)),
-                (true, false) => Some(command.end_by_stranger()),
+                Op::Identify => {
+                    (is_settled && command.stage == Stage::Queued).then_some(Ok(Confirmed::Reply))
+                }
+                _ => is_stranger.then(|| command.end_by_stranger()),
             }
         });
     }
 
-    /// A module did not say what it is.
+    /// A module did not say what it is. Who asks just that is told, unless it is asked again for
+    /// what it said before.
     #[cold]
-    pub(crate) fn not_identified(&mut self, module: ModuleId, flight: &Flight) {
+    pub(crate) fn not_identified(&mut self, module: ModuleId, flight: &Flight, met: Evidence) {
         if let Some(node) = self.nodes.get_mut(module.0) {
             node.not_identified(flight.sent);
         }
         self.tell_presence(module);
+        let node = self.nodes.get(module.0);
+        if node.is_some_and(|node| node.identify_first().is_some()) {
+            return;
+        }
         decide(&mut self.commands, &mut self.events, self.now, |command| {
             let asks = command.module == module && command.op == Op::Identify;
-            (asks && command.is_unsent()).then(|| Err(command.lost()))
+            (asks && command.stage == Stage::Queued).then(|| {
+                command.evidence.attempts = command.evidence.attempts.saturating_add(1);
+                command.evidence.add(met);
+                Err(command.lost())
+            })
         });
     }
 

@@ -551,7 +551,7 @@ impl Bus {
             // That it has no fence, or does not say what it is, says nothing of how it is.
             let has_none = match flight.job {
                 Job::Fence { .. } => node.missed_fence(),
-                job => job.identifies(),
+                job => job.identifies() && node.may_be_mute(),
             };
             if flight.is_fence() && !has_none {
                 // The next look is as far off as after a poll.

@@ -1,6 +1,7 @@
 //! What a line knows of each of its modules: how fast it answers, and when to ask it next.
 
 use crate::command::bank_of;
+use crate::identity::{Identity, Said};
 use crate::{Config, Plan, Presence};
 use alloc::vec::Vec;
 use railbus_device::{Module, Op, Seen};
@@ -20,10 +21,6 @@ pub(crate) const HELD_BACK_MAX: Micros = Micros::from_secs(5);
 const FENCE_TRIES: u8 = 8;
 /// So often until the line no longer relies on it.
 const FENCE_DOUBTS: u8 = 2;
-/// So often a module that does not say what it is is asked for that, each time it is heard anew.
-const IDENTIFY_TRIES: u8 = 4;
-/// As often as it takes: of one that has said that it is another model.
-const UNTIL_TOLD: u8 = u8::MAX;
 /// After so many misses in a row a module counts as silent and is only probed.
 pub const MISSES_SILENT: u8 = 3;
 /// What asking a silent module costs in all, gap and wire included: little, so that its turn
@@ -46,21 +43,13 @@ pub(crate) struct Node {
     misses: u8,
     turnaround: Turnaround,
     pub(crate) polls: Vec<Poll>,
-    /// What is asked of it when it is heard anew, and what of that is still to be asked.
-    questions: ToAsk,
-    to_ask: ToAsk,
+    /// Which outputs give pulses is still to be asked ([`Module::greeting`]).
+    asks_pulses: bool,
     /// When it may be greeted again that did not answer the greeting.
     pub(crate) greet_at: Instant,
-    /// When it may be asked again what it is.
-    identify_at: Instant,
-    /// What it said before that was known.
+    identity: Identity,
+    /// What it said before it was known what it is.
     veiled: Option<Reading>,
-    /// What it last said that it is, where that is another model.
-    says: Option<Seen>,
-    /// It said so twice, and did not take it back.
-    stranger: bool,
-    /// It said that it is what it should be.
-    named: bool,
     fence: Fence,
     pub(crate) plan: Plan,
     /// It was taken off the line; only its number is left.
@@ -79,25 +68,6 @@ enum Fence {
     Untried { tries: u8, missed: bool },
     /// [`Op::Fence`]: the module answered it.
     Known,
-}
-
-/// What is asked of a module that is heard anew, as long as there is something.
-#[derive(Clone, Copy, Debug)]
-struct ToAsk {
-    /// [`Op::Identify`], so often at most.
-    identity: u8,
-    /// Which outputs give pulses ([`Module::greeting`]).
-    pulses: bool,
-}
-
-impl ToAsk {
-    fn of(module: &Module, identify: bool) -> ToAsk {
-        let can = identify && module.can_be_contradicted();
-        ToAsk {
-            identity: if can { IDENTIFY_TRIES } else { 0 },
-            pulses: module.greeting().is_some(),
-        }
-    }
 }
 
 /// A read of the poll plan.
@@ -181,22 +151,18 @@ impl Node {
         } else {
             Fence::None
         };
-        let questions = ToAsk::of(&module, config.identify);
+        let identity = Identity::new(config.identify && module.can_be_contradicted());
         Node {
+            asks_pulses: module.greeting().is_some(),
             module,
             presence: Presence::Unheard,
             told: Presence::Unheard,
             misses: 0,
             turnaround: Turnaround::default(),
             polls,
-            questions,
-            to_ask: questions,
             greet_at: Instant(0),
-            identify_at: Instant(0),
+            identity,
             veiled: None,
-            says: None,
-            stranger: false,
-            named: false,
             fence,
             plan,
             retired: false,
@@ -314,11 +280,8 @@ impl Node {
 
     /// What it was asked with its greeting may not be so any more.
     pub(crate) fn doubt(&mut self) {
-        self.to_ask = self.questions;
-        self.identify_at = Instant(0);
-        if !self.stranger {
-            self.says = None;
-        }
+        self.asks_pulses = self.module.greeting().is_some();
+        self.identity.doubt();
     }
 
     /// Whether it is heard, and as what, as far as was told.
@@ -330,7 +293,7 @@ impl Node {
     #[inline]
     pub(crate) fn news(&mut self) -> Option<Presence> {
         let is = match self.presence {
-            Presence::Online if self.stranger => Presence::Stranger,
+            Presence::Online if self.identity.is_stranger() => Presence::Stranger,
             Presence::Online if self.is_veiled() => return None,
             presence => presence,
         };
@@ -384,7 +347,7 @@ impl Node {
 
     /// Whether it says that it is another model.
     pub(crate) const fn is_stranger(&self) -> bool {
-        self.stranger && self.is_online()
+        self.identity.is_stranger() && self.is_online()
     }
 
     /// It answered something else than [`Op::Fence`]: if it did not answer that before, it may
@@ -482,10 +445,7 @@ impl Node {
     /// No reply came.
     pub(crate) fn missed(&mut self) {
         self.misses = self.misses.saturating_add(1);
-        // It may just be being replaced: who has said what it is is asked again.
-        if self.named {
-            self.to_ask.identity = self.to_ask.identity.max(1);
-        }
+        self.identity.suspect();
         if self.misses == MISSES_SILENT && self.is_online() {
             self.presence = Presence::Silent;
         }
@@ -510,7 +470,7 @@ impl Node {
     /// Whether it was asked which outputs give pulses since it was heard anew. Until
     /// then what it does with commands may have changed.
     const fn is_known(&self) -> bool {
-        !self.to_ask.pulses
+        !self.asks_pulses
     }
 
     /// Whether doing the op twice is certainly the same as doing it once.
@@ -527,71 +487,88 @@ impl Node {
     /// Whether anything is to be asked with its greeting.
     #[inline]
     pub(crate) fn is_to_be_greeted(&self) -> bool {
-        (self.to_ask.identity > 0 || self.to_ask.pulses) && self.is_online()
+        (self.asks_pulses || self.identity.is_to_be_asked()) && self.is_online()
     }
 
-    /// What is to be asked with its greeting, and from when on.
-    pub(crate) fn greetings(&self) -> impl Iterator<Item = (Op, Instant)> + use<> {
-        let identity = (self.to_ask.identity > 0).then_some((Op::Identify, self.identify_at));
-        let pulses = self.pulse_question().filter(|_| !self.stranger);
-        let pulses = pulses.map(|op| (op, self.greet_at));
+    /// What is to be asked with its greeting, and from when on; the first before polls that can't
+    /// wait.
+    pub(crate) fn greetings(&self) -> impl Iterator<Item = (Op, Instant, bool)> + use<> {
+        let first = self.is_veiled() || self.identity.is_other();
+        let identity = self.identity.is_to_be_asked();
+        let identity = identity.then_some((Op::Identify, self.identity.at(), first));
+        let is_open = self.identity.comes_first() || self.identity.is_other();
+        let pulses = self.pulse_question().filter(|_| !is_open);
+        let pulses = pulses.map(|op| (op, self.greet_at, false));
         identity.into_iter().chain(pulses)
+    }
+
+    /// Whether it is polled for nothing but what it is: nothing else that it says is told.
+    pub(crate) const fn is_other(&self) -> bool {
+        self.identity.is_other()
     }
 
     /// What asks which outputs give pulses, where that is still to be asked.
     #[inline]
     pub(crate) const fn pulse_question(&self) -> Option<Op> {
         match self.presence {
-            Presence::Online if self.to_ask.pulses => self.module.greeting(),
+            Presence::Online if self.asks_pulses => self.module.greeting(),
             _ => None,
         }
     }
 
     /// It answered which outputs give pulses, or must not be asked on this line.
     pub(crate) const fn answered_pulses(&mut self) {
-        self.to_ask.pulses = false;
+        self.asks_pulses = false;
     }
 
     /// From when on it is to be asked what it is before anything is done with it, where that is
-    /// so: it was not asked yet, or has said once that it is another model.
+    /// so.
     #[inline]
     pub(crate) fn identify_first(&self) -> Option<Instant> {
-        let unasked = self.to_ask.identity == IDENTIFY_TRIES || self.says.is_some();
-        let is_due = unasked && !self.stranger && self.is_online();
-        is_due.then_some(self.identify_at)
+        (self.identity.comes_first() && self.is_online()).then_some(self.identity.at())
     }
 
-    /// It said what it is, or refused to. A reply may be spoilt: only one that comes twice makes a
-    /// stranger of it.
+    /// Whether it is asked what it is before this is done: where nobody polls only by who asks.
+    pub(crate) fn asks_first(&self, op: &Op) -> bool {
+        self.plan.enabled || *op == Op::Identify
+    }
+
+    /// Whether it may be another model since an exchange failed, and may be asked now.
+    #[inline]
+    pub(crate) fn is_suspected(&self, now: Instant) -> bool {
+        self.plan.enabled && self.is_online() && self.identity.is_suspected(now)
+    }
+
+    /// It said what it is, or refused to.
     pub(crate) fn identified(&mut self, seen: &Seen, now: Instant) {
-        self.named = !matches!(seen, Seen::Refused(_)) && self.module.recognises(seen);
-        if self.named || matches!(seen, Seen::Refused(_)) {
-            return self.is_no_stranger();
-        }
-        let before = self.says.replace(*seen);
-        self.stranger |= before == Some(*seen);
-        if self.stranger {
-            self.to_ask.identity = UNTIL_TOLD;
-        }
-        if before.is_some() {
-            self.identify_at = now + LATE_MIN;
-        }
+        let said = match seen {
+            Seen::Refused(_) => Said::Refusal,
+            name if self.module.recognises(name) => Said::Itself,
+            name => {
+                // What was read before was the other one's.
+                self.veiled = None;
+                for poll in &mut self.polls {
+                    poll.due = poll.due.min(now);
+                }
+                Said::Other(*name)
+            }
+        };
+        self.identity.said(said, now);
     }
 
-    /// It did not say what it is; after a few times it counts as the model that it should be.
-    pub(crate) fn not_identified(&mut self, sent: Instant) {
-        self.identify_at = sent + LATE_MIN;
-        match self.to_ask.identity {
-            0 | UNTIL_TOLD => {}
-            1 => self.is_no_stranger(),
-            tries => self.to_ask.identity = tries - 1,
-        }
+    /// It did not say what it is.
+    pub(crate) const fn not_identified(&mut self, sent: Instant) {
+        self.identity.lost(sent);
     }
 
-    /// Nothing that it says contradicts what it should be.
+    /// It must not be asked on this line what it is.
     pub(crate) const fn is_no_stranger(&mut self) {
-        self.says = None;
-        self.to_ask.identity = 0;
-        self.stranger = false;
+        self.identity.settle();
+    }
+
+    /// Whether it says nothing of how the module is that it did not say what it is: as long as it
+    /// is not known to say it.
+    pub(crate) const fn may_be_mute(&self) -> bool {
+        !self.identity.is_other()
     }
 }

@@ -83,7 +83,14 @@ impl Bus {
             .get(module.0)
             .is_some_and(|node| node.module.read_back(op) == Some(Op::ReadOutputs));
         let carried = bank_of(op).map(|bank| bank.mask);
+        let is_unknown = self.is_unknown(module, op);
+        let asks = *op == Op::Identify;
         self.decide_sent(module, |command| {
+            if asks && is_unknown {
+                // It may have come spoilt: it is asked again.
+                command.stage = Stage::Queued;
+                return None;
+            }
             command.replied = Some(now);
             command.parroted |= parrots;
             if let Seen::Refused(refusal) = seen {
@@ -102,12 +109,22 @@ impl Bus {
                     return None;
                 }
             }
-            if to_be_read {
+            // What may be another model's reply is none: it is to say first what it is.
+            if to_be_read || is_unknown {
                 command.stage = Stage::ReadBack(0);
                 return None;
             }
             Some(Ok(Confirmed::Reply))
         });
+    }
+
+    /// Whether it is still to be found out if another model answers. A change of settings makes
+    /// that so itself, and afterwards its module may be found no more.
+    fn is_unknown(&self, module: ModuleId, op: &Op) -> bool {
+        let node = self.nodes.get(module.0);
+        let is_change = matches!(op, Op::Configure(_));
+        !is_change
+            && node.is_some_and(|node| node.asks_first(op) && node.identify_first().is_some())
     }
 
     /// An exchange failed: no reply, or none that is good. `taken` bytes of what was heard were
@@ -128,9 +145,10 @@ impl Bus {
                 });
             }
             // That it does not say what it is says nothing of how it is.
-            Job::Greeting { module, .. } if flight.job.identifies() => {
-                self.not_identified(module, flight);
-            }
+            Job::Greeting {
+                module,
+                op: Op::Identify,
+            } => self.not_identified(module, flight, evidence),
             Job::Poll { module, op } | Job::Greeting { module, op } => {
                 if let Job::Greeting { .. } = flight.job {
                     self.tell_pulses(module);

@@ -364,9 +364,17 @@ impl Bus {
             let Some(node) = self.nodes.get(module.0) else {
                 continue;
             };
+            if command.stage != Stage::Sent && node.is_suspected(self.now) {
+                let op = Op::Identify;
+                let work = self.work(module, Job::Greeting { module, op }, node.timeout());
+                // Where it has to wait for something else, the command does not.
+                if work.is_some_and(|work| self.offer(search, work)) {
+                    return true;
+                }
+            }
             let job = match command.stage {
                 Stage::Sent => continue,
-                _ if (node.plan.enabled || command.op == Op::Identify)
+                _ if node.asks_first(&command.op)
                     && let Some(at) = node.identify_first() =>
                 {
                     if at > self.now {
@@ -471,10 +479,13 @@ impl Bus {
                 }
             };
             if node.is_to_be_greeted() {
-                for (op, at) in node.greetings() {
-                    if !urgent || op == Op::Identify && node.is_veiled() {
+                for (op, at, first) in node.greetings() {
+                    if !urgent || first {
                         look(at, Job::Greeting { module, op });
                     }
+                }
+                if node.is_other() {
+                    continue;
                 }
             }
             if !urgent && node.tries_fence() {
