@@ -15,7 +15,6 @@ use crate::render::colour::Paint;
 use crate::render::{Format, reasons, width};
 use crate::texts::Text;
 use serde_json::{Map, Value, json};
-use std::fmt::Write;
 use std::process::ExitCode;
 
 /// The width of the labels of an error.
@@ -134,12 +133,18 @@ impl Failure {
         ExitCode::from(self.code.exit())
     }
 
-    /// As the reader wants it.
-    pub(crate) fn tell(&self, lang: Lang, format: Format, paint: Paint) -> String {
+    /// As the reader wants it, within so many columns, if they are limited.
+    pub(crate) fn tell(
+        &self,
+        lang: Lang,
+        format: Format,
+        paint: Paint,
+        columns: Option<usize>,
+    ) -> String {
         if format.is_json() {
             return json!({ "error": self.to_json(lang) }).to_string();
         }
-        let text = self.render(lang);
+        let text = self.render_within(lang, columns);
         // What it is called, up to the code, stands out.
         match text.split_once(']') {
             Some((name, rest)) => paint.bad(&format!("{name}]")) + rest,
@@ -190,8 +195,15 @@ impl Failure {
 
     /// As people read it.
     pub(crate) fn render(&self, lang: Lang) -> String {
+        self.render_within(lang, None)
+    }
+
+    /// The same within so many columns, if they are limited. What does not fit goes on below its
+    /// own text, so that labels and codes stand out.
+    pub(crate) fn render_within(&self, lang: Lang, columns: Option<usize>) -> String {
         let code = self.code.name();
-        let mut text = lang.fill(Text::Error, &[("code", &code), ("message", &self.message)]);
+        let head = lang.fill(Text::Error, &[("code", &code), ("message", &"")]);
+        let mut text = width::hang(&head, &self.message, columns);
         let labelled = |label, lines: Vec<String>| lines.into_iter().map(move |line| (label, line));
         let page = self.code.page();
         let likely = self.likely.then(|| page.likely(lang).to_owned());
@@ -201,9 +213,12 @@ impl Failure {
             .chain(labelled(Text::Try, self.hints(lang)))
             .chain(labelled(Text::More, more.into_iter().collect()));
         for (label, line) in lines {
-            let label = width::pad(lang.get(label), LABEL);
-            // Writing into a String does not fail.
-            let _ = write!(text, "\n  {label} {line}");
+            let label = format!(
+                "
+  {} ",
+                width::pad(lang.get(label), LABEL)
+            );
+            text += &width::hang(&label, &line, columns);
         }
         text
     }
@@ -248,7 +263,8 @@ mod tests {
             .with_fact("why", "silence")
             .with_fact("module", "pump");
         let told: Value =
-            serde_json::from_str(&failure.tell(Lang::En, Format::Json, Paint::Plain)).unwrap();
+            serde_json::from_str(&failure.tell(Lang::En, Format::Json, Paint::Plain, None))
+                .unwrap();
         let error = &told["error"];
         assert_eq!(error["code"], "E0301");
         assert_eq!(error["exit"], 3);

@@ -30,8 +30,9 @@ fn main() -> ExitCode {
         Err(failure) if failure.is_told() && !format.is_json() => failure.exit_code(),
         Err(failure) => {
             let paint = render::colour::Paint::of(colour, &std::io::stderr());
+            let text = failure.tell(lang, format, paint, render::width::of_errors());
             // Where even stderr is gone there is nobody left to tell.
-            let _ = writeln!(std::io::stderr(), "{}", failure.tell(lang, format, paint));
+            let _ = writeln!(std::io::stderr(), "{text}");
             failure.exit_code()
         }
     }

@@ -53,7 +53,7 @@ use crate::cli;
 use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
-use crate::render::{Format, out, records};
+use crate::render::{Format, out, records, width};
 use crate::sim::background::Background;
 use crate::sim::remote::Remote;
 use crate::texts::Text;
@@ -435,7 +435,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     notify.tell(notify::STOPPING);
     deadline::after(deadline::END_MAX, move || {
         let failure = Failure::of(lang, Code::CutOff);
-        complain(&failure.render(lang));
+        complain_of(lang, &failure);
         std::process::exit(failure.code().exit().into());
     });
     // Fails where nobody listens any more.
@@ -477,7 +477,7 @@ fn reload_tls(lang: Lang, tls: Option<&Tls>) {
             let fingerprint = tls.fingerprint();
             say(&lang.fill(Text::TlsRead, &[("fingerprint", &fingerprint)]));
         }
-        Err(problem) => complain(&Failure::of_problem(lang, &problem).render(lang)),
+        Err(problem) => complain_of(lang, &Failure::of_problem(lang, &problem)),
     }
 }
 
@@ -518,7 +518,7 @@ async fn reload(lang: Lang, service: &Service, desk: &Desk) {
             say(&lang.fill(Text::Reloaded, values));
         }
         Err(problem) => {
-            complain(&Failure::of_problem(lang, &problem).render(lang));
+            complain_of(lang, &Failure::of_problem(lang, &problem));
             complain(lang.get(Text::NotReloaded));
         }
     }
@@ -567,6 +567,10 @@ fn say(text: &str) {
 
 fn complain(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+fn complain_of(lang: Lang, failure: &Failure) {
+    complain(&failure.render_within(lang, width::of_errors()));
 }
 
 /// What a signal asks for.

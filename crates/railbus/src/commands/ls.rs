@@ -15,7 +15,7 @@ use crate::machine::Machine;
 use crate::render::colour::Paint;
 use crate::render::records::Records;
 use crate::render::table::Table;
-use crate::render::{out, time, values};
+use crate::render::{out, time, values, width};
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
 use railbus_wire::Address;
@@ -98,7 +98,7 @@ fn shut(context: &Context, down: &[(LineInfo, Problem)]) -> Result<(), Failure> 
     for (_, why) in others {
         let paint = Paint::of(context.colour, &std::io::stderr());
         let failure = context.failure(why);
-        out::note(&failure.tell(context.lang, context.format, paint));
+        out::note(&failure.tell(context.lang, context.format, paint, width::of_errors()));
     }
     Err(context.failure(last))
 }

@@ -162,7 +162,7 @@ fn said_everywhere(name: &str, problem: &Problem, acted: bool) {
         let sentence = lang.get(Text::MayHaveActed);
         let failure = Failure::of_problem(lang, &back);
         let count = usize::from(acted);
-        let json = failure.tell(lang, Format::Json, Paint::Plain);
+        let json = failure.tell(lang, Format::Json, Paint::Plain, None);
         let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
         assert_eq!(
             json["error"]["may_have_acted"] == true,

@@ -172,3 +172,65 @@ fn errors_are_coloured_on_a_terminal_and_not_in_a_pipe() {
     );
     assert!(!site.run("get pump").err.contains('\x1b'));
 }
+
+/// What an error says is broken between words where the terminal is narrow, and goes on below its
+/// own beginning. Commands and paths are whole, and a pipe has each text on one line.
+#[test]
+fn errors_fit_themselves_to_the_terminal() {
+    let site = Site::empty("terminal-errors");
+    let path = format!(
+        "{}/a-folder-with-a-name/railbus.toml",
+        site.folder.display()
+    );
+    for line in [
+        "get pump",
+        "--lang zh get pump",
+        "pulse pump.do0 3x",
+        "-l /dev/ttyNONE -m erc8 -a 3 get erc8",
+        "--lang zh -l /dev/ttyNONE -m erc8 -a 3 get erc8",
+        "--lang zh -m nosuch -a 3 -l /dev/ttyNONE get erc8",
+        &format!("--config {path} get pump"),
+    ] {
+        let piped = site.run(line).err;
+        for columns in [80, 40] {
+            let text = plain(&shown(&site, columns, line));
+            let joined = |text: &str| text.split_whitespace().collect::<String>();
+            assert_eq!(joined(&text), joined(&piped), "{columns}: {text}");
+            for line in text.lines() {
+                let fits = line.width() <= usize::from(columns);
+                // Who copies a command or a path wants all of it.
+                let whole = line.contains("railbus -l") || line.contains(&path);
+                assert!(fits || whole, "{columns}: {text}");
+            }
+            let labels = |text: &str| {
+                let labelled = text.lines().skip(1);
+                let labelled = labelled.filter(|line| !line.starts_with("          "));
+                labelled.count()
+            };
+            assert_eq!(
+                labels(&text),
+                piped.lines().count() - 1,
+                "{columns}: {text}"
+            );
+        }
+    }
+    let text = plain(&shown(&site, 40, "get pump"));
+    assert_eq!(
+        text,
+        "error[E0809]: there is no configuration\n  \
+         likely: no railbus.toml here, in a\n          \
+         parent folder, in\n          \
+         ~/.config/railbus or\n          \
+         /etc/railbus\n  \
+         try:    railbus serve --demo\n  \
+         try:    railbus -l /dev/ttyUSB0 -m eda9060a -a 1 get eda9060a\n  \
+         more:   railbus explain E0809\n"
+    );
+    let text = plain(&shown(&site, 40, "--lang zh get pump"));
+    assert!(text.contains("\n          "), "{text}");
+}
+
+/// What is shown, without its colours.
+fn plain(text: &str) -> String {
+    text.replace("\x1b[1;31m", "").replace("\x1b[0m", "")
+}
