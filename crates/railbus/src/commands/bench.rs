@@ -3,15 +3,16 @@
 mod texts;
 
 use super::doctor::{Chosen, chosen_lines};
-use super::place::{Place, port_failure};
+use super::place::{self, Place, port_failure};
 use super::{Context, stop};
+use crate::backend::Backend;
 use crate::cli;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::table::Table;
 use crate::render::{Format, out, records, width};
 use clap::{ArgMatches, Command};
-use railbus_host::{Line, LineConfig, ModuleId, Op, Plan, Terms};
+use railbus_host::{Line, LineConfig, ModuleId, Op, Plan, PortError, Terms};
 use railbus_site::config::wire_time;
 use railbus_wire::Micros;
 use serde_json::{Value, json};
@@ -58,6 +59,7 @@ struct Tally {
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let time = matches.get_one("time").copied().unwrap_or(TIME);
+    context.block(not_served(&context))?;
     let line = line(&context)?;
     let (tallies, lasted) = context.block(async {
         let mut stop = stop::Stop::new(&context)?;
@@ -68,6 +70,23 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         return Err(Failure::of(lang, Code::NoReply).with_fact("line", line.name));
     }
     Ok(())
+}
+
+/// A daemon's lines are not borrowed to measure them: its outputs would be nobody's meanwhile, and
+/// pulses and leases would end for it.
+async fn not_served(context: &Context) -> Result<(), Failure> {
+    if context.wanted.ad_hoc.is_some() {
+        return Ok(());
+    }
+    let Some(daemon) = context.daemon().await? else {
+        return Ok(());
+    };
+    let lang = context.lang;
+    let site = daemon.name(lang);
+    let place = place::of(context, &Backend::Daemon(daemon)).await?;
+    let busy = port_failure(context, &place, &PortError::Busy { holder: None });
+    let why = lang.fill(BenchText::Daemon, &[("site", &site)]);
+    Err(busy.because(why).with_try("railbus ls lines"))
 }
 
 /// The one line that is meant, with modules on it.

@@ -30,6 +30,45 @@ fn a_bench_reads_and_says_how_often() {
     assert_eq!(site.run("-l /dev/none-such -m erc8 -a 3 bench").code, 7);
 }
 
+/// It needs the line for itself: where a daemon has it, that is what it says, with and without a
+/// configuration file, and whether that daemon is named or found.
+#[test]
+fn a_bench_says_that_a_daemon_has_the_line() {
+    let busy = |site: &Site, line: &str| {
+        let ran = site.run(&format!("{line} -o json"));
+        let error = ran.error();
+        assert_eq!((ran.code, ran.out.as_str()), (7, ""), "{line}: {ran:?}");
+        assert_eq!(error["code"], "E0706", "{line}: {error}");
+        assert_eq!(error["line"], "main", "{line}: {error}");
+        let why = error["why"][0].as_str().expect("a reason").to_owned();
+        assert!(
+            why.ends_with("has the line: stop it while you measure"),
+            "{why}"
+        );
+        // What is told to do helps.
+        let hint = error["hint"][0].as_str().expect("a hint");
+        let told = site.run(hint.strip_prefix("railbus ").expect("a command"));
+        assert!(told.out.contains("main"), "{told:?}");
+        why
+    };
+    let mut found = Site::empty("bench-found");
+    found.start(&["serve", "--demo", "--listen", "127.0.0.1:0"], "socket");
+    let why = busy(&found, "bench --time 100ms");
+    assert!(why.contains("the demo"), "{why}");
+    busy(&found, "bench --time 100ms -l main");
+    let unknown = found.run("bench -l nowhere -o json");
+    assert_eq!(unknown.error()["code"], "E0803", "{unknown:?}");
+    let mut site = Site::demo("bench-served");
+    site.serve();
+    busy(
+        &site,
+        &format!("--socket {} bench --time 100ms", site.socket()),
+    );
+    // Whoever opens it all the same is told by the port.
+    let direct = site.run("bench --direct --time 100ms -o json");
+    assert_eq!(direct.error()["code"], "E0706", "{direct:?}");
+}
+
 #[test]
 fn an_export_names_what_it_leaves_out() {
     let site = Site::demo("export");

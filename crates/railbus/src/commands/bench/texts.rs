@@ -13,6 +13,10 @@ crate::texts::texts! {
         zh: "  railbus bench -l main --time 30s
   railbus bench -l /dev/ttyUSB0 -m erc8 -a 3",
     }
+    Daemon {
+        en: "the daemon of {site} has the line: stop it while you measure",
+        zh: "总线由守护进程占用（配置：{site}）：测量期间请先停止它",
+    }
     Time { en: "Duration; default 10s", zh: "时长；默认 10s" }
     Head {
         en: "MODULE|PROTOCOL|N|P50|P99|MAX|WIRE|BAD",
