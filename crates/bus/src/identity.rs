@@ -220,25 +220,24 @@ impl Bus {
         });
     }
 
-    /// A module did not say what it is. Who asks just that is told, unless it is asked again for
-    /// what it said before.
+    /// A module did not say what it is. Who asks just that is told when that was asked in vain as
+    /// often as it is to be.
     #[cold]
     pub(crate) fn not_identified(&mut self, module: ModuleId, flight: &Flight, met: Evidence) {
+        let mut is_asked_again = false;
         if let Some(node) = self.nodes.get_mut(module.0) {
             node.not_identified(flight.sent);
+            is_asked_again = node.is_to_be_identified();
         }
         self.tell_presence(module);
-        let node = self.nodes.get(module.0);
-        if node.is_some_and(|node| node.identify_first().is_some()) {
-            return;
-        }
         decide(&mut self.commands, &mut self.events, self.now, |command| {
             let asks = command.module == module && command.op == Op::Identify;
-            (asks && command.stage == Stage::Queued).then(|| {
-                command.evidence.attempts = command.evidence.attempts.saturating_add(1);
-                command.evidence.add(met);
-                Err(command.lost())
-            })
+            if !asks || command.stage != Stage::Queued {
+                return None;
+            }
+            command.evidence.attempts = command.evidence.attempts.saturating_add(1);
+            command.evidence.add(met);
+            (!is_asked_again).then(|| Err(command.lost()))
         });
     }
 

@@ -502,6 +502,11 @@ impl Node {
         identity.into_iter().chain(pulses)
     }
 
+    /// Whether it is to be asked what it is, now or later.
+    pub(crate) const fn is_to_be_identified(&self) -> bool {
+        self.identity.is_to_be_asked()
+    }
+
     /// Whether it is polled for nothing but what it is: nothing else that it says is told.
     pub(crate) const fn is_other(&self) -> bool {
         self.identity.is_other()

@@ -360,10 +360,7 @@ impl Inner {
         }
         // Where nobody polls, nobody else asks that.
         if !self.polls && described.can_be_contradicted() {
-            let mut end = self.run(module, Op::Identify, false).await;
-            if end.is_err() {
-                end = self.run(module, Op::Identify, false).await;
-            }
+            let end = self.run(module, Op::Identify, false).await;
             let seen = end.ok().and_then(|done| done.seen);
             if seen.is_some_and(|seen| !described.recognises(&seen)) {
                 return Err(Fault::Stranger { sent: false }.into());
