@@ -82,14 +82,6 @@ class Board(rig.Rig):
             return ""
         return super().do(command)
 
-    def after(self, got):
-        """A master believes silence by its own clock, within which a request may still be on its
-        way to a board on a busy machine; the next one would then come right behind it."""
-        if got != modbus_cases.SILENT:
-            return got
-        said = int(self.do("silence"))
-        return f"{said} bytes, too late" if said else got
-
 
 def suites(words):
     """The suites of both masters, over all tables."""

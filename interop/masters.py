@@ -3,8 +3,9 @@
 from modbus_cases import LINES, SILENT, Ask, Do, Pulses, Speed, Unit
 from rig import Rig, Tally
 
-# How long to wait for a reply, in seconds: where one must come, and where none may.
-PATIENCE = 2.0
+# How long masters wait for a reply, in seconds: where one must come, and where none may. What they
+# take for silence is judged by the rig, which knows what its modules have said to it.
+PATIENCE = 10.0
 SILENCE = 0.4
 
 

@@ -10,9 +10,8 @@ import time
 from rig import Rig, Tally
 
 SPEEDS = {3: 1200, 4: 2400, 5: 4800, 6: 9600, 7: 19200}
-# How long to wait for a reply that must come, and for one that must not, beyond the wire's time.
-PATIENCE = 2.0
-SILENCE = 0.3
+# How long to wait for what must come.
+PATIENCE = 10.0
 
 
 def total(data):
@@ -114,10 +113,13 @@ class Script:
         """Sends a request: exactly this reply must come, or none."""
         surplus = self.port.hear(256, 0)
         self.port.send(request)
-        wire = 10 * (len(request) + len(reply)) / self.port.rate
-        got = self.port.hear(len(reply) or 1, (PATIENCE if reply else SILENCE) + wire)
+        got = self.port.hear(len(reply), PATIENCE) if reply else self.unwanted()
         what = f"{request.hex(' ')} ({request!r})"
         self.tally.check(entries, (surplus + got).hex(" "), reply.hex(" "), what)
+
+    def unwanted(self):
+        """What came where nothing must: the rig says how much that is, and no clock of ours."""
+        return self.port.hear(self.rig.silence(), PATIENCE)
 
     def check(self, entries, got, want, what="the rig"):
         """Something else than a reply must be so."""

@@ -6,6 +6,7 @@ import subprocess
 import tempfile
 
 import tables
+from modbus_cases import SILENT
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
@@ -53,9 +54,19 @@ class Rig:
             raise RuntimeError(f"rig, `{command}`: {' '.join(answer).strip()}")
         return answer[1].strip() if len(answer) > 1 else ""
 
+    def silence(self):
+        """How many bytes come for what was sent last, when all that it leads to has happened: what
+        was sent is at the modules then, and by their clock they had the time to answer."""
+        return int(self.do("silence"))
+
     def after(self, got):
-        """What a request got, when all that it leads to has happened."""
-        return got
+        """What a request got. A master believes silence by its own clock, within which a request
+        may still be on its way to a module on a busy machine; the next one would then come right
+        behind it."""
+        if got != SILENT:
+            return got
+        said = self.silence()
+        return f"{said} bytes, too late" if said else got
 
     def outputs(self, name):
         """The outputs of a module as they are, whatever it says of them."""

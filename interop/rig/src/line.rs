@@ -9,6 +9,9 @@ use std::time::Duration;
 /// A change of an output: when in microseconds, which one, and whether it is on now.
 type Change = (u64, u8, bool);
 
+/// So long after a request a module may still begin to answer it.
+const ANSWER: Micros = Micros::from_millis(300);
+
 /// A line whose clock is the real one plus what was skipped.
 pub struct Served {
     line: Line,
@@ -17,6 +20,10 @@ pub struct Served {
     changes: Vec<(ModuleId, Change)>,
     /// What the host has heard and the driver has not fetched.
     heard: Vec<u8>,
+    /// How many bytes the host has heard since it sent last.
+    said: usize,
+    /// When nobody begins to answer any more what it sent.
+    settled: Instant,
     /// How the host sends and hears, apart from its speed.
     pub character: Character,
 }
@@ -46,6 +53,8 @@ impl Served {
             skipped: Micros::ZERO,
             changes: Vec::new(),
             heard: Vec::new(),
+            said: 0,
+            settled: Instant(0),
             character: Character::N1,
         })
     }
@@ -61,7 +70,10 @@ impl Served {
         self.line.handle(now, Input::Timeout);
         loop {
             match self.line.poll() {
-                Output::Heard { bytes, .. } => self.heard.extend_from_slice(bytes),
+                Output::Heard { bytes, .. } => {
+                    self.said += bytes.len();
+                    self.heard.extend_from_slice(bytes);
+                }
                 Output::Effect {
                     at,
                     module,
@@ -80,8 +92,17 @@ impl Served {
 
     /// The host sends.
     pub fn send(&mut self, bytes: &[u8], settings: Settings) {
-        self.line
-            .handle(self.now(), Input::Send { bytes, settings });
+        let now = self.now();
+        self.said = 0;
+        self.settled = now + settings.frame_time(bytes.len()) + ANSWER;
+        self.line.handle(now, Input::Send { bytes, settings });
+    }
+
+    /// How many bytes come for what the host sent last. The time that modules may take to begin is
+    /// let pass at once, as far as it is not over: nobody has to believe silence by a clock.
+    pub fn silence(&mut self) -> usize {
+        self.skip(self.settled.since(self.now()));
+        self.said
     }
 
     /// Somebody does something at a module, and it is done.

@@ -81,7 +81,12 @@ fn serve(mut served: Served, pty: &Pty) -> Result<(), String> {
             }
             while let Some(end) = panel.iter().position(|&byte| byte == b'\n') {
                 let line: Vec<u8> = panel.drain(..=end).collect();
-                match panel::obey(&mut served, String::from_utf8_lossy(&line).trim()) {
+                let order = String::from_utf8_lossy(&line);
+                let done = match order.trim() {
+                    "silence" => silence(&mut served, pty),
+                    order => panel::obey(&mut served, order),
+                };
+                match done {
                     Ok(answer) if answer.is_empty() => println!("ok"),
                     Ok(answer) => println!("ok {answer}"),
                     Err(why) => println!("error {why}"),
@@ -89,4 +94,14 @@ fn serve(mut served: Served, pty: &Pty) -> Result<(), String> {
             }
         }
     }
+}
+
+/// How many bytes come to a master for what it sent last, however late that is here.
+fn silence(served: &mut Served, pty: &Pty) -> Result<String, String> {
+    let rest = pty.rest(served.character);
+    let (bytes, settings) = rest.map_err(|error| error.to_string())?;
+    if let Some(settings) = settings.filter(|_| !bytes.is_empty()) {
+        served.send(&bytes, settings);
+    }
+    Ok(served.silence().to_string())
 }

@@ -17,10 +17,13 @@ const PIECES: Timespec = Timespec {
     tv_nsec: 4_000_000,
 };
 
+/// What is sent behind all that a master has sent, to know when that is here. No master sends this.
+const MARK: &[u8] = b"\0railbus: is all of it here?\0";
+
 /// Our end, and the other one kept open so that masters may come and go.
 pub struct Pty {
     ours: OwnedFd,
-    _theirs: OwnedFd,
+    theirs: OwnedFd,
 }
 
 impl Pty {
@@ -41,10 +44,7 @@ impl Pty {
         tcsetattr(&theirs, OptionalActions::Now, &termios)?;
         rustix::fs::fcntl_setfl(&ours, OFlags::RDWR | OFlags::NONBLOCK)?;
         std::os::unix::fs::symlink(path, link)?;
-        Ok(Pty {
-            ours,
-            _theirs: theirs,
-        })
+        Ok(Pty { ours, theirs })
     }
 
     /// What to wait for.
@@ -79,6 +79,24 @@ impl Pty {
         let rate = tcgetattr(&self.ours)?.output_speed();
         let settings = Baud::from_rate(rate).map(|baud| Settings { baud, character });
         Ok((&buffer[..count], settings))
+    }
+
+    /// All that the master has sent so far, who sends nothing meanwhile: on a busy machine it may
+    /// lie for a while in the kernel. Else as [`Pty::read`].
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn rest(&self, character: Character) -> std::io::Result<(Vec<u8>, Option<Settings>)> {
+        rustix::io::write(&self.theirs, MARK)?;
+        let (mut rest, mut buffer) = (Vec::new(), [0; 512]);
+        loop {
+            poll(&mut [PollFd::new(&self.ours, PollFlags::IN)], None)?;
+            let (bytes, settings) = self.read(&mut buffer, character)?;
+            rest.extend_from_slice(bytes);
+            if let Some(sent) = rest.strip_suffix(MARK) {
+                return Ok((sent.to_vec(), settings));
+            }
+        }
     }
 
     /// Gives the master what it hears; what it does not fetch is lost, as on a wire.
