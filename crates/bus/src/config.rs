@@ -90,6 +90,9 @@ pub struct Plan {
     pub interval: Micros,
     /// A reading that becomes older than this goes before commands.
     pub max_age: Micros,
+    /// Whether it is asked for its model, where [`Config::identify`] holds. If not, whatever
+    /// answers at its address is taken for the model that it should be (docs/decisions/0031).
+    pub identify: bool,
 }
 
 impl Default for Plan {
@@ -98,6 +101,7 @@ impl Default for Plan {
             enabled: true,
             interval: Micros::from_millis(200),
             max_age: Micros::from_secs(2),
+            identify: true,
         }
     }
 }
@@ -108,6 +112,7 @@ impl Plan {
         enabled: false,
         interval: Micros::from_secs(3600),
         max_age: Micros(u64::MAX),
+        identify: true,
     };
 }
 

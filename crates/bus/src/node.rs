@@ -151,7 +151,8 @@ impl Node {
         } else {
             Fence::None
         };
-        let identity = Identity::new(config.identify && module.can_be_contradicted());
+        let asks = config.identify && plan.identify;
+        let identity = Identity::new(asks && module.can_be_contradicted());
         Node {
             asks_pulses: module.greeting().is_some(),
             module,

@@ -9,8 +9,9 @@
 //!   `window` (of duplicates), `probation`. Unlike the product's own, a scenario's line
 //!   has `echo=off probation=0 settle=0 fences=off identify=off` unless it says otherwise.
 //! - `adapter echoes`: every frame comes back when it ends.
-//! - `module NAME FAMILY PROTOCOL ADDRESS [KEY=VALUE…] [polled] [alive]`: without `polled` only
-//!   commands reach it; an `alive` one answers what no `answer` is left for.
+//! - `module NAME FAMILY PROTOCOL ADDRESS [KEY=VALUE…] [polled] [unasked] [alive]`: without
+//!   `polled` only commands reach it; an `unasked` one is not asked for its model; an `alive` one
+//!   answers what no `answer` is left for.
 //! - `at TIME open [at rest]`, `at TIME close`, `at TIME bytes HEX`, `at TIME dies|wakes NAME`,
 //!   `at TIME submit NAME OP [unverified] [ttl=TIME]`, `at TIME probe NAME OP timeout=TIME`.
 //! - `from TIME to TIME every TIME bytes HEX`: noise.
@@ -216,6 +217,7 @@ impl Scenario {
         for option in options {
             match *option {
                 "polled" => plan.enabled = true,
+                "unasked" => plan.identify = false,
                 "alive" => alive = true,
                 "checksum" => setup.checksum = true,
                 "mixed" => setup.layout = Layout::Mixed,
