@@ -97,7 +97,7 @@ pub struct ModuleConfig {
     pub line: String,
     /// What it is.
     pub setup: Setup,
-    /// How often it is read.
+    /// How often it is read, and whether it is asked for its model.
     pub plan: Plan,
     /// What its analog inputs measure.
     pub range: Range,
@@ -128,7 +128,26 @@ pub struct PointConfig {
     pub safety: Safety,
 }
 
+/// How a line treats a module that nobody polls.
+const fn unpolled(identify: bool) -> Plan {
+    Plan {
+        identify,
+        ..Plan::NEVER
+    }
+}
+
 impl ModuleConfig {
+    /// How its line treats it. Where nobody polls, it is not read, but it is as true as ever
+    /// whether it is to be asked for its model.
+    #[must_use]
+    pub const fn plan_where(&self, polls: bool) -> Plan {
+        if polls {
+            self.plan
+        } else {
+            unpolled(self.plan.identify)
+        }
+    }
+
     /// What an analog input measures.
     #[must_use]
     pub fn range_of(&self, point: Point) -> &Range {

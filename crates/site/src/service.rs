@@ -41,7 +41,7 @@ use crate::audit::{Audit, Entry, Note, Origin};
 use crate::{Config, Failure};
 use promises::boards;
 use railbus_device::{Module, SetupError};
-use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, Plan, PortError};
+use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, PortError};
 use railbus_wire::{Instant, Micros};
 use record::Journal;
 use rules::Standings;
@@ -319,7 +319,7 @@ fn prepare(config: &Config, name: &str, polls: bool) -> Result<LineConfig, Start
     prepared.bus.echo = line.echo;
     for (module, described) in config.modules_of(name) {
         let wrong = |why| StartError::Setup(module.clone(), why);
-        let plan = if polls { described.plan } else { Plan::NEVER };
+        let plan = described.plan_where(polls);
         let module = Module::new(described.setup).map_err(wrong)?;
         prepared.modules.push((module, plan));
     }

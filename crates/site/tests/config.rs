@@ -173,6 +173,36 @@ fn an_unknown_key_comes_with_the_one_that_is_meant() {
 }
 
 #[test]
+fn a_module_is_asked_for_its_model_unless_that_is_forbidden() {
+    let text = |more: &str| {
+        format!(
+            "[line.main]\nport = \"/dev/ttyUSB0\"\n[module.pump]\nline = \"main\"\n\
+             model = \"eda9060a\"\naddress = 1\n{more}"
+        )
+    };
+    let asks = |more: &str| {
+        let config = Config::parse(&text(more)).expect("it is good");
+        let pump = &config.modules["pump"];
+        let asks = pump.plan.identify;
+        for polls in [true, false] {
+            assert_eq!(pump.plan_where(polls).identify, asks, "{more}");
+        }
+        assert!(!pump.plan_where(false).enabled, "{more}");
+        asks
+    };
+    assert!(asks("") && asks("identify = true\n") && asks("poll = \"never\"\n"));
+    assert!(!asks("identify = false\n"));
+    assert!(!asks("poll = \"1s\"\nidentify = false\n"));
+    assert!(!asks("poll = \"never\"\nidentify = false\n"));
+    let wrong = text("identify = \"no\"\n");
+    let (_, line, column, path) = problem(&wrong);
+    assert_eq!(
+        (line, column, path.as_str()),
+        (7, 12, "module.pump.identify")
+    );
+}
+
+#[test]
 fn all_problems_are_told_in_the_order_of_the_text() {
     let text = GOOD
         .replace("/dev/ttyUSB0", "ttyUSB0")

@@ -36,6 +36,7 @@ checksum = true
 gap = "5ms"
 poll = "200ms"
 max_age = "1.5s"
+identify = false
 settings = { do3.mode = "pulse" }
 
 [module.pump.point]
@@ -275,6 +276,7 @@ fn what_is_wrong_to_the_reader_is_wrong_to_the_schema() {
         ("[module.oven]", "[module.Oven]"),
         ("address = 3", "address = 256"),
         ("max_age = \"1.5s\"", "max_age = \"1.5\""),
+        ("identify = false", "identify = \"no\""),
         ("locked = true", "locked = \"yes\""),
         ("confirm = \"hold\"", "confirm = \"ask\""),
         ("interlock = [\"oven.k1\"]", "interlock = \"oven.k1\""),

@@ -12,7 +12,7 @@ use crate::i18n::Lang;
 use crate::render::table::Table;
 use crate::render::{Format, out, records, width};
 use clap::{ArgMatches, Command};
-use railbus_host::{Line, LineConfig, ModuleId, Op, Plan, PortError, Terms};
+use railbus_host::{Line, LineConfig, Module, ModuleId, Op, Plan, PortError, Terms};
 use railbus_site::config::wire_time;
 use railbus_wire::Micros;
 use serde_json::{Value, json};
@@ -113,8 +113,8 @@ async fn measure(
 ) -> Result<(Vec<Tally>, f64), Failure> {
     let mut config = LineConfig::new(line.port.clone());
     config.bus = line.bus;
-    for (_, module) in &line.modules {
-        config = config.with(module.clone(), Plan::NEVER);
+    for (_, module, plan) in &line.modules {
+        config = config.with(module.clone(), *plan);
     }
     let place = Place {
         line: line.name.clone(),
@@ -160,7 +160,7 @@ async fn measure(
     Ok((tallies, lasted))
 }
 
-fn tally((index, (name, module)): (usize, &(String, railbus_host::Module))) -> Option<Tally> {
+fn tally((index, (name, module, _)): (usize, &(String, Module, Plan))) -> Option<Tally> {
     let op = module.full_poll().next()?;
     Some(Tally {
         id: ModuleId(index),

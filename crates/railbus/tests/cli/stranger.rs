@@ -68,14 +68,38 @@ fn refused(ran: &Ran) {
     assert!(error["may_have_acted"].is_null(), "{ran:?}");
 }
 
-/// What the daemon says that happened.
-fn events(site: &Site) -> String {
+/// What the daemon answers to a request.
+fn asked(site: &Site, method: &str, path: &str, body: &str) -> String {
     let mut daemon = UnixStream::connect(site.socket()).expect("a daemon");
-    let request = "GET /api/v1/events HTTP/1.1\r\nHost: railbus\r\nConnection: close\r\n\r\n";
+    let request = format!(
+        "{method} /api/v1/{path} HTTP/1.1\r\nHost: railbus\r\nConnection: close\r\n\
+         Content-Type: application/json\r\nContent-Length: {}\r\n\r\n{body}",
+        body.len()
+    );
     daemon.write_all(request.as_bytes()).expect("it listens");
     let mut told = String::new();
     daemon.read_to_string(&mut told).expect("text");
     told
+}
+
+/// Changes keys of the module in the configuration of the daemon.
+fn change(site: &Site, keys: &str) {
+    let told = asked(site, "PATCH", "config/modules/pump", keys);
+    assert!(told.starts_with("HTTP/1.1 200 "), "{told}");
+}
+
+/// It is told to be the module that it should be, with all its values, and nobody calls it another
+/// model.
+fn is_taken_for_the_model(site: &Site) {
+    let module = until(site, "online");
+    assert!(module["answers_as"].is_null(), "{module}");
+    let get = run(site, "get pump --fresh -o json");
+    assert_eq!(get.code, 0, "{get:?}");
+    for point in get.json()["points"].as_array().expect("points") {
+        assert_eq!(point["quality"], "good", "{point}");
+    }
+    let doctor = run(site, "doctor").out;
+    assert!(!doctor.contains("D307"), "{doctor}");
 }
 
 /// All its outputs are off, whatever was commanded.
@@ -144,7 +168,7 @@ fn another_model_is_told_everywhere_and_gets_no_commands() {
         }
         assert!(begun.elapsed() < Duration::from_secs(15), "{module}");
     }
-    let events = events(&site);
+    let events = asked(&site, "GET", "events", "");
     assert_eq!(
         events.matches("\"module_other_model\"").count(),
         2,
@@ -166,4 +190,33 @@ fn without_a_daemon_too() {
     swap(&site, "wrong", "right");
     assert_eq!(run(&site, "set pump.do0 on").code, 0);
     assert_eq!(until(&site, "online")["outputs"], "1000");
+}
+
+#[test]
+fn who_is_not_to_be_asked_is_taken_for_the_model() {
+    let mut site = site("stranger-unasked");
+    let file = site.folder.join("railbus.toml");
+    let config = || std::fs::read_to_string(&file).expect("a file");
+    // Nobody polls without a daemon, and there the key holds as well.
+    site.configure(&format!("{}identify = false\n", config()));
+    is_taken_for_the_model(&site);
+
+    site.serve();
+    is_taken_for_the_model(&site);
+    let events = asked(&site, "GET", "events", "");
+    assert!(!events.contains("module_other_model"), "{events}");
+    // It is another key that somebody changes meanwhile.
+    change(&site, "{\"poll\":\"100ms\"}");
+    assert!(config().contains("identify = false"), "{}", config());
+    is_taken_for_the_model(&site);
+
+    // A daemon at work need not begin anew to ask, nor to leave it.
+    change(&site, "{\"identify\":null}");
+    assert!(!config().contains("identify"), "{}", config());
+    until(&site, "other_model");
+    refused(&run(&site, "set pump.do0 on -o json"));
+    change(&site, "{\"identify\":false}");
+    is_taken_for_the_model(&site);
+    let set = run(&site, "set pump.do0 on");
+    assert_eq!(set.code, 0, "{set:?}");
 }

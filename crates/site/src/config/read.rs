@@ -3,7 +3,7 @@
 use super::control::{Name, Pending};
 use super::{
     Config, Kind, LineConfig, ModuleConfig, Place, PointConfig, Problem, Range, SimModule,
-    parse_duration,
+    parse_duration, unpolled,
 };
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Family, Layout, PointKind, Setup, SetupError};
@@ -19,7 +19,7 @@ pub(super) const ROOT_KEYS: [&str; 11] = [
     "audit",
 ];
 pub(super) const LINE_KEYS: [&str; 6] = ["port", "name", "baud", "format", "echo", "sim"];
-pub(super) const MODULE_KEYS: [&str; 21] = [
+pub(super) const MODULE_KEYS: [&str; 22] = [
     "line",
     "model",
     "name",
@@ -37,6 +37,7 @@ pub(super) const MODULE_KEYS: [&str; 21] = [
     "gap",
     "poll",
     "max_age",
+    "identify",
     "range",
     "point",
     "sim",
@@ -418,12 +419,14 @@ impl<'t> Reader<'t> {
     }
 
     fn plan(&mut self, section: &Section<'_, 't>) -> Option<Plan> {
+        let identify = self.optional(section, "identify", Self::truth)?;
+        let identify = identify.unwrap_or(true);
         let never = section
             .table
             .get("poll")
             .and_then(|value| value.get_ref().as_str());
         if never == Some("never") {
-            return Some(Plan::NEVER);
+            return Some(unpolled(identify));
         }
         let standard = Plan::default();
         let interval = self.duration(section, "poll")?.unwrap_or(standard.interval);
@@ -433,6 +436,7 @@ impl<'t> Reader<'t> {
         Some(Plan {
             interval,
             max_age,
+            identify,
             ..standard
         })
     }

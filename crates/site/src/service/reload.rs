@@ -8,7 +8,7 @@ use crate::Config;
 use crate::config::{LineConfig, ModuleConfig, Place, Problem};
 use crate::history::{Event, EventKind, Severity};
 use railbus_device::{Module, PointKind};
-use railbus_host::{LineState, Membership, ModuleId, Plan, PortError};
+use railbus_host::{LineState, Membership, ModuleId, PortError};
 use std::collections::BTreeSet;
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -244,7 +244,7 @@ fn membership(
         }
     }
     for (name, described) in config.modules_of(line).filter(|(name, _)| !keep(name)) {
-        let plan = if polls { described.plan } else { Plan::NEVER };
+        let plan = described.plan_where(polls);
         // A configuration that was read has no module that can't be.
         if let Ok(module) = Module::new(described.setup) {
             now.modules.push(name.clone());

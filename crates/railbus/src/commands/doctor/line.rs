@@ -33,7 +33,8 @@ pub(in crate::commands) struct Chosen {
     pub(in crate::commands) name: String,
     pub(in crate::commands) port: LineName,
     pub(in crate::commands) settings: Settings,
-    pub(in crate::commands) modules: Vec<(String, Module)>,
+    /// What they are called, what they are, and how the line is to treat them: nobody polls them.
+    pub(in crate::commands) modules: Vec<(String, Module, Plan)>,
     pub(in crate::commands) bus: railbus_host::Config,
 }
 
@@ -52,9 +53,10 @@ pub(super) fn chosen(context: &Context, config: &Config) -> Result<Vec<Chosen>, 
     let wanted = |name: &String| context.line.as_ref().is_none_or(|line| line == name);
     let lines = config.lines.iter().filter(|(name, _)| wanted(name));
     let chosen = lines.filter_map(|(name, line)| {
-        let modules = config
-            .modules_of(name)
-            .filter_map(|(name, about)| Some((name.clone(), Module::new(about.setup).ok()?)));
+        let modules = config.modules_of(name).filter_map(|(name, about)| {
+            let module = Module::new(about.setup).ok()?;
+            Some((name.clone(), module, about.plan_where(false)))
+        });
         Some(Chosen {
             name: name.clone(),
             port: line.port.parse().ok()?,
@@ -210,8 +212,8 @@ async fn read(lang: Lang, line: &Chosen) -> Vec<Finding> {
     let mut config = LineConfig::new(line.port.clone());
     config.bus = line.bus;
     config.serial.settings = line.settings;
-    for (_, module) in &line.modules {
-        config = config.with(module.clone(), Plan::NEVER);
+    for (_, module, plan) in &line.modules {
+        config = config.with(module.clone(), *plan);
     }
     let Ok(handle) = Line::open(config) else {
         return Vec::new();
@@ -219,14 +221,14 @@ async fn read(lang: Lang, line: &Chosen) -> Vec<Finding> {
     let mut events = handle.events();
     // The port was open a moment ago; where it is not now, the reads say so.
     let _ = handle.opened().await;
-    let mut protocols = line.modules.iter().map(|(_, m)| m.setup().protocol);
+    let mut protocols = line.modules.iter().map(|(_, m, _)| m.setup().protocol);
     let only_modbus = protocols.all(|protocol| protocol == Protocol::Rtu);
     let (mut ends, mut hearings) = (Vec::new(), Vec::new());
-    for (index, (name, module)) in line.modules.iter().enumerate() {
+    for (index, (name, module, plan)) in line.modules.iter().enumerate() {
         let op = module.full_poll().next().unwrap_or(Op::ReadOutputs);
         let id = ModuleId(index);
         let mut end = handle.run(id, op, Terms::default()).await;
-        if end.is_ok() && is_stranger(&handle, id, module).await {
+        if end.is_ok() && plan.identify && is_stranger(&handle, id, module).await {
             end = Err(Fault::Stranger { sent: false });
         }
         if end.is_ok()
@@ -271,7 +273,7 @@ async fn is_stranger(line: &Line, id: ModuleId, module: &Module) -> bool {
 fn verdicts(lang: Lang, line: &Chosen, ends: &[Option<Fault>], late: &[usize]) -> Vec<Finding> {
     let mut found = Vec::new();
     let mut answered = Vec::new();
-    for (index, ((name, module), end)) in line.modules.iter().zip(ends).enumerate() {
+    for (index, ((name, module, _), end)) in line.modules.iter().zip(ends).enumerate() {
         let setup = module.setup();
         let protocol = setup.protocol.name();
         let values: &[(&str, &dyn std::fmt::Display)] = &[
@@ -329,8 +331,8 @@ mod tests {
             port: "/dev/ttyUSB0".parse().unwrap(),
             settings: Settings::FACTORY,
             modules: vec![
-                ("oven".to_owned(), module(3)),
-                ("cold".to_owned(), module(4)),
+                ("oven".to_owned(), module(3), Plan::NEVER),
+                ("cold".to_owned(), module(4), Plan::NEVER),
             ],
             bus: railbus_host::Config::default(),
         }
