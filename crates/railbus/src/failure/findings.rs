@@ -320,8 +320,9 @@ pub(crate) const ALL: &[Finding] = &[
             "换上了另一型号的模块 · 配置的型号不对",
         ],
         [
-            "put the right module in its place, or correct \"model\" in the configuration",
-            "装回正确的模块，或更正配置中的 model",
+            "put the right module in its place, or correct \"model\" in the configuration; if \
+             the board is known to be compatible, set identify = false in [module.NAME]",
+            "装回正确的模块，或更正配置中的 model；确知该板兼容时：在 [module.名称] 中设 identify = false",
         ],
     ),
     finding(

@@ -54,8 +54,9 @@ codes! {
         likely: ["a module was replaced by another model · two modules changed places · \
             wrong model in the configuration",
             "换上了另一型号的模块 · 两个模块装反 · 配置的型号不对"],
-        next: ["put the right module in its place, or correct \"model\" in the configuration",
-            "装回正确的模块，或更正配置中的 model"],
+        next: ["put the right module in its place, or correct \"model\" in the configuration; if \
+            the board is known to be compatible, set identify = false in [module.NAME]",
+            "装回正确的模块，或更正配置中的 model；确知该板兼容时：在 [module.名称] 中设 identify = false"],
     }
     AddressTaken = "E0440" {
         title: ["nothing written: the new address is in use", "未写入：新地址已被占用"],
