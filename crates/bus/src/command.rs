@@ -32,6 +32,8 @@ pub(crate) struct Command {
     pub(crate) parroted: bool,
     /// A reply of its own denies it: it shows another state than it wants, or says no.
     pub(crate) denied: bool,
+    /// Another model may have acknowledged it: who did has not said yet what it is.
+    pub(crate) doubted: bool,
     /// The outputs that were otherwise than it wants when they were last read after its frame,
     /// but for those that are known to give pulses, whose pulse may be over.
     pub(crate) wrong: u32,
@@ -96,6 +98,7 @@ impl Command {
             acknowledged: true,
             parroted: false,
             denied: false,
+            doubted: false,
             wrong: 0,
             asks_pulses: false,
             replied: None,
@@ -148,7 +151,7 @@ impl Command {
         if !self.acknowledged && node.repeatable(&self.op) && self.evidence.attempts < TRIES_MAX {
             self.left = want.mask;
             self.acknowledged = true;
-            (self.parroted, self.denied, self.wrong) = (false, false, 0);
+            (self.parroted, self.denied, self.doubted, self.wrong) = (false, false, false, 0);
             self.stage = Stage::Queued;
             return None;
         }
@@ -203,7 +206,10 @@ impl Command {
 
     /// The end where nothing more can be read back. What was read otherwise before is not done.
     pub(crate) fn end_by_reply(&self) -> Result<Confirmed, Fault> {
-        match (self.acknowledged, self.denied || self.wrong != 0) {
+        match (
+            self.acknowledged,
+            self.denied || self.doubted || self.wrong != 0,
+        ) {
             (true, false) => Ok(Confirmed::Reply),
             (true, true) => Err(Fault::NotVerified),
             (false, _) => Err(self.lost()),

@@ -22,6 +22,12 @@ impl Bus {
         exchange: &Exchange<'_>,
     ) -> Result<Job, Option<Instant>> {
         let ghost = self.ghosts.in_the_way(exchange).ok_or(None)?;
+        // Who does not say what it is may answer no fence either, and is waited for: not for long.
+        let asked = ghost.module.and_then(|id| self.nodes.get(id.0));
+        let mute = asked.filter(|node| !node.knows_fence() && node.may_be_mute());
+        if mute.is_some_and(|node| node.identifies(&ghost.exchange)) {
+            return Err(Some(ghost.until));
+        }
         let is_up = |id: &ModuleId| {
             let node = self.nodes.get(id.0);
             node.is_some_and(|node| !node.retired && !node.is_silent())

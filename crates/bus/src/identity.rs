@@ -10,6 +10,8 @@ use railbus_wire::Instant;
 
 /// So often a module that does not say what it is is asked for that, each time it is heard anew.
 const TRIES: u8 = 4;
+/// So many of these come before anything is told of it or done with it.
+const TRIES_FIRST: u8 = 2;
 
 /// What a module is, as far as it has said.
 #[derive(Clone, Copy, Debug)]
@@ -20,7 +22,8 @@ pub(crate) struct Identity {
     tries: u8,
     /// Not before this moment.
     at: Instant,
-    /// It said that it is what it should be: who has said it is asked again after a miss.
+    /// It has said that it is what it should be since it was heard anew: so it can, and is asked
+    /// again after a miss.
     named: bool,
     claim: Claim,
 }
@@ -70,6 +73,7 @@ impl Identity {
         };
         self.tries = if self.can { TRIES } else { 0 };
         self.at = Instant(0);
+        self.named = false;
     }
 
     /// An exchange failed: the module may just be being replaced.
@@ -79,10 +83,20 @@ impl Identity {
         }
     }
 
-    /// Whether it is suspected only because an exchange failed, and may be asked.
+    /// Whether it may be asked, where nothing waits for that.
     #[inline]
     pub(crate) fn is_suspected(&self, now: Instant) -> bool {
-        self.tries > 0 && self.named && self.claim == Claim::No && self.at <= now
+        self.tries > 0 && self.claim == Claim::No && self.at <= now
+    }
+
+    /// Whether it has said that it is what it should be, and was not doubted since.
+    pub(crate) const fn is_itself(&self) -> bool {
+        self.named && self.tries == 0
+    }
+
+    /// Whether it is known to say what it is.
+    pub(crate) const fn is_talker(&self) -> bool {
+        self.named || self.is_other()
     }
 
     /// Whether it is to be asked.
@@ -100,7 +114,7 @@ impl Identity {
     /// may be another model and does not count as one.
     pub(crate) const fn comes_first(&self) -> bool {
         match self.claim {
-            Claim::No => self.tries == TRIES,
+            Claim::No => self.tries > TRIES - TRIES_FIRST,
             Claim::Past(_) | Claim::Once(_) => true,
             Claim::Sure(_) => false,
         }
@@ -152,15 +166,24 @@ impl Identity {
 
     /// It did not answer what was sent then.
     pub(crate) const fn lost(&mut self, sent: Instant) {
-        self.at = Instant(sent.0 + LATE_MIN.0);
         self.vain();
+        // Nothing but what may still come keeps the others waiting.
+        self.at = match self.claim {
+            Claim::No if self.comes_first() => sent,
+            _ => Instant(sent.0 + LATE_MIN.0),
+        };
     }
 
-    /// A question in vain: who has said what it is is asked until it says so again, anyone else
-    /// counts after a few as what it should be.
+    /// A question in vain: who has said that it is another model is asked until it says so again,
+    /// anyone else counts after a few as what it should be. Who has named itself is asked as if it
+    /// were heard anew.
     const fn vain(&mut self) {
         match (self.claim, self.tries) {
             (Claim::Once(_) | Claim::Sure(_), _) => {}
+            (Claim::No, _) if self.named => {
+                self.named = false;
+                self.tries = TRIES;
+            }
             (_, 0 | 1) => self.settle(),
             (_, tries) => self.tries = tries - 1,
         }
@@ -180,19 +203,25 @@ impl Bus {
         let Some(node) = self.nodes.get_mut(module.0) else {
             return;
         };
-        let Some(presence) = node.news() else {
+        if let Some(presence) = node.news() {
+            self.events.tell(Event::Presence { module, presence });
+        }
+        let Some(reading) = node.unveil(self.now) else {
             return;
         };
-        self.events.tell(Event::Presence { module, presence });
-        if let Some(reading) = node.unveil(self.now) {
-            self.events.tell(Event::Seen {
-                module,
-                op: reading.op,
-                seen: reading.seen,
-                asked: reading.asked,
-                heard: reading.heard,
-            });
-        }
+        self.events.tell(Event::Seen {
+            module,
+            op: reading.op,
+            seen: reading.seen,
+            asked: reading.asked,
+            heard: reading.heard,
+        });
+        // Who waits for just that need not have it read once more.
+        decide(&mut self.commands, &mut self.events, self.now, |command| {
+            let waits = command.module == module && command.stage == Stage::Queued;
+            let is_it = command.op == reading.op && command.submitted <= reading.asked;
+            (waits && is_it).then_some(Ok(Confirmed::Reply))
+        });
     }
 
     /// A module said what it is. What was on its way to another one ends.
@@ -205,11 +234,13 @@ impl Bus {
         self.tell_presence(module);
         let node = self.nodes.get(module.0);
         let is_stranger = node.is_some_and(Node::is_stranger);
-        let is_settled = node.is_some_and(|node| node.identify_first().is_none());
+        let is_settled = node.is_some_and(Node::is_settled);
+        let is_itself = node.is_some_and(Node::is_itself);
         decide(&mut self.commands, &mut self.events, now, |command| {
             if command.module != module {
                 return None;
             }
+            command.doubted &= !is_itself;
             match command.op {
                 // Who asks just that has his answer.
                 Op::Identify => {
@@ -237,7 +268,8 @@ impl Bus {
             }
             command.evidence.attempts = command.evidence.attempts.saturating_add(1);
             command.evidence.add(met);
-            (!is_asked_again).then(|| Err(command.lost()))
+            let is_last = !is_asked_again || command.evidence.attempts >= TRIES;
+            is_last.then(|| Err(command.lost()))
         });
     }
 

@@ -47,7 +47,7 @@ use flight::{Flight, Job, write_frame};
 pub use flight::{PIECE_PAUSE, Probe};
 use ghost::{Ghost, Ghosts, Met};
 use node::Node;
-use railbus_device::{Module, Refusal, Seen};
+use railbus_device::{Module, Op, Refusal, Seen};
 use railbus_wire::{
     Decoded, Exchange, Frame, Instant, Malformed, Micros, Reply, Response, Settings, rtu,
 };
@@ -462,7 +462,13 @@ impl Bus {
     fn interpret(&self, flight: &Flight, reply: &Reply<Response<'_>>) -> Outcome {
         let node = flight.job.module().and_then(|id| self.nodes.get(id.0));
         match node {
-            Some(node) => Outcome::Seen(node.module.interpret(&flight.job.op(), &reply.response)),
+            Some(node) => {
+                let op = match flight.job.op() {
+                    Op::Fence if node.identifies(&flight.exchange) => Op::Identify,
+                    op => op,
+                };
+                Outcome::Seen(node.module.interpret(&op, &reply.response))
+            }
             None => Outcome::Probed,
         }
     }
@@ -553,6 +559,9 @@ impl Bus {
                 Job::Fence { .. } => node.missed_fence(),
                 job => job.identifies() && node.may_be_mute(),
             };
+            if flight.is_fence() && node.identifies(&flight.exchange) {
+                node.not_identified(flight.sent);
+            }
             if flight.is_fence() && !has_none {
                 // The next look is as far off as after a poll.
                 node.put_off(flight.asked + node.plan.interval);

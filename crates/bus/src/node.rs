@@ -322,6 +322,9 @@ impl Node {
 
     /// The reading that may be told now. The others were not, and are due.
     pub(crate) fn unveil(&mut self, now: Instant) -> Option<Reading> {
+        if self.is_online() && !self.is_settled() {
+            return None;
+        }
         let reading = self.veiled.take()?;
         for poll in self.polls.iter_mut().filter(|poll| poll.op != reading.op) {
             poll.due = poll.due.min(now);
@@ -334,9 +337,9 @@ impl Node {
         matches!(self.presence, Presence::Online)
     }
 
-    /// Whether its values are held back until it has named its model, or one question was in vain.
+    /// Whether its values are held back until it has named its model, or was asked in vain.
     pub(crate) fn is_veiled(&self) -> bool {
-        self.plan.enabled && self.told != Presence::Online && self.identify_first().is_some()
+        self.identify_first().is_some()
     }
 
     /// Its line is closed.
@@ -491,15 +494,13 @@ impl Node {
         (self.asks_pulses || self.identity.is_to_be_asked()) && self.is_online()
     }
 
-    /// What is to be asked with its greeting, and from when on; the first before polls that can't
-    /// wait.
-    pub(crate) fn greetings(&self) -> impl Iterator<Item = (Op, Instant, bool)> + use<> {
-        let first = self.is_veiled() || self.identity.is_other();
+    /// What is to be asked with its greeting, and from when on.
+    pub(crate) fn greetings(&self) -> impl Iterator<Item = (Op, Instant)> + use<> {
         let identity = self.identity.is_to_be_asked();
-        let identity = identity.then_some((Op::Identify, self.identity.at(), first));
+        let identity = identity.then_some((Op::Identify, self.identity.at()));
         let is_open = self.identity.comes_first() || self.identity.is_other();
         let pulses = self.pulse_question().filter(|_| !is_open);
-        let pulses = pulses.map(|op| (op, self.greet_at, false));
+        let pulses = pulses.map(|op| (op, self.greet_at));
         identity.into_iter().chain(pulses)
     }
 
@@ -528,21 +529,27 @@ impl Node {
     }
 
     /// From when on it is to be asked what it is before anything is done with it, where that is
-    /// so.
+    /// so: of a stranger only where nobody polls, and so nobody else asks it.
     #[inline]
     pub(crate) fn identify_first(&self) -> Option<Instant> {
-        (self.identity.comes_first() && self.is_online()).then_some(self.identity.at())
+        let is_first = !self.is_settled() || self.identity.is_stranger() && !self.plan.enabled;
+        (is_first && self.is_online()).then_some(self.identity.at())
     }
 
-    /// Whether it is asked what it is before this is done: where nobody polls only by who asks.
-    pub(crate) fn asks_first(&self, op: &Op) -> bool {
-        self.plan.enabled || *op == Op::Identify
+    /// Whether it is known, as far as it can be, what it is.
+    pub(crate) const fn is_settled(&self) -> bool {
+        !self.identity.comes_first()
     }
 
-    /// Whether it may be another model since an exchange failed, and may be asked now.
+    /// Whether it has said that it is what it should be, and was not doubted since.
+    pub(crate) const fn is_itself(&self) -> bool {
+        self.identity.is_itself()
+    }
+
+    /// Whether it may be another model, as after an exchange that failed, and may be asked now.
     #[inline]
     pub(crate) fn is_suspected(&self, now: Instant) -> bool {
-        self.plan.enabled && self.is_online() && self.identity.is_suspected(now)
+        self.is_online() && self.identity.is_suspected(now)
     }
 
     /// It said what it is, or refused to.
@@ -575,6 +582,11 @@ impl Node {
     /// Whether it says nothing of how the module is that it did not say what it is: as long as it
     /// is not known to say it.
     pub(crate) const fn may_be_mute(&self) -> bool {
-        !self.identity.is_other()
+        !self.identity.is_talker()
+    }
+
+    /// Whether this is what asks it what it is.
+    pub(crate) fn identifies(&self, exchange: &Exchange<'_>) -> bool {
+        self.module.exchange(&Op::Identify).as_ref() == Ok(exchange)
     }
 }

@@ -15,12 +15,16 @@ impl Bus {
             return;
         };
         if flight.is_fence() {
+            // Some say by it what they are.
+            if let Seen::Model(_) = seen {
+                self.identified(module, &seen);
+            }
             return;
         }
         let op = flight.job.op();
         let refused = matches!(seen, Seen::Refused(_));
         if let Some(node) = self.nodes.get_mut(module.0) {
-            if node.heard_as() != Presence::Online
+            if (node.heard_as() != Presence::Online || !node.is_settled())
                 && node.withholds(Reading {
                     op,
                     seen,
@@ -83,10 +87,14 @@ impl Bus {
             .get(module.0)
             .is_some_and(|node| node.module.read_back(op) == Some(Op::ReadOutputs));
         let carried = bank_of(op).map(|bank| bank.mask);
-        let is_unknown = self.is_unknown(module, op);
-        let asks = *op == Op::Identify;
+        let node = self.nodes.get(module.0);
+        let asks_again = *op == Op::Identify && node.is_some_and(|node| !node.is_settled());
+        // A change of settings makes that so itself, and its module may be found no more.
+        let is_unknown = !matches!(op, Op::Configure(_))
+            && node.is_some_and(Node::is_to_be_identified)
+            && *op != Op::Identify;
         self.decide_sent(module, |command| {
-            if asks && is_unknown {
+            if asks_again {
                 // It may have come spoilt: it is asked again.
                 command.stage = Stage::Queued;
                 return None;
@@ -111,20 +119,12 @@ impl Bus {
             }
             // What may be another model's reply is none: it is to say first what it is.
             if to_be_read || is_unknown {
+                command.doubted |= is_unknown;
                 command.stage = Stage::ReadBack(0);
                 return None;
             }
             Some(Ok(Confirmed::Reply))
         });
-    }
-
-    /// Whether it is still to be found out if another model answers. A change of settings makes
-    /// that so itself, and afterwards its module may be found no more.
-    fn is_unknown(&self, module: ModuleId, op: &Op) -> bool {
-        let node = self.nodes.get(module.0);
-        let is_change = matches!(op, Op::Configure(_));
-        !is_change
-            && node.is_some_and(|node| node.asks_first(op) && node.identify_first().is_some())
     }
 
     /// An exchange failed: no reply, or none that is good. `taken` bytes of what was heard were
@@ -208,7 +208,11 @@ impl Bus {
 
     /// Hands the outputs just read to every command that waits for them.
     fn judge(&mut self, id: ModuleId, outputs: Bank) {
-        let Some(node) = self.nodes.get(id.0) else {
+        if self.commands.is_empty() {
+            return;
+        }
+        // What may be another one's outputs confirms nothing.
+        let Some(node) = self.nodes.get(id.0).filter(|node| node.is_settled()) else {
             return;
         };
         decide(&mut self.commands, &mut self.events, self.now, |command| {

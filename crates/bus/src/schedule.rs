@@ -64,7 +64,7 @@ impl Bus {
         }
         let node = self.nodes.get(module.0).filter(|node| !node.retired);
         let node = node.ok_or(Fault::Unsupported)?;
-        if node.is_stranger() && op != Op::Identify {
+        if node.is_stranger() && node.plan.enabled && op != Op::Identify {
             return Err(Fault::Stranger { sent: false });
         }
         let first = match bank_of(&op) {
@@ -283,7 +283,14 @@ impl Bus {
 
     /// Takes the work unless a ghost forbids it now; then the fence that ends the ghost.
     #[inline]
-    fn offer(&self, search: &mut Search, work: Work) -> bool {
+    fn offer(&self, search: &mut Search, mut work: Work) -> bool {
+        if let Job::Greeting {
+            module,
+            op: Op::Identify,
+        } = work.job
+        {
+            self.ask_as_fence(module, &mut work);
+        }
         let blocked_until = match work.job {
             Job::Probe { .. } => self.ghosts.late_until(&work.exchange, self.now),
             // Commands for a module that is silent do not wait for what it may never answer.
@@ -302,6 +309,19 @@ impl Bus {
                 search.look_again(until);
                 self.offer_fence(search, &work)
             }
+        }
+    }
+
+    /// Where a fence asks what the module is, that is asked again at once, and not when nothing is
+    /// left that could be confused with it.
+    #[cold]
+    fn ask_as_fence(&self, module: ModuleId, work: &mut Work) {
+        let node = self.nodes.get(module.0);
+        if node.is_some_and(|node| node.is_fence(&work.exchange))
+            && self.ghosts.in_the_way(&work.exchange).is_some()
+        {
+            let op = Op::Fence;
+            work.job = Job::Fence { module, op };
         }
     }
 
@@ -374,9 +394,7 @@ impl Bus {
             }
             let job = match command.stage {
                 Stage::Sent => continue,
-                _ if node.asks_first(&command.op)
-                    && let Some(at) = node.identify_first() =>
-                {
+                _ if let Some(at) = node.identify_first() => {
                     if at > self.now {
                         search.look_again(at);
                         continue;
@@ -479,8 +497,8 @@ impl Bus {
                 }
             };
             if node.is_to_be_greeted() {
-                for (op, at, first) in node.greetings() {
-                    if !urgent || first {
+                for (op, at) in node.greetings() {
+                    if !urgent || op == Op::Identify {
                         look(at, Job::Greeting { module, op });
                     }
                 }

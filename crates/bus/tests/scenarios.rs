@@ -32,7 +32,8 @@ use railbus_device::{
     Bank, Change, Eeprom, Engine, Family, Layout, Module, Op, Options, Seen, Setup,
 };
 use railbus_wire::{
-    Address, Baud, Channel, Character, Instant, Micros, Protocol, PulseWidth, crc16, r55::U24, sum8,
+    Address, Baud, Channel, Character, Frame, Instant, Micros, Protocol, PulseWidth, crc16,
+    r55::U24, sum8,
 };
 use std::collections::VecDeque;
 use std::fmt::Write;
@@ -104,6 +105,8 @@ struct Scenario {
     modules: Vec<Module>,
     actions: VecDeque<(Instant, Action)>,
     answers: VecDeque<Answer>,
+    /// What no module answers: of those that are mute.
+    unheard: Vec<Vec<u8>>,
     until: Instant,
     trace: String,
 }
@@ -144,6 +147,7 @@ impl Scenario {
             modules: Vec::new(),
             actions: VecDeque::new(),
             answers: VecDeque::new(),
+            unheard: Vec::new(),
             until: Instant(0),
             trace: String::new(),
         };
@@ -214,11 +218,14 @@ impl Scenario {
             ..Plan::default()
         };
         let (mut alive, mut turnaround) = (false, millis(2));
+        let (mut mute, mut unknown) = (false, false);
         for option in options {
             match *option {
                 "polled" => plan.enabled = true,
                 "unasked" => plan.identify = false,
                 "alive" => alive = true,
+                "mute" => mute = true,
+                "unknown" => unknown = true,
                 "checksum" => setup.checksum = true,
                 "mixed" => setup.layout = Layout::Mixed,
                 "8E1" => setup.serial.character = Character::E1,
@@ -242,7 +249,18 @@ impl Scenario {
             }
         }
         let module = Module::new(setup).expect("a possible module");
-        self.drive.bus.add(module.clone(), plan);
+        if !unknown {
+            self.drive.bus.add(module.clone(), plan);
+        }
+        for op in [Op::Identify, Op::Fence] {
+            if let Ok(exchange) = module.exchange(&op)
+                && mute
+            {
+                let mut frame = Frame::new();
+                exchange.encode(&mut frame);
+                self.unheard.push(frame.bytes().to_vec());
+            }
+        }
         self.names.push(name.to_owned());
         self.modules.push(module);
         let options = Options {
@@ -347,6 +365,7 @@ impl Scenario {
 
     fn answer(&mut self, request: &[u8], settings: railbus_wire::Settings, end: Instant) {
         match self.answers.pop_front() {
+            None | Some(Answer::Alive) if self.unheard.iter().any(|other| other == request) => {}
             None | Some(Answer::Alive) => self.drive.ask_players(end, request),
             Some(Answer::Pieces(pieces)) => {
                 let mut at = end;

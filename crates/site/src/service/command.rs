@@ -353,18 +353,10 @@ impl Inner {
 
     /// Asks a module for everything now.
     pub(super) async fn read_all(&self, module: &str) -> Result<(), Failure> {
-        let ModuleConfig { setup, plan, .. } = self.described(module)?;
+        let setup = self.described(module)?.setup;
         let described = Module::new(setup).map_err(|_| Fault::Unsupported)?;
         for op in described.full_poll() {
             self.run(module, op, false).await?;
-        }
-        // Where nobody polls, nobody else asks that.
-        if !self.polls && plan.identify && described.can_be_contradicted() {
-            let end = self.run(module, Op::Identify, false).await;
-            let seen = end.ok().and_then(|done| done.seen);
-            if seen.is_some_and(|seen| !described.recognises(&seen)) {
-                return Err(Fault::Stranger { sent: false }.into());
-            }
         }
         Ok(())
     }

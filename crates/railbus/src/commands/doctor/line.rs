@@ -224,13 +224,10 @@ async fn read(lang: Lang, line: &Chosen) -> Vec<Finding> {
     let mut protocols = line.modules.iter().map(|(_, m, _)| m.setup().protocol);
     let only_modbus = protocols.all(|protocol| protocol == Protocol::Rtu);
     let (mut ends, mut hearings) = (Vec::new(), Vec::new());
-    for (index, (name, module, plan)) in line.modules.iter().enumerate() {
+    for (index, (name, module, _)) in line.modules.iter().enumerate() {
         let op = module.full_poll().next().unwrap_or(Op::ReadOutputs);
         let id = ModuleId(index);
-        let mut end = handle.run(id, op, Terms::default()).await;
-        if end.is_ok() && plan.identify && is_stranger(&handle, id, module).await {
-            end = Err(Fault::Stranger { sent: false });
-        }
+        let end = handle.run(id, op, Terms::default()).await;
         if end.is_ok()
             && let Some(told) = hearing::ask(&handle, module).await
         {
@@ -257,16 +254,6 @@ async fn read(lang: Lang, line: &Chosen) -> Vec<Finding> {
     found.extend(verdicts(lang, line, &ends, &late));
     found.extend(hearings);
     found
-}
-
-/// Whether a module that has answered says that it is another model.
-async fn is_stranger(line: &Line, id: ModuleId, module: &Module) -> bool {
-    if !module.can_be_contradicted() {
-        return false;
-    }
-    let end = line.run(id, Op::Identify, Terms::default()).await;
-    let seen = end.ok().and_then(|done| done.seen);
-    seen.is_some_and(|seen| !module.recognises(&seen))
 }
 
 /// What the reads of a line's modules came to.
