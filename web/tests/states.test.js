@@ -30,7 +30,9 @@ async function ask(method, path, data) {
   const cookie = cookies.map(({ name, value }) => `${name}=${value}`).join("; ");
   const headers = { "Content-Type": "application/json", "X-CSRF-Token": csrf, Cookie: cookie, Origin: daemon.origin };
   const answer = await fetch(`${daemon.origin}/api/v1${path}`, { method, headers, body: data && JSON.stringify(data) });
-  assert.ok(answer.status < 300, `${method} ${path}: ${answer.status} ${await answer.text()}`);
+  const said = await answer.text();
+  assert.ok(answer.status < 300, `${method} ${path}: ${answer.status} ${said}`);
+  return said && JSON.parse(said);
 }
 
 async function visitor(lang, as = cookies) {
@@ -96,6 +98,21 @@ test("another model in a module's place is named on its card and page", async ()
       await badge.first().waitFor();
       found.push(...(await measure(page, `another model ${path} ${lang}`)));
     }
+    // What it reads is not its own: each output and each input says why it shows nothing, and none is green.
+    const why = t("reason_other");
+    const said = page.locator("main").getByText(why).filter({ hasNotText: "EDA9060A" });
+    await said.first().waitFor();
+    const own = (await ask("GET", "/points")).points.filter((point) => point.module === "pump");
+    assert.ok(own.length > 0 && own.every((point) => point.reason === "other_model"), JSON.stringify(own[0]));
+    const outputs = own.filter((point) => point.kind === "output");
+    assert.equal(await said.count(), outputs.length, lang);
+    const values = page.locator("main button.value");
+    const labels = await values.evaluateAll((all) => all.map((one) => one.getAttribute("aria-label")));
+    assert.equal(labels.length, own.length - outputs.length, lang);
+    for (const label of labels) assert.ok(label.endsWith(why), label);
+    assert.equal(await page.locator(GREEN).count(), 0, `${lang}: green`);
+    // A note about silence would be untrue: it answers.
+    assert.equal(await page.locator("main .note", { hasText: t("values_last") }).count(), 0, lang);
     await context.close();
   }
   assert.deepEqual(found, []);
