@@ -73,11 +73,12 @@ fn line_at_daemon(lang: Lang, line: &LineInfo) -> Vec<Finding> {
         Some(holder) => format!("{}, {holder}", line.port),
         None => line.port.clone(),
     };
+    let good =
+        |text: DoctorText| Finding::good(Section::Port, lang.fill(text, &[("line", &line.line)]));
     found.push(match (line.state, line.reason.as_deref()) {
-        (PortState::Up | PortState::Opening, _) => {
-            let text = lang.fill(DoctorText::LineUp, &[("line", &line.line)]);
-            Finding::good(Section::Port, text)
-        }
+        (PortState::Up, _) => good(DoctorText::LineUp),
+        // Not open, and nothing is wrong with it so far.
+        (PortState::Opening, _) => good(DoctorText::LineOpening),
         (PortState::Busy, _) => Finding::error(Section::Port, "D104", detail),
         (_, Some("permission")) => Finding::error(Section::Port, "D102", detail),
         (_, Some("missing")) => Finding::error(Section::Port, "D103", detail),
@@ -161,6 +162,38 @@ mod tests {
     use super::*;
     use crate::api::types::Lost;
     use serde_json::json;
+
+    #[test]
+    fn a_line_that_is_being_opened_is_not_called_open() {
+        let said = |lang, state: &str| {
+            let line: LineInfo = serde_json::from_value(json!({
+                "line": "main", "port": "/dev/ttyUSB0", "state": state, "baud": 9600,
+                "format": "8N1", "babble": false, "modules": ["oven"],
+            }))
+            .unwrap();
+            let module: ModuleInfo = serde_json::from_value(json!({
+                "module": "oven", "line": "main", "address": 3, "protocol": "rtu", "model": "erc8",
+                "title": "ERC-8", "state": "unheard", "errors_1h": 0, "late_1h": 0, "outputs": "",
+                "inputs": "",
+            }))
+            .unwrap();
+            let found = told(lang, vec![line], [module].into_iter(), &[]);
+            found
+                .iter()
+                .map(|finding| finding.detail.clone())
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(
+            said(Lang::En, "up"),
+            ["main is open (daemon)", "not asked yet: oven"]
+        );
+        // Of its modules nothing is said, either.
+        assert_eq!(
+            said(Lang::En, "opening"),
+            ["main is still being opened (daemon): nothing is known of it yet"]
+        );
+        assert!(!said(Lang::Zh, "opening").concat().contains("已打开"));
+    }
 
     #[test]
     fn a_silent_module_is_told_with_the_time_of_its_last_value() {

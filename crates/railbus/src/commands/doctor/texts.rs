@@ -66,6 +66,10 @@ crate::texts::texts! {
     }
     DaemonRuns { en: "running for {site}, {socket}", zh: "正在运行，配置：{site}，{socket}" }
     LineUp { en: "{line} is open (daemon)", zh: "{line} 已打开（守护进程）" }
+    LineOpening {
+        en: "{line} is still being opened (daemon): nothing is known of it yet",
+        zh: "{line} 正在打开（守护进程）：尚无其状态",
+    }
 
     Summary { en: "errors: {errors}, warnings: {warnings}", zh: "错误：{errors}，警告：{warnings}" }
     Unhealthy { en: "the doctor found errors: {errors}", zh: "诊断发现 {errors} 个错误" }
