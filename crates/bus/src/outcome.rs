@@ -90,9 +90,8 @@ impl Bus {
         let node = self.nodes.get(module.0);
         let asks_again = *op == Op::Identify && node.is_some_and(|node| !node.is_settled());
         // A change of settings makes that so itself, and its module may be found no more.
-        let is_unknown = !matches!(op, Op::Configure(_))
-            && node.is_some_and(Node::is_to_be_identified)
-            && *op != Op::Identify;
+        let acts = !op.is_read() && !matches!(op, Op::Configure(_));
+        let is_unknown = acts && node.is_some_and(Node::is_to_be_identified);
         self.decide_sent(module, |command| {
             if asks_again {
                 // It may have come spoilt: it is asked again.
