@@ -152,9 +152,8 @@ impl Identity {
                 }
                 self.claim(Claim::Once(other));
             }
-            // A question may be spoilt as well: who has answered it does not refuse it.
-            (Said::Refusal, Claim::No) => self.settle(),
-            (Said::Refusal, _) => self.vain(),
+            // A question may come spoilt as well, and is refused then.
+            (Said::Refusal, _) => self.lost(now),
         }
     }
 
