@@ -46,7 +46,7 @@ use fence::shows_order;
 use flight::{Flight, Job, write_frame};
 pub use flight::{PIECE_PAUSE, Probe};
 use ghost::{Ghost, Ghosts, Met};
-use node::Node;
+use node::{HELD_BACK_MAX, Node};
 use railbus_device::{Module, Op, Refusal, Seen};
 use railbus_wire::{
     Decoded, Exchange, Frame, Instant, Malformed, Micros, Reply, Response, Settings, rtu,
@@ -107,8 +107,10 @@ pub struct Bus {
     busy_until: Instant,
     /// Nobody had sent anything lately when it was opened, nor since.
     at_rest: bool,
-    /// What is known of those who had the port before.
+    /// What is known of those who had the port before, as long as it matters.
     past: Past,
+    /// When it was opened.
+    opened: Instant,
     /// The time that one silent module may be probed again.
     probe_silent_at: Instant,
     next_silent: usize,
@@ -149,6 +151,7 @@ impl Bus {
             busy_until: Instant(0),
             at_rest: false,
             past: Past::Unknown,
+            opened: Instant(0),
             probe_silent_at: Instant(0),
             next_silent: 0,
             cycle: Micros::ZERO,
@@ -274,6 +277,7 @@ impl Bus {
         self.ghosts.clear();
         self.ear = Ear::new(self.config.echo, self.config.probation);
         self.busy_until = self.now;
+        self.opened = self.now;
         self.probe_silent_at = self.now;
         let count = self.nodes.len();
         let now = self.now + settle;
@@ -495,6 +499,13 @@ impl Bus {
         if self.ear.fell_silent() {
             self.events.tell(Event::Quiet);
         }
+        let is_inherited = self.past == Past::Abandoned && self.is_inherited();
+        if is_inherited {
+            self.ear.forget();
+            self.haunt(flight);
+            self.fail(flight, len, None);
+            return self.end_if_left(flight);
+        }
         let is_own = self.is_own(flight, in_order);
         self.lay_ghosts_in_ear();
         // Two modules on one address both answer a probe.
@@ -531,6 +542,17 @@ impl Bus {
             Outcome::Seen(seen) => self.learn(flight, seen),
         }
         self.end_if_left(flight);
+    }
+
+    /// Whether the reply that was just taken may be to somebody else: whoever was killed with the
+    /// port open may have left replies behind that were held back, and they come all at once.
+    #[cold]
+    fn is_inherited(&mut self) -> bool {
+        if self.now > self.opened + HELD_BACK_MAX {
+            self.past = Past::Unknown;
+            return false;
+        }
+        !self.ear.heard().is_empty()
     }
 
     /// No good reply came in time.
