@@ -125,6 +125,8 @@ impl Command {
         if outputs.mask == 0 {
             return None;
         }
+        // Whoever acknowledged it was asked what it is, and is still there.
+        self.doubted = false;
         let Some(want) = bank_of(&self.op) else {
             return Some(self.end_by_reply());
         };

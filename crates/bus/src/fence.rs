@@ -22,10 +22,10 @@ impl Bus {
         exchange: &Exchange<'_>,
     ) -> Result<Job, Option<Instant>> {
         let ghost = self.ghosts.in_the_way(exchange).ok_or(None)?;
-        // Who does not say what it is may answer no fence either, and is waited for: not for long.
+        // Who does not answer its greeting may answer no fence either: its reply is waited for.
         let asked = ghost.module.and_then(|id| self.nodes.get(id.0));
-        let mute = asked.filter(|node| !node.knows_fence() && node.may_be_mute());
-        if mute.is_some_and(|node| node.identifies(&ghost.exchange)) {
+        let is_short = ghost.until <= ghost.late;
+        if is_short && asked.is_some_and(|node| node.may_be_mute_to(&ghost.exchange)) {
             return Err(Some(ghost.until));
         }
         let is_up = |id: &ModuleId| {
@@ -131,7 +131,8 @@ impl Bus {
         let node = module.and_then(|id| self.nodes.get(id.0));
         let late = flight.sent + node.map_or(LATE_MIN, Node::late_max);
         // Where nothing can end it before its time, it must not keep the line waiting for long.
-        let ends_by_fence = |node: &Node| match flight.job.identifies() {
+        let greets = matches!(flight.job, Job::Greeting { .. }) || flight.job.identifies();
+        let ends_by_fence = |node: &Node| match greets {
             true => node.knows_fence(),
             false => node.relies_on_fence(),
         };

@@ -166,11 +166,19 @@ impl Identity {
     /// It did not answer what was sent then.
     pub(crate) const fn lost(&mut self, sent: Instant) {
         self.vain();
-        // Nothing but what may still come keeps the others waiting.
+        // At once, but for what may still come: everything else waits for it.
         self.at = match self.claim {
             Claim::No if self.comes_first() => sent,
             _ => Instant(sent.0 + LATE_MIN.0),
         };
+    }
+
+    /// It answered so late that what it said was not understood, and will be waited for now.
+    pub(crate) const fn said_late(&mut self, now: Instant) {
+        if self.can && matches!(self.claim, Claim::No) {
+            self.tries = TRIES;
+            self.at = now;
+        }
     }
 
     /// A question in vain: who has said that it is another model is asked until it says so again,

@@ -369,6 +369,11 @@ impl Bus {
         }
         if self.now <= ghost.late {
             self.note_answer(module, after);
+            if let Some(node) = self.nodes.get_mut(module.0)
+                && node.identifies(&ghost.exchange)
+            {
+                node.identified_late(after, self.now);
+            }
         } else {
             // It says nothing of how fast the module is, nor of how it is now: that is asked.
             if self.nodes.get(module.0).is_some_and(Node::is_silent) {

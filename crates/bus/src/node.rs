@@ -546,7 +546,7 @@ impl Node {
         self.identity.is_itself()
     }
 
-    /// Whether it may be another model, as after an exchange that failed, and may be asked now.
+    /// Whether it may be another model since an exchange failed, and may be asked now.
     #[inline]
     pub(crate) fn is_suspected(&self, now: Instant) -> bool {
         self.is_online() && self.identity.is_suspected(now)
@@ -557,21 +557,34 @@ impl Node {
         let said = match seen {
             Seen::Refused(_) => Said::Refusal,
             name if self.module.recognises(name) => Said::Itself,
-            name => {
-                // What was read before was the other one's.
-                self.veiled = None;
-                for poll in &mut self.polls {
-                    poll.due = poll.due.min(now);
-                }
-                Said::Other(*name)
-            }
+            name => Said::Other(*name),
         };
+        if !matches!(said, Said::Itself) {
+            self.forget_veiled(now);
+        }
         self.identity.said(said, now);
     }
 
     /// It did not say what it is.
-    pub(crate) const fn not_identified(&mut self, sent: Instant) {
+    pub(crate) fn not_identified(&mut self, sent: Instant) {
+        self.forget_veiled(sent);
         self.identity.lost(sent);
+    }
+
+    /// It said too late what it is to be understood, but will be waited for so long now.
+    pub(crate) fn identified_late(&mut self, after: Micros, now: Instant) {
+        if after <= TIMEOUT_MAX {
+            self.identity.said_late(now);
+        }
+    }
+
+    /// What was read may be another one's, which has gone meanwhile: it is read again.
+    fn forget_veiled(&mut self, now: Instant) {
+        if self.veiled.take().is_some() {
+            for poll in &mut self.polls {
+                poll.due = poll.due.min(now);
+            }
+        }
     }
 
     /// It must not be asked on this line what it is.
@@ -583,6 +596,13 @@ impl Node {
     /// is not known to say it.
     pub(crate) const fn may_be_mute(&self) -> bool {
         !self.identity.is_talker()
+    }
+
+    /// Whether this is a question of its greeting, and it may answer neither that nor a fence.
+    pub(crate) fn may_be_mute_to(&self, exchange: &Exchange<'_>) -> bool {
+        let is = |op: Op| self.module.exchange(&op).as_ref() == Ok(exchange);
+        let is_pulses = || self.asks_pulses && self.module.greeting().is_some_and(is);
+        !self.knows_fence() && (self.may_be_mute() && self.identifies(exchange) || is_pulses())
     }
 
     /// Whether this is what asks it what it is.

@@ -252,7 +252,7 @@ impl Scenario {
         if !unknown {
             self.drive.bus.add(module.clone(), plan);
         }
-        for op in [Op::Identify, Op::Fence] {
+        for op in [Op::Identify, Op::Fence, Op::ReadPulse] {
             if let Ok(exchange) = module.exchange(&op)
                 && mute
             {
