@@ -35,6 +35,10 @@ pub struct Player {
     wakes: Option<Instant>,
 }
 
+/// What the line will have heard, if anything, where the player of this number has sent these bytes
+/// by then.
+pub type Way = Box<dyn FnMut(usize, Instant, Vec<u8>) -> Option<Vec<u8>>>;
+
 /// A line, its driver, and everything at the other end of the wire.
 pub struct Drive {
     pub bus: Bus,
@@ -42,6 +46,8 @@ pub struct Drive {
     pub players: Vec<Player>,
     /// The adapter gives back what is sent.
     pub echoes: bool,
+    /// What becomes of the modules' replies on their way.
+    pub way: Option<Way>,
     /// Until when anyone has talked, which is known only here.
     pub busy_until: Instant,
     arrivals: BinaryHeap<Reverse<(Instant, u64, Vec<u8>)>>,
@@ -57,6 +63,7 @@ impl Drive {
             now: Instant(0),
             players: Vec::new(),
             echoes: false,
+            way: None,
             busy_until: Instant(0),
             arrivals: BinaryHeap::new(),
             count: 0,
@@ -95,10 +102,15 @@ impl Drive {
     pub fn ask_players(&mut self, end: Instant, bytes: &[u8]) {
         for index in 0..self.players.len() {
             if self.players[index].alive {
-                self.players[index].engine.handle(end, Told::Bytes(bytes));
-                self.drain_player(index, end);
+                self.ask_player(index, end, bytes);
             }
         }
+    }
+
+    /// It reaches this one.
+    pub fn ask_player(&mut self, index: usize, end: Instant, bytes: &[u8]) {
+        self.players[index].engine.handle(end, Told::Bytes(bytes));
+        self.drain_player(index, end);
     }
 
     fn drain_player(&mut self, index: usize, at: Instant) {
@@ -120,7 +132,11 @@ impl Drive {
                 }
             }
         }
-        if let Some((end, bytes)) = talked {
+        let heard = talked.and_then(|(end, bytes)| match &mut self.way {
+            Some(way) => Some((end, way(index, end, bytes)?)),
+            None => Some((end, bytes)),
+        });
+        if let Some((end, bytes)) = heard {
             self.hear_at(end, &bytes);
         }
     }
