@@ -32,7 +32,7 @@ pub(crate) struct Command {
     pub(crate) parroted: bool,
     /// A reply of its own denies it: it shows another state than it wants, or says no.
     pub(crate) denied: bool,
-    /// Another model may have acknowledged it: who did has not said yet what it is.
+    /// Another model may have acknowledged it: who did had not said what it is.
     pub(crate) doubted: bool,
     /// The outputs that were otherwise than it wants when they were last read after its frame,
     /// but for those that are known to give pulses, whose pulse may be over.
@@ -125,7 +125,7 @@ impl Command {
         if outputs.mask == 0 {
             return None;
         }
-        // Whoever acknowledged it was asked what it is, and is still there.
+        // Who is there was asked what it is.
         self.doubted = false;
         let Some(want) = bank_of(&self.op) else {
             return Some(self.end_by_reply());

@@ -89,11 +89,6 @@ impl Identity {
         self.tries > 0 && self.claim == Claim::No && self.at <= now
     }
 
-    /// Whether it has said that it is what it should be, and was not doubted since.
-    pub(crate) const fn is_itself(&self) -> bool {
-        self.named && self.tries == 0
-    }
-
     /// Whether it is known to say what it is.
     pub(crate) const fn is_talker(&self) -> bool {
         self.named || self.is_other()
@@ -242,12 +237,10 @@ impl Bus {
         let node = self.nodes.get(module.0);
         let is_stranger = node.is_some_and(Node::is_stranger);
         let is_settled = node.is_some_and(Node::is_settled);
-        let is_itself = node.is_some_and(Node::is_itself);
         decide(&mut self.commands, &mut self.events, now, |command| {
             if command.module != module {
                 return None;
             }
-            command.doubted &= !is_itself;
             match command.op {
                 // Who asks just that has his answer.
                 Op::Identify => {

@@ -541,11 +541,6 @@ impl Node {
         !self.identity.comes_first()
     }
 
-    /// Whether it has said that it is what it should be, and was not doubted since.
-    pub(crate) const fn is_itself(&self) -> bool {
-        self.identity.is_itself()
-    }
-
     /// Whether it may be another model since an exchange failed, and may be asked now.
     #[inline]
     pub(crate) fn is_suspected(&self, now: Instant) -> bool {

@@ -100,6 +100,7 @@ impl Bus {
             }
             command.replied = Some(now);
             command.parroted |= parrots;
+            command.doubted |= is_unknown;
             if let Seen::Refused(refusal) = seen {
                 return command.refused(Fault::Refused(refusal), reads_back);
             }
@@ -118,7 +119,6 @@ impl Bus {
             }
             // What may be another model's reply is none: it is to say first what it is.
             if to_be_read || is_unknown {
-                command.doubted |= is_unknown;
                 command.stage = Stage::ReadBack(0);
                 return None;
             }
