@@ -1,6 +1,6 @@
 //! One half-duplex line: what one member says, all others hear that have the same speed.
 
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::{Read, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Whose turn it is when a speed is asked for.
@@ -93,14 +93,7 @@ impl Hub {
                 (Some(one), Some(other)) => is_same(one, other),
                 _ => false,
             };
-            if !understood {
-                continue;
-            }
-            if let Err(why) = member.hears.write_all(&bytes) {
-                // Who has no power any more hears nothing, and all know that.
-                if why.kind() == ErrorKind::TimedOut {
-                    complain(&why);
-                }
+            if understood && member.hears.write_all(&bytes).is_err() {
                 *slot = None;
             }
         }
@@ -109,14 +102,6 @@ impl Hub {
     fn wire(&self) -> MutexGuard<'_, Wire> {
         self.wire.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-#[expect(
-    clippy::print_stderr,
-    reason = "a board that is silent from now on is not to be taken for one without power"
-)]
-fn complain(why: &io::Error) {
-    eprintln!("a board has left the line: {why}");
 }
 
 /// Whether receivers at these speeds understand each other: 4 % are too many.

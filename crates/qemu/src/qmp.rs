@@ -61,11 +61,6 @@ impl Qmp {
         self.execute(&[json!({"execute": "stop"})]).map(|_| ())
     }
 
-    /// Somebody wants the processor to stand still.
-    pub(crate) const fn is_halted(&self) -> bool {
-        self.halted
-    }
-
     /// Has something done while the processor stands still.
     pub(crate) fn while_halted<T>(
         &mut self,
