@@ -8,9 +8,9 @@ use crate::{Bus, Confirmed, Event, Evidence, ModuleId};
 use railbus_device::{Op, Seen};
 use railbus_wire::Instant;
 
-/// So often a module that does not say what it is is asked for that, each time it is heard anew.
+/// How often a module is asked for its model, each time it is heard anew, if it does not answer.
 const TRIES: u8 = 4;
-/// So many of these come before anything is told of it or done with it.
+/// How many of these have to fail before its values are told and commands are sent to it.
 const TRIES_FIRST: u8 = 2;
 
 /// What a module is, as far as it has said.
@@ -89,8 +89,8 @@ impl Identity {
         self.tries > 0 && self.claim == Claim::No && self.at <= now
     }
 
-    /// Whether it is known to say what it is.
-    pub(crate) const fn is_talker(&self) -> bool {
+    /// Whether it has answered the question, and so is able to.
+    pub(crate) const fn has_answered(&self) -> bool {
         self.named || self.is_other()
     }
 
@@ -168,7 +168,8 @@ impl Identity {
         };
     }
 
-    /// It answered so late that what it said was not understood, and will be waited for now.
+    /// Its reply came after the timeout and was dropped. The timeout is longer now, so it is asked
+    /// again.
     pub(crate) const fn said_late(&mut self, now: Instant) {
         if self.can && matches!(self.claim, Claim::No) {
             self.tries = TRIES;
@@ -176,9 +177,9 @@ impl Identity {
         }
     }
 
-    /// A question in vain: who has said that it is another model is asked until it says so again,
-    /// anyone else counts after a few as what it should be. Who has named itself is asked as if it
-    /// were heard anew.
+    /// A question failed. A module that has said that it is another model is asked until it says so
+    /// again; any other one counts after the last question as what it should be. One that has named
+    /// itself starts again as if it were heard anew.
     const fn vain(&mut self) {
         match (self.claim, self.tries) {
             (Claim::Once(_) | Claim::Sure(_), _) => {}
@@ -251,8 +252,7 @@ impl Bus {
         });
     }
 
-    /// A module did not say what it is. Who asks just that is told when that was asked in vain as
-    /// often as it is to be.
+    /// A module did not say what it is. A command that asks for it ends with the last question.
     #[cold]
     pub(crate) fn not_identified(&mut self, module: ModuleId, flight: &Flight, met: Evidence) {
         let mut is_asked_again = false;

@@ -549,8 +549,8 @@ impl Bus {
         self.end_if_left(flight);
     }
 
-    /// Whether the reply that was just taken may be to somebody else: whoever was killed with the
-    /// port open may have left replies behind that were held back, and they come all at once.
+    /// Whether the reply just taken may be to a request of the process that had the port before and
+    /// was killed: replies to it that were held back arrive together.
     #[cold]
     fn is_inherited(&mut self) -> bool {
         if self.now > self.opened + HELD_BACK_MAX {

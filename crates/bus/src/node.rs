@@ -509,7 +509,7 @@ impl Node {
         self.identity.is_to_be_asked()
     }
 
-    /// Whether it is polled for nothing but what it is: nothing else that it says is told.
+    /// Whether it has said that it is another model: it is asked for nothing but that then.
     pub(crate) const fn is_other(&self) -> bool {
         self.identity.is_other()
     }
@@ -528,8 +528,8 @@ impl Node {
         self.asks_pulses = false;
     }
 
-    /// From when on it is to be asked what it is before anything is done with it, where that is
-    /// so: of a stranger only where nobody polls, and so nobody else asks it.
+    /// When its model may be asked for, if that has to come before anything else. Of a stranger it
+    /// has to only where the module is not polled, since its polls ask for it otherwise.
     #[inline]
     pub(crate) fn identify_first(&self) -> Option<Instant> {
         let is_first = !self.is_settled() || self.identity.is_stranger() && !self.plan.enabled;
@@ -566,14 +566,14 @@ impl Node {
         self.identity.lost(sent);
     }
 
-    /// It said too late what it is to be understood, but will be waited for so long now.
+    /// It said what it is after the timeout, which is longer now.
     pub(crate) fn identified_late(&mut self, after: Micros, now: Instant) {
         if after <= TIMEOUT_MAX {
             self.identity.said_late(now);
         }
     }
 
-    /// What was read may be another one's, which has gone meanwhile: it is read again.
+    /// Drops the withheld reading, which may be another module's, and has it read again.
     fn forget_veiled(&mut self, now: Instant) {
         if self.veiled.take().is_some() {
             for poll in &mut self.polls {
@@ -590,7 +590,7 @@ impl Node {
     /// Whether it says nothing of how the module is that it did not say what it is: as long as it
     /// is not known to say it.
     pub(crate) const fn may_be_mute(&self) -> bool {
-        !self.identity.is_talker()
+        !self.identity.has_answered()
     }
 
     /// Whether this is a question of its greeting, and it may answer neither that nor a fence.
