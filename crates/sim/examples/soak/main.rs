@@ -88,7 +88,7 @@ fn check(path: &str) -> Result<(), String> {
              {LINE_HOURS_MIN} line-hours are wanted"
         ));
     }
-    let without = run_all(&Size { seeds: 6, ..CHECK }, false);
+    let without = run_all(&Size { seeds: 8, ..CHECK }, false);
     let found: u64 = without
         .iter()
         .map(|cell| cell.report.verdicts.misattributed)
