@@ -8,12 +8,14 @@
 //! is not lost: it is known by its ghost, or leaves its trace in what comes to another question;
 //! whoever may have sent it is asked again and waited for. Lost is only a module that is slower
 //! and gives up its reply when somebody else talks, unless it is known or the scan is told to
-//! wait longer.
+//! wait longer; or unless nobody at all was found: then the scan waits for a module as the factory
+//! sends it, and for all where only few were to be asked.
 
 mod ask;
 mod case;
 mod found;
 mod identify;
+mod likely;
 mod planner;
 mod scope;
 

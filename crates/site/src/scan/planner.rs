@@ -3,6 +3,7 @@
 use super::ask::{Ask, PATIENCE, Question};
 use super::case::{Case, Turn};
 use super::identify;
+use super::likely::Likely;
 use super::{Found, Met, Scope, Step};
 use railbus_bus::Probed;
 use railbus_host::LateReply;
@@ -73,6 +74,8 @@ enum Why {
     Closing,
     /// Where is the one 0x55 board?
     Boards,
+    /// Nobody was found, and here somebody is likely, who may be slow.
+    Likely,
     /// What does a module that was found say of itself? The number is that of the module.
     Describe(usize),
 }
@@ -104,6 +107,10 @@ pub struct Scanner {
     /// Questions that were answered twice, by modules that are under inspection yet.
     twice: Vec<Question>,
     looks_beyond: bool,
+    /// Those that are waited for if nobody is found.
+    likely: Likely,
+    /// The first that was found was heard only when it was waited for.
+    slow: bool,
     crowd: bool,
     /// So many questions in a row met something spoilt.
     spoilt: usize,
@@ -162,6 +169,8 @@ impl Scanner {
             unanswered: None,
             owes_closing: false,
             twice: Vec::new(),
+            likely: Likely::default(),
+            slow: false,
             crowd: false,
             spoilt: 0,
             late_count: 0,
@@ -180,6 +189,11 @@ impl Scanner {
             scanner.add(found);
         }
         scanner.news.clear();
+        if scanner.found.is_empty() && scanner.scope.silence < PATIENCE {
+            let early = scanner.early.iter().map(|(question, _)| *question);
+            let plan = early.chain(scanner.rest());
+            scanner.likely = Likely::of(&scanner.scope, &scanner.early, plan);
+        }
         scanner.count_what_is_left();
         scanner
     }
@@ -201,6 +215,13 @@ impl Scanner {
     #[must_use]
     pub const fn is_crowded(&self) -> bool {
         self.crowd
+    }
+
+    /// Nobody was found before he was waited for, and not all were: where modules are so slow,
+    /// others may not have been found.
+    #[must_use]
+    pub fn is_slow(&self) -> bool {
+        self.slow && !self.found.is_empty() && self.scope.few().is_none()
     }
 
     /// The scan was given up, because the line is never silent.
@@ -240,12 +261,16 @@ impl Scanner {
     #[must_use]
     pub fn place(&self) -> (Place, Vec<Question>) {
         let current = self.current.iter();
-        let current = current.filter(|(_, why)| matches!(why, Why::First | Why::Again));
+        let current =
+            current.filter(|(_, why)| matches!(why, Why::First | Why::Again | Why::Likely));
         let current = current.map(|(question, _)| *question);
         let cases = self.cases.iter().map(|case| case.asked);
         let early = self.early.iter().map(|(question, _)| *question);
         let again = self.again.iter().copied();
-        let mut first: Vec<Question> = current.chain(cases).chain(early).chain(again).collect();
+        // As long as nobody was found, they are all waited for anyhow.
+        let likely = self.likely.questions().filter(|_| self.slow);
+        let early = early.chain(again).chain(likely);
+        let mut first: Vec<Question> = current.chain(cases).chain(early).collect();
         first.retain(|question| !self.knows(question));
         (self.place, first)
     }
@@ -307,7 +332,7 @@ impl Scanner {
     /// A question must not be sent now. One that is bad only after the frame before it has its
     /// turn later.
     fn pass_over(&mut self, question: Question, why: Why) {
-        if why == Why::First && question.safe(&[]).is_some() {
+        if matches!(why, Why::First | Why::Likely) && question.safe(&[]).is_some() {
             return self.ask_again(vec![question]);
         }
         self.counts.skipped += 1;
@@ -335,17 +360,18 @@ impl Scanner {
         for late in &met.late {
             self.hear_late(late);
         }
-        if why == Why::First {
+        if matches!(why, Why::First | Why::Likely) {
             self.spent += now.since(self.asked_at);
         }
         if why == Why::First && met.outcome == Probed::Silent {
             self.counts.silent += 1;
             self.unanswered.get_or_insert(question);
         }
-        if matches!(why, Why::First | Why::Again) {
+        if matches!(why, Why::First | Why::Again | Why::Likely) {
             let spoilt = met.outcome == Probed::Garbled;
             self.spoilt = if spoilt { self.spoilt + 1 } else { 0 };
         }
+        self.slow |= self.heard_by_waiting(why, &met);
         self.owes_closing |= matches!(why, Why::First | Why::Again);
         let turn = match (why, met.outcome) {
             (Why::Case(index), _) => Some(self.cases.remove(index).met(now, met)),
@@ -371,6 +397,19 @@ impl Scanner {
         };
         self.recent.push_back((now, question));
         self.turn(turn);
+    }
+
+    /// Whether the first was heard now, and only because he was waited for longer than before.
+    fn heard_by_waiting(&self, why: Why, met: &Met) -> bool {
+        if !self.found.is_empty() || self.scope.silence >= PATIENCE {
+            return false;
+        }
+        match (why, met.outcome) {
+            (Why::Closing, Probed::Answered) => true,
+            (Why::Likely, Probed::Answered | Probed::Garbled) => true,
+            (Why::Boards, Probed::Answered) => met.after > self.scope.silence,
+            _ => false,
+        }
     }
 
     fn turn(&mut self, turn: Option<Turn>) {
@@ -415,7 +454,8 @@ impl Scanner {
             return Some((question, PATIENCE, Why::Boards));
         }
         let Some((question, patience)) = first else {
-            return self.take_description();
+            let likely = self.take_likely();
+            return likely.or_else(|| self.take_description());
         };
         self.unanswered = None;
         self.owes_closing = false;
@@ -471,7 +511,10 @@ impl Scanner {
             return;
         }
         self.place.asked += 1;
-        let cost = question.cost(question.silence(self.scope.silence));
+        self.account(question.cost(question.silence(self.scope.silence)));
+    }
+
+    fn account(&mut self, cost: Micros) {
         self.cost_done += cost;
         self.cost_left = self.cost_left - cost;
     }
@@ -500,6 +543,35 @@ impl Scanner {
             settings: Settings::FACTORY,
             ask: Ask::R55Address,
             address: r55::BROADCAST,
+        })
+    }
+
+    /// Where nobody was found, or only by waiting, the next one is waited for.
+    fn take_likely(&mut self) -> Option<(Question, Micros, Why)> {
+        while let Some(question) = self.likely.take() {
+            self.done += 1;
+            self.account(question.cost(PATIENCE));
+            if !self.knows(&question) {
+                return Some((question, PATIENCE, Why::Likely));
+            }
+        }
+        None
+    }
+
+    /// Somebody was found without: nobody is waited for.
+    fn drop_likely(&mut self) {
+        self.total -= self.likely.len();
+        self.cost_left = self.cost_left - self.likely.cost();
+        self.likely = Likely::default();
+    }
+
+    /// The first questions of the runs that are left.
+    fn rest(&self) -> impl Iterator<Item = Question> {
+        let Place { run, asked } = self.place;
+        let runs = self.scope.runs.iter().enumerate().skip(run);
+        runs.flat_map(move |(index, of)| {
+            let from = if index == run { asked } else { 0 };
+            (from..of.addresses.len()).filter_map(|place| of.question(place))
         })
     }
 
@@ -584,29 +656,24 @@ impl Scanner {
         found.twice |= self.twice.iter().any(|question| found.answers_to(question));
         self.news.push_back(self.found.len());
         self.found.push(found);
+        if !self.slow {
+            self.drop_likely();
+        }
     }
 
     fn count_what_is_left(&mut self) {
-        self.total = self.early.len();
-        let mut settings = None;
+        let rest: Vec<Question> = self.rest().collect();
+        self.total = self.early.len() + rest.len() + self.likely.len();
+        self.cost_left = self.likely.cost();
         if self.looks_beyond {
             self.cost_left += PATIENCE;
         }
-        for (index, run) in self.scope.runs.iter().enumerate().skip(self.place.run) {
-            let from = if index == self.place.run {
-                self.place.asked
-            } else {
-                0
-            };
-            for place in from..run.addresses.len() {
-                if let Some(question) = run.question(place) {
-                    if settings.replace(question.settings) != Some(question.settings) {
-                        self.cost_left += PATIENCE;
-                    }
-                    self.total += 1;
-                    self.cost_left += question.cost(question.silence(self.scope.silence));
-                }
+        let mut settings = None;
+        for question in rest {
+            if settings.replace(question.settings) != Some(question.settings) {
+                self.cost_left += PATIENCE;
             }
+            self.cost_left += question.cost(question.silence(self.scope.silence));
         }
     }
 }

@@ -49,6 +49,9 @@ const DEEP: [Baud; 5] = [
 /// The fastest that EDA modules know [EDA §1.4].
 const EDA_FASTEST: Baud = Baud::B19200;
 
+/// So many are waited for where nobody was found: at 9600 it takes about five seconds.
+const FEW: usize = 16;
+
 /// A module that the configuration names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Known {
@@ -218,6 +221,38 @@ impl Scope {
             describes: wish.describes,
             runs,
         }
+    }
+
+    /// Who is waited for where nobody was found: all, if they are few, and else a module as the
+    /// factory sends it.
+    pub(super) fn likely(&self) -> Vec<Question> {
+        self.few().unwrap_or_else(|| {
+            // A lone 0x55 board is waited for wherever it is.
+            let mut factory: Vec<Question> = self.factory().collect();
+            factory.retain(|asked| !(self.beyond && asked.ask == Ask::R55State));
+            factory
+        })
+    }
+
+    /// Everyone in the scope, where it is no more than can be waited for.
+    pub(super) fn few(&self) -> Option<Vec<Question>> {
+        // A Modbus module that is waited for answers or refuses the coils.
+        let runs = self.runs.iter().filter(|run| run.ask != Ask::Registers4);
+        // With checksum would have to wait for the reply without: it comes later.
+        let (with, without): (Vec<&Run>, Vec<&Run>) =
+            runs.partition(|run| run.ask == Ask::AsciiName(true));
+        let runs = without.into_iter().chain(with);
+        let all = runs.flat_map(|run| (0..run.addresses.len()).filter_map(|at| run.question(at)));
+        let mut few: Vec<Question> = self.factory().collect();
+        for question in all.filter(|question| question.safe(&[]).is_some()) {
+            if !few.contains(&question) {
+                few.push(question);
+            }
+            if few.len() > FEW {
+                return None;
+            }
+        }
+        Some(few)
     }
 
     /// A module as the factory sends it, asked in everything that is scanned.

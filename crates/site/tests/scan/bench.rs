@@ -3,7 +3,7 @@
 use railbus_bus::{Bus, Config, Event, Input, Output, Probed};
 use railbus_device::{Eeprom, Effect, Family, Options, Setup};
 use railbus_host::LateReply;
-use railbus_sim::{Chunks, Input as Told, Line, LineConfig, ModuleId, Output as Does};
+use railbus_sim::{Act, Chunks, Input as Told, Line, LineConfig, ModuleId, Output as Does, Power};
 use railbus_site::scan::{Found, Met, Scanner, Scope, Step};
 use railbus_wire::{Address, Baud, Exchange, Frame, Instant, Micros, Protocol, Settings};
 
@@ -34,6 +34,8 @@ pub(crate) struct Bench {
     late: Vec<LateReply>,
     probed: Option<(Probed, Micros)>,
     frames: Vec<Vec<u8>>,
+    /// Whoever gives up his reply as soon as anybody talks, in whatever protocol.
+    shy: Vec<ModuleId>,
     /// How often an output moved or a setting changed.
     pub(crate) moved: usize,
 }
@@ -53,6 +55,7 @@ impl Bench {
             late: Vec::new(),
             probed: None,
             frames: Vec::new(),
+            shy: Vec::new(),
             moved: 0,
         };
         bench.bus.handle(bench.now, Input::Opened);
@@ -64,7 +67,13 @@ impl Bench {
         self.add_made_by(setup, turnaround, false)
     }
 
-    /// The same; a module of our own does what is beyond its datasheet.
+    /// The same; it gives up its reply as soon as anybody talks.
+    pub(crate) fn add_shy(&mut self, setup: &Setup, turnaround: u64) {
+        let module = self.add(setup, turnaround);
+        self.shy.push(module);
+    }
+
+    /// A module of our own does what is beyond its datasheet.
     pub(crate) fn add_made_by(&mut self, setup: &Setup, turnaround: u64, us: bool) -> ModuleId {
         let options = Options {
             beyond: us,
@@ -118,10 +127,16 @@ impl Bench {
                     assert!(self.bus.submit_probe(self.now, probe));
                     let met = self.wait();
                     scanner.met(self.now, met);
-                    estimates.push((self.now.since(began), scanner.progress().left));
+                    let progress = scanner.progress();
+                    assert!(progress.done <= progress.total, "{progress:?}");
+                    estimates.push((self.now.since(began), progress.left));
                 }
                 Step::Found(_) => {}
-                Step::Done => break,
+                Step::Done => {
+                    let progress = scanner.progress();
+                    assert_eq!(progress.done, progress.total, "it ends as it was told");
+                    break;
+                }
             }
         }
         let all = scanner.found().to_vec();
@@ -159,6 +174,10 @@ impl Bench {
             match self.bus.poll() {
                 Output::Transmit { bytes, settings } => {
                     self.heard.clear();
+                    for module in &self.shy {
+                        let forget = Act::Power(Power::Cycle);
+                        self.line.handle(self.now, Told::Act(*module, forget));
+                    }
                     self.frames.push(bytes.to_vec());
                     self.line.handle(self.now, Told::Send { bytes, settings });
                 }

@@ -4,4 +4,5 @@
 mod bench;
 mod budgets;
 mod honest;
+mod patience;
 mod strangers;

@@ -1,0 +1,170 @@
+//! Modules that are slow and give up their reply when somebody else talks, on a line on which
+//! nobody else is; and what it costs to wait for them.
+
+use crate::bench::{Bench, module};
+use railbus_device::{Family, Setup};
+use railbus_sim::{Chance, Faults, Span};
+use railbus_site::scan::{Depth, Scanner, Scope, Wish};
+use railbus_wire::{Baud, Micros, Protocol};
+
+fn at_9600(family: Family, address: u8, protocol: Protocol) -> Setup {
+    module(family, address, protocol, Baud::B9600)
+}
+
+fn quick() -> Scope {
+    Scope::of(&Wish::default(), Vec::new())
+}
+
+/// Where nobody else is, such a module is waited for as the factory sends it.
+#[test]
+fn a_slow_module_of_the_factory_is_found_where_nobody_else_is() {
+    for depth in [Depth::Quick, Depth::Full, Depth::Deep] {
+        let wish = Wish {
+            depth,
+            ..Wish::default()
+        };
+        for (family, protocol) in [
+            (Family::Eda9060a, Protocol::Ascii),
+            (Family::Eda9050, Protocol::Ascii),
+            (Family::Eda9060a, Protocol::Lc02),
+            (Family::Eda9060a, Protocol::Rtu),
+            (Family::Erc8, Protocol::Rtu),
+            (Family::Emd2a2q, Protocol::Rtu),
+            (Family::R55, Protocol::R55),
+        ] {
+            let mut bench = Bench::new();
+            let setup = at_9600(family, 1, protocol);
+            match protocol {
+                // Simulated ones give up their reply at any character, anyhow.
+                Protocol::Rtu | Protocol::R55 => _ = bench.add(&setup, 160),
+                Protocol::Ascii | Protocol::Lc02 => bench.add_shy(&setup, 160),
+            }
+            let ran = bench.scan(Scope::of(&wish, Vec::new()));
+            let wanted = format!("9600 8N1 001 {protocol} {family} ok");
+            assert_eq!(ran.found, [wanted], "{depth:?}");
+            assert!(ran.scanner.is_slow(), "{protocol}: others may be there");
+        }
+    }
+    // The second is waited for, too.
+    let mut bench = Bench::new();
+    bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Ascii), 160);
+    bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 160);
+    assert_eq!(bench.scan(quick()).found.len(), 2);
+    // A lone board shows how slow the line is, wherever its address is.
+    let mut bench = Bench::new();
+    bench.add(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 160);
+    bench.add(&at_9600(Family::R55, 77, Protocol::R55), 160);
+    assert_eq!(bench.scan(quick()).found.len(), 2);
+}
+
+/// Where only few are asked, all of them are waited for, and there are no others.
+#[test]
+fn the_few_that_are_asked_are_waited_for_where_nobody_is_found() {
+    let wish = Wish {
+        addresses: Some(vec![5, 6, 7]),
+        bauds: Some(vec![Baud::B19200]),
+        ..Wish::default()
+    };
+    let checksum = Setup {
+        checksum: true,
+        ..module(Family::Eda9050, 6, Protocol::Ascii, Baud::B19200)
+    };
+    let rtu = module(Family::Eda9060a, 7, Protocol::Rtu, Baud::B19200);
+    let mut bench = Bench::new();
+    bench.add_shy(&checksum, 160);
+    bench.add_shy(&rtu, 160);
+    let ran = bench.scan(Scope::of(&wish, Vec::new()));
+    let all = [
+        "19200 8N1 006 ascii sum EDA9050 ok",
+        "19200 8N1 007 rtu EDA9060A ok",
+    ];
+    assert_eq!(ran.found, all);
+    assert!(!ran.scanner.is_slow());
+}
+
+/// How many frames of a scan of nobody are there only because nobody was found, and how long those
+/// take: what is asked first, one at the end of each speed and the lone 0x55 board are not.
+#[test]
+fn nobody_is_waited_for_a_few_times() {
+    let wish = |depth, addresses: Option<Vec<u8>>| Wish {
+        depth,
+        addresses,
+        ..Wish::default()
+    };
+    let rtu = |addresses| Wish {
+        protocols: Some(vec![Protocol::Rtu]),
+        ..wish(Depth::Quick, Some(addresses))
+    };
+    let patient = Wish {
+        silence: Some(Micros::from_millis(400)),
+        ..Wish::default()
+    };
+    for (wish, speeds, boards, waits) in [
+        (wish(Depth::Quick, None), 1, 1, 3),
+        (wish(Depth::Full, None), 1, 0, 3),
+        (wish(Depth::Deep, None), 5, 0, 3),
+        (wish(Depth::Quick, Some(vec![1])), 1, 0, 4),
+        (wish(Depth::Quick, Some(vec![1, 2, 3])), 1, 0, 14),
+        (wish(Depth::Quick, Some(vec![1, 2, 3, 4])), 1, 0, 3),
+        (wish(Depth::Quick, Some(vec![5, 6, 7, 8])), 1, 0, 0),
+        (rtu(vec![9]), 1, 0, 0),
+        (rtu((1..=16).collect()), 1, 0, 15),
+        (patient, 1, 1, 0),
+    ] {
+        let scope = Scope::of(&wish, Vec::new());
+        let first: usize = scope.runs.iter().map(|run| run.addresses.len()).sum();
+        let ran = Bench::new().scan(scope);
+        let before = first + speeds + boards;
+        assert_eq!(ran.frames.len(), before + waits, "{wish:?}");
+        let (until, _) = ran.estimates[before - 1];
+        let waited = ran.took - until;
+        assert!(waited <= Micros::from_secs(5), "{wish:?} {waited:?}");
+    }
+}
+
+/// The broadcast of the 0x55 boards is the last question, wherever somebody was found, be it late.
+#[test]
+fn nobody_is_waited_for_where_somebody_was_found() {
+    for (address, late) in [(32, 0), (1, 0), (1, 160), (7, 160)] {
+        let mut bench = Bench::new();
+        let id = bench.add(&at_9600(Family::Eda9060a, address, Protocol::Ascii), 5);
+        let faults = Faults {
+            late: Chance::ALWAYS,
+            late_by: Span::millis(late, late),
+            ..Faults::NONE
+        };
+        bench.line.set_module_faults(id, faults);
+        let ran = bench.scan(quick());
+        assert_eq!(ran.found.len(), 1);
+        let last = ran.frames.last().and_then(|frame| frame.get(..2));
+        assert_eq!(last, Some(&[0x55, 245][..]), "{address} {late}");
+        assert!(!ran.scanner.is_slow());
+    }
+    let mut bench = Bench::new();
+    bench.add(&at_9600(Family::R55, 77, Protocol::R55), 5);
+    let ran = bench.scan(quick());
+    // Behind the broadcast only its state is asked, and once more is listened.
+    assert_eq!((ran.found.len(), ran.frames.len()), (1, 6 * 32 + 2 + 2));
+}
+
+/// Broken off while it waits for somebody, it waits for the others when it goes on.
+#[test]
+fn a_scan_that_was_broken_off_while_it_waited_goes_on() {
+    let line = || {
+        let mut bench = Bench::new();
+        bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Lc02), 160);
+        bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 160);
+        bench
+    };
+    let whole = line().scan(quick());
+    assert_eq!(whole.found.len(), 2, "{:?}", whole.found);
+    for questions in 180..whole.frames.len() {
+        let mut bench = line();
+        let first = bench.drive(Scanner::new(quick()), questions);
+        let (place, again) = first.scanner.place();
+        bench.now = bench.now + Micros::from_secs(1);
+        let scanner = Scanner::resume(quick(), place, &again, first.all);
+        let second = bench.drive(scanner, usize::MAX);
+        assert_eq!(second.found, whole.found, "broken off after {questions}");
+    }
+}
