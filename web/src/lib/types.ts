@@ -148,6 +148,8 @@ export interface ScanResult {
   conflicts: { line: string; address: number; protocol: string; baud: number }[];
   /** Modules of the configuration that did not answer. */
   missing?: string[];
+  /** Lines on which modules were found only by a longer wait: others may be missing. */
+  slow?: string[];
 }
 
 export interface Found {

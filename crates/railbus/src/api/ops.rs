@@ -116,6 +116,8 @@ pub(crate) struct ScanResult {
     pub(crate) conflicts: Vec<ScanPlace>,
     /// Modules of the configuration that were asked and did not answer.
     pub(crate) missing: Vec<String>,
+    /// Lines on which modules were found only by a longer wait: others may be missing.
+    pub(crate) slow: Vec<String>,
     /// Who was not asked.
     pub(crate) left_out: Vec<ScanLeftOut>,
 }

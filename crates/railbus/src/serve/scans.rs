@@ -177,6 +177,8 @@ struct Part {
     found: Vec<(ScanModule, bool)>,
     setups: Vec<Option<Setup>>,
     missing: Vec<String>,
+    /// The line, if others may have been missed on it.
+    slow: Option<String>,
     left_out: Vec<ScanLeftOut>,
 }
 
@@ -203,6 +205,7 @@ impl Part {
         Part {
             left: Micros(0),
             missing: scanner.missing().map(str::to_owned).collect(),
+            slow: scanner.is_slow().then(|| line.to_owned()),
             left_out: scanner
                 .left_out()
                 .iter()
@@ -321,6 +324,7 @@ fn result(service: &Service, parts: &[Part]) -> ScanResult {
             result.modules.push(module);
         }
         result.missing.extend(part.missing.iter().cloned());
+        result.slow.extend(part.slow.clone());
         result.left_out.extend(part.left_out.iter().cloned());
     }
     let place = |module: &ScanModule| (module.line.clone(), module.baud, module.address);

@@ -5,6 +5,7 @@ use crate::site::{Ran, Site, signal};
 use rustix::process::Signal;
 use std::io::{BufRead, BufReader, Read};
 use std::process::Stdio;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Columns are as wide as what stands in them, and times differ from run to run.
 fn words(line: &str) -> String {
@@ -369,6 +370,36 @@ fn what_could_be_several_is_added_only_by_name() {
     assert!(
         text.contains("model = \"eda9050\"\naddress = 4\nprotocol = \"rtu\"\n"),
         "{text}"
+    );
+}
+
+/// Who answers only when he is asked once more, and waited for, is found; others may not have been.
+#[test]
+fn a_line_on_which_modules_are_slow_is_told_of() {
+    let site = Site::empty("scan-slow");
+    let asked = AtomicUsize::new(0);
+    let port = liar(move |frame| match frame {
+        [1, 1, 0, 0, 0, 8, ..] if asked.fetch_add(1, Ordering::Relaxed) % 2 == 1 => {
+            let mut reply = vec![1, 1, 1, 0];
+            reply.extend(railbus_wire::crc16(&reply).to_le_bytes());
+            reply
+        }
+        _ => Vec::new(),
+    });
+    let scan = format!("scan -l pty:{port} --proto rtu --addr");
+    let ran = site.run(&format!("{scan} 1-17"));
+    assert_eq!((ran.code, ran.out.lines().count()), (0, 2), "{ran:?}");
+    let next = "next:  railbus scan --timeout 300ms ";
+    assert!(ran.err.contains(next), "{ran:?}");
+    let zh = site.run(&format!("{scan} 1-17 --lang zh"));
+    assert!(zh.err.contains("railbus scan --timeout 300ms "), "{zh:?}");
+    let json = |range: &str| site.run(&format!("{scan} {range} -o json")).json();
+    assert_eq!(json("1-17")["slow"], true);
+    // All were waited for.
+    let few = json("1-2");
+    assert_eq!(
+        (&few["slow"], &few["found"][0]["addr"]),
+        (&false.into(), &1.into())
     );
 }
 

@@ -197,6 +197,9 @@ impl<'c> Live<'c> {
         if counts.skipped > 0 {
             note(&lang.fill(ScanText::Skipped, &[("count", &counts.skipped)]));
         }
+        if scanner.is_slow() {
+            note(lang.get(ScanText::NextSlow));
+        }
         if !matches!(report.end, End::Complete | End::Noise | End::Unread) {
             note(lang.get(ScanText::NextResume));
         }
@@ -261,6 +264,7 @@ fn summary(place: &Place, report: &Report) -> Value {
         "skipped": counts.skipped,
         "conflicts": conflicts(scanner).len(),
         "missing": scanner.missing().collect::<Vec<_>>(),
+        "slow": scanner.is_slow(),
         "complete": matches!(report.end, End::Complete),
         "left_out": left_out,
         "took_ms": report.took.0 / 1_000,
