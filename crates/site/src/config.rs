@@ -36,7 +36,7 @@ pub use plant::{Blink, Plant, Signal, SimLine, SimModule, Swing};
 pub use problem::{Kind, Problem};
 pub use read::{place_of, resembles};
 pub use rules::{ACTIONS_MAX, Action, Clock, Limit, NOTICE_MAX, RULES_MAX, Rule, When};
-pub use units::{Range, Standard, parse_duration};
+pub use units::{Range, Standard};
 pub use webhook::{URL_MAX, WEBHOOKS_MAX, Webhook};
 
 use crate::settings::Wanted;

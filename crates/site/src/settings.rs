@@ -2,7 +2,6 @@
 //! them a command can change, and when the change acts. What the datasheets say, as data.
 
 use crate::commission::{Kept, Pulse};
-use crate::config::parse_duration;
 use railbus_device::{Family, Setup};
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth};
 use std::collections::BTreeMap;
@@ -395,7 +394,7 @@ pub fn address(text: &str) -> Option<u8> {
 
 /// `0.7s`, `700ms`: only whole tenths of a second are in the module [EDA9060A §3.4].
 fn width(text: &str) -> Option<PulseWidth> {
-    let Micros(micros) = parse_duration(&text.replace(' ', ""))?;
+    let Micros(micros) = Micros::parse(&text.replace(' ', ""))?;
     let tenths = u8::try_from(micros / 100_000).ok()?;
     (micros % 100_000 == 0)
         .then(|| PulseWidth::from_tenths(tenths))

@@ -50,6 +50,31 @@ impl Micros {
         Micros(secs.saturating_mul(1_000_000))
     }
 
+    /// Reads a length of time with its unit: `200ms`, `1.5s`, `2m`. A bare number is refused, its
+    /// unit being anyone's guess.
+    #[must_use]
+    pub fn parse(text: &str) -> Option<Micros> {
+        let at = text.find(|c: char| c.is_ascii_alphabetic())?;
+        let (number, unit) = text.split_at(at);
+        let micros_per_unit: u64 = match unit {
+            "us" => 1,
+            "ms" => 1_000,
+            "s" => 1_000_000,
+            "m" | "min" => 60_000_000,
+            "h" => 3_600_000_000,
+            _ => return None,
+        };
+        let (whole, fraction) = number.split_once('.').unwrap_or((number, ""));
+        let whole: u64 = whole.parse().ok()?;
+        let mut micros = whole.checked_mul(micros_per_unit)?;
+        let mut weight = micros_per_unit;
+        for digit in fraction.chars() {
+            weight /= 10;
+            micros = micros.checked_add(u64::from(digit.to_digit(10)?) * weight)?;
+        }
+        Some(Micros(micros))
+    }
+
     /// Whole seconds, and the microseconds beyond them.
     ///
     /// In steps of 16 bits, as a small processor divides 32 bits by 32, and dividing 64 by a
@@ -112,6 +137,25 @@ mod tests {
         for micros in ends.into_iter().chain(wholes).flat_map(around) {
             let right = (micros / second, (micros % second) as u32);
             assert_eq!(Micros(micros).seconds(), right, "{micros}");
+        }
+    }
+
+    #[test]
+    fn times_need_their_unit() {
+        assert_eq!(Micros::parse("200ms"), Some(Micros(200_000)));
+        assert_eq!(Micros::parse("1.5s"), Some(Micros(1_500_000)));
+        assert_eq!(Micros::parse("2m"), Some(Micros(120_000_000)));
+        for wrong in [
+            "200",
+            "",
+            "ms",
+            "1.x5s",
+            "-1s",
+            "5 s",
+            "1e3s",
+            "99999999999999h",
+        ] {
+            assert_eq!(Micros::parse(wrong), None, "{wrong}");
         }
     }
 }

@@ -14,7 +14,6 @@ use clap::builder::FalseyValueParser;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
 use railbus_device::Family;
 use railbus_host::LineName;
-use railbus_site::config::parse_duration;
 use railbus_wire::{Baud, Character, Micros, Protocol};
 use std::cell::{Cell, RefCell};
 use std::future::Future;
@@ -137,7 +136,7 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
 
 /// A length of time with its unit.
 pub(crate) fn duration(text: &str) -> Result<Micros, String> {
-    parse_duration(text).ok_or_else(String::new)
+    Micros::parse(text).ok_or_else(String::new)
 }
 
 /// An address as manuals write it: `10`, `0x0A`, `0Ah`.

@@ -18,7 +18,7 @@ use clap::{Arg, ArgMatches, Command, value_parser};
 use jiff::civil::{DateTime, Time};
 use jiff::tz::TimeZone;
 use jiff::{Timestamp, Zoned};
-use railbus_site::config::parse_duration;
+use railbus_wire::Micros;
 use serde_json::json;
 use std::fmt::Display;
 use texts::HistoryText;
@@ -110,7 +110,7 @@ fn length(text: &str) -> Result<i64, String> {
     let days = text.strip_suffix('d').and_then(|days| days.parse().ok());
     let millis = match days {
         Some(days) => Some(i64::saturating_mul(days, DAY_MS)),
-        None => parse_duration(text).and_then(|time| i64::try_from(time.0 / 1_000).ok()),
+        None => Micros::parse(text).and_then(|time| i64::try_from(time.0 / 1_000).ok()),
     };
     millis
         .filter(|millis| (1..=DAYS_MAX * DAY_MS).contains(millis))

@@ -2,7 +2,6 @@
 //!
 //! The same words stand in a plant's file, behind `--fault` and at the prompt.
 
-use super::parse_duration;
 use railbus_device::{PointKind, Setup};
 use railbus_wire::Micros;
 use std::mem::discriminant;
@@ -196,7 +195,7 @@ fn parse_fault(text: &str, of: FaultsOf<'_>) -> Result<FaultOrder, FaultError> {
     let times = end.and_then(times);
     let lasts = match end.filter(|_| times.is_none()) {
         None => None,
-        Some(word) => Some(parse_duration(word).ok_or(FaultError::Form(form))?),
+        Some(word) => Some(Micros::parse(word).ok_or(FaultError::Form(form))?),
     };
     if words.next().is_some() {
         return Err(FaultError::Form(form));
@@ -286,12 +285,12 @@ fn chance(word: &str) -> Option<Millionths> {
 }
 
 fn positive(word: &str) -> Option<Micros> {
-    parse_duration(word).filter(|time| *time > Micros::ZERO)
+    Micros::parse(word).filter(|time| *time > Micros::ZERO)
 }
 
 /// A time after which something happens again, not so short that nothing else ever would.
 fn often(word: &str) -> Option<Micros> {
-    parse_duration(word).filter(|time| *time >= OFTENEST)
+    Micros::parse(word).filter(|time| *time >= OFTENEST)
 }
 
 /// `200ms`, or `200ms±50` (also `+-`), whose spread has the same unit where it names none.
@@ -302,7 +301,7 @@ fn spread(word: &str) -> Option<(Micros, Micros)> {
     };
     let unit = middle.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.');
     let middle = positive(middle)?;
-    let spread = parse_duration(spread).or_else(|| parse_duration(&format!("{spread}{unit}")))?;
+    let spread = Micros::parse(spread).or_else(|| Micros::parse(&format!("{spread}{unit}")))?;
     Some((middle - spread, middle + spread))
 }
 

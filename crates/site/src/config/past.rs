@@ -1,8 +1,9 @@
 //! How much of the past is kept: the tables `[history]` and `[audit]`.
 
+use super::Kind;
 use super::read::{Reader, Section, Value};
-use super::{Kind, parse_duration};
 use crate::history::Keep;
+use railbus_wire::Micros;
 
 pub(super) const HISTORY_KEYS: [&str; 2] = ["keep", "max_bytes"];
 pub(super) const AUDIT_KEYS: [&str; 2] = ["required", "max_bytes"];
@@ -75,7 +76,7 @@ impl<'t> Reader<'t> {
 fn age(text: &str) -> Option<i64> {
     let millis = match text.strip_suffix('d') {
         Some(days) => days.parse::<u32>().ok().map(i64::from)? * 86_400_000,
-        None => i64::try_from(parse_duration(text)?.0 / 1_000).ok()?,
+        None => i64::try_from(Micros::parse(text)?.0 / 1_000).ok()?,
     };
     (millis >= AGE_MIN_MS).then_some(millis)
 }

@@ -2,13 +2,12 @@
 
 use super::control::{Name, Pending};
 use super::{
-    Config, Kind, LineConfig, ModuleConfig, Place, PointConfig, Problem, Range, SimModule,
-    parse_duration, unpolled,
+    Config, Kind, LineConfig, ModuleConfig, Place, PointConfig, Problem, Range, SimModule, unpolled,
 };
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Family, Layout, PointKind, Setup, SetupError};
 use railbus_host::LineName;
-use railbus_wire::{Address, Baud, Character, Protocol, Settings};
+use railbus_wire::{Address, Baud, Character, Micros, Protocol, Settings};
 use std::collections::BTreeMap;
 use std::ops::Range as Span;
 use toml::Spanned;
@@ -592,9 +591,9 @@ impl<'t> Reader<'t> {
         &mut self,
         section: &Section<'_, 't>,
         key: &str,
-    ) -> Option<Option<railbus_wire::Micros>> {
+    ) -> Option<Option<Micros>> {
         self.optional(section, key, |reader, value, path| {
-            let found = value.get_ref().as_str().and_then(parse_duration);
+            let found = value.get_ref().as_str().and_then(Micros::parse);
             if found.is_none() {
                 reader.problem(value.span(), path, Kind::BadDuration);
             }

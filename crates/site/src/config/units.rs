@@ -1,31 +1,4 @@
-//! Times and analog ranges as people write them.
-
-use railbus_wire::Micros;
-
-/// Reads a length of time with its unit: `200ms`, `1.5s`, `2m`. A bare number is refused, its
-/// unit being anyone's guess.
-#[must_use]
-pub fn parse_duration(text: &str) -> Option<Micros> {
-    let at = text.find(|c: char| c.is_ascii_alphabetic())?;
-    let (number, unit) = text.split_at(at);
-    let micros_per_unit: u64 = match unit {
-        "us" => 1,
-        "ms" => 1_000,
-        "s" => 1_000_000,
-        "m" | "min" => 60_000_000,
-        "h" => 3_600_000_000,
-        _ => return None,
-    };
-    let (whole, fraction) = number.split_once('.').unwrap_or((number, ""));
-    let whole: u64 = whole.parse().ok()?;
-    let mut micros = whole.checked_mul(micros_per_unit)?;
-    let mut weight = micros_per_unit;
-    for digit in fraction.chars() {
-        weight /= 10;
-        micros = micros.checked_add(u64::from(digit.to_digit(10)?) * weight)?;
-    }
-    Some(Micros(micros))
-}
+//! Analog ranges as people write them.
 
 /// What an analog input measures. The module reports the value times 100 [EMD-2A2Q §4.6].
 #[derive(Clone, Debug, PartialEq)]
@@ -139,24 +112,5 @@ mod tests {
         };
         assert_eq!(other_way.value(1_000), -20.0);
         assert_eq!(bar(Some(Standard::LiveMilliamps)).at_terminal().unit, "mA");
-    }
-
-    #[test]
-    fn times_need_their_unit() {
-        assert_eq!(parse_duration("200ms"), Some(Micros(200_000)));
-        assert_eq!(parse_duration("1.5s"), Some(Micros(1_500_000)));
-        assert_eq!(parse_duration("2m"), Some(Micros(120_000_000)));
-        for wrong in [
-            "200",
-            "",
-            "ms",
-            "1.x5s",
-            "-1s",
-            "5 s",
-            "1e3s",
-            "99999999999999h",
-        ] {
-            assert_eq!(parse_duration(wrong), None, "{wrong}");
-        }
     }
 }
