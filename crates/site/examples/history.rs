@@ -4,9 +4,9 @@
 #![allow(clippy::print_stdout, reason = "printing is what it is for")]
 
 use railbus_device::{Point, PointKind};
-use railbus_site::audit::AuditLog;
-use railbus_site::history::{Grade, History, Keep, Sample};
 use railbus_site::{Config, Service, WriteTerms};
+use railbus_store::audit::AuditLog;
+use railbus_store::history::{Grade, History, Keep, Sample};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

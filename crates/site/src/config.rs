@@ -39,8 +39,8 @@ pub use rules::{ACTIONS_MAX, Action, Clock, Limit, NOTICE_MAX, RULES_MAX, Rule, 
 pub use units::{Range, Standard};
 pub use webhook::{URL_MAX, WEBHOOKS_MAX, Webhook};
 
-use crate::settings::Wanted;
 use railbus_bus::{EchoMode, Plan};
+use railbus_commission::settings::Wanted;
 use railbus_device::{Point, Setup};
 use railbus_wire::Settings;
 use std::collections::{BTreeMap, BTreeSet};

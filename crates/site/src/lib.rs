@@ -9,27 +9,15 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
-pub mod audit;
-pub mod commission;
 pub mod config;
-pub mod durable;
 mod failure;
-mod frame;
 mod health;
-pub mod history;
-mod risk;
 pub mod rules;
-pub mod scan;
 mod service;
-pub mod settings;
 mod truth;
-mod ulid;
 
-pub use audit::{AUDIT_MAX, Entry, Origin};
 pub use config::Config;
 pub use failure::Failure;
-pub use frame::{read_request, request};
-pub use risk::{Risk, is_answered, stowaway};
 pub use service::{
     BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, Counts, Events, GroupState, LEASE_MAX,
     LEASE_MIN, LOAN_MAX, Leased, Left, LineStatus, Loan, ModuleStatus, PULSE_MAX, Part, PartDone,
@@ -37,4 +25,3 @@ pub use service::{
     StartError, ToggleTerms, Update, Updates, Work, WriteDone, WriteTerms, is_refused,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};
-pub use ulid::Ulids;

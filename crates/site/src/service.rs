@@ -37,11 +37,11 @@ pub use status::{Left, LineStatus, ModuleStatus, PointStatus};
 pub use underway::{COMMANDS_KEPT, Command};
 pub use update::{Update, Updates};
 
-use crate::audit::{Audit, Entry, Note, Origin};
 use crate::{Config, Failure};
 use promises::boards;
 use railbus_device::{Module, SetupError};
 use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, PortError};
+use railbus_store::audit::{Audit, Entry, Note, Origin};
 use railbus_wire::{Instant, Micros};
 use record::Journal;
 use rules::Standings;

@@ -1,11 +1,12 @@
 //! History and events: what was kept is told again, and nothing that goes wrong with it holds
 //! anything up.
 
-use railbus_site::history::{
+use railbus_site::{Config, Service};
+use railbus_store::audit::Origin;
+use railbus_store::history::{
     Ack, Asked, Chart, Event, EventKind, Grade, History, HistoryError, Keep, Sample, Severity,
     Spread,
 };
-use railbus_site::{Config, Origin, Service};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -103,7 +104,7 @@ async fn a_day_of_a_point_is_drawn_in_stretches() {
 #[tokio::test]
 async fn what_was_in_force_when_the_program_ended_is_not_any_more() {
     let folder = Folder::new("history-gap");
-    let now = railbus_site::history::millis(std::time::SystemTime::now());
+    let now = railbus_store::history::millis(std::time::SystemTime::now());
     let history = folder.open();
     history.sample(Arc::from("pump.do0"), sample(now - 5_000, 1.0));
     history.close().await;
@@ -182,7 +183,7 @@ async fn events_are_told_in_pages_and_acknowledged() {
 #[tokio::test]
 async fn old_samples_are_forgotten_but_for_the_one_in_force() {
     let folder = Folder::new("history-age");
-    let now = railbus_site::history::millis(std::time::SystemTime::now());
+    let now = railbus_store::history::millis(std::time::SystemTime::now());
     let history = folder.open();
     let changing: Arc<str> = Arc::from("pump.do0");
     for day in 0..10 {
@@ -212,7 +213,7 @@ async fn old_samples_are_forgotten_but_for_the_one_in_force() {
 #[tokio::test]
 async fn too_much_is_forgotten_from_the_oldest_on() {
     let folder = Folder::new("history-bytes");
-    let now = railbus_site::history::millis(std::time::SystemTime::now());
+    let now = railbus_store::history::millis(std::time::SystemTime::now());
     let history = folder.open();
     let paths: Vec<Arc<str>> = (0..4).map(|n| Arc::from(format!("pump.do{n}"))).collect();
     for number in 0..20_000 {

@@ -1,5 +1,6 @@
-//! `deps-point-down`: `railbus -> site -> host -> bus -> device -> wire`, and `railbus -> sim ->
-//! device`, and `keep -> device`. What a crate cannot see it cannot come to need.
+//! `deps-point-down`: `railbus -> site -> store -> commission -> host -> bus -> device -> wire`,
+//! and `railbus -> sim -> device`, and `keep -> device`. What a crate cannot see it cannot come to
+//! need.
 //!
 //! Dev-dependencies are free: the soak of `sim` takes `bus` to have something to torment.
 
@@ -11,77 +12,124 @@ use super::tree::Tree;
 struct Layer {
     name: &'static str,
     below: &'static [&'static str],
-    /// Whether it may use packages from the registry.
-    foreign: bool,
+    /// Which packages from the registry it may use.
+    foreign: Foreign,
+}
+
+/// Packages from the registry.
+enum Foreign {
+    /// The core has none.
+    No,
+    /// Any.
+    Any,
+    /// Any but these, which belong to other crates.
+    Without(&'static [&'static str]),
 }
 
 const LAYERS: &[Layer] = &[
     Layer {
         name: "wire",
         below: &[],
-        foreign: false,
+        foreign: Foreign::No,
     },
     Layer {
         name: "device",
         below: &["wire"],
-        foreign: false,
+        foreign: Foreign::No,
     },
     Layer {
         name: "cases",
         below: &["device", "wire"],
-        foreign: false,
+        foreign: Foreign::No,
     },
     Layer {
         name: "qemu",
         below: &["cases", "keep", "sim", "device", "wire"],
-        foreign: true,
+        foreign: Foreign::Any,
     },
     Layer {
         name: "bus",
         below: &["device", "wire"],
-        foreign: true,
+        foreign: Foreign::Any,
     },
     Layer {
         name: "keep",
         below: &["device", "wire"],
-        foreign: true,
+        foreign: Foreign::Any,
     },
     Layer {
         name: "sim",
         below: &["device", "wire"],
-        foreign: true,
+        foreign: Foreign::Any,
     },
     Layer {
         name: "sniff",
         below: &["wire"],
-        foreign: true,
+        foreign: Foreign::Any,
     },
     Layer {
         name: "host",
         below: &["bus", "device", "wire"],
-        foreign: true,
+        foreign: Foreign::Any,
+    },
+    // What to ask and what it means; who drives it has the runtime.
+    Layer {
+        name: "commission",
+        below: &["host", "bus", "device", "wire"],
+        foreign: Foreign::Without(&["tokio"]),
+    },
+    Layer {
+        name: "store",
+        below: &["commission"],
+        foreign: Foreign::Any,
     },
     Layer {
         name: "site",
-        below: &["host", "bus", "device", "wire"],
-        foreign: true,
+        below: &["store", "commission", "host", "bus", "device", "wire"],
+        foreign: Foreign::Any,
     },
     Layer {
         name: "opcua",
-        below: &["site", "host", "bus", "device", "wire"],
-        foreign: true,
+        below: &[
+            "site",
+            "store",
+            "commission",
+            "host",
+            "bus",
+            "device",
+            "wire",
+        ],
+        foreign: Foreign::Any,
     },
     Layer {
         name: "fleet",
-        below: &["site", "host", "bus", "device", "wire"],
-        foreign: true,
+        below: &[
+            "site",
+            "store",
+            "commission",
+            "host",
+            "bus",
+            "device",
+            "wire",
+        ],
+        foreign: Foreign::Any,
     },
     Layer {
         name: "railbus",
         below: &[
-            "opcua", "fleet", "site", "sniff", "host", "bus", "sim", "device", "wire",
+            "opcua",
+            "fleet",
+            "site",
+            "store",
+            "commission",
+            "sniff",
+            "host",
+            "bus",
+            "sim",
+            "device",
+            "wire",
         ],
-        foreign: true,
+        foreign: Foreign::Any,
     },
 ];
 
@@ -107,7 +155,11 @@ fn dependencies(layer: &Layer, path: &str, text: &str, report: &mut Report) {
         let own = package.strip_prefix("railbus-");
         let allowed = match own {
             Some(name) => layer.below.contains(&name),
-            None => layer.foreign,
+            None => match layer.foreign {
+                Foreign::No => false,
+                Foreign::Any => true,
+                Foreign::Without(others) => !others.contains(&package.as_str()),
+            },
         };
         if allowed || dependency.role == Role::Dev {
             continue;
@@ -115,7 +167,10 @@ fn dependencies(layer: &Layer, path: &str, text: &str, report: &mut Report) {
         let next = match own {
             Some(_) if layer.below.is_empty() => String::from("it stands at the bottom"),
             Some(_) => format!("of our own it may use: {}", layer.below.join(", ")),
-            None => String::from("the core has no foreign code; write the few lines, or move up"),
+            None if matches!(layer.foreign, Foreign::No) => {
+                String::from("the core has no foreign code; write the few lines, or move up")
+            }
+            None => format!("{package} is for the crates above; move up what needs it"),
         };
         let what = format!("crates/{} must not depend on {package}", layer.name);
         report.add(path, dependency.line, what, next);
@@ -132,6 +187,7 @@ mod tests {
         assert_eq!(
             found,
             [
+                "crates/commission/Cargo.toml:6",
                 "crates/device/Cargo.toml:6",
                 "crates/device/Cargo.toml:7",
                 "crates/extra/Cargo.toml:1",

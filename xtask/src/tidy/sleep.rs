@@ -16,7 +16,7 @@ const ALLOWED: &[(&str, &str)] = &[
         "QEMU tells nobody that it has taken a character",
     ),
     (
-        "crates/site/src/audit/tail.rs",
+        "crates/store/src/audit/tail.rs",
         "who waits for a lock waits for good, or asks again",
     ),
 ];

@@ -3,8 +3,8 @@
 use super::problem::{Problem, codes};
 use super::types::SCHEMA;
 use jiff::Timestamp;
-use railbus_site::audit::{Logged, Numbered, Record, Verified};
-use railbus_site::history::{
+use railbus_store::audit::{Logged, Numbered, Record, Verified};
+use railbus_store::history::{
     Bucket, Chart, Event, HistoryError, Kept, Sample, Severity, Storage, millis,
 };
 use serde::{Deserialize, Serialize};

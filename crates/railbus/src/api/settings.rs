@@ -1,6 +1,6 @@
 //! What modules keep, as the API tells of it and takes it.
 
-use railbus_site::commission::{Calibrated, Question};
+use railbus_commission::{Calibrated, Question};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;

@@ -264,7 +264,7 @@ pub(crate) fn described(ad_hoc: &AdHoc) -> Result<Config, Problem> {
             plan: Plan::default(),
             range: Range::volts(),
             points: BTreeMap::new(),
-            settings: railbus_site::settings::Wanted::default(),
+            settings: railbus_commission::settings::Wanted::default(),
             name: Name::default(),
             area: None,
         };

@@ -14,7 +14,7 @@ use crate::render::{Format, out, records};
 use crate::serve::export::{audit_text, csv};
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
-use railbus_site::audit::{export_folder, verify_folder};
+use railbus_store::audit::{export_folder, verify_folder};
 use std::path::Path;
 use texts::AuditText;
 

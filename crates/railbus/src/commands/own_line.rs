@@ -5,8 +5,8 @@
 use super::Context;
 use super::place::{Place, port_failure};
 use crate::failure::{Code, Failure};
+use railbus_commission::Risk;
 use railbus_host::{EchoMode, Fault, Line, LineConfig, Probe, ProbeResult, Settings};
-use railbus_site::Risk;
 use railbus_wire::{Decoded, Exchange, Frame, Micros, Protocol, ascii, lc02, r55, rtu};
 
 /// The silence that the slowest of the families wants before a request.

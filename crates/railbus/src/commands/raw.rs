@@ -18,8 +18,9 @@ use crate::render::table::Table;
 use crate::render::{Format, hex, out, records, time};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_commission::{Risk, is_answered, stowaway};
 use railbus_host::reply_in;
-use railbus_site::{Risk, is_answered, is_refused, stowaway};
+use railbus_site::is_refused;
 use railbus_wire::{Address, Decoded, Exchange, Micros, Protocol, ascii, lc02, r55, rtu};
 use serde_json::json;
 
@@ -114,7 +115,7 @@ fn frame(lang: Lang, matches: &ArgMatches) -> Result<Vec<u8>, Failure> {
 /// The request that exactly these bytes are, as the line's master sends it.
 fn exact(bytes: &[u8]) -> Option<Exchange<'static>> {
     let protocol = asked(bytes)?.protocol();
-    railbus_site::request(protocol, bytes)
+    railbus_commission::request(protocol, bytes)
 }
 
 /// The request that the bytes are.

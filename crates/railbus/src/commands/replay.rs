@@ -11,7 +11,7 @@ use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::Format;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
-use railbus_site::Risk;
+use railbus_commission::Risk;
 use railbus_wire::Exchange;
 use script::Script;
 use std::path::PathBuf;

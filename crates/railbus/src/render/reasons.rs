@@ -442,7 +442,13 @@ mod tests {
         }
         let crates = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
         let mut all = String::new();
-        for one in ["railbus/src", "site/src", "host/src"] {
+        for one in [
+            "railbus/src",
+            "site/src",
+            "commission/src",
+            "store/src",
+            "host/src",
+        ] {
             sources(&crates.join(one), &mut all);
         }
         let own = REASONS

@@ -18,8 +18,8 @@ use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::routing::{get, post};
-use railbus_site::audit::{AuditLog, Filter};
-use railbus_site::history::{Ack, Asked as Wanted, EventKind, millis};
+use railbus_store::audit::{AuditLog, Filter};
+use railbus_store::history::{Ack, Asked as Wanted, EventKind, millis};
 use std::time::SystemTime;
 
 /// The routes of this file.

@@ -8,7 +8,7 @@ use axum::body::{Body, Bytes};
 use axum::http::Response;
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue};
 use http_body_util::channel::{Channel, Sender};
-use railbus_site::audit::Numbered;
+use railbus_store::audit::Numbered;
 use std::convert::Infallible;
 use std::pin::Pin;
 

@@ -16,7 +16,7 @@ use axum::http::HeaderMap;
 use axum::routing::get;
 use jiff::Timestamp;
 use railbus_site::PointStatus;
-use railbus_site::history::{Chart, History, HistoryError, PIECE_MAX, Sample, millis};
+use railbus_store::history::{Chart, History, HistoryError, PIECE_MAX, Sample, millis};
 use serde_json::json;
 use std::str::FromStr;
 use std::time::SystemTime;

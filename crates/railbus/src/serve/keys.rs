@@ -7,7 +7,7 @@
 
 use crate::api::problem::{Problem, codes};
 use axum::body::Bytes;
-use railbus_site::durable;
+use railbus_store::durable;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::cmp::Reverse;

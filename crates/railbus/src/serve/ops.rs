@@ -11,7 +11,7 @@ use crate::api::types::SCHEMA;
 use crate::render::time::rfc3339;
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, post};
-use railbus_site::Ulids;
+use railbus_store::Ulids;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;

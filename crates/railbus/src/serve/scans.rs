@@ -16,10 +16,12 @@ use crate::api::{ask, convert, failures};
 use crate::commands::scan::{addresses, could_be, evidence, ranges, setup};
 use axum::http::StatusCode;
 use axum::routing::post;
+use railbus_commission::scan::{
+    Depth, Found, Known, LeftOut, Met, Progress, Scanner, Scope, Step, Wish,
+};
 use railbus_device::Setup;
 use railbus_host::{LineName, LineState};
 use railbus_site::config::add::free_name;
-use railbus_site::scan::{Depth, Found, Known, LeftOut, Met, Progress, Scanner, Scope, Step, Wish};
 use railbus_site::{Failure, LineStatus, RawTerms, Service};
 use railbus_wire::{Baud, Instant, Micros, Protocol};
 use std::sync::{Arc, Mutex, PoisonError};

@@ -10,8 +10,9 @@ use crate::api::send_types::{SendAnswer, SendRequest};
 use crate::api::sending::{self, Plan};
 use axum::extract::Path;
 use axum::routing::post;
+use railbus_commission::Risk;
 use railbus_device::PointKind;
-use railbus_site::{Risk, Service};
+use railbus_site::Service;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] =

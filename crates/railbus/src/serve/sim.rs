@@ -18,7 +18,7 @@ use crate::i18n::Lang;
 use crate::sim::remote::{Errand, Remote};
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, post, put};
-use railbus_site::history::{Event, EventKind, Severity};
+use railbus_store::history::{Event, EventKind, Severity};
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[

@@ -1,8 +1,8 @@
 //! What outlives the daemon: history and audit log, in the folder of the site's state.
 
 use railbus_site::Service;
-use railbus_site::audit::{AuditLog, Found};
-use railbus_site::history::{Event, EventKind, History, Severity};
+use railbus_store::audit::{AuditLog, Found};
+use railbus_store::history::{Event, EventKind, History, Severity};
 use std::path::Path;
 
 /// The stores of a site at work.

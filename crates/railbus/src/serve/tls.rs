@@ -5,7 +5,7 @@ mod expiry;
 use super::access::secret::hex;
 use crate::api::problem::{Problem, codes};
 use jiff::Timestamp;
-use railbus_site::durable;
+use railbus_store::durable;
 use rcgen::{CertificateParams, DnType, KeyPair, date_time_ymd};
 use rustls::ServerConfig;
 use rustls::crypto::{CryptoProvider, ring};

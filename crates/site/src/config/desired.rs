@@ -3,7 +3,7 @@
 
 use super::Kind;
 use super::read::{Reader, Section, Value};
-use crate::settings::{Key, Wanted, Wrong, settings};
+use railbus_commission::settings::{Key, Wanted, Wrong, settings};
 use railbus_device::Setup;
 use toml::de::DeValue;
 

@@ -3,8 +3,8 @@
 
 use super::Config;
 use super::keeper::{TEXT_MAX, too_long};
-use crate::commission::Place;
-use crate::durable::{self, beside};
+use railbus_commission::Place;
+use railbus_store::durable::{self, beside};
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Read};

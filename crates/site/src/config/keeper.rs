@@ -2,7 +2,7 @@
 //! what it says, and what it said before stays at hand, with who changed it and when.
 
 use super::edit::{self, WriteError};
-use crate::durable;
+use railbus_store::durable;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;

@@ -2,7 +2,7 @@
 
 use super::Kind;
 use super::read::{Reader, Section, Value};
-use crate::history::Keep;
+use railbus_store::history::Keep;
 use railbus_wire::Micros;
 
 pub(super) const HISTORY_KEYS: [&str; 2] = ["keep", "max_bytes"];

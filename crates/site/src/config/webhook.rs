@@ -3,7 +3,7 @@
 use super::Config;
 use super::problem::Kind;
 use super::read::{Reader, Section, Value};
-use crate::history::{Event, EventKind, Severity};
+use railbus_store::history::{Event, EventKind, Severity};
 use std::collections::{BTreeMap, BTreeSet};
 use toml::de::DeTable;
 

@@ -4,9 +4,11 @@ use super::engine::Fact;
 use super::replay::{Replay, Tried};
 use crate::Config;
 use crate::config::{Place, Rule, When};
-use crate::history::millis;
-use crate::history::{Asked, Event, EventKind, Grade, History, HistoryError, PIECE_MAX, Sample};
 use jiff::tz::TimeZone;
+use railbus_store::history::millis;
+use railbus_store::history::{
+    Asked, Event, EventKind, Grade, History, HistoryError, PIECE_MAX, Sample,
+};
 
 /// How many samples one try looks at.
 const SAMPLES_MAX: usize = 1 << 20;

@@ -3,8 +3,8 @@
 use super::promises::{Key, Promise, Why};
 use super::timer::Timer;
 use super::{Inner, Service, lock};
-use crate::Origin;
 use crate::config::{Config, Place, Policy, Safety};
+use railbus_store::audit::Origin;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;

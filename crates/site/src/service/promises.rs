@@ -1,9 +1,10 @@
 //! What the site has promised to do to outputs later, as a file: whoever ends the process does
 //! not end a pulse in the middle of it.
 
+use crate::Config;
 use crate::config::Place;
-use crate::{Config, durable};
 use railbus_device::{Point, PointKind};
+use railbus_store::durable;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::{self, Read};

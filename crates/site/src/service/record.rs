@@ -3,11 +3,11 @@
 
 use super::promises::Why;
 use super::{Inner, Service, Update, Updates, lock};
-use crate::audit::{AuditLog, NotWritten, Note, Origin};
-use crate::history::{Event, EventKind, Grade, History, Sample, Severity, millis};
 use crate::{Failure, Quality, Value};
 use railbus_device::Point;
 use railbus_host::{LineState, Presence};
+use railbus_store::audit::{AuditLog, NotWritten, Note, Origin};
+use railbus_store::history::{Event, EventKind, Grade, History, Sample, Severity, millis};
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock, Weak};
 use std::time::{Duration, SystemTime};
@@ -21,7 +21,7 @@ const LOOK_EVERY: Duration = Duration::from_secs(1);
 /// Where events go.
 #[derive(Debug)]
 pub(super) struct Journal {
-    ulids: crate::ulid::Ulids,
+    ulids: railbus_store::Ulids,
     told: broadcast::Sender<Event>,
     history: OnceLock<History>,
 }
@@ -29,7 +29,7 @@ pub(super) struct Journal {
 impl Default for Journal {
     fn default() -> Journal {
         Journal {
-            ulids: crate::ulid::Ulids::default(),
+            ulids: railbus_store::Ulids::default(),
             told: broadcast::Sender::new(EVENTS_MAX),
             history: OnceLock::new(),
         }
@@ -496,8 +496,8 @@ fn number(value: Value) -> f64 {
 mod tests {
     use super::*;
     use crate::Config;
-    use crate::history::{Chart, HistoryError, Keep};
     use railbus_device::PointKind;
+    use railbus_store::history::{Chart, HistoryError, Keep};
 
     fn oven(model: &str) -> String {
         format!(

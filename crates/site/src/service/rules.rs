@@ -6,13 +6,13 @@ mod status;
 pub use status::RuleStatus;
 
 use super::{Inner, Service, Update, Updates, lock};
-use crate::audit::Origin;
 use crate::config::{Place, Rule, When};
-use crate::history::{HistoryError, Severity, millis};
 use crate::rules::{Deadline, Engine, Fact, Moment, Output, Phase, Tried, try_against};
 use crate::{Quality, Value};
 use jiff::tz::TimeZone;
 use railbus_host::{LineState, PortError, Presence};
+use railbus_store::audit::Origin;
+use railbus_store::history::{HistoryError, Severity, millis};
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};

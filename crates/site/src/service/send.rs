@@ -4,8 +4,9 @@
 //! read anew.
 
 use super::{Inner, RawTerms, Service, Update, lock};
+use crate::Failure;
 use crate::config::Place;
-use crate::{Failure, Risk, is_answered};
+use railbus_commission::{Risk, is_answered};
 use railbus_device::PointKind;
 use railbus_host::{Fault, ProbeResult, Probed, reply_in};
 use railbus_wire::{Exchange, Response, ascii, rtu};

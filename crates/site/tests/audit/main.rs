@@ -4,8 +4,8 @@ mod files;
 
 use railbus_device::{Point, PointKind};
 use railbus_host::Fault;
-use railbus_site::audit::{AuditLog, Filter, Found, Verified, verify_folder};
 use railbus_site::{Config, Failure, Service, WriteTerms};
+use railbus_store::audit::{AuditLog, Filter, Found, Verified, verify_folder};
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};

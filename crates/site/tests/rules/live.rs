@@ -1,9 +1,9 @@
 //! Rules at a line.
 
 use crate::board::{self, Boards, k, until};
-use railbus_site::history::{Event, EventKind};
 use railbus_site::rules::Phase;
 use railbus_site::{Config, Events, Quality, Service};
+use railbus_store::history::{Event, EventKind};
 use std::sync::Arc;
 use std::time::Duration;
 

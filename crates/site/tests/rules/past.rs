@@ -2,9 +2,9 @@
 
 use crate::{rule, site};
 use jiff::tz::TimeZone;
-use railbus_site::history::{Grade, History, Keep, Sample};
 use railbus_site::rules::{Fact, LISTED_MAX, Replay};
 use railbus_site::{Config, Service};
+use railbus_store::history::{Grade, History, Keep, Sample};
 use std::sync::Arc;
 
 const THEN: &str = "then = [{ notify = \"now\" }]";

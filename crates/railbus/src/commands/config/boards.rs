@@ -8,8 +8,8 @@ use crate::commands::Context;
 use crate::failure::{Code, Failure};
 use crate::render::hex;
 use clap::ArgMatches;
+use railbus_commission::{BoardState, all_boards};
 use railbus_device::Family;
-use railbus_site::commission::{BoardState, all_boards};
 use railbus_wire::{Frame, r55};
 
 /// The boards that the configuration has on one line.

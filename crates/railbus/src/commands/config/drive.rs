@@ -10,10 +10,9 @@ use crate::commands::Context;
 use crate::commands::place::{Place as At, port_failure};
 use crate::commands::stop::Stop;
 use crate::failure::{Code, Failure};
+use railbus_commission::{Act, Ask, Event, Heard, Procedure, Progress, Question, Record, Step};
 use railbus_host::{EchoMode, LineName, PortError};
-use railbus_site::commission::{
-    Act, Ask, Event, Heard, Procedure, Progress, Question, Record, Step, Store,
-};
+use railbus_store::journal::Store;
 use railbus_wire::Settings;
 use std::io::{BufRead, IsTerminal, Write};
 use std::time::Duration;

@@ -8,7 +8,7 @@ use crate::commands::Context;
 use crate::config_file::text_of;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
-use railbus_site::commission::{Place, Record, State};
+use railbus_commission::{Place, Record, State};
 use railbus_site::config::edit;
 use std::path::Path;
 

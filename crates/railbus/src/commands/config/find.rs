@@ -5,8 +5,8 @@ use super::outcome;
 use super::target::Target;
 use crate::commands::Context;
 use crate::failure::Failure;
+use railbus_commission::{Found, Place, Search, Trouble, look_up, read};
 use railbus_device::Setup;
-use railbus_site::commission::{Found, Place, Search, Trouble, look_up, read};
 use railbus_wire::Address;
 
 /// What was found of a module.

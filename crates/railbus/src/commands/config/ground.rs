@@ -8,8 +8,9 @@ use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use clap::{Arg, ArgMatches, value_parser};
+use railbus_commission::Log;
 use railbus_site::Config;
-use railbus_site::commission::{Log, Store};
+use railbus_store::journal::Store;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 

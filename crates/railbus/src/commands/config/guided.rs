@@ -15,11 +15,11 @@ use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::{out, wire_words};
 use clap::{Arg, ArgAction, ArgMatches, Command};
-use railbus_device::Refusal;
-use railbus_site::commission::{
+use railbus_commission::settings::{Key, Wanted, Wrong, range};
+use railbus_commission::{
     By, Calibrated, Ended, Hindrance, Job, calibrate as calibration, restore_factory,
 };
-use railbus_site::settings::{Key, Wanted, Wrong, range};
+use railbus_device::Refusal;
 use railbus_wire::Settings;
 use serde_json::json;
 
@@ -188,8 +188,7 @@ pub(super) fn factory(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             return Err(Failure::of(lang, Code::NotConfirmed));
         }
         let number = driver.next_change();
-        let before =
-            railbus_site::commission::Kept::at(railbus_site::commission::Place::of(&target.setup));
+        let before = railbus_commission::Kept::at(railbus_commission::Place::of(&target.setup));
         set::follows_port(&context, &target, &driver, Settings::FACTORY)?;
         let end = driver
             .run(restore_factory(Job {

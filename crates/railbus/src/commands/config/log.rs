@@ -16,11 +16,11 @@ use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use clap::{Arg, ArgMatches, Command, value_parser};
-use railbus_device::{Family, Setup};
-use railbus_site::commission::{
+use railbus_commission::settings::Wanted;
+use railbus_commission::{
     By, Found, Log, Place, Record, Recovered, Search, State, look_up, recover as recovery,
 };
-use railbus_site::settings::Wanted;
+use railbus_device::{Family, Setup};
 use railbus_wire::{Address, Protocol};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

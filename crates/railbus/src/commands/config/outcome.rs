@@ -6,9 +6,9 @@ use crate::api::config_words;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::render::wire_words;
+use railbus_commission::settings::{Wrong, range};
+use railbus_commission::{Ended, Place, Refused, Trouble, Why};
 use railbus_device::{Refusal, SetupError};
-use railbus_site::commission::{Ended, Place, Refused, Trouble, Why};
-use railbus_site::settings::{Wrong, range};
 
 /// Why a procedure could not do what it was to.
 pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure {

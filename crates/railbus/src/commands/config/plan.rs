@@ -17,9 +17,9 @@ use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
+use railbus_commission::settings::{Key, Wanted, differences};
+use railbus_commission::{By, Found, Kept, Place};
 use railbus_device::Setup;
-use railbus_site::commission::{By, Found, Kept, Place};
-use railbus_site::settings::{Key, Wanted, differences};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 

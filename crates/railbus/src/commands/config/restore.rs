@@ -18,8 +18,8 @@ use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
-use railbus_site::commission::{By, Place};
-use railbus_site::settings::{Wanted, key};
+use railbus_commission::settings::{Wanted, key};
+use railbus_commission::{By, Place};
 use serde_json::json;
 use std::path::PathBuf;
 

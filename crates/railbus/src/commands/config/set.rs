@@ -15,9 +15,9 @@ use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::{hex, out};
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_commission::settings::{Key, Wanted, differences, key};
+use railbus_commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read};
 use railbus_device::Family;
-use railbus_site::commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read};
-use railbus_site::settings::{Key, Wanted, differences, key};
 use railbus_wire::{Frame, Protocol, Settings};
 use serde_json::{Value, json};
 
@@ -367,7 +367,7 @@ pub(crate) fn warnings(lang: Lang, target: &Target, stages: &[Stage]) -> Vec<Str
         return Vec::new();
     };
     let mut warnings = Vec::new();
-    let others = |apart: &dyn Fn(&railbus_site::commission::Neighbour) -> bool| {
+    let others = |apart: &dyn Fn(&railbus_commission::Neighbour) -> bool| {
         target
             .neighbours
             .iter()

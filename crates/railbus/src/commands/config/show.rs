@@ -14,8 +14,8 @@ use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
-use railbus_site::commission::{Found, Kept, read};
-use railbus_site::settings::{Access, Key, range, settings, shown};
+use railbus_commission::settings::{Access, Key, range, settings, shown};
+use railbus_commission::{Found, Kept, read};
 use railbus_wire::Address;
 use serde_json::{Value, json};
 
@@ -79,7 +79,7 @@ pub(super) fn get(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             .map(|(key, _)| key.to_string())
             .collect();
         if let Some(name) = wanted.iter().find(|name| !known.contains(name)) {
-            let wrong = railbus_site::settings::Wrong::NoSetting(name.clone(), known);
+            let wrong = railbus_commission::settings::Wrong::NoSetting(name.clone(), known);
             return Err(outcome::wrong(context.lang, &target, &wrong));
         }
     }

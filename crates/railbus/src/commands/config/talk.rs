@@ -2,8 +2,9 @@
 
 use crate::render::time;
 use jiff::Timestamp;
+use railbus_commission::{Ask, Heard, Record};
 use railbus_host::{AnyPort, LineName, Medium, Past, Port, PortError, SerialOptions};
-use railbus_site::commission::{Ask, Heard, Record, Store};
+use railbus_store::journal::Store;
 use railbus_wire::{Frame, Instant, Micros, Settings};
 use std::time::Duration;
 use tokio::time::{Instant as Moment, timeout_at};

@@ -1,10 +1,10 @@
 //! A module to work on, as the configuration has it.
 
+use railbus_commission::settings::Wanted;
+use railbus_commission::{Found, Neighbour, Place, Refused, Stage, Trouble, stages};
 use railbus_device::{Module, Op, Setup};
 use railbus_host::LineName;
 use railbus_site::Config;
-use railbus_site::commission::{Found, Neighbour, Place, Refused, Stage, Trouble, stages};
-use railbus_site::settings::Wanted;
 use railbus_wire::Exchange;
 
 /// A module to work on.

@@ -9,7 +9,7 @@ use crate::commands::place::Place;
 use crate::commands::stop::{self, Stop};
 use crate::failure::Failure;
 use crate::render::{hex, out, records};
-use railbus_site::{request, stowaway};
+use railbus_commission::{request, stowaway};
 use railbus_wire::{Exchange, Micros};
 use serde_json::json;
 use std::ops::ControlFlow;

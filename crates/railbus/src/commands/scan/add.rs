@@ -8,11 +8,11 @@ use crate::commands::place::Place;
 use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::render::out;
+use railbus_commission::scan::{Found, Verdict};
 use railbus_device::{Family, Setup};
 use railbus_site::Config;
 use railbus_site::config::add::{NewLine, free_name, with_modules};
 use railbus_site::config::edit;
-use railbus_site::scan::{Found, Verdict};
 use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 

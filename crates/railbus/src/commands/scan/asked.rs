@@ -8,9 +8,9 @@ use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
 use crate::failure::{Code, Failure};
 use crate::render::hex;
+use railbus_commission::read_request;
+use railbus_commission::scan::Met;
 use railbus_host::{LateReply, Line, LineConfig, Probe, Probed};
-use railbus_site::read_request;
-use railbus_site::scan::Met;
 use railbus_wire::{Frame, Micros, Protocol};
 
 /// Whoever has the line.

@@ -6,7 +6,7 @@ use crate::commands::place::Place;
 use crate::config_file;
 use crate::failure::{Code, Failure};
 use crate::render::hex;
-use railbus_site::scan::{Ask, Found, Place as At, Question, Scanner, Scope, Wish};
+use railbus_commission::scan::{Ask, Found, Place as At, Question, Scanner, Scope, Wish};
 use railbus_wire::{Address, Baud, Character, Micros, Settings};
 use serde_json::{Value, json};
 use std::io::Read;

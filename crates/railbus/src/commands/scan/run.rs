@@ -6,7 +6,7 @@ use crate::commands::Context;
 use crate::commands::place::Place;
 use crate::commands::stop::Stop;
 use crate::failure::Failure;
-use railbus_site::scan::{Scanner, Step};
+use railbus_commission::scan::{Scanner, Step};
 use railbus_wire::{Instant, Micros};
 use std::ops::ControlFlow;
 use std::time::Duration;

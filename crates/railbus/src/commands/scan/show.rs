@@ -9,8 +9,10 @@ use crate::i18n::Lang;
 use crate::render::records::{self, Records};
 use crate::render::table::Table;
 use crate::render::{Format, hex, out, time, width};
+use railbus_commission::scan::{
+    Answer, Ask, Depth, Detail, Found, LeftOut, Question, Scanner, Verdict,
+};
 use railbus_device::Family;
-use railbus_site::scan::{Answer, Ask, Depth, Detail, Found, LeftOut, Question, Scanner, Verdict};
 use railbus_wire::{Frame, Micros, Protocol};
 use serde_json::{Value, json};
 use std::fmt::Display;

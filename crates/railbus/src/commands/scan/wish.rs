@@ -6,9 +6,9 @@ use crate::commands::place::Place;
 use crate::commands::{Context, context};
 use crate::i18n::Lang;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
+use railbus_commission::scan::{Depth, Wish};
 use railbus_device::Family;
 use railbus_host::LineName;
-use railbus_site::scan::{Depth, Wish};
 use railbus_wire::{Baud, Character, Micros, Protocol};
 
 /// The speeds that modules of the five families have, likely ones first.

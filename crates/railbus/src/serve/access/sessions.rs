@@ -4,7 +4,7 @@
 use super::secret::{Fingerprint, Secret, fingerprint, hex, random};
 use crate::api::problem::{Problem, codes};
 use jiff::Timestamp;
-use railbus_site::durable;
+use railbus_store::durable;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fs::File;

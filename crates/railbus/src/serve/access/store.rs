@@ -2,7 +2,7 @@
 
 use super::accounts::Accounts;
 use crate::api::problem::{Problem, codes};
-use railbus_site::durable;
+use railbus_store::durable;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read};
 use std::os::unix::fs::OpenOptionsExt;

@@ -18,8 +18,8 @@ use axum::http::StatusCode;
 use axum::routing::{delete, get, post, put};
 use jiff::tz::TimeZone;
 use railbus_site::config::Rule;
-use railbus_site::history::millis;
 use railbus_site::{Config, Service};
+use railbus_store::history::millis;
 use serde_json::Value;
 use std::time::SystemTime;
 

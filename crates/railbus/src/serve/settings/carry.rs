@@ -9,7 +9,7 @@ use crate::api::problem::Problem;
 use crate::api::settings::SettingsRun;
 use crate::commands::config::outcome::{self, placed};
 use crate::failure::{Code, Failure};
-use railbus_site::commission::{Ended, Job, Trouble, Why, change};
+use railbus_commission::{Ended, Job, Trouble, Why, change};
 
 /// A change under way.
 struct Carry {

@@ -18,11 +18,12 @@ use crate::serve::listen::ended;
 use crate::serve::ops::Op;
 use crate::serve::routes::Site;
 use crate::serve::spoken;
-use railbus_site::Service;
-use railbus_site::commission::{
-    Act, Event, Log, Place, Procedure, Progress, Question, Record, State, Step, Store,
+use railbus_commission::{
+    Act, Event, Log, Place, Procedure, Progress, Question, Record, State, Step,
 };
+use railbus_site::Service;
 use railbus_site::config::edit;
+use railbus_store::journal::Store;
 use std::pin::pin;
 use std::time::Duration;
 use tokio::sync::watch;

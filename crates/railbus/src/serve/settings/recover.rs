@@ -9,8 +9,8 @@ use crate::api::settings::SettingsRun;
 use crate::commands::config::log::{not_found, parting};
 use crate::commands::config::outcome::{self, placed};
 use crate::commands::config::target::Target;
-use railbus_site::commission::{Found, Place, Record, Recovered, Search, State, Trouble};
-use railbus_site::commission::{look_up, recover};
+use railbus_commission::{Found, Place, Record, Recovered, Search, State, Trouble};
+use railbus_commission::{look_up, recover};
 
 /// A search under way.
 struct Work {
@@ -92,8 +92,7 @@ impl Work {
     /// Looks where it should be, then outwards. Other modules are not taken for it.
     async fn search(&mut self) -> Result<Result<Traced, Trouble>, Problem> {
         let target = &self.target;
-        let same =
-            |other: &&railbus_site::commission::Neighbour| other.protocol == target.setup.protocol;
+        let same = |other: &&railbus_commission::Neighbour| other.protocol == target.setup.protocol;
         let others = target.neighbours.iter().filter(same);
         let others: Vec<Place> = others.map(|other| other.place).collect();
         let mut talk = open(target).await?;

@@ -12,10 +12,10 @@ use crate::commands::config::target::Target;
 use crate::commands::decode::meaning;
 use crate::i18n::Lang;
 use crate::render::hex;
+use railbus_commission::{Place, Trouble};
 use railbus_device::{Family, Module, Op, Point, PointKind, Setup};
 use railbus_host::Probed;
 use railbus_site::RawTerms;
-use railbus_site::commission::{Place, Trouble};
 use railbus_wire::rtu::{Request, Response as RtuResponse, WordSpan};
 use railbus_wire::{Exchange, Frame, Protocol, Response};
 

@@ -14,11 +14,14 @@ use crate::commands::decode::meaning;
 use crate::failure::{Code, Failure};
 use crate::i18n::Lang;
 use crate::serve::routes::Site;
+use railbus_commission::settings::{
+    Access, Choice, Key, Wanted, choice, differences, settings, shown,
+};
+use railbus_commission::{By, Found, Log, Record, Stage};
 use railbus_device::Family;
 use railbus_site::Service;
-use railbus_site::commission::{By, Found, Log, Record, Stage, Store};
 use railbus_site::config::keeper::etag;
-use railbus_site::settings::{Access, Choice, Key, Wanted, choice, differences, settings, shown};
+use railbus_store::journal::Store;
 use serde_json::{Map, Value};
 use std::path::PathBuf;
 

@@ -17,7 +17,7 @@ use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::routing::{delete, get, post, put};
 use railbus_site::config::Webhook;
-use railbus_site::history::{Event, EventKind, Severity};
+use railbus_store::history::{Event, EventKind, Severity};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;

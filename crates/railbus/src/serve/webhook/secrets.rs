@@ -4,7 +4,7 @@
 use crate::api::problem::{Problem, codes};
 use crate::serve::access::secret::Secret;
 use railbus_site::config::WEBHOOKS_MAX;
-use railbus_site::durable;
+use railbus_store::durable;
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 use std::fs::File;

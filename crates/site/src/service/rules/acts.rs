@@ -2,9 +2,9 @@
 
 use super::super::{Pulse, Service, WriteTerms};
 use crate::Failure;
-use crate::audit::Origin;
 use crate::config::{Action, Place, Rule};
-use crate::history::{Event, EventKind, Severity};
+use railbus_store::audit::Origin;
+use railbus_store::history::{Event, EventKind, Severity};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 

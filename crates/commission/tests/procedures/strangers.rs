@@ -1,8 +1,8 @@
 //! What is none of the five families is not written to, whatever it is taken for.
 
+use railbus_commission::settings::Wanted;
+use railbus_commission::{Act, By, Event, Heard, Job, Step, Trouble, change};
 use railbus_device::{Family, Setup};
-use railbus_site::commission::{Act, By, Event, Heard, Job, Step, Trouble, change};
-use railbus_site::settings::Wanted;
 use railbus_wire::{Address, Frame, Instant, Micros, Protocol, crc16};
 
 /// Takes a slave for a module of that description and wants its address to be 9; how that ends.

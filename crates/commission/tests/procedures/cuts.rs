@@ -3,12 +3,12 @@
 //! of it is so.
 
 use crate::bench::{Bench, CUTS, Cut, End};
-use railbus_device::{Applies, Eeprom, Family, Options, Setup};
-use railbus_site::commission::{
+use railbus_commission::settings::Wanted;
+use railbus_commission::{
     By, Ended, Job, Place, Pulse, Record, Recovered, Spot, State, Trouble, change, recover,
     restore_factory,
 };
-use railbus_site::settings::Wanted;
+use railbus_device::{Applies, Eeprom, Family, Options, Setup};
 use railbus_wire::{Address, Micros, Protocol};
 use std::io::Write;
 
@@ -120,7 +120,7 @@ fn holds(eeprom: &Eeprom, record: &Record, setup: &Setup, new: bool) -> bool {
         mask: eeprom.pulse_mask,
         width: eeprom.pulse_width,
     };
-    let known = railbus_site::commission::Kept {
+    let known = railbus_commission::Kept {
         pulse: Some(pulse),
         ..Default::default()
     };

@@ -83,7 +83,7 @@ impl Event {
 
     /// Done by somebody.
     #[must_use]
-    pub fn by(mut self, origin: &crate::Origin) -> Event {
+    pub fn by(mut self, origin: &crate::audit::Origin) -> Event {
         self.who = Some(origin.who.clone());
         self.via = Some(origin.via.clone());
         self

@@ -1,30 +1,39 @@
-//! Changing what modules keep: address, speed, parity, checksum, pulses, calibration.
+//! Finding modules ([`scan`]), and changing what they keep: address, speed, parity, checksum,
+//! pulses, calibration.
 //!
 //! Each procedure is sequential: it reads like the steps of a manual. It does no I/O and names no
 //! clock: it hands out one [`Act`] after the other and is told what came of it
 //! ([`Procedure::next`]), so that the same code runs on a real line and, cut off at every step, on
 //! a simulated one. Nothing is written to a module that was not written to the journal before.
 
+#![forbid(unsafe_code)]
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
+
 mod boards;
 mod calibrate;
 mod change;
 mod desk;
+mod frame;
 mod journal;
 mod place;
 mod recover;
+mod risk;
+pub mod scan;
+pub mod settings;
 mod sight;
 mod stages;
-mod store;
 mod vacant;
 
 pub use boards::{BoardState, all_boards};
 pub use calibrate::{Calibrated, Hindrance, calibrate, restore_factory};
 pub use change::{Ended, Job, Neighbour, Why, change};
 pub use desk::{Act, Ask, Event, Heard, Procedure, Progress, Question, Step, Trouble};
+pub use frame::{read_request, request};
 pub use journal::{By, Log, RECORDS_MAX, Record, Spot, State};
 pub use place::{Found, Kept, Place, Pulse};
 pub use recover::{Recovered, Search, look_up, recover};
+pub use risk::{Risk, is_answered, stowaway};
 pub use sight::{Sight, read};
 pub use stages::{Refused, Stage, stages};
-pub use store::Store;
 pub use vacant::{Taken, vacant};

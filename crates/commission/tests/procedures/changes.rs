@@ -1,13 +1,13 @@
 //! What is refused before anything is written, and how changes end.
 
 use crate::bench::{Bench, End};
-use railbus_device::{Eeprom, Family, Options, Setup};
-use railbus_sim::{Act, Faults, Input};
-use railbus_site::commission::{
+use railbus_commission::settings::Wanted;
+use railbus_commission::{
     By, Ended, Job, Neighbour, Place, Recovered, Search, State, Trouble, Why, calibrate, change,
     look_up, read, recover,
 };
-use railbus_site::settings::Wanted;
+use railbus_device::{Eeprom, Family, Options, Setup};
+use railbus_sim::{Act, Faults, Input};
 use railbus_wire::{Address, Baud, Character, Micros, Protocol};
 
 fn job(setup: Setup, set: &str) -> Job {

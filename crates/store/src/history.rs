@@ -134,7 +134,7 @@ impl History {
     }
 
     /// Keeps an event, which has its number already.
-    pub(crate) fn event(&self, event: Event) {
+    pub fn event(&self, event: Event) {
         self.give(Job::Event(Box::new(event)));
     }
 
@@ -152,12 +152,14 @@ impl History {
     }
 
     /// How often the database was opened: what was in force must be told to each anew.
-    pub(crate) fn generation(&self) -> u64 {
+    #[must_use]
+    pub fn generation(&self) -> u64 {
         self.counters.generation.load(Ordering::Relaxed)
     }
 
     /// What the writer has to tell; for the first who asks.
-    pub(crate) fn notices(&self) -> Option<mpsc::Receiver<Event>> {
+    #[must_use]
+    pub fn notices(&self) -> Option<mpsc::Receiver<Event>> {
         let mut notices = self.notices.lock().unwrap_or_else(PoisonError::into_inner);
         notices.take()
     }

@@ -1,7 +1,7 @@
 //! The settings that modules keep, family by family: which there are, what they may be, which of
 //! them a command can change, and when the change acts. What the datasheets say, as data.
 
-use crate::commission::{Kept, Pulse};
+use crate::{Kept, Pulse};
 use railbus_device::{Family, Setup};
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth};
 use std::collections::BTreeMap;

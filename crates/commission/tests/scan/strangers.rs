@@ -3,7 +3,7 @@
 
 use crate::bench::told;
 use railbus_bus::Probed;
-use railbus_site::scan::{Found, Met, Scanner, Scope, Step, Wish};
+use railbus_commission::scan::{Found, Met, Scanner, Scope, Step, Wish};
 use railbus_wire::{Instant, Micros, Protocol};
 
 /// Who answers what to a request, address and CRC apart: `01 0000 0008` for eight coils.

@@ -2,9 +2,9 @@
 //! answer by no book.
 
 use crate::bench::{Bench, module};
+use railbus_commission::scan::{Detail, Known, LeftOut, Scanner, Scope, Verdict, Wish};
 use railbus_device::{Family, Setup};
 use railbus_sim::{Chance, Faults, Span};
-use railbus_site::scan::{Detail, Known, LeftOut, Scanner, Scope, Verdict, Wish};
 use railbus_wire::{Address, Baud, Micros, Protocol, Settings};
 
 fn at_9600(family: Family, address: u8, protocol: Protocol) -> Setup {

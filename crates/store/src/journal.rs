@@ -1,7 +1,7 @@
 //! The journal's file: every record is on the disk before anybody goes on.
 
-use super::{Log, Record};
 use crate::durable;
+use railbus_commission::{Log, Record};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::os::unix::fs::OpenOptionsExt;
@@ -133,7 +133,7 @@ fn text(mut file: &File) -> io::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::commission::State;
+    use railbus_commission::State;
     use railbus_device::{Family, Setup};
     use railbus_wire::Address;
     use std::os::unix::fs::PermissionsExt;
@@ -187,13 +187,16 @@ mod tests {
     fn a_journal_never_grows_without_end() {
         let folder = folder("short");
         let mut store = Store::open(&folder).unwrap();
-        let many: String = (1..=super::super::RECORDS_MAX as u64 + 1)
+        let many: String = (1..=railbus_commission::RECORDS_MAX as u64 + 1)
             .map(|number| record(number).ended(State::Done, None).line_of_text())
             .collect();
         store.file.write_all(many.as_bytes()).unwrap();
         drop(store);
         let mut store = Store::open(&folder).unwrap();
-        assert_eq!(store.log().records.len(), super::super::RECORDS_MAX / 2);
+        assert_eq!(
+            store.log().records.len(),
+            railbus_commission::RECORDS_MAX / 2
+        );
         store.append(record(9000)).unwrap();
         drop(store);
         assert_eq!(Store::peek(&folder).unwrap().next_change(), 9001);

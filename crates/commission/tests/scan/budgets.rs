@@ -2,8 +2,8 @@
 //! time is within the budgets, in virtual time exactly.
 
 use crate::bench::{Bench, Ran, module};
+use railbus_commission::scan::{Depth, Scope, Wish};
 use railbus_device::{Family, Setup};
-use railbus_site::scan::{Depth, Scope, Wish};
 use railbus_wire::{Baud, Exchange, Micros, Protocol, ascii, rtu};
 
 /// Which families speak which protocols, and how slow they are in milliseconds.

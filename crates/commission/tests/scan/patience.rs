@@ -2,9 +2,9 @@
 //! nobody else is; and what it costs to wait for them.
 
 use crate::bench::{Bench, module};
+use railbus_commission::scan::{Depth, Scanner, Scope, Wish};
 use railbus_device::{Family, Setup};
 use railbus_sim::{Chance, Faults, Span};
-use railbus_site::scan::{Depth, Scanner, Scope, Wish};
 use railbus_wire::{Baud, Micros, Protocol};
 
 fn at_9600(family: Family, address: u8, protocol: Protocol) -> Setup {

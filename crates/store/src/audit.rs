@@ -8,12 +8,11 @@ mod read;
 mod tail;
 
 pub use chain::{Numbered, Record};
-pub use log::AuditLog;
+pub use log::{AuditLog, NotWritten};
 pub use read::{Exported, Filter, Logged, Page, Place, Verified, export_folder, verify_folder};
 pub use tail::Found;
 
 use crate::ulid::Ulids;
-pub(crate) use log::NotWritten;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
@@ -43,11 +42,12 @@ impl Origin {
 }
 
 /// What is written down of something before it is done.
-#[derive(Clone)]
-pub(crate) struct Note {
-    pub(crate) origin: Origin,
+#[derive(Clone, Debug)]
+pub struct Note {
+    /// Who asks for it.
+    pub origin: Origin,
     /// `do0=on do1=off`, `pulse k1 500ms`.
-    pub(crate) what: String,
+    pub what: String,
 }
 
 /// Something that was done, or tried.
@@ -70,7 +70,7 @@ pub struct Entry {
 
 /// The newest entries, and the log of all.
 #[derive(Debug, Default)]
-pub(crate) struct Audit {
+pub struct Audit {
     entries: Mutex<VecDeque<Entry>>,
     ulids: Ulids,
     log: OnceLock<AuditLog>,
@@ -80,23 +80,27 @@ pub(crate) struct Audit {
 
 impl Audit {
     /// From now on everything is written into this log, too.
-    pub(crate) fn keep(&self, log: AuditLog) {
+    pub fn keep(&self, log: AuditLog) {
         // A site has one log; the first stays.
         let _ = self.log.set(log);
     }
 
     /// Nothing may be done from now on, unless there is a log.
-    pub(crate) fn miss(&self) {
+    pub fn miss(&self) {
         self.missing.store(true, Ordering::Relaxed);
     }
 
-    pub(crate) fn log(&self) -> Option<&AuditLog> {
+    /// The log of all entries, where there is one.
+    pub fn log(&self) -> Option<&AuditLog> {
         self.log.get()
     }
 
     /// Writes down what is about to be done, with what is known to be before it; gives back its
     /// number. Where there is a log, it is durable when this returns.
-    pub(crate) async fn begin(
+    ///
+    /// # Errors
+    /// Where it could not be made durable, or there should be a log and is none.
+    pub async fn begin(
         &self,
         module: &str,
         note: Note,
@@ -136,7 +140,7 @@ impl Audit {
 
     /// Writes down how it ended, and what is known to be after it. The log has it when this
     /// returns, though it may still be on its way to the disk.
-    pub(crate) async fn end(&self, id: &str, end: &'static str, after: String) {
+    pub async fn end(&self, id: &str, end: &'static str, after: String) {
         if let Some(entry) = self.entries().iter_mut().rev().find(|entry| entry.id == id) {
             entry.end = Some(end);
         }
@@ -152,7 +156,8 @@ impl Audit {
     }
 
     /// The entries in memory, oldest first.
-    pub(crate) fn newest(&self) -> Vec<Entry> {
+    #[must_use]
+    pub fn newest(&self) -> Vec<Entry> {
         self.entries().iter().cloned().collect()
     }
 

@@ -23,7 +23,7 @@ const WAIT_FAILING: Duration = Duration::from_millis(20);
 
 /// A record could not be made durable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct NotWritten;
+pub struct NotWritten;
 
 /// The log on the disk: append-only lines, each with the hash of the one before it.
 #[derive(Clone, Debug)]
@@ -83,12 +83,14 @@ impl AuditLog {
         self.required.store(required, Ordering::Relaxed);
     }
 
-    pub(crate) fn is_required(&self) -> bool {
+    /// Whether nothing may be switched that can't be written down.
+    #[must_use]
+    pub fn is_required(&self) -> bool {
         self.required.load(Ordering::Relaxed)
     }
 
     /// Remembers whether writing works; gives back whether that is news.
-    pub(crate) fn works(&self, works: bool) -> bool {
+    pub fn works(&self, works: bool) -> bool {
         self.failing.swap(!works, Ordering::Relaxed) == works
     }
 

@@ -2,11 +2,11 @@
 
 #![allow(unreachable_pub, reason = "the files of a test see each other")]
 
-use railbus_device::{Eeprom, Family, Options, Setup};
-use railbus_sim::{Act as Touch, Faults, Input, Line, LineConfig, ModuleId, Output, Power};
-use railbus_site::commission::{
+use railbus_commission::{
     Act, Ask, Event, Heard, Log, Procedure, Progress, Question, Record, Step,
 };
+use railbus_device::{Eeprom, Family, Options, Setup};
+use railbus_sim::{Act as Touch, Faults, Input, Line, LineConfig, ModuleId, Output, Power};
 use railbus_wire::{Address, Frame, Instant, Micros};
 
 /// What goes wrong at one act.
