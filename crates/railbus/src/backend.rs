@@ -14,12 +14,12 @@ use crate::api::types::{
 };
 use crate::api::{convert, failures};
 use crate::config_file::{self, Why};
-use crate::i18n::Lang;
 use local::Local;
 pub(crate) use local::described;
 use railbus_device::{Family, Layout};
 use railbus_host::Tap;
 use railbus_wire::{Character, Protocol};
+use railbus_words::Lang;
 pub(crate) use remote::{Borrowed, Detail, Frames, Remote};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};

@@ -8,12 +8,13 @@ use crate::commands::{
 };
 use crate::commands::{scene, schema, set, sniff, token, user, version, wait, watch};
 use crate::failure::Failure;
-use crate::i18n::Lang;
-use crate::texts::{Phrase, Text};
+use crate::texts::Text;
 use crate::{serve, sim, usage};
 use clap::builder::StyledStr;
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_words::Lang;
+use railbus_words::Phrase;
 use std::ffi::OsString;
 use std::io::Write;
 

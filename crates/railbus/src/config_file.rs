@@ -2,9 +2,9 @@
 
 use crate::api::failures::bad_config;
 use crate::api::problem::{Problem, codes};
-use crate::i18n::Lang;
 use crate::serve::socket;
 use railbus_site::Config;
+use railbus_words::Lang;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 

@@ -1,19 +1,15 @@
 //! What went wrong: what happened, where, why, what to try, under a code that never changes.
 
-mod codes;
-mod exits;
-pub(crate) mod findings;
 #[cfg(test)]
 mod outlets;
 mod problem;
 
-pub(crate) use codes::{Code, Page};
-pub(crate) use exits::EXITS;
-
-use crate::i18n::Lang;
+use crate::render::Format;
 use crate::render::colour::Paint;
-use crate::render::{Format, reasons, width};
 use crate::texts::Text;
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::{reasons, width};
 use serde_json::{Map, Value, json};
 use std::process::ExitCode;
 

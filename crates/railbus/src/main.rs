@@ -8,7 +8,6 @@ mod cli;
 mod commands;
 mod config_file;
 mod failure;
-mod i18n;
 mod machine;
 mod render;
 mod serve;
@@ -16,7 +15,7 @@ mod sim;
 mod texts;
 mod usage;
 
-use i18n::Lang;
+use railbus_words::{Lang, width};
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -30,7 +29,7 @@ fn main() -> ExitCode {
         Err(failure) if failure.is_told() && !format.is_json() => failure.exit_code(),
         Err(failure) => {
             let paint = render::colour::Paint::of(colour, &std::io::stderr());
-            let text = failure.tell(lang, format, paint, render::width::of_errors());
+            let text = failure.tell(lang, format, paint, width::of_errors());
             // Where even stderr is gone there is nobody left to tell.
             let _ = writeln!(std::io::stderr(), "{text}");
             failure.exit_code()

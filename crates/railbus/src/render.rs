@@ -1,14 +1,10 @@
 //! Results as people and programs read them.
 
 pub(crate) mod colour;
-pub(crate) mod hex;
 pub(crate) mod out;
-pub(crate) mod reasons;
 pub(crate) mod records;
 pub(crate) mod table;
-pub(crate) mod time;
 pub(crate) mod values;
-pub(crate) mod width;
 pub(crate) mod wire_words;
 
 use std::ffi::OsString;

@@ -21,14 +21,15 @@ mod tcp;
 mod texts;
 
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::Format;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use pty::Pty;
 use railbus_sim::demo::modules;
 use railbus_wire::Settings;
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde_json::{Value, json};
 use serve::{Clock, Jobs, Served};
 use stage::Stage;

@@ -1,40 +1,7 @@
-//! The catalogue: every text that people read, in both languages side by side.
-//!
-//! A key without one of the languages does not compile, nor does one that nothing uses pass the
-//! lints; that the placeholders agree is a test.
+//! The texts of all commands, in both languages side by side. What only one command says stands
+//! in a catalogue of its own beside it.
 
-/// What can be said in both languages.
-pub(crate) trait Phrase {
-    /// In English and in Chinese.
-    fn in_both(self) -> [&'static str; 2];
-}
-
-/// A catalogue: an enum of the name given, one text each. That of all commands is here; what only
-/// one command says stands in a catalogue of its own beside it.
-macro_rules! texts {
-    ($keys:ident; $($name:ident { en: $en:literal, zh: $zh:literal $(,)? })*) => {
-        /// A text by its key.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub(crate) enum $keys { $($name),* }
-
-        impl crate::texts::Phrase for $keys {
-            fn in_both(self) -> [&'static str; 2] {
-                match self { $($keys::$name => [$en, $zh]),* }
-            }
-        }
-
-        #[cfg(test)]
-        mod catalogue {
-            #[test]
-            fn both_languages_say_the_same() {
-                crate::texts::tests::check(&[$(super::$keys::$name),*]);
-            }
-        }
-    };
-}
-pub(crate) use texts;
-
-texts! {
+railbus_words::texts! {
     Text;
 
     // Headings and flags of every command.
@@ -531,32 +498,5 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     PageWorks {
         en: "Everything else works: the API, and the command line, which asks this daemon:",
         zh: "其余功能均可用：API，以及通过本守护进程工作的命令行：",
-    }
-}
-
-#[cfg(test)]
-pub(crate) mod tests {
-    use super::Phrase;
-    use std::fmt::Debug;
-
-    fn placeholders(text: &str) -> Vec<&str> {
-        let mut found: Vec<&str> = text
-            .split('{')
-            .skip(1)
-            .map(|rest| rest.split('}').next().unwrap_or_default())
-            .collect();
-        found.sort_unstable();
-        found
-    }
-
-    /// Both languages say something, with the same placeholders, and the Chinese is Chinese.
-    pub(crate) fn check(texts: &[impl Phrase + Copy + Debug]) {
-        for text in texts {
-            let [en, zh] = text.in_both();
-            assert!(!en.is_empty() && !zh.is_empty(), "{text:?}");
-            assert_eq!(placeholders(en), placeholders(zh), "{text:?}");
-            let commands = zh.starts_with("  railbus ");
-            assert!(commands || !zh.is_ascii(), "{text:?}: {zh}");
-        }
     }
 }

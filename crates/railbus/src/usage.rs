@@ -1,10 +1,11 @@
 //! What the parser finds wrong, in the user's language.
 
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::texts::Text;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use railbus_site::config::resembles;
+use railbus_words::Code;
+use railbus_words::Lang;
 
 /// The parser's error in words of the catalogue.
 /// `verb` is the command that was called, where there is one.
@@ -83,7 +84,7 @@ fn text(value: &ContextValue) -> String {
 #[cfg(test)]
 mod tests {
     use crate::cli;
-    use crate::i18n::Lang;
+    use railbus_words::Lang;
     use std::ffi::OsString;
 
     fn told(lang: Lang, line: &str) -> String {

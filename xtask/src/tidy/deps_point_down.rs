@@ -89,6 +89,11 @@ const LAYERS: &[Layer] = &[
         foreign: Foreign::Any,
     },
     Layer {
+        name: "words",
+        below: &["wire"],
+        foreign: Foreign::Any,
+    },
+    Layer {
         name: "opcua",
         below: &[
             "site",
@@ -117,6 +122,7 @@ const LAYERS: &[Layer] = &[
     Layer {
         name: "railbus",
         below: &[
+            "words",
             "opcua",
             "fleet",
             "site",

@@ -1,10 +1,10 @@
 //! What is wrong with a configuration, in words.
 
-use crate::i18n::Lang;
-use crate::render::reasons;
 use railbus_device::SetupError;
 use railbus_host::NameError;
 use railbus_site::config::{FAULTS, FaultError, Kind};
+use railbus_words::Lang;
+use railbus_words::reasons;
 
 /// One problem in a few words.
 pub(crate) fn reason(lang: Lang, kind: &Kind) -> String {
@@ -207,5 +207,39 @@ pub(crate) fn setup(lang: Lang, why: SetupError) -> String {
         (Lang::Zh, SetupError::Channels) => "该型号没有这么多通道".to_owned(),
         (Lang::Zh, SetupError::Checksum) => "只有 ASCII 协议有校验和开关".to_owned(),
         (Lang::Zh, SetupError::Family) => "此固件用于其他型号".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use railbus_site::Config;
+
+    /// What people write wrong in the file of the configuration, by the parser that reads it.
+    #[test]
+    fn no_slip_in_toml_is_told_in_english() {
+        let mut wrong = Vec::new();
+        for (slip, wanted) in [
+            ("[line.main", "表头未闭合，应为 `]`"),
+            ("a = ", "缺少值，或值有误（文字须加引号）"),
+            ("a = hello", "缺少值，或值有误（文字须加引号）"),
+            ("a = \"x", "字符串未闭合"),
+            ("a = 1 2", "缺少值，或值有误（文字须加引号）"),
+            ("a = 1\na = 2", "键重复"),
+            ("a", "只有键，缺少 `=` 和值"),
+            ("a == 1", "多余的 `=`"),
+            ("a = [1, 2", "列表未闭合，应为 `]`"),
+            ("a = [1 2]", "缺少值，或值有误（文字须加引号）"),
+            ("a = { b = 1", "花括号未闭合，应为 `}`"),
+            ("a = 01", "数字不能以 0 开头"),
+            ("泵 = 1", "键名中有不允许的字符"),
+        ] {
+            let problems = Config::parse(slip).expect_err(slip);
+            let reason = reason(Lang::Zh, &problems[0].kind);
+            if !reason.contains(wanted) || reason.contains("原文") {
+                wrong.push(format!("{slip:?}: {reason}"));
+            }
+        }
+        assert!(wrong.is_empty(), "{wrong:#?}");
     }
 }

@@ -4,13 +4,13 @@ use super::types::{
     CommandInfo, Confirmed, FrameEvent, Kind, LeaseInfo, LineInfo, ModuleInfo, ModuleState,
     Outcome, PointInfo, PortState, Quality, Reason, Timekeeper, Value,
 };
-use crate::render::time::rfc3339;
 use jiff::{SignedDuration, Timestamp};
 use railbus_device::PointKind;
 use railbus_host::{LineState, Passed, PortError, Presence, Probed};
 use railbus_site::config::{Confirm, Name};
 use railbus_site::{By, LineStatus, ModuleStatus, PointStatus, Service};
 use railbus_wire::{Instant, Micros};
+use railbus_words::time::rfc3339;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -266,7 +266,7 @@ pub(crate) fn passed(start: u64, passed: Result<Passed, u64>) -> FrameEvent {
     };
     let Instant(micros) = at;
     let at_us = start.saturating_add(micros);
-    let bytes = crate::render::hex::spaced(&bytes);
+    let bytes = railbus_words::hex::spaced(&bytes);
     match sent {
         None => FrameEvent::Heard { at_us, bytes },
         Some(settings) => FrameEvent::Sent {

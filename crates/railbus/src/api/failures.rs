@@ -2,13 +2,13 @@
 
 use super::problem::{Kind, Problem, codes};
 use super::types::{LineInfo, Lost};
-use crate::i18n::Lang;
 use railbus_bus::Evidence;
 use railbus_device::{Family, Point, Refusal};
 use railbus_host::{Access, Fault, LineState, PortError, Presence};
 use railbus_site::config::Problem as ConfigProblem;
 use railbus_site::{Failure, Service};
 use railbus_wire::Micros;
+use railbus_words::Lang;
 use serde_json::json;
 
 /// Why a command to a module was not done.

@@ -186,7 +186,7 @@ pub(crate) struct StorageInfo {
 /// A moment of the database as RFC 3339.
 pub(crate) fn moment(millis: i64) -> String {
     let moment = Timestamp::from_millisecond(millis);
-    crate::render::time::rfc3339(moment.unwrap_or(Timestamp::UNIX_EPOCH))
+    railbus_words::time::rfc3339(moment.unwrap_or(Timestamp::UNIX_EPOCH))
 }
 
 impl HistoryInfo {

@@ -1,8 +1,8 @@
 //! Why something was not done, as data: the code says what to tell, the rest fills the gaps.
 //! Over HTTP it is an `application/problem+json` [RFC 9457].
 
-use crate::failure::Code;
-use crate::i18n::Lang;
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;

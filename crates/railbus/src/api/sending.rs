@@ -9,14 +9,14 @@ use super::send_types::{LateAnswer, Override, SendAnswer, SendPlan, SendRequest}
 use super::types::SCHEMA;
 use super::{convert, failures};
 use crate::commands::decode::meaning;
-use crate::i18n::Lang;
-use crate::render::hex;
 use railbus_commission::{Risk, is_answered, request, stowaway};
 use railbus_device::PointKind;
 use railbus_host::{Fault, LateReply};
 use railbus_site::config::{Place, PointConfig};
 use railbus_site::{Config, Failure, RawTerms, Service};
 use railbus_wire::{Baud, Character, Exchange, Frame, Micros, Protocol, Settings, lc02};
+use railbus_words::Lang;
+use railbus_words::hex;
 use std::fmt::Display;
 use texts::SendText;
 

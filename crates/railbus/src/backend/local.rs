@@ -12,13 +12,13 @@ use crate::api::types::{
 use crate::api::watching::Watching;
 use crate::api::{ask, control, failures, paths};
 use crate::config_file;
-use crate::i18n::Lang;
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Layout, Setup};
 use railbus_host::{LineState, Tap};
 use railbus_site::config::{LineConfig, ModuleConfig, Name, Range};
 use railbus_site::{Config, Service};
 use railbus_wire::{Address, Baud, Character, Instant, Settings};
+use railbus_words::Lang;
 use std::collections::BTreeMap;
 
 /// The name of a line that flags describe.

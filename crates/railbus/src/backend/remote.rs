@@ -13,12 +13,12 @@ use crate::api::types::{
     Points, PulseRequest, Pulsed, SiteInfo, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
 use crate::config_file;
-use crate::i18n::Lang;
 use crate::serve::socket;
 use crate::texts::Text;
 use http::{Asked, Lines as TextLines, send, send_asked};
 use hyper::Method;
 use railbus_site::config::keeper::etag;
+use railbus_words::Lang;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};

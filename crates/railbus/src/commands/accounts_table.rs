@@ -1,9 +1,9 @@
 //! Users and tokens as people see them.
 
 use super::user::UserText;
-use crate::i18n::Lang;
 use crate::render::records::Records;
 use crate::render::table::Table;
+use railbus_words::Lang;
 use serde_json::Value;
 
 /// All users.

@@ -8,13 +8,14 @@ use crate::api::past::{AUDIT_COLUMNS, VerifiedInfo, unread, verified};
 use crate::api::problem::{Problem, codes};
 use crate::backend::Remote;
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::{Format, out, records};
 use crate::serve::export::{audit_text, csv};
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
 use railbus_store::audit::{export_folder, verify_folder};
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::path::Path;
 use texts::AuditText;
 

@@ -6,10 +6,10 @@ mod texts;
 use super::install;
 use crate::cli;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use crate::render::out;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use clap_complete::{Shell, generate};
+use railbus_words::Lang;
 use std::path::PathBuf;
 use texts::CompletionsText;
 

@@ -21,8 +21,8 @@ mod texts;
 use super::config_check;
 use crate::cli;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use clap::{ArgMatches, Command};
+use railbus_words::Lang;
 use texts::ConfigText;
 
 /// The name of the group.

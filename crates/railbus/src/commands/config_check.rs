@@ -8,8 +8,7 @@ pub(super) use texts::ConfigCheckText;
 use super::Context;
 use crate::cli;
 use crate::config_file::{self, Found, Why};
-use crate::failure::{Failure, findings};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::machine::{Machine, ports};
 use crate::render::records::Records;
 use crate::render::table::Table;
@@ -17,6 +16,8 @@ use crate::render::{Format, out, records};
 use clap::{ArgMatches, Command};
 use railbus_site::Config;
 use railbus_site::config::{Unwise, Warning, lint, load_percent, place_of};
+use railbus_words::Lang;
+use railbus_words::findings;
 use serde_json::{Value, json};
 use std::fmt::Display;
 

@@ -6,13 +6,15 @@ mod readings;
 
 use super::{Context, sniff};
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::records;
-use crate::render::{Format, hex, out, width};
+use crate::render::{Format, out};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_wire::Protocol;
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::{hex, width};
 use readings::{Check, Reading};
 use serde_json::{Value, json};
 use std::io::Read;

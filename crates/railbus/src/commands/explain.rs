@@ -2,13 +2,14 @@
 
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::{Code, EXITS, Failure, Page, findings};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::{Format, out};
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use railbus_words::Lang;
+use railbus_words::{Code, EXITS, Page, findings};
 use serde_json::{Value, json};
 
 /// The name of the command.

@@ -6,7 +6,6 @@ use super::Context;
 use crate::cli;
 use crate::config_file;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::{Format, out};
@@ -16,6 +15,7 @@ use railbus_host::LineName;
 use railbus_site::Config;
 use railbus_site::config::ModuleConfig;
 use railbus_wire::{Character, Exchange, rtu};
+use railbus_words::Lang;
 use serde_json::{Value, json};
 use texts::ExportText;
 

@@ -4,12 +4,13 @@
 use super::sniff::{self, SniffText};
 use super::{Context, place};
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::out;
 use clap::{ArgAction, ArgMatches, Command, value_parser};
 use railbus_sniff::capture::LINK_TYPE;
 use railbus_wire::Baud;
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::path::PathBuf;
 
 /// The name of the command.

@@ -4,13 +4,15 @@ use super::{Context, stop};
 use crate::api::problem::{Problem, codes};
 use crate::api::types::{LineInfo, PointInfo, Quality};
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::records::Records;
 use crate::render::table::Table;
-use crate::render::{Format, out, time, values};
+use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::time;
 use serde_json::Value;
 
 /// The name of the command.

@@ -5,11 +5,12 @@ mod texts;
 use crate::cli;
 use crate::commands::Context;
 use crate::commands::explain::exit_codes;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::{out, records};
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde_json::json;
 use texts::HelpText;
 

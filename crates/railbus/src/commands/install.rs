@@ -1,7 +1,8 @@
 //! Where files of one's own go, so that shells and `man` find them.
 
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::path::{Path, PathBuf};
 
 /// The user's folder for data; that of the whole machine for root, unless the environment names

@@ -4,11 +4,13 @@
 use super::Context;
 use super::sniff::{self, Came, Ear, Facts, Wire};
 use crate::backend::{Backend, Tape};
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
-use crate::render::{Format, out, time};
+use crate::failure::Failure;
+use crate::render::{Format, out};
 use railbus_sniff::{Heard, Input, Output, Role, Verdict};
 use railbus_wire::Instant;
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::time;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::PathBuf;
@@ -17,7 +19,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-crate::texts::texts! {
+railbus_words::texts! {
     LookText;
 
     LogFile { en: "What -v shows goes to this file", zh: "-v 的内容写入此文件" }

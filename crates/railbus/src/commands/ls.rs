@@ -9,16 +9,18 @@ use crate::api::problem::Problem;
 use crate::api::types::{LineInfo, ModuleInfo, PortState};
 use crate::backend::Backend;
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::machine::Machine;
 use crate::render::colour::Paint;
 use crate::render::records::Records;
 use crate::render::table::Table;
-use crate::render::{out, time, values, width};
+use crate::render::{out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
 use railbus_wire::Address;
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::{time, width};
 
 /// The name of the command.
 pub(crate) const NAME: &str = "ls";

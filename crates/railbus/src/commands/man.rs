@@ -4,12 +4,13 @@ mod texts;
 
 use super::install;
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::out;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use clap_mangen::Man;
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use texts::ManText;

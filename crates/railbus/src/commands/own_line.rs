@@ -4,10 +4,11 @@
 
 use super::Context;
 use super::place::{Place, port_failure};
-use crate::failure::{Code, Failure};
+use crate::failure::Failure;
 use railbus_commission::Risk;
 use railbus_host::{EchoMode, Fault, Line, LineConfig, Probe, ProbeResult, Settings};
 use railbus_wire::{Decoded, Exchange, Frame, Micros, Protocol, ascii, lc02, r55, rtu};
+use railbus_words::Code;
 
 /// The silence that the slowest of the families wants before a request.
 const GAP: Micros = Micros::from_millis(20);

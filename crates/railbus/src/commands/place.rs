@@ -4,9 +4,10 @@ use super::Context;
 use crate::api::failures::right_to;
 use crate::api::types::LineInfo;
 use crate::backend::{AdHoc, Backend};
-use crate::failure::{Code, Failure};
+use crate::failure::Failure;
 use railbus_host::{EchoMode, LineName, PortError};
 use railbus_wire::{Baud, Character, Settings};
+use railbus_words::Code;
 
 /// A line to open oneself.
 #[derive(Clone, Debug)]

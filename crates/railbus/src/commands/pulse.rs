@@ -4,12 +4,13 @@ use super::{Context, set, stop};
 use crate::api::types::{PulseRequest, Pulsed, Timekeeper};
 use crate::cli;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use crate::render::table::Table;
-use crate::render::{Format, out, time, values};
+use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_wire::Micros;
+use railbus_words::Lang;
+use railbus_words::time;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "pulse";

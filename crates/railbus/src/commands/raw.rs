@@ -12,16 +12,18 @@ use crate::api::types::Outcome;
 use crate::api::{convert, sending};
 use crate::backend::Backend;
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::table::Table;
-use crate::render::{Format, hex, out, records, time};
+use crate::render::{Format, out, records};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_commission::{Risk, is_answered, stowaway};
 use railbus_host::reply_in;
 use railbus_site::is_refused;
 use railbus_wire::{Address, Decoded, Exchange, Micros, Protocol, ascii, lc02, r55, rtu};
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::{hex, time};
 use serde_json::json;
 
 /// The name of the command.

@@ -7,12 +7,13 @@ mod texts;
 
 use super::{Context, place};
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::Format;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use railbus_commission::Risk;
 use railbus_wire::Exchange;
+use railbus_words::Code;
+use railbus_words::Lang;
 use script::Script;
 use std::path::PathBuf;
 use texts::ReplayText;

@@ -10,12 +10,13 @@ use crate::api::problem::{Problem, codes};
 use crate::backend::Backend;
 use crate::cli;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use crate::render::records::Records;
 use crate::render::table::Table;
-use crate::render::{out, time, values};
+use crate::render::{out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_words::Lang;
+use railbus_words::time;
 use texts::SceneText;
 
 /// The name of the command.

@@ -4,13 +4,14 @@ mod texts;
 
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde_json::json;
 use texts::SchemaText;
 

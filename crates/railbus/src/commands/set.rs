@@ -9,15 +9,17 @@ use super::{Context, stop};
 use crate::api::types::{Kind, OutputsRequest, ToggleRequest, WriteRequest, Written};
 use crate::backend::Backend;
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::records::{self, Records};
 use crate::render::table::Table;
-use crate::render::{Format, out, time, values};
+use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 pub(super) use group::outcomes;
 use orders::{Order, State};
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::time;
 use serde_json::{Value, json};
 
 /// The name of the command.

@@ -1,7 +1,8 @@
 //! Ctrl-C.
 
 use super::Context;
-use crate::failure::{Code, Failure};
+use crate::failure::Failure;
+use railbus_words::Code;
 use std::future::Future;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;

@@ -5,10 +5,10 @@ use super::user::{UserText, points, points_of, role};
 use super::{Context, accounts_table};
 use crate::cli;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use crate::render::{Format, out, records};
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use railbus_words::Lang;
 use serde_json::json;
 
 /// The name of the command.

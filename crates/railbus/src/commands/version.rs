@@ -4,12 +4,12 @@ use crate::api::types::SCHEMA;
 use crate::cli;
 use crate::commands::Context;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use crate::render::{Format, out, records};
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
 use railbus_device::Family;
 use railbus_wire::Protocol;
+use railbus_words::Lang;
 use serde_json::json;
 use std::env::consts::{ARCH, OS};
 

@@ -4,12 +4,14 @@ use super::{Context, get, stop};
 use crate::api::types::{LineInfo, ModuleInfo, PointInfo, PortState, Quality, WatchEvent};
 use crate::backend::Watch;
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::records::{self, Records};
-use crate::render::{Format, out, time, values};
+use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{ArgAction, ArgMatches, Command};
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::time;
 use std::ops::ControlFlow;
 
 /// The name of the command.

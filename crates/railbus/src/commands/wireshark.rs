@@ -2,8 +2,9 @@
 
 use super::Context;
 use super::sniff::SniffText;
-use crate::failure::{Code, Failure};
+use crate::failure::Failure;
 use crate::render::{out, records};
+use railbus_words::Code;
 use serde_json::json;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};

@@ -4,7 +4,6 @@
 use super::{Code, Failure};
 use crate::api::failures;
 use crate::api::problem::Problem;
-use crate::i18n::Lang;
 use crate::render::Format;
 use crate::render::colour::Paint;
 use crate::texts::Text;
@@ -13,6 +12,7 @@ use railbus_device::{Point, PointKind, Refusal};
 use railbus_host::Fault;
 use railbus_site::{Config, Failure as SiteFailure, Service};
 use railbus_wire::Micros;
+use railbus_words::Lang;
 use std::io::ErrorKind;
 
 const CONFIG: &str = "[line.main]\nport = \"tcp:127.0.0.1:1\"\n\

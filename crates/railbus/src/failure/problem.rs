@@ -2,13 +2,14 @@
 
 use super::{Code, Failure};
 use crate::api::problem::Problem;
-use crate::i18n::Lang;
-use crate::render::{reasons, wire_words};
+use crate::render::wire_words;
 use crate::texts::Text;
 use railbus_device::Family;
 use railbus_site::config::resembles;
 use railbus_wire::Address;
 use railbus_wire::rtu::Exception;
+use railbus_words::Lang;
+use railbus_words::reasons;
 
 impl Failure {
     /// The failure that a problem is.

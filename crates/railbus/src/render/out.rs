@@ -1,7 +1,8 @@
 //! The two streams: results go to stdout, everything else to stderr.
 
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::io::{ErrorKind, Write};
 use std::ops::ControlFlow;
 

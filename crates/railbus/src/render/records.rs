@@ -2,7 +2,7 @@
 
 use super::Format;
 use super::table::Table;
-use super::width;
+use railbus_words::width;
 use serde_json::{Map, Value, json};
 
 /// A result that is a list.

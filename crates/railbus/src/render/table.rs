@@ -1,6 +1,6 @@
 //! Tables without lines, their columns as wide as what stands in them.
 
-use super::width;
+use railbus_words::width;
 
 /// A table for people.
 #[derive(Clone, Debug, Default)]

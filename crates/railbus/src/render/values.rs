@@ -1,8 +1,8 @@
 //! Values of points in words.
 
 use crate::api::types::{Confirmed, ModuleState, PointInfo, Quality, Reason, Value};
-use crate::i18n::Lang;
 use crate::texts::Text;
+use railbus_words::Lang;
 use std::collections::BTreeMap;
 
 /// `on`, `off`; `8.71 V`; `–` where nothing is known.

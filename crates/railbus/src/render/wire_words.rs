@@ -1,10 +1,10 @@
 //! Words of the wire in the user's language. The core speaks English only, and so do logs and JSON.
 
 use crate::api::types::Lost;
-use crate::i18n::Lang;
 use crate::texts::Text;
 use railbus_wire::Malformed;
 use railbus_wire::rtu::Exception;
+use railbus_words::Lang;
 
 /// A Modbus exception, such as `02 illegal data address`.
 pub(crate) fn exception(lang: Lang, why: Exception) -> String {

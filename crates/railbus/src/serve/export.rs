@@ -3,12 +3,12 @@
 use super::access::Caller;
 use super::routes::{Answer, Asked, Site};
 use crate::api::past::audit_row;
-use crate::i18n::Lang;
 use axum::body::{Body, Bytes};
 use axum::http::Response;
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue};
 use http_body_util::channel::{Channel, Sender};
 use railbus_store::audit::Numbered;
+use railbus_words::Lang;
 use std::convert::Infallible;
 use std::pin::Pin;
 

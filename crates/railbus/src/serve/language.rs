@@ -1,9 +1,9 @@
 //! In which language somebody is answered.
 
 use super::routes::Site;
-use crate::i18n::Lang;
 use axum::http::HeaderMap;
 use axum::http::header::ACCEPT_LANGUAGE;
+use railbus_words::Lang;
 use std::collections::BTreeMap;
 
 /// As `?lang=` says, or else the browser, or else as the daemon speaks.

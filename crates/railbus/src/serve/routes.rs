@@ -13,7 +13,6 @@ use super::{
     openapi, ops, points, ports, scans, send, settings, sim, spoken, web, webhook, ws,
 };
 use crate::api::problem::{Problem, codes};
-use crate::i18n::Lang;
 use crate::sim::remote::Remote;
 use axum::body::Body;
 use axum::extract::{DefaultBodyLimit, Query};
@@ -22,6 +21,7 @@ use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::{MethodRouter, get};
 use axum::{Extension, Router};
 use railbus_site::Service;
+use railbus_words::Lang;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;

@@ -14,11 +14,11 @@ use crate::api::sim_types::{
 };
 use crate::api::types::SCHEMA;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use crate::sim::remote::{Errand, Remote};
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, post, put};
 use railbus_store::history::{Event, EventKind, Severity};
+use railbus_words::Lang;
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[

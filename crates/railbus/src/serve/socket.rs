@@ -1,6 +1,6 @@
 //! The Unix socket on which the daemon is found.
 
-use crate::i18n::Lang;
+use railbus_words::Lang;
 use rustix::fs::{Mode, chmod};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};

@@ -4,7 +4,6 @@
 use super::routes::{Answer, Site};
 use super::{answer, language};
 use crate::api::problem::{Problem, codes};
-use crate::i18n::Lang;
 use crate::texts::Text;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
@@ -13,6 +12,7 @@ use axum::http::header::{
     HeaderName, HeaderValue, VARY,
 };
 use axum::http::{HeaderMap, Method, Response, StatusCode, Uri};
+use railbus_words::Lang;
 use std::borrow::Cow;
 
 /// What `npm run build` left. A debug build reads it from the folder each time.

@@ -4,12 +4,12 @@ use super::orders::{LineOrder, path};
 use super::stage::{Deed, Part, Stage, Whose};
 use super::standing::Told;
 use super::texts::SimText;
-use crate::i18n::Lang;
-use crate::render::time;
 use railbus_device::PointKind;
 use railbus_sim::Power;
 use railbus_site::config::Signal;
 use railbus_wire::Instant;
+use railbus_words::Lang;
+use railbus_words::time;
 
 /// Does what an order says, and tells.
 pub(super) fn perform(

@@ -8,7 +8,7 @@ use super::serve::{self, Clock, Jobs};
 use super::stage::Stage;
 use super::{demo_line, system};
 use crate::failure::Failure;
-use crate::i18n::Lang;
+use railbus_words::Lang;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::thread::JoinHandle;

@@ -2,10 +2,11 @@
 
 use super::texts::SimText;
 use crate::cli;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::out;
 use clap::{Arg, ArgMatches, Command, value_parser};
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};

@@ -6,8 +6,8 @@ use super::plant::{self, Wanted};
 use super::stage::Stage;
 use super::system;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use railbus_site::Config;
+use railbus_words::Lang;
 
 /// The name of its line.
 pub(super) const LINE: &str = "main";

@@ -1,8 +1,8 @@
 //! Frames as they pass, in fixed columns (`-v`).
 
 use super::texts::SimText;
-use crate::i18n::Lang;
-use crate::render::width;
+use railbus_words::Lang;
+use railbus_words::width;
 
 use railbus_sim::{Direction, Entry, Trace};
 use railbus_wire::Instant;

@@ -2,10 +2,11 @@
 
 use super::stage::Stage;
 use super::texts::SimText;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use railbus_device::{Beyond, Calibration, Eeprom, Family, Setup};
 use railbus_wire::{Address, Baud, Character, Protocol, PulseWidth, Settings};
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::{self, Read};

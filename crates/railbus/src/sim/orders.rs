@@ -4,12 +4,13 @@ use super::stage::{Deed, Whose};
 use super::texts::SimText;
 use crate::api::config_words;
 use crate::commands::address;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use railbus_device::{Family, Point, PointKind, Setup};
 use railbus_sim::Power;
 use railbus_site::Config;
 use railbus_site::config::{FaultOrder, FaultsOf, ModuleConfig, Range, Signal, parse_faults};
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::collections::BTreeMap;
 
 /// Something to do or to tell.

@@ -3,11 +3,12 @@
 use super::orders::Directory;
 use super::plant::Wanted;
 use super::texts::SimText;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::serve::socket;
 use railbus_site::Config;
 use railbus_site::config::LineConfig;
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
 use std::path::PathBuf;

@@ -4,8 +4,9 @@
 use super::orders::{Directory, LineOrder, Order};
 use super::serve::Job;
 use super::texts::SimText;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::io::{BufRead, IsTerminal, Read, Write};
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,9 +1,10 @@
 //! A PTY that looks like a serial port: any master opens it by the name of a link.
 
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::texts::Text;
 use railbus_wire::{Baud, Character, Settings};
+use railbus_words::Code;
+use railbus_words::Lang;
 use rustix::fs::inotify;
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;

@@ -6,8 +6,8 @@ use super::serve::{Job, Jobs};
 use super::stage::Whose;
 use crate::api::sim_types::SimLineInfo;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use railbus_site::config::FaultsOf;
+use railbus_words::Lang;
 use std::sync::Arc;
 use tokio::sync::{mpsc, oneshot};
 

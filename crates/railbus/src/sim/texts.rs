@@ -1,6 +1,6 @@
 //! What `railbus sim` says.
 
-use crate::texts::texts;
+use railbus_words::texts;
 
 texts! {
     SimText;

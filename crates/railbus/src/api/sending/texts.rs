@@ -1,6 +1,6 @@
 //! What a frame of one's own may do, in words.
 
-use crate::texts::texts;
+use railbus_words::texts;
 
 texts! {
     SendText;

@@ -1,6 +1,6 @@
 //! What `railbus audit` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     AuditText;
 
     About {

@@ -1,6 +1,6 @@
 //! What `railbus bench` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     BenchText;
 
     About {

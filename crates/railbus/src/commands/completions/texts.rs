@@ -1,6 +1,6 @@
 //! What `railbus completions` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     CompletionsText;
 
     About {

@@ -5,12 +5,13 @@ use super::ground::Ground;
 use super::outcome;
 use super::target::Target;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
-use crate::render::hex;
+use crate::failure::Failure;
 use clap::ArgMatches;
 use railbus_commission::{BoardState, all_boards};
 use railbus_device::Family;
 use railbus_wire::{Frame, r55};
+use railbus_words::Code;
+use railbus_words::hex;
 
 /// The boards that the configuration has on one line.
 pub(crate) struct Line {

@@ -6,10 +6,11 @@ use super::outcome::placed;
 use super::texts::ConfigText;
 use crate::commands::Context;
 use crate::config_file::text_of;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use railbus_commission::{Place, Record, State};
 use railbus_site::config::edit;
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::path::Path;
 
 /// Puts the module where it is heard now. Nothing is to be done where flags name it, or where the

@@ -5,12 +5,13 @@ use crate::backend;
 use crate::cli;
 use crate::commands::Context;
 use crate::config_file;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use clap::{Arg, ArgMatches, value_parser};
 use railbus_commission::Log;
 use railbus_site::Config;
 use railbus_store::journal::Store;
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 

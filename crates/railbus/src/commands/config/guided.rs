@@ -9,8 +9,7 @@ use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::{out, wire_words};
@@ -21,6 +20,8 @@ use railbus_commission::{
 };
 use railbus_device::Refusal;
 use railbus_wire::Settings;
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde_json::json;
 
 /// The names of the commands.

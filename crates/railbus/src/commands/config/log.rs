@@ -10,8 +10,7 @@ use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
@@ -22,6 +21,8 @@ use railbus_commission::{
 };
 use railbus_device::{Family, Setup};
 use railbus_wire::{Address, Protocol};
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 

@@ -3,12 +3,13 @@
 use super::target::Target;
 use super::texts::ConfigText;
 use crate::api::config_words;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::wire_words;
 use railbus_commission::settings::{Wrong, range};
 use railbus_commission::{Ended, Place, Refused, Trouble, Why};
 use railbus_device::{Refusal, SetupError};
+use railbus_words::Code;
+use railbus_words::Lang;
 
 /// Why a procedure could not do what it was to.
 pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure {

@@ -10,8 +10,7 @@ use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::Format;
 use crate::render::out;
 use crate::render::records::Records;
@@ -20,6 +19,8 @@ use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_commission::settings::{Key, Wanted, differences};
 use railbus_commission::{By, Found, Kept, Place};
 use railbus_device::Setup;
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 

@@ -12,14 +12,15 @@ use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
 use crate::config_file::text_of;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_commission::settings::{Wanted, key};
 use railbus_commission::{By, Place};
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde_json::json;
 use std::path::PathBuf;
 

@@ -9,16 +9,18 @@ use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
+use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
-use crate::render::{hex, out};
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_commission::settings::{Key, Wanted, differences, key};
 use railbus_commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read};
 use railbus_device::Family;
 use railbus_wire::{Frame, Protocol, Settings};
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::hex;
 use serde_json::{Value, json};
 
 /// The name of the command.

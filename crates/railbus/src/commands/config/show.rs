@@ -7,8 +7,7 @@ use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
@@ -17,6 +16,8 @@ use clap::{Arg, ArgMatches, Command};
 use railbus_commission::settings::{Access, Key, range, settings, shown};
 use railbus_commission::{Found, Kept, read};
 use railbus_wire::Address;
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde_json::{Value, json};
 
 /// The names of the commands.

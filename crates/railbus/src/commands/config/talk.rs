@@ -1,11 +1,11 @@
 //! A port that is ours alone: what a procedure asks is sent, and what comes back is heard.
 
-use crate::render::time;
 use jiff::Timestamp;
 use railbus_commission::{Ask, Heard, Record};
 use railbus_host::{AnyPort, LineName, Medium, Past, Port, PortError, SerialOptions};
 use railbus_store::journal::Store;
 use railbus_wire::{Frame, Instant, Micros, Settings};
+use railbus_words::time;
 use std::time::Duration;
 use tokio::time::{Instant as Moment, timeout_at};
 

@@ -1,6 +1,6 @@
 //! What the commands of the group say.
 
-use crate::texts::texts;
+use railbus_words::texts;
 
 texts! {
     ConfigText;

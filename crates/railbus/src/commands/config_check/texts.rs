@@ -1,6 +1,6 @@
 //! What `railbus config check` and `config path` say.
 
-crate::texts::texts! {
+railbus_words::texts! {
     ConfigCheckText;
 
     CheckAbout {

@@ -1,6 +1,6 @@
 //! Frames that datasheets print wrong.
 
-use crate::i18n::Lang;
+use railbus_words::Lang;
 
 /// A frame as printed, and what is wrong with it.
 #[derive(Debug)]

@@ -1,9 +1,10 @@
 //! What requests and replies say, in words. Channels are those of the protocol: what a module
 //! calls its coils, only its model knows.
 
-use crate::i18n::{Lang, say};
-use crate::render::{hex, values, wire_words};
+use crate::render::{values, wire_words};
 use railbus_wire::{Bits, Exchange, PulseWidth, Response, ascii, lc02, r55, rtu};
+use railbus_words::hex;
+use railbus_words::{Lang, say};
 
 /// What a request asks for.
 pub(crate) fn request(lang: Lang, exchange: &Exchange<'_>) -> String {

@@ -1,10 +1,10 @@
 //! What bytes mean in each protocol: as they are, or as they would be with the right checksum.
 
 use super::meaning;
-use crate::i18n::{Lang, say};
 use railbus_wire::{
     Address, Decoded, Exchange, Protocol, ascii, crc16, lc02, lcus, r55, rtu, sum8,
 };
+use railbus_words::{Lang, say};
 
 /// One way to read the bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -208,13 +208,13 @@ fn request<'a>(
 }
 
 fn hex(bytes: &[u8]) -> String {
-    crate::render::hex::spaced(bytes)
+    railbus_words::hex::spaced(bytes)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::hex::parse;
+    use railbus_words::hex::parse;
 
     fn best(text: &str) -> Reading {
         let bytes = parse(text).unwrap();

@@ -3,12 +3,13 @@
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
 use crate::backend::Remote;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::machine::users::User;
-use crate::render::time;
 use crate::serve::socket;
 use jiff::Timestamp;
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::time;
 use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::UnixStream;

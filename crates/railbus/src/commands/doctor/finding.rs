@@ -3,10 +3,10 @@
 use super::texts::DoctorText;
 use crate::api::types::Lost;
 use crate::commands::config_check::Shown;
-use crate::failure::findings;
-use crate::i18n::Lang;
 use crate::render::wire_words;
 use crate::texts::Text;
+use railbus_words::Lang;
+use railbus_words::findings;
 use serde_json::{Value, json};
 
 /// What a finding is about, in the order in which it is shown.

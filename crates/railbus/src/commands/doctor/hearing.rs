@@ -2,10 +2,10 @@
 
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
-use crate::i18n::Lang;
 use railbus_host::{Line, Module, Probe};
 use railbus_wire::rtu::{Identification, Request, Response, diagnosis};
 use railbus_wire::{Address, Exchange, Micros, Protocol};
+use railbus_words::Lang;
 
 /// How long a module is waited for that has just answered.
 const PATIENCE: Micros = Micros::from_millis(300);

@@ -6,17 +6,18 @@ use super::texts::DoctorText;
 use super::{device_of, hearing, port};
 use crate::api::types::Lost;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::machine::Machine;
 use crate::machine::users::User;
-use crate::render::{hex, time};
 use railbus_host::{
     AnyPort, Event, Fault, Line, LineConfig, LineEvent, LineName, Module, ModuleId, Op, Plan, Port,
     SerialOptions, Settings, Terms,
 };
 use railbus_site::Config;
 use railbus_wire::{Decoded, Protocol, ascii, lc02, r55, rtu};
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::{hex, time};
 use std::time::Duration;
 use tokio::time::{Instant, timeout_at};
 

@@ -7,9 +7,9 @@ use crate::api::types::{LineInfo, ModuleInfo, ModuleState, PointInfo, PortState}
 use crate::backend::Backend;
 use crate::commands::Context;
 use crate::failure::Failure;
-use crate::i18n::Lang;
-use crate::render::time;
 use crate::texts::Text;
+use railbus_words::Lang;
+use railbus_words::time;
 
 /// What the daemon knows of its lines and modules.
 ///

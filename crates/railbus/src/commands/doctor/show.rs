@@ -4,12 +4,13 @@ use super::finding::{Finding, Section, State};
 use super::texts::DoctorText;
 use crate::commands::Context;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use crate::render::colour::Paint;
 use crate::render::records::Records;
 use crate::render::table::Table;
-use crate::render::{Format, out, records, width};
+use crate::render::{Format, out, records};
 use crate::texts::Text;
+use railbus_words::Lang;
+use railbus_words::width;
 use serde_json::json;
 
 pub(super) fn result(context: &Context, found: &[Finding]) -> Result<(), Failure> {

@@ -2,8 +2,8 @@
 
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
-use crate::i18n::Lang;
 use jiff::Timestamp;
+use railbus_words::Lang;
 
 /// 2026-01-01: this program is not older.
 const BUILT: i64 = 1_767_225_600;

@@ -1,6 +1,6 @@
 //! What `railbus doctor` says beside the table of findings.
 
-crate::texts::texts! {
+railbus_words::texts! {
     DoctorText;
 
     About {

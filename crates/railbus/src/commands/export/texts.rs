@@ -1,6 +1,6 @@
 //! What `railbus export` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     ExportText;
 
     About { en: "Export the configuration for another tool.", zh: "为其他工具导出配置。" }

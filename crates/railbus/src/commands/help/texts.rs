@@ -1,6 +1,6 @@
 //! What `railbus help` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     HelpText;
 
     About { en: "Show the help of a command or a topic.", zh: "显示命令或专题的帮助。" }

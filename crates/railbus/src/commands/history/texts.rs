@@ -1,6 +1,6 @@
 //! What `railbus history` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     HistoryText;
 
     About {

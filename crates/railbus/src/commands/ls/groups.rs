@@ -1,11 +1,11 @@
 //! `railbus ls groups`: outputs that are switched together.
 
 use crate::api::control_types::GroupInfo;
-use crate::i18n::Lang;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::values;
 use crate::texts::Text;
+use railbus_words::Lang;
 
 /// The list of groups.
 pub(super) fn records(lang: Lang, groups: &[GroupInfo]) -> Records {

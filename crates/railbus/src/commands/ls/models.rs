@@ -1,11 +1,11 @@
 //! The models that railbus knows.
 
-use crate::i18n::Lang;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::texts::Text;
 use railbus_device::Family;
 use railbus_wire::Protocol;
+use railbus_words::Lang;
 use serde_json::json;
 
 pub(super) fn records(lang: Lang) -> Records {

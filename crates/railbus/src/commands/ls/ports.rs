@@ -1,11 +1,11 @@
 //! The serial ports of this machine. To list them opens none.
 
-use crate::i18n::Lang;
 use crate::machine::{Machine, ports};
 use crate::render::records::Records;
 use crate::render::table::Table;
-use crate::render::time;
 use crate::texts::Text;
+use railbus_words::Lang;
+use railbus_words::time;
 use serde_json::json;
 
 pub(super) fn records(lang: Lang, machine: &Machine) -> Records {

@@ -1,6 +1,6 @@
 //! What `railbus man` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     ManText;
 
     About { en: "Print or install manual pages.", zh: "显示或安装手册页。" }

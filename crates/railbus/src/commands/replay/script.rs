@@ -2,10 +2,11 @@
 
 use crate::commands::Context;
 use crate::commands::sniff::{Came, Capture, Ear};
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use railbus_sniff::{Frame, Heard, Input, Output, Reading, Role};
 use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings};
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::path::Path;
 
 use super::ReplayText;

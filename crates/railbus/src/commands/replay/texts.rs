@@ -1,6 +1,6 @@
 //! What `replay` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     ReplayText;
 
     ReplayAbout {

@@ -6,13 +6,14 @@ use crate::backend::Remote;
 use crate::commands::Context;
 use crate::commands::place::Place;
 use crate::config_file;
-use crate::failure::{Code, Failure};
+use crate::failure::Failure;
 use crate::render::out;
 use railbus_commission::scan::{Found, Verdict};
 use railbus_device::{Family, Setup};
 use railbus_site::Config;
 use railbus_site::config::add::{NewLine, free_name, with_modules};
 use railbus_site::config::edit;
+use railbus_words::Code;
 use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 

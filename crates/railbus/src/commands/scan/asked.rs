@@ -6,12 +6,13 @@ use crate::api::types::Outcome;
 use crate::backend::Backend;
 use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
-use crate::failure::{Code, Failure};
-use crate::render::hex;
+use crate::failure::Failure;
 use railbus_commission::read_request;
 use railbus_commission::scan::Met;
 use railbus_host::{LateReply, Line, LineConfig, Probe, Probed};
 use railbus_wire::{Frame, Micros, Protocol};
+use railbus_words::Code;
+use railbus_words::hex;
 
 /// Whoever has the line.
 pub(super) enum Asked {

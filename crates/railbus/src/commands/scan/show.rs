@@ -5,15 +5,16 @@ use super::texts::ScanText;
 use crate::commands::Context;
 use crate::commands::place::Place;
 use crate::failure::Failure;
-use crate::i18n::Lang;
 use crate::render::records::{self, Records};
 use crate::render::table::Table;
-use crate::render::{Format, hex, out, time, width};
+use crate::render::{Format, out};
 use railbus_commission::scan::{
     Answer, Ask, Depth, Detail, Found, LeftOut, Question, Scanner, Verdict,
 };
 use railbus_device::Family;
 use railbus_wire::{Frame, Micros, Protocol};
+use railbus_words::Lang;
+use railbus_words::{hex, time, width};
 use serde_json::{Value, json};
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};

@@ -1,6 +1,6 @@
 //! What the scan says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     ScanText;
 
     About { en: "Find the modules on a line. Read-only.", zh: "扫描总线上的模块，只读取。" }

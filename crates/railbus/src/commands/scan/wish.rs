@@ -4,12 +4,12 @@ use super::texts::ScanText;
 use crate::cli;
 use crate::commands::place::Place;
 use crate::commands::{Context, context};
-use crate::i18n::Lang;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use railbus_commission::scan::{Depth, Wish};
 use railbus_device::Family;
 use railbus_host::LineName;
 use railbus_wire::{Baud, Character, Micros, Protocol};
+use railbus_words::Lang;
 
 /// The speeds that modules of the five families have, likely ones first.
 const ALL: [Baud; 6] = [

@@ -1,6 +1,6 @@
 //! What `railbus scene` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     SceneText;
 
     About {

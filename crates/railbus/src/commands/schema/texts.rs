@@ -1,6 +1,6 @@
 //! What `railbus schema` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     SchemaText;
 
     About {

@@ -2,13 +2,14 @@
 
 use crate::commands::Context;
 use crate::commands::config::boards::{Line, switch};
-use crate::failure::{Code, Failure};
+use crate::failure::Failure;
 use crate::render::out;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::values;
 use crate::texts::Text;
 use clap::ArgMatches;
+use railbus_words::Code;
 use serde_json::json;
 
 /// Switches them, and tells what each known one reads back.

@@ -4,13 +4,14 @@ use super::orders::{Order, State};
 use crate::api::types::ModuleInfo;
 use crate::backend::Backend;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
-use crate::render::hex;
+use crate::failure::Failure;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::texts::Text;
 use railbus_device::{Bank, Family, Layout, Module, Op, PointKind, Setup};
 use railbus_wire::{Address, Channel, Frame, Protocol};
+use railbus_words::Code;
+use railbus_words::hex;
 use serde_json::json;
 
 /// Every frame of orders that follow each other, each time those of one module together.

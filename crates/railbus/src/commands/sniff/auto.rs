@@ -5,11 +5,12 @@ use super::texts::SniffText;
 use super::words;
 use crate::commands::place::Place;
 use crate::commands::{Context, stop};
-use crate::failure::{Code, Failure};
+use crate::failure::Failure;
 use crate::render::records;
 use railbus_host::LineName;
 use railbus_sniff::{Heard, Input, Listener, Output, Verdict};
 use railbus_wire::{Baud, Character, Instant, Micros, Protocol, Settings};
+use railbus_words::Code;
 use serde_json::json;
 
 /// Speeds in the order in which they are met with.

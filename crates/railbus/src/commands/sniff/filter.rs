@@ -9,9 +9,9 @@
 use super::facts::Facts;
 use super::texts::SniffText;
 use crate::commands::context;
-use crate::i18n::Lang;
 use railbus_sniff::{Role, Verdict};
 use railbus_wire::{Micros, Protocol};
+use railbus_words::Lang;
 
 /// The longest filter in bytes, which also bounds how deep it nests.
 const LEN_MAX: usize = 500;

@@ -2,11 +2,12 @@
 
 use super::words;
 use crate::commands::Context;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use railbus_sniff::capture::{self, Direction};
 use railbus_sniff::{Frame, Heard, Role, Verdict};
 use railbus_wire::Settings;
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};

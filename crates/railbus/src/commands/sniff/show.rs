@@ -3,11 +3,12 @@
 use super::facts::{Facts, addressee};
 use super::texts::SniffText;
 use super::words;
-use crate::i18n::Lang;
-use crate::render::{Format, hex, records, time, width};
+use crate::render::{Format, records};
 use jiff::{Timestamp, tz::TimeZone};
 use railbus_sniff::{Heard, Reading, Role, Verdict};
 use railbus_wire::{Instant, Micros, Settings};
+use railbus_words::Lang;
+use railbus_words::{hex, time, width};
 use serde_json::{Value, json};
 
 /// The widths of the columns but the last, in which nothing has to end.

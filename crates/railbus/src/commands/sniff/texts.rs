@@ -1,6 +1,6 @@
 //! What `sniff`, `extcap` and `replay` say.
 
-crate::texts::texts! {
+railbus_words::texts! {
     SniffText;
 
     SniffAbout {

@@ -2,9 +2,9 @@
 
 use super::texts::SniffText;
 use crate::commands::decode::{self, meaning};
-use crate::i18n::Lang;
 use railbus_sniff::{Asked, Flaw, Frame, Heard, Reading, Role, Verdict};
 use railbus_wire::{Micros, Protocol};
+use railbus_words::Lang;
 
 /// The meaning of something heard; where it can be read in several ways, each of them.
 pub(in crate::commands) fn of(lang: Lang, heard: &Heard) -> String {
@@ -82,7 +82,7 @@ fn not_known(lang: Lang, reading: &Reading, bytes: &[u8]) -> String {
 }
 
 fn hex(bytes: Option<&[u8]>) -> String {
-    crate::render::hex::spaced(bytes.unwrap_or_default())
+    railbus_words::hex::spaced(bytes.unwrap_or_default())
 }
 
 fn flawed(lang: Lang, frame: &Frame, reading: &Reading, flaw: Flaw) -> String {

@@ -2,9 +2,10 @@
 //! command line, which everybody on the machine can read.
 
 use super::UserText;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::serve::access::secret::Secret;
+use railbus_words::Code;
+use railbus_words::Lang;
 use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Write};

@@ -1,6 +1,6 @@
 //! What `railbus user` and `railbus token` say.
 
-crate::texts::texts! {
+railbus_words::texts! {
     UserText;
 
     About {

@@ -1,6 +1,6 @@
 //! What `railbus wait` says.
 
-crate::texts::texts! {
+railbus_words::texts! {
     WaitText;
 
     About {

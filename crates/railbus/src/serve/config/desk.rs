@@ -4,13 +4,13 @@
 use crate::api::failures::bad_config;
 use crate::api::problem::{Problem, codes};
 use crate::config_file;
-use crate::i18n::Lang;
 use crate::serve::access::Caller;
 use railbus_site::config::edit::WriteError;
 use railbus_site::config::keeper::{Generation, Keeper, etag};
 use railbus_site::{Config, Loan, Reloaded, Service};
 use railbus_store::audit::Origin;
 use railbus_store::history::{Event, EventKind, Severity};
+use railbus_words::Lang;
 use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};

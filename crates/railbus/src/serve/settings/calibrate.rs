@@ -9,10 +9,11 @@ use crate::api::settings::{Calibration, SettingsRun};
 use crate::commands::config::guided::hindered;
 use crate::commands::config::outcome;
 use crate::commands::config::target::Target;
-use crate::failure::{Code, Failure};
+use crate::failure::Failure;
 use railbus_commission::settings::{Key, Wanted};
 use railbus_commission::{By, Calibrated, Hindrance, Job, Trouble, calibrate};
 use railbus_device::Family;
+use railbus_words::Code;
 
 /// The steps of a calibration, zero and span.
 const STEPS: u64 = 2;

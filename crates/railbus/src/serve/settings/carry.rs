@@ -8,8 +8,9 @@ use crate::api::ops::{OpBegun, OpInfo};
 use crate::api::problem::Problem;
 use crate::api::settings::SettingsRun;
 use crate::commands::config::outcome::{self, placed};
-use crate::failure::{Code, Failure};
+use crate::failure::Failure;
 use railbus_commission::{Ended, Job, Trouble, Why, change};
+use railbus_words::Code;
 
 /// A change under way.
 struct Carry {

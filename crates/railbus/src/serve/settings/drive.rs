@@ -11,8 +11,7 @@ use crate::commands::config::ground::store_failure;
 use crate::commands::config::outcome::placed;
 use crate::commands::config::talk::{Talk, keep};
 use crate::commands::config::target::Target;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::serve::config::Asks;
 use crate::serve::listen::ended;
 use crate::serve::ops::Op;
@@ -24,6 +23,8 @@ use railbus_commission::{
 use railbus_site::Service;
 use railbus_site::config::edit;
 use railbus_store::journal::Store;
+use railbus_words::Code;
+use railbus_words::Lang;
 use std::pin::pin;
 use std::time::Duration;
 use tokio::sync::watch;

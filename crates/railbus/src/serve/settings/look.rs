@@ -4,11 +4,11 @@ use crate::api::failures;
 use crate::api::problem::{Problem, codes};
 use crate::commands::config::outcome;
 use crate::commands::config::target::Target;
-use crate::i18n::Lang;
 use railbus_commission::{Act, Ask, Event, Found, Heard, Place, Step, Trouble, read};
 use railbus_host::ProbeResult;
 use railbus_site::{RawTerms, Service};
 use railbus_wire::{Exchange, Instant};
+use railbus_words::Lang;
 use std::time::Duration;
 use tokio::time::Instant as Moment;
 

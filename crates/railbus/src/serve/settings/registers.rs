@@ -10,14 +10,14 @@ use crate::api::types::SCHEMA;
 use crate::commands::config::outcome;
 use crate::commands::config::target::Target;
 use crate::commands::decode::meaning;
-use crate::i18n::Lang;
-use crate::render::hex;
 use railbus_commission::{Place, Trouble};
 use railbus_device::{Family, Module, Op, Point, PointKind, Setup};
 use railbus_host::Probed;
 use railbus_site::RawTerms;
 use railbus_wire::rtu::{Request, Response as RtuResponse, WordSpan};
 use railbus_wire::{Exchange, Frame, Protocol, Response};
+use railbus_words::Lang;
+use railbus_words::hex;
 
 /// A register that reads: what it is, in both languages, and the fact that says so.
 type Word = ([&'static str; 2], &'static str);

@@ -11,8 +11,7 @@ use crate::commands::config::log::taking_back;
 use crate::commands::config::target::{NoTarget, Target};
 use crate::commands::config::{outcome, set, show};
 use crate::commands::decode::meaning;
-use crate::failure::{Code, Failure};
-use crate::i18n::Lang;
+use crate::failure::Failure;
 use crate::serve::routes::Site;
 use railbus_commission::settings::{
     Access, Choice, Key, Wanted, choice, differences, settings, shown,
@@ -22,6 +21,8 @@ use railbus_device::Family;
 use railbus_site::Service;
 use railbus_site::config::keeper::etag;
 use railbus_store::journal::Store;
+use railbus_words::Code;
+use railbus_words::Lang;
 use serde_json::{Map, Value};
 use std::path::PathBuf;
 

@@ -2,10 +2,10 @@
 
 use super::request::Failed;
 use crate::api::webhooks::WebhookError;
-use crate::render::time::rfc3339;
 use jiff::Timestamp;
 use railbus_site::config::Webhook;
 use railbus_store::history::{Event, EventKind, Severity};
+use railbus_words::time::rfc3339;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

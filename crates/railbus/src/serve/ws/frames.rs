@@ -4,11 +4,11 @@
 use super::{Gone, Out};
 use crate::api::convert;
 use crate::commands::sniff::{Facts, as_json};
-use crate::i18n::Lang;
 use crate::serve::ear::{Ear, modules};
 use railbus_host::Tap;
 use railbus_site::{Service, Update};
 use railbus_wire::Settings;
+use railbus_words::Lang;
 use serde_json::Value;
 
 /// How many frames are told at once; more wait at the line, which drops the oldest.

@@ -4,11 +4,11 @@ use super::{Gone, Out, frames, news, sim};
 use crate::api::ops::OpState;
 use crate::api::problem::{Problem, codes};
 use crate::api::{ask, failures, past};
-use crate::i18n::Lang;
 use crate::serve::ops::Op;
 use crate::serve::routes::Site;
 use crate::sim::remote::Remote;
 use railbus_site::Service;
+use railbus_words::Lang;
 
 /// How many events are told at once.
 const BATCH_MAX: usize = 64;

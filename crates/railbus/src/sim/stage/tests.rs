@@ -1,12 +1,12 @@
 //! Plants in virtual time: by file, by flag and by prompt, to the byte and the microsecond.
 
 use super::Stage;
-use crate::i18n::Lang;
 use crate::sim::orders::{Directory, Order};
 use crate::sim::{answers, plant};
 use railbus_sim::{Input, Output};
 use railbus_site::Config;
 use railbus_wire::{Baud, Character, Instant, Micros, Settings};
+use railbus_words::Lang;
 
 const PLANT: &str = r#"
 [line.main]

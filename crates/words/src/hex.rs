@@ -1,14 +1,14 @@
 //! Bytes in hexadecimal digits, as datasheets print them.
 
 /// `03 05 00 3C`.
-pub(crate) fn spaced(bytes: &[u8]) -> String {
+pub fn spaced(bytes: &[u8]) -> String {
     let digits: Vec<String> = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
     digits.join(" ")
 }
 
 /// Reads bytes as people paste them: `03 05`, `0305`, `0x03,0x05`, `03h 05h`, `03:05`. An ASCII
 /// frame may stand as it is, `$016`; its end is added.
-pub(crate) fn parse(text: &str) -> Option<Vec<u8>> {
+pub fn parse(text: &str) -> Option<Vec<u8>> {
     let text = text.trim();
     if text.starts_with(['$', '#', '%', '@', '~', '!', '>', '?']) {
         let frame = text.trim_end_matches("<CR>").trim_end_matches("\\r");
@@ -36,7 +36,7 @@ pub(crate) fn parse(text: &str) -> Option<Vec<u8>> {
 }
 
 /// An ASCII frame with its end.
-pub(crate) fn ascii(frame: &str) -> Vec<u8> {
+pub fn ascii(frame: &str) -> Vec<u8> {
     let mut bytes = frame.as_bytes().to_vec();
     bytes.push(railbus_wire::ascii::CR);
     bytes

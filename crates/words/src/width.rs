@@ -14,12 +14,12 @@ const OPENING: &str = "（《「“(";
 
 /// How many columns the terminal has that the result goes to; none where it goes elsewhere, and
 /// nothing needs to fit.
-pub(crate) fn terminal() -> Option<usize> {
+pub fn terminal() -> Option<usize> {
     of_stream(&std::io::stdout())
 }
 
 /// The same of the terminal that errors go to.
-pub(crate) fn of_errors() -> Option<usize> {
+pub fn of_errors() -> Option<usize> {
     of_stream(&std::io::stderr())
 }
 
@@ -29,12 +29,12 @@ fn of_stream(stream: &(impl IsTerminal + AsFd)) -> Option<usize> {
 }
 
 /// How many columns a text takes.
-pub(crate) fn of(text: &str) -> usize {
+pub fn of(text: &str) -> usize {
     text.width()
 }
 
 /// The text with blanks behind it up to a width.
-pub(crate) fn pad(text: &str, width: usize) -> String {
+pub fn pad(text: &str, width: usize) -> String {
     let missing = width.saturating_sub(of(text));
     format!("{text}{}", " ".repeat(missing))
 }
@@ -43,7 +43,7 @@ pub(crate) fn pad(text: &str, width: usize) -> String {
 /// What people copy is not broken: a word such as a path, what is in quotes, a flag and its value,
 /// and a command that the text begins with, up to two blanks. Where that alone is wider than the
 /// line, it is told as it is.
-pub(crate) fn wrap(text: &str, room: Option<usize>) -> Vec<String> {
+pub fn wrap(text: &str, room: Option<usize>) -> Vec<String> {
     let Some(room) = room.filter(|room| *room >= ROOM_MIN) else {
         return vec![text.to_owned()];
     };
@@ -70,7 +70,7 @@ pub(crate) fn wrap(text: &str, room: Option<usize>) -> Vec<String> {
 
 /// A text behind its label, within so many columns, if they are limited. What does not fit goes on
 /// below its own beginning.
-pub(crate) fn hang(label: &str, text: &str, columns: Option<usize>) -> String {
+pub fn hang(label: &str, text: &str, columns: Option<usize>) -> String {
     let margin = label.lines().last().map_or(0, of);
     let room = columns.map(|columns| columns.saturating_sub(margin));
     let lines = wrap(text, room);

@@ -1,34 +1,34 @@
 //! Moments and durations.
 
-use crate::i18n::Lang;
+use crate::Lang;
 use jiff::{Timestamp, Zoned};
 
 /// For programs: RFC 3339 in UTC with milliseconds.
-pub(crate) fn rfc3339(moment: Timestamp) -> String {
+pub fn rfc3339(moment: Timestamp) -> String {
     moment.strftime("%Y-%m-%dT%H:%M:%S.%3fZ").to_string()
 }
 
 /// For people: the local time of day with milliseconds.
-pub(crate) fn clock(moment: &Zoned) -> String {
+pub fn clock(moment: &Zoned) -> String {
     moment.strftime("%H:%M:%S.%3f").to_string()
 }
 
 /// For people: the local day and time of day, of milliseconds since 1970.
-pub(crate) fn date_and_clock(millis: i64) -> String {
+pub fn date_and_clock(millis: i64) -> String {
     let moment = Timestamp::from_millisecond(millis).unwrap_or(Timestamp::UNIX_EPOCH);
     let moment = moment.to_zoned(jiff::tz::TimeZone::system());
     moment.strftime("%Y-%m-%d %H:%M:%S.%3f").to_string()
 }
 
 /// The moment that a program wrote, or else now.
-pub(crate) fn clock_of(text: Option<&str>) -> String {
+pub fn clock_of(text: Option<&str>) -> String {
     let read = text.and_then(|text| text.parse::<Timestamp>().ok());
     let moment = read.unwrap_or_else(Timestamp::now);
     clock(&moment.to_zoned(jiff::tz::TimeZone::system()))
 }
 
 /// `34 ms`, `1.5 s`.
-pub(crate) fn duration(lang: Lang, millis: u64) -> String {
+pub fn duration(lang: Lang, millis: u64) -> String {
     if millis < 1_000 {
         format!("{millis} {}", lang.of(["ms", "毫秒"]))
     } else {
@@ -39,7 +39,7 @@ pub(crate) fn duration(lang: Lang, millis: u64) -> String {
 }
 
 /// How long something has been so: `34 s`, `12 min`, `5 h`, `3 d`.
-pub(crate) fn span(lang: Lang, seconds: u64) -> String {
+pub fn span(lang: Lang, seconds: u64) -> String {
     let (count, unit) = match seconds {
         0..60 => (seconds, ["s", "秒"]),
         60..3_600 => (seconds / 60, ["min", "分"]),

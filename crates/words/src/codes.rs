@@ -7,7 +7,7 @@ mod module;
 mod own;
 mod port;
 
-use crate::i18n::Lang;
+use crate::Lang;
 use std::fmt;
 
 /// All tables, by number.
@@ -20,7 +20,7 @@ const TABLES: [&[Code]; 5] = [
 ];
 
 /// What makes replies that are not good ones.
-pub(super) const GARBLED: [&str; 2] = [
+pub(crate) const GARBLED: [&str; 2] = [
     "two modules on one address · other baud or parity · noise, bias, termination or a bad cable · \
      gaps between the bytes",
     "两个模块地址相同 · 波特率或校验位不同 · 干扰、偏置、终端电阻或线缆问题 · 字节之间有间隔",
@@ -28,32 +28,38 @@ pub(super) const GARBLED: [&str; 2] = [
 
 /// What the tables say of a failure, in both languages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Page {
+pub struct Page {
     /// What happened.
-    pub(super) title: [&'static str; 2],
+    pub(crate) title: [&'static str; 2],
     /// What it usually comes from.
-    pub(super) likely: [&'static str; 2],
+    pub(crate) likely: [&'static str; 2],
     /// What to do next.
-    pub(super) next: [&'static str; 2],
+    pub(crate) next: [&'static str; 2],
 }
 
 impl Page {
-    pub(crate) const fn title(&self, lang: Lang) -> &'static str {
+    /// What happened.
+    #[must_use]
+    pub const fn title(&self, lang: Lang) -> &'static str {
         lang.of(self.title)
     }
 
-    pub(crate) const fn likely(&self, lang: Lang) -> &'static str {
+    /// What it usually comes from.
+    #[must_use]
+    pub const fn likely(&self, lang: Lang) -> &'static str {
         lang.of(self.likely)
     }
 
-    pub(crate) const fn next(&self, lang: Lang) -> &'static str {
+    /// What to do next.
+    #[must_use]
+    pub const fn next(&self, lang: Lang) -> &'static str {
         lang.of(self.next)
     }
 }
 
 /// A kind of failure.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Code(&'static Row);
+pub struct Code(&'static Row);
 
 /// A row of a table. A code leads to it, so that failures stay small.
 #[derive(PartialEq, Eq)]
@@ -78,7 +84,7 @@ macro_rules! codes {
         impl Code {
             $(
                 #[doc = $number]
-                pub(crate) const $name: Code = Code(&super::Row {
+                pub const $name: Code = Code(&super::Row {
                     name: $number,
                     page: super::Page { title: $title, likely: $likely, next: $next },
                 });
@@ -92,12 +98,12 @@ use codes;
 
 impl Code {
     /// All of them, by number.
-    pub(crate) fn all() -> impl Iterator<Item = Code> {
+    pub fn all() -> impl Iterator<Item = Code> {
         TABLES.into_iter().flatten().copied()
     }
 
     /// The code of this name.
-    pub(crate) fn from_name(name: &str) -> Option<Code> {
+    pub fn from_name(name: &str) -> Option<Code> {
         // It was so called before.
         if name.eq_ignore_ascii_case("E13001") {
             return Some(Code::Interrupted);
@@ -106,17 +112,17 @@ impl Code {
     }
 
     /// As people and programs read it, such as `E0301`.
-    pub(crate) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         self.0.name
     }
 
     /// What the tables say of it.
-    pub(crate) const fn page(self) -> Page {
+    pub const fn page(self) -> Page {
         self.0.page
     }
 
     /// The exit code that goes with it.
-    pub(crate) fn exit(self) -> u8 {
+    pub fn exit(self) -> u8 {
         // What shells say of Ctrl-C has three digits.
         if self == Code::Interrupted {
             return 130;
@@ -136,7 +142,7 @@ mod tests {
         let exits: Vec<u8> = Code::all().map(Code::exit).collect();
         assert!(exits.is_sorted());
         for exit in exits {
-            let known = super::super::exits::EXITS.iter().any(|e| e.code == exit);
+            let known = crate::EXITS.iter().any(|e| e.code == exit);
             assert!(known, "{exit}");
         }
         let names: Vec<_> = Code::all()

@@ -1,17 +1,21 @@
 //! The exit codes: one table, which never changes what it says.
 
-use crate::i18n::Lang;
+use crate::Lang;
 
 /// An exit code.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Exit {
-    pub(crate) code: u8,
-    pub(crate) name: &'static str,
+pub struct Exit {
+    /// The number that the process ends with.
+    pub code: u8,
+    /// Its name in the table of exit codes.
+    pub name: &'static str,
     meaning: [&'static str; 2],
 }
 
 impl Exit {
-    pub(crate) const fn meaning(&self, lang: Lang) -> &'static str {
+    /// When it is given.
+    #[must_use]
+    pub const fn meaning(&self, lang: Lang) -> &'static str {
         lang.of(self.meaning)
     }
 }
@@ -25,7 +29,7 @@ const fn exit(code: u8, name: &'static str, en: &'static str, zh: &'static str) 
 }
 
 /// All of them.
-pub(crate) const EXITS: &[Exit] = &[
+pub const EXITS: &[Exit] = &[
     exit(
         0,
         "ok",

@@ -2,13 +2,13 @@
 //! system, and from the libraries that read TOML and JSON. What is known of them is told in
 //! Chinese; the rest stays as it was said, and is marked as that.
 
-use crate::i18n::Lang;
+use crate::Lang;
 use std::borrow::Cow;
 use std::io;
 
 /// A reason as it is told: where it is not known in Chinese, marked as the original words. A single
 /// word is a name, or what programs call it: that stays as it is.
-pub(crate) fn told(lang: Lang, reason: &str) -> String {
+pub fn told(lang: Lang, reason: &str) -> String {
     if lang == Lang::En || !reason.is_ascii() && of_system(reason).is_none() {
         return reason.to_owned();
     }
@@ -20,14 +20,14 @@ pub(crate) fn told(lang: Lang, reason: &str) -> String {
 }
 
 /// The same of a word that is no name.
-pub(crate) fn word(lang: Lang, word: &str) -> String {
+pub fn word(lang: Lang, word: &str) -> String {
     let known = of_table(word).filter(|_| lang == Lang::Zh);
     known.unwrap_or_else(|| word.to_owned())
 }
 
 /// What the system or the parser of JSON said, which may stand among names and commands: all else
 /// stays as it is.
-pub(crate) fn error(lang: Lang, reason: &str) -> String {
+pub fn error(lang: Lang, reason: &str) -> String {
     let known = of_error(reason).filter(|_| lang == Lang::Zh);
     known.unwrap_or_else(|| reason.to_owned())
 }
@@ -369,7 +369,6 @@ const REASONS: &[[&str; 2]] = &[
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_site::Config;
 
     #[test]
     fn reasons_are_told_in_chinese_and_what_is_not_known_is_marked() {
@@ -399,34 +398,6 @@ mod tests {
         assert_eq!(told(Lang::En, missing), missing);
     }
 
-    /// What people write wrong in the file of the configuration, by the parser that reads it.
-    #[test]
-    fn no_slip_in_toml_is_told_in_english() {
-        let mut wrong = Vec::new();
-        for (slip, wanted) in [
-            ("[line.main", "表头未闭合，应为 `]`"),
-            ("a = ", "缺少值，或值有误（文字须加引号）"),
-            ("a = hello", "缺少值，或值有误（文字须加引号）"),
-            ("a = \"x", "字符串未闭合"),
-            ("a = 1 2", "缺少值，或值有误（文字须加引号）"),
-            ("a = 1\na = 2", "键重复"),
-            ("a", "只有键，缺少 `=` 和值"),
-            ("a == 1", "多余的 `=`"),
-            ("a = [1, 2", "列表未闭合，应为 `]`"),
-            ("a = [1 2]", "缺少值，或值有误（文字须加引号）"),
-            ("a = { b = 1", "花括号未闭合，应为 `}`"),
-            ("a = 01", "数字不能以 0 开头"),
-            ("泵 = 1", "键名中有不允许的字符"),
-        ] {
-            let problems = Config::parse(slip).expect_err(slip);
-            let reason = crate::api::config_words::reason(Lang::Zh, &problems[0].kind);
-            if !reason.contains(wanted) || reason.contains("原文") {
-                wrong.push(format!("{slip:?}: {reason}"));
-            }
-        }
-        assert!(wrong.is_empty(), "{wrong:#?}");
-    }
-
     /// Who changes one of our own reasons changes its row.
     #[test]
     fn each_reason_of_our_own_is_said_somewhere() {
@@ -435,7 +406,7 @@ mod tests {
                 let path = entry.expect("an entry").path();
                 if path.is_dir() {
                     sources(&path, all);
-                } else if !path.ends_with("render/reasons.rs") {
+                } else if !path.ends_with("words/src/reasons.rs") {
                     *all += &std::fs::read_to_string(&path).unwrap_or_default();
                 }
             }

@@ -2,17 +2,19 @@
 //! read. D1 is the machine and its ports, D2 the line, D3 modules, D5 the daemon; L is what the
 //! configuration allows and is still unwise.
 
-use super::codes::{GARBLED, Page};
+use crate::codes::{GARBLED, Page};
 
 /// A kind of finding.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Finding {
-    pub(crate) code: &'static str,
-    pub(crate) page: Page,
+pub struct Finding {
+    /// Its code, such as `D301`.
+    pub code: &'static str,
+    /// What the table says of it.
+    pub page: Page,
 }
 
 /// The finding of this code.
-pub(crate) fn find(code: &str) -> Option<&'static Finding> {
+pub fn find(code: &str) -> Option<&'static Finding> {
     ALL.iter()
         .find(|known| known.code.eq_ignore_ascii_case(code))
 }
@@ -34,7 +36,7 @@ const fn finding(
 }
 
 /// All of them, by code.
-pub(crate) const ALL: &[Finding] = &[
+pub const ALL: &[Finding] = &[
     finding(
         "D101",
         ["the clock is wrong", "时钟不对"],
@@ -568,7 +570,7 @@ pub(crate) const ALL: &[Finding] = &[
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::i18n::Lang;
+    use crate::Lang;
 
     #[test]
     fn codes_rise_and_pages_are_written_in_both_languages() {

@@ -1,33 +1,23 @@
 //! The two languages, and which one to speak.
 
-use crate::texts::Phrase;
+use crate::Phrase;
 use std::ffi::OsString;
 use std::fmt::Display;
 
-/// A text in both languages at the place that needs it, with `{values}` in scope: for the many
-/// short meanings of frames, which no other place uses.
-macro_rules! say {
-    ($lang:expr, $en:literal, $zh:literal) => {
-        match $lang {
-            crate::i18n::Lang::En => format!($en),
-            crate::i18n::Lang::Zh => format!($zh),
-        }
-    };
-}
-pub(crate) use say;
-
 /// A language that every text exists in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum Lang {
+pub enum Lang {
+    /// English.
     #[default]
     En,
+    /// Simplified Chinese.
     Zh,
 }
 
 impl Lang {
     /// The language that the process was asked to speak: by `--lang`, or else by the first of
     /// `RAILBUS_LANG`, `LC_ALL`, `LC_MESSAGES` and `LANG` that says anything.
-    pub(crate) fn of_process(arguments: &[OsString]) -> Lang {
+    pub fn of_process(arguments: &[OsString]) -> Lang {
         Lang::choose(arguments, |name| std::env::var(name).ok())
     }
 
@@ -43,12 +33,12 @@ impl Lang {
     }
 
     /// A text without placeholders.
-    pub(crate) fn get(self, text: impl Phrase) -> &'static str {
+    pub fn get(self, text: impl Phrase) -> &'static str {
         self.of(text.in_both())
     }
 
     /// Its own one of two texts, English and Chinese.
-    pub(crate) const fn of(self, [en, zh]: [&'static str; 2]) -> &'static str {
+    pub const fn of(self, [en, zh]: [&'static str; 2]) -> &'static str {
         match self {
             Lang::En => en,
             Lang::Zh => zh,
@@ -56,12 +46,12 @@ impl Lang {
     }
 
     /// The name as it stands in flags and in the names of points.
-    pub(crate) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         self.of(["en", "zh"])
     }
 
     /// A text with its `{placeholders}` filled.
-    pub(crate) fn fill(self, text: impl Phrase, values: &[(&str, &dyn Display)]) -> String {
+    pub fn fill(self, text: impl Phrase, values: &[(&str, &dyn Display)]) -> String {
         let mut filled = self.get(text).to_owned();
         for (name, value) in values {
             filled = filled.replace(&format!("{{{name}}}"), &value.to_string());
@@ -88,7 +78,6 @@ fn flag(arguments: &[OsString]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::texts::Text;
 
     fn chosen(arguments: &[&str], variables: &[(&str, &str)]) -> Lang {
         let arguments: Vec<OsString> = arguments.iter().map(OsString::from).collect();
@@ -111,7 +100,13 @@ mod tests {
 
     #[test]
     fn placeholders_are_filled() {
-        let filled = Lang::Zh.fill(Text::NoSuchCommand, &[("name", &"smi")]);
+        struct NoSuchCommand;
+        impl Phrase for NoSuchCommand {
+            fn in_both(self) -> [&'static str; 2] {
+                ["no command \"{name}\"", "没有命令 \"{name}\""]
+            }
+        }
+        let filled = Lang::Zh.fill(NoSuchCommand, &[("name", &"smi")]);
         assert_eq!(filled, "没有命令 \"smi\"");
     }
 }

@@ -1,0 +1,73 @@
+//! Catalogues: every text that people read, in both languages side by side.
+//!
+//! A key without one of the languages does not compile, nor does one that nothing uses pass the
+//! lints; that the placeholders agree is a test.
+
+use std::fmt::Debug;
+
+/// What can be said in both languages.
+pub trait Phrase {
+    /// In English and in Chinese.
+    fn in_both(self) -> [&'static str; 2];
+}
+
+/// A catalogue: an enum of the name given, one text each, for the crate that it stands in.
+#[macro_export]
+macro_rules! texts {
+    ($keys:ident; $($name:ident { en: $en:literal, zh: $zh:literal $(,)? })*) => {
+        /// A text by its key.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(crate) enum $keys { $($name),* }
+
+        impl $crate::Phrase for $keys {
+            fn in_both(self) -> [&'static str; 2] {
+                match self { $($keys::$name => [$en, $zh]),* }
+            }
+        }
+
+        #[cfg(test)]
+        mod catalogue {
+            #[test]
+            fn both_languages_say_the_same() {
+                $crate::catalogue::check(&[$(super::$keys::$name),*]);
+            }
+        }
+    };
+}
+
+/// A text in both languages at the place that needs it, with `{values}` in scope: for the many
+/// short meanings of frames, which no other place uses.
+#[macro_export]
+macro_rules! say {
+    ($lang:expr, $en:literal, $zh:literal) => {
+        match $lang {
+            $crate::Lang::En => format!($en),
+            $crate::Lang::Zh => format!($zh),
+        }
+    };
+}
+
+/// The test of each catalogue: both languages say something, with the same placeholders, and the
+/// Chinese is Chinese.
+///
+/// # Panics
+/// Where they do not.
+pub fn check(texts: &[impl Phrase + Copy + Debug]) {
+    for text in texts {
+        let [en, zh] = text.in_both();
+        assert!(!en.is_empty() && !zh.is_empty(), "{text:?}");
+        assert_eq!(placeholders(en), placeholders(zh), "{text:?}");
+        let commands = zh.starts_with("  railbus ");
+        assert!(commands || !zh.is_ascii(), "{text:?}: {zh}");
+    }
+}
+
+fn placeholders(text: &str) -> Vec<&str> {
+    let mut found: Vec<&str> = text
+        .split('{')
+        .skip(1)
+        .map(|rest| rest.split('}').next().unwrap_or_default())
+        .collect();
+    found.sort_unstable();
+    found
+}

@@ -1,0 +1,22 @@
+//! What people read, in English and Simplified Chinese: the two languages and the catalogues of
+//! texts, failures by their codes, reasons that others give, times, bytes, and how wide all that is
+//! on a terminal.
+
+#![forbid(unsafe_code)]
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+pub mod catalogue;
+mod codes;
+mod exits;
+pub mod findings;
+pub mod hex;
+mod lang;
+pub mod reasons;
+pub mod time;
+pub mod width;
+
+pub use catalogue::Phrase;
+pub use codes::{Code, Page};
+pub use exits::{EXITS, Exit};
+pub use lang::Lang;
