@@ -5,17 +5,17 @@
 mod local;
 mod remote;
 
-use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest, SceneInfo, SceneRequest};
-use crate::api::problem::{Problem, codes};
-use crate::api::send_types::{SendAnswer, SendRequest};
-use crate::api::types::{
-    FrameEvent, LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PortState,
-    PulseRequest, Pulsed, ToggleRequest, WatchEvent, WriteRequest, Written,
-};
 use crate::api::{convert, failures};
 use crate::config_file::{self, Why};
 use local::Local;
 pub(crate) use local::described;
+use railbus_api::control::{BatchAnswer, GroupInfo, GroupRequest, SceneInfo, SceneRequest};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::sending::{SendAnswer, SendRequest};
+use railbus_api::types::{
+    FrameEvent, LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PortState,
+    PulseRequest, Pulsed, ToggleRequest, WatchEvent, WriteRequest, Written,
+};
 use railbus_device::{Family, Layout};
 use railbus_host::Tap;
 use railbus_wire::{Character, Protocol};

@@ -1,8 +1,8 @@
 //! Where the configuration lies, and how it is read.
 
 use crate::api::failures::bad_config;
-use crate::api::problem::{Problem, codes};
 use crate::serve::socket;
+use railbus_api::problem::{Problem, codes};
 use railbus_site::Config;
 use railbus_words::Lang;
 use std::io::Read;

@@ -48,7 +48,6 @@ mod webhook;
 mod ws;
 
 use crate::api::failures::bad_config;
-use crate::api::problem::Problem;
 use crate::cli;
 use crate::config_file;
 use crate::failure::Failure;
@@ -64,6 +63,7 @@ use guard::Front;
 use keys::Keys;
 use listen::Room;
 use notify::Notify;
+use railbus_api::problem::Problem;
 use railbus_site::{Config, Service};
 use railbus_words::Code;
 use railbus_words::Lang;

@@ -93,6 +93,12 @@ const LAYERS: &[Layer] = &[
         below: &["wire"],
         foreign: Foreign::Any,
     },
+    // What is said over HTTP, without HTTP.
+    Layer {
+        name: "api",
+        below: &["words", "wire"],
+        foreign: Foreign::Without(&["axum", "tokio"]),
+    },
     Layer {
         name: "opcua",
         below: &[
@@ -122,6 +128,7 @@ const LAYERS: &[Layer] = &[
     Layer {
         name: "railbus",
         below: &[
+            "api",
             "words",
             "opcua",
             "fleet",

@@ -1,12 +1,12 @@
 //! What one can ask of a site, in the terms of the API: the server asks so for its clients, and
 //! a command without a server for itself.
 
-use super::problem::{Problem, codes};
-use super::types::{
+use super::{convert, failures, paths};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::{
     CommandInfo, LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten, PointInfo,
     PulseRequest, Pulsed, Quality, Reason, ToggleRequest, WriteRequest, Written,
 };
-use super::{convert, failures, paths};
 use railbus_device::Point;
 use railbus_site::{Failure, Pulse, Service, ToggleTerms, WriteDone, WriteTerms};
 use railbus_wire::Micros;

@@ -1,13 +1,13 @@
 //! What one can ask of several outputs at once, and of outputs that are held, in the terms of
 //! the API.
 
-use super::control_types::{
+use super::{ask, convert, failures};
+use railbus_api::control::{
     BatchAnswer, BatchRequest, BatchResult, GroupInfo, GroupRequest, GroupValue, GroupWord,
     LeaseAnswer, LeaseRequest, SceneInfo, SceneRequest, StepInfo,
 };
-use super::problem::{Problem, codes};
-use super::types::SCHEMA;
-use super::{ask, convert, failures};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::SCHEMA;
 use railbus_site::config::{MEMBERS_MAX, Name, Place, Step};
 use railbus_site::{BatchDone, BatchTerms, Config, Failure, GroupState, Part, Service, WriteDone};
 use railbus_wire::Micros;

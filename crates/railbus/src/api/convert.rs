@@ -1,10 +1,11 @@
 //! From what the site knows to what the API says.
 
-use super::types::{
-    CommandInfo, Confirmed, FrameEvent, Kind, LeaseInfo, LineInfo, ModuleInfo, ModuleState,
+use jiff::{SignedDuration, Timestamp};
+use railbus_api::types::{
+    CommandInfo, Confirmed, FrameEvent, Kind, LeaseInfo, LineInfo, Lost, ModuleInfo, ModuleState,
     Outcome, PointInfo, PortState, Quality, Reason, Timekeeper, Value,
 };
-use jiff::{SignedDuration, Timestamp};
+use railbus_bus::Evidence;
 use railbus_device::PointKind;
 use railbus_host::{LineState, Passed, PortError, Presence, Probed};
 use railbus_site::config::{Confirm, Name};
@@ -95,7 +96,7 @@ pub(crate) fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
         rtt_ms: status.rtt.filter(|_| is_online).map(millis_tenths),
         errors_1h: status.errors,
         late_1h: status.late,
-        lost: (!is_online && status.lost.attempts > 0).then(|| status.lost.into()),
+        lost: (!is_online && status.lost.attempts > 0).then(|| lost(status.lost)),
     }
 }
 
@@ -275,5 +276,15 @@ pub(crate) fn passed(start: u64, passed: Result<Passed, u64>) -> FrameEvent {
             format: settings.character.to_string(),
             bytes,
         },
+    }
+}
+
+/// What came instead of a good reply.
+pub(crate) fn lost(met: Evidence) -> Lost {
+    Lost {
+        attempts: met.attempts,
+        garbled: met.garbled,
+        rx_bytes: met.bytes,
+        why: met.why.map(|why| why.to_string()),
     }
 }

@@ -1,7 +1,7 @@
 //! From what went wrong at the site to what the API says of it.
 
-use super::problem::{Kind, Problem, codes};
-use super::types::{LineInfo, Lost};
+use railbus_api::problem::{Kind, Problem, codes};
+use railbus_api::types::LineInfo;
 use railbus_bus::Evidence;
 use railbus_device::{Family, Point, Refusal};
 use railbus_host::{Access, Fault, LineState, PortError, Presence};
@@ -174,7 +174,7 @@ fn of_fault(service: &Service, module: &str, fault: &Fault) -> Problem {
         Fault::Garbled(evidence) => with_evidence(problem, evidence),
         Fault::Expired => match service.module(module) {
             Some(status) if status.presence != Presence::Online && status.lost.garbled > 0 => {
-                let lost = serde_json::to_value(Lost::from(status.lost));
+                let lost = serde_json::to_value(super::convert::lost(status.lost));
                 problem.with("lost", lost.unwrap_or_default())
             }
             _ => problem,

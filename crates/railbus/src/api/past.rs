@@ -1,187 +1,15 @@
-//! What was, as the API tells it: samples, events and the log of what was done.
+//! What the stores hold, as the API tells it.
 
-use super::problem::{Problem, codes};
-use super::types::SCHEMA;
 use jiff::Timestamp;
+use railbus_api::past::{
+    AckInfo, AuditInfo, BucketInfo, EventInfo, HistoryInfo, SampleInfo, StorageInfo, VerifiedInfo,
+};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::SCHEMA;
 use railbus_store::audit::{Logged, Numbered, Record, Verified};
 use railbus_store::history::{
     Bucket, Chart, Event, HistoryError, Kept, Sample, Severity, Storage, millis,
 };
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
-
-/// A chart of a point.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct HistoryInfo {
-    pub(crate) schema: u8,
-    /// The path of the point.
-    pub(crate) point: String,
-    /// From when to when.
-    pub(crate) from: String,
-    pub(crate) to: String,
-    /// The unit of the values.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) unit: Option<String>,
-    /// Whether these are all samples.
-    pub(crate) raw: bool,
-    /// Where `raw`: from when on the point had which value. The first may be older than `from`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) samples: Option<Vec<SampleInfo>>,
-    /// Else: stretches of time.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) buckets: Option<Vec<BucketInfo>>,
-}
-
-/// From when on a point had which value.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct SampleInfo {
-    /// Milliseconds since 1970.
-    pub(crate) t: i64,
-    /// The value; null where nothing is known.
-    pub(crate) v: Option<f64>,
-    /// How good it is.
-    pub(crate) q: String,
-}
-
-/// A stretch of time.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct BucketInfo {
-    /// When it begins, in milliseconds since 1970.
-    pub(crate) t: i64,
-    /// The least and the greatest value, and the mean over time; null where nothing is known.
-    pub(crate) min: Option<f64>,
-    pub(crate) max: Option<f64>,
-    pub(crate) mean: Option<f64>,
-    /// How many samples fell into it.
-    pub(crate) n: u32,
-    /// The worst quality in it.
-    pub(crate) q: String,
-}
-
-/// An event.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct EventInfo {
-    /// Its number; numbers sort by time.
-    pub(crate) id: String,
-    pub(crate) at: String,
-    pub(crate) kind: String,
-    pub(crate) severity: String,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) module: Option<String>,
-    /// The path of a point: `pump.do0`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) point: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) line: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) who: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) via: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) what: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) before: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) after: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) end: Option<String>,
-    /// What happened: `module_offline`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) code: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) text: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) acked: Option<AckInfo>,
-}
-
-/// Who has seen an event.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct AckInfo {
-    pub(crate) who: String,
-    pub(crate) at: String,
-    pub(crate) comment: String,
-}
-
-/// An entry of the audit log.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct AuditInfo {
-    pub(crate) id: String,
-    pub(crate) at: String,
-    pub(crate) who: String,
-    pub(crate) via: String,
-    pub(crate) module: String,
-    pub(crate) what: String,
-    pub(crate) before: String,
-    pub(crate) after: String,
-    /// How it ended; null while it is under way.
-    pub(crate) end: Option<String>,
-    /// The hash of its first record.
-    pub(crate) hash: String,
-}
-
-/// A page of events.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct EventPage {
-    pub(crate) schema: u8,
-    /// The newest first.
-    pub(crate) items: Vec<EventInfo>,
-    /// The cursor of the next page; null on the last one.
-    pub(crate) next: Option<String>,
-}
-
-/// A page of the audit log.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct AuditPage {
-    pub(crate) schema: u8,
-    /// The newest first.
-    pub(crate) items: Vec<AuditInfo>,
-    /// The cursor of the next page; null on the last one.
-    pub(crate) next: Option<String>,
-}
-
-/// What was found along the chain of the audit log.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct VerifiedInfo {
-    pub(crate) schema: u8,
-    /// The number of the oldest record that is kept.
-    pub(crate) first: u64,
-    /// How many entries and records follow upon each other.
-    pub(crate) entries: u64,
-    pub(crate) records: u64,
-    pub(crate) ok: bool,
-    /// The number of the first record that is not as it was written, or that is missing.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) broken_at: Option<u64>,
-}
-
-/// What somebody says of an event.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct AckRequest {
-    #[serde(default)]
-    pub(crate) comment: String,
-}
-
-/// How much is kept.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct StorageInfo {
-    pub(crate) schema: u8,
-    pub(crate) history_bytes: u64,
-    pub(crate) wal_bytes: u64,
-    pub(crate) points: u64,
-    pub(crate) samples: u64,
-    /// When the oldest sample was.
-    pub(crate) oldest: Option<String>,
-    /// Samples and events that were not kept.
-    pub(crate) dropped: u64,
-    pub(crate) disk_full: bool,
-    /// The last transaction failed.
-    pub(crate) failing: bool,
-    /// The last entry of the audit log could not be written.
-    pub(crate) audit_failing: bool,
-    /// How much is kept at most.
-    pub(crate) keep_ms: i64,
-    pub(crate) max_bytes: u64,
-}
 
 /// A moment of the database as RFC 3339.
 pub(crate) fn moment(millis: i64) -> String {
@@ -189,27 +17,26 @@ pub(crate) fn moment(millis: i64) -> String {
     railbus_words::time::rfc3339(moment.unwrap_or(Timestamp::UNIX_EPOCH))
 }
 
-impl HistoryInfo {
-    pub(crate) fn new(
-        point: &str,
-        (from, to): (i64, i64),
-        unit: Option<String>,
-        chart: Chart,
-    ) -> HistoryInfo {
-        let (samples, buckets) = match chart {
-            Chart::Samples(samples) => (Some(samples.into_iter().map(of_sample).collect()), None),
-            Chart::Buckets(buckets) => (None, Some(buckets.into_iter().map(of_bucket).collect())),
-        };
-        HistoryInfo {
-            schema: SCHEMA,
-            point: point.to_owned(),
-            from: moment(from),
-            to: moment(to),
-            unit,
-            raw: samples.is_some(),
-            samples,
-            buckets,
-        }
+/// A chart of the point with this path, from when to when.
+pub(crate) fn chart(
+    point: &str,
+    (from, to): (i64, i64),
+    unit: Option<String>,
+    chart: Chart,
+) -> HistoryInfo {
+    let (samples, buckets) = match chart {
+        Chart::Samples(samples) => (Some(samples.into_iter().map(of_sample).collect()), None),
+        Chart::Buckets(buckets) => (None, Some(buckets.into_iter().map(of_bucket).collect())),
+    };
+    HistoryInfo {
+        schema: SCHEMA,
+        point: point.to_owned(),
+        from: moment(from),
+        to: moment(to),
+        unit,
+        raw: samples.is_some(),
+        samples,
+        buckets,
     }
 }
 
@@ -372,22 +199,21 @@ fn system_row(kind: &str, what: String) -> [String; 9] {
     row
 }
 
-impl StorageInfo {
-    pub(crate) fn new(storage: Storage, audit_failing: bool, keep: (i64, u64)) -> StorageInfo {
-        StorageInfo {
-            schema: SCHEMA,
-            history_bytes: storage.bytes,
-            wal_bytes: storage.wal_bytes,
-            points: storage.points,
-            samples: storage.samples,
-            oldest: storage.oldest_ms.map(moment),
-            dropped: storage.dropped,
-            disk_full: storage.disk_full,
-            failing: storage.failing,
-            audit_failing,
-            keep_ms: keep.0,
-            max_bytes: keep.1,
-        }
+/// How much is kept, and how much at most: milliseconds and bytes.
+pub(crate) fn storage(storage: Storage, audit_failing: bool, keep: (i64, u64)) -> StorageInfo {
+    StorageInfo {
+        schema: SCHEMA,
+        history_bytes: storage.bytes,
+        wal_bytes: storage.wal_bytes,
+        points: storage.points,
+        samples: storage.samples,
+        oldest: storage.oldest_ms.map(moment),
+        dropped: storage.dropped,
+        disk_full: storage.disk_full,
+        failing: storage.failing,
+        audit_failing,
+        keep_ms: keep.0,
+        max_bytes: keep.1,
     }
 }
 

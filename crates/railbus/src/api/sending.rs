@@ -4,11 +4,11 @@
 
 mod texts;
 
-use super::problem::{Problem, codes};
-use super::send_types::{LateAnswer, Override, SendAnswer, SendPlan, SendRequest};
-use super::types::SCHEMA;
 use super::{convert, failures};
 use crate::commands::decode::meaning;
+use railbus_api::problem::{Problem, codes};
+use railbus_api::sending::{LateAnswer, Override, SendAnswer, SendPlan, SendRequest};
+use railbus_api::types::SCHEMA;
 use railbus_commission::{Risk, is_answered, request, stowaway};
 use railbus_device::PointKind;
 use railbus_host::{Fault, LateReply};

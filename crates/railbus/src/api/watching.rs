@@ -1,7 +1,7 @@
 //! What happens on a site, event by event, for one watcher.
 
-use super::types::{PointInfo, Quality, Reason, Value, WatchEvent};
 use super::{ask, convert, paths};
+use railbus_api::types::{PointInfo, Quality, Reason, Value, WatchEvent};
 use railbus_site::{Service, Update, Updates};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;

@@ -1,17 +1,17 @@
 //! A site opened here and now, for one command.
 
 use super::{AdHoc, Wanted};
-use crate::api::control_types::{BatchAnswer, GroupInfo, GroupRequest, SceneInfo, SceneRequest};
-use crate::api::problem::{Problem, codes};
-use crate::api::send_types::{SendAnswer, SendRequest};
 use crate::api::sending;
-use crate::api::types::{
-    LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest, Pulsed,
-    ToggleRequest, WatchEvent, WriteRequest, Written,
-};
 use crate::api::watching::Watching;
 use crate::api::{ask, control, failures, paths};
 use crate::config_file;
+use railbus_api::control::{BatchAnswer, GroupInfo, GroupRequest, SceneInfo, SceneRequest};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::sending::{SendAnswer, SendRequest};
+use railbus_api::types::{
+    LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest, Pulsed,
+    ToggleRequest, WatchEvent, WriteRequest, Written,
+};
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Layout, Setup};
 use railbus_host::{LineState, Tap};

@@ -2,21 +2,21 @@
 
 mod http;
 
-use crate::api::control_types::{
-    BatchAnswer, GroupInfo, GroupRequest, Groups, SceneInfo, SceneRequest, Scenes,
-};
-use crate::api::past::{HistoryInfo, VerifiedInfo};
-use crate::api::problem::{Kind, Problem, codes};
-use crate::api::send_types::{SendAnswer, SendRequest};
-use crate::api::types::{
-    FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
-    Points, PulseRequest, Pulsed, SiteInfo, ToggleRequest, WatchEvent, WriteRequest, Written,
-};
 use crate::config_file;
 use crate::serve::socket;
 use crate::texts::Text;
 use http::{Asked, Lines as TextLines, send, send_asked};
 use hyper::Method;
+use railbus_api::control::{
+    BatchAnswer, GroupInfo, GroupRequest, Groups, SceneInfo, SceneRequest, Scenes,
+};
+use railbus_api::past::{HistoryInfo, VerifiedInfo};
+use railbus_api::problem::{Kind, Problem, codes};
+use railbus_api::sending::{SendAnswer, SendRequest};
+use railbus_api::types::{
+    FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
+    Points, PulseRequest, Pulsed, SiteInfo, ToggleRequest, WatchEvent, WriteRequest, Written,
+};
 use railbus_site::config::keeper::etag;
 use railbus_words::Lang;
 use serde::Serialize;

@@ -4,8 +4,7 @@
 mod texts;
 
 use super::Context;
-use crate::api::past::{AUDIT_COLUMNS, VerifiedInfo, unread, verified};
-use crate::api::problem::{Problem, codes};
+use crate::api::past::{AUDIT_COLUMNS, unread, verified};
 use crate::backend::Remote;
 use crate::cli;
 use crate::failure::Failure;
@@ -13,6 +12,8 @@ use crate::render::{Format, out, records};
 use crate::serve::export::{audit_text, csv};
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
+use railbus_api::past::VerifiedInfo;
+use railbus_api::problem::{Problem, codes};
 use railbus_store::audit::{export_folder, verify_folder};
 use railbus_words::Code;
 use railbus_words::Lang;

@@ -2,7 +2,6 @@
 //! ask this; it asks the daemon that the command would ask, else reads the configuration, and
 //! nothing else, gives up soon, and is silent where something is wrong.
 
-use crate::api::types::Kind;
 use crate::backend::{Backend, Wanted};
 use crate::cli;
 use crate::commands::help::TOPICS;
@@ -12,6 +11,7 @@ use crate::failure::Failure;
 use crate::render::out;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use railbus_api::types::Kind;
 use railbus_device::PointKind;
 use railbus_site::Config;
 use railbus_words::Lang;

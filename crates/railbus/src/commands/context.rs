@@ -1,7 +1,6 @@
 //! What the flags that every command has say, and the runtime that commands run in.
 
 use super::look::{LookText, Lookers};
-use crate::api::problem::Problem;
 use crate::backend::{AdHoc, AdHocModule, Backend, Remote, Wanted};
 use crate::cli::{LAST, flag};
 use crate::config_file::{self, Why};
@@ -11,6 +10,7 @@ use crate::render::colour::{Colour, Paint};
 use crate::texts::Text;
 use clap::builder::FalseyValueParser;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
+use railbus_api::problem::Problem;
 use railbus_device::Family;
 use railbus_host::LineName;
 use railbus_wire::{Baud, Character, Micros, Protocol};

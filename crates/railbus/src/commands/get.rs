@@ -1,8 +1,6 @@
 //! `railbus get`: the values of points.
 
 use super::{Context, stop};
-use crate::api::problem::{Problem, codes};
-use crate::api::types::{LineInfo, PointInfo, Quality};
 use crate::cli;
 use crate::failure::Failure;
 use crate::render::records::Records;
@@ -10,6 +8,8 @@ use crate::render::table::Table;
 use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::{LineInfo, PointInfo, Quality};
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::time;

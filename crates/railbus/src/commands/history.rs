@@ -3,9 +3,7 @@
 mod texts;
 
 use super::Context;
-use crate::api::past::{BucketInfo, HistoryInfo, SampleInfo, moment};
-use crate::api::problem::{Problem, codes};
-use crate::api::types::{Kind, PointInfo, Value};
+use crate::api::past::moment;
 use crate::backend::{Detail, Remote};
 use crate::cli;
 use crate::failure::Failure;
@@ -17,6 +15,9 @@ use clap::{Arg, ArgMatches, Command, value_parser};
 use jiff::civil::{DateTime, Time};
 use jiff::tz::TimeZone;
 use jiff::{Timestamp, Zoned};
+use railbus_api::past::{BucketInfo, HistoryInfo, SampleInfo};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::{Kind, PointInfo, Value};
 use railbus_wire::Micros;
 use railbus_words::Code;
 use railbus_words::Lang;

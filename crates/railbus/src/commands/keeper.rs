@@ -1,11 +1,11 @@
 //! Whoever keeps the accounts: the daemon, or the file of the state folder where none runs.
 
 use super::Context;
-use crate::api::problem::{Problem, codes};
 use crate::backend::Remote;
 use crate::failure::Failure;
 use crate::serve::access::{Access, desk};
 use hyper::Method;
+use railbus_api::problem::{Problem, codes};
 use serde_json::{Value, json};
 use std::sync::Arc;
 

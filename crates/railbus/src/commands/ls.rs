@@ -5,8 +5,6 @@ mod models;
 mod ports;
 
 use super::{Context, stop};
-use crate::api::problem::Problem;
-use crate::api::types::{LineInfo, ModuleInfo, PortState};
 use crate::backend::Backend;
 use crate::cli;
 use crate::failure::Failure;
@@ -17,6 +15,8 @@ use crate::render::table::Table;
 use crate::render::{out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use railbus_api::problem::Problem;
+use railbus_api::types::{LineInfo, ModuleInfo, PortState};
 use railbus_wire::Address;
 use railbus_words::Code;
 use railbus_words::Lang;

@@ -2,9 +2,9 @@
 
 use super::Context;
 use crate::api::failures::right_to;
-use crate::api::types::LineInfo;
 use crate::backend::{AdHoc, Backend};
 use crate::failure::Failure;
+use railbus_api::types::LineInfo;
 use railbus_host::{EchoMode, LineName, PortError};
 use railbus_wire::{Baud, Character, Settings};
 use railbus_words::Code;

@@ -1,13 +1,13 @@
 //! `railbus pulse`: an output on for a while.
 
 use super::{Context, set, stop};
-use crate::api::types::{PulseRequest, Pulsed, Timekeeper};
 use crate::cli;
 use crate::failure::Failure;
 use crate::render::table::Table;
 use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_api::types::{PulseRequest, Pulsed, Timekeeper};
 use railbus_wire::Micros;
 use railbus_words::Lang;
 use railbus_words::time;

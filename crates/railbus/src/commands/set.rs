@@ -6,7 +6,6 @@ mod group;
 pub(super) mod orders;
 
 use super::{Context, stop};
-use crate::api::types::{Kind, OutputsRequest, ToggleRequest, WriteRequest, Written};
 use crate::backend::Backend;
 use crate::cli;
 use crate::failure::Failure;
@@ -17,6 +16,7 @@ use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 pub(super) use group::outcomes;
 use orders::{Order, State};
+use railbus_api::types::{Kind, OutputsRequest, ToggleRequest, WriteRequest, Written};
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::time;

@@ -1,12 +1,12 @@
 //! `railbus version`: which program this is, and for what.
 
-use crate::api::types::SCHEMA;
 use crate::cli;
 use crate::commands::Context;
 use crate::failure::Failure;
 use crate::render::{Format, out, records};
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
+use railbus_api::types::SCHEMA;
 use railbus_device::Family;
 use railbus_wire::Protocol;
 use railbus_words::Lang;

@@ -4,8 +4,6 @@ mod texts;
 mod want;
 
 use super::{Context, stop};
-use crate::api::problem::{Problem, codes};
-use crate::api::types::{PointInfo, Quality, WatchEvent};
 use crate::backend::Backend;
 use crate::cli;
 use crate::failure::Failure;
@@ -13,6 +11,8 @@ use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::render::{Format, out, values};
 use clap::{Arg, ArgMatches, Command};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::{PointInfo, Quality, WatchEvent};
 use railbus_wire::Micros;
 use railbus_words::Code;
 use railbus_words::Lang;

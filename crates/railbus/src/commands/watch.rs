@@ -1,7 +1,6 @@
 //! `railbus watch`: what changes, one line at a time.
 
 use super::{Context, get, stop};
-use crate::api::types::{LineInfo, ModuleInfo, PointInfo, PortState, Quality, WatchEvent};
 use crate::backend::Watch;
 use crate::cli;
 use crate::failure::Failure;
@@ -9,6 +8,7 @@ use crate::render::records::{self, Records};
 use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{ArgAction, ArgMatches, Command};
+use railbus_api::types::{LineInfo, ModuleInfo, PointInfo, PortState, Quality, WatchEvent};
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::time;

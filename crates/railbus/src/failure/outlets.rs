@@ -3,10 +3,10 @@
 
 use super::{Code, Failure};
 use crate::api::failures;
-use crate::api::problem::Problem;
 use crate::render::Format;
 use crate::render::colour::Paint;
 use crate::texts::Text;
+use railbus_api::problem::Problem;
 use railbus_bus::Evidence;
 use railbus_device::{Point, PointKind, Refusal};
 use railbus_host::Fault;

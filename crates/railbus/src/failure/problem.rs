@@ -1,9 +1,9 @@
 //! A problem of the API as a failure of the command, in words.
 
 use super::{Code, Failure};
-use crate::api::problem::Problem;
 use crate::render::wire_words;
 use crate::texts::Text;
+use railbus_api::problem::Problem;
 use railbus_device::Family;
 use railbus_site::config::resembles;
 use railbus_wire::Address;

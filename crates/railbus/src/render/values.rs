@@ -1,7 +1,7 @@
 //! Values of points in words.
 
-use crate::api::types::{Confirmed, ModuleState, PointInfo, Quality, Reason, Value};
 use crate::texts::Text;
+use railbus_api::types::{Confirmed, ModuleState, PointInfo, Quality, Reason, Value};
 use railbus_words::Lang;
 use std::collections::BTreeMap;
 

@@ -1,7 +1,7 @@
 //! Words of the wire in the user's language. The core speaks English only, and so do logs and JSON.
 
-use crate::api::types::Lost;
 use crate::texts::Text;
+use railbus_api::types::Lost;
 use railbus_wire::Malformed;
 use railbus_wire::rtu::Exception;
 use railbus_words::Lang;

@@ -6,14 +6,14 @@ use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, language};
 use crate::api::ask;
 use crate::api::failures::no_such_line;
-use crate::api::problem::{Problem, codes};
-use crate::api::types::{SCHEMA, SiteInfo};
 use crate::commands::doctor;
 use crate::config_file;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::routing::get;
 use jiff::{SignedDuration, Timestamp};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::{SCHEMA, SiteInfo};
 use railbus_site::Service;
 use railbus_site::config::load_percent;
 use railbus_words::time::rfc3339;
@@ -172,7 +172,7 @@ async fn examine(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> 
 
 /// `GET /readyz`: ready once every line was tried; which are not open is no matter of readiness.
 pub(super) async fn ready(State(site): State<Site>) -> Answer {
-    use crate::api::types::PortState;
+    use railbus_api::types::PortState;
     let lines = ask::lines(&site.service);
     let opening = lines.iter().any(|line| line.state == PortState::Opening);
     let (status, text) = match opening {

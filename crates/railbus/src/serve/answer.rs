@@ -1,9 +1,9 @@
 //! Answers as HTTP carries them.
 
-use crate::api::problem::Problem;
 use axum::body::{Body, Bytes};
 use axum::http::header::{CONTENT_TYPE, HeaderValue};
 use axum::http::{Response, StatusCode};
+use railbus_api::problem::Problem;
 use serde::Serialize;
 
 /// A value as JSON, or the problem.

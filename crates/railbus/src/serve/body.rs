@@ -14,7 +14,7 @@ pub(super) fn parse<T: DeserializeOwned>(body: &[u8]) -> Result<T, serde_json::E
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::api::types::ToggleRequest;
+    use railbus_api::types::ToggleRequest;
 
     #[test]
     fn a_list_is_no_command() {

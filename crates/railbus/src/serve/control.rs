@@ -6,15 +6,15 @@ use super::doc::Doc;
 use super::order::Order;
 use super::routes::{Answer, Route, Site};
 use crate::api::control;
-use crate::api::control_types::{
+use crate::api::paths;
+use axum::extract::{Path, State};
+use axum::routing::{delete, get, post, put};
+use railbus_api::control::{
     BatchAnswer, BatchRequest, GroupRequest, Groups, LeaseAnswer, LeaseRequest, SceneRequest,
     Scenes,
 };
-use crate::api::paths;
-use crate::api::problem::Problem;
-use crate::api::types::SCHEMA;
-use axum::extract::{Path, State};
-use axum::routing::{delete, get, post, put};
+use railbus_api::problem::Problem;
+use railbus_api::types::SCHEMA;
 use railbus_site::Service;
 use serde_json::Value;
 

@@ -7,17 +7,16 @@ use super::history::kept;
 use super::order::bad_request;
 use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, body, language};
-use crate::api::past::{
-    self, AUDIT_COLUMNS, AckRequest, AuditPage, EventInfo, EventPage, VerifiedInfo, unread,
-};
+use crate::api::past::{self, AUDIT_COLUMNS, unread};
 use crate::api::paths::split;
-use crate::api::problem::{Problem, codes};
-use crate::api::types::SCHEMA;
 use axum::Extension;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::routing::{get, post};
+use railbus_api::past::{AckRequest, AuditPage, EventInfo, EventPage, VerifiedInfo};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::SCHEMA;
 use railbus_store::audit::{AuditLog, Filter};
 use railbus_store::history::{Ack, Asked as Wanted, EventKind, millis};
 use std::time::SystemTime;

@@ -2,7 +2,6 @@
 //! in here would gladly ask, and names that were made to lead here.
 
 use super::answer;
-use crate::api::problem::{Problem, codes};
 use axum::body::{Body, Bytes};
 use axum::extract::{Request, State};
 use axum::http::header::{
@@ -13,6 +12,7 @@ use axum::http::{HeaderMap, Method};
 use axum::middleware::Next;
 use axum::response::Response;
 use hyper::body::{Body as _, Frame};
+use railbus_api::problem::{Problem, codes};
 use std::net::{Ipv4Addr, Ipv6Addr};
 use std::pin::Pin;
 use std::sync::Arc;

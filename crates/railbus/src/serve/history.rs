@@ -8,13 +8,14 @@ use super::order::bad_request;
 use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, language};
 use crate::api::ask;
-use crate::api::past::{self, HistoryInfo, StorageInfo};
-use crate::api::problem::{Problem, codes};
+use crate::api::past;
 use axum::Extension;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::routing::get;
 use jiff::Timestamp;
+use railbus_api::past::{HistoryInfo, StorageInfo};
+use railbus_api::problem::{Problem, codes};
 use railbus_site::PointStatus;
 use railbus_store::history::{Chart, History, HistoryError, PIECE_MAX, Sample, millis};
 use serde_json::json;
@@ -104,7 +105,7 @@ async fn drawn(site: &Site, asked: &Asked) -> Result<HistoryInfo, Problem> {
     };
     let chart = chart.map_err(|error| past::problem(&error))?;
     let unit = known.ok().and_then(|status| Some(status.range?.unit));
-    Ok(HistoryInfo::new(path, (from, to), unit, chart))
+    Ok(past::chart(path, (from, to), unit, chart))
 }
 
 /// A number, where there is one.
@@ -226,6 +227,6 @@ async fn storage(State(site): State<Site>) -> Answer {
     let keep = site.service.config().past.history;
     let failing = site.service.audit_log().is_none_or(|log| log.is_failing());
     let storage = history.storage().await;
-    let told = StorageInfo::new(storage, failing, (keep.age_ms, keep.bytes));
+    let told = past::storage(storage, failing, (keep.age_ms, keep.bytes));
     answer::json(Ok(told))
 }

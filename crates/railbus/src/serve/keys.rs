@@ -5,8 +5,8 @@
 //! answered. A command that began and whose end is not there may have acted: that is told, and it
 //! is not done again. docs/decisions/0028
 
-use crate::api::problem::{Problem, codes};
 use axum::body::Bytes;
+use railbus_api::problem::{Problem, codes};
 use railbus_store::durable;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};

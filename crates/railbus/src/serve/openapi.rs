@@ -4,9 +4,9 @@ use super::access::{Need, Role};
 use super::answer;
 use super::doc::{Doc, Shapes};
 use super::routes::{ALL, Answer, BASE, Route};
-use crate::api::problem::Problem;
 use axum::http::StatusCode;
 use axum::routing::get;
+use railbus_api::problem::Problem;
 use std::sync::LazyLock;
 use utoipa::openapi::path::{
     Operation, OperationBuilder, Parameter, ParameterBuilder, ParameterIn,

@@ -6,13 +6,13 @@ use super::order::Order;
 use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, frames, stream};
 use crate::api::ask;
-use crate::api::problem::Problem;
-use crate::api::types::{
+use axum::extract::{Path, State};
+use axum::routing::{get, post, put};
+use railbus_api::problem::Problem;
+use railbus_api::types::{
     CommandInfo, FrameEvent, Lines, Modules, OutputsRequest, OutputsWritten, PointInfo, Points,
     PulseRequest, Pulsed, SCHEMA, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
-use axum::extract::{Path, State};
-use axum::routing::{get, post, put};
 use railbus_site::Service;
 
 /// The routes of this file.

@@ -7,15 +7,15 @@ use super::listen::ended;
 use super::ops::Op;
 use super::order::Order;
 use super::routes::{Answer, Route, Site};
-use crate::api::ops::{
-    OpBegun, OpInfo, OpState, ScanDepth, ScanLeftOut, ScanModule, ScanPlace, ScanRequest,
-    ScanResult,
-};
-use crate::api::problem::{Problem, codes};
 use crate::api::{ask, convert, failures};
 use crate::commands::scan::{addresses, could_be, evidence, ranges, setup};
 use axum::http::StatusCode;
 use axum::routing::post;
+use railbus_api::ops::{
+    OpBegun, OpInfo, OpState, ScanDepth, ScanLeftOut, ScanModule, ScanPlace, ScanRequest,
+    ScanResult,
+};
+use railbus_api::problem::{Problem, codes};
 use railbus_commission::scan::{
     Depth, Found, Known, LeftOut, Met, Progress, Scanner, Scope, Step, Wish,
 };

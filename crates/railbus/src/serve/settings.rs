@@ -16,15 +16,15 @@ use super::doc::Doc;
 use super::order::Order;
 use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, language};
-use crate::api::ops::OpBegun;
-use crate::api::problem::{Problem, codes};
-use crate::api::settings::{
-    CalibrateRequest, Registers, Settings, SettingsLog, SettingsPlan, SettingsUndo,
-};
 use axum::extract::{Path, State};
 use axum::http::header::IF_MATCH;
 use axum::http::{HeaderMap, StatusCode};
 use axum::routing::{get, patch, post};
+use railbus_api::ops::OpBegun;
+use railbus_api::problem::{Problem, codes};
+use railbus_api::settings::{
+    CalibrateRequest, Registers, Settings, SettingsLog, SettingsPlan, SettingsUndo,
+};
 use railbus_site::Service;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};

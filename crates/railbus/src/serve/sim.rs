@@ -7,16 +7,16 @@ use super::doc::Doc;
 use super::language::spoken;
 use super::order::Order;
 use super::routes::{Answer, Asked, Route, Site};
-use crate::api::problem::{Problem, codes};
-use crate::api::sim_types::{
-    SimFaultsRequest, SimInputsRequest, SimLineInfo, SimLineRequest, SimLines, SimModuleInfo,
-    SimModuleRequest, SimValue,
-};
-use crate::api::types::SCHEMA;
 use crate::failure::Failure;
 use crate::sim::remote::{Errand, Remote};
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, post, put};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::sim::{
+    SimFaultsRequest, SimInputsRequest, SimLineInfo, SimLineRequest, SimLines, SimModuleInfo,
+    SimModuleRequest, SimValue,
+};
+use railbus_api::types::SCHEMA;
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_words::Lang;
 

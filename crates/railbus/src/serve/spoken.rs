@@ -4,7 +4,6 @@
 
 use super::answer;
 use super::language::spoken;
-use crate::api::problem::{Problem, codes};
 use crate::failure::Failure;
 use crate::texts::Text;
 use axum::body::to_bytes;
@@ -13,6 +12,7 @@ use axum::http::StatusCode;
 use axum::http::header::{ACCEPT_LANGUAGE, ALLOW, CONTENT_LENGTH, CONTENT_TYPE};
 use axum::middleware::Next;
 use axum::response::Response;
+use railbus_api::problem::{Problem, codes};
 use railbus_words::Lang;
 
 /// Problems are short: a longer body is none of ours.

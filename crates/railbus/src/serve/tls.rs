@@ -3,8 +3,8 @@
 mod expiry;
 
 use super::access::secret::hex;
-use crate::api::problem::{Problem, codes};
 use jiff::Timestamp;
+use railbus_api::problem::{Problem, codes};
 use railbus_store::durable;
 use rcgen::{CertificateParams, DnType, KeyPair, date_time_ymd};
 use rustls::ServerConfig;

@@ -3,7 +3,6 @@
 
 use super::routes::{Answer, Site};
 use super::{answer, language};
-use crate::api::problem::{Problem, codes};
 use crate::texts::Text;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
@@ -12,6 +11,7 @@ use axum::http::header::{
     HeaderName, HeaderValue, VARY,
 };
 use axum::http::{HeaderMap, Method, Response, StatusCode, Uri};
+use railbus_api::problem::{Problem, codes};
 use railbus_words::Lang;
 use std::borrow::Cow;
 

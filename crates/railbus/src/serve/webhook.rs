@@ -11,9 +11,9 @@ pub(super) mod target;
 pub(super) use routes::ROUTES;
 
 use crate::api::past;
-use crate::api::types::SCHEMA;
 use hook::Hook;
 use hyper::body::Bytes;
+use railbus_api::types::SCHEMA;
 use railbus_site::{Config, Events, Service};
 use railbus_store::history::{Event, EventKind, Severity};
 use request::{Carrier, Failed, Parcel};

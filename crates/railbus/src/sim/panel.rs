@@ -2,7 +2,7 @@
 
 use super::orders::Directory;
 use super::stage::{Part, Stage, Whose};
-use crate::api::sim_types::{SimFaultInfo, SimLineInfo, SimModuleInfo, SimPointInfo, SimValue};
+use railbus_api::sim::{SimFaultInfo, SimLineInfo, SimModuleInfo, SimPointInfo, SimValue};
 use railbus_device::{Family, Point, PointKind};
 use railbus_wire::Instant;
 

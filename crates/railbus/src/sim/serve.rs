@@ -8,7 +8,7 @@ use super::panel;
 use super::pty::Pty;
 use super::stage::Stage;
 use super::tcp::Tcp;
-use crate::api::sim_types::SimLineInfo;
+use railbus_api::sim::SimLineInfo;
 use railbus_sim::{Chunks, Input, LineConfig, Output};
 use railbus_wire::{Instant, Micros, Settings};
 use railbus_words::Lang;

@@ -1,12 +1,12 @@
 //! One HTTP request over a Unix socket, and what comes back.
 
-use crate::api::problem::{Problem, codes};
 use http_body_util::{BodyExt, Full, Limited};
 use hyper::body::{Bytes, Incoming};
 use hyper::client::conn::http1;
 use hyper::header::{CONTENT_TYPE, HOST, IF_MATCH};
 use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::TokioIo;
+use railbus_api::problem::{Problem, codes};
 use std::path::Path;
 use std::time::Duration;
 use tokio::net::UnixStream;

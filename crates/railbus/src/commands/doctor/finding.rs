@@ -1,10 +1,10 @@
 //! What is found: a code of the table, the facts of this case, and the commands that mend it.
 
 use super::texts::DoctorText;
-use crate::api::types::Lost;
 use crate::commands::config_check::Shown;
 use crate::render::wire_words;
 use crate::texts::Text;
+use railbus_api::types::Lost;
 use railbus_words::Lang;
 use railbus_words::findings;
 use serde_json::{Value, json};

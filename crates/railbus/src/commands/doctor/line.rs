@@ -4,7 +4,7 @@
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
 use super::{device_of, hearing, port};
-use crate::api::types::Lost;
+use crate::api::convert;
 use crate::commands::Context;
 use crate::failure::Failure;
 use crate::machine::Machine;
@@ -278,7 +278,7 @@ fn verdicts(lang: Lang, line: &Chosen, ends: &[Option<Fault>], late: &[usize]) -
                 continue;
             }
             Some(Fault::NoReply(met) | Fault::Garbled(met)) => {
-                Finding::unanswered(lang, &at(), Some(&Lost::from(*met)))
+                Finding::unanswered(lang, &at(), Some(&convert::lost(*met)))
             }
             Some(Fault::Refused(_)) => Finding::error(Section::Modules, "D303", at()),
             Some(Fault::Stranger { .. }) => Finding::error(Section::Modules, "D307", at()),

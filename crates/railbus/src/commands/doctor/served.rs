@@ -3,11 +3,11 @@
 use super::finding::{Finding, Section};
 use super::line::no_line;
 use super::texts::DoctorText;
-use crate::api::types::{LineInfo, ModuleInfo, ModuleState, PointInfo, PortState};
 use crate::backend::Backend;
 use crate::commands::Context;
 use crate::failure::Failure;
 use crate::texts::Text;
+use railbus_api::types::{LineInfo, ModuleInfo, ModuleState, PointInfo, PortState};
 use railbus_words::Lang;
 use railbus_words::time;
 
@@ -160,7 +160,7 @@ fn modules_at_daemon(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::api::types::Lost;
+    use railbus_api::types::Lost;
     use serde_json::json;
 
     #[test]

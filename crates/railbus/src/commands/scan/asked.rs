@@ -1,12 +1,12 @@
 //! Who puts a scan's questions on the line: the scan itself, or the daemon that has it. There
 //! they go between its own polls.
 
-use crate::api::send_types::{LateAnswer, SendRequest};
-use crate::api::types::Outcome;
 use crate::backend::Backend;
 use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
 use crate::failure::Failure;
+use railbus_api::sending::{LateAnswer, SendRequest};
+use railbus_api::types::Outcome;
 use railbus_commission::read_request;
 use railbus_commission::scan::Met;
 use railbus_host::{LateReply, Line, LineConfig, Probe, Probed};

@@ -44,7 +44,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
             (Some(_), true) => format!(
                 "{}  {}",
                 values::state(lang, on),
-                values::confirmed(lang, crate::api::types::Confirmed::Readback)
+                values::confirmed(lang, railbus_api::types::Confirmed::Readback)
             ),
             (Some(_), false) => Failure::of(lang, Code::NotVerified).message().to_owned(),
         };

@@ -1,13 +1,13 @@
 //! The frames that `set` would send, for `--dry-run`.
 
 use super::orders::{Order, State};
-use crate::api::types::ModuleInfo;
 use crate::backend::Backend;
 use crate::commands::Context;
 use crate::failure::Failure;
 use crate::render::records::Records;
 use crate::render::table::Table;
 use crate::texts::Text;
+use railbus_api::types::ModuleInfo;
 use railbus_device::{Bank, Family, Layout, Module, Op, PointKind, Setup};
 use railbus_wire::{Address, Channel, Frame, Protocol};
 use railbus_words::Code;

@@ -2,13 +2,13 @@
 
 use super::orders::{Order, State};
 use super::{Outcome, Terms, bad_word, conclude, frames, stop, tell};
-use crate::api::control_types::{BatchAnswer, BatchResult, GroupRequest, GroupValue, GroupWord};
-use crate::api::problem::{Problem, codes};
-use crate::api::types::{Value, Written};
 use crate::backend::Backend;
 use crate::commands::Context;
 use crate::failure::Failure;
 use crate::render::out;
+use railbus_api::control::{BatchAnswer, BatchResult, GroupRequest, GroupValue, GroupWord};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::{Value, Written};
 
 /// Switches the group that the words name.
 pub(super) fn run(

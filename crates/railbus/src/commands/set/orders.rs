@@ -1,7 +1,7 @@
 //! What `set` is asked for: `pump.do0 on`, `yard 1,3=on`, `oven k1=on k2=off k5=toggle`,
 //! `oven all=off`.
 
-use crate::api::types::PointInfo;
+use railbus_api::types::PointInfo;
 
 /// What an output is to become.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! What can be said of something heard without reading its bytes: what filters ask for.
 
-use crate::api::types::ModuleInfo;
+use railbus_api::types::ModuleInfo;
 use railbus_commission::Risk;
 use railbus_sniff::{Asked, Heard, Role, Verdict};
 use railbus_wire::{Address, Exchange, Micros, Protocol};

@@ -1,11 +1,11 @@
 //! Where what is heard comes from: a port, or a capture file.
 
 use super::texts::SniffText;
-use crate::api::types::{FrameEvent, LineInfo};
 use crate::backend::Frames;
 use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
 use crate::failure::Failure;
+use railbus_api::types::{FrameEvent, LineInfo};
 use railbus_host::{AnyPort, LineName, Port, PortError, SerialOptions};
 use railbus_sniff::capture::{Direction, LINK_TYPE, Reader, Step, Why};
 use railbus_wire::{Baud, Character, Instant, Settings};

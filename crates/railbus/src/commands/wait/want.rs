@@ -1,6 +1,6 @@
 //! What is waited for.
 
-use crate::api::types::{Kind, PointInfo, Quality, Value};
+use railbus_api::types::{Kind, PointInfo, Quality, Value};
 
 /// A value that a point is to have.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,9 +2,9 @@
 //! daemon's weak spot itself.
 
 use super::secret::{Secret, random};
-use crate::api::problem::{Problem, codes};
 use argon2::password_hash::{PasswordHasher, PasswordVerifier};
 use argon2::{Algorithm, Argon2, Params, Version};
+use railbus_api::problem::{Problem, codes};
 use std::sync::Arc;
 use tokio::sync::Semaphore;
 

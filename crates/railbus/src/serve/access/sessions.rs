@@ -2,8 +2,8 @@
 //! lies in the state folder.
 
 use super::secret::{Fingerprint, Secret, fingerprint, hex, random};
-use crate::api::problem::{Problem, codes};
 use jiff::Timestamp;
+use railbus_api::problem::{Problem, codes};
 use railbus_store::durable;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;

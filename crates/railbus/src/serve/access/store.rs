@@ -1,7 +1,7 @@
 //! The file that accounts are kept in: whole or not at all, for its owner's eyes only.
 
 use super::accounts::Accounts;
-use crate::api::problem::{Problem, codes};
+use railbus_api::problem::{Problem, codes};
 use railbus_store::durable;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read};

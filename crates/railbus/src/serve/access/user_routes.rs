@@ -5,7 +5,6 @@ use super::desk::{AddToken, AddUser, ChangeUser, MadeToken, Removed, Tokens, Use
 use super::gate::Access;
 use super::sessions::SessionInfo;
 use super::{Caller, Need, desk, note_change, to_its_end};
-use crate::api::problem::{Problem, codes};
 use crate::serve::answer;
 use crate::serve::doc::Doc;
 use crate::serve::routes::{Answer, Route, Site};
@@ -14,6 +13,7 @@ use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, patch, post};
 use jiff::Timestamp;
+use railbus_api::problem::{Problem, codes};
 use serde::Serialize;
 use serde::de::IgnoredAny;
 use serde_json::Value;

@@ -6,7 +6,7 @@ use super::super::order::Order;
 use super::super::ports;
 use super::super::webhook::target;
 use super::rules;
-use crate::api::problem::{Problem, codes};
+use railbus_api::problem::{Problem, codes};
 use railbus_site::Config;
 
 /// Whether a whole text may take the place of that one.

@@ -2,9 +2,9 @@
 //! check, write, reload.
 
 use crate::api::failures::bad_config;
-use crate::api::problem::{Problem, codes};
 use crate::config_file;
 use crate::serve::access::Caller;
+use railbus_api::problem::{Problem, codes};
 use railbus_site::config::edit::WriteError;
 use railbus_site::config::keeper::{Generation, Keeper, etag};
 use railbus_site::{Config, Loan, Reloaded, Service};

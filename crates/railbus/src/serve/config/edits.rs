@@ -1,6 +1,6 @@
 //! What requests want of the configuration, as changes of its text.
 
-use crate::api::problem::{Problem, codes};
+use railbus_api::problem::{Problem, codes};
 use railbus_device::{Family, Setup};
 use railbus_site::Config;
 pub(super) use railbus_site::config::change::Keys;

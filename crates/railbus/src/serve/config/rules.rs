@@ -9,14 +9,14 @@ use super::super::order::Order;
 use super::super::routes::{Answer, Route, Site};
 use super::{edit, edits};
 use crate::api::failures::bad_config;
-use crate::api::past;
-use crate::api::problem::{Problem, codes};
-use crate::api::rules::{RuleInfo, RuleText, Rules, TriedInfo, TryRequest};
-use crate::api::types::SCHEMA;
+use crate::api::{past, rules as told};
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::routing::{delete, get, post, put};
 use jiff::tz::TimeZone;
+use railbus_api::problem::{Problem, codes};
+use railbus_api::rules::{RuleInfo, RuleText, Rules, TriedInfo, TryRequest};
+use railbus_api::types::SCHEMA;
 use railbus_site::config::Rule;
 use railbus_site::{Config, Service};
 use railbus_store::history::millis;
@@ -71,7 +71,7 @@ async fn all(State(site): State<Site>) -> Answer {
     answer::json(Ok(Rules {
         schema: SCHEMA,
         time_zone: zone.iana_name().unwrap_or("UTC").to_owned(),
-        rules: rules.map(|status| RuleInfo::new(&config, status)).collect(),
+        rules: rules.map(|status| told::rule(&config, status)).collect(),
     }))
 }
 
@@ -79,7 +79,7 @@ async fn one(State(site): State<Site>, Path(id): Path<String>) -> Answer {
     let config = site.service.config();
     let found = site.service.rules().into_iter().find(|rule| rule.id == id);
     let found = found.ok_or_else(|| no_such_rule(&id));
-    answer::json(found.map(|status| RuleInfo::new(&config, status)))
+    answer::json(found.map(|status| told::rule(&config, status)))
 }
 
 fn no_such_rule(id: &str) -> Problem {
@@ -157,7 +157,7 @@ async fn tried(site: &Site, rule: &Rule, wanted: &TryRequest) -> Result<TriedInf
     let span = span(wanted)?;
     let tried = site.service.try_rule(rule, span).await;
     tried
-        .map(TriedInfo::new)
+        .map(told::tried)
         .map_err(|error| past::problem(&error))
 }
 

@@ -2,14 +2,14 @@
 
 use super::drive::{Drive, journal, on_loan, open};
 use super::wish::Wish;
-use crate::api::failures;
-use crate::api::ops::{OpBegun, OpInfo};
-use crate::api::problem::{Problem, codes};
-use crate::api::settings::{Calibration, SettingsRun};
+use crate::api::{failures, settings as told};
 use crate::commands::config::guided::hindered;
 use crate::commands::config::outcome;
 use crate::commands::config::target::Target;
 use crate::failure::Failure;
+use railbus_api::ops::{OpBegun, OpInfo};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::settings::{Calibration, SettingsRun};
 use railbus_commission::settings::{Key, Wanted};
 use railbus_commission::{By, Calibrated, Hindrance, Job, Trouble, calibrate};
 use railbus_device::Family;
@@ -137,7 +137,7 @@ impl Work {
         self.drive.op.tell(|info| {
             info.done = u64::from(done.zero.is_some()) + u64::from(done.span.is_some());
             if let Some(run) = &mut info.settings {
-                run.calibration = Some(Calibration::of(&done));
+                run.calibration = Some(told::calibration(&done));
                 run.end = Some(
                     if done.hindered.is_none() {
                         "done"

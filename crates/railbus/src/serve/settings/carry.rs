@@ -4,11 +4,11 @@
 use super::drive::{Drive, journal, on_loan, open};
 use super::wish::{Plan, Wish};
 use crate::api::failures;
-use crate::api::ops::{OpBegun, OpInfo};
-use crate::api::problem::Problem;
-use crate::api::settings::SettingsRun;
 use crate::commands::config::outcome::{self, placed};
 use crate::failure::Failure;
+use railbus_api::ops::{OpBegun, OpInfo};
+use railbus_api::problem::Problem;
+use railbus_api::settings::SettingsRun;
 use railbus_commission::{Ended, Job, Trouble, Why, change};
 use railbus_words::Code;
 

@@ -2,10 +2,7 @@
 //! it goes, asks whoever follows it, and can be ended.
 
 use super::wish::Wish;
-use crate::api::failures;
-use crate::api::ops::OpState;
-use crate::api::problem::{Problem, codes};
-use crate::api::settings::SettingsQuestion;
+use crate::api::{failures, settings as told};
 use crate::commands::config::file::not_followed;
 use crate::commands::config::ground::store_failure;
 use crate::commands::config::outcome::placed;
@@ -17,6 +14,8 @@ use crate::serve::listen::ended;
 use crate::serve::ops::Op;
 use crate::serve::routes::Site;
 use crate::serve::spoken;
+use railbus_api::ops::OpState;
+use railbus_api::problem::{Problem, codes};
 use railbus_commission::{
     Act, Event, Log, Place, Procedure, Progress, Question, Record, State, Step,
 };
@@ -136,7 +135,7 @@ impl Drive {
         let answer = self.op.ask();
         self.op.tell(|info| {
             if let Some(run) = &mut info.settings {
-                run.question = Some(SettingsQuestion::of(question, ANSWER_MAX));
+                run.question = Some(told::question(question, ANSWER_MAX));
             }
         });
         let mut stop = self.stop.clone();

@@ -1,8 +1,8 @@
 //! One webhook at work: what waits for it, what is tried again and when, and what came of it.
 
 use super::request::Failed;
-use crate::api::webhooks::WebhookError;
 use jiff::Timestamp;
+use railbus_api::webhooks::WebhookError;
 use railbus_site::config::Webhook;
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_words::time::rfc3339;

@@ -2,7 +2,6 @@
 //! so. No redirect is followed: an event goes where the configuration says, or nowhere.
 
 use super::target;
-use crate::api::problem::{Problem, codes};
 use crate::serve::access::secret::{Secret, hex};
 use hmac::{Hmac, KeyInit, Mac};
 use http_body_util::Full;
@@ -12,6 +11,7 @@ use hyper::header::{CONNECTION, CONTENT_TYPE, HOST, RETRY_AFTER, USER_AGENT};
 use hyper::{Request, Uri};
 use hyper_util::rt::TokioIo;
 use jiff::Timestamp;
+use railbus_api::problem::{Problem, codes};
 use rustls::pki_types::ServerName;
 use rustls::{ClientConfig, RootCertStore};
 use sha2::Sha256;

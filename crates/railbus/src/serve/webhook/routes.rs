@@ -2,9 +2,6 @@
 
 use super::hook::Hook;
 use super::request::Failed;
-use crate::api::problem::{Problem, codes};
-use crate::api::types::SCHEMA;
-use crate::api::webhooks::{WebhookInfo, WebhookList, WebhookTest, WebhookText};
 use crate::serve::access::Need;
 use crate::serve::access::secret::{Secret, hex, random};
 use crate::serve::config::{edit, edits, keys};
@@ -15,6 +12,9 @@ use crate::serve::{answer, language, spoken};
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::routing::{delete, get, post, put};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::SCHEMA;
+use railbus_api::webhooks::{WebhookInfo, WebhookList, WebhookTest, WebhookText};
 use railbus_site::config::Webhook;
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_words::time::rfc3339;

@@ -1,8 +1,8 @@
 //! The secrets of webhooks: in a file of the state folder for its owner's eyes only, since the
 //! configuration is for others' eyes, too.
 
-use crate::api::problem::{Problem, codes};
 use crate::serve::access::secret::Secret;
+use railbus_api::problem::{Problem, codes};
 use railbus_site::config::WEBHOOKS_MAX;
 use railbus_store::durable;
 use serde_json::{Map, Value};

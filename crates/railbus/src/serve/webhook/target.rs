@@ -2,7 +2,7 @@
 //! listens on its own machine, or beside it where no other machine is let in.
 
 use crate::api::paths::matches;
-use crate::api::problem::{Problem, codes};
+use railbus_api::problem::{Problem, codes};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, UdpSocket};
 
 /// The host and the port of an address of a webhook; none of what is no such address.

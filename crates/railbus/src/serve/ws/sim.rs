@@ -1,8 +1,8 @@
 //! How the modules of a simulated line are, and what of that changes.
 
 use super::{Gone, Out};
-use crate::api::sim_types::{SimFaultInfo, SimLineInfo, SimModuleInfo};
 use crate::sim::remote::Remote;
+use railbus_api::sim::{SimFaultInfo, SimLineInfo, SimModuleInfo};
 use std::time::Duration;
 use tokio::time::{MissedTickBehavior, interval};
 

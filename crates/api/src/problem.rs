@@ -9,30 +9,30 @@ use utoipa::ToSchema;
 
 /// Why something was not done.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Problem {
+pub struct Problem {
     /// The stable code, as `E0301`. Its first two digits are the exit code.
-    pub(crate) code: String,
+    pub code: String,
     /// In one English sentence, for those who know no better.
-    pub(crate) title: String,
+    pub title: String,
     /// The HTTP status.
-    pub(crate) status: u16,
+    pub status: u16,
     /// What it was about and what was met: `module`, `line`, `point`, `address`, `protocol`,
     /// `model`, `attempts`, `rx_bytes`, `reason`, ... Keys of the codes are listed at
     /// [`codes`].
     #[serde(flatten)]
-    pub(crate) with: BTreeMap<String, serde_json::Value>,
+    pub with: BTreeMap<String, serde_json::Value>,
     /// Commands that may help.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(crate) hint: Vec<String>,
+    pub hint: Vec<String>,
     /// The command may still have taken effect: look before repeating. Left out where it can't
     /// have.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) may_have_acted: bool,
+    pub may_have_acted: bool,
 }
 
 impl Problem {
     /// A problem of this kind.
-    pub(crate) fn new(kind: Kind) -> Problem {
+    pub fn new(kind: Kind) -> Problem {
         Problem {
             code: kind.code.to_owned(),
             title: kind.title().to_owned(),
@@ -44,25 +44,25 @@ impl Problem {
     }
 
     /// Adds what it was about.
-    pub(crate) fn with(mut self, key: &str, value: impl Into<serde_json::Value>) -> Problem {
+    pub fn with(mut self, key: &str, value: impl Into<serde_json::Value>) -> Problem {
         self.with.insert(key.to_owned(), value.into());
         self
     }
 
     /// Says that the command may still have taken effect.
-    pub(crate) const fn perhaps_acted(mut self, perhaps: bool) -> Problem {
+    pub const fn perhaps_acted(mut self, perhaps: bool) -> Problem {
         self.may_have_acted |= perhaps;
         self
     }
 
     /// Adds a command that may help.
-    pub(crate) fn with_hint(mut self, command: impl Into<String>) -> Problem {
+    pub fn with_hint(mut self, command: impl Into<String>) -> Problem {
         self.hint.push(command.into());
         self
     }
 
     /// What it says under a key, as text; empty where it says nothing.
-    pub(crate) fn text(&self, key: &str) -> String {
+    pub fn text(&self, key: &str) -> String {
         match self.with.get(key) {
             Some(serde_json::Value::String(text)) => text.clone(),
             Some(other) => other.to_string(),
@@ -73,11 +73,11 @@ impl Problem {
 
 /// A kind of problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Kind {
+pub struct Kind {
     /// The stable code.
-    pub(crate) code: &'static str,
+    pub code: &'static str,
     /// The HTTP status.
-    pub(crate) status: u16,
+    pub status: u16,
 }
 
 impl Kind {
@@ -88,15 +88,14 @@ impl Kind {
 }
 
 /// Every kind there is, and the keys that come with it.
-pub(crate) mod codes {
+pub mod codes {
     use super::Kind;
 
     macro_rules! kinds {
         ($($(#[$doc:meta])* $name:ident = $code:literal, $status:literal;)*) => {
-            $($(#[$doc])* pub(crate) const $name: Kind = Kind { code: $code, status: $status };)*
+            $($(#[$doc])* pub const $name: Kind = Kind { code: $code, status: $status };)*
             /// All of them.
-            #[cfg(test)]
-            pub(crate) const ALL: &[Kind] = &[$($name),*];
+            pub const ALL: &[Kind] = &[$($name),*];
         };
     }
 
@@ -147,6 +146,7 @@ pub(crate) mod codes {
         NO_REPLY = "E0301", 504;
         /// Also `module`, `line`, ...
         UNKNOWN = "E0302", 504;
+        /// A command with this key was begun, and its end is not known.
         KEY_BEGUN = "E0303", 504;
         /// Also `module`, `line`, ..., `refusal`.
         REFUSED = "E0401", 502;
@@ -251,6 +251,7 @@ pub(crate) mod codes {
         LINE_AT_WORK = "E0883", 409;
         /// Nobody knows who asks.
         UNAUTHENTICATED = "E0902", 401;
+        /// Name or password is wrong.
         WRONG_LOGIN = "E0904", 401;
         /// Also `role`, `need`.
         ROLE = "E0905", 403;
@@ -258,12 +259,15 @@ pub(crate) mod codes {
         POINT_RIGHT = "E0906", 403;
         /// Also `retry_after_ms`.
         TRIES = "E0907", 429;
+        /// The request lacks the token of its session.
         CSRF = "E0908", 403;
+        /// The set-up link is not valid, or too old.
         SETUP = "E0909", 403;
         /// Also `name`.
         NO_SUCH_USER = "E0910", 404;
         /// Also `name`.
         NAME_TAKEN = "E0911", 409;
+        /// Nobody could manage accounts any more.
         LAST_ADMIN = "E0912", 409;
         /// Also `why_weak`: `short`, `long` or `simple`; `letters_min`, `bytes_max`.
         WEAK_PASSWORD = "E0913", 422;
@@ -277,6 +281,7 @@ pub(crate) mod codes {
         ACCOUNTS_HELD = "E0917", 409;
         /// Also `name`.
         NO_SUCH_SESSION = "E0918", 404;
+        /// There is an account already.
         HAS_USER = "E0919", 409;
         /// Also `name`.
         BAD_NAME = "E0920", 422;

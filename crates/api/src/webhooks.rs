@@ -6,85 +6,99 @@ use utoipa::ToSchema;
 
 /// All webhooks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct WebhookList {
-    pub(crate) schema: u8,
-    pub(crate) webhooks: Vec<WebhookInfo>,
+pub struct WebhookList {
+    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    pub schema: u8,
+    /// All of them, by name.
+    pub webhooks: Vec<WebhookInfo>,
 }
 
 /// A webhook as the configuration has it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct WebhookText {
+pub struct WebhookText {
     /// Where events are sent.
-    pub(crate) url: String,
+    pub url: String,
     /// The kinds of events that are sent; all of them where there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(crate) events: Vec<String>,
+    pub events: Vec<String>,
     /// Nothing that matters less is sent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) severity: Option<String>,
+    pub severity: Option<String>,
     /// With `modules`: only what is about one of these is sent. Everything where there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(crate) lines: Vec<String>,
+    pub lines: Vec<String>,
+    /// With `lines`: only what is about one of these is sent. Everything where there are none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(crate) modules: Vec<String>,
+    pub modules: Vec<String>,
     /// True where it is not said.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) enabled: Option<bool>,
+    pub enabled: Option<bool>,
 }
 
 /// A webhook, and how it does.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct WebhookInfo {
+pub struct WebhookInfo {
     /// Its name.
-    pub(crate) webhook: String,
-    pub(crate) url: String,
+    pub webhook: String,
+    /// Where events are sent.
+    pub url: String,
     /// The kinds of events that are sent; all of them where there are none.
-    pub(crate) events: Vec<String>,
-    pub(crate) severity: String,
-    pub(crate) lines: Vec<String>,
-    pub(crate) modules: Vec<String>,
-    pub(crate) enabled: bool,
+    pub events: Vec<String>,
+    /// Nothing that matters less is sent.
+    pub severity: String,
+    /// With `modules`: only what is about one of these is sent. Everything where there are none.
+    pub lines: Vec<String>,
+    /// With `lines`: only what is about one of these is sent. Everything where there are none.
+    pub modules: Vec<String>,
+    /// Whether it sends anything.
+    pub enabled: bool,
     /// Whether what it sends is signed. The secret itself is never told.
-    pub(crate) secret: bool,
+    pub secret: bool,
     /// `off`, `idle` before the first event, `ok`, or `failing` since the last try.
-    pub(crate) state: String,
+    pub state: String,
     /// How many events wait, with the one that is being sent.
-    pub(crate) queue: usize,
+    pub queue: usize,
     /// How many events were taken by the receiver, since the daemon began.
-    pub(crate) delivered: u64,
+    pub delivered: u64,
     /// How many were not, after all tries.
-    pub(crate) failed: u64,
+    pub failed: u64,
     /// How many were dropped because too many waited.
-    pub(crate) dropped: u64,
+    pub dropped: u64,
     /// When the last event was taken.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) last_delivery: Option<String>,
+    pub last_delivery: Option<String>,
+    /// What went wrong the last time, if anything did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) last_error: Option<WebhookError>,
+    pub last_error: Option<WebhookError>,
 }
 
 /// What went wrong the last time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct WebhookError {
-    pub(crate) at: String,
+pub struct WebhookError {
+    /// When, as RFC 3339 in UTC.
+    pub at: String,
     /// At which try of the event.
-    pub(crate) tries: u32,
-    pub(crate) problem: Problem,
+    pub tries: u32,
+    /// What went wrong.
+    pub problem: Problem,
 }
 
 /// What came of a test.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct WebhookTest {
-    pub(crate) schema: u8,
+pub struct WebhookTest {
+    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    pub schema: u8,
     /// The number of the event that was sent.
-    pub(crate) id: String,
+    pub id: String,
     /// Whether the receiver took it.
-    pub(crate) delivered: bool,
+    pub delivered: bool,
     /// The HTTP status that came back.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) status: Option<u16>,
-    pub(crate) took_ms: u64,
+    pub status: Option<u16>,
+    /// How long it took.
+    pub took_ms: u64,
+    /// What went wrong, if anything did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) error: Option<Problem>,
+    pub error: Option<Problem>,
 }

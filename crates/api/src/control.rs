@@ -8,18 +8,18 @@ use utoipa::ToSchema;
 
 /// `POST /api/v1/batch`: several outputs of any modules.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct BatchRequest {
+pub struct BatchRequest {
     /// The outputs, each named once.
-    pub(crate) set: Vec<BatchItem>,
+    pub set: Vec<BatchItem>,
     /// Where one fails, what was done is taken back.
     #[serde(default)]
-    pub(crate) all_or_nothing: bool,
+    pub all_or_nothing: bool,
     /// Read them back and compare, where the module can.
     #[serde(default = "yes")]
-    pub(crate) verify: bool,
+    pub verify: bool,
     /// Who asks means it, also where an output wants that to be said.
     #[serde(default)]
-    pub(crate) confirm: bool,
+    pub confirm: bool,
 }
 
 const fn yes() -> bool {
@@ -28,88 +28,91 @@ const fn yes() -> bool {
 
 /// One output of several.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct BatchItem {
+pub struct BatchItem {
     /// Its path: `oven.k1`.
-    pub(crate) path: String,
+    pub path: String,
     /// On or off.
-    pub(crate) value: bool,
+    pub value: bool,
 }
 
 /// What came of several outputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct BatchAnswer {
-    pub(crate) schema: u8,
+pub struct BatchAnswer {
+    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    pub schema: u8,
     /// Each of them, in the order asked.
-    pub(crate) results: Vec<BatchResult>,
+    pub results: Vec<BatchResult>,
     /// One failed, and all that was done was taken back.
-    pub(crate) undone: bool,
+    pub undone: bool,
 }
 
 /// What came of one output of several.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct BatchResult {
+pub struct BatchResult {
     /// Its path.
-    pub(crate) path: String,
+    pub path: String,
     /// What it is now; none where nobody can know.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) value: Option<bool>,
+    pub value: Option<bool>,
     /// What it was before, where that was known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) before: Option<bool>,
+    pub before: Option<bool>,
     /// How far that is certain; none where it was not switched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) confirmed: Option<Confirmed>,
+    pub confirmed: Option<Confirmed>,
     /// From handing the command in to the last byte of its own reply.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) took_ms: Option<u64>,
+    pub took_ms: Option<u64>,
     /// Its number in the list of what was done.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) audit: Option<String>,
+    pub audit: Option<String>,
     /// Why it was not switched, or is not any more.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) error: Option<Problem>,
+    pub error: Option<Problem>,
 }
 
 /// `GET /api/v1/groups`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Groups {
-    pub(crate) schema: u8,
-    pub(crate) groups: Vec<GroupInfo>,
+pub struct Groups {
+    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    pub schema: u8,
+    /// All groups, by name.
+    pub groups: Vec<GroupInfo>,
 }
 
 /// Outputs that are switched together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct GroupInfo {
+pub struct GroupInfo {
     /// The group's name in commands.
-    pub(crate) group: String,
+    pub group: String,
     /// What people call it, by language.
-    pub(crate) name: BTreeMap<String, String>,
+    pub name: BTreeMap<String, String>,
     /// The paths of its outputs.
-    pub(crate) members: Vec<String>,
+    pub members: Vec<String>,
     /// In how many frames it is switched.
-    pub(crate) frames: usize,
+    pub frames: usize,
 }
 
 /// `POST /api/v1/groups/{group}/set`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct GroupRequest {
+pub struct GroupRequest {
     /// On, off, or the other way round.
-    pub(crate) value: GroupValue,
+    pub value: GroupValue,
     /// Where one fails, what was done is taken back.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) all_or_nothing: bool,
+    pub all_or_nothing: bool,
     /// Read them back and compare, where the module can.
     #[serde(default = "yes")]
-    pub(crate) verify: bool,
+    pub verify: bool,
     /// Who asks means it, also where an output wants that to be said.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) confirm: bool,
+    pub confirm: bool,
 }
 
 /// What a group is brought into.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
-pub(crate) enum GroupValue {
+pub enum GroupValue {
     /// All of it on, or all of it off.
     Set(bool),
     /// Another word.
@@ -119,33 +122,35 @@ pub(crate) enum GroupValue {
 /// A word for what a group is brought into.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum GroupWord {
+pub enum GroupWord {
     /// Off where any of it is on or may be, else on.
     Toggle,
 }
 
 /// `GET /api/v1/scenes`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Scenes {
-    pub(crate) schema: u8,
-    pub(crate) scenes: Vec<SceneInfo>,
+pub struct Scenes {
+    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    pub schema: u8,
+    /// All scenes, by name.
+    pub scenes: Vec<SceneInfo>,
 }
 
 /// Steps that are done one after the other.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct SceneInfo {
+pub struct SceneInfo {
     /// The scene's name in commands.
-    pub(crate) scene: String,
+    pub scene: String,
     /// What people call it, by language.
-    pub(crate) name: BTreeMap<String, String>,
+    pub name: BTreeMap<String, String>,
     /// What it does.
-    pub(crate) steps: Vec<StepInfo>,
+    pub steps: Vec<StepInfo>,
 }
 
 /// A step of a scene: an output and its state, or a pause.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
-pub(crate) enum StepInfo {
+pub enum StepInfo {
     /// An output is brought into a state.
     Set {
         /// The path of the output.
@@ -162,44 +167,44 @@ pub(crate) enum StepInfo {
 
 /// `POST /api/v1/scenes/{scene}/run`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct SceneRequest {
+pub struct SceneRequest {
     /// Who asks means it, also where an output wants that to be said.
     #[serde(default)]
-    pub(crate) confirm: bool,
+    pub confirm: bool,
 }
 
 /// `PUT /api/v1/points/{module}/{label}/lease`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct LeaseRequest {
+pub struct LeaseRequest {
     /// On or off.
-    pub(crate) value: bool,
+    pub value: bool,
     /// How long it is held unless that is said again: 200 ms to an hour.
-    pub(crate) ttl_ms: u64,
+    pub ttl_ms: u64,
     /// Who asks means it, also where an output wants that to be said.
     #[serde(default)]
-    pub(crate) confirm: bool,
+    pub confirm: bool,
 }
 
 /// How an output is held.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct LeaseAnswer {
+pub struct LeaseAnswer {
     /// What it is now; none where nobody can know.
-    pub(crate) value: Option<bool>,
+    pub value: Option<bool>,
     /// Until when it is held, as RFC 3339 in UTC; none where it is not any more.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) until: Option<String>,
+    pub until: Option<String>,
     /// It was held already, and nothing was sent.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) renewed: bool,
+    pub renewed: bool,
     /// What it was before, where that was known and it was switched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) before: Option<bool>,
+    pub before: Option<bool>,
     /// How far that is certain, where it was switched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) confirmed: Option<Confirmed>,
+    pub confirmed: Option<Confirmed>,
     /// The number in the list of what was done, where it was switched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) audit: Option<String>,
+    pub audit: Option<String>,
 }
 
 #[cfg(test)]

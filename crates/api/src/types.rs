@@ -1,7 +1,6 @@
 //! The values of the API, version 1. Fields are only ever added; readers ignore what they do
 //! not know.
 
-use railbus_host::Evidence;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -10,53 +9,54 @@ use utoipa::openapi::{ObjectBuilder, RefOr, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
 /// The version of everything here.
-pub(crate) const SCHEMA: u8 = 1;
+pub const SCHEMA: u8 = 1;
 
 /// Which site a daemon serves, as its owner may know it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct SiteInfo {
-    pub(crate) schema: u8,
+pub struct SiteInfo {
+    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    pub schema: u8,
     /// Nothing is real: it is the demo.
-    pub(crate) demo: bool,
+    pub demo: bool,
     /// The file of its configuration, without links on the way.
-    pub(crate) config: String,
+    pub config: String,
     /// The folder of what is remembered of it.
-    pub(crate) state: String,
+    pub state: String,
 }
 
 /// A line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct LineInfo {
+pub struct LineInfo {
     /// Its name.
-    pub(crate) line: String,
+    pub line: String,
     /// What people call it, by language.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) name: BTreeMap<String, String>,
+    pub name: BTreeMap<String, String>,
     /// Where it is plugged in, as the configuration says it.
-    pub(crate) port: String,
+    pub port: String,
     /// How its port is.
-    pub(crate) state: PortState,
+    pub state: PortState,
     /// Why it is not up: `missing`, `permission`, `gone`, ...
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) reason: Option<String>,
+    pub reason: Option<String>,
     /// The program that has the port, where it is busy: `mbusd (812)`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) holder: Option<String>,
+    pub holder: Option<String>,
     /// Its speed, unless a module says otherwise.
-    pub(crate) baud: u32,
+    pub baud: u32,
     /// Its character format, as `8N1`.
-    pub(crate) format: String,
+    pub format: String,
     /// Something on it never stops sending.
     #[serde(default)]
-    pub(crate) babble: bool,
+    pub babble: bool,
     /// The modules on it, by name.
-    pub(crate) modules: Vec<String>,
+    pub modules: Vec<String>,
 }
 
 /// How a line's port is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum PortState {
+pub enum PortState {
     /// It is being opened for the first time.
     Opening,
     /// It is open.
@@ -71,89 +71,78 @@ pub(crate) enum PortState {
 
 /// A module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct ModuleInfo {
+pub struct ModuleInfo {
     /// Its name.
-    pub(crate) module: String,
+    pub module: String,
     /// What people call it, by language.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) name: BTreeMap<String, String>,
+    pub name: BTreeMap<String, String>,
     /// Where it stands; modules are shown together by it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) area: Option<String>,
+    pub area: Option<String>,
     /// The line it hangs on.
-    pub(crate) line: String,
+    pub line: String,
     /// Its address.
-    pub(crate) address: u8,
+    pub address: u8,
     /// The protocol it speaks: `rtu`, `ascii`, `lc02`, `r55`.
-    pub(crate) protocol: String,
+    pub protocol: String,
     /// Its model as flags and configuration name it: `eda9060a`, `erc8`, ...
-    pub(crate) model: String,
+    pub model: String,
     /// Its model as the maker writes it.
-    pub(crate) title: String,
+    pub title: String,
     /// Its speed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) baud: Option<u32>,
+    pub baud: Option<u32>,
     /// Its character format, as `8N1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) format: Option<String>,
+    pub format: Option<String>,
     /// Whether its ASCII frames carry a checksum.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) checksum: Option<bool>,
+    pub checksum: Option<bool>,
     /// Whether it is heard.
-    pub(crate) state: ModuleState,
+    pub state: ModuleState,
     /// What answers in its place says that it is: a model, or a name; only where that is another.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) answers_as: Option<String>,
+    pub answers_as: Option<String>,
     /// When a value of it was read last, as RFC 3339 in UTC; only where it is not online now.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) last_good: Option<String>,
+    pub last_good: Option<String>,
     /// From the beginning of a request to the end of its reply, smoothed; only while it is online.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) rtt_ms: Option<f64>,
+    pub rtt_ms: Option<f64>,
     /// Exchanges that failed within the last hour.
-    pub(crate) errors_1h: u32,
+    pub errors_1h: u32,
     /// Replies that came too late within the last hour.
-    pub(crate) late_1h: u32,
+    pub late_1h: u32,
     /// What came instead of a good reply since the last one; only where it was asked and is not
     /// online now.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) lost: Option<Lost>,
+    pub lost: Option<Lost>,
     /// Its outputs in the order of the terminals: `1`, `0`, or `?` where it is not known how
     /// it is now.
-    pub(crate) outputs: String,
+    pub outputs: String,
     /// Its digital inputs, in the same way.
-    pub(crate) inputs: String,
+    pub inputs: String,
 }
 
 /// The last failed requests to a module since its last good reply, sixteen at most.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Lost {
+pub struct Lost {
     /// The requests.
-    pub(crate) attempts: u8,
+    pub attempts: u8,
     /// After how many of them something came that is no reply.
-    pub(crate) garbled: u8,
+    pub garbled: u8,
     /// How many bytes came in all.
-    pub(crate) rx_bytes: u16,
+    pub rx_bytes: u16,
     /// Why the first of them are no reply.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) why: Option<String>,
-}
-
-impl From<Evidence> for Lost {
-    fn from(met: Evidence) -> Lost {
-        Lost {
-            attempts: met.attempts,
-            garbled: met.garbled,
-            rx_bytes: met.bytes,
-            why: met.why.map(|why| why.to_string()),
-        }
-    }
+    pub why: Option<String>,
 }
 
 /// Whether a module is heard.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum ModuleState {
+pub enum ModuleState {
     /// It answers.
     Online,
     /// It answered before and does not now.
@@ -166,91 +155,91 @@ pub(crate) enum ModuleState {
 
 /// A point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct PointInfo {
+pub struct PointInfo {
     /// Its path: `pump.do0`.
-    pub(crate) path: String,
+    pub path: String,
     /// Its module.
-    pub(crate) module: String,
+    pub module: String,
     /// Its label, as printed at the terminal.
-    pub(crate) label: String,
+    pub label: String,
     /// What it is.
-    pub(crate) kind: Kind,
+    pub kind: Kind,
     /// Its number among the points of its kind, from 0 whatever the label counts from.
-    pub(crate) index: u8,
+    pub index: u8,
     /// What people call it, by language.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) name: BTreeMap<String, String>,
+    pub name: BTreeMap<String, String>,
     /// Its last value; none where it was never read.
-    pub(crate) value: Option<Value>,
+    pub value: Option<Value>,
     /// The register that an analog value was read from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) raw: Option<u16>,
+    pub raw: Option<u16>,
     /// The unit of an analog value.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) unit: Option<String>,
+    pub unit: Option<String>,
     /// How many decimals an analog value has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) decimals: Option<u8>,
+    pub decimals: Option<u8>,
     /// How far the value can be trusted.
-    pub(crate) quality: Quality,
+    pub quality: Quality,
     /// Why it is bad.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) reason: Option<Reason>,
+    pub reason: Option<Reason>,
     /// How long ago the value was read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) age_ms: Option<u64>,
+    pub age_ms: Option<u64>,
     /// From which age on it is stale.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) max_age_ms: Option<u64>,
+    pub max_age_ms: Option<u64>,
     /// When the value was read, as RFC 3339 in UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) time: Option<String>,
+    pub time: Option<String>,
     /// It is of no interest: pages leave it out unless they are asked for it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) hidden: bool,
+    pub hidden: bool,
     /// It must not be written.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) locked: bool,
+    pub locked: bool,
     /// To be switched, it wants to be told that this is meant.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) confirm: bool,
+    pub confirm: bool,
     /// That is said by holding the switch.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) hold: bool,
+    pub hold: bool,
     /// The outputs that must not be on while this one is.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(crate) interlock: Vec<String>,
+    pub interlock: Vec<String>,
     /// It is switched off when it has been on for so long.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) max_on_ms: Option<u64>,
+    pub max_on_ms: Option<u64>,
     /// Once off, it stays so for so long.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) min_off_ms: Option<u64>,
+    pub min_off_ms: Option<u64>,
     /// When it is switched off because it was on for so long, as RFC 3339 in UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) on_until: Option<String>,
+    pub on_until: Option<String>,
     /// When a pulse that the host times ends.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) pulse_until: Option<String>,
+    pub pulse_until: Option<String>,
     /// Somebody holds it, and must say so again by then.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) lease: Option<LeaseInfo>,
+    pub lease: Option<LeaseInfo>,
     /// Switched on, it goes off by itself after this time (pulse mode).
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) pulse_ms: Option<u64>,
+    pub pulse_ms: Option<u64>,
 }
 
 /// Somebody holds an output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct LeaseInfo {
+pub struct LeaseInfo {
     /// Until when, unless that is said again; as RFC 3339 in UTC.
-    pub(crate) until: String,
+    pub until: String,
 }
 
 /// What a point is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Kind {
+pub enum Kind {
     /// A relay or transistor.
     Output,
     /// A digital input.
@@ -264,7 +253,7 @@ pub(crate) enum Kind {
 /// The value of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
-pub(crate) enum Value {
+pub enum Value {
     /// An output is on, or an input is high or open.
     Bool(bool),
     /// An internal variable.
@@ -276,7 +265,7 @@ pub(crate) enum Value {
 /// How far a value can be trusted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Quality {
+pub enum Quality {
     /// Read, and not older than the module's maximum age.
     Good,
     /// Read, but too long ago.
@@ -299,7 +288,7 @@ impl ToSchema for Value {}
 
 impl Quality {
     /// The name in JSON and tables.
-    pub(crate) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Quality::Good => "good",
             Quality::Stale => "stale",
@@ -311,7 +300,7 @@ impl Quality {
 /// Why a value is bad.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Reason {
+pub enum Reason {
     /// It was never read.
     NeverRead,
     /// Its module does not answer.
@@ -333,47 +322,53 @@ pub(crate) enum Reason {
 
 /// `GET /api/v1/lines`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Lines {
-    pub(crate) schema: u8,
-    pub(crate) lines: Vec<LineInfo>,
+pub struct Lines {
+    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    pub schema: u8,
+    /// All lines of the site.
+    pub lines: Vec<LineInfo>,
 }
 
 /// `GET /api/v1/modules`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Modules {
-    pub(crate) schema: u8,
-    pub(crate) modules: Vec<ModuleInfo>,
+pub struct Modules {
+    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    pub schema: u8,
+    /// All modules of the site.
+    pub modules: Vec<ModuleInfo>,
 }
 
 /// `GET /api/v1/points`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Points {
-    pub(crate) schema: u8,
-    pub(crate) points: Vec<PointInfo>,
+pub struct Points {
+    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    pub schema: u8,
+    /// All points that were asked for.
+    pub points: Vec<PointInfo>,
 }
 
 /// `PUT /api/v1/points/{module}/{label}`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct WriteRequest {
+pub struct WriteRequest {
     /// On or off.
-    pub(crate) value: bool,
+    pub value: bool,
     /// Read the output back and compare, where the module can.
     #[serde(default = "yes")]
-    pub(crate) verify: bool,
+    pub verify: bool,
     /// Only where the output is in this state now.
     #[serde(default, rename = "if", skip_serializing_if = "Option::is_none")]
-    pub(crate) only_if: Option<bool>,
+    pub only_if: Option<bool>,
     /// In the form that no module answers (0x55 boards): fastest, and nobody can know.
     #[serde(default)]
-    pub(crate) no_reply: bool,
+    pub no_reply: bool,
     /// Who asks means it, also where an output wants that to be said.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) confirm: bool,
+    pub confirm: bool,
 }
 
 impl WriteRequest {
     /// On or off, verified.
-    pub(crate) const fn to(value: bool) -> WriteRequest {
+    pub const fn to(value: bool) -> WriteRequest {
         WriteRequest {
             value,
             verify: true,
@@ -390,26 +385,26 @@ const fn yes() -> bool {
 
 /// How an output was written.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Written {
+pub struct Written {
     /// What it is now; none where nobody can know.
-    pub(crate) value: Option<bool>,
+    pub value: Option<bool>,
     /// What it was before, where that was known.
-    pub(crate) before: Option<bool>,
+    pub before: Option<bool>,
     /// How far that is certain.
-    pub(crate) confirmed: Confirmed,
+    pub confirmed: Confirmed,
     /// From handing the command in to the last byte of its own reply.
-    pub(crate) took_ms: u64,
+    pub took_ms: u64,
     /// Its number in the list of what was done.
-    pub(crate) audit: String,
+    pub audit: String,
     /// A toggle that was made of a read and a write: another writer may come between.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) read_then_set: bool,
+    pub read_then_set: bool,
 }
 
 /// How far it is certain that a command was carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Confirmed {
+pub enum Confirmed {
     /// Read again afterwards, and as commanded.
     Readback,
     /// The module acknowledged.
@@ -420,94 +415,94 @@ pub(crate) enum Confirmed {
 
 /// `GET /api/v1/commands/{id}`: a command that was given lately.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct CommandInfo {
+pub struct CommandInfo {
     /// Its number, which is that of its entry in the list of what was done.
-    pub(crate) id: String,
+    pub id: String,
     /// The module it was given to.
-    pub(crate) module: String,
+    pub module: String,
     /// What was asked: `do0=on do1=off`, `pulse k1 500ms by host`.
-    pub(crate) what: String,
+    pub what: String,
     /// Who asked for it.
-    pub(crate) who: String,
+    pub who: String,
     /// From where.
-    pub(crate) via: String,
+    pub via: String,
     /// When, as RFC 3339 in UTC.
-    pub(crate) at: String,
+    pub at: String,
     /// How it ended: `readback`, `reply`, `sent`, or the name of what went wrong; none while it
     /// is under way.
-    pub(crate) end: Option<String>,
+    pub end: Option<String>,
 }
 
 /// `PUT /api/v1/modules/{module}/outputs`: several outputs of a module at once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct OutputsRequest {
+pub struct OutputsRequest {
     /// The outputs by label.
-    pub(crate) set: BTreeMap<String, bool>,
+    pub set: BTreeMap<String, bool>,
     /// Read them back and compare, where the module can.
     #[serde(default = "yes")]
-    pub(crate) verify: bool,
+    pub verify: bool,
     /// In the form that no module answers.
     #[serde(default)]
-    pub(crate) no_reply: bool,
+    pub no_reply: bool,
     /// Who asks means it, also where an output wants that to be said.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) confirm: bool,
+    pub confirm: bool,
 }
 
 /// How several outputs were written.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct OutputsWritten {
+pub struct OutputsWritten {
     /// Each of them by label.
-    pub(crate) set: BTreeMap<String, OutputWritten>,
+    pub set: BTreeMap<String, OutputWritten>,
     /// How far that is certain.
-    pub(crate) confirmed: Confirmed,
+    pub confirmed: Confirmed,
     /// From handing the command in to the last byte of its own reply.
-    pub(crate) took_ms: u64,
+    pub took_ms: u64,
     /// Its number in the list of what was done.
-    pub(crate) audit: String,
+    pub audit: String,
 }
 
 /// How one of several outputs was written.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct OutputWritten {
+pub struct OutputWritten {
     /// What it is now; none where nobody can know.
-    pub(crate) value: Option<bool>,
+    pub value: Option<bool>,
     /// What it was before, where that was known.
-    pub(crate) before: Option<bool>,
+    pub before: Option<bool>,
 }
 
 /// `POST /api/v1/points/{module}/{label}/toggle`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct ToggleRequest {
+pub struct ToggleRequest {
     /// By the board's own command, which is never repeated; else read first, then set.
     #[serde(default)]
-    pub(crate) raw: bool,
+    pub raw: bool,
     /// Who asks means it, also where an output wants that to be said.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) confirm: bool,
+    pub confirm: bool,
 }
 
 /// `POST /api/v1/points/{module}/{label}/pulse`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct PulseRequest {
+pub struct PulseRequest {
     /// How long; none is the module's own width.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) ms: Option<u64>,
+    pub ms: Option<u64>,
     /// Who keeps the time.
     #[serde(default)]
-    pub(crate) by: Timekeeper,
+    pub by: Timekeeper,
     /// Release first and pull in after the time, instead of the reverse.
     #[serde(default)]
-    pub(crate) off: bool,
+    pub off: bool,
     /// Who asks means it, also where an output wants that to be said.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(crate) confirm: bool,
+    pub confirm: bool,
 }
 
 /// Who keeps the time of a pulse.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Timekeeper {
+pub enum Timekeeper {
     /// The module where it can, else the host.
     #[default]
     Auto,
@@ -519,27 +514,27 @@ pub(crate) enum Timekeeper {
 
 /// How a pulse was begun. One that the host times ends later, whoever waits for it or not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub(crate) struct Pulsed {
+pub struct Pulsed {
     /// The state during the pulse.
-    pub(crate) value: bool,
+    pub value: bool,
     /// What it was before, where that was known.
-    pub(crate) before: Option<bool>,
+    pub before: Option<bool>,
     /// Who keeps the time; never `auto`.
-    pub(crate) by: Timekeeper,
+    pub by: Timekeeper,
     /// How long it is; none where only the module knows.
-    pub(crate) ms: Option<u64>,
+    pub ms: Option<u64>,
     /// How far it is certain that it began.
-    pub(crate) confirmed: Confirmed,
+    pub confirmed: Confirmed,
     /// From handing the command in to the last byte of its own reply.
-    pub(crate) took_ms: u64,
+    pub took_ms: u64,
     /// Its number in the list of what was done.
-    pub(crate) audit: String,
+    pub audit: String,
 }
 
 /// What came back, in one word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Outcome {
+pub enum Outcome {
     /// A good reply, or a refusal.
     Answered,
     /// Bytes that are no good reply.
@@ -553,10 +548,11 @@ pub(crate) enum Outcome {
 /// What happens on a site: `GET /api/v1/watch`, one to a line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "ev", rename_all = "snake_case")]
-pub(crate) enum WatchEvent {
+pub enum WatchEvent {
     /// A point, as it is: once for each at the beginning, then whenever its value or quality
     /// changes.
     Point {
+        /// The point.
         #[serde(flatten)]
         point: PointInfo,
         /// What it was before, where that was known.
@@ -565,25 +561,31 @@ pub(crate) enum WatchEvent {
     },
     /// A module is heard, or no longer.
     Module {
+        /// The module.
         #[serde(flatten)]
         module: ModuleInfo,
     },
     /// A line's port changed.
     Line {
+        /// The line.
         #[serde(flatten)]
         line: LineInfo,
     },
     /// This watcher was too slow: so many events before the next one are lost to it.
-    Gap { dropped: u64 },
+    Gap {
+        /// How many.
+        dropped: u64,
+    },
 }
 
 /// What passes on a line: `GET /api/v1/frames/stream?line=main`, one to a line of text. Bytes as
 /// the line sends and receives them; what they are is for who reads them to find out.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "ev", rename_all = "snake_case")]
-pub(crate) enum FrameEvent {
+pub enum FrameEvent {
     /// The line that is looked at, at the beginning.
     Line {
+        /// The line.
         #[serde(flatten)]
         line: LineInfo,
     },
@@ -606,7 +608,10 @@ pub(crate) enum FrameEvent {
         bytes: String,
     },
     /// This reader was too slow: so many events before the next one are lost to it.
-    Gap { dropped: u64 },
+    Gap {
+        /// How many.
+        dropped: u64,
+    },
 }
 
 impl fmt::Display for Value {

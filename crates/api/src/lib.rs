@@ -1,0 +1,17 @@
+//! What `railbus serve` and its callers say to each other: one set of types for the server, the
+//! client, and the machine-readable output of every command.
+
+#![forbid(unsafe_code)]
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+pub mod control;
+pub mod ops;
+pub mod past;
+pub mod problem;
+pub mod rules;
+pub mod sending;
+pub mod settings;
+pub mod sim;
+pub mod types;
+pub mod webhooks;
