@@ -12,7 +12,7 @@ import { browser, server } from "./mocked.js";
 const crates = fileURLToPath(new URL("../../crates", import.meta.url));
 
 /** The sources of crates, without their tests. */
-const sources = ["site", "railbus"]
+const sources = ["store", "site", "app", "railbus"]
   .flatMap((crate) => {
     const src = join(crates, crate, "src");
     return readdirSync(src, { recursive: true }).map((path) => join(src, path));
@@ -50,7 +50,9 @@ test("every end of a command has words", () => {
 });
 
 test("a state has one word, in the pages and on the command line", () => {
-  const texts = readFileSync(join(crates, "railbus/src/texts.rs"), "utf8");
+  const texts = ["app", "railbus"]
+    .map((crate) => readFileSync(join(crates, crate, "src/texts.rs"), "utf8"))
+    .join("\n");
   for (const [key, name] of [["on", "On"], ["off", "Off"]]) {
     const [, en, zh] = new RegExp(`^ +${name} \\{ en: "(.*)", zh: "(.*)" \\}$`, "m").exec(texts);
     assert.deepEqual([words("en")(key), words("zh")(key)], [en, zh]);

@@ -5,8 +5,6 @@
 mod local;
 mod remote;
 
-use crate::api::{convert, failures};
-use crate::config_file::{self, Why};
 use local::Local;
 pub(crate) use local::described;
 use railbus_api::control::{BatchAnswer, GroupInfo, GroupRequest, SceneInfo, SceneRequest};
@@ -16,6 +14,8 @@ use railbus_api::types::{
     FrameEvent, LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PortState,
     PulseRequest, Pulsed, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
+use railbus_app::api::{convert, failures};
+use railbus_app::config_file::{self, Why};
 use railbus_device::{Family, Layout};
 use railbus_host::Tap;
 use railbus_wire::{Character, Protocol};

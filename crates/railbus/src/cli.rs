@@ -7,12 +7,12 @@ use crate::commands::{
     decode, get, global_flags, help, history, ls, man, pulse, raw, replay, scan,
 };
 use crate::commands::{scene, schema, set, sniff, token, user, version, wait, watch};
-use crate::failure::Failure;
 use crate::texts::Text;
 use crate::{serve, sim, usage};
 use clap::builder::StyledStr;
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_app::failure::Failure;
 use railbus_words::Lang;
 use railbus_words::Phrase;
 use std::ffi::OsString;

@@ -21,11 +21,11 @@ mod tcp;
 mod texts;
 
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::Format;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use pty::Pty;
+use railbus_app::failure::Failure;
+use railbus_app::render::Format;
 use railbus_sim::demo::modules;
 use railbus_wire::Settings;
 use railbus_words::Code;

@@ -1,8 +1,8 @@
 //! What the parser finds wrong, in the user's language.
 
-use crate::failure::Failure;
 use crate::texts::Text;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
+use railbus_app::failure::Failure;
 use railbus_site::config::resembles;
 use railbus_words::Code;
 use railbus_words::Lang;

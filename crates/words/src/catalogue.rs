@@ -11,13 +11,13 @@ pub trait Phrase {
     fn in_both(self) -> [&'static str; 2];
 }
 
-/// A catalogue: an enum of the name given, one text each, for the crate that it stands in.
+/// A catalogue: an enum of the name given, one text each; for its crate alone, unless it is `pub`.
 #[macro_export]
 macro_rules! texts {
-    ($keys:ident; $($name:ident { en: $en:literal, zh: $zh:literal $(,)? })*) => {
+    ($vis:vis $keys:ident; $($name:ident { en: $en:literal, zh: $zh:literal $(,)? })*) => {
         /// A text by its key.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub(crate) enum $keys { $($name),* }
+        $vis enum $keys { $(#[doc = $en] $name),* }
 
         impl $crate::Phrase for $keys {
             fn in_both(self) -> [&'static str; 2] {

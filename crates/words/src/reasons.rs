@@ -415,6 +415,7 @@ mod tests {
         let mut all = String::new();
         for one in [
             "railbus/src",
+            "app/src",
             "site/src",
             "commission/src",
             "store/src",

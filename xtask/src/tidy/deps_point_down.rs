@@ -99,6 +99,22 @@ const LAYERS: &[Layer] = &[
         below: &["words", "wire"],
         foreign: Foreign::Without(&["axum", "tokio"]),
     },
+    // What the command line and the gateway share is of neither.
+    Layer {
+        name: "app",
+        below: &[
+            "api",
+            "words",
+            "site",
+            "store",
+            "commission",
+            "host",
+            "bus",
+            "device",
+            "wire",
+        ],
+        foreign: Foreign::Without(&["axum", "clap"]),
+    },
     Layer {
         name: "opcua",
         below: &[
@@ -128,6 +144,7 @@ const LAYERS: &[Layer] = &[
     Layer {
         name: "railbus",
         below: &[
+            "app",
             "api",
             "words",
             "opcua",

@@ -1,10 +1,6 @@
 //! A site opened here and now, for one command.
 
 use super::{AdHoc, Wanted};
-use crate::api::sending;
-use crate::api::watching::Watching;
-use crate::api::{ask, control, failures, paths};
-use crate::config_file;
 use railbus_api::control::{BatchAnswer, GroupInfo, GroupRequest, SceneInfo, SceneRequest};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::sending::{SendAnswer, SendRequest};
@@ -12,6 +8,10 @@ use railbus_api::types::{
     LineInfo, ModuleInfo, OutputsRequest, OutputsWritten, PointInfo, PulseRequest, Pulsed,
     ToggleRequest, WatchEvent, WriteRequest, Written,
 };
+use railbus_app::api::sending;
+use railbus_app::api::watching::Watching;
+use railbus_app::api::{ask, control, failures, paths};
+use railbus_app::config_file;
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Layout, Setup};
 use railbus_host::{LineState, Tap};

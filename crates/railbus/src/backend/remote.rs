@@ -2,8 +2,6 @@
 
 mod http;
 
-use crate::config_file;
-use crate::serve::socket;
 use crate::texts::Text;
 use http::{Asked, Lines as TextLines, send, send_asked};
 use hyper::Method;
@@ -17,6 +15,8 @@ use railbus_api::types::{
     FrameEvent, LineInfo, Lines, ModuleInfo, Modules, OutputsRequest, OutputsWritten, PointInfo,
     Points, PulseRequest, Pulsed, SiteInfo, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
+use railbus_app::config_file;
+use railbus_app::socket;
 use railbus_site::config::keeper::etag;
 use railbus_words::Lang;
 use serde::Serialize;

@@ -1,8 +1,8 @@
 //! Users and tokens as people see them.
 
 use super::user::UserText;
-use crate::render::records::Records;
-use crate::render::table::Table;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
 use railbus_words::Lang;
 use serde_json::Value;
 

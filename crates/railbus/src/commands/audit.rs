@@ -4,16 +4,16 @@
 mod texts;
 
 use super::Context;
-use crate::api::past::{AUDIT_COLUMNS, unread, verified};
 use crate::backend::Remote;
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::{Format, out, records};
 use crate::serve::export::{audit_text, csv};
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
 use railbus_api::past::VerifiedInfo;
 use railbus_api::problem::{Problem, codes};
+use railbus_app::api::past::{AUDIT_COLUMNS, unread, verified};
+use railbus_app::failure::Failure;
+use railbus_app::render::{Format, out, records};
 use railbus_store::audit::{export_folder, verify_folder};
 use railbus_words::Code;
 use railbus_words::Lang;

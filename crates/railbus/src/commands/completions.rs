@@ -5,10 +5,10 @@ mod texts;
 
 use super::install;
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::out;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use clap_complete::{Shell, generate};
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
 use railbus_words::Lang;
 use std::path::PathBuf;
 use texts::CompletionsText;

@@ -20,8 +20,8 @@ mod texts;
 
 use super::config_check;
 use crate::cli;
-use crate::failure::Failure;
 use clap::{ArgMatches, Command};
+use railbus_app::failure::Failure;
 use railbus_words::Lang;
 use texts::ConfigText;
 

@@ -7,13 +7,13 @@ pub(super) use texts::ConfigCheckText;
 
 use super::Context;
 use crate::cli;
-use crate::config_file::{self, Found, Why};
-use crate::failure::Failure;
-use crate::machine::{Machine, ports};
-use crate::render::records::Records;
-use crate::render::table::Table;
-use crate::render::{Format, out, records};
 use clap::{ArgMatches, Command};
+use railbus_app::config_file::{self, Found, Why};
+use railbus_app::failure::Failure;
+use railbus_app::machine::{Machine, ports};
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::render::{Format, out, records};
 use railbus_site::Config;
 use railbus_site::config::{Unwise, Warning, lint, load_percent, place_of};
 use railbus_words::Lang;
@@ -125,7 +125,7 @@ pub(super) fn loads(lang: Lang, config: &Config) -> String {
         format!("{name} {} %", load_percent(modules))
     };
     let loads: Vec<String> = config.lines.keys().map(of_line).collect();
-    loads.join(lang.get(crate::texts::Text::Comma))
+    loads.join(lang.get(railbus_app::texts::AppText::Comma))
 }
 
 /// The same for programs.
@@ -157,7 +157,7 @@ impl Shown {
         let message = match detail.is_empty() {
             true => title.to_owned(),
             false => lang.fill(
-                crate::texts::Text::Named,
+                railbus_app::texts::AppText::Named,
                 &[("title", &title), ("name", &detail)],
             ),
         };
@@ -217,7 +217,7 @@ fn detail(lang: Lang, kind: &Unwise) -> String {
 
 /// Each warning and what to do, for people.
 fn page(lang: Lang, file: &str, shown: &[Shown]) -> String {
-    let label = lang.get(crate::texts::Text::Try);
+    let label = lang.get(railbus_app::texts::AppText::Try);
     let block = |warning: &Shown| {
         let (code, at, path) = (warning.code, warning.at(file), &warning.path);
         let (message, next) = (&warning.message, &warning.next);

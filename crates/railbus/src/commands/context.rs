@@ -3,14 +3,14 @@
 use super::look::{LookText, Lookers};
 use crate::backend::{AdHoc, AdHocModule, Backend, Remote, Wanted};
 use crate::cli::{LAST, flag};
-use crate::config_file::{self, Why};
-use crate::failure::Failure;
-use crate::render::Format;
-use crate::render::colour::{Colour, Paint};
 use crate::texts::Text;
 use clap::builder::FalseyValueParser;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
 use railbus_api::problem::Problem;
+use railbus_app::config_file::{self, Why};
+use railbus_app::failure::Failure;
+use railbus_app::render::Format;
+use railbus_app::render::colour::{Colour, Paint};
 use railbus_device::Family;
 use railbus_host::LineName;
 use railbus_wire::{Baud, Character, Micros, Protocol};
@@ -282,7 +282,7 @@ impl Context {
     /// Says something beside the result, unless that is not wanted.
     pub(crate) fn note(&self, text: &str) {
         if !self.quiet {
-            crate::render::out::note(text);
+            railbus_app::render::out::note(text);
         }
     }
 

@@ -1,16 +1,16 @@
 //! `railbus decode`: what bytes mean.
 
 mod known;
-pub(crate) mod meaning;
 mod readings;
 
 use super::{Context, sniff};
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::records;
-use crate::render::{Format, out};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
+use railbus_app::failure::Failure;
+use railbus_app::render::records;
+use railbus_app::render::{Format, out};
+use railbus_app::texts::AppText;
 use railbus_wire::Protocol;
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -163,8 +163,8 @@ fn told(lang: Lang, reading: &Reading) -> String {
     });
     let mut head = format!("{} {kind}", reading.protocol);
     if let Some(address) = reading.address {
-        head += lang.get(Text::Comma);
-        head += &lang.fill(Text::AtAddress, &[("address", &address)]);
+        head += lang.get(AppText::Comma);
+        head += &lang.fill(AppText::AtAddress, &[("address", &address)]);
     }
     let mut text = format!("{head}\n  {}\n", reading.meaning);
     let check = match &reading.check {

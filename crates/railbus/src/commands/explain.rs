@@ -2,12 +2,13 @@
 
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::render::records::Records;
-use crate::render::table::Table;
-use crate::render::{Format, out};
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use railbus_app::failure::Failure;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::render::{Format, out};
+use railbus_app::texts::AppText;
 use railbus_words::Lang;
 use railbus_words::{Code, EXITS, Page, findings};
 use serde_json::{Value, json};
@@ -79,15 +80,15 @@ fn find(name: &str) -> Option<Explained> {
 
 fn page(lang: Lang, code: &Explained) -> String {
     let mut table = Table::bare();
-    let mut add = |label: Text, text: String| {
-        table.add([String::new(), lang.get(label).to_owned(), text]);
+    let mut add = |label: &str, text: String| {
+        table.add([String::new(), label.to_owned(), text]);
     };
-    add(Text::Likely, code.page.likely(lang).to_owned());
-    add(Text::Try, code.page.next(lang).to_owned());
+    add(lang.get(AppText::Likely), code.page.likely(lang).to_owned());
+    add(lang.get(AppText::Try), code.page.next(lang).to_owned());
     if let Some(exit) = code.exit {
         let name = EXITS.iter().find(|known| known.code == exit);
         let name = name.map_or("", |known| known.name);
-        add(Text::ExitLabel, format!("{exit} {name}"));
+        add(lang.get(Text::ExitLabel), format!("{exit} {name}"));
     }
     format!(
         "{}  {}\n{}",

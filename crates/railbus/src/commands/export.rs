@@ -4,12 +4,12 @@ mod texts;
 
 use super::Context;
 use crate::cli;
-use crate::config_file;
-use crate::failure::Failure;
-use crate::render::records::Records;
-use crate::render::table::Table;
-use crate::render::{Format, out};
 use clap::{Arg, ArgMatches, Command};
+use railbus_app::config_file;
+use railbus_app::failure::Failure;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::render::{Format, out};
 use railbus_device::{Module, Setup};
 use railbus_host::LineName;
 use railbus_site::Config;

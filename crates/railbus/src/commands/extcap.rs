@@ -4,9 +4,9 @@
 use super::sniff::{self, SniffText};
 use super::{Context, place};
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::out;
 use clap::{ArgAction, ArgMatches, Command, value_parser};
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
 use railbus_sniff::capture::LINK_TYPE;
 use railbus_wire::Baud;
 use railbus_words::Code;

@@ -2,14 +2,15 @@
 
 use super::{Context, stop};
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::records::Records;
-use crate::render::table::Table;
-use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::{LineInfo, PointInfo, Quality};
+use railbus_app::failure::Failure;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::render::{Format, out, values};
+use railbus_app::texts::AppText;
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::time;
@@ -101,7 +102,7 @@ pub(super) fn records(lang: Lang, points: &[PointInfo], raw: bool) -> Records {
             point.path.clone(),
             values::point(lang, point),
             name,
-            notes.join(lang.get(Text::Comma)),
+            notes.join(lang.get(AppText::Comma)),
         ]);
     }
     let rows = points.iter().map(|point| {

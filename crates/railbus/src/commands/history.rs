@@ -3,14 +3,8 @@
 mod texts;
 
 use super::Context;
-use crate::api::past::moment;
 use crate::backend::{Detail, Remote};
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::records::Records;
-use crate::render::table::Table;
-use crate::render::{Format, out, values};
-use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command, value_parser};
 use jiff::civil::{DateTime, Time};
 use jiff::tz::TimeZone;
@@ -18,6 +12,12 @@ use jiff::{Timestamp, Zoned};
 use railbus_api::past::{BucketInfo, HistoryInfo, SampleInfo};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::{Kind, PointInfo, Value};
+use railbus_app::api::past::moment;
+use railbus_app::failure::Failure;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::render::{Format, out, values};
+use railbus_app::texts::AppText;
 use railbus_wire::Micros;
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -301,9 +301,9 @@ fn shown(lang: Lang, value: Option<f64>, point: &Option<PointInfo>, whole: bool)
 
 fn quality(lang: Lang, name: &str) -> String {
     lang.get(match name {
-        "good" => Text::Good,
-        "stale" => Text::Stale,
-        _ => Text::Bad,
+        "good" => AppText::Good,
+        "stale" => AppText::Stale,
+        _ => AppText::Bad,
     })
     .to_owned()
 }

@@ -1,6 +1,6 @@
 //! Where files of one's own go, so that shells and `man` find them.
 
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_words::Code;
 use railbus_words::Lang;
 use std::path::{Path, PathBuf};

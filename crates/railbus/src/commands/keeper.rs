@@ -2,10 +2,10 @@
 
 use super::Context;
 use crate::backend::Remote;
-use crate::failure::Failure;
 use crate::serve::access::{Access, desk};
 use hyper::Method;
 use railbus_api::problem::{Problem, codes};
+use railbus_app::failure::Failure;
 use serde_json::{Value, json};
 use std::sync::Arc;
 

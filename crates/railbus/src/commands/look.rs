@@ -4,8 +4,8 @@
 use super::Context;
 use super::sniff::{self, Came, Ear, Facts, Wire};
 use crate::backend::{Backend, Tape};
-use crate::failure::Failure;
-use crate::render::{Format, out};
+use railbus_app::failure::Failure;
+use railbus_app::render::{Format, out};
 use railbus_sniff::{Heard, Input, Output, Role, Verdict};
 use railbus_wire::Instant;
 use railbus_words::Code;
@@ -20,7 +20,7 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 railbus_words::texts! {
-    LookText;
+    pub(crate) LookText;
 
     LogFile { en: "What -v shows goes to this file", zh: "-v 的内容写入此文件" }
 }

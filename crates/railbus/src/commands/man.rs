@@ -4,11 +4,11 @@ mod texts;
 
 use super::install;
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::out;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use clap_mangen::Man;
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
 use railbus_words::Code;
 use railbus_words::Lang;
 use std::io::{self, Write};

@@ -4,7 +4,7 @@
 
 use super::Context;
 use super::place::{Place, port_failure};
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_commission::Risk;
 use railbus_host::{EchoMode, Fault, Line, LineConfig, Probe, ProbeResult, Settings};
 use railbus_wire::{Decoded, Exchange, Frame, Micros, Protocol, ascii, lc02, r55, rtu};

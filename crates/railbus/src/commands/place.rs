@@ -1,10 +1,10 @@
 //! The line itself, for commands that need no module on it.
 
 use super::Context;
-use crate::api::failures::right_to;
 use crate::backend::{AdHoc, Backend};
-use crate::failure::Failure;
 use railbus_api::types::LineInfo;
+use railbus_app::api::failures::right_to;
+use railbus_app::failure::Failure;
 use railbus_host::{EchoMode, LineName, PortError};
 use railbus_wire::{Baud, Character, Settings};
 use railbus_words::Code;
@@ -57,7 +57,7 @@ pub(super) fn without_opening(context: &Context) -> Result<Place, Failure> {
     if let Some(ad_hoc) = &context.wanted.ad_hoc {
         return described(context, ad_hoc);
     }
-    let found = crate::config_file::read(context.lang, context.wanted.config.as_deref());
+    let found = railbus_app::config_file::read(context.lang, context.wanted.config.as_deref());
     let found = found.map_err(|problem| context.failure(&problem))?;
     let lines = found.config.lines;
     let wanted = context.line.as_deref();
@@ -78,7 +78,7 @@ pub(super) fn without_opening(context: &Context) -> Result<Place, Failure> {
 
 /// The lines of the configuration and their ports; none where there is no configuration.
 pub(super) fn configured(context: &Context) -> Vec<(String, String)> {
-    let found = crate::config_file::read(context.lang, context.wanted.config.as_deref());
+    let found = railbus_app::config_file::read(context.lang, context.wanted.config.as_deref());
     let lines = found.map(|found| found.config.lines).unwrap_or_default();
     lines
         .into_iter()
@@ -150,7 +150,7 @@ pub(super) fn port_failure(context: &Context, place: &Place, error: &PortError) 
     let port = place.port.to_string();
     let title = code.page().title(lang);
     let message = lang.fill(
-        crate::texts::Text::Named,
+        railbus_app::texts::AppText::Named,
         &[("title", &title), ("name", &port)],
     );
     let failure = Failure::new(code, message)
@@ -163,7 +163,7 @@ pub(super) fn port_failure(context: &Context, place: &Place, error: &PortError) 
             holder: Some(holder),
         } => {
             let holder = format!("{} ({})", holder.name, holder.pid);
-            let told = lang.fill(crate::texts::Text::HeldBy, &[("holder", &holder)]);
+            let told = lang.fill(railbus_app::texts::AppText::HeldBy, &[("holder", &holder)]);
             failure.because(told).with_fact("holder", holder)
         }
         PortError::Permission(access) => {
@@ -171,7 +171,7 @@ pub(super) fn port_failure(context: &Context, place: &Place, error: &PortError) 
             let failure = failure.with_try(hint);
             match &access.group_name {
                 Some(group) => {
-                    let told = lang.fill(crate::texts::Text::OfGroup, &[("group", group)]);
+                    let told = lang.fill(railbus_app::texts::AppText::OfGroup, &[("group", group)]);
                     failure.because(told).with_fact("group", group.as_str())
                 }
                 None => failure,

@@ -2,12 +2,12 @@
 
 use super::{Context, set, stop};
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::table::Table;
-use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_api::types::{PulseRequest, Pulsed, Timekeeper};
+use railbus_app::failure::Failure;
+use railbus_app::render::table::Table;
+use railbus_app::render::{Format, out, values};
 use railbus_wire::Micros;
 use railbus_words::Lang;
 use railbus_words::time;

@@ -2,21 +2,21 @@
 
 mod unknown;
 
-use super::decode::meaning;
 use super::own_line::OwnLine;
 use super::place::{self, Access, Place};
 use super::sniff::SniffText;
 use super::{Context, decode, stop};
-use crate::api::{convert, sending};
 use crate::backend::Backend;
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::table::Table;
-use crate::render::{Format, out, records};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_api::sending::SendRequest;
 use railbus_api::types::Outcome;
+use railbus_app::api::{convert, sending};
+use railbus_app::failure::Failure;
+use railbus_app::meaning;
+use railbus_app::render::table::Table;
+use railbus_app::render::{Format, out, records};
 use railbus_commission::{Risk, is_answered, stowaway};
 use railbus_host::reply_in;
 use railbus_site::is_refused;

@@ -7,9 +7,9 @@ mod texts;
 
 use super::{Context, place};
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::Format;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
+use railbus_app::failure::Failure;
+use railbus_app::render::Format;
 use railbus_commission::Risk;
 use railbus_wire::Exchange;
 use railbus_words::Code;

@@ -7,14 +7,15 @@ use super::set::orders::{Order, State};
 use super::{Context, set, stop};
 use crate::backend::Backend;
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::records::Records;
-use crate::render::table::Table;
-use crate::render::{out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_api::control::{SceneInfo, SceneRequest, StepInfo};
 use railbus_api::problem::{Problem, codes};
+use railbus_app::failure::Failure;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::render::{out, values};
+use railbus_app::texts::AppText;
 use railbus_words::Lang;
 use railbus_words::time;
 use texts::SceneText;
@@ -166,7 +167,11 @@ fn records(lang: Lang, scenes: &[SceneInfo]) -> Records {
     for scene in scenes {
         let name = values::called(lang, &scene.name);
         let steps: Vec<String> = scene.steps.iter().map(told).collect();
-        table.add([scene.scene.clone(), name, steps.join(lang.get(Text::Comma))]);
+        table.add([
+            scene.scene.clone(),
+            name,
+            steps.join(lang.get(AppText::Comma)),
+        ]);
     }
     Records {
         key: "scenes",

@@ -4,12 +4,12 @@ mod texts;
 
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::render::out;
-use crate::render::records::Records;
-use crate::render::table::Table;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
 use railbus_words::Code;
 use railbus_words::Lang;
 use serde_json::json;

@@ -8,15 +8,16 @@ pub(super) mod orders;
 use super::{Context, stop};
 use crate::backend::Backend;
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::records::{self, Records};
-use crate::render::table::Table;
-use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 pub(super) use group::outcomes;
 use orders::{Order, State};
 use railbus_api::types::{Kind, OutputsRequest, ToggleRequest, WriteRequest, Written};
+use railbus_app::failure::Failure;
+use railbus_app::render::records::{self, Records};
+use railbus_app::render::table::Table;
+use railbus_app::render::{Format, out, values};
+use railbus_app::texts::AppText;
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::time;
@@ -253,7 +254,7 @@ pub(super) fn tell(context: &Context, outcomes: &[Outcome]) -> Result<(), Failur
                 let told = format!("{}  {}", failure.code().name(), failure.message());
                 let perhaps = failure
                     .may_have_acted()
-                    .then(|| lang.get(Text::MayHaveActed));
+                    .then(|| lang.get(AppText::MayHaveActed));
                 let perhaps = perhaps.unwrap_or_default().to_owned();
                 table.add([outcome.path.clone(), told, perhaps]);
                 let error = match context.format {

@@ -9,17 +9,17 @@ mod source;
 mod texts;
 mod words;
 
-pub(super) use super::decode::meaning::request;
 use super::place::{self, Place};
 use super::{Context, stop, wireshark};
 use crate::backend::Remote;
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::{Format, out};
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 pub(crate) use facts::{Facts, Named};
 use filter::Filter;
 use railbus_api::problem::Problem;
+use railbus_app::failure::Failure;
+pub(super) use railbus_app::meaning::request;
+use railbus_app::render::{Format, out};
 use railbus_host::{LineName, PIECE_PAUSE};
 use railbus_sniff::{Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Micros, Settings};
@@ -433,7 +433,7 @@ impl Ear {
 /// The modules of the configuration, if there is one: on this line, or on all.
 fn modules(context: &Context, place: Option<&Place>) -> Vec<Named> {
     let named = context.wanted.config.as_deref();
-    let Ok(found) = crate::config_file::read(context.lang, named) else {
+    let Ok(found) = railbus_app::config_file::read(context.lang, named) else {
         return Vec::new();
     };
     let of_line = |line: &str| {

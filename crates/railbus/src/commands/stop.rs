@@ -1,7 +1,7 @@
 //! Ctrl-C.
 
 use super::Context;
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_words::Code;
 use std::future::Future;
 use tokio::signal::unix::{Signal, SignalKind, signal};

@@ -4,10 +4,10 @@ use super::keeper::{Order, ask};
 use super::user::{UserText, points, points_of, role};
 use super::{Context, accounts_table};
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::{Format, out, records};
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
+use railbus_app::failure::Failure;
+use railbus_app::render::{Format, out, records};
 use railbus_words::Lang;
 use serde_json::json;
 

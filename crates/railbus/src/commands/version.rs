@@ -2,11 +2,11 @@
 
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::render::{Format, out, records};
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
 use railbus_api::types::SCHEMA;
+use railbus_app::failure::Failure;
+use railbus_app::render::{Format, out, records};
 use railbus_device::Family;
 use railbus_wire::Protocol;
 use railbus_words::Lang;

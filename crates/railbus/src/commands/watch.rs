@@ -3,12 +3,12 @@
 use super::{Context, get, stop};
 use crate::backend::Watch;
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::records::{self, Records};
-use crate::render::{Format, out, values};
 use crate::texts::Text;
 use clap::{ArgAction, ArgMatches, Command};
 use railbus_api::types::{LineInfo, ModuleInfo, PointInfo, PortState, Quality, WatchEvent};
+use railbus_app::failure::Failure;
+use railbus_app::render::records::{self, Records};
+use railbus_app::render::{Format, out, values};
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::time;

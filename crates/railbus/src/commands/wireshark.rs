@@ -2,8 +2,8 @@
 
 use super::Context;
 use super::sniff::SniffText;
-use crate::failure::Failure;
-use crate::render::{out, records};
+use railbus_app::failure::Failure;
+use railbus_app::render::{out, records};
 use railbus_words::Code;
 use serde_json::json;
 use std::os::unix::fs::PermissionsExt;

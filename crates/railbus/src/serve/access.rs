@@ -19,14 +19,14 @@ pub(super) use user_routes::ROUTES as USER_ROUTES;
 
 use super::answer;
 use super::routes::Site;
-use crate::api::paths;
-use crate::render::out;
 use axum::extract::{Request, State};
 use axum::http::Method;
 use axum::http::header::{HeaderValue, WWW_AUTHENTICATE};
 use axum::middleware::Next;
 use axum::response::Response;
 use railbus_api::problem::{Problem, codes};
+use railbus_app::api::paths;
+use railbus_app::render::out;
 use railbus_store::audit::Origin;
 use railbus_store::history::{Event, EventKind, Severity};
 use secret::Fingerprint;

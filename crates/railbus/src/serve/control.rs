@@ -5,8 +5,6 @@ use super::answer;
 use super::doc::Doc;
 use super::order::Order;
 use super::routes::{Answer, Route, Site};
-use crate::api::control;
-use crate::api::paths;
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, post, put};
 use railbus_api::control::{
@@ -15,6 +13,8 @@ use railbus_api::control::{
 };
 use railbus_api::problem::Problem;
 use railbus_api::types::SCHEMA;
+use railbus_app::api::control;
+use railbus_app::api::paths;
 use railbus_site::Service;
 use serde_json::Value;
 

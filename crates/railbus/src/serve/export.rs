@@ -2,11 +2,11 @@
 
 use super::access::Caller;
 use super::routes::{Answer, Asked, Site};
-use crate::api::past::audit_row;
 use axum::body::{Body, Bytes};
 use axum::http::Response;
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue};
 use http_body_util::channel::{Channel, Sender};
+use railbus_app::api::past::audit_row;
 use railbus_store::audit::Numbered;
 use railbus_words::Lang;
 use std::convert::Infallible;

@@ -4,7 +4,6 @@
 use super::access::Caller;
 use super::answer;
 use super::routes::Site;
-use crate::api::{ask, convert, failures};
 use axum::Extension;
 use axum::body::{Body, Bytes};
 use axum::extract::{Query, State};
@@ -13,6 +12,7 @@ use axum::http::header::{CONTENT_TYPE, HeaderValue};
 use http_body_util::channel::{Channel, Sender};
 use railbus_api::problem::Problem;
 use railbus_api::types::FrameEvent;
+use railbus_app::api::{ask, convert, failures};
 use railbus_host::Tap;
 use std::collections::BTreeMap;
 use std::convert::Infallible;

@@ -3,7 +3,6 @@
 use super::access::{Caller, Need};
 use super::doc::Doc;
 use super::routes::{Answer, Route, Site};
-use crate::api::past;
 use axum::Extension;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
@@ -12,6 +11,7 @@ use axum::http::header::{CONTENT_TYPE, HeaderValue};
 use axum::routing::get;
 use http_body_util::channel::{Channel, Sender};
 use railbus_api::past::EventInfo;
+use railbus_app::api::past;
 use railbus_site::Events;
 use std::convert::Infallible;
 use std::time::Duration;

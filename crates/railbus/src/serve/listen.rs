@@ -1,9 +1,7 @@
 //! Connections: who is let in, for how long, and how they end.
 
 use super::access::Peer;
-use super::socket::Socket;
 use super::tls::Tls;
-use crate::render::out;
 use axum::Router;
 use hyper::Request;
 use hyper::body::{Body, Bytes, Frame, Incoming, SizeHint};
@@ -11,6 +9,8 @@ use hyper::server::conn::http1;
 use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use railbus_app::render::out;
+use railbus_app::socket::Socket;
 use std::collections::{BTreeMap, HashMap};
 use std::net::IpAddr;
 use std::pin::Pin;

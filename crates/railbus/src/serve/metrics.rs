@@ -3,7 +3,6 @@
 use super::answer;
 use super::routes::{Answer, Asked, Site};
 use super::webhook::HookFigures;
-use crate::api::ask;
 use axum::extract::State;
 use axum::http::StatusCode;
 use prometheus_client::collector::Collector;
@@ -11,6 +10,7 @@ use prometheus_client::encoding::{DescriptorEncoder, NoLabelSet, text};
 use prometheus_client::metrics::MetricType;
 use prometheus_client::registry::Registry;
 use railbus_api::types::{ModuleInfo, ModuleState, PortState, Value};
+use railbus_app::api::ask;
 use railbus_site::{Counts, STEPS, Service};
 use std::collections::BTreeMap;
 use std::fmt::Error;

@@ -5,7 +5,6 @@ use super::doc::Doc;
 use super::order::Order;
 use super::routes::{Answer, Asked, Route, Site};
 use super::{answer, frames, stream};
-use crate::api::ask;
 use axum::extract::{Path, State};
 use axum::routing::{get, post, put};
 use railbus_api::problem::Problem;
@@ -13,6 +12,7 @@ use railbus_api::types::{
     CommandInfo, FrameEvent, Lines, Modules, OutputsRequest, OutputsWritten, PointInfo, Points,
     PulseRequest, Pulsed, SCHEMA, ToggleRequest, WatchEvent, WriteRequest, Written,
 };
+use railbus_app::api::ask;
 use railbus_site::Service;
 
 /// The routes of this file.

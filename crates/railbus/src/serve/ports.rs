@@ -4,12 +4,12 @@ use super::access::Need;
 use super::answer;
 use super::doc::Doc;
 use super::routes::{Answer, Route, Site};
-use crate::api::paths::matches;
-use crate::machine::Machine;
-use crate::machine::ports::{Adapter, adapters};
 use axum::extract::State;
 use axum::routing::get;
 use railbus_api::problem::{Problem, codes};
+use railbus_app::api::paths::matches;
+use railbus_app::machine::Machine;
+use railbus_app::machine::ports::{Adapter, adapters};
 use railbus_site::Config;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -115,7 +115,7 @@ fn row(adapter: &Adapter, line: Option<&String>, own: u32) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::fixture::Fixture;
+    use railbus_app::machine::fixture::Fixture;
 
     #[test]
     fn serial_ports_may_be_opened_and_what_the_owner_allows() {

@@ -4,8 +4,6 @@
 
 use super::answer;
 use super::language::spoken;
-use crate::failure::Failure;
-use crate::texts::Text;
 use axum::body::to_bytes;
 use axum::extract::{Request, State};
 use axum::http::StatusCode;
@@ -13,6 +11,8 @@ use axum::http::header::{ACCEPT_LANGUAGE, ALLOW, CONTENT_LENGTH, CONTENT_TYPE};
 use axum::middleware::Next;
 use axum::response::Response;
 use railbus_api::problem::{Problem, codes};
+use railbus_app::failure::Failure;
+use railbus_app::texts::AppText;
 use railbus_words::Lang;
 
 /// Problems are short: a longer body is none of ours.
@@ -81,7 +81,7 @@ async fn in_words(lang: Lang, response: Response) -> Response {
 /// A problem and what it says to people.
 pub(super) fn told(lang: Lang, problem: Problem) -> Problem {
     let failure = Failure::of_problem(lang, &problem);
-    let acted = lang.get(Text::MayHaveActed);
+    let acted = lang.get(AppText::MayHaveActed);
     let why = failure.why().iter().map(String::as_str);
     // That is `may_have_acted`: who reads the answer says it once, in their own place.
     let mut help: Vec<&str> = why.filter(|line| *line != acted).collect();
@@ -107,7 +107,7 @@ mod tests {
             let told = told(lang, problem.clone());
             let help = told.with.get("help").map(ToString::to_string);
             assert!(told.may_have_acted);
-            assert!(!help.is_some_and(|help| help.contains(lang.get(Text::MayHaveActed))));
+            assert!(!help.is_some_and(|help| help.contains(lang.get(AppText::MayHaveActed))));
         }
     }
 

@@ -10,10 +10,10 @@ pub(super) mod target;
 
 pub(super) use routes::ROUTES;
 
-use crate::api::past;
 use hook::Hook;
 use hyper::body::Bytes;
 use railbus_api::types::SCHEMA;
+use railbus_app::api::past;
 use railbus_site::{Config, Events, Service};
 use railbus_store::history::{Event, EventKind, Severity};
 use request::{Carrier, Failed, Parcel};

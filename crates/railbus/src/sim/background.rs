@@ -7,7 +7,7 @@ use super::remote::Remote;
 use super::serve::{self, Clock, Jobs};
 use super::stage::Stage;
 use super::{demo_line, system};
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_words::Lang;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;

@@ -2,9 +2,9 @@
 
 use super::texts::SimText;
 use crate::cli;
-use crate::failure::Failure;
-use crate::render::out;
 use clap::{Arg, ArgMatches, Command, value_parser};
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
 use railbus_words::Code;
 use railbus_words::Lang;
 use std::io::{self, BufRead, BufReader, Write};

@@ -5,7 +5,7 @@ use super::orders::Directory;
 use super::plant::{self, Wanted};
 use super::stage::Stage;
 use super::system;
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_site::Config;
 use railbus_words::Lang;
 

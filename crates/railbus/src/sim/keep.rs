@@ -2,7 +2,7 @@
 
 use super::stage::Stage;
 use super::texts::SimText;
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_device::{Beyond, Calibration, Eeprom, Family, Setup};
 use railbus_wire::{Address, Baud, Character, Protocol, PulseWidth, Settings};
 use railbus_words::Code;

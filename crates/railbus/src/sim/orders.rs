@@ -2,9 +2,9 @@
 
 use super::stage::{Deed, Whose};
 use super::texts::SimText;
-use crate::api::config_words;
 use crate::commands::address;
-use crate::failure::Failure;
+use railbus_app::api::config_words;
+use railbus_app::failure::Failure;
 use railbus_device::{Family, Point, PointKind, Setup};
 use railbus_sim::Power;
 use railbus_site::Config;

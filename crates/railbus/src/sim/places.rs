@@ -3,8 +3,8 @@
 use super::orders::Directory;
 use super::plant::Wanted;
 use super::texts::SimText;
-use crate::failure::Failure;
-use crate::serve::socket;
+use railbus_app::failure::Failure;
+use railbus_app::socket;
 use railbus_site::Config;
 use railbus_site::config::LineConfig;
 use railbus_words::Code;

@@ -4,7 +4,7 @@
 use super::orders::{Directory, LineOrder, Order};
 use super::serve::Job;
 use super::texts::SimText;
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_words::Code;
 use railbus_words::Lang;
 use std::io::{BufRead, IsTerminal, Read, Write};

@@ -1,7 +1,7 @@
 //! A PTY that looks like a serial port: any master opens it by the name of a link.
 
-use crate::failure::Failure;
 use crate::texts::Text;
+use railbus_app::failure::Failure;
 use railbus_wire::{Baud, Character, Settings};
 use railbus_words::Code;
 use railbus_words::Lang;

@@ -4,8 +4,8 @@
 use super::orders::{Directory, LineOrder, Order};
 use super::serve::{Job, Jobs};
 use super::stage::Whose;
-use crate::failure::Failure;
 use railbus_api::sim::SimLineInfo;
+use railbus_app::failure::Failure;
 use railbus_site::config::FaultsOf;
 use railbus_words::Lang;
 use std::sync::Arc;

@@ -3,7 +3,7 @@
 use railbus_words::texts;
 
 texts! {
-    SimText;
+    pub(crate) SimText;
 
     // The command and its flags.
     About {

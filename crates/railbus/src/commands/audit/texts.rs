@@ -1,7 +1,7 @@
 //! What `railbus audit` says.
 
 railbus_words::texts! {
-    AuditText;
+    pub(crate) AuditText;
 
     About {
         en: "Check and export the audit log: what was done, and by whom.",

@@ -1,7 +1,7 @@
 //! What `railbus bench` says.
 
 railbus_words::texts! {
-    BenchText;
+    pub(crate) BenchText;
 
     About {
         en: "Measure how many reads per second a line carries. Read-only.",

@@ -1,7 +1,7 @@
 //! What `railbus completions` says.
 
 railbus_words::texts! {
-    CompletionsText;
+    pub(crate) CompletionsText;
 
     About {
         en: "Print shell completions for commands, flags and point names.",

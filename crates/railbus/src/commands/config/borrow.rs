@@ -3,8 +3,8 @@
 use super::texts::ConfigText;
 use crate::backend::{Borrowed, Remote};
 use crate::commands::Context;
-use crate::config_file::{self, Why};
-use crate::failure::Failure;
+use railbus_app::config_file::{self, Why};
+use railbus_app::failure::Failure;
 use railbus_host::LineName;
 
 /// Borrows the line behind a port from the daemon that has it. Nothing where none has, or where

@@ -9,7 +9,7 @@ use crate::backend::Borrowed;
 use crate::commands::Context;
 use crate::commands::place::{Place as At, port_failure};
 use crate::commands::stop::Stop;
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_commission::{Act, Ask, Event, Heard, Procedure, Progress, Question, Record, Step};
 use railbus_host::{EchoMode, LineName, PortError};
 use railbus_store::journal::Store;

@@ -4,7 +4,7 @@ use super::drive::Driver;
 use super::outcome;
 use super::target::Target;
 use crate::commands::Context;
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_commission::{Found, Place, Search, Trouble, look_up, read};
 use railbus_device::Setup;
 use railbus_wire::Address;

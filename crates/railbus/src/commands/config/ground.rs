@@ -4,9 +4,9 @@
 use crate::backend;
 use crate::cli;
 use crate::commands::Context;
-use crate::config_file;
-use crate::failure::Failure;
 use clap::{Arg, ArgMatches, value_parser};
+use railbus_app::config_file;
+use railbus_app::failure::Failure;
 use railbus_commission::Log;
 use railbus_site::Config;
 use railbus_store::journal::Store;

@@ -9,11 +9,11 @@ use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::render::records::Records;
-use crate::render::table::Table;
-use crate::render::{out, wire_words};
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_app::failure::Failure;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::render::{out, wire_words};
 use railbus_commission::settings::{Key, Wanted, Wrong, range};
 use railbus_commission::{
     By, Calibrated, Ended, Hindrance, Job, calibrate as calibration, restore_factory,

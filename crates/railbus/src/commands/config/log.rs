@@ -10,11 +10,11 @@ use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::render::out;
-use crate::render::records::Records;
-use crate::render::table::Table;
 use clap::{Arg, ArgMatches, Command, value_parser};
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
 use railbus_commission::settings::Wanted;
 use railbus_commission::{
     By, Found, Log, Place, Record, Recovered, Search, State, look_up, recover as recovery,

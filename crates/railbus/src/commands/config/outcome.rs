@@ -2,9 +2,9 @@
 
 use super::target::Target;
 use super::texts::ConfigText;
-use crate::api::config_words;
-use crate::failure::Failure;
-use crate::render::wire_words;
+use railbus_app::api::config_words;
+use railbus_app::failure::Failure;
+use railbus_app::render::wire_words;
 use railbus_commission::settings::{Wrong, range};
 use railbus_commission::{Ended, Place, Refused, Trouble, Why};
 use railbus_device::{Refusal, SetupError};
@@ -76,7 +76,7 @@ pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure
 
 /// `9 (09h), 19200 8N1`.
 pub(crate) fn placed(lang: Lang, place: Place) -> String {
-    let comma = lang.get(crate::texts::Text::Comma);
+    let comma = lang.get(railbus_app::texts::AppText::Comma);
     let checksum = lang.get(ConfigText::WithChecksum);
     let checksum = if place.checksum {
         format!("{comma}{checksum}")
@@ -88,7 +88,7 @@ pub(crate) fn placed(lang: Lang, place: Place) -> String {
 
 /// `pump (EDA9060A, line main, 1 (01h), 9600 8N1)`.
 fn place(lang: Lang, target: &Target, at: Place) -> String {
-    let comma = lang.get(crate::texts::Text::Comma);
+    let comma = lang.get(railbus_app::texts::AppText::Comma);
     let protocol = target.setup.protocol;
     format!(
         "{} ({}{comma}{}{comma}{protocol}{comma}{})",
@@ -172,7 +172,7 @@ pub(crate) fn wrong(lang: Lang, target: &Target, wrong: &Wrong) -> Failure {
             let known = known.join(" ");
             Failure::of(lang, Code::NoSetting)
                 .because(name)
-                .because(lang.fill(crate::texts::Text::Known, &[("names", &known)]))
+                .because(lang.fill(railbus_app::texts::AppText::Known, &[("names", &known)]))
                 .with_try(show)
         }
         Wrong::ReadOnly(key, access) => Failure::of(lang, Code::SettingFixed)

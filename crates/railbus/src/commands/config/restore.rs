@@ -11,12 +11,12 @@ use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
-use crate::config_file::text_of;
-use crate::failure::Failure;
-use crate::render::out;
-use crate::render::records::Records;
-use crate::render::table::Table;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
+use railbus_app::config_file::text_of;
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
 use railbus_commission::settings::{Wanted, key};
 use railbus_commission::{By, Place};
 use railbus_words::Code;
@@ -284,7 +284,7 @@ pub(super) fn diff(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         value: "setting",
         table,
     };
-    if count > 0 || context.format != crate::render::Format::Table {
+    if count > 0 || context.format != railbus_app::render::Format::Table {
         out::result(lang, &records.render(context.format))?;
     }
     if let Some(failure) = failed {

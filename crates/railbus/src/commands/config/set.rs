@@ -9,11 +9,11 @@ use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::render::out;
-use crate::render::records::Records;
-use crate::render::table::Table;
 use clap::{Arg, ArgAction, ArgMatches, Command};
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
 use railbus_commission::settings::{Key, Wanted, differences, key};
 use railbus_commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read};
 use railbus_device::Family;
@@ -313,7 +313,10 @@ fn show(
     dry: bool,
 ) -> Result<(), Failure> {
     let lang = context.lang;
-    let line = lang.fill(crate::texts::Text::OnLine, &[("line", &target.line)]);
+    let line = lang.fill(
+        railbus_app::texts::AppText::OnLine,
+        &[("line", &target.line)],
+    );
     let mut text = format!("{}  {}  {line}\n", target.name, target.setup.family);
     let mut table = Table::bare();
     let last = stages.last().map_or(found.kept(), |stage| stage.after);
@@ -413,7 +416,7 @@ pub(super) fn tell(context: &Context, all: Vec<Changed>) -> Result<(), Failure> 
         table.add([told(context, changed)]);
         rows.push(row(changed));
     }
-    if all.is_empty() || context.quiet && context.format == crate::render::Format::Table {
+    if all.is_empty() || context.quiet && context.format == railbus_app::render::Format::Table {
         return Ok(());
     }
     let columns = &["module", "change", "address", "baud", "format", "checksum"];

@@ -3,7 +3,7 @@
 use railbus_words::texts;
 
 texts! {
-    ConfigText;
+    pub(crate) ConfigText;
 
     About {
         en: "Show and change module settings: address, baud, pulses and more.",

@@ -1,7 +1,7 @@
 //! What `railbus config check` and `config path` say.
 
 railbus_words::texts! {
-    ConfigCheckText;
+    pub(crate) ConfigCheckText;
 
     CheckAbout {
         en: "Check the configuration for errors and unwise settings.",

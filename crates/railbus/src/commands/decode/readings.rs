@@ -1,6 +1,6 @@
 //! What bytes mean in each protocol: as they are, or as they would be with the right checksum.
 
-use super::meaning;
+use railbus_app::meaning;
 use railbus_wire::{
     Address, Decoded, Exchange, Protocol, ascii, crc16, lc02, lcus, r55, rtu, sum8,
 };
@@ -49,7 +49,10 @@ pub(super) fn of(lang: Lang, bytes: &[u8]) -> Vec<Reading> {
     if let Decoded::Whole { len: 4, value } = lcus::Request::decode(bytes)
         && bytes.len() == 4
     {
-        let (n, state) = (value.channel, crate::render::values::state(lang, value.on));
+        let (n, state) = (
+            value.channel,
+            railbus_app::render::values::state(lang, value.on),
+        );
         readings.push(Reading {
             protocol: "lcus",
             reply: false,

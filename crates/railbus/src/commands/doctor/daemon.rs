@@ -3,10 +3,10 @@
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
 use crate::backend::Remote;
-use crate::failure::Failure;
-use crate::machine::users::User;
-use crate::serve::socket;
 use jiff::Timestamp;
+use railbus_app::failure::Failure;
+use railbus_app::machine::users::User;
+use railbus_app::socket;
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::time;

@@ -2,9 +2,9 @@
 
 use super::texts::DoctorText;
 use crate::commands::config_check::Shown;
-use crate::render::wire_words;
-use crate::texts::Text;
 use railbus_api::types::Lost;
+use railbus_app::render::wire_words;
+use railbus_app::texts::AppText;
 use railbus_words::Lang;
 use railbus_words::findings;
 use serde_json::{Value, json};
@@ -144,7 +144,7 @@ impl Finding {
         let page = self.code.and_then(findings::find).filter(|_| !lint);
         match page.map(|finding| finding.page.title(lang)) {
             Some(title) if self.detail.is_empty() => title.to_owned(),
-            Some(title) => lang.fill(Text::Named, &[("title", &title), ("name", &self.detail)]),
+            Some(title) => lang.fill(AppText::Named, &[("title", &title), ("name", &self.detail)]),
             None => self.detail.clone(),
         }
     }

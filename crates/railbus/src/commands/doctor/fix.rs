@@ -3,8 +3,8 @@
 use super::finding::{Finding, State};
 use super::texts::DoctorText;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::render::out;
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
 use railbus_words::Code;
 use std::io::{BufRead, IsTerminal, Write};
 use std::process::{Command, Stdio};

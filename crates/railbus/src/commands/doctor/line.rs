@@ -4,11 +4,11 @@
 use super::finding::{Finding, Section};
 use super::texts::DoctorText;
 use super::{device_of, hearing, port};
-use crate::api::convert;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::machine::Machine;
-use crate::machine::users::User;
+use railbus_app::api::convert;
+use railbus_app::failure::Failure;
+use railbus_app::machine::Machine;
+use railbus_app::machine::users::User;
 use railbus_host::{
     AnyPort, Event, Fault, Line, LineConfig, LineEvent, LineName, Module, ModuleId, Op, Plan, Port,
     SerialOptions, Settings, Terms,

@@ -1,9 +1,9 @@
 //! The ports: what the machine does with adapters, and why one can't be opened.
 
 use super::finding::{Finding, Section};
-use crate::machine::Machine;
-use crate::machine::ports::{Adapter, adapters as all};
-use crate::machine::users::{User, group};
+use railbus_app::machine::Machine;
+use railbus_app::machine::ports::{Adapter, adapters as all};
+use railbus_app::machine::users::{User, group};
 use railbus_host::{Access, PortError};
 
 /// A CH340, which brltty takes for a Braille display.
@@ -161,7 +161,7 @@ fn denied(machine: &Machine, user: &User, device: &str, access: &Access) -> Find
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::fixture::Fixture;
+    use railbus_app::machine::fixture::Fixture;
     use railbus_host::Holder;
 
     fn li() -> User {

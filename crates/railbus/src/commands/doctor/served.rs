@@ -5,9 +5,9 @@ use super::line::no_line;
 use super::texts::DoctorText;
 use crate::backend::Backend;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::texts::Text;
 use railbus_api::types::{LineInfo, ModuleInfo, ModuleState, PointInfo, PortState};
+use railbus_app::failure::Failure;
+use railbus_app::texts::AppText;
 use railbus_words::Lang;
 use railbus_words::time;
 
@@ -121,8 +121,8 @@ fn modules_at_daemon(
         if let Some(says) = &module.answers_as {
             let values: &[(&str, &dyn std::fmt::Display)] =
                 &[("found", says), ("model", &module.title)];
-            let says = lang.fill(Text::AnswersAs, values);
-            let detail = lang.fill(Text::Named, &[("title", &at), ("name", &says)]);
+            let says = lang.fill(AppText::AnswersAs, values);
+            let detail = lang.fill(AppText::Named, &[("title", &at), ("name", &says)]);
             found.push(Finding::error(Section::Modules, "D307", detail));
             continue;
         }

@@ -3,12 +3,12 @@
 use super::finding::{Finding, Section, State};
 use super::texts::DoctorText;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::render::colour::Paint;
-use crate::render::records::Records;
-use crate::render::table::Table;
-use crate::render::{Format, out, records};
-use crate::texts::Text;
+use railbus_app::failure::Failure;
+use railbus_app::render::colour::Paint;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::render::{Format, out, records};
+use railbus_app::texts::AppText;
 use railbus_words::Lang;
 use railbus_words::width;
 use serde_json::json;
@@ -86,7 +86,7 @@ fn page(lang: Lang, found: &[Finding], paint: Paint) -> String {
             width::pad(head, margin),
             finding.message(lang)
         );
-        let (likely, fix) = (lang.get(Text::Likely), lang.get(DoctorText::FixLabel));
+        let (likely, fix) = (lang.get(AppText::Likely), lang.get(DoctorText::FixLabel));
         let wide = width::of(likely).max(width::of(fix)) + 1;
         let steps = finding.steps(lang);
         let first = std::iter::once(fix).chain(std::iter::repeat(""));

@@ -1,7 +1,7 @@
 //! What `railbus doctor` says beside the table of findings.
 
 railbus_words::texts! {
-    DoctorText;
+    pub(crate) DoctorText;
 
     About {
         en: "Diagnose port, line, modules, configuration and daemon.",

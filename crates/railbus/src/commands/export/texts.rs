@@ -1,7 +1,7 @@
 //! What `railbus export` says.
 
 railbus_words::texts! {
-    ExportText;
+    pub(crate) ExportText;
 
     About { en: "Export the configuration for another tool.", zh: "为其他工具导出配置。" }
     Examples {

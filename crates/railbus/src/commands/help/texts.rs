@@ -1,7 +1,7 @@
 //! What `railbus help` says.
 
 railbus_words::texts! {
-    HelpText;
+    pub(crate) HelpText;
 
     About { en: "Show the help of a command or a topic.", zh: "显示命令或专题的帮助。" }
     Examples {

@@ -1,7 +1,7 @@
 //! What `railbus history` says.
 
 railbus_words::texts! {
-    HistoryText;
+    pub(crate) HistoryText;
 
     About {
         en: "Show the recorded values of a point (kept by the daemon).",

@@ -1,10 +1,10 @@
 //! `railbus ls groups`: outputs that are switched together.
 
-use crate::render::records::Records;
-use crate::render::table::Table;
-use crate::render::values;
 use crate::texts::Text;
 use railbus_api::control::GroupInfo;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::render::values;
 use railbus_words::Lang;
 
 /// The list of groups.

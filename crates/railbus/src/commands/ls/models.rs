@@ -1,8 +1,8 @@
 //! The models that railbus knows.
 
-use crate::render::records::Records;
-use crate::render::table::Table;
 use crate::texts::Text;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
 use railbus_device::Family;
 use railbus_wire::Protocol;
 use railbus_words::Lang;

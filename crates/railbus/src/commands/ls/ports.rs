@@ -1,9 +1,9 @@
 //! The serial ports of this machine. To list them opens none.
 
-use crate::machine::{Machine, ports};
-use crate::render::records::Records;
-use crate::render::table::Table;
 use crate::texts::Text;
+use railbus_app::machine::{Machine, ports};
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
 use railbus_words::Lang;
 use railbus_words::time;
 use serde_json::json;
@@ -50,8 +50,8 @@ pub(super) fn records(lang: Lang, machine: &Machine) -> Records {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::machine::fixture::Fixture;
-    use crate::render::Format;
+    use railbus_app::machine::fixture::Fixture;
+    use railbus_app::render::Format;
 
     #[test]
     fn a_port_is_listed_with_its_holder_in_both_languages() {

@@ -1,7 +1,7 @@
 //! What `railbus man` says.
 
 railbus_words::texts! {
-    ManText;
+    pub(crate) ManText;
 
     About { en: "Print or install manual pages.", zh: "显示或安装手册页。" }
     Examples {

@@ -5,7 +5,7 @@
 use super::Answer;
 use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_host::{AnyPort, Past, Port, PortError, SerialOptions};
 use railbus_wire::Micros;
 use std::time::Duration;

@@ -3,12 +3,12 @@
 use super::script::{PAUSE_MAX, Played, Script};
 use super::{Allowed, ReplayText, faster};
 use crate::commands::Context;
-use crate::commands::decode::meaning;
 use crate::commands::own_line::OwnLine;
 use crate::commands::place::Place;
 use crate::commands::stop::{self, Stop};
-use crate::failure::Failure;
-use crate::render::{out, records};
+use railbus_app::failure::Failure;
+use railbus_app::meaning;
+use railbus_app::render::{out, records};
 use railbus_commission::{request, stowaway};
 use railbus_wire::{Exchange, Micros};
 use railbus_words::hex;

@@ -6,8 +6,8 @@ use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
 use crate::commands::sniff::{Clock, millis};
 use crate::commands::stop::{self, Stop};
-use crate::failure::Failure;
-use crate::render::out;
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
 use railbus_host::{AnyPort, Port, PortError, SerialOptions};
 use railbus_sniff::{Heard, Input, Listener, Output, Role};
 use railbus_wire::Instant;
@@ -113,7 +113,7 @@ pub(super) async fn play(
 
 fn shown(context: &Context, request: &[u8], reply: Option<&Reply>) -> String {
     if context.format.is_json() {
-        return crate::render::records::line(serde_json::json!({
+        return railbus_app::render::records::line(serde_json::json!({
             "request": hex::spaced(request),
             "reply": reply.map(|reply| hex::spaced(&reply.bytes)),
             "after_ms": reply.map(|reply| reply.after.0 as f64 / 1_000.0),

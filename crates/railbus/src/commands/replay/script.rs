@@ -2,7 +2,7 @@
 
 use crate::commands::Context;
 use crate::commands::sniff::{Came, Capture, Ear};
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_sniff::{Frame, Heard, Input, Output, Reading, Role};
 use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings};
 use railbus_words::Code;

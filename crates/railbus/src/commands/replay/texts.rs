@@ -1,7 +1,7 @@
 //! What `replay` says.
 
 railbus_words::texts! {
-    ReplayText;
+    pub(crate) ReplayText;
 
     ReplayAbout {
         en: "Replay a capture file, as its modules or as its host.",

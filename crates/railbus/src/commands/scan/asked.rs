@@ -4,9 +4,9 @@
 use crate::backend::Backend;
 use crate::commands::Context;
 use crate::commands::place::{Place, port_failure};
-use crate::failure::Failure;
 use railbus_api::sending::{LateAnswer, SendRequest};
 use railbus_api::types::Outcome;
+use railbus_app::failure::Failure;
 use railbus_commission::read_request;
 use railbus_commission::scan::Met;
 use railbus_host::{LateReply, Line, LineConfig, Probe, Probed};

@@ -3,8 +3,8 @@
 use super::texts::ScanText;
 use crate::commands::Context;
 use crate::commands::place::Place;
-use crate::config_file;
-use crate::failure::Failure;
+use railbus_app::config_file;
+use railbus_app::failure::Failure;
 use railbus_commission::scan::{Ask, Found, Place as At, Question, Scanner, Scope, Wish};
 use railbus_wire::{Address, Baud, Character, Micros, Settings};
 use railbus_words::Code;

@@ -5,7 +5,7 @@ use super::show::Live;
 use crate::commands::Context;
 use crate::commands::place::Place;
 use crate::commands::stop::Stop;
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_commission::scan::{Scanner, Step};
 use railbus_wire::{Instant, Micros};
 use std::ops::ControlFlow;

@@ -4,10 +4,10 @@ use super::run::{End, Report};
 use super::texts::ScanText;
 use crate::commands::Context;
 use crate::commands::place::Place;
-use crate::failure::Failure;
-use crate::render::records::{self, Records};
-use crate::render::table::Table;
-use crate::render::{Format, out};
+use railbus_app::failure::Failure;
+use railbus_app::render::records::{self, Records};
+use railbus_app::render::table::Table;
+use railbus_app::render::{Format, out};
 use railbus_commission::scan::{
     Answer, Ask, Depth, Detail, Found, LeftOut, Question, Scanner, Verdict,
 };

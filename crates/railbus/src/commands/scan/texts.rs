@@ -1,7 +1,7 @@
 //! What the scan says.
 
 railbus_words::texts! {
-    ScanText;
+    pub(crate) ScanText;
 
     About { en: "Find the modules on a line. Read-only.", zh: "扫描总线上的模块，只读取。" }
     Examples {

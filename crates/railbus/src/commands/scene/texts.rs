@@ -1,7 +1,7 @@
 //! What `railbus scene` says.
 
 railbus_words::texts! {
-    SceneText;
+    pub(crate) SceneText;
 
     About {
         en: "List the configured scenes, or run one.",

@@ -1,7 +1,7 @@
 //! What `railbus schema` says.
 
 railbus_words::texts! {
-    SchemaText;
+    pub(crate) SchemaText;
 
     About {
         en: "Print the JSON Schema of a command's -o json.",

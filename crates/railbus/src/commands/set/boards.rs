@@ -2,13 +2,14 @@
 
 use crate::commands::Context;
 use crate::commands::config::boards::{Line, switch};
-use crate::failure::Failure;
-use crate::render::out;
-use crate::render::records::Records;
-use crate::render::table::Table;
-use crate::render::values;
 use crate::texts::Text;
 use clap::ArgMatches;
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
+use railbus_app::render::values;
+use railbus_app::texts::AppText;
 use railbus_words::Code;
 use serde_json::json;
 
@@ -40,7 +41,7 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
     let mut rows = Vec::new();
     for (name, state) in &states {
         let told = match (state.outputs, state.as_commanded) {
-            (None, _) => lang.get(Text::Unheard).to_owned(),
+            (None, _) => lang.get(AppText::Unheard).to_owned(),
             (Some(_), true) => format!(
                 "{}  {}",
                 values::state(lang, on),

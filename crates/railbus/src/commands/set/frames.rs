@@ -3,11 +3,11 @@
 use super::orders::{Order, State};
 use crate::backend::Backend;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::render::records::Records;
-use crate::render::table::Table;
 use crate::texts::Text;
 use railbus_api::types::ModuleInfo;
+use railbus_app::failure::Failure;
+use railbus_app::render::records::Records;
+use railbus_app::render::table::Table;
 use railbus_device::{Bank, Family, Layout, Module, Op, PointKind, Setup};
 use railbus_wire::{Address, Channel, Frame, Protocol};
 use railbus_words::Code;

@@ -4,11 +4,11 @@ use super::orders::{Order, State};
 use super::{Outcome, Terms, bad_word, conclude, frames, stop, tell};
 use crate::backend::Backend;
 use crate::commands::Context;
-use crate::failure::Failure;
-use crate::render::out;
 use railbus_api::control::{BatchAnswer, BatchResult, GroupRequest, GroupValue, GroupWord};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::{Value, Written};
+use railbus_app::failure::Failure;
+use railbus_app::render::out;
 
 /// Switches the group that the words name.
 pub(super) fn run(

@@ -2,7 +2,7 @@
 
 use super::words;
 use crate::commands::Context;
-use crate::failure::Failure;
+use railbus_app::failure::Failure;
 use railbus_sniff::capture::{self, Direction};
 use railbus_sniff::{Frame, Heard, Role, Verdict};
 use railbus_wire::Settings;

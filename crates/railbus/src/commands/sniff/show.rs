@@ -3,8 +3,8 @@
 use super::facts::{Facts, addressee};
 use super::texts::SniffText;
 use super::words;
-use crate::render::{Format, records};
 use jiff::{Timestamp, tz::TimeZone};
+use railbus_app::render::{Format, records};
 use railbus_sniff::{Heard, Reading, Role, Verdict};
 use railbus_wire::{Instant, Micros, Settings};
 use railbus_words::Lang;

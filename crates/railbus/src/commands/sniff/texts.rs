@@ -1,7 +1,7 @@
 //! What `sniff`, `extcap` and `replay` say.
 
 railbus_words::texts! {
-    SniffText;
+    pub(crate) SniffText;
 
     SniffAbout {
         en: "Listen to a line and decode what passes. Never sends.",

@@ -1,7 +1,8 @@
 //! What was heard, in words.
 
 use super::texts::SniffText;
-use crate::commands::decode::{self, meaning};
+use crate::commands::decode;
+use railbus_app::meaning;
 use railbus_sniff::{Asked, Flaw, Frame, Heard, Reading, Role, Verdict};
 use railbus_wire::{Micros, Protocol};
 use railbus_words::Lang;

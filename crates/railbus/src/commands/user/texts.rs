@@ -1,7 +1,7 @@
 //! What `railbus user` and `railbus token` say.
 
 railbus_words::texts! {
-    UserText;
+    pub(crate) UserText;
 
     About {
         en: "Manage the users of the daemon and their roles.",

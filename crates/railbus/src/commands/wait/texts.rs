@@ -1,7 +1,7 @@
 //! What `railbus wait` says.
 
 railbus_words::texts! {
-    WaitText;
+    pub(crate) WaitText;
 
     About {
         en: "Wait until points have the given values.",

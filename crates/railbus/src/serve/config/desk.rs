@@ -1,10 +1,10 @@
 //! Where the configuration is changed, one change at a time, and always the same way: text, edit,
 //! check, write, reload.
 
-use crate::api::failures::bad_config;
-use crate::config_file;
 use crate::serve::access::Caller;
 use railbus_api::problem::{Problem, codes};
+use railbus_app::api::failures::bad_config;
+use railbus_app::config_file;
 use railbus_site::config::edit::WriteError;
 use railbus_site::config::keeper::{Generation, Keeper, etag};
 use railbus_site::{Config, Loan, Reloaded, Service};

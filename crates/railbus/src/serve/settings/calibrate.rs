@@ -2,14 +2,14 @@
 
 use super::drive::{Drive, journal, on_loan, open};
 use super::wish::Wish;
-use crate::api::{failures, settings as told};
 use crate::commands::config::guided::hindered;
 use crate::commands::config::outcome;
 use crate::commands::config::target::Target;
-use crate::failure::Failure;
 use railbus_api::ops::{OpBegun, OpInfo};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::settings::{Calibration, SettingsRun};
+use railbus_app::api::{failures, settings as told};
+use railbus_app::failure::Failure;
 use railbus_commission::settings::{Key, Wanted};
 use railbus_commission::{By, Calibrated, Hindrance, Job, Trouble, calibrate};
 use railbus_device::Family;

@@ -2,13 +2,11 @@
 //! it goes, asks whoever follows it, and can be ended.
 
 use super::wish::Wish;
-use crate::api::{failures, settings as told};
 use crate::commands::config::file::not_followed;
 use crate::commands::config::ground::store_failure;
 use crate::commands::config::outcome::placed;
 use crate::commands::config::talk::{Talk, keep};
 use crate::commands::config::target::Target;
-use crate::failure::Failure;
 use crate::serve::config::Asks;
 use crate::serve::listen::ended;
 use crate::serve::ops::Op;
@@ -16,6 +14,8 @@ use crate::serve::routes::Site;
 use crate::serve::spoken;
 use railbus_api::ops::OpState;
 use railbus_api::problem::{Problem, codes};
+use railbus_app::api::{failures, settings as told};
+use railbus_app::failure::Failure;
 use railbus_commission::{
     Act, Event, Log, Place, Procedure, Progress, Question, Record, State, Step,
 };

@@ -3,13 +3,13 @@
 
 use super::look::send;
 use super::wish::Wish;
-use crate::api::convert;
 use crate::commands::config::outcome;
 use crate::commands::config::target::Target;
-use crate::commands::decode::meaning;
 use railbus_api::problem::Problem;
 use railbus_api::settings::{Cell, RegisterRead, Registers};
 use railbus_api::types::SCHEMA;
+use railbus_app::api::convert;
+use railbus_app::meaning;
 use railbus_commission::{Place, Trouble};
 use railbus_device::{Family, Module, Op, Point, PointKind, Setup};
 use railbus_host::Probed;

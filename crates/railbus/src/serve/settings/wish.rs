@@ -1,18 +1,18 @@
 //! What is wanted of the settings of a module, checked against what it keeps now.
 
 use super::look::look;
-use crate::api::failures;
 use crate::commands::config::log::taking_back;
 use crate::commands::config::target::{NoTarget, Target};
 use crate::commands::config::{outcome, set, show};
-use crate::commands::decode::meaning;
-use crate::failure::Failure;
 use crate::serve::routes::Site;
 use railbus_api::problem::{Problem, codes};
 use railbus_api::settings::{
     LoggedChange, Setting, SettingChange, SettingFrame, Settings, SettingsLog, SettingsPlan,
 };
 use railbus_api::types::SCHEMA;
+use railbus_app::api::failures;
+use railbus_app::failure::Failure;
+use railbus_app::meaning;
 use railbus_commission::settings::{
     Access, Choice, Key, Wanted, choice, differences, settings, shown,
 };

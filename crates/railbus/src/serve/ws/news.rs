@@ -1,8 +1,8 @@
 //! How points, modules and lines are, and what of that changes.
 
 use super::{Gone, Out};
-use crate::api::{ask, convert, paths};
 use railbus_api::types::{LineInfo, ModuleInfo, PointInfo};
+use railbus_app::api::{ask, convert, paths};
 use railbus_site::{Service, Update, Updates};
 use serde::Serialize;
 use std::collections::BTreeMap;

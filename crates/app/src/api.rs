@@ -1,0 +1,13 @@
+//! What the site tells, in the types of the API, and what those ask of it.
+
+pub mod ask;
+pub mod config_words;
+pub mod control;
+pub mod convert;
+pub mod failures;
+pub mod past;
+pub mod paths;
+pub mod rules;
+pub mod sending;
+pub mod settings;
+pub mod watching;

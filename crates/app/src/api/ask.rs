@@ -1,0 +1,261 @@
+//! What one can ask of a site, in the terms of the API: the server asks so for its clients, and
+//! a command without a server for itself.
+
+use super::{convert, failures, paths};
+use railbus_api::problem::{Problem, codes};
+use railbus_api::types::{
+    CommandInfo, LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten, PointInfo,
+    PulseRequest, Pulsed, Quality, Reason, ToggleRequest, WriteRequest, Written,
+};
+use railbus_device::Point;
+use railbus_site::{Failure, Pulse, Service, ToggleTerms, WriteDone, WriteTerms};
+use railbus_wire::Micros;
+use std::time::Instant;
+
+/// All lines.
+pub fn lines(service: &Service) -> Vec<LineInfo> {
+    service.lines().into_iter().map(convert::line).collect()
+}
+
+/// All modules.
+pub fn modules(service: &Service) -> Vec<ModuleInfo> {
+    let modules = service.modules().into_iter();
+    modules
+        .map(|status| convert::module(service, status))
+        .collect()
+}
+
+/// All modules, each read now: see [`fresh_points`]. One that does not answer is listed as
+/// offline.
+pub async fn fresh_modules(service: &Service) -> Vec<ModuleInfo> {
+    let mut modules = Vec::new();
+    for name in service.config().modules.into_keys() {
+        let _ = service.read_fresh(&name).await;
+        let status = service.module(&name);
+        modules.extend(status.map(|status| convert::module(service, status)));
+    }
+    modules
+}
+
+/// The points that a selector names.
+pub fn points(service: &Service, selectors: &[String]) -> Vec<PointInfo> {
+    let modules = service.config().modules.into_keys();
+    modules
+        .flat_map(|module| points_of(service, &module, selectors))
+        .collect()
+}
+
+/// The same of one module.
+fn points_of(service: &Service, module: &str, selectors: &[String]) -> Vec<PointInfo> {
+    let points = service.points(module).into_iter();
+    points
+        .filter(|status| paths::selects(selectors, &status.module, &status.label))
+        .map(convert::point)
+        .collect()
+}
+
+/// All points that one of the selectors names, asked for now. A module that does not answer
+/// leaves the others to be asked, and what is known of it from before counts as that of a module
+/// that does not answer; where none answers, it is told why. Each value is judged when its own
+/// module was read: however long the others take after that, their silence makes it older and is
+/// no fault of its module.
+pub async fn fresh_points(
+    service: &Service,
+    selectors: &[String],
+) -> Result<Vec<PointInfo>, Problem> {
+    let mut modules: Vec<String> = points(service, selectors)
+        .into_iter()
+        .map(|point| point.module)
+        .collect();
+    modules.dedup();
+    let (mut silent, mut why) = (0, None);
+    let mut asked = Vec::with_capacity(modules.len());
+    for module in &modules {
+        let read = service.read_fresh(module).await;
+        let mut points = points_of(service, module, selectors);
+        if let Err(failure) = read {
+            why.get_or_insert_with(|| failures::of_read(service, module, None, &failure));
+            silent += 1;
+            for point in &mut points {
+                point.quality = Quality::Bad;
+                point.reason.get_or_insert(Reason::Offline);
+            }
+        }
+        asked.push((Instant::now(), points));
+    }
+    match why {
+        Some(why) if silent == modules.len() => Err(why),
+        _ => Ok(asked.into_iter().flat_map(aged).collect()),
+    }
+}
+
+/// Points as they were then, with their age as it is now.
+fn aged((then, mut points): (Instant, Vec<PointInfo>)) -> Vec<PointInfo> {
+    let since = u64::try_from(then.elapsed().as_millis()).unwrap_or(u64::MAX);
+    for age in points.iter_mut().filter_map(|point| point.age_ms.as_mut()) {
+        *age = age.saturating_add(since);
+    }
+    points
+}
+
+/// Refuses the name of a module or point that is not there; patterns may select nothing.
+pub fn check_selector(service: &Service, selector: &str) -> Result<(), Problem> {
+    if selector.contains(['*', '?']) {
+        return Ok(());
+    }
+    if paths::split(selector).is_some() {
+        return find(service, selector).map(|_| ());
+    }
+    match service.module(selector) {
+        Some(_) => Ok(()),
+        None => Err(failures::no_such_module(service, selector)),
+    }
+}
+
+/// One point, by its path.
+pub async fn point(service: &Service, path: &str, fresh: bool) -> Result<PointInfo, Problem> {
+    let (module, point) = find(service, path)?;
+    if fresh {
+        let asked = service.read_fresh(&module).await;
+        asked.map_err(|failure| failures::of_read(service, &module, Some(point), &failure))?;
+    }
+    let status = service.point(&module, point);
+    let status = status.ok_or_else(|| failures::no_such_module(service, &module))?;
+    Ok(convert::point(status))
+}
+
+/// Switches one output.
+pub async fn write(
+    service: &Service,
+    path: &str,
+    wanted: WriteRequest,
+) -> Result<Written, Problem> {
+    let (module, point) = find(service, path)?;
+    let terms = WriteTerms {
+        verify: wanted.verify,
+        silent: wanted.no_reply,
+        only_if: wanted.only_if,
+        confirm: wanted.confirm,
+    };
+    let done = service
+        .write(&module, &[(point, wanted.value)], terms)
+        .await;
+    done.map(written)
+        .map_err(|failure| failures::problem(service, &module, Some(point), &failure))
+}
+
+/// Switches several outputs of one module.
+pub async fn outputs(
+    service: &Service,
+    module: &str,
+    wanted: OutputsRequest,
+) -> Result<OutputsWritten, Problem> {
+    let mut set = Vec::with_capacity(wanted.set.len());
+    for (label, on) in &wanted.set {
+        let (_, point) = find(service, &format!("{module}.{label}"))?;
+        set.push((point, *on));
+    }
+    if set.is_empty() {
+        let problem = Problem::new(codes::BAD_REQUEST).with("module", module);
+        return Err(problem.with("reason", "\"set\" names no output"));
+    }
+    let terms = WriteTerms {
+        verify: wanted.verify,
+        silent: wanted.no_reply,
+        only_if: None,
+        confirm: wanted.confirm,
+    };
+    let done = service.write(module, &set, terms).await;
+    let done = done.map_err(|failure| failures::problem(service, module, None, &failure))?;
+    let label = |point: &Point| {
+        let status = service.point(module, *point);
+        status.map(|status| status.label).unwrap_or_default()
+    };
+    let each = done.outputs.iter().map(|(point, value, before)| {
+        let (value, before) = (*value, *before);
+        (label(point), OutputWritten { value, before })
+    });
+    Ok(OutputsWritten {
+        set: each.collect(),
+        confirmed: convert::confirmed(done.confirmed),
+        took_ms: convert::millis(done.took),
+        audit: done.audit,
+    })
+}
+
+/// Switches an output over.
+pub async fn toggle(
+    service: &Service,
+    path: &str,
+    wanted: ToggleRequest,
+) -> Result<Written, Problem> {
+    let (module, point) = find(service, path)?;
+    let terms = ToggleTerms {
+        raw: wanted.raw,
+        confirm: wanted.confirm,
+    };
+    let done = service.toggle(&module, point, terms).await;
+    done.map(written)
+        .map_err(|failure| failures::problem(service, &module, Some(point), &failure))
+}
+
+/// Begins a pulse.
+pub async fn pulse(service: &Service, path: &str, wanted: PulseRequest) -> Result<Pulsed, Problem> {
+    let (module, point) = find(service, path)?;
+    let pulse = Pulse {
+        width: wanted.ms.map(|ms| Micros(ms.saturating_mul(1_000))),
+        by: convert::by(wanted.by),
+        off: wanted.off,
+        confirm: wanted.confirm,
+    };
+    let done = service.pulse(&module, point, pulse).await;
+    let done =
+        done.map_err(|failure| failures::problem(service, &module, Some(point), &failure))?;
+    Ok(Pulsed {
+        value: done.value,
+        before: done.before,
+        by: convert::timekeeper(done.by),
+        ms: Some(convert::millis(done.width)),
+        confirmed: convert::confirmed(done.confirmed),
+        took_ms: convert::millis(done.took),
+        audit: done.audit,
+    })
+}
+
+/// A command that was given lately.
+pub fn command(service: &Service, id: &str) -> Result<CommandInfo, Problem> {
+    let known = service.command(id).map(convert::command);
+    known.ok_or_else(|| Problem::new(codes::NO_SUCH_COMMAND).with("name", id))
+}
+
+fn written(done: WriteDone) -> Written {
+    let output = done.outputs.first();
+    Written {
+        value: output.and_then(|(_, value, _)| *value),
+        before: output.and_then(|(_, _, before)| *before),
+        confirmed: convert::confirmed(done.confirmed),
+        took_ms: convert::millis(done.took),
+        audit: done.audit,
+        read_then_set: done.read_then_set,
+    }
+}
+
+/// The module and the point of a path.
+pub fn find(service: &Service, path: &str) -> Result<(String, Point), Problem> {
+    let (module, label) = paths::split(path).unwrap_or((path, ""));
+    let Some(status) = service.module(module) else {
+        return Err(failures::no_such_module(service, module));
+    };
+    let point = status.setup.point(label);
+    let point = point.ok_or_else(|| failures::no_such_point(service, module, label))?;
+    Ok((module.to_owned(), point))
+}
+
+/// The one line there is.
+pub fn only_line(service: &Service) -> Result<String, Problem> {
+    let mut names = service.config().lines.into_keys();
+    match (names.next(), names.next()) {
+        (Some(line), None) => Ok(line),
+        _ => Err(failures::of_line(service, "", &Failure::NoSuchLine)),
+    }
+}

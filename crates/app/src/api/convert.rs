@@ -1,0 +1,290 @@
+//! From what the site knows to what the API says.
+
+use jiff::{SignedDuration, Timestamp};
+use railbus_api::types::{
+    CommandInfo, Confirmed, FrameEvent, Kind, LeaseInfo, LineInfo, Lost, ModuleInfo, ModuleState,
+    Outcome, PointInfo, PortState, Quality, Reason, Timekeeper, Value,
+};
+use railbus_bus::Evidence;
+use railbus_device::PointKind;
+use railbus_host::{LineState, Passed, PortError, Presence, Probed};
+use railbus_site::config::{Confirm, Name};
+use railbus_site::{By, LineStatus, ModuleStatus, PointStatus, Service};
+use railbus_wire::{Instant, Micros};
+use railbus_words::time::rfc3339;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Milliseconds, rounded.
+pub const fn millis(time: Micros) -> u64 {
+    (time.0 + 500) / 1_000
+}
+
+/// Milliseconds with one decimal.
+pub fn millis_tenths(time: Micros) -> f64 {
+    ((time.0 + 50) / 100) as f64 / 10.0
+}
+
+/// A line.
+pub fn line(status: LineStatus) -> LineInfo {
+    let (state, why) = match &status.state {
+        LineState::Opening => (PortState::Opening, None),
+        LineState::Up => (PortState::Up, None),
+        LineState::Absent(why) if matches!(**why, PortError::Busy { .. } | PortError::Lent) => {
+            (PortState::Busy, Some(why))
+        }
+        LineState::Absent(why) => (PortState::Absent, Some(why)),
+        LineState::Closed => (PortState::Closed, None),
+    };
+    let holder = match why.map(|why| &**why) {
+        Some(PortError::Busy { holder }) => holder.as_ref(),
+        _ => None,
+    };
+    LineInfo {
+        line: status.name,
+        name: by_language(status.called),
+        port: status.port,
+        state,
+        reason: why.map(|why| why.name().to_owned()),
+        holder: holder.map(|holder| format!("{} ({})", holder.name, holder.pid)),
+        baud: status.serial.baud.rate(),
+        format: status.serial.character.to_string(),
+        babble: status.babble,
+        modules: status.modules,
+    }
+}
+
+/// A module with the states of its channels.
+pub fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
+    let points = service.points(&status.name);
+    let bits = |kind| {
+        let of_kind = points.iter().filter(|status| status.point.kind == kind);
+        of_kind
+            .map(|status| match (status.quality, status.value) {
+                // What it was a while ago says nothing of what it is.
+                (railbus_site::Quality::Good, Some(railbus_site::Value::Bool(true))) => '1',
+                (railbus_site::Quality::Good, Some(railbus_site::Value::Bool(false))) => '0',
+                _ => '?',
+            })
+            .collect()
+    };
+    let is_online = status.presence == Presence::Online;
+    let ages = points.iter().filter_map(|point| point.age);
+    let last_good = ages.min().filter(|_| !is_online).and_then(ago);
+    ModuleInfo {
+        outputs: bits(PointKind::Output),
+        inputs: bits(PointKind::Input),
+        module: status.name,
+        name: by_language(status.called),
+        area: status.area,
+        line: status.line,
+        address: status.setup.address.0,
+        protocol: status.setup.protocol.name().to_owned(),
+        model: status.setup.family.name().to_owned(),
+        title: status.setup.family.to_string(),
+        baud: Some(status.setup.serial.baud.rate()),
+        format: Some(status.setup.serial.character.to_string()),
+        checksum: Some(status.setup.checksum),
+        state: match status.presence {
+            Presence::Online => ModuleState::Online,
+            Presence::Silent => ModuleState::Offline,
+            Presence::Unheard => ModuleState::Unheard,
+            Presence::Stranger => ModuleState::OtherModel,
+        },
+        answers_as: status.stranger,
+        last_good,
+        rtt_ms: status.rtt.filter(|_| is_online).map(millis_tenths),
+        errors_1h: status.errors,
+        late_1h: status.late,
+        lost: (!is_online && status.lost.attempts > 0).then(|| lost(status.lost)),
+    }
+}
+
+/// A point.
+pub fn point(status: PointStatus) -> PointInfo {
+    let config = status.config;
+    let safety = config.safety;
+    PointInfo {
+        path: format!("{}.{}", status.module, status.label),
+        module: status.module,
+        label: status.label,
+        kind: match status.point.kind {
+            PointKind::Output => Kind::Output,
+            PointKind::Input => Kind::Input,
+            PointKind::Analog => Kind::Analog,
+            PointKind::Variable => Kind::Variable,
+        },
+        index: status.point.index,
+        name: by_language(Name {
+            en: config.name_en,
+            zh: config.name_zh,
+        }),
+        value: status.value.map(value),
+        raw: match status.value {
+            Some(railbus_site::Value::Analog(_, register)) => Some(register),
+            _ => None,
+        },
+        unit: status.range.as_ref().map(|range| range.unit.clone()),
+        decimals: status.range.as_ref().map(|range| range.decimals),
+        quality: match status.quality {
+            railbus_site::Quality::Good => Quality::Good,
+            railbus_site::Quality::Stale => Quality::Stale,
+            railbus_site::Quality::Bad(_) => Quality::Bad,
+        },
+        reason: match status.quality {
+            railbus_site::Quality::Bad(why) => Some(reason(why)),
+            _ => None,
+        },
+        age_ms: status.age.map(millis),
+        max_age_ms: status.max_age.map(millis),
+        time: status.age.and_then(ago),
+        hidden: config.hidden,
+        locked: config.locked,
+        confirm: safety.confirm.is_some(),
+        hold: safety.confirm == Some(Confirm::Hold),
+        interlock: status.interlock,
+        max_on_ms: safety.max_on.map(millis),
+        min_off_ms: safety.min_off.map(millis),
+        on_until: status.left.max_on.and_then(from_now),
+        pulse_until: status.left.pulse.and_then(from_now),
+        lease: status
+            .left
+            .lease
+            .and_then(from_now)
+            .map(|until| LeaseInfo { until }),
+        pulse_ms: status.pulse.map(millis),
+    }
+}
+
+/// What something is called, by the languages in which it is called anything.
+fn by_language(Name { en, zh }: Name) -> BTreeMap<String, String> {
+    let names = [("en", en), ("zh", zh)].into_iter();
+    let named = names.filter_map(|(lang, name)| Some((lang.to_owned(), name?)));
+    named.collect()
+}
+
+/// The moment so long ago.
+fn ago(age: Micros) -> Option<String> {
+    let age = i64::try_from(age.0).ok()?;
+    let then = Timestamp::now().checked_sub(SignedDuration::from_micros(age));
+    then.ok().map(rfc3339)
+}
+
+/// The moment so long from now.
+pub fn from_now(left: Duration) -> Option<String> {
+    let left = SignedDuration::try_from(left).ok()?;
+    Timestamp::now().checked_add(left).ok().map(rfc3339)
+}
+
+/// Why a value is bad.
+const fn reason(why: railbus_site::Reason) -> Reason {
+    use railbus_site::Reason as R;
+    match why {
+        R::NeverRead => Reason::NeverRead,
+        R::Offline => Reason::Offline,
+        R::OtherModel => Reason::OtherModel,
+        R::LineAbsent => Reason::LineAbsent,
+        R::LineBusy => Reason::LineBusy,
+        R::Lent => Reason::Lent,
+        R::LineClosed => Reason::LineClosed,
+    }
+}
+
+/// A command that was given.
+pub fn command(command: railbus_site::Command) -> CommandInfo {
+    CommandInfo {
+        id: command.id,
+        module: command.module,
+        what: command.what,
+        who: command.origin.who,
+        via: command.origin.via,
+        at: Timestamp::try_from(command.at)
+            .map(rfc3339)
+            .unwrap_or_default(),
+        end: command.end.map(str::to_owned),
+    }
+}
+
+/// A value.
+pub const fn value(value: railbus_site::Value) -> Value {
+    match value {
+        railbus_site::Value::Bool(on) => Value::Bool(on),
+        railbus_site::Value::Analog(value, _) => Value::Analog(value),
+        railbus_site::Value::Number(number) => Value::Number(number),
+    }
+}
+
+/// How far something is certain.
+pub const fn confirmed(confirmed: railbus_host::Confirmed) -> Confirmed {
+    match confirmed {
+        railbus_host::Confirmed::Readback => Confirmed::Readback,
+        railbus_host::Confirmed::Reply => Confirmed::Reply,
+        railbus_host::Confirmed::Sent => Confirmed::Sent,
+    }
+}
+
+/// What a probe met.
+pub const fn outcome(probed: Probed) -> Outcome {
+    match probed {
+        Probed::Answered => Outcome::Answered,
+        Probed::Garbled => Outcome::Garbled,
+        Probed::Silent => Outcome::Silent,
+        Probed::Unsafe => Outcome::Unsafe,
+    }
+}
+
+/// Who keeps a pulse's time, as asked for.
+pub const fn by(by: Timekeeper) -> By {
+    match by {
+        Timekeeper::Auto => By::Auto,
+        Timekeeper::Device => By::Device,
+        Timekeeper::Host => By::Host,
+    }
+}
+
+/// Who keeps a pulse's time, as it is.
+pub const fn timekeeper(by: By) -> Timekeeper {
+    match by {
+        By::Auto => Timekeeper::Auto,
+        By::Device => Timekeeper::Device,
+        By::Host => Timekeeper::Host,
+    }
+}
+
+/// The moment at which a line's time began, in microseconds since 1970, when it is so late there.
+pub fn start_of(now: Instant) -> u64 {
+    let epoch = Timestamp::now().as_microsecond();
+    u64::try_from(epoch)
+        .unwrap_or_default()
+        .saturating_sub(now.0)
+}
+
+/// What passed on a line whose time began then.
+pub fn passed(start: u64, passed: Result<Passed, u64>) -> FrameEvent {
+    let Passed { at, sent, bytes } = match passed {
+        Ok(passed) => passed,
+        Err(dropped) => return FrameEvent::Gap { dropped },
+    };
+    let Instant(micros) = at;
+    let at_us = start.saturating_add(micros);
+    let bytes = railbus_words::hex::spaced(&bytes);
+    match sent {
+        None => FrameEvent::Heard { at_us, bytes },
+        Some(settings) => FrameEvent::Sent {
+            at_us,
+            baud: settings.baud.rate(),
+            format: settings.character.to_string(),
+            bytes,
+        },
+    }
+}
+
+/// What came instead of a good reply.
+pub fn lost(met: Evidence) -> Lost {
+    Lost {
+        attempts: met.attempts,
+        garbled: met.garbled,
+        rx_bytes: met.bytes,
+        why: met.why.map(|why| why.to_string()),
+    }
+}

@@ -1,0 +1,337 @@
+//! From what went wrong at the site to what the API says of it.
+
+use railbus_api::problem::{Kind, Problem, codes};
+use railbus_api::types::LineInfo;
+use railbus_bus::Evidence;
+use railbus_device::{Family, Point, Refusal};
+use railbus_host::{Access, Fault, LineState, PortError, Presence};
+use railbus_site::config::Problem as ConfigProblem;
+use railbus_site::{Failure, Service};
+use railbus_wire::Micros;
+use railbus_words::Lang;
+use serde_json::json;
+
+/// Why a command to a module was not done.
+pub fn problem(
+    service: &Service,
+    module: &str,
+    point: Option<Point>,
+    failure: &Failure,
+) -> Problem {
+    let of_point = |kind, point: &Point| {
+        let problem = about(service, Problem::new(kind), module);
+        problem.with("point", label(service, module, *point))
+    };
+    let problem = match failure {
+        Failure::NoSuchModule => no_such_module(service, module),
+        Failure::NoSuchPoint => about(service, Problem::new(codes::NO_SUCH_POINT), module),
+        Failure::NoSuchLine => Problem::new(codes::NO_SUCH_LINE),
+        Failure::Lent => Problem::new(codes::LINE_CLOSED).with("reason", "lent"),
+        Failure::NotAnOutput(point) => of_point(codes::NOT_AN_OUTPUT, point),
+        Failure::Locked(point) => of_point(codes::LOCKED, point),
+        Failure::NotAsAsked(point, is) => of_point(codes::NOT_AS_ASKED, point).with("value", *is),
+        Failure::NotAudited => about(service, Problem::new(codes::NOT_AUDITED), module),
+        Failure::PulseWidth {
+            point,
+            asked,
+            own,
+            pulse_mode,
+        } => {
+            let problem = of_point(codes::PULSE_WIDTH, point).with("pulse_mode", *pulse_mode);
+            let path = format!("{module}.{}", label(service, module, *point));
+            pulse_hints(problem, &path, *asked, *own)
+        }
+        Failure::Confirm(point) => of_point(codes::CONFIRM, point),
+        Failure::Interlock { point, by } => {
+            let problem = of_point(codes::INTERLOCK, point).with("by", by.clone());
+            problem.with_hint(format!("railbus set {by} off"))
+        }
+        Failure::MinOff { point, left } => {
+            let left = left.0.div_ceil(1_000);
+            of_point(codes::MIN_OFF, point).with("retry_after_ms", left)
+        }
+        Failure::Unwatched(point) => of_point(codes::UNWATCHED, point),
+        Failure::NoLease(point) => of_point(codes::NO_LEASE, point),
+        Failure::LeaseTime(point) => {
+            of_point(codes::BAD_REQUEST, point).with("reason", "\"ttl_ms\" is 200 to 3600000")
+        }
+        Failure::NotKept(why) => Problem::new(codes::NOT_KEPT).with("reason", why.to_string()),
+        Failure::NotTakenOver(why) => {
+            let problem = about(service, Problem::new(codes::NOT_TAKEN_OVER), module);
+            problem.with("reason", why.to_string())
+        }
+        Failure::Due { path, left } => Problem::new(codes::OUTPUT_DUE)
+            .with("path", path.clone())
+            .with("retry_after_ms", left.0.div_ceil(1_000)),
+        Failure::NotTried => about(service, Problem::new(codes::NOT_TRIED), module),
+        Failure::Undone => about(service, Problem::new(codes::UNDONE), module),
+        Failure::NotUndone => about(service, Problem::new(codes::NOT_UNDONE), module),
+        Failure::NoSuchGroup => Problem::new(codes::NO_SUCH_GROUP),
+        Failure::NoSuchScene => Problem::new(codes::NO_SUCH_SCENE),
+        Failure::Playing => Problem::new(codes::PLAYING),
+        Failure::NotRead(fault) | Failure::Line(fault) => {
+            let problem = of_fault(service, module, fault);
+            match point {
+                Some(point) => {
+                    let problem = problem.with("point", label(service, module, point));
+                    of_channel(service, module, fault, problem)
+                }
+                None => problem,
+            }
+        }
+    };
+    Problem {
+        may_have_acted: failure.may_have_acted(),
+        ..problem
+    }
+}
+
+/// A board that does not report how many channels it has may not have the one that stays silent
+/// while the board answers.
+fn of_channel(service: &Service, module: &str, fault: &Fault, problem: Problem) -> Problem {
+    let board = service
+        .module(module)
+        .filter(|status| status.setup.family == Family::R55 && status.presence == Presence::Online);
+    match (fault, board) {
+        (Fault::NoReply(_), Some(_)) => problem.with("channel_doubtful", true),
+        _ => problem,
+    }
+}
+
+/// Why a module could not be read. Nothing can have come of that.
+pub fn of_read(
+    service: &Service,
+    module: &str,
+    point: Option<Point>,
+    failure: &Failure,
+) -> Problem {
+    Problem {
+        may_have_acted: false,
+        ..problem(service, module, point, failure)
+    }
+}
+
+/// The ways out of a pulse that the module can't give.
+fn pulse_hints(
+    problem: Problem,
+    path: &str,
+    asked: Option<Micros>,
+    own: Option<Micros>,
+) -> Problem {
+    let by_host = |asked: u64| format!("railbus pulse {path} {asked}ms --by host");
+    let Some(own) = own else {
+        return problem.with_hint(format!("railbus pulse {path} 500ms"));
+    };
+    let problem = problem.with("width_ms", own.0 / 1_000);
+    match asked {
+        // Its own width was asked for, but the output is in level mode.
+        None => problem.with_hint(by_host(500)),
+        Some(asked) => problem
+            .with_hint(format!("railbus pulse {path}"))
+            .with_hint(by_host(asked.0 / 1_000)),
+    }
+}
+
+/// There is no such module; the ones there are.
+pub fn no_such_module(service: &Service, name: &str) -> Problem {
+    let known: Vec<String> = service.config().modules.into_keys().collect();
+    Problem::new(codes::NO_SUCH_MODULE)
+        .with("name", name)
+        .with("known", known)
+}
+
+/// The module has no such point; the ones it has.
+pub fn no_such_point(service: &Service, module: &str, name: &str) -> Problem {
+    let points = service.points(module);
+    let known: Vec<String> = points.into_iter().map(|point| point.label).collect();
+    Problem::new(codes::NO_SUCH_POINT)
+        .with("module", module)
+        .with("name", name)
+        .with("known", known)
+}
+
+/// There is no such line; the ones there are.
+pub fn no_such_line(service: &Service, name: &str) -> Problem {
+    let known: Vec<String> = service.config().lines.into_keys().collect();
+    Problem::new(codes::NO_SUCH_LINE)
+        .with("name", name)
+        .with("known", known)
+}
+
+/// What the line said of a command to a module.
+fn of_fault(service: &Service, module: &str, fault: &Fault) -> Problem {
+    if *fault == Fault::Closed {
+        let line = service.module(module).map(|module| module.line);
+        return line_closed(service, &line.unwrap_or_default()).with("module", module);
+    }
+    let problem = about(service, Problem::new(kind_of(fault)), module);
+    match fault {
+        Fault::NoReply(evidence) => {
+            let problem = with_evidence(problem, evidence);
+            let line = problem.text("line");
+            problem.with_hint(format!("railbus scan -l {line}"))
+        }
+        Fault::Garbled(evidence) => with_evidence(problem, evidence),
+        Fault::Expired => match service.module(module) {
+            Some(status) if status.presence != Presence::Online && status.lost.garbled > 0 => {
+                let lost = serde_json::to_value(super::convert::lost(status.lost));
+                problem.with("lost", lost.unwrap_or_default())
+            }
+            _ => problem,
+        },
+        Fault::Stranger { .. } => {
+            let status = service.module(module);
+            match status.and_then(|status| status.stranger) {
+                Some(found) => problem.with("answers_as", found),
+                None => problem,
+            }
+        }
+        Fault::Refused(Refusal::Exception(why)) => problem
+            .with("exception", why.0)
+            .with("refusal", format!("Modbus exception {why}")),
+        Fault::Refused(Refusal::Invalid) => problem.with("refusal", "?AA"),
+        Fault::Refused(Refusal::WatchdogTripped) => problem.with("refusal", "!AA"),
+        _ => problem,
+    }
+}
+
+/// Why a line takes nothing.
+pub fn line_closed(service: &Service, line: &str) -> Problem {
+    let mut problem = Problem::new(codes::LINE_CLOSED).with("line", line);
+    let Some(status) = service.line(line) else {
+        return problem;
+    };
+    problem = problem.with("port", status.port);
+    let why = match &status.state {
+        LineState::Absent(why) => &**why,
+        LineState::Opening => return problem.with("reason", "opening"),
+        LineState::Up | LineState::Closed => return problem.with("reason", "closed"),
+    };
+    problem = problem.with("reason", why.name());
+    match why {
+        PortError::Busy {
+            holder: Some(holder),
+        } => problem.with("holder", format!("{} ({})", holder.name, holder.pid)),
+        PortError::Permission(access) => {
+            let port = problem.text("port");
+            let problem = match &access.group_name {
+                Some(group) => problem.with("group", group.clone()),
+                None => problem,
+            };
+            problem.with_hint(right_to(&port, access))
+        }
+        _ => problem,
+    }
+}
+
+/// How one gets the right to a port: by its group, or where that is nobody's to join, by a rule
+/// that gives the device to one that is.
+pub fn right_to(port: &str, access: &Access) -> String {
+    if let Some(group) = access.group_to_join() {
+        return format!("sudo usermod -aG {group} $USER");
+    }
+    let path = port.strip_prefix("pty:").unwrap_or(port);
+    let device = std::fs::canonicalize(path).unwrap_or_else(|_| path.into());
+    match device.file_name().and_then(|name| name.to_str()) {
+        Some(name) if name.starts_with("tty") => {
+            let rule = format!("SUBSYSTEM==\"tty\", KERNEL==\"{name}\"");
+            let rule = format!("{rule}, GROUP=\"dialout\", MODE=\"0660\"");
+            let kept = format!("echo '{rule}' | sudo tee -a /etc/udev/rules.d/77-railbus.rules");
+            format!("{kept} && sudo udevadm control --reload && sudo udevadm trigger /dev/{name}")
+        }
+        _ => format!("ls -l {path}"),
+    }
+}
+
+/// The same of a line as it is told.
+pub fn line_down(line: &LineInfo) -> Problem {
+    let problem = Problem::new(codes::LINE_CLOSED)
+        .with("line", line.line.as_str())
+        .with("port", line.port.as_str())
+        .with("reason", line.reason.as_deref().unwrap_or("closed"));
+    match &line.holder {
+        Some(holder) => problem.with("holder", holder.as_str()),
+        None => problem,
+    }
+}
+
+/// What the line said of something that is no command to a module.
+pub fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
+    let problem = match failure {
+        Failure::NoSuchLine => no_such_line(service, line),
+        Failure::Line(Fault::Closed) | Failure::Lent => line_closed(service, line),
+        Failure::Line(fault) => Problem::new(kind_of(fault)).with("line", line),
+        Failure::NotAudited => Problem::new(codes::NOT_AUDITED).with("line", line),
+        Failure::Due { .. } => problem(service, line, None, failure),
+        // No frame of somebody's own ends like this.
+        _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
+    };
+    Problem {
+        may_have_acted: failure.may_have_acted(),
+        ..problem
+    }
+}
+
+const fn kind_of(fault: &Fault) -> Kind {
+    match fault {
+        Fault::Unsupported => codes::UNSUPPORTED,
+        Fault::Overloaded => codes::OVERLOADED,
+        Fault::Expired => codes::EXPIRED,
+        Fault::Locked => codes::LOCKED,
+        Fault::Closed => codes::LINE_CLOSED,
+        Fault::Stranger { .. } => codes::OTHER_MODEL,
+        Fault::Refused(_) => codes::REFUSED,
+        Fault::NoReply(_) => codes::NO_REPLY,
+        Fault::Garbled(_) => codes::GARBLED,
+        Fault::NotVerified => codes::NOT_VERIFIED,
+        Fault::Unknown => codes::UNKNOWN,
+    }
+}
+
+fn with_evidence(problem: Problem, evidence: &Evidence) -> Problem {
+    let problem = problem
+        .with("attempts", evidence.attempts)
+        .with("rx_bytes", evidence.bytes);
+    match evidence.why {
+        Some(why) => problem.with("why", why.to_string()),
+        None => problem,
+    }
+}
+
+/// Adds who and where the module is.
+fn about(service: &Service, problem: Problem, module: &str) -> Problem {
+    let problem = problem.with("module", module);
+    let Some(status) = service.module(module) else {
+        return problem;
+    };
+    let setup = status.setup;
+    problem
+        .with("line", status.line)
+        .with("address", setup.address.0)
+        .with("protocol", setup.protocol.name())
+        .with("model", setup.family.name())
+        .with("baud", setup.serial.baud.rate())
+        .with("format", setup.serial.character.to_string())
+}
+
+fn label(service: &Service, module: &str, point: Point) -> String {
+    let status = service.point(module, point);
+    status.map(|status| status.label).unwrap_or_default()
+}
+
+/// A configuration that was refused.
+pub fn bad_config(lang: Lang, file: &str, problems: &[ConfigProblem]) -> Problem {
+    let entry = |problem: &ConfigProblem| {
+        json!({
+            "line": problem.line,
+            "column": problem.column,
+            "path": problem.path,
+            "code": problem.kind.code(),
+            "reason": super::config_words::reason(lang, &problem.kind),
+        })
+    };
+    let entries: Vec<_> = problems.iter().map(entry).collect();
+    Problem::new(codes::BAD_CONFIG)
+        .with("file", file)
+        .with("problems", entries)
+}

@@ -1,0 +1,151 @@
+//! Where the configuration lies, and how it is read.
+
+use crate::api::failures::bad_config;
+use crate::socket;
+use railbus_api::problem::{Problem, codes};
+use railbus_site::Config;
+use railbus_words::Lang;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// The name of the file.
+pub const NAME: &str = "railbus.toml";
+/// The longest configuration.
+const LEN_MAX: u64 = 1 << 20;
+
+/// A configuration and where it was found.
+#[derive(Debug)]
+pub struct Found {
+    /// The file.
+    pub path: PathBuf,
+    /// What it says.
+    pub config: Config,
+}
+
+/// Reads the configuration: the one named, or else the first of `$RAILBUS_CONFIG`,
+/// `railbus.toml` here or in a parent, the user's own, and the system's.
+pub fn read(lang: Lang, named: Option<&Path>) -> Result<Found, Problem> {
+    let path = path(named)?;
+    let text = text_of(&path)?;
+    let config = Config::parse(&text)
+        .map_err(|problems| bad_config(lang, &path.display().to_string(), &problems))?;
+    Ok(Found { path, config })
+}
+
+/// Where the configuration lies that [`read`] reads.
+pub fn path(named: Option<&Path>) -> Result<PathBuf, Problem> {
+    chosen(named).map(|(path, _)| path)
+}
+
+/// The text of a file.
+pub fn text_of(path: &Path) -> Result<String, Problem> {
+    let failed = |why: String| {
+        Problem::new(codes::CONFIG_FILE)
+            .with("file", path.display().to_string())
+            .with("reason", why)
+    };
+    let file = std::fs::File::open(path).map_err(|error| failed(error.to_string()))?;
+    let mut text = String::new();
+    let read = file.take(LEN_MAX + 1).read_to_string(&mut text);
+    let len = read.map_err(|error| failed(error.to_string()))?;
+    if len as u64 > LEN_MAX {
+        return Err(failed(format!("longer than {LEN_MAX} bytes")));
+    }
+    Ok(text)
+}
+
+/// Why a configuration is the one that is used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Why {
+    /// A flag names it.
+    Flag,
+    /// `RAILBUS_CONFIG` names it.
+    Environment,
+    /// It lies in the first of the usual places where there is one.
+    Place,
+    /// There is none here, and a daemon has it.
+    Daemon,
+}
+
+impl Why {
+    /// The name in JSON.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Why::Flag => "flag",
+            Why::Environment => "environment",
+            Why::Place => "place",
+            Why::Daemon => "daemon",
+        }
+    }
+}
+
+/// The configuration to use: the one named, that of the environment, or the first of the usual
+/// places where there is a file.
+pub fn chosen(named: Option<&Path>) -> Result<(PathBuf, Why), Problem> {
+    if let Some(path) = named {
+        return Ok((path.to_owned(), Why::Flag));
+    }
+    if let Some(path) = std::env::var_os("RAILBUS_CONFIG").filter(|path| !path.is_empty()) {
+        return Ok((path.into(), Why::Environment));
+    }
+    let places = places();
+    match places.iter().find(|path| path.is_file()) {
+        Some(path) => Ok((path.clone(), Why::Place)),
+        None => {
+            let looked: Vec<String> = places.iter().map(|p| p.display().to_string()).collect();
+            let problem = Problem::new(codes::NO_CONFIG).with("looked", looked);
+            let problem = match socket::answers() {
+                // What can be asked has no need of another.
+                Some(socket) => {
+                    problem.with_hint(format!("railbus --socket {} ls", socket.display()))
+                }
+                None => problem.with_hint("railbus serve --demo"),
+            };
+            Err(problem.with_hint("railbus -l /dev/ttyUSB0 -m eda9060a -a 1 get eda9060a"))
+        }
+    }
+}
+
+/// A file as every path leads to it, whether or not it is there yet: absolute, without links.
+pub fn real(file: &Path) -> PathBuf {
+    let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    std::fs::canonicalize(&file).unwrap_or_else(|_| match (file.parent(), file.file_name()) {
+        (Some(folder), Some(name)) => {
+            let folder = std::fs::canonicalize(folder);
+            folder.map_or_else(|_| file.clone(), |folder| folder.join(name))
+        }
+        _ => file.clone(),
+    })
+}
+
+/// Where what is to be remembered of a site lies: beside its configuration; without one, where the
+/// user's programs keep such things. `RAILBUS_STATE` goes before both.
+pub fn state_folder(config: Option<&Path>) -> PathBuf {
+    if let Some(named) = std::env::var_os("RAILBUS_STATE").filter(|path| !path.is_empty()) {
+        return named.into();
+    }
+    match config {
+        Some(file) => file.parent().unwrap_or(Path::new("")).join(".railbus"),
+        None => {
+            let named = std::env::var_os("XDG_STATE_HOME").filter(|path| !path.is_empty());
+            let home = || {
+                std::env::home_dir()
+                    .unwrap_or_default()
+                    .join(".local/state")
+            };
+            named.map_or_else(home, PathBuf::from).join("railbus")
+        }
+    }
+}
+
+fn places() -> Vec<PathBuf> {
+    let here = std::env::current_dir().unwrap_or_default();
+    let of_user = std::env::var_os("XDG_CONFIG_HOME")
+        .map(PathBuf::from)
+        .or_else(|| std::env::home_dir().map(|home| home.join(".config")));
+    let above = here.ancestors().map(|folder| folder.join(NAME));
+    let others = [of_user, Some(PathBuf::from("/etc"))].into_iter().flatten();
+    above
+        .chain(others.map(|folder| folder.join("railbus").join(NAME)))
+        .collect()
+}

@@ -1,0 +1,203 @@
+//! Every way in which a command can fail, at every place where somebody is told of it: whether it
+//! may have acted is the same everywhere.
+
+use super::{Code, Failure};
+use crate::api::failures;
+use crate::render::Format;
+use crate::render::colour::Paint;
+use crate::texts::AppText;
+use railbus_api::problem::Problem;
+use railbus_bus::Evidence;
+use railbus_device::{Point, PointKind, Refusal};
+use railbus_host::Fault;
+use railbus_site::{Config, Failure as SiteFailure, Service};
+use railbus_wire::Micros;
+use railbus_words::Lang;
+use std::io::ErrorKind;
+
+const CONFIG: &str = "[line.main]\nport = \"tcp:127.0.0.1:1\"\n\
+    [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+
+const POINT: Point = Point {
+    kind: PointKind::Output,
+    index: 0,
+};
+
+/// All faults, and what each of them means.
+fn faults() -> Vec<(Fault, bool)> {
+    let evidence = Evidence::default();
+    let all = [
+        Fault::Unsupported,
+        Fault::Overloaded,
+        Fault::Expired,
+        Fault::Locked,
+        Fault::Closed,
+        Fault::Stranger { sent: false },
+        Fault::Stranger { sent: true },
+        Fault::Refused(Refusal::Invalid),
+        Fault::NoReply(evidence),
+        Fault::Garbled(evidence),
+        Fault::NotVerified,
+        Fault::Unknown,
+    ];
+    let each = all.map(|fault| {
+        // A new fault has no arm here: it joins the list above, too.
+        let acted = match fault {
+            Fault::Unsupported
+            | Fault::Overloaded
+            | Fault::Expired
+            | Fault::Locked
+            | Fault::Closed
+            | Fault::Refused(_)
+            | Fault::Stranger { sent: false } => false,
+            Fault::Stranger { sent: true }
+            | Fault::NoReply(_)
+            | Fault::Garbled(_)
+            | Fault::NotVerified
+            | Fault::Unknown => true,
+        };
+        (fault, acted)
+    });
+    each.to_vec()
+}
+
+/// All failures, and what each of them means.
+fn failures() -> Vec<(SiteFailure, bool)> {
+    let point = POINT;
+    let mut all = vec![
+        SiteFailure::NoSuchLine,
+        SiteFailure::NoSuchModule,
+        SiteFailure::NoSuchPoint,
+        SiteFailure::Lent,
+        SiteFailure::NotAnOutput(point),
+        SiteFailure::Locked(point),
+        SiteFailure::NotAsAsked(point, true),
+        SiteFailure::PulseWidth {
+            point,
+            asked: None,
+            own: None,
+            pulse_mode: false,
+        },
+        SiteFailure::NotAudited,
+        SiteFailure::Confirm(point),
+        SiteFailure::Interlock {
+            point,
+            by: "oven.k2".to_owned(),
+        },
+        SiteFailure::MinOff {
+            point,
+            left: Micros::ZERO,
+        },
+        SiteFailure::Unwatched(point),
+        SiteFailure::NoLease(point),
+        SiteFailure::LeaseTime(point),
+        SiteFailure::NotKept(ErrorKind::StorageFull),
+        SiteFailure::NotTakenOver(ErrorKind::StorageFull),
+        SiteFailure::Due {
+            path: "oven.k1".to_owned(),
+            left: Micros::ZERO,
+        },
+        SiteFailure::NotTried,
+        SiteFailure::Undone,
+        SiteFailure::NotUndone,
+        SiteFailure::NoSuchGroup,
+        SiteFailure::NoSuchScene,
+        SiteFailure::Playing,
+    ];
+    all.extend(
+        faults()
+            .into_iter()
+            .map(|(fault, _)| SiteFailure::NotRead(fault)),
+    );
+    all.extend(
+        faults()
+            .into_iter()
+            .map(|(fault, _)| SiteFailure::Line(fault)),
+    );
+    let each = all.into_iter().map(|failure| {
+        // A new failure has no arm here: it joins the list above, too.
+        let acted = match &failure {
+            SiteFailure::NoSuchLine
+            | SiteFailure::NoSuchModule
+            | SiteFailure::NoSuchPoint
+            | SiteFailure::Lent
+            | SiteFailure::NotAnOutput(_)
+            | SiteFailure::Locked(_)
+            | SiteFailure::NotAsAsked(..)
+            | SiteFailure::PulseWidth { .. }
+            | SiteFailure::NotAudited
+            | SiteFailure::Confirm(_)
+            | SiteFailure::Interlock { .. }
+            | SiteFailure::MinOff { .. }
+            | SiteFailure::Unwatched(_)
+            | SiteFailure::NoLease(_)
+            | SiteFailure::LeaseTime(_)
+            | SiteFailure::NotKept(_)
+            | SiteFailure::Due { .. }
+            | SiteFailure::NotTried
+            | SiteFailure::Undone
+            | SiteFailure::NoSuchGroup
+            | SiteFailure::NoSuchScene
+            | SiteFailure::Playing
+            | SiteFailure::NotRead(_) => false,
+            SiteFailure::NotUndone | SiteFailure::NotTakenOver(_) => true,
+            SiteFailure::Line(fault) => {
+                let known = faults().into_iter().find(|(known, _)| known == fault);
+                known.expect("it is in the list").1
+            }
+        };
+        (failure, acted)
+    });
+    each.collect()
+}
+
+/// Everything that is made of a problem says the same.
+fn said_everywhere(name: &str, problem: &Problem, acted: bool) {
+    let body = serde_json::to_value(problem).expect("JSON");
+    assert_eq!(body["may_have_acted"] == true, acted, "{name}: the API");
+    // A client of the API reads it back; the command line says it in words.
+    let back: Problem = serde_json::from_value(body).expect("a problem");
+    assert_eq!(back.may_have_acted, acted, "{name}: read back");
+    for lang in [Lang::En, Lang::Zh] {
+        let sentence = lang.get(AppText::MayHaveActed);
+        let failure = Failure::of_problem(lang, &back);
+        let count = usize::from(acted);
+        let json = failure.tell(lang, Format::Json, Paint::Plain, None);
+        let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+        assert_eq!(
+            json["error"]["may_have_acted"] == true,
+            acted,
+            "{name}: -o json"
+        );
+        for text in [failure.render(lang), json["error"]["why"].to_string()] {
+            assert_eq!(text.matches(sentence).count(), count, "{name}: {text}");
+        }
+        // What the procedures of the gateway tell is made of such a failure again.
+        assert_eq!(failure.to_problem().may_have_acted, acted, "{name}: again");
+        let parts = ["oven.k1", "pump.do0"].map(str::to_owned);
+        let parts = parts.into_iter().filter(|_| acted).collect();
+        let several = Failure::of(lang, Code::Partial).perhaps_acted_on(parts);
+        let text = several.render(lang);
+        assert_eq!(text.matches(sentence).count(), 2 * count, "{name}: {text}");
+    }
+}
+
+#[tokio::test]
+async fn whether_it_may_have_acted_is_the_same_everywhere() {
+    let config = Config::parse(CONFIG).expect("a configuration");
+    let service = Service::start_quiet(config).expect("a site");
+    let point = POINT;
+    for (failure, acted) in failures() {
+        let name = format!("{failure:?}");
+        assert_eq!(failure.may_have_acted(), acted, "{name}");
+        for at in [None, Some(point)] {
+            let problem = failures::problem(&service, "oven", at, &failure);
+            said_everywhere(&name, &problem, acted);
+            let read = failures::of_read(&service, "oven", at, &failure);
+            said_everywhere(&name, &read, false);
+        }
+        let problem = failures::of_line(&service, "main", &failure);
+        said_everywhere(&name, &problem, acted);
+    }
+    service.close().await;
+}

@@ -1,0 +1,31 @@
+//! The two streams: results go to stdout, everything else to stderr.
+
+use crate::failure::Failure;
+use railbus_words::Code;
+use railbus_words::Lang;
+use std::io::{ErrorKind, Write};
+use std::ops::ControlFlow;
+
+/// Writes a part of the result. `Break` where the reader has heard enough and closed the pipe,
+/// which is no fault of anyone.
+pub fn put(lang: Lang, text: &str) -> Result<ControlFlow<()>, Failure> {
+    let mut stdout = std::io::stdout();
+    match stdout
+        .write_all(text.as_bytes())
+        .and_then(|()| stdout.flush())
+    {
+        Ok(()) => Ok(ControlFlow::Continue(())),
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(ControlFlow::Break(())),
+        Err(error) => Err(Failure::of(lang, Code::Output).because(error)),
+    }
+}
+
+/// Writes the whole result.
+pub fn result(lang: Lang, text: &str) -> Result<(), Failure> {
+    put(lang, text).map(|_| ())
+}
+
+/// Says something beside the result. Where even stderr is gone there is nobody left to tell.
+pub fn note(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
