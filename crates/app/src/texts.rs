@@ -81,4 +81,5 @@ railbus_words::texts! {
     ReadBack { en: "read back", zh: "已回读" }
     Acknowledged { en: "acknowledged", zh: "已应答" }
     SentOnly { en: "sent (this command has no reply)", zh: "已发送（此命令无应答）" }
+    TheDemo { en: "the demo", zh: "演示站点" }
 }

@@ -3,7 +3,6 @@
 //! Both give the same answers in the same types, so that no command knows which one it talks to.
 
 mod local;
-mod remote;
 
 use local::Local;
 pub(crate) use local::described;
@@ -16,11 +15,11 @@ use railbus_api::types::{
 };
 use railbus_app::api::{convert, failures};
 use railbus_app::config_file::{self, Why};
+pub(crate) use railbus_client::{Borrowed, Detail, Frames, Remote};
 use railbus_device::{Family, Layout};
 use railbus_host::Tap;
 use railbus_wire::{Character, Protocol};
 use railbus_words::Lang;
-pub(crate) use remote::{Borrowed, Detail, Frames, Remote};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
@@ -113,7 +112,7 @@ pub(crate) enum Watch {
     /// On a site opened here.
     Local(local::Watch),
     /// At the daemon.
-    Daemon(remote::Watch),
+    Daemon(railbus_client::Watch),
 }
 
 impl Watch {

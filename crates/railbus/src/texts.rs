@@ -49,7 +49,6 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "指定配置文件，代替 railbus.toml",
     }
     DirectFlag { en: "Open the line directly, not through the daemon", zh: "直接打开总线，不经守护进程" }
-    TheDemo { en: "the demo", zh: "演示站点" }
     ThroughDaemon { en: "through the daemon of {site}", zh: "经由守护进程，配置：{site}" }
     SocketFlag { en: "The daemon's socket", zh: "守护进程的套接字" }
     TimeoutFlag {

@@ -115,6 +115,12 @@ const LAYERS: &[Layer] = &[
         ],
         foreign: Foreign::Without(&["axum", "clap"]),
     },
+    // Who asks a daemon has no server.
+    Layer {
+        name: "client",
+        below: &["app", "api", "words", "site"],
+        foreign: Foreign::Without(&["axum", "clap"]),
+    },
     Layer {
         name: "opcua",
         below: &[
@@ -144,6 +150,7 @@ const LAYERS: &[Layer] = &[
     Layer {
         name: "railbus",
         below: &[
+            "client",
             "app",
             "api",
             "words",

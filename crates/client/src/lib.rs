@@ -1,8 +1,9 @@
 //! The daemon, over its socket: HTTP as everyone else speaks it.
 
+#![forbid(unsafe_code)]
+
 mod http;
 
-use crate::texts::Text;
 use http::{Asked, Lines as TextLines, send, send_asked};
 use hyper::Method;
 use railbus_api::control::{
@@ -17,6 +18,7 @@ use railbus_api::types::{
 };
 use railbus_app::config_file;
 use railbus_app::socket;
+use railbus_app::texts::AppText;
 use railbus_site::config::keeper::etag;
 use railbus_words::Lang;
 use serde::Serialize;
@@ -37,16 +39,17 @@ const SITE: &str = "/api/v1/site";
 /// How long a daemon may take to say so: it knows, and has to ask nobody.
 const SEARCH: Duration = Duration::from_secs(5);
 
-/// The daemon behind a socket.
+/// The daemon behind a socket. Whatever it is asked fails with the problem that it tells, or with
+/// [`codes::DAEMON`] where it can't be asked.
 #[derive(Clone, Debug)]
-pub(crate) struct Remote {
+pub struct Remote {
     socket: PathBuf,
     site: SiteInfo,
 }
 
 /// In how much detail a history is told.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Detail {
+pub enum Detail {
     /// All of it: every sample where they are few, else so many stretches of time.
     Stretches(usize),
     /// In stretches of so many milliseconds.
@@ -57,32 +60,34 @@ pub(crate) enum Detail {
 
 /// What happens at the daemon.
 #[derive(Debug)]
-pub(crate) struct Watch(TextLines);
+pub struct Watch(TextLines);
 
 impl Watch {
-    pub(super) async fn next(&mut self) -> Option<Result<WatchEvent, Problem>> {
+    /// The next event; none once the daemon has ended.
+    pub async fn next(&mut self) -> Option<Result<WatchEvent, Problem>> {
         event(&mut self.0).await
     }
 }
 
 /// What passes on a line of the daemon.
 #[derive(Debug)]
-pub(crate) struct Frames(TextLines);
+pub struct Frames(TextLines);
 
 impl Frames {
     /// The next event; none once the daemon has gone. Can be dropped and called again without
     /// losing anything.
-    pub(crate) async fn next(&mut self) -> Option<Result<FrameEvent, Problem>> {
+    pub async fn next(&mut self) -> Option<Result<FrameEvent, Problem>> {
         event(&mut self.0).await
     }
 }
 
 /// The records of a log, line by line.
-pub(crate) struct Records(TextLines);
+#[derive(Debug)]
+pub struct Records(TextLines);
 
 impl Records {
     /// The next; none at the end.
-    pub(crate) async fn next(&mut self) -> Option<Result<String, Problem>> {
+    pub async fn next(&mut self) -> Option<Result<String, Problem>> {
         self.0.next().await
     }
 }
@@ -105,7 +110,7 @@ async fn event<T: DeserializeOwned>(lines: &mut TextLines) -> Option<Result<T, P
 /// A line that the daemon has left to us. It takes it back when this is dropped, or when this
 /// process ends, whatever ends it.
 #[derive(Debug)]
-pub(crate) struct Borrowed {
+pub struct Borrowed {
     listening: JoinHandle<()>,
     over: watch::Receiver<bool>,
 }
@@ -121,7 +126,7 @@ impl Borrowed {
     }
 
     /// True once the daemon wants the line back: its outputs may have to be switched off.
-    pub(crate) fn over(&self) -> watch::Receiver<bool> {
+    pub fn over(&self) -> watch::Receiver<bool> {
         self.over.clone()
     }
 }
@@ -134,7 +139,7 @@ impl Drop for Borrowed {
 
 impl Remote {
     /// The daemon behind this socket, which says first which site it serves.
-    pub(crate) async fn at(socket: &Path) -> Result<Remote, Problem> {
+    pub async fn at(socket: &Path) -> Result<Remote, Problem> {
         let asked = async {
             send(socket, Method::GET, SITE, Vec::new())
                 .await?
@@ -160,7 +165,7 @@ impl Remote {
     }
 
     /// Those that answer at the usual places; or why one says nothing that is understood.
-    pub(crate) async fn usual() -> Vec<Result<Remote, Problem>> {
+    pub async fn usual() -> Vec<Result<Remote, Problem>> {
         let mut found = Vec::new();
         for socket in socket::places() {
             if UnixStream::connect(&socket).await.is_ok() {
@@ -170,36 +175,37 @@ impl Remote {
         found
     }
 
-    pub(crate) fn socket(&self) -> &Path {
+    /// Where its socket is.
+    pub fn socket(&self) -> &Path {
         &self.socket
     }
 
     /// The file of its configuration.
-    pub(crate) fn config(&self) -> &Path {
+    pub fn config(&self) -> &Path {
         Path::new(&self.site.config)
     }
 
     /// The folder of what is remembered of its site.
-    pub(crate) fn state(&self) -> &Path {
+    pub fn state(&self) -> &Path {
         Path::new(&self.site.state)
     }
 
     /// Its site, for people.
-    pub(crate) fn name(&self, lang: Lang) -> String {
+    pub fn name(&self, lang: Lang) -> String {
         match self.site.demo {
-            true => lang.get(Text::TheDemo).to_owned(),
+            true => lang.get(AppText::TheDemo).to_owned(),
             false => self.site.config.clone(),
         }
     }
 
     /// Whether its configuration is this file.
-    pub(crate) fn serves(&self, file: &Path) -> bool {
+    pub fn serves(&self, file: &Path) -> bool {
         config_file::real(file) == self.config()
     }
 
     /// Puts a text in the place of its configuration, which said that before, and brings it into
     /// force.
-    pub(crate) async fn replace_config(&self, before: &str, text: &str) -> Result<(), Problem> {
+    pub async fn replace_config(&self, before: &str, text: &str) -> Result<(), Problem> {
         let body = json!({ "text": text }).to_string().into_bytes();
         let asked = Asked {
             method: Method::PUT,
@@ -211,17 +217,20 @@ impl Remote {
         answer.whole().await.map(|_| ())
     }
 
-    pub(crate) async fn lines(&self) -> Result<Vec<LineInfo>, Problem> {
+    /// All lines of the site.
+    pub async fn lines(&self) -> Result<Vec<LineInfo>, Problem> {
         let lines: Lines = self.get("/api/v1/lines").await?;
         Ok(lines.lines)
     }
 
-    pub(crate) async fn modules(&self) -> Result<Vec<ModuleInfo>, Problem> {
+    /// All modules of the site.
+    pub async fn modules(&self) -> Result<Vec<ModuleInfo>, Problem> {
         let modules: Modules = self.get("/api/v1/modules").await?;
         Ok(modules.modules)
     }
 
-    pub(crate) async fn points(
+    /// The points that are selected, all where nothing is; `fresh` ones are read anew.
+    pub async fn points(
         &self,
         selectors: &[String],
         fresh: bool,
@@ -235,11 +244,13 @@ impl Remote {
         Ok(points.points)
     }
 
-    pub(super) async fn write(&self, path: &str, wanted: WriteRequest) -> Result<Written, Problem> {
+    /// Switches one output.
+    pub async fn write(&self, path: &str, wanted: WriteRequest) -> Result<Written, Problem> {
         self.send(Method::PUT, &point(path, ""), &wanted).await
     }
 
-    pub(super) async fn outputs(
+    /// Switches several outputs of a module at once.
+    pub async fn outputs(
         &self,
         module: &str,
         wanted: OutputsRequest,
@@ -248,26 +259,26 @@ impl Remote {
         self.send(Method::PUT, &path, &wanted).await
     }
 
-    pub(super) async fn groups(&self) -> Result<Vec<GroupInfo>, Problem> {
+    /// All groups of the site.
+    pub async fn groups(&self) -> Result<Vec<GroupInfo>, Problem> {
         let groups: Groups = self.get("/api/v1/groups").await?;
         Ok(groups.groups)
     }
 
-    pub(crate) async fn scenes(&self) -> Result<Vec<SceneInfo>, Problem> {
+    /// All scenes of the site.
+    pub async fn scenes(&self) -> Result<Vec<SceneInfo>, Problem> {
         let scenes: Scenes = self.get("/api/v1/scenes").await?;
         Ok(scenes.scenes)
     }
 
-    pub(super) async fn play(
-        &self,
-        scene: &str,
-        wanted: SceneRequest,
-    ) -> Result<BatchAnswer, Problem> {
+    /// Plays a scene.
+    pub async fn play(&self, scene: &str, wanted: SceneRequest) -> Result<BatchAnswer, Problem> {
         let path = format!("/api/v1/scenes/{}/run", encoded(scene));
         self.send(Method::POST, &path, &wanted).await
     }
 
-    pub(super) async fn set_group(
+    /// Switches a group.
+    pub async fn set_group(
         &self,
         group: &str,
         wanted: GroupRequest,
@@ -276,37 +287,33 @@ impl Remote {
         self.send(Method::POST, &path, &wanted).await
     }
 
-    pub(super) async fn toggle(
-        &self,
-        path: &str,
-        wanted: ToggleRequest,
-    ) -> Result<Written, Problem> {
+    /// Switches an output to the other state.
+    pub async fn toggle(&self, path: &str, wanted: ToggleRequest) -> Result<Written, Problem> {
         self.send(Method::POST, &point(path, "/toggle"), &wanted)
             .await
     }
 
-    pub(super) async fn pulse(&self, path: &str, wanted: PulseRequest) -> Result<Pulsed, Problem> {
+    /// Gives a pulse.
+    pub async fn pulse(&self, path: &str, wanted: PulseRequest) -> Result<Pulsed, Problem> {
         self.send(Method::POST, &point(path, "/pulse"), &wanted)
             .await
     }
 
-    pub(super) async fn send_frame(
-        &self,
-        line: &str,
-        wanted: SendRequest,
-    ) -> Result<SendAnswer, Problem> {
+    /// Sends a raw frame, or says what it may do.
+    pub async fn send_frame(&self, line: &str, wanted: SendRequest) -> Result<SendAnswer, Problem> {
         let path = format!("/api/v1/lines/{}/send", encoded(line));
         self.send(Method::POST, &path, &wanted).await
     }
 
-    pub(super) async fn watch(&self, selectors: &[String]) -> Result<Watch, Problem> {
+    /// Follows the points that are selected, all where nothing is.
+    pub async fn watch(&self, selectors: &[String]) -> Result<Watch, Problem> {
         let path = format!("/api/v1/watch?{}", select(selectors));
         let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
         Ok(Watch(answer.lines().await?))
     }
 
     /// What passes on a line from now on.
-    pub(crate) async fn frames(&self, line: Option<&str>) -> Result<Frames, Problem> {
+    pub async fn frames(&self, line: Option<&str>) -> Result<Frames, Problem> {
         let line = line.map(|line| format!("line={}", encoded(line)));
         let path = format!("/api/v1/frames/stream?{}", line.unwrap_or_default());
         let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
@@ -314,7 +321,7 @@ impl Remote {
     }
 
     /// Borrows a line: its port is free once this has come back, until the loan is dropped.
-    pub(crate) async fn borrow(&self, line: &str) -> Result<Borrowed, Problem> {
+    pub async fn borrow(&self, line: &str) -> Result<Borrowed, Problem> {
         let path = format!("/api/v1/lines/{}/loan", encoded(line));
         let answer = send(&self.socket, Method::POST, &path, Vec::new()).await?;
         let mut lines = answer.lines().await?;
@@ -326,7 +333,7 @@ impl Remote {
     }
 
     /// Waits until it has a line back whose loan is over, so that the next command is not refused.
-    pub(crate) async fn has_back(&self, line: &str) {
+    pub async fn has_back(&self, line: &str) {
         let is_lent = |info: &LineInfo| info.line == line && info.reason.as_deref() == Some("lent");
         for _ in 0..BACK_TRIES {
             let lines = self.lines().await;
@@ -339,7 +346,7 @@ impl Remote {
     }
 
     /// What a point was from one time to before another, in milliseconds since 1970.
-    pub(crate) async fn history(
+    pub async fn history(
         &self,
         point: &str,
         (from, to): (i64, i64),
@@ -356,12 +363,12 @@ impl Remote {
     }
 
     /// Whether the audit log is as it was written.
-    pub(crate) async fn verified_audit(&self) -> Result<VerifiedInfo, Problem> {
+    pub async fn verified_audit(&self) -> Result<VerifiedInfo, Problem> {
         self.get("/api/v1/audit/verify").await
     }
 
     /// Every record of the audit log.
-    pub(crate) async fn audit(&self, is_csv: bool) -> Result<Records, Problem> {
+    pub async fn audit(&self, is_csv: bool) -> Result<Records, Problem> {
         let form = if is_csv { "csv" } else { "ndjson" };
         let path = format!("/api/v1/audit/export?format={form}&lang=en");
         let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
@@ -369,7 +376,7 @@ impl Remote {
     }
 
     /// Asks for something else, at a path below the API's own.
-    pub(crate) async fn order(
+    pub async fn order(
         &self,
         method: Method,
         path: &[&str],
