@@ -49,7 +49,7 @@ impl Rig {
     fn start(below: &Path, moving: bool) -> Result<Rig, String> {
         let folder = Folder::new(below, "latency")?;
         let pty = Pty::new()?;
-        let site = include_str!("../../crates/railbus/src/serve/demo.toml");
+        let site = include_str!("../../crates/plant/src/demo.toml");
         let site = site.replace("PORT", &pty.path.display().to_string());
         let (config, socket) = (folder.path("site.toml"), folder.path("socket"));
         std::fs::write(&config, site).map_err(|why| format!("{config}: {why}"))?;

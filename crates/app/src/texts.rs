@@ -82,4 +82,12 @@ railbus_words::texts! {
     Acknowledged { en: "acknowledged", zh: "已应答" }
     SentOnly { en: "sent (this command has no reply)", zh: "已发送（此命令无应答）" }
     TheDemo { en: "the demo", zh: "演示站点" }
+    CantServe { en: "can't serve the line", zh: "无法提供总线服务" }
+    NoLink { en: "can't make the link {path} to the PTY", zh: "无法创建指向 PTY 的链接 {path}" }
+    NoPty { en: "can't make a PTY", zh: "无法创建 PTY" }
+    NoTcp { en: "can't listen on TCP {address}", zh: "无法监听 TCP {address}" }
+    ForeignPath {
+        en: "{path} exists and is not a link to a PTY; left unchanged",
+        zh: "{path} 已存在且不是 PTY 链接，未作改动",
+    }
 }

@@ -16,7 +16,7 @@ use tokio::sync::oneshot;
 
 /// The demo line at work. It ends with this.
 #[derive(Debug)]
-pub(crate) struct Background {
+pub struct Background {
     path: PathBuf,
     remote: Remote,
     stop: Option<oneshot::Sender<()>>,
@@ -25,7 +25,7 @@ pub(crate) struct Background {
 
 impl Background {
     /// Starts the demo line with its PTY at this path.
-    pub(crate) fn start(lang: Lang, path: PathBuf) -> Result<Background, Failure> {
+    pub fn start(lang: Lang, path: PathBuf) -> Result<Background, Failure> {
         let (stop, stopped) = oneshot::channel();
         let (ready, begun) = mpsc::channel();
         let link = path.clone();
@@ -48,12 +48,12 @@ impl Background {
     }
 
     /// Where its PTY is.
-    pub(crate) fn path(&self) -> &Path {
+    pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// What gives it orders.
-    pub(crate) const fn remote(&self) -> &Remote {
+    pub const fn remote(&self) -> &Remote {
         &self.remote
     }
 }

@@ -13,8 +13,8 @@ use railbus_words::Lang;
 pub(super) const LINE: &str = "main";
 
 /// The configuration of the demo whose line lies at this port.
-pub(crate) fn text(port: &str) -> String {
-    include_str!("../serve/demo.toml").replace("PORT", port)
+pub fn text(port: &str) -> String {
+    include_str!("demo.toml").replace("PORT", port)
 }
 
 /// The demo line, ready to be served.

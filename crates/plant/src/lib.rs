@@ -1,31 +1,29 @@
-//! `railbus sim`: simulated lines in real time, for any master: the demo line, or the plant of a
-//! configuration.
+//! Simulated lines in real time, for any master: the demo line, or the plant of a configuration.
+
+#![forbid(unsafe_code)]
+#![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod answers;
-pub(crate) mod background;
-mod ctl;
-pub(crate) mod demo;
+pub mod background;
+pub mod demo;
 mod frames;
 mod keep;
 mod orders;
 mod panel;
 mod places;
-mod plant;
+pub mod plant;
 mod prompt;
 mod pty;
-pub(crate) mod remote;
+pub mod remote;
 mod serve;
 mod stage;
 mod standing;
 mod tcp;
 mod texts;
 
-use crate::cli;
-use crate::texts::Text;
-use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use pty::Pty;
 use railbus_app::failure::Failure;
-use railbus_app::render::Format;
+use railbus_app::texts::AppText;
 use railbus_sim::demo::modules;
 use railbus_wire::Settings;
 use railbus_words::Code;
@@ -39,116 +37,9 @@ use std::path::{Path, PathBuf};
 use tcp::Tcp;
 use texts::SimText;
 
-/// The name of the command.
-pub(crate) const NAME: &str = "sim";
-
 /// Where the demo line lies unless it is told otherwise.
 const DEMO_PTY: &str = "/tmp/railbus-main";
 const DEMO_TCP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 4001);
-
-/// What the arguments say of the demo.
-struct Wanted {
-    pty: PathBuf,
-    tcp: SocketAddr,
-    seed: u64,
-    verbose: bool,
-    json: bool,
-}
-
-/// Its parser and help.
-pub(crate) fn define(lang: Lang) -> Command {
-    let usage = "railbus sim PLANT.toml | --demo | ctl SOCKET ORDER";
-    let many = |name, help| cli::flag(lang, name, help).action(ArgAction::Append);
-    let of_plant = |arg: Arg| arg.conflicts_with("demo");
-    cli::verb(lang, NAME, SimText::About, usage)
-        .before_help(cli::examples(lang, SimText::Examples))
-        .after_help(lang.get(SimText::Guide))
-        .subcommand(ctl::define(lang))
-        .subcommand_help_heading(lang.get(Text::Commands))
-        .subcommand_negates_reqs(true)
-        .args_conflicts_with_subcommands(true)
-        .arg(
-            Arg::new("FILE")
-                .help(lang.get(SimText::File))
-                .value_parser(value_parser!(PathBuf)),
-        )
-        .arg(cli::flag(lang, "demo", SimText::Demo).action(ArgAction::SetTrue))
-        .group(ArgGroup::new("what").args(["FILE", "demo"]).required(true))
-        .arg(many("pty", SimText::Pty).value_name("[LINE=]PATH"))
-        .arg(many("tcp", SimText::Tcp).value_name("[LINE=]ADDR"))
-        .arg(
-            cli::flag(lang, "seed", SimText::Seed)
-                .value_name("N")
-                .value_parser(value_parser!(u64)),
-        )
-        .arg(of_plant(
-            cli::flag(lang, "speed", SimText::Speed)
-                .value_name("F")
-                .value_parser(speed),
-        ))
-        .arg(of_plant(
-            many("fault", SimText::FaultFlag).value_name("WHO: WHAT"),
-        ))
-        .arg(of_plant(
-            cli::flag(lang, "control", SimText::Control)
-                .value_name("PATH")
-                .value_parser(value_parser!(PathBuf)),
-        ))
-        .arg(of_plant(
-            cli::flag(lang, "state", SimText::State)
-                .value_name("FILE")
-                .value_parser(value_parser!(PathBuf)),
-        ))
-}
-
-/// How many times faster than real.
-fn speed(text: &str) -> Result<f64, String> {
-    let speed = text.parse().ok();
-    speed
-        .filter(|speed| (0.01..=1_000.0).contains(speed))
-        .ok_or_else(String::new)
-}
-
-/// Serves the lines until it is stopped.
-pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
-    if let Some((ctl::NAME, matches)) = matches.subcommand() {
-        return ctl::run(lang, matches);
-    }
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .map_err(|error| system(lang, error))?;
-    match matches.get_one::<PathBuf>("FILE") {
-        Some(file) => runtime.block_on(plant::run(lang, &plant_wanted(file, matches))),
-        None => runtime.block_on(serve_demo(lang, &demo_wanted(lang, matches)?)),
-    }
-}
-
-fn texts_of(matches: &ArgMatches, name: &str) -> Vec<String> {
-    let all = matches.get_many::<String>(name);
-    all.into_iter().flatten().cloned().collect()
-}
-
-fn plant_wanted(file: &Path, matches: &ArgMatches) -> plant::Wanted {
-    plant::Wanted {
-        file: file.to_owned(),
-        ptys: texts_of(matches, "pty"),
-        tcps: texts_of(matches, "tcp"),
-        seed: matches.get_one("seed").copied(),
-        speed: matches.get_one("speed").copied(),
-        faults: texts_of(matches, "fault"),
-        control: matches.get_one("control").cloned(),
-        state: matches.get_one("state").cloned(),
-        verbose: matches.get_count("verbose") > 0,
-        json: for_programs(matches),
-    }
-}
-
-fn for_programs(matches: &ArgMatches) -> bool {
-    let format = matches.get_one::<String>("output");
-    let format = format.and_then(|name| Format::from_name(name));
-    format.is_some_and(Format::is_json)
-}
 
 /// A line that is served, for programs.
 fn line_row(
@@ -176,25 +67,59 @@ fn served_json(lines: &[Value], control: Option<&str>) -> String {
     )
 }
 
-fn demo_wanted(lang: Lang, matches: &ArgMatches) -> Result<Wanted, Failure> {
-    let tcp = match texts_of(matches, "tcp").pop() {
-        None => DEMO_TCP,
-        Some(text) => text.parse().map_err(|_| {
-            let message = lang.fill(SimText::BadAddress, &[("value", &text)]);
-            Failure::new(Code::Usage, message).with_try("railbus sim --demo --tcp 127.0.0.1:0")
-        })?,
-    };
-    let pty = texts_of(matches, "pty").pop();
-    Ok(Wanted {
-        pty: pty.unwrap_or_else(|| DEMO_PTY.to_owned()).into(),
-        tcp,
-        seed: matches.get_one("seed").copied().unwrap_or_default(),
-        verbose: matches.get_count("verbose") > 0,
-        json: for_programs(matches),
-    })
+/// How the demo line is served.
+#[derive(Clone, Debug, Default)]
+pub struct DemoWanted {
+    /// The link to its PTY; a place of its own if not said.
+    pub pty: Option<PathBuf>,
+    /// The address it listens on; port 4001 of this machine if not said.
+    pub tcp: Option<String>,
+    /// What chance begins with.
+    pub seed: u64,
+    /// Each frame is shown as it passes.
+    pub verbose: bool,
+    /// What is served is told as JSON.
+    pub json: bool,
 }
 
-async fn serve_demo(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+/// The same, read.
+struct Wanted {
+    pty: PathBuf,
+    tcp: SocketAddr,
+    seed: u64,
+    verbose: bool,
+    json: bool,
+}
+
+impl Wanted {
+    fn read(lang: Lang, asked: &DemoWanted) -> Result<Wanted, Failure> {
+        let tcp = match &asked.tcp {
+            None => DEMO_TCP,
+            Some(text) => text.parse().map_err(|_| {
+                let message = lang.fill(SimText::BadAddress, &[("value", text)]);
+                Failure::new(Code::Usage, message).with_try("railbus sim --demo --tcp 127.0.0.1:0")
+            })?,
+        };
+        Ok(Wanted {
+            pty: asked.pty.clone().unwrap_or_else(|| DEMO_PTY.into()),
+            tcp,
+            seed: asked.seed,
+            verbose: asked.verbose,
+            json: asked.json,
+        })
+    }
+}
+
+/// Serves the demo line until the process is asked to stop.
+///
+/// # Errors
+/// Where the PTY or the address can't be had, or the system refuses what it always grants.
+pub async fn serve_demo(lang: Lang, asked: &DemoWanted) -> Result<(), Failure> {
+    let wanted = &Wanted::read(lang, asked)?;
+    serve_wanted(lang, wanted).await
+}
+
+async fn serve_wanted(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let mut stop = serve::Stop::new().map_err(|error| system(lang, error))?;
     // TCP first: a second simulator fails here, before it takes the first one's link away.
     let tcp = listen(lang, wanted.tcp, "railbus sim --demo --tcp 127.0.0.1:0").await?;
@@ -235,7 +160,7 @@ fn demo_line(
 
 async fn listen(lang: Lang, address: SocketAddr, elsewhere: &str) -> Result<Tcp, Failure> {
     Tcp::listen(address).await.map_err(|error| {
-        let message = lang.fill(Text::NoTcp, &[("address", &address)]);
+        let message = lang.fill(AppText::NoTcp, &[("address", &address)]);
         Failure::new(Code::Listen, message)
             .because(error)
             .with_try(elsewhere)
@@ -243,8 +168,17 @@ async fn listen(lang: Lang, address: SocketAddr, elsewhere: &str) -> Result<Tcp,
 }
 
 /// The system refuses what it always grants.
-fn system(lang: Lang, error: std::io::Error) -> Failure {
-    Failure::new(Code::System, lang.get(Text::CantServe).to_owned()).because(error)
+pub fn system(lang: Lang, error: std::io::Error) -> Failure {
+    Failure::new(Code::System, lang.get(AppText::CantServe).to_owned()).because(error)
+}
+
+/// Why the control socket can't be used.
+pub fn unreachable(lang: Lang, path: &Path, error: &std::io::Error) -> Failure {
+    let message = lang.fill(SimText::NoControl, &[("path", &path.display())]);
+    Failure::new(Code::SimControl, message)
+        .diagnosed()
+        .because(error)
+        .with_try("railbus sim plant.toml --control ./ctl")
 }
 
 /// Says what is served and how to connect. Who reads it may have gone; the line is served all

@@ -2,7 +2,7 @@
 
 use super::stage::{Deed, Whose};
 use super::texts::SimText;
-use crate::commands::address;
+use railbus_app::address;
 use railbus_app::api::config_words;
 use railbus_app::failure::Failure;
 use railbus_device::{Family, Point, PointKind, Setup};

@@ -9,7 +9,7 @@ use super::serve::{self, Clock, Job, Jobs, Served, Stop, line_config};
 use super::stage::{Stage, Whose};
 use super::tcp::Tcp;
 use super::texts::SimText;
-use super::{answers, ctl, frames, line_row, listen, served_json, system};
+use super::{answers, frames, line_row, listen, served_json, system, unreachable};
 use railbus_app::config_file;
 use railbus_app::failure::Failure;
 use railbus_app::render::table::Table;
@@ -29,23 +29,31 @@ const JOBS_MAX: usize = 16;
 
 /// What the arguments say.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Wanted {
-    pub(super) file: PathBuf,
+pub struct Wanted {
+    /// The configuration whose lines and modules are simulated.
+    pub file: PathBuf,
     /// `[LINE=]PATH`.
-    pub(super) ptys: Vec<String>,
+    pub ptys: Vec<String>,
     /// `[LINE=]ADDR`.
-    pub(super) tcps: Vec<String>,
-    pub(super) seed: Option<u64>,
-    pub(super) speed: Option<f64>,
-    pub(super) faults: Vec<String>,
-    pub(super) control: Option<PathBuf>,
-    pub(super) state: Option<PathBuf>,
-    pub(super) verbose: bool,
-    pub(super) json: bool,
+    pub tcps: Vec<String>,
+    /// What chance begins with; that of the configuration, or 0, if not said.
+    pub seed: Option<u64>,
+    /// How many times faster than real; that of the configuration, or 1, if not said.
+    pub speed: Option<f64>,
+    /// `WHO: WHAT`, beside those of the configuration.
+    pub faults: Vec<String>,
+    /// Where the socket for orders lies; none if not said.
+    pub control: Option<PathBuf>,
+    /// Where what modules keep lies; kept nowhere if not said.
+    pub state: Option<PathBuf>,
+    /// Each frame is shown as it passes.
+    pub verbose: bool,
+    /// What is served is told as JSON.
+    pub json: bool,
 }
 
 /// Serves all lines until it is stopped.
-pub(super) async fn run(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+pub async fn run(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let mut stop = Stop::new().map_err(|error| system(lang, error))?;
     let found = config_file::read(lang, Some(&wanted.file))
         .map_err(|problem| Failure::of_problem(lang, &problem))?;
@@ -157,7 +165,7 @@ pub(super) fn stages(
 
 fn control(lang: Lang, wanted: &Wanted) -> Result<Option<Socket>, Failure> {
     let listen = |path: &PathBuf| {
-        Socket::listen(lang, path).map_err(|error| ctl::unreachable(lang, path, &error))
+        Socket::listen(lang, path).map_err(|error| unreachable(lang, path, &error))
     };
     wanted.control.as_ref().map(listen).transpose()
 }

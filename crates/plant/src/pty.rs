@@ -1,7 +1,7 @@
 //! A PTY that looks like a serial port: any master opens it by the name of a link.
 
-use crate::texts::Text;
 use railbus_app::failure::Failure;
+use railbus_app::texts::AppText;
 use railbus_wire::{Baud, Character, Settings};
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -38,14 +38,14 @@ impl OpenError {
         let path = path.display();
         match self {
             OpenError::Pty(error) => {
-                Failure::new(Code::Pty, lang.get(Text::NoPty).to_owned()).because(error)
+                Failure::new(Code::Pty, lang.get(AppText::NoPty).to_owned()).because(error)
             }
             OpenError::Foreign => {
-                let message = lang.fill(Text::ForeignPath, &[("path", &path)]);
+                let message = lang.fill(AppText::ForeignPath, &[("path", &path)]);
                 Failure::new(Code::ForeignPath, message).with_try(elsewhere)
             }
             OpenError::Link(error) => {
-                let message = lang.fill(Text::NoLink, &[("path", &path)]);
+                let message = lang.fill(AppText::NoLink, &[("path", &path)]);
                 Failure::new(Code::Link, message)
                     .because(error)
                     .with_try(elsewhere)

@@ -16,7 +16,7 @@ const JOBS_MAX: usize = 16;
 
 /// A simulated line, ready for orders.
 #[derive(Clone, Debug)]
-pub(crate) struct Remote {
+pub struct Remote {
     name: Arc<str>,
     directory: Arc<Directory>,
     jobs: mpsc::Sender<Job>,
@@ -24,7 +24,7 @@ pub(crate) struct Remote {
 
 /// Something to be done on it, that it can do.
 #[derive(Clone, Debug)]
-pub(crate) struct Errand(LineOrder);
+pub struct Errand(LineOrder);
 
 impl Remote {
     /// The only line of a directory, and where its orders come out.
@@ -45,12 +45,12 @@ impl Remote {
     }
 
     /// The line's name.
-    pub(crate) fn name(&self) -> &str {
+    pub fn name(&self) -> &str {
         &self.name
     }
 
     /// Whether there is a module of that name.
-    pub(crate) fn has(&self, module: &str) -> bool {
+    pub fn has(&self, module: &str) -> bool {
         self.directory.setup(module).is_some()
     }
 
@@ -58,7 +58,7 @@ impl Remote {
     ///
     /// # Errors
     /// Why it is none.
-    pub(crate) fn read(&self, lang: Lang, text: &str) -> Result<Option<Errand>, Failure> {
+    pub fn read(&self, lang: Lang, text: &str) -> Result<Option<Errand>, Failure> {
         match self.directory.read(lang, text)? {
             Order::Line(_, order) => Ok(Some(Errand(order))),
             Order::All(_) | Order::Help | Order::Quit => Ok(None),
@@ -69,13 +69,13 @@ impl Remote {
     ///
     /// # Errors
     /// Why that can't be.
-    pub(crate) fn read_faults(&self, lang: Lang, text: &str) -> Result<Errand, Failure> {
+    pub fn read_faults(&self, lang: Lang, text: &str) -> Result<Errand, Failure> {
         let faults = self.directory.faults(lang, FaultsOf::Line, text)?;
         Ok(Errand(LineOrder::Faults(Whose::Line, faults)))
     }
 
     /// Ends what goes wrong with the line: all of it, or what has these words or this name.
-    pub(crate) fn clear_faults(which: Option<&str>) -> Errand {
+    pub fn clear_faults(which: Option<&str>) -> Errand {
         Errand(match which {
             Some(words) => LineOrder::ClearSome(Whose::Line, words.to_owned()),
             None => LineOrder::Clear(Whose::Line),
@@ -83,13 +83,13 @@ impl Remote {
     }
 
     /// Pulls the adapter out, or puts it back.
-    pub(crate) const fn plug(plugged: bool) -> Errand {
+    pub const fn plug(plugged: bool) -> Errand {
         Errand(LineOrder::Plug(plugged))
     }
 
     /// Does all of that, one after another, and says how the line is then; nothing where it has
     /// ended.
-    pub(crate) async fn order(&self, errands: Vec<Errand>) -> Option<SimLineInfo> {
+    pub async fn order(&self, errands: Vec<Errand>) -> Option<SimLineInfo> {
         let (sender, answer) = oneshot::channel();
         let orders = errands.into_iter().map(|Errand(order)| order).collect();
         self.jobs.send(Job::Show(orders, sender)).await.ok()?;
@@ -97,7 +97,7 @@ impl Remote {
     }
 
     /// How the line is.
-    pub(crate) async fn look(&self) -> Option<SimLineInfo> {
+    pub async fn look(&self) -> Option<SimLineInfo> {
         self.order(Vec::new()).await
     }
 }

@@ -35,7 +35,7 @@ pub(crate) fn run(images: &str, railbus: &str, args: &[String]) -> Result<(), St
     let pty = Pty::open(&link).map_err(said)?;
     pty.join(&hub).map_err(said)?;
     let config = folder.path().join("railbus.toml");
-    let text = include_str!("../../railbus/src/serve/demo.toml");
+    let text = include_str!("../../plant/src/demo.toml");
     let port = format!("pty:{}", link.display());
     std::fs::write(&config, text.replace("PORT", &port)).map_err(said)?;
     println!("line    {}", link.display());

@@ -22,6 +22,7 @@ pub(crate) mod scan;
 pub(crate) mod scene;
 pub(crate) mod schema;
 pub(crate) mod set;
+pub(crate) mod sim;
 pub(crate) mod sniff;
 pub(crate) mod token;
 pub(crate) mod user;
@@ -41,4 +42,4 @@ mod stop;
 mod wireshark;
 
 pub(crate) use config_check::warnings;
-pub(crate) use context::{Context, address, global_flags};
+pub(crate) use context::{Context, global_flags};

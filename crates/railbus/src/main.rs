@@ -6,7 +6,6 @@ mod backend;
 mod cli;
 mod commands;
 mod serve;
-mod sim;
 mod texts;
 mod usage;
 

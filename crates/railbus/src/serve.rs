@@ -47,8 +47,6 @@ mod webhook;
 mod ws;
 
 use crate::cli;
-use crate::sim::background::Background;
-use crate::sim::remote::Remote;
 use crate::texts::Text;
 use access::Access;
 use clap::parser::ValueSource;
@@ -64,6 +62,8 @@ use railbus_app::config_file;
 use railbus_app::failure::Failure;
 use railbus_app::render::{Format, out, records};
 use railbus_app::socket::{self, Socket};
+use railbus_plant::background::Background;
+use railbus_plant::remote::Remote;
 use railbus_site::{Config, Service};
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -293,7 +293,7 @@ impl Source {
         let folder = OwnFolder::make().map_err(|error| system(lang, error))?;
         let line = Background::start(lang, folder.0.join("line"))?;
         let port = line.path().display().to_string();
-        let text = crate::sim::demo::text(&port);
+        let text = railbus_plant::demo::text(&port);
         let file = folder.0.join(config_file::NAME);
         std::fs::write(&file, &text).map_err(|error| system(lang, error))?;
         let config = Config::parse(&text).map_err(|problems| {
@@ -342,7 +342,10 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let mut signals = Signals::new().map_err(|error| system(lang, error))?;
     // The places to listen first: a second daemon fails here, before it touches a line.
     let tcp = TcpListener::bind(wanted.listen).await.map_err(|error| {
-        let message = lang.fill(Text::NoTcp, &[("address", &wanted.listen)]);
+        let message = lang.fill(
+            railbus_app::texts::AppText::NoTcp,
+            &[("address", &wanted.listen)],
+        );
         Failure::new(Code::Listen, message)
             .because(error)
             .with_try("railbus serve --listen 127.0.0.1:0")

@@ -324,14 +324,6 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     BadArguments { en: "the arguments are wrong", zh: "参数有误" }
 
     // Faults of sim.
-    NoTcp { en: "can't listen on TCP {address}", zh: "无法监听 TCP {address}" }
-    NoPty { en: "can't make a PTY", zh: "无法创建 PTY" }
-    ForeignPath {
-        en: "{path} exists and is not a link to a PTY; left unchanged",
-        zh: "{path} 已存在且不是 PTY 链接，未作改动",
-    }
-    NoLink { en: "can't make the link {path} to the PTY", zh: "无法创建指向 PTY 的链接 {path}" }
-    CantServe { en: "can't serve the line", zh: "无法提供总线服务" }
 
     // serve
     ServeAbout {

@@ -248,7 +248,7 @@ fn the_schema_has_the_choices_that_the_reader_has() {
 fn what_the_reader_takes_the_schema_takes() {
     assert_eq!(Config::parse(ALL).map(|_| ()), Ok(()));
     assert_eq!(objections(ALL), [""; 0]);
-    let demo = include_str!("../../railbus/src/serve/demo.toml").replace("PORT", "/tmp/line");
+    let demo = include_str!("../../plant/src/demo.toml").replace("PORT", "/tmp/line");
     assert_eq!(objections(&demo), [""; 0]);
     let modules = include_str!("../../railbus/tests/cli/modules.toml");
     assert_eq!(objections(modules), [""; 0]);

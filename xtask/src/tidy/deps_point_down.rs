@@ -121,6 +121,14 @@ const LAYERS: &[Layer] = &[
         below: &["app", "api", "words", "site"],
         foreign: Foreign::Without(&["axum", "clap"]),
     },
+    // Who simulates has no master, no server, no command line.
+    Layer {
+        name: "plant",
+        below: &[
+            "app", "api", "words", "site", "store", "host", "sim", "device", "wire",
+        ],
+        foreign: Foreign::Without(&["axum", "clap"]),
+    },
     Layer {
         name: "opcua",
         below: &[
@@ -150,6 +158,7 @@ const LAYERS: &[Layer] = &[
     Layer {
         name: "railbus",
         below: &[
+            "plant",
             "client",
             "app",
             "api",

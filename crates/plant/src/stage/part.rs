@@ -1,6 +1,6 @@
 //! A module of a stage, and what is done to it from outside.
 
-use crate::sim::standing::Standing;
+use crate::standing::Standing;
 use railbus_device::{Eeprom, Point, PointKind, Setup};
 use railbus_sim::{Act, Input, Line, ModuleId};
 use railbus_site::config::{Signal, Swing};
@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 
 /// A module and what is done to it from outside.
 #[derive(Clone, Debug)]
-pub(in crate::sim) struct Part {
-    pub(in crate::sim) name: String,
-    pub(in crate::sim) setup: Setup,
-    pub(in crate::sim) faults: Standing,
+pub(crate) struct Part {
+    pub(crate) name: String,
+    pub(crate) setup: Setup,
+    pub(crate) faults: Standing,
     pub(super) id: ModuleId,
     /// What lies at the inputs by itself.
     pub(super) script: BTreeMap<Point, Signal>,
@@ -32,22 +32,22 @@ pub(in crate::sim) struct Part {
 }
 
 impl Part {
-    pub(in crate::sim) const fn id(&self) -> ModuleId {
+    pub(crate) const fn id(&self) -> ModuleId {
         self.id
     }
 
     /// What the module keeps, but for the address that a fault gave it.
-    pub(in crate::sim) fn kept(&self, line: &Line) -> Eeprom {
+    pub(crate) fn kept(&self, line: &Line) -> Eeprom {
         let eeprom = *line.engine(self.id).eeprom();
         let address = self.own_address.unwrap_or(eeprom.address);
         Eeprom { address, ..eeprom }
     }
 
-    pub(in crate::sim) const fn levels(&self) -> u32 {
+    pub(crate) const fn levels(&self) -> u32 {
         self.levels
     }
 
-    pub(in crate::sim) const fn analogs(&self) -> [i16; 2] {
+    pub(crate) const fn analogs(&self) -> [i16; 2] {
         self.analogs
     }
 
@@ -65,7 +65,7 @@ impl Part {
     }
 
     /// Whether somebody laid something at this input.
-    pub(in crate::sim) fn is_by_hand(&self, point: Point) -> bool {
+    pub(crate) fn is_by_hand(&self, point: Point) -> bool {
         self.by_hand.contains_key(&point)
     }
 

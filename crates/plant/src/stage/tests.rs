@@ -1,8 +1,8 @@
 //! Plants in virtual time: by file, by flag and by prompt, to the byte and the microsecond.
 
 use super::Stage;
-use crate::sim::orders::{Directory, Order};
-use crate::sim::{answers, plant};
+use crate::orders::{Directory, Order};
+use crate::{answers, plant};
 use railbus_sim::{Input, Output};
 use railbus_site::Config;
 use railbus_wire::{Baud, Character, Instant, Micros, Settings};

@@ -45,7 +45,7 @@ impl<'a> Site<'a> {
             boards,
             _pty: pty,
         };
-        let demo = include_str!("../../../railbus/src/serve/demo.toml");
+        let demo = include_str!("../../../plant/src/demo.toml");
         let text = demo.replace("PORT", &site.port());
         std::fs::write(site.config(), text).map_err(said)?;
         Ok(site)

@@ -7,6 +7,7 @@ use crate::texts::Text;
 use clap::builder::FalseyValueParser;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
 use railbus_api::problem::Problem;
+use railbus_app::address;
 use railbus_app::config_file::{self, Why};
 use railbus_app::failure::Failure;
 use railbus_app::render::Format;
@@ -138,18 +139,6 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
 /// A length of time with its unit.
 pub(crate) fn duration(text: &str) -> Result<Micros, String> {
     Micros::parse(text).ok_or_else(String::new)
-}
-
-/// An address as manuals write it: `10`, `0x0A`, `0Ah`.
-pub(crate) fn address(text: &str) -> Result<u8, String> {
-    let hexadecimal = text
-        .strip_prefix("0x")
-        .or_else(|| text.strip_suffix(['h', 'H']));
-    match hexadecimal {
-        Some(digits) => u8::from_str_radix(digits, 16),
-        None => text.parse(),
-    }
-    .map_err(|error| error.to_string())
 }
 
 impl Context {
@@ -349,19 +338,4 @@ fn ad_hoc(
             layout: None,
         }),
     }))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn addresses_are_read_in_both_systems() {
-        for (text, number) in [("10", 10), ("0x0A", 10), ("0Ah", 10), ("F5h", 245)] {
-            assert_eq!(address(text), Ok(number), "{text}");
-        }
-        for wrong in ["256", "-1", "x", "", "h"] {
-            assert!(address(wrong).is_err(), "{wrong}");
-        }
-    }
 }

@@ -12,7 +12,6 @@ use super::{
     about, answer, capture, compress, control, events, guard, happening, history, loan, metrics,
     openapi, ops, points, ports, scans, send, settings, sim, spoken, web, webhook, ws,
 };
-use crate::sim::remote::Remote;
 use axum::body::Body;
 use axum::extract::{DefaultBodyLimit, Query};
 use axum::http::{Response, StatusCode};
@@ -20,6 +19,7 @@ use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::{MethodRouter, get};
 use axum::{Extension, Router};
 use railbus_api::problem::{Problem, codes};
+use railbus_plant::remote::Remote;
 use railbus_site::Service;
 use railbus_words::Lang;
 use std::collections::BTreeMap;

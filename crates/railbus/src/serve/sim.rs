@@ -7,7 +7,6 @@ use super::doc::Doc;
 use super::language::spoken;
 use super::order::Order;
 use super::routes::{Answer, Asked, Route, Site};
-use crate::sim::remote::{Errand, Remote};
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, post, put};
 use railbus_api::problem::{Problem, codes};
@@ -17,6 +16,7 @@ use railbus_api::sim::{
 };
 use railbus_api::types::SCHEMA;
 use railbus_app::failure::Failure;
+use railbus_plant::remote::{Errand, Remote};
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_words::Lang;
 

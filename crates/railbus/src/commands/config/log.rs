@@ -69,7 +69,7 @@ pub(super) fn define_recover(lang: Lang) -> Command {
     .arg(
         cli::flag(lang, "addr", ConfigText::RecoverAddr)
             .value_name("N")
-            .value_parser(crate::commands::context::address),
+            .value_parser(railbus_app::address),
     )
     .arg(state_flag(lang))
 }

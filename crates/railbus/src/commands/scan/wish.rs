@@ -183,7 +183,7 @@ pub(crate) fn addresses(text: &str) -> Result<Vec<u8>, String> {
     let mut all = Vec::new();
     for part in text.split(',') {
         let (low, high) = part.split_once('-').unwrap_or((part, part));
-        let (low, high) = (context::address(low)?, context::address(high)?);
+        let (low, high) = (railbus_app::address(low)?, railbus_app::address(high)?);
         if low > high {
             return Err(part.to_owned());
         }

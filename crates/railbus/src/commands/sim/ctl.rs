@@ -1,6 +1,6 @@
 //! `railbus sim ctl`: orders for a simulator that runs elsewhere.
 
-use super::texts::SimText;
+use super::texts::SimFlagText;
 use crate::cli;
 use clap::{Arg, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
@@ -23,19 +23,19 @@ pub(super) fn define(lang: Lang) -> Command {
     cli::verb(
         lang,
         NAME,
-        SimText::CtlAbout,
+        SimFlagText::CtlAbout,
         "railbus sim ctl SOCKET [ORDER]",
     )
-    .before_help(cli::examples(lang, SimText::CtlExamples))
+    .before_help(cli::examples(lang, SimFlagText::CtlExamples))
     .arg(
         Arg::new("SOCKET")
-            .help(lang.get(SimText::CtlSocket))
+            .help(lang.get(SimFlagText::CtlSocket))
             .required(true)
             .value_parser(value_parser!(PathBuf)),
     )
     .arg(
         Arg::new("ORDER")
-            .help(lang.get(SimText::CtlOrder))
+            .help(lang.get(SimFlagText::CtlOrder))
             .num_args(0..)
             .allow_hyphen_values(true)
             .trailing_var_arg(true),
@@ -51,7 +51,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         .flatten()
         .map(String::as_str)
         .collect();
-    let failed = |error: io::Error| unreachable(lang, &path, &error);
+    let failed = |error: io::Error| railbus_plant::unreachable(lang, &path, &error);
     let mut link = Link::open(&path).map_err(failed)?;
     if !words.is_empty() {
         return link.ask(lang, &path, &words.join(" "));
@@ -63,15 +63,6 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         }
     }
     Ok(())
-}
-
-/// Why the control socket can't be used.
-pub(super) fn unreachable(lang: Lang, path: &Path, error: &io::Error) -> Failure {
-    let message = lang.fill(SimText::NoControl, &[("path", &path.display())]);
-    Failure::new(Code::SimControl, message)
-        .diagnosed()
-        .because(error)
-        .with_try("railbus sim plant.toml --control ./ctl")
 }
 
 struct Link {
@@ -91,7 +82,7 @@ impl Link {
     fn ask(&mut self, lang: Lang, path: &Path, order: &str) -> Result<(), Failure> {
         let answer = self
             .exchange(order)
-            .map_err(|error| unreachable(lang, path, &error))?;
+            .map_err(|error| railbus_plant::unreachable(lang, path, &error))?;
         match refusal(&answer) {
             Some((code, message)) => Err(Failure::new(code, message.to_owned()).diagnosed()),
             None => out::result(lang, &format!("{answer}\n")),

@@ -254,7 +254,7 @@ impl Parser {
         let value = self.peek().unwrap_or_default().to_owned();
         let (found, why) = match key {
             "addr" | "address" => {
-                let address = context::address(&value).ok().map(Filter::Address);
+                let address = railbus_app::address(&value).ok().map(Filter::Address);
                 (address, SniffText::FilterAddress)
             }
             "module" => {

@@ -1,8 +1,8 @@
 //! How the modules of a simulated line are, and what of that changes.
 
 use super::{Gone, Out};
-use crate::sim::remote::Remote;
 use railbus_api::sim::{SimFaultInfo, SimLineInfo, SimModuleInfo};
+use railbus_plant::remote::Remote;
 use std::time::Duration;
 use tokio::time::{MissedTickBehavior, interval};
 

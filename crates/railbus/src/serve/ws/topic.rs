@@ -3,10 +3,10 @@
 use super::{Gone, Out, frames, news, sim};
 use crate::serve::ops::Op;
 use crate::serve::routes::Site;
-use crate::sim::remote::Remote;
 use railbus_api::ops::OpState;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{ask, failures, past};
+use railbus_plant::remote::Remote;
 use railbus_site::Service;
 use railbus_words::Lang;
 
