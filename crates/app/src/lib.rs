@@ -8,8 +8,8 @@
 pub mod api;
 pub mod config_file;
 pub mod failure;
+pub mod frames;
 pub mod machine;
-pub mod meaning;
 pub mod render;
 pub mod socket;
 pub mod texts;

@@ -105,6 +105,7 @@ const LAYERS: &[Layer] = &[
         below: &[
             "api",
             "words",
+            "sniff",
             "site",
             "store",
             "commission",

@@ -5,7 +5,7 @@
 mod texts;
 
 use super::{convert, failures};
-use crate::meaning;
+use crate::frames::meaning;
 use railbus_api::problem::{Problem, codes};
 use railbus_api::sending::{LateAnswer, Override, SendAnswer, SendPlan, SendRequest};
 use railbus_api::types::SCHEMA;

@@ -1,21 +1,19 @@
 //! `railbus decode`: what bytes mean.
 
 mod known;
-mod readings;
 
 use super::{Context, sniff};
 use crate::cli;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
+use railbus_app::frames::readings::{Check, Reading};
 use railbus_app::render::records;
 use railbus_app::render::{Format, out};
 use railbus_app::texts::AppText;
-use railbus_wire::Protocol;
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::{hex, width};
-use readings::{Check, Reading};
 use serde_json::{Value, json};
 use std::io::Read;
 use std::path::PathBuf;
@@ -64,7 +62,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let mut bad = None;
     for frame in frames {
         let bytes = hex::parse(&frame).ok_or_else(|| no_bytes(lang, &frame))?;
-        let readings = readings::of(lang, &bytes);
+        let readings = railbus_app::frames::readings::of(lang, &bytes);
         let all = matches.get_flag("all");
         let shown = show(&context, &bytes, &readings, all);
         out::result(lang, &shown)?;
@@ -79,17 +77,6 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             Err(failure.with_fact("bytes", hex::spaced(&bytes)))
         }
     }
-}
-
-/// The checksum of a frame of that protocol and what it should be, where it is wrong.
-pub(super) fn wrong_check(protocol: Protocol, bytes: &[u8]) -> Option<(String, String)> {
-    let checks = readings::checked(protocol, bytes).into_iter();
-    checks
-        .map(|(_, check)| check)
-        .find_map(|check| match check {
-            Check::Wrong { is, should } => Some((is, should)),
-            Check::None | Check::Right(_) => None,
-        })
 }
 
 /// The failure of text that is no bytes.

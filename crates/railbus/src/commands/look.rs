@@ -2,9 +2,10 @@
 //! exchange; twice, a line for each frame with its bytes and times.
 
 use super::Context;
-use super::sniff::{self, Came, Ear, Facts, Wire};
+use super::sniff::{self, Came, Ear, Wire};
 use crate::backend::{Backend, Tape};
 use railbus_app::failure::Failure;
+use railbus_app::frames::Facts;
 use railbus_app::render::{Format, out};
 use railbus_sniff::{Heard, Input, Output, Role, Verdict};
 use railbus_wire::Instant;
@@ -175,7 +176,7 @@ fn exchange(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Option<
     };
     let asked = asked.and_then(|asked| asked.exchange());
     let asked = asked.map(|asked| sniff::request(lang, &asked) + " → ");
-    let clock = time::clock_of(Some(&sniff::show::rfc3339(at)));
+    let clock = time::clock_of(Some(&railbus_app::frames::rfc3339(at)));
     let protocol = facts
         .protocols
         .first()

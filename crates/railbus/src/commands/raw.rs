@@ -14,7 +14,7 @@ use railbus_api::sending::SendRequest;
 use railbus_api::types::Outcome;
 use railbus_app::api::{convert, sending};
 use railbus_app::failure::Failure;
-use railbus_app::meaning;
+use railbus_app::frames::meaning;
 use railbus_app::render::table::Table;
 use railbus_app::render::{Format, out, records};
 use railbus_commission::{Risk, is_answered, stowaway};

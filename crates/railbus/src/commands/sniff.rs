@@ -1,24 +1,23 @@
 //! `railbus sniff`: what passes on a line, for one who only listens.
 
 mod auto;
-mod facts;
 mod filter;
 mod record;
 pub(super) mod show;
 mod source;
 mod texts;
-mod words;
 
 use super::place::{self, Place};
 use super::{Context, stop, wireshark};
 use crate::backend::Remote;
 use crate::cli;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
-pub(crate) use facts::{Facts, Named};
 use filter::Filter;
 use railbus_api::problem::Problem;
 use railbus_app::failure::Failure;
-pub(super) use railbus_app::meaning::request;
+pub(super) use railbus_app::frames::meaning::request;
+pub(super) use railbus_app::frames::words::{millis, of as told};
+use railbus_app::frames::{Facts, Named};
 use railbus_app::render::{Format, out};
 use railbus_host::{LineName, PIECE_PAUSE};
 use railbus_sniff::{Heard, Input, Listener, Output};
@@ -26,16 +25,13 @@ use railbus_wire::{Instant, Micros, Settings};
 use railbus_words::Code;
 use railbus_words::Lang;
 use record::Recorder;
-pub(crate) use record::packet;
 use show::Sums;
-pub(crate) use show::as_json;
 pub(super) use source::{Came, Capture, Clock, Wire, came};
 use source::{Listening, Source};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 pub(super) use texts::SniffText;
-pub(super) use words::{millis, of as told};
 
 /// A serial server may hold bytes back for so long inside a frame.
 const NETWORK_SILENCE: Micros = Micros::from_millis(100);

@@ -1,7 +1,7 @@
 //! The daemon's own ear on a line: what passes, frame by frame.
 
-use crate::commands::sniff::Named;
 use railbus_app::api::ask;
+use railbus_app::frames::Named;
 use railbus_host::{PIECE_PAUSE, Passed};
 use railbus_site::Service;
 use railbus_sniff::{Heard, Input, Listener, Output};

@@ -7,7 +7,7 @@ use crate::commands::own_line::OwnLine;
 use crate::commands::place::Place;
 use crate::commands::stop::{self, Stop};
 use railbus_app::failure::Failure;
-use railbus_app::meaning;
+use railbus_app::frames::meaning;
 use railbus_app::render::{out, records};
 use railbus_commission::{request, stowaway};
 use railbus_wire::{Exchange, Micros};

@@ -2,10 +2,10 @@
 
 use super::source::{Came, Clock, Listening};
 use super::texts::SniffText;
-use super::words;
 use crate::commands::place::Place;
 use crate::commands::{Context, stop};
 use railbus_app::failure::Failure;
+use railbus_app::frames::words;
 use railbus_app::render::records;
 use railbus_host::LineName;
 use railbus_sniff::{Heard, Input, Listener, Output, Verdict};

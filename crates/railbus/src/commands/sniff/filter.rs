@@ -6,9 +6,9 @@
 //! one    = "not" one | "(" any ")" | word | key ("=" | "!=") value | key (">" | "<") time
 //! ```
 
-use super::facts::Facts;
 use super::texts::SniffText;
 use crate::commands::context;
+use railbus_app::frames::Facts;
 use railbus_sniff::{Role, Verdict};
 use railbus_wire::{Micros, Protocol};
 use railbus_words::Lang;

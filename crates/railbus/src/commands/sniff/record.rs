@@ -1,13 +1,12 @@
 //! Frames kept in a capture file.
 
-use super::words;
 use crate::commands::Context;
 use railbus_app::failure::Failure;
-use railbus_sniff::capture::{self, Direction};
-use railbus_sniff::{Frame, Heard, Role, Verdict};
+use railbus_app::frames::packet::packet;
+use railbus_sniff::Heard;
+use railbus_sniff::capture;
 use railbus_wire::Settings;
 use railbus_words::Code;
-use railbus_words::Lang;
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -78,33 +77,6 @@ impl Recorder {
     fn put(&mut self, context: &Context, bytes: &[u8]) -> Result<(), Failure> {
         let written = self.out.write_all(bytes).and_then(|()| self.out.flush());
         written.map_err(|error| failed(context, &self.path, error))
-    }
-}
-
-/// A frame as a capture file keeps it; none of what has no bytes.
-pub(crate) fn packet(lang: Lang, line: u32, heard: &Heard) -> Option<Vec<u8>> {
-    let Heard::Frame(frame) = heard else {
-        return None;
-    };
-    let comment = format!("{}: {}", frame.verdict.name(), words::of(lang, heard));
-    let direction = direction(frame);
-    Some(capture::packet(
-        line,
-        frame.at,
-        &frame.bytes,
-        direction,
-        &comment,
-    ))
-}
-
-/// Whose a frame was. Of a broken one that is a guess, and no reader is to rely on it.
-fn direction(frame: &Frame) -> Option<Direction> {
-    if let Verdict::Bad(_) = frame.verdict {
-        return None;
-    }
-    match frame.readings.first()?.role? {
-        Role::Request => Some(Direction::Out),
-        Role::Reply => Some(Direction::In),
     }
 }
 

@@ -1,15 +1,14 @@
 //! What was heard, shown line by line as it comes, and summed up at the end.
 
-use super::facts::{Facts, addressee};
 use super::texts::SniffText;
-use super::words;
-use jiff::{Timestamp, tz::TimeZone};
+use jiff::tz::TimeZone;
+use railbus_app::frames::words;
+use railbus_app::frames::{Facts, addressee, as_json, at, timestamp};
 use railbus_app::render::{Format, records};
 use railbus_sniff::{Heard, Reading, Role, Verdict};
 use railbus_wire::{Instant, Micros, Settings};
 use railbus_words::Lang;
 use railbus_words::{hex, time, width};
-use serde_json::{Value, json};
 
 /// The widths of the columns but the last, in which nothing has to end.
 const WIDTHS: [usize; 6] = [12, 7, 3, 8, 4, 44];
@@ -48,23 +47,6 @@ pub(in crate::commands) fn line(
 const CSV: [&str; 9] = [
     "time", "line", "gap_ms", "role", "protocol", "address", "verdict", "meaning", "bytes",
 ];
-
-fn at(heard: &Heard) -> Instant {
-    match heard {
-        Heard::Frame(frame) => frame.at,
-        Heard::Missing(missing) => missing.at,
-    }
-}
-
-/// A moment for programs.
-pub(in crate::commands) fn rfc3339(at: Instant) -> String {
-    time::rfc3339(timestamp(at))
-}
-
-fn timestamp(at: Instant) -> Timestamp {
-    let micros = i64::try_from(at.0).unwrap_or(i64::MAX);
-    Timestamp::from_microsecond(micros).unwrap_or(Timestamp::MAX)
-}
 
 fn row(cells: impl IntoIterator<Item = String>) -> String {
     let mut text = String::new();
@@ -119,56 +101,6 @@ fn readable(bytes: &[u8], reading: Option<&Reading>) -> String {
         other => format!("<{other:02X}>"),
     });
     text.collect()
-}
-
-/// One thing heard, for programs.
-pub(crate) fn as_json(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Value {
-    let millis = |time: Option<Micros>| time.map(|time| time.0 as f64 / 1_000.0);
-    let mut json = json!({
-        "event": "frame",
-        "time": time::rfc3339(timestamp(at(heard))),
-        "line": line,
-        "role": role(facts.role),
-        "protocol": facts.protocols.first().map(|protocol| protocol.name()),
-        "address": facts.address,
-        "module": facts.module,
-        "meaning": words::of(lang, heard),
-        "after_ms": millis(facts.after),
-    });
-    let rest = match heard {
-        Heard::Missing(missing) => json!({
-            "event": "no_reply",
-            "verdict": "missing",
-            "bytes": hex::spaced(missing.asked.bytes()),
-        }),
-        Heard::Frame(frame) => json!({
-            "verdict": frame.verdict.name(),
-            "bytes": hex::spaced(&frame.bytes),
-            "gap_ms": millis(frame.gap),
-            "late": frame.late,
-            "asked": frame.asked.as_ref().map(|asked| hex::spaced(asked.bytes())),
-            "readings": frame.readings.iter().map(reading).collect::<Vec<_>>(),
-        }),
-    };
-    if let (Some(json), Value::Object(rest)) = (json.as_object_mut(), rest) {
-        json.extend(rest);
-    }
-    json
-}
-
-fn role(role: Option<Role>) -> Option<&'static str> {
-    role.map(|role| match role {
-        Role::Request => "request",
-        Role::Reply => "reply",
-    })
-}
-
-fn reading(reading: &Reading) -> Value {
-    json!({
-        "protocol": reading.protocol.name(),
-        "role": role(reading.role),
-        "address": reading.address.map(|address| address.0),
-    })
 }
 
 /// What is added up over a run.

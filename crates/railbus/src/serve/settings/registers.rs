@@ -9,7 +9,7 @@ use railbus_api::problem::Problem;
 use railbus_api::settings::{Cell, RegisterRead, Registers};
 use railbus_api::types::SCHEMA;
 use railbus_app::api::convert;
-use railbus_app::meaning;
+use railbus_app::frames::meaning;
 use railbus_commission::{Place, Trouble};
 use railbus_device::{Family, Module, Op, Point, PointKind, Setup};
 use railbus_host::Probed;

@@ -12,7 +12,7 @@ use railbus_api::settings::{
 use railbus_api::types::SCHEMA;
 use railbus_app::api::failures;
 use railbus_app::failure::Failure;
-use railbus_app::meaning;
+use railbus_app::frames::meaning;
 use railbus_commission::settings::{
     Access, Choice, Key, Wanted, choice, differences, settings, shown,
 };

@@ -2,9 +2,9 @@
 //! looks on nothing is done.
 
 use super::{Gone, Out};
-use crate::commands::sniff::{Facts, as_json};
 use crate::serve::ear::{Ear, modules};
 use railbus_app::api::convert;
+use railbus_app::frames::{Facts, as_json};
 use railbus_host::Tap;
 use railbus_site::{Service, Update};
 use railbus_wire::Settings;

@@ -1,6 +1,6 @@
 //! What bytes mean in each protocol: as they are, or as they would be with the right checksum.
 
-use railbus_app::meaning;
+use super::meaning;
 use railbus_wire::{
     Address, Decoded, Exchange, Protocol, ascii, crc16, lc02, lcus, r55, rtu, sum8,
 };
@@ -8,33 +8,44 @@ use railbus_words::{Lang, say};
 
 /// One way to read the bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Reading {
-    pub(super) protocol: &'static str,
-    pub(super) reply: bool,
-    pub(super) address: Option<Address>,
-    pub(super) meaning: String,
-    pub(super) check: Check,
+pub struct Reading {
+    /// The name of the protocol.
+    pub protocol: &'static str,
+    /// It is a reply, not a request.
+    pub reply: bool,
+    /// Whom it is for, or of.
+    pub address: Option<Address>,
+    /// What it says.
+    pub meaning: String,
+    /// Its checksum.
+    pub check: Check,
 }
 
 /// The checksum.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Check {
+pub enum Check {
     /// The frame has none.
     None,
     /// It is right.
     Right(String),
     /// It is wrong.
-    Wrong { is: String, should: String },
+    Wrong {
+        /// What it is.
+        is: String,
+        /// What it should be.
+        should: String,
+    },
 }
 
 impl Reading {
-    pub(super) fn is_good(&self) -> bool {
+    /// Its checksum is right, or it has none.
+    pub fn is_good(&self) -> bool {
         !matches!(self.check, Check::Wrong { .. })
     }
 }
 
 /// All readings, best first.
-pub(super) fn of(lang: Lang, bytes: &[u8]) -> Vec<Reading> {
+pub fn of(lang: Lang, bytes: &[u8]) -> Vec<Reading> {
     let mut readings = Vec::new();
     for protocol in [
         Protocol::R55,
@@ -49,10 +60,7 @@ pub(super) fn of(lang: Lang, bytes: &[u8]) -> Vec<Reading> {
     if let Decoded::Whole { len: 4, value } = lcus::Request::decode(bytes)
         && bytes.len() == 4
     {
-        let (n, state) = (
-            value.channel,
-            railbus_app::render::values::state(lang, value.on),
-        );
+        let (n, state) = (value.channel, crate::render::values::state(lang, value.on));
         readings.push(Reading {
             protocol: "lcus",
             reply: false,
@@ -82,7 +90,7 @@ fn unlikely(reading: &Reading) -> bool {
 }
 
 /// The bytes with a right checksum, and what was to be said of theirs.
-pub(super) fn checked(protocol: Protocol, bytes: &[u8]) -> Vec<(Vec<u8>, Check)> {
+pub fn checked(protocol: Protocol, bytes: &[u8]) -> Vec<(Vec<u8>, Check)> {
     let verdict = |at: std::ops::Range<usize>, should: Vec<u8>| {
         let is = bytes.get(at.clone())?;
         let check = if is == should {
@@ -212,6 +220,17 @@ fn request<'a>(
 
 fn hex(bytes: &[u8]) -> String {
     railbus_words::hex::spaced(bytes)
+}
+
+/// The checksum of a frame of that protocol and what it should be, where it is wrong.
+pub fn wrong_check(protocol: Protocol, bytes: &[u8]) -> Option<(String, String)> {
+    let checks = checked(protocol, bytes).into_iter();
+    checks
+        .map(|(_, check)| check)
+        .find_map(|check| match check {
+            Check::Wrong { is, should } => Some((is, should)),
+            Check::None | Check::Right(_) => None,
+        })
 }
 
 #[cfg(test)]

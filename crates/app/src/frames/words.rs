@@ -1,44 +1,43 @@
 //! What was heard, in words.
 
-use super::texts::SniffText;
-use crate::commands::decode;
-use railbus_app::meaning;
+use super::texts::FrameText;
+use super::{meaning, readings};
 use railbus_sniff::{Asked, Flaw, Frame, Heard, Reading, Role, Verdict};
 use railbus_wire::{Micros, Protocol};
 use railbus_words::Lang;
 
 /// The meaning of something heard; where it can be read in several ways, each of them.
-pub(in crate::commands) fn of(lang: Lang, heard: &Heard) -> String {
+pub fn of(lang: Lang, heard: &Heard) -> String {
     match heard {
         Heard::Missing(missing) => {
             let time = millis(missing.after);
-            lang.fill(SniffText::NoReplyIn, &[("time", &time)])
+            lang.fill(FrameText::NoReplyIn, &[("time", &time)])
         }
         Heard::Frame(frame) => of_frame(lang, frame),
     }
 }
 
 /// Milliseconds with one decimal.
-pub(in crate::commands) fn millis(time: Micros) -> String {
+pub fn millis(time: Micros) -> String {
     format!("{:.1}", time.0 as f64 / 1_000.0)
 }
 
 fn of_frame(lang: Lang, frame: &Frame) -> String {
     let Some((best, others)) = frame.readings.split_first() else {
-        return lang.fill(SniffText::NoProtocol, &[("count", &frame.bytes.len())]);
+        return lang.fill(FrameText::NoProtocol, &[("count", &frame.bytes.len())]);
     };
     let mut text = match frame.verdict {
         Verdict::Bad(flaw) => flawed(lang, frame, best, flaw),
         Verdict::Good | Verdict::Refused | Verdict::Unknown => said(lang, frame, best),
     };
     if frame.late {
-        text += lang.get(SniffText::Late);
+        text += lang.get(FrameText::Late);
     }
     for other in others {
         let (protocol, meaning) = (other.protocol, said(lang, frame, other));
         let values: &[(&str, &dyn std::fmt::Display)] =
             &[("protocol", &protocol), ("meaning", &meaning)];
-        text += &lang.fill(SniffText::OrElse, values);
+        text += &lang.fill(FrameText::OrElse, values);
     }
     text
 }
@@ -59,7 +58,7 @@ fn said(lang: Lang, frame: &Frame, reading: &Reading) -> String {
             return meaning::response(lang, &exchange, &reply.response);
         }
         if frame.verdict == Verdict::Refused {
-            return lang.fill(SniffText::BareException, &[("code", &hex(bytes.get(2..3)))]);
+            return lang.fill(FrameText::BareException, &[("code", &hex(bytes.get(2..3)))]);
         }
     }
     let supposed = railbus_sniff::replies(bytes);
@@ -76,10 +75,10 @@ fn not_known(lang: Lang, reading: &Reading, bytes: &[u8]) -> String {
         Protocol::Rtu => 1,
         Protocol::R55 => 2,
         Protocol::Lc02 => 3,
-        Protocol::Ascii => return lang.get(SniffText::UnknownCommand).to_owned(),
+        Protocol::Ascii => return lang.get(FrameText::UnknownCommand).to_owned(),
     };
     let code = hex(bytes.get(at..at + 1));
-    lang.fill(SniffText::UnknownFunction, &[("code", &code)])
+    lang.fill(FrameText::UnknownFunction, &[("code", &code)])
 }
 
 fn hex(bytes: Option<&[u8]>) -> String {
@@ -89,15 +88,15 @@ fn hex(bytes: Option<&[u8]>) -> String {
 fn flawed(lang: Lang, frame: &Frame, reading: &Reading, flaw: Flaw) -> String {
     let count = frame.bytes.len();
     match flaw {
-        Flaw::Checksum => match decode::wrong_check(reading.protocol, &frame.bytes) {
+        Flaw::Checksum => match readings::wrong_check(reading.protocol, &frame.bytes) {
             Some((is, should)) => {
                 let values: &[(&str, &dyn std::fmt::Display)] = &[("is", &is), ("should", &should)];
-                lang.fill(SniffText::WrongChecksum, values)
+                lang.fill(FrameText::WrongChecksum, values)
             }
-            None => lang.get(SniffText::NoChecksum).to_owned(),
+            None => lang.get(FrameText::NoChecksum).to_owned(),
         },
-        Flaw::Short => lang.fill(SniffText::CutShort, &[("count", &count)]),
-        Flaw::Form => lang.get(SniffText::NotAsAsked).to_owned(),
-        Flaw::Foreign => lang.fill(SniffText::NoProtocol, &[("count", &count)]),
+        Flaw::Short => lang.fill(FrameText::CutShort, &[("count", &count)]),
+        Flaw::Form => lang.get(FrameText::NotAsAsked).to_owned(),
+        Flaw::Foreign => lang.fill(FrameText::NoProtocol, &[("count", &count)]),
     }
 }

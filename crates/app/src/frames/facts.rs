@@ -7,15 +7,18 @@ use railbus_wire::{Address, Exchange, Micros, Protocol};
 
 /// A module by what tells it apart on a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Named {
-    pub(crate) name: String,
-    pub(crate) protocol: Protocol,
-    pub(crate) address: u8,
+pub struct Named {
+    /// Its name.
+    pub name: String,
+    /// The protocol that it speaks.
+    pub protocol: Protocol,
+    /// Its address.
+    pub address: u8,
 }
 
 impl Named {
     /// A module of the daemon.
-    pub(crate) fn of(module: ModuleInfo) -> Option<Named> {
+    pub fn of(module: ModuleInfo) -> Option<Named> {
         let known = Protocol::ALL.into_iter();
         let protocol = known
             .into_iter()
@@ -30,23 +33,30 @@ impl Named {
 
 /// What can be said of something heard.
 #[derive(Debug)]
-pub(crate) struct Facts<'a> {
-    pub(crate) protocols: Vec<Protocol>,
-    pub(crate) address: Option<u8>,
-    pub(crate) module: Option<&'a str>,
-    pub(crate) role: Option<Role>,
+pub struct Facts<'a> {
+    /// The protocols that it may be of, the likeliest first.
+    pub protocols: Vec<Protocol>,
+    /// Whom it is for, or of.
+    pub address: Option<u8>,
+    /// The module of that protocol and address, where one is known.
+    pub module: Option<&'a str>,
+    /// Whether it is a request or a reply, where that can be told.
+    pub role: Option<Role>,
     /// None for a request that nobody answered.
-    pub(crate) verdict: Option<Verdict>,
+    pub verdict: Option<Verdict>,
     /// It is a write, or belongs to one; nothing where that can't be told.
-    pub(crate) write: Option<bool>,
-    pub(crate) late: bool,
+    pub write: Option<bool>,
+    /// It is a reply to an earlier request.
+    pub late: bool,
     /// From the request to its reply, or to the end of the waiting.
-    pub(crate) after: Option<Micros>,
-    pub(crate) gap: Option<Micros>,
+    pub after: Option<Micros>,
+    /// The silence before it.
+    pub gap: Option<Micros>,
 }
 
 impl<'a> Facts<'a> {
-    pub(crate) fn of(heard: &Heard, modules: &'a [Named]) -> Facts<'a> {
+    /// What can be said of this, where these are the modules of the line.
+    pub fn of(heard: &Heard, modules: &'a [Named]) -> Facts<'a> {
         let mut facts = match heard {
             Heard::Missing(missing) => Facts {
                 protocols: vec![missing.asked.protocol()],
@@ -92,7 +102,7 @@ impl<'a> Facts<'a> {
 }
 
 /// Whom a request is for.
-pub(in crate::commands) fn addressee(asked: &Asked) -> Option<u8> {
+pub fn addressee(asked: &Asked) -> Option<u8> {
     let exchange = asked.exchange()?;
     let all = matches!(exchange, Exchange::Ascii(e) if e.request.is_broadcast());
     (!all).then_some(exchange.address().0)

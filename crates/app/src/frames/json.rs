@@ -1,0 +1,79 @@
+//! What was heard, for programs.
+
+use super::facts::Facts;
+use super::words;
+use jiff::Timestamp;
+use railbus_sniff::{Heard, Reading, Role};
+use railbus_wire::{Instant, Micros};
+use railbus_words::Lang;
+use railbus_words::{hex, time};
+use serde_json::{Value, json};
+
+/// When it was heard.
+pub fn at(heard: &Heard) -> Instant {
+    match heard {
+        Heard::Frame(frame) => frame.at,
+        Heard::Missing(missing) => missing.at,
+    }
+}
+
+/// A moment for programs.
+pub fn rfc3339(at: Instant) -> String {
+    time::rfc3339(timestamp(at))
+}
+
+/// The moment of a line whose time began in 1970.
+pub fn timestamp(at: Instant) -> Timestamp {
+    let micros = i64::try_from(at.0).unwrap_or(i64::MAX);
+    Timestamp::from_microsecond(micros).unwrap_or(Timestamp::MAX)
+}
+
+/// One thing heard, for programs.
+pub fn as_json(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Value {
+    let millis = |time: Option<Micros>| time.map(|time| time.0 as f64 / 1_000.0);
+    let mut json = json!({
+        "event": "frame",
+        "time": time::rfc3339(timestamp(at(heard))),
+        "line": line,
+        "role": role(facts.role),
+        "protocol": facts.protocols.first().map(|protocol| protocol.name()),
+        "address": facts.address,
+        "module": facts.module,
+        "meaning": words::of(lang, heard),
+        "after_ms": millis(facts.after),
+    });
+    let rest = match heard {
+        Heard::Missing(missing) => json!({
+            "event": "no_reply",
+            "verdict": "missing",
+            "bytes": hex::spaced(missing.asked.bytes()),
+        }),
+        Heard::Frame(frame) => json!({
+            "verdict": frame.verdict.name(),
+            "bytes": hex::spaced(&frame.bytes),
+            "gap_ms": millis(frame.gap),
+            "late": frame.late,
+            "asked": frame.asked.as_ref().map(|asked| hex::spaced(asked.bytes())),
+            "readings": frame.readings.iter().map(reading).collect::<Vec<_>>(),
+        }),
+    };
+    if let (Some(json), Value::Object(rest)) = (json.as_object_mut(), rest) {
+        json.extend(rest);
+    }
+    json
+}
+
+fn role(role: Option<Role>) -> Option<&'static str> {
+    role.map(|role| match role {
+        Role::Request => "request",
+        Role::Reply => "reply",
+    })
+}
+
+fn reading(reading: &Reading) -> Value {
+    json!({
+        "protocol": reading.protocol.name(),
+        "role": role(reading.role),
+        "address": reading.address.map(|address| address.0),
+    })
+}
