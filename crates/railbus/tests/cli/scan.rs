@@ -411,8 +411,10 @@ fn it_takes_about_as_long_as_it_says() {
     let of = |key: &str| json[key].as_f64().expect("a number");
     let (took, estimate) = (of("took_ms"), of("estimate_ms"));
     assert!((8_000.0..10_000.0).contains(&estimate), "{estimate}");
+    // It counts the wait for slow modules, too, which only a line with nobody on it costs.
+    let without_wait = estimate - 1_000.0;
     assert!(
-        (0.9..4.0).contains(&(took / estimate)),
+        took > 0.9 * without_wait && took < 4.0 * estimate,
         "{took} of {estimate}"
     );
 }
