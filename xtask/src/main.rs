@@ -40,7 +40,7 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "test",
-        help: "every test there is, from formatting to foreign peers [--without-peers]",
+        help: "every test there is, from formatting to foreign peers [--quick|--without-peers]",
         run: test::run,
     },
     Command {

@@ -17,20 +17,44 @@ struct Step {
     run: fn(&Path) -> Result<()>,
 }
 
+const FMT: Step = Step {
+    name: "fmt",
+    needs_peers: false,
+    skip: always,
+    run: fmt,
+};
+
+const TIDY: Step = Step {
+    name: "tidy",
+    needs_peers: false,
+    skip: always,
+    run: |root| tidy::run(root, &[]),
+};
+
+const CLIPPY: Step = Step {
+    name: "clippy",
+    needs_peers: false,
+    skip: always,
+    run: clippy,
+};
+
+/// What can be asked at every save: no port, no process, no page.
+const QUICK: &[Step] = &[
+    FMT,
+    TIDY,
+    CLIPPY,
+    Step {
+        name: "unit tests",
+        needs_peers: false,
+        skip: always,
+        run: |root| nextest(root, &["--lib", "--bins"]),
+    },
+];
+
 /// Cheap and telling first, long last.
 const STEPS: &[Step] = &[
-    Step {
-        name: "fmt",
-        needs_peers: false,
-        skip: always,
-        run: fmt,
-    },
-    Step {
-        name: "tidy",
-        needs_peers: false,
-        skip: always,
-        run: |root| tidy::run(root, &[]),
-    },
+    FMT,
+    TIDY,
     // Before anything is built, so that what is built has the pages inside.
     Step {
         name: "web",
@@ -38,12 +62,7 @@ const STEPS: &[Step] = &[
         skip: always,
         run: |root| web::run(root, &[]),
     },
-    Step {
-        name: "clippy",
-        needs_peers: false,
-        skip: always,
-        run: clippy,
-    },
+    CLIPPY,
     Step {
         name: "deny",
         needs_peers: false,
@@ -54,7 +73,7 @@ const STEPS: &[Step] = &[
         name: "tests",
         needs_peers: false,
         skip: always,
-        run: tests,
+        run: |root| nextest(root, &["--lib", "--bins", "--tests", "--examples"]),
     },
     Step {
         name: "doc tests",
@@ -127,11 +146,26 @@ enum Peers {
     Unwanted,
 }
 
-/// Runs every step, prints a table, and fails if any step failed.
+/// How much of it somebody wants.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Wanted {
+    All,
+    WithoutPeers,
+    Quick,
+}
+
+/// Runs every step that is wanted, prints a table, and fails if any step failed.
 pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     let mut summary = Summary::default();
-    let peers = install_peers(root, wants_peers(args)?, &mut summary);
-    for step in STEPS {
+    let wanted = wanted(args)?;
+    let (steps, peers) = match wanted {
+        Wanted::Quick => (QUICK, Peers::Unwanted),
+        _ => (
+            STEPS,
+            install_peers(root, wanted == Wanted::All, &mut summary),
+        ),
+    };
+    for step in steps {
         match (step.skip)(root) {
             Some(why) => summary.skip(step.name, why),
             None if !step.needs_peers => summary.run(step.name, || (step.run)(root)),
@@ -146,13 +180,15 @@ pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     }
 }
 
-fn wants_peers(args: &[String]) -> Result<bool> {
-    match args {
-        [] => Ok(true),
-        [flag] if flag == "--without-peers" => Ok(false),
+fn wanted(args: &[String]) -> Result<Wanted> {
+    let args: Vec<&str> = args.iter().map(String::as_str).collect();
+    match args[..] {
+        [] => Ok(Wanted::All),
+        ["--without-peers"] => Ok(Wanted::WithoutPeers),
+        ["--quick"] => Ok(Wanted::Quick),
         _ => Err(Error::new(
             format!("`{}` is not understood", args.join(" ")),
-            "the only argument is `--without-peers`",
+            "the only arguments are `--quick` and `--without-peers`, one of them",
         )),
     }
 }
@@ -225,22 +261,14 @@ fn apart(root: &Path) -> impl Iterator<Item = &'static str> {
 }
 
 /// Nextest runs tests in processes of their own and faster; plain cargo does where it is missing.
-fn tests(root: &Path) -> Result<()> {
-    if run::works(&mut cargo(root, &["nextest", "--version"])) {
-        return run::run(&mut cargo(
-            root,
-            &["nextest", "run", "--workspace", "--no-fail-fast"],
-        ));
-    }
-    let args = [
-        "test",
-        "--workspace",
-        "--lib",
-        "--bins",
-        "--tests",
-        "--examples",
-    ];
-    run::run(cargo(root, &args).arg("--no-fail-fast"))
+fn nextest(root: &Path, targets: &[&str]) -> Result<()> {
+    let is_there = run::works(&mut cargo(root, &["nextest", "--version"]));
+    let runner: &[&str] = match is_there {
+        true => &["nextest", "run"],
+        false => &["test"],
+    };
+    let all = ["--workspace", "--no-fail-fast"];
+    run::run(cargo(root, runner).args(targets).args(all))
 }
 
 fn no_deny(root: &Path) -> Option<String> {
@@ -310,8 +338,17 @@ mod tests {
         run_with_peers(&PROBE, Path::new("."), Peers::Unwanted, &mut summary);
         assert!(summary.passed());
         assert!(
-            wants_peers(&[String::from("--without-peer")]).is_err(),
+            wanted(&[String::from("--without-peer")]).is_err(),
             "mistyped"
         );
+    }
+
+    /// Who asks at every save has neither peers nor a browser, and waits for no port.
+    #[test]
+    fn a_quick_run_needs_nothing_but_cargo() {
+        assert_eq!(wanted(&[String::from("--quick")]).ok(), Some(Wanted::Quick));
+        assert!(QUICK.iter().all(|step| !step.needs_peers));
+        let names: Vec<_> = QUICK.iter().map(|step| step.name).collect();
+        assert_eq!(names, ["fmt", "tidy", "clippy", "unit tests"]);
     }
 }
