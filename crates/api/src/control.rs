@@ -38,7 +38,7 @@ pub struct BatchItem {
 /// What came of several outputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BatchAnswer {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// Each of them, in the order asked.
     pub results: Vec<BatchResult>,
@@ -74,7 +74,7 @@ pub struct BatchResult {
 /// `GET /api/v1/groups`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Groups {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// All groups, by name.
     pub groups: Vec<GroupInfo>,
@@ -130,7 +130,7 @@ pub enum GroupWord {
 /// `GET /api/v1/scenes`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Scenes {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// All scenes, by name.
     pub scenes: Vec<SceneInfo>,

@@ -49,7 +49,7 @@ pub struct OpBegun {
 /// `GET /api/v1/ops`: what runs, and what ended lately; oldest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Ops {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The oldest first.
     pub ops: Vec<OpInfo>,

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 /// A chart of a point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct HistoryInfo {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The path of the point.
     pub point: String,
@@ -143,7 +143,7 @@ pub struct AuditInfo {
 /// A page of events.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EventPage {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The newest first.
     pub items: Vec<EventInfo>,
@@ -154,7 +154,7 @@ pub struct EventPage {
 /// A page of the audit log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AuditPage {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The newest first.
     pub items: Vec<AuditInfo>,
@@ -165,7 +165,7 @@ pub struct AuditPage {
 /// What was found along the chain of the audit log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct VerifiedInfo {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The number of the oldest record that is kept.
     pub first: u64,
@@ -191,7 +191,7 @@ pub struct AckRequest {
 /// How much is kept.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StorageInfo {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The size of the database.
     pub history_bytes: u64,

@@ -17,8 +17,7 @@ pub struct Problem {
     /// The HTTP status.
     pub status: u16,
     /// What it was about and what was met: `module`, `line`, `point`, `address`, `protocol`,
-    /// `model`, `attempts`, `rx_bytes`, `reason`, ... Keys of the codes are listed at
-    /// [`codes`].
+    /// `model`, `attempts`, `rx_bytes`, `reason`, ...; which of them, depends on the code.
     #[serde(flatten)]
     pub with: BTreeMap<String, serde_json::Value>,
     /// Commands that may help.

@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 /// `GET /api/v1/rules`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Rules {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The time zone of all times of day: that of the machine.
     pub time_zone: String,
@@ -163,7 +163,7 @@ pub struct TryRequest {
 /// When a rule would have acted, had it been armed and nothing else come of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TriedInfo {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// From when on was looked at.
     pub since: String,

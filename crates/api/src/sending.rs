@@ -38,7 +38,7 @@ pub struct SendRequest {
 /// `POST /api/v1/lines/{line}/send?dry_run=1`: what a frame is and may do. Nothing was sent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SendPlan {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The line.
     pub line: String,
@@ -75,7 +75,7 @@ pub struct Override {
 /// What came back to a frame of one's own.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SendAnswer {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The line it went to.
     pub line: String,

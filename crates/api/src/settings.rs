@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 /// `GET /api/v1/modules/{module}/settings`: what a module keeps, as it says now.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Settings {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The module.
     pub module: String,
@@ -53,7 +53,7 @@ pub struct Setting {
 /// `PATCH /api/v1/modules/{module}/settings?dry_run=1`: what would be written. Nothing was.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SettingsPlan {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The module.
     pub module: String,
@@ -164,7 +164,7 @@ pub struct CalibrateRequest {
 /// `GET /api/v1/modules/{module}/settings/log`: the changes of a module, newest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SettingsLog {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The newest first.
     pub changes: Vec<LoggedChange>,
@@ -205,7 +205,7 @@ pub struct SettingsUndo {
 /// `GET /api/v1/modules/{module}/registers`: what a module says of itself, byte for byte.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Registers {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The module.
     pub module: String,

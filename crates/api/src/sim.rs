@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 /// `GET /api/v1/sim`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SimLines {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The simulated lines.
     pub lines: Vec<SimLineInfo>,

@@ -14,7 +14,7 @@ pub const SCHEMA: u8 = 1;
 /// Which site a daemon serves, as its owner may know it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SiteInfo {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// Nothing is real: it is the demo.
     pub demo: bool,
@@ -323,7 +323,7 @@ pub enum Reason {
 /// `GET /api/v1/lines`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Lines {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// All lines of the site.
     pub lines: Vec<LineInfo>,
@@ -332,7 +332,7 @@ pub struct Lines {
 /// `GET /api/v1/modules`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Modules {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// All modules of the site.
     pub modules: Vec<ModuleInfo>,
@@ -341,7 +341,7 @@ pub struct Modules {
 /// `GET /api/v1/points`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Points {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// All points that were asked for.
     pub points: Vec<PointInfo>,

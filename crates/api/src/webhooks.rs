@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 /// All webhooks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WebhookList {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// All of them, by name.
     pub webhooks: Vec<WebhookInfo>,
@@ -87,7 +87,7 @@ pub struct WebhookError {
 /// What came of a test.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WebhookTest {
-    /// The version of the API: [`SCHEMA`](crate::types::SCHEMA).
+    /// The version of the API.
     pub schema: u8,
     /// The number of the event that was sent.
     pub id: String,

@@ -237,6 +237,32 @@ mod tests {
         assert_eq!(told, served, "each Route needs its .doc(Doc::new(…))");
     }
 
+    /// Who reads it sees no Rust: a link to an item leads nowhere there.
+    #[test]
+    fn no_description_links_to_code() {
+        fn descriptions<'a>(value: &'a Value, all: &mut Vec<&'a str>) {
+            match value {
+                Value::Object(fields) => {
+                    let own = fields.get("description").and_then(Value::as_str);
+                    all.extend(own);
+                    fields.values().for_each(|field| descriptions(field, all));
+                }
+                Value::Array(items) => items.iter().for_each(|item| descriptions(item, all)),
+                _ => {}
+            }
+        }
+        let document = document();
+        let mut all = Vec::new();
+        descriptions(&document, &mut all);
+        assert!(all.len() > 200, "{} are found", all.len());
+        all.retain(|text| {
+            ["[`", "`]", "crate::"]
+                .iter()
+                .any(|link| text.contains(link))
+        });
+        assert_eq!(all, Vec::<&str>::new());
+    }
+
     #[test]
     fn every_shape_it_names_is_in_it() {
         let document = document();
