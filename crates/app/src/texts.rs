@@ -1,4 +1,4 @@
-//! What more than one part of railbus says, in both languages side by side.
+//! What is said by this crate, and by those above it that share it, in both languages side by side.
 
 railbus_words::texts! {
     pub AppText;

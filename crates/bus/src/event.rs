@@ -225,6 +225,17 @@ pub enum Event {
     },
 }
 
+/// A reply to a probe that was over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LateReply {
+    /// What was asked.
+    pub exchange: Exchange<'static>,
+    /// From the end of the request to the end of the reply.
+    pub after: Micros,
+    /// The probe had been answered: two modules have the address, or the line doubles.
+    pub again: bool,
+}
+
 /// What a probe met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Probed {

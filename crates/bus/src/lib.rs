@@ -34,7 +34,7 @@ mod schedule;
 
 pub use config::{Config, EchoMode, Medium, Past, Plan, Terms};
 use event::Events;
-pub use event::{Confirmed, Event, Evidence, Fault, Presence, Probed, Ticket};
+pub use event::{Confirmed, Event, Evidence, Fault, LateReply, Presence, Probed, Ticket};
 pub use node::{LATE_MIN, MISSES_SILENT};
 pub use schedule::COMMANDS_MAX;
 

@@ -25,8 +25,8 @@ pub use identify::{Answer, Identity};
 pub use planner::{Counts, LeftOut, Place, Progress, Scanner};
 pub use scope::{Depth, Known, Run, Scope, Wish};
 
+use railbus_bus::LateReply;
 use railbus_bus::{Probe, Probed};
-use railbus_host::LateReply;
 use railbus_wire::Micros;
 
 /// What the driver has to do.

@@ -1,8 +1,9 @@
 //! The callers who wait for the end of something.
 
 use crate::clock::Clock;
-use crate::line::{Done, LATE_MAX, LateReply, ProbeResult};
+use crate::line::{Done, LATE_MAX, ProbeResult};
 use crate::tap::{Tap, Tapped};
+use railbus_bus::LateReply;
 use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probe, Probed, Ticket};
 use railbus_device::{Op, Seen};
 use railbus_wire::{Instant, Micros, Settings};

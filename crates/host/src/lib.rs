@@ -50,9 +50,7 @@ mod tcp;
 
 pub use error::{Access, Holder, PortError};
 pub use event::{Events, LineEvent, LineState, Observer};
-pub use line::{
-    Done, JOBS_MAX, LATE_MAX, LateReply, Line, LineConfig, Membership, ProbeResult, reply_in,
-};
+pub use line::{Done, JOBS_MAX, LATE_MAX, Line, LineConfig, Membership, ProbeResult, reply_in};
 pub use mbtcp::ModbusTcpPort;
 pub use name::{LineName, NameError};
 pub use port::{AnyPort, Port};
@@ -61,8 +59,8 @@ pub use tap::{Passed, Tap};
 pub use tcp::TcpPort;
 
 pub use railbus_bus::{
-    Config, Confirmed, EchoMode, Event, Evidence, Fault, MISSES_SILENT, Medium, ModuleId,
-    PIECE_PAUSE, Past, Plan, Presence, Probe, Probed, Terms,
+    Config, Confirmed, EchoMode, Event, Evidence, Fault, LateReply, MISSES_SILENT, Medium,
+    ModuleId, PIECE_PAUSE, Past, Plan, Presence, Probe, Probed, Terms,
 };
 pub use railbus_device::{
     Bank, Change, Family, Module, Op, Point, PointKind, Refusal, Seen, Setup,

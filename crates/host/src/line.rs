@@ -9,6 +9,7 @@ use crate::{
     AnyPort, Events, Granted, LineEvent, LineName, LineState, Observer, Port, PortError,
     SerialOptions,
 };
+use railbus_bus::LateReply;
 use railbus_bus::{Config, Confirmed, Fault, ModuleId, Plan, Probe, Probed, Terms};
 use railbus_device::{Module, Op, Seen};
 use railbus_wire::{Decoded, Exchange, Instant, Micros};
@@ -115,17 +116,6 @@ pub fn reply_in<'h>(asked: &Exchange<'_>, heard: &'h [u8]) -> Option<&'h [u8]> {
     // Of those with the same end the longest.
     let each = (0..heard.len()).rev().filter_map(whole);
     each.max_by_key(|(end, _)| *end).map(|(_, reply)| reply)
-}
-
-/// A reply to a probe that was over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct LateReply {
-    /// What was asked.
-    pub exchange: Exchange<'static>,
-    /// From the end of the request to the end of the reply.
-    pub after: Micros,
-    /// The probe had been answered: two modules have the address, or the line doubles.
-    pub again: bool,
 }
 
 /// The most late replies that are kept for the next probe.

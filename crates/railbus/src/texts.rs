@@ -323,8 +323,6 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     Conflict { en: "{name} can't be used here", zh: "此处不能使用 {name}" }
     BadArguments { en: "the arguments are wrong", zh: "参数有误" }
 
-    // Faults of sim.
-
     // serve
     ServeAbout {
         en: "Run the daemon: it owns the lines and serves commands, programs and browsers.",

@@ -1,6 +1,6 @@
 //! What a site keeps on the disk: its history, its audit log, and the journal of the settings that
-//! were changed. Nobody who switches something waits for the history; nothing is switched before
-//! the audit log holds it.
+//! were changed. Nobody who switches something waits for the history; where there is an audit log
+//! and it can be written, nothing is switched before it holds that.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

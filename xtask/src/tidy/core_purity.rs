@@ -64,6 +64,11 @@ const RULES: &[Rule] = &[
         attributes: &["#![forbid(unsafe_code)]"],
         words: &[CLOCK, IO],
     },
+    Rule {
+        name: "commission",
+        attributes: &["#![forbid(unsafe_code)]"],
+        words: &[CLOCK, IO],
+    },
 ];
 
 pub(super) fn check(tree: &Tree, report: &mut Report) {
@@ -123,6 +128,7 @@ mod tests {
                 "crates/wire/src/lib.rs:7",
                 "crates/bus/src/lib.rs:6",
                 "crates/sim/src/lib.rs:4",
+                "crates/commission/src/lib.rs:5",
             ]
         );
     }

@@ -1,4 +1,4 @@
-//! A machine made of files, which are gone at the end of a test.
+//! A machine made of files, which are gone at the end of a test: for the tests of every crate.
 
 use super::Machine;
 use std::fs;
@@ -16,7 +16,7 @@ impl Drop for Fixture {
 }
 
 impl Fixture {
-    /// An empty one, under a name that no other test of the process has.
+    /// An empty one, under this name, which no other test may use.
     ///
     /// # Panics
     /// Where it can't be made.

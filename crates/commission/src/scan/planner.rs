@@ -5,8 +5,8 @@ use super::case::{Case, Turn};
 use super::identify;
 use super::likely::Likely;
 use super::{Found, Met, Scope, Step};
+use railbus_bus::LateReply;
 use railbus_bus::Probed;
-use railbus_host::LateReply;
 use railbus_wire::{Address, Frame, Instant, Micros, Settings, r55};
 use std::collections::{HashSet, VecDeque};
 

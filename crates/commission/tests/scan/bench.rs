@@ -1,9 +1,9 @@
 //! A simulated line, the line's state machine, and a scan that drives it.
 
+use railbus_bus::LateReply;
 use railbus_bus::{Bus, Config, Event, Input, Output, Probed};
 use railbus_commission::scan::{Found, Met, Scanner, Scope, Step};
 use railbus_device::{Eeprom, Effect, Family, Options, Setup};
-use railbus_host::LateReply;
 use railbus_sim::{Act, Chunks, Input as Told, Line, LineConfig, ModuleId, Output as Does, Power};
 use railbus_wire::{Address, Baud, Exchange, Frame, Instant, Micros, Protocol, Settings};
 
