@@ -17,12 +17,14 @@ mod found;
 mod identify;
 mod likely;
 mod planner;
+mod reach;
 mod scope;
 
 pub use ask::{Ask, Question};
 pub use found::{Detail, Found, Verdict};
 pub use identify::{Answer, Identity};
-pub use planner::{Counts, LeftOut, Place, Progress, Scanner};
+pub use planner::Scanner;
+pub use reach::{Counts, LeftOut, Place, Progress};
 pub use scope::{Depth, Known, Run, Scope, Wish};
 
 use railbus_bus::LateReply;

@@ -4,7 +4,7 @@ use super::ask::{Ask, PATIENCE, Question};
 use super::case::{Case, Turn};
 use super::identify;
 use super::likely::Likely;
-use super::{Found, Met, Scope, Step};
+use super::{Counts, Found, LeftOut, Met, Place, Progress, Scope, Step};
 use railbus_bus::LateReply;
 use railbus_bus::Probed;
 use railbus_wire::{Address, Frame, Instant, Micros, Settings, r55};
@@ -18,48 +18,6 @@ const LATE_MANY: usize = 3;
 /// After so many spoilt replies in a row, to questions for different modules, it is the line that
 /// is never silent.
 const NOISE: usize = 8;
-
-/// How far a scan is: a run of its scope, and an address of that run.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place {
-    /// The run.
-    pub run: usize,
-    /// How many of its addresses were asked.
-    pub asked: usize,
-}
-
-/// What a scan has done so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
-    /// Frames that went out.
-    pub probes: usize,
-    /// First questions that nobody answered.
-    pub silent: usize,
-    /// Questions left out, because another module on the line could take them for a command.
-    pub skipped: usize,
-}
-
-/// How far a scan is, for people.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Progress {
-    /// First questions asked.
-    pub done: usize,
-    /// First questions in all.
-    pub total: usize,
-    /// What the rest takes, about.
-    pub left: Micros,
-}
-
-/// A part of a run that was not asked.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LeftOut {
-    /// Speed and character format.
-    pub settings: Settings,
-    /// What was to be asked.
-    pub ask: Ask,
-    /// Who was not asked.
-    pub addresses: Vec<u8>,
-}
 
 /// Why a question is asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
