@@ -321,6 +321,11 @@ impl Question {
     pub(super) fn begins_within(&self, silence: Micros) -> Micros {
         silence - self.reply_time()
     }
+
+    /// So long silence takes to show in all where a reply may take so long to begin.
+    pub(super) fn shows_after(&self, begin: Micros) -> Micros {
+        begin + self.reply_time()
+    }
 }
 
 /// Whether modules of other protocols could take these bytes for a command.

@@ -24,7 +24,11 @@ impl Likely {
         let is_first = |asked: &Question| before.replace(asked.settings) != Some(asked.settings);
         let first: Vec<Question> = plan.filter(is_first).collect();
         let mut likely = scope.likely();
-        likely.retain(|asked| !first.contains(asked) && !early.contains(&(*asked, PATIENCE)));
+        let is_early = |asked: &Question| {
+            let mut early = early.iter();
+            early.any(|(question, patience)| question == asked && *patience >= PATIENCE)
+        };
+        likely.retain(|asked| !first.contains(asked) && !is_early(asked));
         Likely {
             left: likely.into(),
         }

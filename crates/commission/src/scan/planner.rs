@@ -67,8 +67,9 @@ pub struct Scanner {
     looks_beyond: bool,
     /// Those that are waited for if nobody is found.
     likely: Likely,
-    /// The first that was found was heard only when it was waited for.
-    slow: bool,
+    /// The first that was found was heard only when it was asked again or waited for: the others
+    /// are, too.
+    waits: bool,
     crowd: bool,
     /// So many questions in a row met something spoilt.
     spoilt: usize,
@@ -90,7 +91,7 @@ impl Scanner {
     /// A scan from its beginning.
     #[must_use]
     pub fn new(scope: Scope) -> Scanner {
-        let known = scope.known.iter().map(|known| (known.question(), PATIENCE));
+        let known = scope.known.iter().map(|known| waited_for(known.question()));
         let factory = scope
             .factory()
             .map(|asked| (asked, asked.silence(scope.silence)));
@@ -101,7 +102,7 @@ impl Scanner {
     /// A scan that goes on: from a place, with these questions first, and what was found before.
     #[must_use]
     pub fn resume(scope: Scope, place: Place, first: &[Question], found: Vec<Found>) -> Scanner {
-        let early = first.iter().map(|asked| (*asked, PATIENCE)).collect();
+        let early = first.iter().map(|asked| waited_for(*asked)).collect();
         Scanner::start(scope, early, place, found)
     }
 
@@ -128,7 +129,7 @@ impl Scanner {
             owes_closing: false,
             twice: Vec::new(),
             likely: Likely::default(),
-            slow: false,
+            waits: false,
             crowd: false,
             spoilt: 0,
             late_count: 0,
@@ -179,7 +180,7 @@ impl Scanner {
     /// others may not have been found.
     #[must_use]
     pub fn is_slow(&self) -> bool {
-        self.slow && !self.found.is_empty() && self.scope.few().is_none()
+        self.place.slow && !self.found.is_empty() && self.scope.few().is_none()
     }
 
     /// The scan was given up, because the line is never silent.
@@ -219,14 +220,17 @@ impl Scanner {
     #[must_use]
     pub fn place(&self) -> (Place, Vec<Question>) {
         let current = self.current.iter();
-        let current =
-            current.filter(|(_, why)| matches!(why, Why::First | Why::Again | Why::Likely));
+        // As long as nobody was found, those that are likely are all waited for anyhow.
+        let current = current.filter(|(_, why)| match why {
+            Why::First | Why::Again => true,
+            Why::Likely => self.waits,
+            _ => false,
+        });
         let current = current.map(|(question, _)| *question);
         let cases = self.cases.iter().map(|case| case.asked);
         let early = self.early.iter().map(|(question, _)| *question);
         let again = self.again.iter().copied();
-        // As long as nobody was found, they are all waited for anyhow.
-        let likely = self.likely.questions().filter(|_| self.slow);
+        let likely = self.likely.questions().filter(|_| self.waits);
         let early = early.chain(again).chain(likely);
         let mut first: Vec<Question> = current.chain(cases).chain(early).collect();
         first.retain(|question| !self.knows(question));
@@ -329,7 +333,10 @@ impl Scanner {
             let spoilt = met.outcome == Probed::Garbled;
             self.spoilt = if spoilt { self.spoilt + 1 } else { 0 };
         }
-        self.slow |= self.heard_by_waiting(why, &met);
+        if self.heard_by_waiting(why, question, &met) {
+            self.waits = true;
+            self.place.slow |= self.is_late(question, &met);
+        }
         self.owes_closing |= matches!(why, Why::First | Why::Again);
         let turn = match (why, met.outcome) {
             (Why::Case(index), _) => Some(self.cases.remove(index).met(now, met)),
@@ -357,17 +364,31 @@ impl Scanner {
         self.turn(turn);
     }
 
-    /// Whether the first was heard now, and only because he was waited for longer than before.
-    fn heard_by_waiting(&self, why: Why, met: &Met) -> bool {
+    /// Whether the first was heard now, and only because he was asked again or waited for longer
+    /// than others are.
+    fn heard_by_waiting(&self, why: Why, question: Question, met: &Met) -> bool {
         if !self.found.is_empty() || self.scope.silence >= PATIENCE {
             return false;
         }
         match (why, met.outcome) {
             (Why::Closing, Probed::Answered) => true,
             (Why::Likely, Probed::Answered | Probed::Garbled) => true,
-            (Why::Boards, Probed::Answered) => met.after > self.scope.silence,
+            (Why::Boards, Probed::Answered) => self.is_late(question, met),
+            // Who is asked first when a scan goes on is waited for. So is whom the configuration
+            // names, but anyhow: that tells nothing of the others.
+            (Why::First, Probed::Answered | Probed::Garbled) => {
+                let mut known = self.scope.known.iter();
+                self.asked_early.contains(&question)
+                    && !known.any(|known| known.question() == question)
+                    && self.is_late(question, met)
+            }
             _ => false,
         }
+    }
+
+    /// Whether the reply began later than a first question waits.
+    fn is_late(&self, question: Question, met: &Met) -> bool {
+        met.after > question.begins_within(question.silence(self.scope.silence))
     }
 
     fn turn(&mut self, turn: Option<Turn>) {
@@ -443,10 +464,8 @@ impl Scanner {
                 Some(question) if self.needs_no_asking(&question) => self.take_first(question),
                 Some(question) => return Some((question, question.silence(self.scope.silence))),
                 None => {
-                    self.place = Place {
-                        run: self.place.run + 1,
-                        asked: 0,
-                    };
+                    self.place.run += 1;
+                    self.place.asked = 0;
                 }
             }
         }
@@ -489,7 +508,7 @@ impl Scanner {
 
     /// Where at most one 0x55 board was found, it is asked for its address, whatever that is.
     fn take_boards(&mut self) -> Option<Question> {
-        if !self.looks_beyond || self.at != Some(Settings::FACTORY) {
+        if !self.looks_beyond || self.at.is_some_and(|at| at != Settings::FACTORY) {
             return None;
         }
         self.looks_beyond = false;
@@ -525,7 +544,7 @@ impl Scanner {
 
     /// The first questions of the runs that are left.
     fn rest(&self) -> impl Iterator<Item = Question> {
-        let Place { run, asked } = self.place;
+        let Place { run, asked, .. } = self.place;
         let runs = self.scope.runs.iter().enumerate().skip(run);
         runs.flat_map(move |(index, of)| {
             let from = if index == run { asked } else { 0 };
@@ -614,7 +633,7 @@ impl Scanner {
         found.twice |= self.twice.iter().any(|question| found.answers_to(question));
         self.news.push_back(self.found.len());
         self.found.push(found);
-        if !self.slow {
+        if !self.waits {
             self.drop_likely();
         }
     }
@@ -634,6 +653,11 @@ impl Scanner {
             self.cost_left += question.cost(question.silence(self.scope.silence));
         }
     }
+}
+
+/// A first question that is waited for as long as any.
+fn waited_for(question: Question) -> (Question, Micros) {
+    (question, question.shows_after(PATIENCE))
 }
 
 fn is_same(case: &Case, question: &Question) -> bool {

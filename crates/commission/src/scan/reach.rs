@@ -10,6 +10,8 @@ pub struct Place {
     pub run: usize,
     /// How many of its addresses were asked.
     pub asked: usize,
+    /// The first that was found was heard later than silence is believed.
+    pub slow: bool,
 }
 
 /// What a scan has done so far.

@@ -2,7 +2,7 @@
 //! nobody else is; and what it costs to wait for them.
 
 use crate::bench::{Bench, module};
-use railbus_commission::scan::{Depth, Scanner, Scope, Wish};
+use railbus_commission::scan::{Depth, Scanner, Scope, Step, Wish};
 use railbus_device::{Family, Setup};
 use railbus_sim::{Chance, Faults, Span};
 use railbus_wire::{Baud, Micros, Protocol};
@@ -147,24 +147,97 @@ fn nobody_is_waited_for_where_somebody_was_found() {
     assert_eq!((ran.found.len(), ran.frames.len()), (1, 6 * 32 + 2 + 2));
 }
 
-/// Broken off while it waits for somebody, it waits for the others when it goes on.
+/// Broken off anywhere, with a question on the line or between two, it finds the same when it goes
+/// on, and says the same of it.
 #[test]
 fn a_scan_that_was_broken_off_while_it_waited_goes_on() {
-    let line = || {
+    let two_of_the_factory = || {
         let mut bench = Bench::new();
         bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Lc02), 160);
         bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 160);
         bench
     };
-    let whole = line().scan(quick());
-    assert_eq!(whole.found.len(), 2, "{:?}", whole.found);
-    for questions in 180..whole.frames.len() {
-        let mut bench = line();
-        let first = bench.drive(Scanner::new(quick()), questions);
-        let (place, again) = first.scanner.place();
-        bench.now = bench.now + Micros::from_secs(1);
-        let scanner = Scanner::resume(quick(), place, &again, first.all);
-        let second = bench.drive(scanner, usize::MAX);
-        assert_eq!(second.found, whole.found, "broken off after {questions}");
+    // As slow as anybody is waited for.
+    let one_very_slow = || {
+        let mut bench = Bench::new();
+        bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Ascii), 160);
+        bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 296);
+        bench
+    };
+    let one_board_beyond = || {
+        let mut bench = Bench::new();
+        bench.add_shy(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 160);
+        bench.add_shy(&at_9600(Family::R55, 77, Protocol::R55), 160);
+        bench
+    };
+    let none_slow = || {
+        let mut bench = Bench::new();
+        bench.add(&at_9600(Family::Eda9060a, 5, Protocol::Rtu), 5);
+        bench.add(&at_9600(Family::R55, 77, Protocol::R55), 5);
+        bench
+    };
+    for (line, slow) in [
+        (two_of_the_factory as fn() -> Bench, true),
+        (one_very_slow, true),
+        (one_board_beyond, true),
+        (none_slow, false),
+    ] {
+        let whole = line().scan(quick());
+        assert_eq!(whole.found.len(), 2, "{:?}", whole.found);
+        assert_eq!(whole.scanner.is_slow(), slow);
+        for questions in 0..whole.frames.len() {
+            for asks_one_more in [false, true] {
+                let mut bench = line();
+                let mut scanner = bench.drive(Scanner::new(quick()), questions).scanner;
+                while asks_one_more && matches!(scanner.next(bench.now), Step::Found(_)) {}
+                let (place, again) = scanner.place();
+                bench.now = bench.now + Micros::from_secs(1);
+                let scanner = Scanner::resume(quick(), place, &again, scanner.found().to_vec());
+                let second = bench.drive(scanner, usize::MAX);
+                let when = format!("broken off after {questions}, {asks_one_more}");
+                assert_eq!(second.found, whole.found, "{when}");
+                assert_eq!(second.scanner.is_slow(), slow, "{when}");
+            }
+        }
     }
+}
+
+/// Whose first reply was lost is found by the second look. He is not slow, and yet the others are
+/// waited for: what befell him may have befallen them.
+#[test]
+fn who_is_found_by_asking_again_is_not_called_slow() {
+    for families in [
+        [
+            (Family::Eda9060a, Protocol::Lc02),
+            (Family::Eda9060a, Protocol::Rtu),
+        ],
+        // The first of all, asked again at the end of the speed.
+        [
+            (Family::R55, Protocol::R55),
+            (Family::Eda9060a, Protocol::Rtu),
+        ],
+    ] {
+        let mut bench = Bench::new();
+        let ids = families.map(|(family, protocol)| bench.add(&at_9600(family, 1, protocol), 5));
+        for id in ids {
+            bench.line.set_module_faults(id, Faults::MUTE);
+        }
+        let ran = bench.drive(Scanner::new(quick()), 6 * 32);
+        for id in ids {
+            bench.line.set_module_faults(id, Faults::NONE);
+        }
+        let ran = bench.drive(ran.scanner, usize::MAX);
+        assert_eq!(ran.found.len(), 2, "{:?}", ran.found);
+        assert!(!ran.scanner.is_slow());
+    }
+    // So it is when it goes on that was broken off while it waited for the first of two.
+    let mut bench = Bench::new();
+    let mut scanner = bench.drive(Scanner::new(quick()), 6 * 32 + 2).scanner;
+    assert!(matches!(scanner.next(bench.now), Step::Ask(_)));
+    let (place, again) = scanner.place();
+    bench.add(&at_9600(Family::Eda9060a, 1, Protocol::Lc02), 5);
+    bench.add(&at_9600(Family::Eda9060a, 1, Protocol::Rtu), 5);
+    let resumed = Scanner::resume(quick(), place, &again, Vec::new());
+    let ran = bench.drive(resumed, usize::MAX);
+    assert_eq!(ran.found.len(), 2, "{:?}", ran.found);
 }

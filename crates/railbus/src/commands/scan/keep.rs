@@ -51,28 +51,14 @@ impl Keep {
             let told = lang.fill(ScanText::OtherScan, &[("options", &options)]);
             return Err(Failure::of(lang, Code::ScanOther).because(told));
         }
-        let number = |key: &str| kept[key].as_u64().and_then(|n| usize::try_from(n).ok());
-        let place = At {
-            run: number("run").unwrap_or_default(),
-            asked: number("asked").unwrap_or_default(),
-        };
-        let list = |key: &str| kept[key].as_array().cloned().unwrap_or_default();
-        let first: Vec<Question> = list("first").iter().filter_map(question).collect();
-        let found: Vec<Found> = list("found").iter().filter_map(found).collect();
-        Ok(Scanner::resume(scope, place, &first, found))
+        Ok(scanner(&kept, scope))
     }
 
     /// Keeps a scan that was broken off; whether that succeeded.
     pub(super) fn put(&self, scanner: &Scanner) -> bool {
-        let (place, first) = scanner.place();
-        let kept = json!({
-            "schema": 1,
-            "options": self.options,
-            "run": place.run,
-            "asked": place.asked,
-            "first": first.iter().map(of_question).collect::<Vec<_>>(),
-            "found": scanner.found().iter().map(of_found).collect::<Vec<_>>(),
-        });
+        let mut kept = of_scanner(scanner);
+        kept["schema"] = 1.into();
+        kept["options"] = self.options.as_str().into();
         let folder = self.file.parent().unwrap_or(Path::new("."));
         let draft = self.file.with_extension("new");
         std::fs::create_dir_all(folder)
@@ -132,6 +118,31 @@ fn options(place: &Place, wish: &Wish) -> String {
         format!("checksum={checksum}"),
     ]
     .join(" ")
+}
+
+fn of_scanner(scanner: &Scanner) -> Value {
+    let (place, first) = scanner.place();
+    json!({
+        "run": place.run,
+        "asked": place.asked,
+        "slow": place.slow,
+        "first": first.iter().map(of_question).collect::<Vec<_>>(),
+        "found": scanner.found().iter().map(of_found).collect::<Vec<_>>(),
+    })
+}
+
+fn scanner(kept: &Value, scope: Scope) -> Scanner {
+    let number = |key: &str| kept[key].as_u64().and_then(|n| usize::try_from(n).ok());
+    let place = At {
+        run: number("run").unwrap_or_default(),
+        asked: number("asked").unwrap_or_default(),
+        // Older files say nothing of it.
+        slow: kept["slow"].as_bool().unwrap_or_default(),
+    };
+    let list = |key: &str| kept[key].as_array().cloned().unwrap_or_default();
+    let first: Vec<Question> = list("first").iter().filter_map(question).collect();
+    let found: Vec<Found> = list("found").iter().filter_map(found).collect();
+    Scanner::resume(scope, place, &first, found)
 }
 
 fn of_question(question: &Question) -> Value {
@@ -212,5 +223,40 @@ mod tests {
         };
         assert_eq!(found(&of_found(&whole)), Some(whole));
         assert_eq!(found(&json!({"asked": 1})), None);
+    }
+
+    #[test]
+    fn how_far_it_is_and_that_modules_are_slow_is_kept() {
+        let asked = Question {
+            settings: Settings::FACTORY,
+            ask: Ask::Coils0,
+            address: Address(7),
+        };
+        let answers = vec![(asked.ask, vec![7, 1, 1, 0])];
+        let found = Found::of(asked, answers, Vec::new(), Micros::from_millis(160));
+        let first = [asked.with(Ask::Lc02Config)];
+        let place = At {
+            run: 2,
+            asked: 5,
+            slow: true,
+        };
+        let scope = || Scope::of(&Wish::default(), Vec::new());
+        let whole = Scanner::resume(scope(), place, &first, vec![found]);
+        let mut kept = of_scanner(&whole);
+        let again = scanner(&kept, scope());
+        assert_eq!(again.place(), (place, first.to_vec()));
+        assert_eq!(again.found(), whole.found());
+        assert!(again.is_slow());
+        // A file of an older version.
+        kept.as_object_mut().unwrap().remove("slow");
+        let older = scanner(&kept, scope());
+        assert_eq!(
+            older.place().0,
+            At {
+                slow: false,
+                ..place
+            }
+        );
+        assert!(!older.is_slow());
     }
 }
