@@ -20,7 +20,7 @@ mod planner;
 mod reach;
 mod scope;
 
-pub use ask::{Ask, Question};
+pub use ask::{Ask, Question, SLOW_TIMEOUT};
 pub use found::{Detail, Found, Verdict};
 pub use identify::{Answer, Identity};
 pub use planner::Scanner;

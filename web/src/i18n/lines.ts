@@ -39,8 +39,8 @@ export const lines = {
   scan_differs: ["another model than configured", "型号与配置不符"],
   scan_missing: ["Configured, but no answer: {modules}", "已配置但无应答：{modules}"],
   scan_slow: [
-    "Modules on {line} answer slowly, so others may be missing. This waits for all of them: {command}",
-    "{line} 上的模块应答较慢，可能还有其他模块未找到。等待所有模块：{command}",
+    "Modules on {line} answer slowly, so others may be missing. The same scan with a longer wait: {command}",
+    "{line} 上的模块应答较慢，可能还有其他模块未找到。以更长的等待时间重新扫描：{command}",
   ],
   scan_add: ["Save {n} modules", "保存 {n} 个模块"],
   scan_added: ["Modules saved: {n}", "已保存 {n} 个模块"],

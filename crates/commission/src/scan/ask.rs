@@ -14,6 +14,9 @@ use railbus_wire::{
 const SECOND_LOOK: Micros = Micros::from_millis(15);
 /// How long a module is waited for that is there, or may be slow.
 pub(super) const PATIENCE: Micros = Micros::from_millis(300);
+/// The silence to scan with where modules are slow: each is waited for at least as long as where
+/// nobody was found, and the reply at a low speed fits in as well.
+pub const SLOW_TIMEOUT: Micros = Micros::from_millis(400);
 
 /// The addresses that an ERC-8 or EMD-2A2Q can have [ERC-8 §1.2, EMD-2A2Q §1.2]: there the
 /// silence before a question is the long one that they want.
@@ -372,6 +375,7 @@ const fn whole_len<T>(decoded: &Decoded<T>) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use railbus_wire::Baud;
 
     /// Every question that a scan can come to ask; neither speed nor format change its bytes.
     fn all() -> Vec<(Question, Frame)> {
@@ -462,6 +466,26 @@ mod tests {
                 let foreign = is_foreign_command(ask.protocol(), frame.bytes());
                 assert_eq!(asked.safe(&[]) != Some(asked), foreign, "{asked:?}");
             }
+        }
+    }
+
+    #[test]
+    fn the_slow_timeout_is_patient_at_all_speeds_of_a_deep_scan() {
+        let speeds = [Baud::B2400, Baud::B4800, Baud::B9600, Baud::B38400];
+        let all = Ask::ALL.into_iter().filter(|ask| !ask.is_description());
+        for (ask, baud) in all.flat_map(|ask| speeds.map(|baud| (ask, baud))) {
+            let settings = Settings {
+                baud,
+                ..Settings::FACTORY
+            };
+            let address = Address(1);
+            let asked = Question {
+                settings,
+                ask,
+                address,
+            };
+            let waits = asked.begins_within(asked.silence(SLOW_TIMEOUT));
+            assert!(waits >= PATIENCE, "{asked:?} {waits:?}");
         }
     }
 

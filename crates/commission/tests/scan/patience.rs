@@ -2,7 +2,7 @@
 //! nobody else is; and what it costs to wait for them.
 
 use crate::bench::{Bench, module};
-use railbus_commission::scan::{Depth, Scanner, Scope, Step, Wish};
+use railbus_commission::scan::{Depth, SLOW_TIMEOUT, Scanner, Scope, Step, Wish};
 use railbus_device::{Family, Setup};
 use railbus_sim::{Chance, Faults, Span};
 use railbus_wire::{Baud, Micros, Protocol};
@@ -240,4 +240,46 @@ fn who_is_found_by_asking_again_is_not_called_slow() {
     let resumed = Scanner::resume(quick(), place, &again, Vec::new());
     let ran = bench.drive(resumed, usize::MAX);
     assert_eq!(ran.found.len(), 2, "{:?}", ran.found);
+}
+/// Whoever the second look finds is found by a scan that is told to wait as long as is suggested,
+/// be he as slow as anybody is waited for, and the speed low.
+#[test]
+fn who_is_found_by_waiting_is_found_with_the_wait_that_is_suggested() {
+    let few = Wish {
+        addresses: Some(vec![5, 6]),
+        bauds: Some(vec![Baud::B2400]),
+        ..Wish::default()
+    };
+    for (wish, address, baud) in [(Wish::default(), 1, Baud::B9600), (few, 6, Baud::B2400)] {
+        let protocols = [Protocol::Ascii, Protocol::Lc02, Protocol::Rtu];
+        let found = |silence, protocol| {
+            let mut bench = Bench::new();
+            // As long as it is waited for, less what the line takes to see it.
+            bench.add_shy(&module(Family::Eda9060a, address, protocol, baud), 297);
+            let wish = Wish {
+                silence,
+                ..wish.clone()
+            };
+            bench.scan(Scope::of(&wish, Vec::new())).found
+        };
+        for protocol in protocols {
+            let by_waiting = found(None, protocol);
+            assert_eq!(by_waiting.len(), 1, "{baud} {protocol}");
+            assert_eq!(found(Some(SLOW_TIMEOUT), protocol), by_waiting);
+        }
+    }
+}
+
+/// What is told of the cost of the wait that is suggested.
+#[test]
+fn the_wait_that_is_suggested_costs_minutes() {
+    for (depth, seconds) in [(Depth::Quick, 79), (Depth::Full, 630), (Depth::Deep, 2_459)] {
+        let wish = Wish {
+            depth,
+            silence: Some(SLOW_TIMEOUT),
+            ..Wish::default()
+        };
+        let left = Scanner::new(Scope::of(&wish, Vec::new())).progress().left;
+        assert_eq!(left.0 / 1_000_000, seconds, "{depth:?}");
+    }
 }

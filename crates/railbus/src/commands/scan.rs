@@ -53,7 +53,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         return Err(failure.because(lang.get(ScanText::NothingToAsk)));
     }
     let (place, wanted, report, keep) = context.block(scan(&context, wanted))?;
-    Live::new(&context, &place, wanted.follow).end(&report)?;
+    Live::new(&context, &place, wanted.follow).end(&report, &wanted.wish)?;
     match report.end {
         End::Complete => keep.drop(),
         End::Interrupted | End::TimeUp | End::Lost(_) => {

@@ -1,11 +1,12 @@
 //! `railbus scan` on the demo line: what it prints, writes, keeps, and goes on with.
 
-use crate::liar::liar;
+use crate::liar::{liar, slave};
 use crate::site::{Ran, Site, signal};
 use rustix::process::Signal;
 use std::io::{BufRead, BufReader, Read};
 use std::process::Stdio;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 /// Columns are as wide as what stands in them, and times differ from run to run.
 fn words(line: &str) -> String {
@@ -378,21 +379,29 @@ fn what_could_be_several_is_added_only_by_name() {
 fn a_line_on_which_modules_are_slow_is_told_of() {
     let site = Site::empty("scan-slow");
     let asked = AtomicUsize::new(0);
-    let port = liar(move |frame| match frame {
+    // Later than silence is believed, be the machine busy or not.
+    let late = Duration::from_millis(60);
+    let port = slave(move |_, frame| match frame {
         [1, 1, 0, 0, 0, 8, ..] if asked.fetch_add(1, Ordering::Relaxed) % 2 == 1 => {
             let mut reply = vec![1, 1, 1, 0];
             reply.extend(railbus_wire::crc16(&reply).to_le_bytes());
-            reply
+            vec![(late, reply)]
         }
         _ => Vec::new(),
     });
     let scan = format!("scan -l pty:{port} --proto rtu --addr");
     let ran = site.run(&format!("{scan} 1-17"));
     assert_eq!((ran.code, ran.out.lines().count()), (0, 2), "{ran:?}");
-    let next = "next:  railbus scan --timeout 300ms ";
-    assert!(ran.err.contains(next), "{ran:?}");
+    // The same is scanned again.
+    let again = |flags: &str| format!("railbus scan -l pty:{port} {flags} --timeout 400ms ");
+    let next = again("--addr 1-17 --proto rtu");
+    assert!(ran.err.contains(&format!("next:  {next}")), "{ran:?}");
     let zh = site.run(&format!("{scan} 1-17 --lang zh"));
-    assert!(zh.err.contains("railbus scan --timeout 300ms "), "{zh:?}");
+    assert!(zh.err.contains(&next), "{zh:?}");
+    let more = "--baud 9600,19200 --parity n,e --checksum off --describe";
+    let deep = site.run(&format!("{scan} 1-9 --deep {more}"));
+    let next = again(&format!("--deep --addr 1-9 --proto rtu {more}"));
+    assert!(deep.err.contains(&next), "{deep:?}");
     let json = |range: &str| site.run(&format!("{scan} {range} -o json")).json();
     assert_eq!(json("1-17")["slow"], true);
     // All were waited for.

@@ -2,6 +2,7 @@
 
 use super::run::{End, Report};
 use super::texts::ScanText;
+use super::wish;
 use crate::commands::Context;
 use crate::commands::place::Place;
 use railbus_app::failure::Failure;
@@ -9,7 +10,7 @@ use railbus_app::render::records::{self, Records};
 use railbus_app::render::table::Table;
 use railbus_app::render::{Format, out};
 use railbus_commission::scan::{
-    Answer, Ask, Depth, Detail, Found, LeftOut, Question, Scanner, Verdict,
+    Answer, Ask, Depth, Detail, Found, LeftOut, Question, Scanner, Verdict, Wish,
 };
 use railbus_device::Family;
 use railbus_wire::{Frame, Micros, Protocol};
@@ -135,7 +136,7 @@ impl<'c> Live<'c> {
     }
 
     /// Everything found; what streams has told it already.
-    pub(super) fn end(&self, report: &Report) -> Result<(), Failure> {
+    pub(super) fn end(&self, report: &Report, wish: &Wish) -> Result<(), Failure> {
         let lang = self.context.lang;
         let mut found: Vec<&Found> = report.scanner.found().iter().collect();
         let key = |found: &&Found| (found.asked.settings.baud, found.asked.address.0);
@@ -159,13 +160,13 @@ impl<'c> Live<'c> {
             }
         }
         if !self.context.format.is_json() {
-            self.sum_up(report);
+            self.sum_up(report, wish);
         }
         Ok(())
     }
 
     /// The end in words, and what to do next.
-    fn sum_up(&self, report: &Report) {
+    fn sum_up(&self, report: &Report, wish: &Wish) {
         let (lang, scanner) = (self.context.lang, &report.scanner);
         let found = scanner.found();
         let conflicts = conflicts(scanner);
@@ -201,7 +202,8 @@ impl<'c> Live<'c> {
             note(&lang.fill(ScanText::Skipped, &[("count", &counts.skipped)]));
         }
         if scanner.is_slow() {
-            note(lang.get(ScanText::NextSlow));
+            let command = wish::with_patience(self.context, wish);
+            note(&lang.fill(ScanText::NextSlow, &[("command", &command)]));
         }
         if !matches!(report.end, End::Complete | End::Noise | End::Unread) {
             note(lang.get(ScanText::NextResume));

@@ -82,8 +82,8 @@ railbus_words::texts! {
         zh: "跳过 {count} 次询问：其他模块可能误认为命令",
     }
     NextSlow {
-        en: "next:  railbus scan --timeout 300ms      waits for others: modules here reply slowly",
-        zh: "下一步：railbus scan --timeout 300ms      等待其他模块：此总线上的模块应答较慢",
+        en: "next:  {command}      waits for others: modules here reply slowly",
+        zh: "下一步：{command}      等待其他模块：此总线上的模块应答较慢",
     }
     NextAdd { en: "next:  railbus scan --add                  adds these to railbus.toml",
         zh: "下一步：railbus scan --add                  写入 railbus.toml" }

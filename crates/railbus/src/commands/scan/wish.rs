@@ -1,11 +1,12 @@
 //! What the flags say is to be scanned.
 
+use super::show::ranges;
 use super::texts::ScanText;
 use crate::cli;
 use crate::commands::place::Place;
 use crate::commands::{Context, context};
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
-use railbus_commission::scan::{Depth, Wish};
+use railbus_commission::scan::{Depth, SLOW_TIMEOUT, Wish};
 use railbus_device::Family;
 use railbus_host::LineName;
 use railbus_wire::{Baud, Character, Micros, Protocol};
@@ -161,6 +162,45 @@ impl Wanted {
         }
         self
     }
+}
+
+/// The command that scans the same and waits for slow modules.
+pub(super) fn with_patience(context: &Context, wish: &Wish) -> String {
+    let ad_hoc = context.wanted.ad_hoc.as_ref();
+    let line = ad_hoc.map(|named| &named.port).or(context.line.as_ref());
+    let line = line.map(|line| format!("-l {line}"));
+    let format = ad_hoc.and_then(|named| named.format);
+    let format = format.map(|format| format!("--format {}", format.name()));
+    let depth = (wish.depth != Depth::Quick).then(|| format!("--{}", wish.depth.name()));
+    let told = |names: Vec<String>| names.join(",");
+    let addresses = wish.addresses.as_ref();
+    let addresses = addresses.map(|all| format!("--addr {}", ranges(all)));
+    let protocols = wish.protocols.as_ref().map(|all| {
+        let names = all.iter().map(|protocol| protocol.name().to_owned());
+        format!("--proto {}", told(names.collect()))
+    });
+    let bauds = wish.bauds.as_ref().map(|all| {
+        let rates = all.iter().map(|baud| baud.rate().to_string());
+        format!("--baud {}", told(rates.collect()))
+    });
+    let parities = wish.characters.as_ref().map(|all| {
+        let known = PARITIES.iter().filter(|(_, known)| all.contains(known));
+        format!(
+            "--parity {}",
+            told(known.map(|(name, _)| (*name).to_owned()).collect())
+        )
+    });
+    let checksum = wish.checksum.map(|on| match on {
+        true => "--checksum on".to_owned(),
+        false => "--checksum off".to_owned(),
+    });
+    let describe = wish.describes.then(|| "--describe".to_owned());
+    let timeout = format!("--timeout {}ms", SLOW_TIMEOUT.0 / 1_000);
+    let flags = [
+        line, format, depth, addresses, protocols, bauds, parities, checksum, describe,
+    ];
+    let flags = flags.into_iter().flatten().chain([timeout]);
+    format!("railbus scan {}", flags.collect::<Vec<_>>().join(" "))
 }
 
 /// Each of them once, in the order in which they were named.
