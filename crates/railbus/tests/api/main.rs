@@ -6,6 +6,9 @@ mod calibration;
 mod daemon;
 mod flood;
 mod hostile;
+#[path = "../cli/liar.rs"]
+#[expect(dead_code, reason = "the other tests have more use for it")]
+mod liar;
 mod past;
 mod recovery;
 mod rights;

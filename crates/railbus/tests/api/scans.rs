@@ -1,8 +1,11 @@
 //! Scans that the daemon does for a page.
 
-use crate::daemon::Daemon;
+use crate::daemon::{Daemon, folder};
+use crate::liar::slave;
 use crate::websocket::Client;
 use serde_json::{Value, json};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 fn begin(daemon: &Daemon, wanted: &Value) -> String {
     let begun = daemon.send("POST", "/api/v1/scans", &wanted.to_string());
@@ -110,4 +113,41 @@ fn what_can_not_be_scanned_is_refused() {
         (404, &json!("E0110"))
     );
     assert_eq!(daemon.get("/api/v1/ops").json()["ops"], json!([]));
+}
+
+/// The lines are named on which somebody was found only by waiting for him.
+#[test]
+fn a_line_on_which_modules_are_slow_is_named() {
+    // Whoever is asked for the second time answers, later than silence is believed, be the machine
+    // busy or not.
+    let late = Duration::from_millis(60);
+    let asked = AtomicUsize::new(0);
+    let port = slave(move |_, frame| match frame {
+        [1, 1, 0, 0, 0, 8, ..] if asked.fetch_add(1, Ordering::Relaxed) % 2 == 1 => {
+            let mut reply = vec![1, 1, 1, 0];
+            reply.extend(railbus_wire::crc16(&reply).to_le_bytes());
+            vec![(late, reply)]
+        }
+        _ => Vec::new(),
+    });
+    let folder = folder("scan-slow");
+    let file = folder.join("railbus.toml");
+    std::fs::write(&file, format!("[line.far]\nport = \"pty:{port}\"\n")).expect("a file");
+    let daemon = Daemon::start_in(folder, &["--config", file.to_str().expect("text")]);
+    daemon.until("the line is open", |daemon| {
+        daemon.get("/api/v1/lines").json()["lines"][0]["state"] == "up"
+    });
+    let slow = |addresses: &str| {
+        let wanted = json!({"addresses": addresses, "protocols": ["rtu"]});
+        let path = format!("/api/v1/ops/{}", begin(&daemon, &wanted));
+        daemon.until("it is done", |daemon| {
+            daemon.get(&path).json()["state"] == "done"
+        });
+        let result = daemon.get(&path).json()["result"].clone();
+        assert_eq!(result["modules"][0]["address"], 1, "{result}");
+        result["slow"].clone()
+    };
+    assert_eq!(slow("1-17"), json!(["far"]));
+    // All were waited for.
+    assert_eq!(slow("1-2"), json!([]));
 }
