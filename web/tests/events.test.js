@@ -12,7 +12,7 @@ import { browser, server } from "./mocked.js";
 const crates = fileURLToPath(new URL("../../crates", import.meta.url));
 
 /** The sources of crates, without their tests. */
-const sources = ["store", "site", "app", "railbus"]
+const sources = readdirSync(crates)
   .flatMap((crate) => {
     const src = join(crates, crate, "src");
     return readdirSync(src, { recursive: true }).map((path) => join(src, path));
