@@ -63,7 +63,7 @@ pub(crate) const BENCH: Program = Program {
 /// What there is to show: a simulated site, served as a real one would be.
 const DEMO: Program = Program {
     sources: &["crates/railbus/Cargo.toml"],
-    cargo: &["run", "--release", "-p", "railbus", "--"],
+    cargo: &["run", "--profile", "demo", "-p", "railbus", "--"],
     defaults: &["serve", "--demo"],
 };
 
