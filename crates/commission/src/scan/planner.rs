@@ -386,9 +386,10 @@ impl Scanner {
         }
     }
 
-    /// Whether the reply began later than a first question waits.
+    /// Whether the reply began only after the silence that is believed. A first question waits for
+    /// less, so that the whole reply is there by then; whoever misses that by little is not slow.
     fn is_late(&self, question: Question, met: &Met) -> bool {
-        met.after > question.begins_within(question.silence(self.scope.silence))
+        met.after > question.silence(self.scope.silence)
     }
 
     fn turn(&mut self, turn: Option<Turn>) {

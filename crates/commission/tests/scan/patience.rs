@@ -241,6 +241,27 @@ fn who_is_found_by_asking_again_is_not_called_slow() {
     let ran = bench.drive(resumed, usize::MAX);
     assert_eq!(ran.found.len(), 2, "{:?}", ran.found);
 }
+
+/// Who needs longer than a first question waits, and less than the silence that is believed, is as
+/// quick as most.
+#[test]
+fn who_answers_within_the_silence_is_not_called_slow() {
+    for (family, protocol) in [
+        (Family::Eda9060a, Protocol::Ascii),
+        (Family::Eda9060a, Protocol::Lc02),
+        (Family::Eda9060a, Protocol::Rtu),
+        (Family::R55, Protocol::R55),
+    ] {
+        for delay in [5, 13, 16, 20, 25] {
+            let mut bench = Bench::new();
+            bench.add(&at_9600(family, 1, protocol), delay);
+            let ran = bench.drive(Scanner::new(quick()), usize::MAX);
+            assert_eq!(ran.found.len(), 1, "{protocol} {delay} ms");
+            assert!(!ran.scanner.is_slow(), "{protocol} {delay} ms");
+        }
+    }
+}
+
 /// Whoever the second look finds is found by a scan that is told to wait as long as is suggested,
 /// be he as slow as anybody is waited for, and the speed low.
 #[test]
