@@ -180,7 +180,7 @@ pub struct VerifiedInfo {
     pub broken_at: Option<u64>,
 }
 
-/// What somebody says of an event.
+/// The acknowledgement of an event.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AckRequest {
     /// What was said with it; may be empty.

@@ -266,7 +266,7 @@ pub mod codes {
         NO_SUCH_USER = "E0910", 404;
         /// Also `name`.
         NAME_TAKEN = "E0911", 409;
-        /// Nobody could manage accounts any more.
+        /// At least one unlocked administrator must remain.
         LAST_ADMIN = "E0912", 409;
         /// Also `why_weak`: `short`, `long` or `simple`; `letters_min`, `bytes_max`.
         WEAK_PASSWORD = "E0913", 422;

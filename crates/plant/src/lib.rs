@@ -70,11 +70,11 @@ fn served_json(lines: &[Value], control: Option<&str>) -> String {
 /// How the demo line is served.
 #[derive(Clone, Debug, Default)]
 pub struct DemoWanted {
-    /// The link to its PTY; a place of its own if not said.
+    /// The link to its PTY; `/tmp/railbus-main` if not given.
     pub pty: Option<PathBuf>,
-    /// The address it listens on; port 4001 of this machine if not said.
+    /// The TCP address it listens on; `127.0.0.1:4001` if not given.
     pub tcp: Option<String>,
-    /// What chance begins with.
+    /// The seed of its random numbers.
     pub seed: u64,
     /// Each frame is shown as it passes.
     pub verbose: bool,

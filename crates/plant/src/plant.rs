@@ -36,7 +36,7 @@ pub struct Wanted {
     pub ptys: Vec<String>,
     /// `[LINE=]ADDR`.
     pub tcps: Vec<String>,
-    /// What chance begins with; that of the configuration, or 0, if not said.
+    /// The seed of its random numbers; that of the configuration, or 0, if not given.
     pub seed: Option<u64>,
     /// How many times faster than real; that of the configuration, or 1, if not said.
     pub speed: Option<f64>,

@@ -71,7 +71,7 @@ const LAYERS: &[Layer] = &[
         below: &["bus", "device", "wire"],
         foreign: Foreign::Any,
     },
-    // What to ask and what it means; who drives it has the runtime.
+    // Procedures without I/O: the driver above it has the runtime.
     Layer {
         name: "commission",
         below: &["bus", "device", "wire"],
@@ -92,13 +92,13 @@ const LAYERS: &[Layer] = &[
         below: &["wire"],
         foreign: Foreign::Any,
     },
-    // What is said over HTTP, without HTTP.
+    // The types of the HTTP API, without a server or a client.
     Layer {
         name: "api",
         below: &["words", "wire"],
         foreign: Foreign::Without(&["axum", "tokio"]),
     },
-    // What the command line and the gateway share is of neither.
+    // Shared by the command line and the gateway, and contains neither.
     Layer {
         name: "app",
         below: &[
@@ -115,18 +115,16 @@ const LAYERS: &[Layer] = &[
         ],
         foreign: Foreign::Without(&["axum", "clap"]),
     },
-    // Who asks a daemon has no server.
+    // The client contains no server and no command line.
     Layer {
         name: "client",
         below: &["app", "api", "words", "site"],
         foreign: Foreign::Without(&["axum", "clap"]),
     },
-    // Who simulates has no server and no command line.
+    // The simulated plant contains no server and no command line.
     Layer {
         name: "plant",
-        below: &[
-            "app", "api", "words", "site", "store", "host", "sim", "device", "wire",
-        ],
+        below: &["app", "api", "words", "site", "sim", "device", "wire"],
         foreign: Foreign::Without(&["axum", "clap"]),
     },
     Layer {

@@ -34,7 +34,7 @@ pub struct Plan {
     terms: RawTerms,
     /// The modules that it may concern.
     pub modules: Vec<String>,
-    /// What its asker is told of it.
+    /// What the caller is told about it.
     pub told: SendPlan,
 }
 
