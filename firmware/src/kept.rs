@@ -1,7 +1,7 @@
 //! The settings that a module starts with, and where it keeps those that follow.
 
 use railbus_device::{Eeprom, Setup};
-use railbus_keep::{Counters, Held, Keeper, Record, RecordError, Store};
+use railbus_nvm::{Counters, Held, Keeper, Record, RecordError, Store};
 use railbus_wire::Instant;
 
 /// Where the settings come from that a module started with.
@@ -100,7 +100,7 @@ impl<S: Store> Kept<S> {
 mod tests {
     use super::*;
     use railbus_device::Family;
-    use railbus_keep::Bytes;
+    use railbus_nvm::Bytes;
     use railbus_wire::Address;
 
     /// A store that holds this, or does not answer.

@@ -2,7 +2,7 @@
 
 use crate::{Heard, Sensed, What};
 use railbus_device::{Eeprom, Effect, Engine, Input, Output, SetupError};
-use railbus_keep::Record;
+use railbus_nvm::Record;
 use railbus_wire::{Instant, Micros, Settings};
 
 /// Inputs are read when a frame begins, unless they were so lately: they are only ever looked

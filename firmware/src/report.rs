@@ -1,7 +1,7 @@
 //! What the console says. It goes without `core::fmt`, which takes 3 KiB.
 
 use crate::{Module, Origin};
-use railbus_keep::Counters;
+use railbus_nvm::Counters;
 
 /// Why the module starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

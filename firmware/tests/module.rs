@@ -2,7 +2,7 @@
 
 use railbus_device::{Eeprom, Family, Setup};
 use railbus_firmware::{Board, Heard, Module, Pinned, Sensed, What};
-use railbus_keep::Record;
+use railbus_nvm::Record;
 use railbus_wire::{Address, Instant, Micros, Settings};
 use std::collections::VecDeque;
 

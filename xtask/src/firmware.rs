@@ -19,7 +19,7 @@ pub(crate) use toolchain::{linker_there, target_installed};
 pub(crate) use trial::demo;
 
 /// Crates that a module's firmware takes.
-const CRATES: &[&str] = &["wire", "device", "keep", "bus"];
+const CRATES: &[&str] = &["wire", "device", "nvm", "bus"];
 
 /// Builds the core crates for the target.
 pub(crate) fn check(root: &Path, args: &[String]) -> Result<()> {

@@ -5,7 +5,7 @@ use crate::machine::is_silence;
 use crate::{Folder, Hub, Machine, Turn};
 use railbus_cases::{Bench, Outside};
 use railbus_device::{Eeprom, Family, Options, Setup};
-use railbus_keep::{Record, slot_image};
+use railbus_nvm::{Record, slot_image};
 use std::io::{self, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};

@@ -34,7 +34,7 @@ use embassy_time::Timer;
 use line::Line;
 use railbus_device::Eeprom;
 use railbus_firmware::{Board, Heard, Kept, Module, Sensed};
-use railbus_keep::Flash;
+use railbus_nvm::Flash;
 use railbus_wire::{Instant, Micros, Settings};
 use terminals::{Shared, Terminals};
 

@@ -18,7 +18,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m_rt::{ExceptionFrame, entry, exception};
 use railbus_device::Eeprom;
 use railbus_firmware::{About, At24c, Board, Heard, I2c, Kept, Module, Panel, Pins, Reset, Sensed};
-use railbus_keep::Slots;
+use railbus_nvm::Slots;
 use railbus_wire::{Instant, Settings};
 
 /// An interrupt has brought something since the loop began to look.

@@ -45,7 +45,7 @@ const RULES: &[Rule] = &[
         words: &[STD, HEAP, CLOCK, IO],
     },
     Rule {
-        name: "keep",
+        name: "nvm",
         attributes: NO_STD,
         words: &[STD, HEAP, CLOCK, IO],
     },

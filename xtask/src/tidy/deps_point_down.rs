@@ -43,7 +43,7 @@ const LAYERS: &[Layer] = &[
     },
     Layer {
         name: "qemu",
-        below: &["cases", "keep", "sim", "device", "wire"],
+        below: &["cases", "nvm", "sim", "device", "wire"],
         foreign: Foreign::Any,
     },
     Layer {
@@ -52,7 +52,7 @@ const LAYERS: &[Layer] = &[
         foreign: Foreign::Any,
     },
     Layer {
-        name: "keep",
+        name: "nvm",
         below: &["device", "wire"],
         foreign: Foreign::Any,
     },

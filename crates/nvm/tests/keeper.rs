@@ -4,8 +4,8 @@ mod support;
 
 use core::cell::Cell;
 use railbus_device::Family;
-use railbus_keep::{BURST, Bytes, Counters, Held, Keeper, PERIOD, RETRY, Record, Slots, Store};
-use railbus_keep::{SLOT, slot_image};
+use railbus_nvm::{BURST, Bytes, Counters, Held, Keeper, PERIOD, RETRY, Record, Slots, Store};
+use railbus_nvm::{SLOT, slot_image};
 use railbus_wire::{Instant, Micros};
 use std::rc::Rc;
 use support::chip::{Chip, Dead};

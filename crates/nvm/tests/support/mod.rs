@@ -11,7 +11,7 @@ pub mod nor;
 
 use proptest::prelude::*;
 use railbus_device::{Applies, Beyond, Calibration, Eeprom, Family, Layout, Options, Setup};
-use railbus_keep::Record;
+use railbus_nvm::Record;
 use railbus_wire::{Address, Micros, Protocol, PulseWidth, Settings};
 
 /// Random numbers from a seed (SplitMix64).

@@ -6,7 +6,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use railbus_device::{Applies, Beyond, Calibration, Eeprom, Engine, Family, Input, Layout};
 use railbus_device::{Effect, Options, Output, Setup};
-use railbus_keep::{Record, RecordError, Unreadable};
+use railbus_nvm::{Record, RecordError, Unreadable};
 use railbus_wire::{Address, Baud, Character, Instant, Micros, Protocol, PulseWidth, Settings};
 use support::{factory, record};
 

@@ -10,13 +10,13 @@
 //!
 //! ```
 //! use railbus_device::{Family, Setup};
-//! use railbus_keep::{Record, slot_image};
+//! use railbus_nvm::{Record, slot_image};
 //! use railbus_wire::Address;
 //!
 //! let record = Record::factory(&Setup::new(Family::Erc8, Address(7)))?;
 //! let image = slot_image(&record.encode(), 1);
 //! assert_eq!(image.bytes().len(), Record::LEN + 9, "it goes to offset 0 of the EEPROM");
-//! # Ok::<(), railbus_keep::RecordError>(())
+//! # Ok::<(), railbus_nvm::RecordError>(())
 //! ```
 
 #![no_std]

@@ -5,7 +5,7 @@ mod support;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use railbus_device::Family;
-use railbus_keep::{BadRange, Flash, Held, Keeper, Record};
+use railbus_nvm::{BadRange, Flash, Held, Keeper, Record};
 use railbus_wire::Instant;
 use support::nor::{Cut, Erasing, Nor, SECTOR};
 use support::{Rng, factory, history, record};

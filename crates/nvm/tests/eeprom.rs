@@ -5,7 +5,7 @@ mod support;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use railbus_device::Family;
-use railbus_keep::{Bytes, Held, Keeper, Record, SLOT, Slots, Store, slot_image};
+use railbus_nvm::{Bytes, Held, Keeper, Record, SLOT, Slots, Store, slot_image};
 use railbus_wire::Instant;
 use support::chip::{Chip, Spoils};
 use support::{Rng, factory, history, record};
