@@ -3,7 +3,7 @@
 use crate::hub::is_same;
 use crate::machine::is_silence;
 use crate::{Folder, Hub, Machine, Turn};
-use railbus_cases::{Bench, Outside};
+use railbus_conformance::{Bench, Outside};
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_nvm::{Record, slot_image};
 use std::io::{self, Read, Write};

@@ -1,7 +1,7 @@
 //! The demo with boards in QEMU instead of simulated modules.
 
 use crate::signals;
-use railbus_cases::{Bench, Outside};
+use railbus_conformance::{Bench, Outside};
 use railbus_device::Options;
 use railbus_qemu::{Board, Folder, Hub, Pty};
 use railbus_sim::demo;

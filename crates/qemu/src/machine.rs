@@ -2,7 +2,7 @@
 
 use crate::qmp::{self, Qmp};
 use crate::{Ear, Turn};
-use railbus_cases::Outside;
+use railbus_conformance::Outside;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde_json::json;
 use std::io::{self, BufRead, BufReader, Write};

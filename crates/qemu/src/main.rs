@@ -20,7 +20,7 @@ mod demo;
 mod describe;
 mod signals;
 
-use railbus_cases::{Bench, Outside};
+use railbus_conformance::{Bench, Outside};
 use railbus_qemu::{Board, Hub, Pty};
 use std::io::BufRead;
 use std::path::Path;

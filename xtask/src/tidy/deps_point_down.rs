@@ -37,13 +37,13 @@ const LAYERS: &[Layer] = &[
         foreign: Foreign::No,
     },
     Layer {
-        name: "cases",
+        name: "conformance",
         below: &["device", "wire"],
         foreign: Foreign::No,
     },
     Layer {
         name: "qemu",
-        below: &["cases", "nvm", "sim", "device", "wire"],
+        below: &["conformance", "nvm", "sim", "device", "wire"],
         foreign: Foreign::Any,
     },
     Layer {

@@ -1,7 +1,7 @@
 //! Frames back to back.
 
 use crate::World;
-use railbus_cases::Bench;
+use railbus_conformance::Bench;
 use railbus_device::{Family, Options, Setup};
 use railbus_qemu::Board;
 use railbus_wire::{Address, sum8};

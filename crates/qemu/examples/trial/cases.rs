@@ -1,7 +1,7 @@
 //! The datasheets' cases, the very list that the simulator passes.
 
 use crate::World;
-use railbus_cases::{Case, Subject, all, run};
+use railbus_conformance::{Case, Subject, all, run};
 use railbus_qemu::Board;
 use std::path::Path;
 use std::sync::Mutex;

@@ -2,7 +2,7 @@
 
 use crate::World;
 use crate::site::{Daemon, Site, said};
-use railbus_cases::Bench;
+use railbus_conformance::Bench;
 use railbus_qemu::Hub;
 use railbus_wire::crc16;
 use serde_json::Value;

@@ -4,7 +4,7 @@
 use super::pair::{Count, Pair};
 use crate::World;
 use crate::dice::Dice;
-use railbus_cases::bytes;
+use railbus_conformance::bytes;
 use railbus_device::{Family, Options, Setup};
 use railbus_wire::{Address, Protocol};
 

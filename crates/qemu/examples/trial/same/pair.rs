@@ -2,7 +2,7 @@
 
 use crate::World;
 use crate::site::said;
-use railbus_cases::{Bench, Outside, Simulated};
+use railbus_conformance::{Bench, Outside, Simulated};
 use railbus_device::{Options, Setup};
 use railbus_qemu::Board;
 

@@ -3,7 +3,7 @@
 use super::pair::{Count, Pair};
 use crate::World;
 use crate::dice::Dice;
-use railbus_cases::{Step, all};
+use railbus_conformance::{Step, all};
 use railbus_device::{Family, Layout, Options, Setup};
 use railbus_wire::{Address, Protocol, crc16, sum8};
 

@@ -40,7 +40,7 @@ fn frames(protocol: Protocol) -> Result<Vec<Vec<u8>>, String> {
         Protocol::Lc02 => "lc02",
         Protocol::R55 => "r55",
     };
-    let path = railbus_cases::folder().join(format!("../{name}.json"));
+    let path = railbus_conformance::folder().join(format!("../{name}.json"));
     let text = std::fs::read_to_string(&path).map_err(said)?;
     let vectors: Vec<Value> = serde_json::from_str(&text).map_err(said)?;
     vectors.iter().map(bytes).collect()

@@ -5,7 +5,7 @@ use crate::dice::Dice;
 use crate::http::{ask, get};
 use crate::oracle::{Oracle, Told};
 use crate::site::{Site, said};
-use railbus_cases::Bench;
+use railbus_conformance::Bench;
 use railbus_device::{PointKind, Setup};
 use railbus_qemu::{Board, Hub};
 use serde_json::Value;

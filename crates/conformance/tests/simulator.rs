@@ -1,6 +1,6 @@
 //! The simulated modules pass every case.
 
-use railbus_cases::{Case, Simulated, Step, Subject, all, folder, run};
+use railbus_conformance::{Case, Simulated, Step, Subject, all, folder, run};
 use railbus_device::Family;
 use serde_json::Value;
 
