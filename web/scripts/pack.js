@@ -9,7 +9,7 @@ import { brotliCompressSync, gzipSync } from "node:zlib";
 const FIRST_MOST = 60_000;
 const ALL_MOST = 150_000;
 /** What is loaded first: the frame, and the page at `/`. */
-const FIRST = ["index.html", "src/pages/Overview.svelte"];
+const FIRST = ["index.html", "src/modules/Overview.svelte"];
 
 const dist = fileURLToPath(new URL("../dist/", import.meta.url));
 const manifest = JSON.parse(readFileSync(join(dist, "manifest.json"), "utf8"));

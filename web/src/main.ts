@@ -1,8 +1,8 @@
 import { mount } from "svelte";
 import App from "./App.svelte";
 import { mark } from "./i18n/index.svelte";
-import * as prefs from "./lib/prefs.svelte";
-import * as router from "./lib/router.svelte";
+import * as prefs from "./app/prefs.svelte";
+import * as router from "./app/router.svelte";
 import "./style.css";
 
 mark();

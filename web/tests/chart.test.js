@@ -6,7 +6,7 @@ import { modules } from "./modules.js";
 let course, decimate, scale, csv, close;
 
 before(async () => {
-  const loaded = await modules("lib/chart/course.ts", "lib/chart/decimate.ts", "lib/chart/scale.ts", "lib/chart/csv.ts");
+  const loaded = await modules("history/chart/course.ts", "history/chart/decimate.ts", "history/chart/scale.ts", "history/chart/csv.ts");
   [course, decimate, scale, csv] = loaded.found;
   close = loaded.close;
 });

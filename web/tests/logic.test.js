@@ -6,7 +6,7 @@ import { modules } from "./modules.js";
 let diff, openapi, patterns, close;
 
 before(async () => {
-  const loaded = await modules("lib/diff.ts", "lib/openapi.ts", "lib/patterns.ts");
+  const loaded = await modules("ui/diff.ts", "reference/openapi.ts", "points/patterns.ts");
   [diff, openapi, patterns] = loaded.found;
   close = loaded.close;
 });

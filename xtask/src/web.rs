@@ -219,7 +219,7 @@ mod tests {
         set("tests/a.test.js", far);
         let at = |second| SystemTime::UNIX_EPOCH + Duration::from_secs(second);
         assert!(newest(&web).is_none_or(|newest| newest < at(far)));
-        set("src/pages/Rules.svelte", far - 1);
+        set("src/rules/Rules.svelte", far - 1);
         assert_eq!(newest(&web), Some(at(far - 1)));
         std::fs::remove_dir_all(web).unwrap();
     }

@@ -1,6 +1,6 @@
 // Numbers and times as people read them.
 import { language, t } from "../i18n/index.svelte";
-import type { PointInfo } from "./types";
+import type { PointInfo } from "../api/types";
 
 const two = (n: number): string => String(n).padStart(2, "0");
 

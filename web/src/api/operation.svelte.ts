@@ -1,0 +1,60 @@
+// Something that takes its time: followed from its begin to its end.
+import { get, problem, remove } from "./api";
+import { hear } from "./live.svelte";
+import { complain } from "../ui/toasts.svelte";
+import type { Operation } from "./types";
+
+/** Where no WebSocket tells of progress it is asked for this often. */
+const ASK_MS = 1_000;
+
+export class Following {
+  op = $state.raw<Operation>();
+  running = $derived(this.op?.state === "running");
+  #deaf: () => void = () => {};
+  #timer: ReturnType<typeof setInterval> | undefined;
+
+  async follow(op: string): Promise<void> {
+    this.leave();
+    await this.#look(op);
+    if (this.op && !this.running) return;
+    this.#deaf = hear(`ops/${op}`, (message) => this.#take(message["op"] ?? message.data));
+    this.#timer = setInterval(() => void this.#look(op), ASK_MS);
+  }
+
+  async #look(op: string): Promise<void> {
+    try {
+      this.#take(await get<Operation>(`/ops/${op}`));
+    } catch (thrown) {
+      // While the network is away it goes on; an operation that is unknown has ended.
+      if (problem(thrown).status === 404) this.leave();
+    }
+  }
+
+  #take(news: unknown): void {
+    if (!news || typeof news !== "object" || !("state" in news)) return;
+    this.op = news as Operation;
+    if (this.op.state === "running") return;
+    this.leave();
+    this.ended(this.op);
+  }
+
+  /** Called once it has ended. */
+  protected ended(op: Operation): void {
+    if (op.error) complain(op.error);
+  }
+
+  async cancel(): Promise<void> {
+    if (!this.op) return;
+    try {
+      await remove(`/ops/${this.op.op}`);
+    } catch (thrown) {
+      complain(thrown);
+    }
+  }
+
+  /** Follows it no longer. */
+  leave(): void {
+    this.#deaf();
+    clearInterval(this.#timer);
+  }
+}

@@ -1,9 +1,0 @@
-// Which pages there are for who uses the page, on this site.
-import { may, who } from "../lib/session.svelte";
-import { PAGES, type Page } from "./index";
-
-/** Those with a place of their own in the rail. */
-export function pagesShown(): Page[] {
-  const simulated = who()?.simulated ?? false;
-  return PAGES.filter((page) => page.icon && may(page.role) && (simulated || !page.simulated));
-}

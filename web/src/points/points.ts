@@ -1,0 +1,113 @@
+// What may be said of a point, and of a module, now. A value that is not of now is never shown as
+// if it were: every page asks here.
+import { t } from "../i18n/index.svelte";
+import { clock } from "../lib/clock.svelte";
+import { secondTime, span, valueText } from "../lib/format";
+import { lines, lostAt, pointsOf } from "../api/live.svelte";
+import { showsHidden } from "../app/prefs.svelte";
+import type { ModuleInfo, PointInfo } from "../api/types";
+
+/** The board that does not tell how many channels it has. */
+export const BOARD = "r55";
+
+/** The value is what the module said within its time, and the page still hears the site. */
+export function isFresh(point: PointInfo): boolean {
+  return point.quality === "good" && lostAt() === null;
+}
+
+/** The value in a word: as it is, as it was, or unknown. */
+export function shownText(point: PointInfo): string {
+  if (point.value === null || point.value === undefined) return "?";
+  const value = valueText(point);
+  return isFresh(point) || typeof point.value === "number" ? value : t("was", { value });
+}
+
+/** Why a value is not of now, and from when it is; nothing where it is of now. */
+export function whyOld(point: PointInfo): string {
+  if (isFresh(point)) return "";
+  const reason = reasonText(point);
+  // What did not change was not sent again: when it was read last before the page went deaf, it can't tell.
+  if (point.read_at === undefined || lostAt() !== null) return reason;
+  return `${reason} · ${t("read_at", { at: secondTime(point.read_at) })}`;
+}
+
+function reasonText(point: PointInfo): string {
+  const lost = lostAt();
+  if (lost !== null) return t("reason_lost", { at: secondTime(lost) });
+  if (point.quality === "stale") return t("quality_stale");
+  switch (point.reason) {
+    case "offline":
+      return t("reason_offline");
+    case "other_model":
+      return t("reason_other");
+    case "line_absent":
+      return t("reason_line_absent");
+    case "line_busy":
+      return t("port_busy");
+    case "line_closed":
+      return t("reason_line_closed");
+    case "lent":
+      return t("reason_lent");
+    case "never_read":
+      return t("reason_never_read");
+    default:
+      return t("unknown");
+  }
+}
+
+/** How a module stands, from best to worst; what lies beyond it comes first: page, line, module. */
+export type Standing = "online" | "old" | "waiting" | "offline" | "other" | "line" | "lost";
+
+export function standing(module: ModuleInfo): Standing {
+  if (lostAt() !== null) return "lost";
+  const line = lines.get(module.line);
+  if (line && line.state !== "up") return "line";
+  if (module.state === "other_model") return "other";
+  if (module.state !== "online") return module.state === "offline" ? "offline" : "waiting";
+  return pointsOf(module.module).some((point) => point.quality !== "good") ? "old" : "online";
+}
+
+/** When the last reply of a module came, as far as its values tell; of one that answers, about now. */
+export function lastReply(module: ModuleInfo): number | undefined {
+  const lost = lostAt();
+  if (lost !== null && module.state === "online") return lost;
+  const times = pointsOf(module.module).flatMap((point) => point.read_at ?? []);
+  return times.length ? Math.max(...times) : undefined;
+}
+
+/** How a module stands, in a few words. */
+export function standingText(module: ModuleInfo): string {
+  const how = standing(module);
+  const last = lastReply(module);
+  switch (how) {
+    case "online":
+      return t("state_online");
+    case "old":
+      return t("state_old");
+    case "waiting":
+      return t("state_unheard");
+    case "offline":
+      return last === undefined ? t("state_offline") : t("offline_for", { time: ago(last) });
+    case "other":
+      return t("state_other", { model: module.answers_as ?? "?" });
+    case "line":
+    case "lost": {
+      return last === undefined ? t("unknown") : t("last_seen", { at: secondTime(last) });
+    }
+  }
+}
+
+/** How long ago, in whole seconds: it is told anew once a second. */
+export function ago(at: number): string {
+  return span(Math.max(0, Math.round((clock() - at) / 1_000)) * 1_000);
+}
+
+/** The points of a module that are not left out. */
+export function shownOf(module: string): PointInfo[] {
+  return pointsOf(module).filter((point) => !point.hidden || showsHidden());
+}
+
+/** Outputs, inputs, analog inputs, variables: each in the order of the terminals. */
+export function byKind(points: PointInfo[], kind: PointInfo["kind"]): PointInfo[] {
+  return points.filter((point) => point.kind === kind).sort((a, b) => a.index - b.index);
+}

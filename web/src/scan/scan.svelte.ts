@@ -1,0 +1,54 @@
+// A scan: begun, followed, cancelled; and what it found put into the configuration.
+import { language } from "../i18n/index.svelte";
+import { patch, post } from "../api/api";
+import { Following } from "../api/operation.svelte";
+import { complain } from "../ui/toasts.svelte";
+import type { Found } from "../api/types";
+
+export interface Wish {
+  lines: string[];
+  depth: "quick" | "full" | "deep";
+  protocols?: string[];
+  addresses?: string;
+}
+
+/** The name of a module as the configuration takes it. */
+export const NAME = /^[a-z][a-z0-9_]{0,31}$/;
+
+export class Scan extends Following {
+  async start(wish: Wish): Promise<void> {
+    try {
+      await this.follow((await post<{ op: string }>("/scans", wish)).op);
+    } catch (thrown) {
+      complain(thrown);
+    }
+  }
+}
+
+export interface Chosen {
+  found: Found;
+  /** What it is called in the file. */
+  name: string;
+  /** What people call it, in the language of the page. */
+  called?: string;
+  /** How many outputs it has, where no reply tells it. */
+  outputs?: number | undefined;
+}
+
+/** The most channels that a board can have that does not tell it. */
+export const BOARD_MOST = 32;
+
+/** Adds new modules to the configuration, and gives known ones their new names. */
+export async function adopt(chosen: Chosen[]): Promise<void> {
+  for (const { found, name } of chosen) {
+    if (found.name && found.name !== name) await patch(`/config/modules/${found.name}`, { rename: name });
+  }
+  const fresh = chosen.filter(({ found }) => !found.name);
+  if (!fresh.length) return;
+  const modules = fresh.map(({ found, name, called, outputs }) => {
+    const { line, model, address, protocol, baud, format, checksum } = found;
+    const more = { ...(called && { name: { [language()]: called } }), ...(outputs && { outputs }), ...(checksum && { checksum }) };
+    return { module: name, line, model, address, protocol, baud, format, ...more };
+  });
+  await post("/config/modules", { modules });
+}

@@ -1,0 +1,103 @@
+// A change of what a module keeps: planned, written, followed to its end.
+import { t } from "../i18n/index.svelte";
+import { patch, post } from "../api/api";
+import { Following } from "../api/operation.svelte";
+import { complain } from "../ui/toasts.svelte";
+import type { Operation, SettingsPlan } from "../api/types";
+
+/** What people call a setting. */
+export function settingName(name: string): string {
+  const [point, mode] = name.split(".");
+  if (mode === "mode") return t("set_mode", { point: point ?? "" });
+  switch (name) {
+    case "address":
+    case "baud":
+    case "parity":
+    case "checksum":
+    case "protocol":
+    case "pulse_width":
+    case "calibration_voltage":
+      return t(`set_${name}`);
+    default:
+      return name;
+  }
+}
+
+/** A value that is a word, as people say it. */
+export function settingWord(value: string): string {
+  switch (value) {
+    case "none":
+    case "even":
+    case "odd":
+    case "on":
+    case "off":
+    case "level":
+    case "pulse":
+      return t(`word_${value}`);
+    default:
+      return value;
+  }
+}
+
+/** What is wanted: other values, or those before a change. */
+export type Wish = { set: Record<string, string> } | { undo: number };
+
+export class Change extends Following {
+  /** What the change would take, until it is begun or let be. */
+  plan = $state.raw<SettingsPlan | null>(null);
+  wish = $state.raw<Wish | null>(null);
+  busy = $state(false);
+  readonly #path: string;
+  readonly #done: () => void;
+
+  constructor(module: string, done: () => void) {
+    super();
+    this.#path = `/modules/${module}/settings`;
+    this.#done = done;
+  }
+
+  /** Asks what it would take; nothing is written. */
+  async prepare(wish: Wish, etag: string): Promise<void> {
+    await this.#attempt(async () => {
+      this.plan = await this.#send<SettingsPlan>(wish, etag, "?dry_run=1");
+      this.wish = wish;
+    });
+  }
+
+  /** Writes what was planned, if the module is as it was then. */
+  async write(): Promise<void> {
+    const { plan, wish } = this;
+    if (!plan || !wish) return;
+    await this.#attempt(async () => {
+      const { op } = await this.#send<{ op: string }>(wish, plan.etag, "");
+      this.drop();
+      await this.follow(op);
+    });
+  }
+
+  drop(): void {
+    this.plan = this.wish = null;
+  }
+
+  #send<T>(wish: Wish, etag: string, query: string): Promise<T> {
+    const match = { "If-Match": `"${etag}"` };
+    if ("set" in wish) return patch(this.#path + query, wish.set, match);
+    return post(`${this.#path}/undo${query}`, { change: wish.undo }, 0, match);
+  }
+
+  async #attempt(work: () => Promise<void>): Promise<void> {
+    this.busy = true;
+    try {
+      await work();
+    } catch (thrown) {
+      complain(thrown);
+    } finally {
+      this.busy = false;
+    }
+  }
+
+  /** What failed stands where the change was made. */
+  protected override ended(_op: Operation): void {
+    this.#done();
+  }
+}

@@ -1,0 +1,85 @@
+// The simulated lines and their modules as they really are, for as long as a page shows them.
+import { SvelteMap } from "svelte/reactivity";
+import { get } from "../api/api";
+import { hear } from "../api/live.svelte";
+import { complain } from "../ui/toasts.svelte";
+
+export interface SimFault {
+  fault: string;
+  left_ms?: number;
+  left_replies?: number;
+  /** When it ends, by the clock of this page. */
+  ends?: number;
+}
+
+export interface SimPoint {
+  label: string;
+  kind: "output" | "input" | "analog";
+  value: boolean | number;
+  unit?: string;
+  range?: [number, number];
+  by_hand?: boolean;
+  stuck?: boolean;
+}
+
+export interface SimModule {
+  module: string;
+  model: string;
+  title: string;
+  address: number;
+  protocol: string;
+  baud: number;
+  format: string;
+  dip?: number;
+  init?: boolean;
+  powered: boolean;
+  lit: boolean;
+  replies: number;
+  points: SimPoint[];
+  faults: SimFault[];
+}
+
+export interface SimLine {
+  line: string;
+  baud: number;
+  format: string;
+  plugged: boolean;
+  faults: SimFault[];
+  modules: SimModule[];
+}
+
+const timed = (faults: SimFault[]): SimFault[] =>
+  faults.map((one) => (one.left_ms === undefined ? one : { ...one, ends: Date.now() + one.left_ms }));
+
+/** Every simulated line; what changes is pushed. */
+export function simulated(): { readonly lines: SimLine[] } {
+  const lines = new SvelteMap<string, SimLine>();
+
+  /** A push holds the modules that changed. */
+  function take(news: SimLine): void {
+    const fresh = new Map(news.modules.map((one) => [one.module, { ...one, faults: timed(one.faults) }]));
+    const known = lines.get(news.line)?.modules ?? [...fresh.values()];
+    const modules = known.map((one) => fresh.get(one.module) ?? one);
+    lines.set(news.line, { ...news, faults: timed(news.faults), modules });
+  }
+
+  $effect(() => {
+    let ends: (() => void)[] | null = [];
+    get<{ lines: SimLine[] }>("/sim").then((all) => {
+      for (const one of all.lines) {
+        take(one);
+        ends?.push(hear(`sim/${one.line}`, (message) => take((message.data ?? message.sim) as SimLine)));
+      }
+    }, complain);
+    return () => {
+      ends?.forEach((end) => end());
+      ends = null;
+    };
+  });
+
+  return {
+    get lines() {
+      return [...lines.values()];
+    },
+  };
+}
