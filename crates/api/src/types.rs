@@ -312,7 +312,8 @@ pub enum Reason {
     /// Another program has the port of its line.
     LineBusy,
     /// Somebody has borrowed its line.
-    Lent,
+    #[serde(rename = "lent")]
+    Exclusive,
     /// Its line was closed.
     LineClosed,
     /// One that this program does not know yet.
@@ -627,6 +628,14 @@ impl fmt::Display for Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn exclusive_access_keeps_its_word() {
+        let word = serde_json::to_value(Reason::Exclusive).unwrap();
+        assert_eq!(word, "lent");
+        let schema = serde_json::to_string(&Reason::schema()).unwrap();
+        assert!(schema.contains("\"lent\""), "{schema}");
+    }
 
     #[test]
     fn a_write_is_short_to_ask_for() {

@@ -29,7 +29,7 @@ pub enum PortError {
     /// The other end does not speak Modbus TCP.
     Garbled,
     /// It is left to a command of ours for a while, which has the line for itself.
-    Lent,
+    Exclusive,
     /// Anything else, as the system's error number; 0 where it gave none.
     Io(i32),
 }
@@ -85,7 +85,7 @@ impl PortError {
             PortError::Gone => "gone",
             PortError::Stuck => "stuck",
             PortError::Garbled => "garbled",
-            PortError::Lent => "lent",
+            PortError::Exclusive => "lent",
             PortError::Io(_) => "io",
         }
     }

@@ -58,16 +58,16 @@ impl Events {
 }
 
 /// The line's end of all that.
-pub(crate) struct Teller {
+pub(crate) struct Publisher {
     observer: Option<Observer>,
     events: broadcast::Sender<LineEvent>,
     state: watch::Sender<LineState>,
     granted: watch::Sender<Option<Granted>>,
 }
 
-impl Teller {
-    pub(crate) fn new(observer: Option<Observer>) -> Teller {
-        Teller {
+impl Publisher {
+    pub(crate) fn new(observer: Option<Observer>) -> Publisher {
+        Publisher {
             observer,
             events: broadcast::Sender::new(EVENTS_MAX),
             state: watch::Sender::new(LineState::Opening),
@@ -88,25 +88,25 @@ impl Teller {
     }
 
     /// Notes what the port's driver granted.
-    pub(crate) fn grant(&self, granted: Option<Granted>) {
+    pub(crate) fn set_granted(&self, granted: Option<Granted>) {
         self.granted.send_replace(granted);
     }
 
-    pub(crate) fn tell(&mut self, event: Event) {
+    pub(crate) fn publish(&mut self, event: Event) {
         if self.observer.is_some() || self.events.receiver_count() > 0 {
-            self.publish(LineEvent::Bus(event));
+            self.send(LineEvent::Bus(event));
         }
     }
 
     /// Tells a change of state; one that is none is not told.
-    pub(crate) fn change(&mut self, state: LineState) {
+    pub(crate) fn set_state(&mut self, state: LineState) {
         if *self.state.borrow() != state {
-            self.publish(LineEvent::State(state.clone()));
+            self.send(LineEvent::State(state.clone()));
             self.state.send_replace(state);
         }
     }
 
-    fn publish(&mut self, event: LineEvent) {
+    fn send(&mut self, event: LineEvent) {
         if let Some(observer) = &mut self.observer {
             observer(&event);
         }
@@ -117,9 +117,9 @@ impl Teller {
     }
 }
 
-impl fmt::Debug for Teller {
+impl fmt::Debug for Publisher {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Teller")
+        f.debug_struct("Publisher")
             .field("state", &self.state)
             .finish_non_exhaustive()
     }
@@ -131,15 +131,15 @@ mod tests {
 
     #[tokio::test]
     async fn a_slow_receiver_is_told_how_much_it_lost() {
-        let mut teller = Teller::new(None);
-        let mut events = Events::of(&teller.events());
+        let mut publisher = Publisher::new(None);
+        let mut events = Events::of(&publisher.events());
         for _ in 0..EVENTS_MAX + 3 {
-            teller.tell(Event::Babble);
+            publisher.publish(Event::Babble);
         }
         assert_eq!(events.next().await, Some(LineEvent::Lagged(3)));
         assert_eq!(events.next().await, Some(LineEvent::Bus(Event::Babble)));
-        let line = teller.events();
-        drop(teller);
+        let line = publisher.events();
+        drop(publisher);
         while let Some(event) = events.next().await {
             assert_eq!(event, LineEvent::Bus(Event::Babble));
         }
@@ -151,10 +151,10 @@ mod tests {
         let seen = Arc::new(std::sync::Mutex::new(Vec::new()));
         let writer = Arc::clone(&seen);
         let observer = move |event: &LineEvent| writer.lock().unwrap().push(event.clone());
-        let mut teller = Teller::new(Some(Box::new(observer)));
+        let mut publisher = Publisher::new(Some(Box::new(observer)));
         let missing = LineState::Absent(Arc::new(PortError::Missing));
         for state in [&LineState::Opening, &missing, &missing, &LineState::Up] {
-            teller.change(state.clone());
+            publisher.set_state(state.clone());
         }
         let told = [missing, LineState::Up].map(LineEvent::State);
         assert_eq!(*seen.lock().unwrap(), told);

@@ -34,7 +34,7 @@ compile_error!(
 
 mod backoff;
 mod clock;
-mod desk;
+
 mod error;
 mod event;
 mod ioctl;
@@ -42,6 +42,7 @@ mod line;
 mod mbap;
 mod mbtcp;
 mod name;
+mod pending;
 mod port;
 mod serial;
 mod tap;
@@ -50,12 +51,12 @@ mod tcp;
 
 pub use error::{Access, Holder, PortError};
 pub use event::{Events, LineEvent, LineState, Observer};
-pub use line::{Done, JOBS_MAX, LATE_MAX, Line, LineConfig, Membership, ProbeResult, reply_in};
+pub use line::{Done, JOBS_MAX, LATE_MAX, Line, LineConfig, ModuleChanges, ProbeResult, reply_in};
 pub use mbtcp::ModbusTcpPort;
 pub use name::{LineName, NameError};
 pub use port::{AnyPort, Port};
 pub use serial::{Granted, Rs485, SerialOptions, SerialPort};
-pub use tap::{Passed, Tap};
+pub use tap::{Tap, TapFrame};
 pub use tcp::TcpPort;
 
 pub use railbus_bus::{

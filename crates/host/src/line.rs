@@ -1,8 +1,8 @@
 //! The handle of a line.
 
 use crate::clock::{Alarm, Clock};
-use crate::desk::ProbeReply;
-use crate::event::Teller;
+use crate::event::Publisher;
+use crate::pending::ProbeReply;
 use crate::tap::Tap;
 use crate::task::Task;
 use crate::{
@@ -123,7 +123,7 @@ pub const LATE_MAX: usize = 16;
 
 /// Other modules for a line at work.
 #[derive(Debug, Default)]
-pub struct Membership {
+pub struct ModuleChanges {
     /// These are not asked any more. Their numbers are not given again.
     pub leave: Vec<ModuleId>,
     /// These are asked from now on; their numbers follow the highest one given.
@@ -146,7 +146,7 @@ pub(crate) enum Job {
     Tap {
         reply: oneshot::Sender<Tap>,
     },
-    Change(Membership),
+    Change(ModuleChanges),
     Close {
         reply: oneshot::Sender<()>,
     },
@@ -195,16 +195,16 @@ impl Line {
     ) -> Result<Line, PortError> {
         let alarm = Alarm::new().map_err(|error| PortError::of_loss(&error))?;
         let (sender, jobs) = mpsc::channel(JOBS_MAX);
-        let teller = Teller::new(observer);
+        let publisher = Publisher::new(observer);
         let line = Line {
             name: port.name().into(),
             jobs: sender,
-            events: teller.events(),
-            state: teller.state(),
-            granted: teller.granted(),
+            events: publisher.events(),
+            state: publisher.state(),
+            granted: publisher.granted(),
             clock: alarm.clock(),
         };
-        let task = Task::new(port, (bus, modules), jobs, teller, alarm);
+        let task = Task::new(port, (bus, modules), jobs, publisher, alarm);
         tokio::spawn(task.run());
         Ok(line)
     }
@@ -261,7 +261,7 @@ impl Line {
     /// How it failed, and whether the module may have acted ([`Fault::may_have_acted`]).
     pub async fn run(&self, module: ModuleId, op: Op, terms: Terms) -> Result<Done, Fault> {
         let (reply, end) = oneshot::channel();
-        self.hand_in(Job::Run {
+        self.enqueue(Job::Run {
             module,
             op,
             terms,
@@ -279,7 +279,7 @@ impl Line {
     /// the port was lost behind one that may change something.
     pub async fn probe(&self, probe: Probe) -> Result<ProbeResult, Fault> {
         let (reply, end) = oneshot::channel();
-        self.hand_in(Job::Probe { probe, reply })?;
+        self.enqueue(Job::Probe { probe, reply })?;
         // Nobody answers only when the line's task broke down, or had no port.
         end.await.unwrap_or(Err(Fault::Unknown))
     }
@@ -290,7 +290,7 @@ impl Line {
     /// [`Fault::Closed`] while there is no port, or [`Fault::Overloaded`].
     pub async fn tap(&self) -> Result<Tap, Fault> {
         let (reply, tap) = oneshot::channel();
-        self.hand_in(Job::Tap { reply })?;
+        self.enqueue(Job::Tap { reply })?;
         tap.await.map_err(|_| Fault::Closed)
     }
 
@@ -299,12 +299,12 @@ impl Line {
     ///
     /// # Errors
     /// [`Fault::Closed`]: the line is no more.
-    pub async fn change(&self, change: Membership) -> Result<(), Fault> {
+    pub async fn change(&self, change: ModuleChanges) -> Result<(), Fault> {
         let handed = self.jobs.send(Job::Change(change)).await;
         handed.map_err(|_| Fault::Closed)
     }
 
-    fn hand_in(&self, job: Job) -> Result<(), Fault> {
+    fn enqueue(&self, job: Job) -> Result<(), Fault> {
         self.jobs.try_send(job).map_err(|error| match error {
             mpsc::error::TrySendError::Full(_) => Fault::Overloaded,
             mpsc::error::TrySendError::Closed(_) => Fault::Closed,

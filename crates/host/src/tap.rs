@@ -11,7 +11,7 @@ const PIECES_MAX: usize = 256;
 
 /// Bytes that passed.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Passed {
+pub struct TapFrame {
     /// When they were handed to the port, or came from it; as [`crate::Line::now`] counts.
     pub at: Instant,
     /// A frame that was sent, at this speed and in this format; or else bytes that were heard.
@@ -27,7 +27,7 @@ const BEGINNING: Micros = Micros::from_millis(500);
 /// The end of one who looks on.
 #[derive(Debug)]
 pub struct Tap {
-    pieces: broadcast::Receiver<Passed>,
+    pieces: broadcast::Receiver<TapFrame>,
     /// Until a frame is sent, what is heard before this is passed over.
     begins: Option<Instant>,
 }
@@ -35,7 +35,7 @@ pub struct Tap {
 impl Tap {
     /// What passes next, or how many pieces before that were lost because this receiver was too
     /// slow; none after the line was closed. To drop the future loses nothing.
-    pub async fn next(&mut self) -> Option<Result<Passed, u64>> {
+    pub async fn next(&mut self) -> Option<Result<TapFrame, u64>> {
         loop {
             match self.pieces.recv().await {
                 Ok(passed) if self.is_too_early(&passed) => {}
@@ -46,7 +46,7 @@ impl Tap {
         }
     }
 
-    fn is_too_early(&mut self, passed: &Passed) -> bool {
+    fn is_too_early(&mut self, passed: &TapFrame) -> bool {
         let early = self.begins.is_some_and(|begins| passed.at < begins);
         if early && passed.sent.is_none() {
             return true;
@@ -58,16 +58,16 @@ impl Tap {
 
 /// The line's end of it.
 #[derive(Debug)]
-pub(crate) struct Tapped {
-    sender: broadcast::Sender<Passed>,
+pub(crate) struct TapSender {
+    sender: broadcast::Sender<TapFrame>,
     clock: Clock,
     /// What was sent last and may still come back as an echo.
     echo: Vec<u8>,
 }
 
-impl Tapped {
-    pub(crate) fn new(clock: Clock) -> Tapped {
-        Tapped {
+impl TapSender {
+    pub(crate) fn new(clock: Clock) -> TapSender {
+        TapSender {
             sender: broadcast::Sender::new(PIECES_MAX),
             clock,
             echo: Vec::new(),
@@ -107,7 +107,7 @@ impl Tapped {
     }
 
     fn tell(&self, sent: Option<Settings>, bytes: &[u8]) -> bool {
-        let passed = Passed {
+        let passed = TapFrame {
             at: self.clock.now(),
             sent,
             bytes: bytes.into(),
@@ -128,7 +128,7 @@ mod tests {
 
     #[tokio::test]
     async fn an_echo_is_taken_out_in_whatever_pieces_it_comes() {
-        let mut tapped = Tapped::new(Alarm::new().unwrap().clock());
+        let mut tapped = TapSender::new(Alarm::new().unwrap().clock());
         let mut tap = tapped.tap();
         assert!(tapped.sent(&[1, 5, 0], Settings::FACTORY));
         for piece in [&[1, 5][..], &[0, 1, 5], &[0]] {
@@ -146,7 +146,7 @@ mod tests {
 
     #[tokio::test]
     async fn it_does_not_begin_within_a_reply() {
-        let mut tapped = Tapped::new(Alarm::new().unwrap().clock());
+        let mut tapped = TapSender::new(Alarm::new().unwrap().clock());
         let mut tap = tapped.tap();
         tapped.heard(&[9], false);
         tapped.sent(&[1], Settings::FACTORY);
@@ -162,7 +162,7 @@ mod tests {
 
     #[tokio::test]
     async fn who_is_too_slow_is_told_so_and_nobody_is_missed() {
-        let mut tapped = Tapped::new(Alarm::new().unwrap().clock());
+        let mut tapped = TapSender::new(Alarm::new().unwrap().clock());
         let mut tap = tapped.tap();
         tap.begins = None;
         for _ in 0..PIECES_MAX + 2 {

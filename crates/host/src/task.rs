@@ -2,9 +2,9 @@
 
 use crate::backoff::Backoff;
 use crate::clock::Alarm;
-use crate::desk::{Desk, Run};
-use crate::event::Teller;
-use crate::line::{Job, Membership};
+use crate::event::Publisher;
+use crate::line::{Job, ModuleChanges};
+use crate::pending::{PendingCalls, PendingRun};
 use crate::{LineState, Port, PortError};
 use railbus_bus::LateReply;
 use railbus_bus::{Bus, Config, Event, Fault, Input, Medium, ModuleId, Output, Plan};
@@ -30,8 +30,8 @@ pub(crate) struct Task<P> {
     config: Config,
     members: Members,
     jobs: mpsc::Receiver<Job>,
-    desk: Desk,
-    teller: Teller,
+    pending: PendingCalls,
+    publisher: Publisher,
     alarm: Alarm,
     /// The last moment told to the state machine.
     told: Instant,
@@ -40,7 +40,7 @@ pub(crate) struct Task<P> {
     /// from too early on: its time stands still meanwhile, until something is heard again.
     lag: Micros,
     last: LastFrame,
-    leaving: Option<Leaving>,
+    closing: Option<Closing>,
 }
 
 /// The modules of a line by their numbers.
@@ -52,7 +52,7 @@ struct Members {
 }
 
 impl Members {
-    fn change(&mut self, bus: &mut Bus, now: Instant, change: Membership) {
+    fn change(&mut self, bus: &mut Bus, now: Instant, change: ModuleChanges) {
         for id in change.leave {
             bus.leave(now, id);
             self.left.push(id);
@@ -85,7 +85,7 @@ struct LastFrame {
 
 /// The line is being closed.
 #[derive(Debug)]
-struct Leaving {
+struct Closing {
     /// Commands may end until then.
     until: Instant,
     /// Who asked for it; nobody where all handles were dropped.
@@ -94,7 +94,7 @@ struct Leaving {
 
 /// What a line waits for.
 #[derive(Debug)]
-enum Happened {
+enum Wakeup {
     Bytes(io::Result<usize>),
     Deadline(io::Result<Instant>),
     Job(Option<Job>),
@@ -104,7 +104,7 @@ enum Happened {
 #[derive(Debug)]
 enum Stop {
     Lost(io::Error),
-    Left,
+    Closed,
 }
 
 impl From<io::Error> for Stop {
@@ -118,7 +118,7 @@ impl<P: Port> Task<P> {
         port: P,
         (config, modules): (Config, Vec<(Module, Plan)>),
         jobs: mpsc::Receiver<Job>,
-        teller: Teller,
+        publisher: Publisher,
         alarm: Alarm,
     ) -> Task<P> {
         let config = with_medium(config, port.medium());
@@ -132,8 +132,8 @@ impl<P: Port> Task<P> {
             config,
             members,
             jobs,
-            desk: Desk::new(),
-            teller,
+            pending: PendingCalls::new(),
+            publisher,
             told: alarm.now(),
             alarm,
             lag: Micros::ZERO,
@@ -142,14 +142,14 @@ impl<P: Port> Task<P> {
                 bytes: 0,
                 settings: Settings::FACTORY,
             },
-            leaving: None,
+            closing: None,
         }
     }
 
     /// The line's life, until it is closed or nobody has a handle of it any more.
     pub(crate) async fn run(mut self) {
         let mut backoff = Backoff::new();
-        while self.leaving.is_none() {
+        while self.closing.is_none() {
             let lost = match self.open().await {
                 Some(Ok(())) => {
                     backoff.reset();
@@ -159,14 +159,14 @@ impl<P: Port> Task<P> {
                 None => None,
             };
             if let Some(why) = lost
-                && self.leaving.is_none()
+                && self.closing.is_none()
             {
-                self.teller.change(LineState::Absent(Arc::new(why)));
+                self.publisher.set_state(LineState::Absent(Arc::new(why)));
                 self.pause(backoff.next()).await;
             }
         }
-        self.teller.change(LineState::Closed);
-        if let Some(reply) = self.leaving.and_then(|leaving| leaving.reply) {
+        self.publisher.set_state(LineState::Closed);
+        if let Some(reply) = self.closing.and_then(|closing| closing.reply) {
             let _ = reply.send(());
         }
     }
@@ -178,7 +178,7 @@ impl<P: Port> Task<P> {
         match without_port(&mut self.jobs, change, self.port.open()).await {
             Ok(end) => Some(end),
             Err(closed) => {
-                self.leave(closed);
+                self.begin_close(closed);
                 None
             }
         }
@@ -190,7 +190,7 @@ impl<P: Port> Task<P> {
         let change = |change| members.change(bus, told, change);
         let wait = self.alarm.sleep(pause);
         if let Err(closed) = without_port(&mut self.jobs, change, wait).await {
-            self.leave(closed);
+            self.begin_close(closed);
         }
     }
 
@@ -203,12 +203,12 @@ impl<P: Port> Task<P> {
             self.bus = self.members.build(config);
         }
         self.lag = Micros::ZERO;
-        self.teller.grant(self.port.granted());
-        self.teller.change(LineState::Up);
+        self.publisher.set_granted(self.port.granted());
+        self.publisher.set_state(LineState::Up);
         self.bus.found(self.port.past());
         self.handle(self.alarm.now(), Input::Opened);
         let stop = self.drive().await;
-        if let Stop::Left = stop {
+        if let Stop::Closed = stop {
             self.let_frame_leave().await;
             let now = self.alarm.now();
             if self.haunted_until().is_none_or(|until| until <= now) {
@@ -221,10 +221,10 @@ impl<P: Port> Task<P> {
         while let Output::Event(event) = self.bus.poll() {
             self.on_event(event);
         }
-        self.desk.clear(probe_was_sent);
+        self.pending.clear(probe_was_sent);
         match stop {
             Stop::Lost(error) => Some(PortError::of_loss(&error)),
-            Stop::Left => None,
+            Stop::Closed => None,
         }
     }
 
@@ -242,14 +242,15 @@ impl<P: Port> Task<P> {
         let deadline = self.drain()?;
         self.alarm.set(deadline)?;
         match self.next(buffer).await {
-            Happened::Bytes(count) => {
+            Wakeup::Bytes(count) => {
                 let bytes = buffer.get(..count?).unwrap_or_default();
                 self.lag = Micros::ZERO;
-                self.desk.heard(bytes, || self.bus.echoes() == Some(true));
+                self.pending
+                    .heard(bytes, || self.bus.echoes() == Some(true));
                 self.handle(self.alarm.now(), Input::Bytes(bytes));
             }
-            Happened::Deadline(now) => self.handle(now?, Input::Timeout),
-            Happened::Job(job) => self.take_all(job),
+            Wakeup::Deadline(now) => self.handle(now?, Input::Timeout),
+            Wakeup::Job(job) => self.take_all(job),
         }
         Ok(())
     }
@@ -257,16 +258,16 @@ impl<P: Port> Task<P> {
     /// Does what the state machine says until it waits; the clock's time until which it does.
     fn drain(&mut self) -> Result<Option<Instant>, Stop> {
         loop {
-            if self.has_left() {
-                return Err(Stop::Left);
+            if self.is_drained() {
+                return Err(Stop::Closed);
             }
-            if self.desk.has_probes() {
+            if self.pending.has_probes() {
                 self.turn_to_next_probe();
             }
             match self.bus.poll() {
                 Output::Transmit { bytes, settings } => {
                     self.port.send(bytes, settings)?;
-                    self.desk.sent(bytes, settings);
+                    self.pending.sent(bytes, settings);
                     let at = self.alarm.now();
                     self.lag = at.since(self.told);
                     self.last = LastFrame {
@@ -284,29 +285,29 @@ impl<P: Port> Task<P> {
     /// The state machine's deadline as the clock counts, and no later than the closing.
     fn wake_at(&self, deadline: Option<Instant>) -> Option<Instant> {
         let deadline = deadline.map(|at| at + self.lag);
-        let Some(leaving) = &self.leaving else {
+        let Some(closing) = &self.closing else {
             return deadline;
         };
         let closing = match self.haunted_until() {
-            Some(until) => until.min(leaving.until),
-            None => leaving.until,
+            Some(until) => until.min(closing.until),
+            None => closing.until,
         };
         Some(deadline.map_or(closing, |at| at.min(closing)))
     }
 
     /// Bytes go first: they decide what a deadline means. Jobs go last, so that a flood of them
     /// holds up nothing.
-    async fn next(&mut self, buffer: &mut [u8; BUFFER]) -> Happened {
-        let takes_jobs = self.leaving.is_none();
+    async fn next(&mut self, buffer: &mut [u8; BUFFER]) -> Wakeup {
+        let takes_jobs = self.closing.is_none();
         poll_fn(|cx| {
             if let Poll::Ready(count) = self.port.poll_read(cx, buffer) {
-                return Poll::Ready(Happened::Bytes(count));
+                return Poll::Ready(Wakeup::Bytes(count));
             }
             if let Poll::Ready(now) = self.alarm.poll(cx) {
-                return Poll::Ready(Happened::Deadline(now));
+                return Poll::Ready(Wakeup::Deadline(now));
             }
             if takes_jobs {
-                return self.jobs.poll_recv(cx).map(Happened::Job);
+                return self.jobs.poll_recv(cx).map(Wakeup::Job);
             }
             Poll::Pending
         })
@@ -324,7 +325,7 @@ impl<P: Port> Task<P> {
 
     /// The event is told before the caller is answered: who reads after a write sees the write.
     fn on_event(&mut self, event: Event) {
-        self.teller.tell(event);
+        self.publisher.publish(event);
         match event {
             Event::Seen {
                 module,
@@ -332,19 +333,19 @@ impl<P: Port> Task<P> {
                 seen,
                 asked,
                 ..
-            } => self.desk.seen(module, &op, seen, asked),
-            Event::Done { ticket, end, took } => self.desk.end(ticket, end, took),
+            } => self.pending.seen(module, &op, seen, asked),
+            Event::Done { ticket, end, took } => self.pending.end(ticket, end, took),
             Event::ProbedLate {
                 exchange,
                 after,
                 again,
-            } => self.desk.late(LateReply {
+            } => self.pending.late(LateReply {
                 exchange,
                 after,
                 again,
             }),
             Event::Probed { outcome, after } => {
-                self.desk.end_probe(outcome, after, self.bus.took_echo());
+                self.pending.end_probe(outcome, after, self.bus.took_echo());
             }
             _ => {}
         }
@@ -353,7 +354,7 @@ impl<P: Port> Task<P> {
     /// Takes all jobs that wait, so that writes handed in together can share a frame.
     fn take_all(&mut self, first: Option<Job>) {
         self.take(first);
-        while self.leaving.is_none()
+        while self.closing.is_none()
             && let Ok(job) = self.jobs.try_recv()
         {
             self.take(Some(job));
@@ -369,7 +370,7 @@ impl<P: Port> Task<P> {
                 terms,
                 reply,
             }) => match self.bus.submit(self.told, module, op, terms) {
-                Ok(ticket) => self.desk.add(Run {
+                Ok(ticket) => self.pending.add(PendingRun {
                     ticket,
                     module,
                     op,
@@ -379,15 +380,15 @@ impl<P: Port> Task<P> {
                 }),
                 Err(fault) => drop(reply.send(Err(fault))),
             },
-            Some(Job::Probe { probe, reply }) => self.desk.queue_probe(probe, reply),
+            Some(Job::Probe { probe, reply }) => self.pending.queue_probe(probe, reply),
             Some(Job::Tap { reply }) => {
-                let _ = reply.send(self.desk.tap(self.alarm.clock()));
+                let _ = reply.send(self.pending.tap(self.alarm.clock()));
             }
             Some(Job::Change(change)) => {
                 self.members.change(&mut self.bus, self.told, change);
             }
-            Some(Job::Close { reply }) => self.leave(Some(reply)),
-            None => self.leave(None),
+            Some(Job::Close { reply }) => self.begin_close(Some(reply)),
+            None => self.begin_close(None),
         }
     }
 
@@ -395,12 +396,12 @@ impl<P: Port> Task<P> {
     /// for it; one that was is heard to its end, so that the next one gets no foreign reply.
     #[cold]
     fn turn_to_next_probe(&mut self) {
-        if self.desk.is_forsaken() && self.bus.withdraw_probe() {
-            self.desk.forget_probe();
+        if self.pending.is_abandoned() && self.bus.withdraw_probe() {
+            self.pending.forget_probe();
         }
-        if let Some((probe, reply)) = self.desk.next_probe() {
+        if let Some((probe, reply)) = self.pending.next_probe() {
             if self.bus.submit_probe(self.told, probe) {
-                self.desk.add_probe(probe.changes, reply);
+                self.pending.add_probe(probe.changes, reply);
             } else {
                 let _ = reply.send(Err(Fault::Closed));
             }
@@ -408,23 +409,23 @@ impl<P: Port> Task<P> {
     }
 
     /// Begins to close the line: takes no more jobs.
-    fn leave(&mut self, reply: Option<oneshot::Sender<()>>) {
+    fn begin_close(&mut self, reply: Option<oneshot::Sender<()>>) {
         self.jobs.close();
         while let Ok(job) = self.jobs.try_recv() {
             job.refuse();
         }
         let until = self.alarm.now() + CLOSING_MAX;
-        self.leaving = Some(Leaving { until, reply });
+        self.closing = Some(Closing { until, reply });
     }
 
     /// Whether nothing keeps a line any more that is being closed.
-    fn has_left(&self) -> bool {
-        let Some(leaving) = &self.leaving else {
+    fn is_drained(&self) -> bool {
+        let Some(closing) = &self.closing else {
             return false;
         };
         let now = self.alarm.now();
         let haunted = self.haunted_until().is_some_and(|until| until > now);
-        leaving.until <= now || self.desk.is_idle() && !haunted
+        closing.until <= now || self.pending.is_idle() && !haunted
     }
 
     /// Until when a late reply may come that would meet whoever opens the port next.
@@ -464,7 +465,7 @@ impl Job {
 /// Where the line is closed meanwhile, the error says who did it.
 async fn without_port<T>(
     jobs: &mut mpsc::Receiver<Job>,
-    mut change: impl FnMut(Membership),
+    mut change: impl FnMut(ModuleChanges),
     work: impl Future<Output = T>,
 ) -> Result<T, Option<oneshot::Sender<()>>> {
     let mut work = pin!(work);

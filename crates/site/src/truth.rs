@@ -44,7 +44,7 @@ pub enum Reason {
     /// Another program has the port of its line.
     LineBusy,
     /// Somebody has borrowed its line.
-    Lent,
+    Exclusive,
     /// Its line was closed.
     LineClosed,
 }

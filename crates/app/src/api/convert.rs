@@ -7,7 +7,7 @@ use railbus_api::types::{
 };
 use railbus_bus::Evidence;
 use railbus_device::PointKind;
-use railbus_host::{LineState, Passed, PortError, Presence, Probed};
+use railbus_host::{LineState, PortError, Presence, Probed, TapFrame};
 use railbus_site::config::{Confirm, Name};
 use railbus_site::{By, LineStatus, ModuleStatus, PointStatus, Service};
 use railbus_wire::{Instant, Micros};
@@ -30,7 +30,9 @@ pub fn line(status: LineStatus) -> LineInfo {
     let (state, why) = match &status.state {
         LineState::Opening => (PortState::Opening, None),
         LineState::Up => (PortState::Up, None),
-        LineState::Absent(why) if matches!(**why, PortError::Busy { .. } | PortError::Lent) => {
+        LineState::Absent(why)
+            if matches!(**why, PortError::Busy { .. } | PortError::Exclusive) =>
+        {
             (PortState::Busy, Some(why))
         }
         LineState::Absent(why) => (PortState::Absent, Some(why)),
@@ -185,7 +187,7 @@ const fn reason(why: railbus_site::Reason) -> Reason {
         R::OtherModel => Reason::OtherModel,
         R::LineAbsent => Reason::LineAbsent,
         R::LineBusy => Reason::LineBusy,
-        R::Lent => Reason::Lent,
+        R::Exclusive => Reason::Exclusive,
         R::LineClosed => Reason::LineClosed,
     }
 }
@@ -260,8 +262,8 @@ pub fn start_of(now: Instant) -> u64 {
 }
 
 /// What passed on a line whose time began then.
-pub fn passed(start: u64, passed: Result<Passed, u64>) -> FrameEvent {
-    let Passed { at, sent, bytes } = match passed {
+pub fn passed(start: u64, passed: Result<TapFrame, u64>) -> FrameEvent {
+    let TapFrame { at, sent, bytes } = match passed {
         Ok(passed) => passed,
         Err(dropped) => return FrameEvent::Gap { dropped },
     };

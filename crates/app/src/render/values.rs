@@ -46,7 +46,7 @@ pub fn quality(lang: Lang, point: &PointInfo) -> &'static str {
         (Quality::Bad, Some(Reason::OtherModel)) => AppText::OtherModel,
         (Quality::Bad, Some(Reason::LineAbsent)) => AppText::LineAbsent,
         (Quality::Bad, Some(Reason::LineBusy)) => AppText::LineBusy,
-        (Quality::Bad, Some(Reason::Lent)) => AppText::LineLent,
+        (Quality::Bad, Some(Reason::Exclusive)) => AppText::LineLent,
         (Quality::Bad, Some(Reason::LineClosed)) => AppText::LineShut,
         (Quality::Bad, Some(Reason::Other) | None) => AppText::Bad,
     })

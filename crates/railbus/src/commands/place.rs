@@ -139,7 +139,7 @@ pub(super) fn port_failure(context: &Context, place: &Place, error: &PortError) 
     let lang = context.lang;
     let code = match error {
         PortError::Missing => Code::PortMissing,
-        PortError::Busy { .. } | PortError::Lent => Code::PortBusy,
+        PortError::Busy { .. } | PortError::Exclusive => Code::PortBusy,
         PortError::Permission(_) => Code::PortDenied,
         PortError::NotATty => Code::NotATty,
         PortError::Refused | PortError::Unreachable => Code::PortUnreachable,

@@ -2,7 +2,7 @@
 
 use railbus_app::api::ask;
 use railbus_app::frames::Named;
-use railbus_host::{PIECE_PAUSE, Passed};
+use railbus_host::{PIECE_PAUSE, TapFrame};
 use railbus_site::Service;
 use railbus_sniff::{Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Settings};
@@ -71,7 +71,7 @@ impl Ear {
     }
 
     /// What passed, after every timeout that fell due before it.
-    pub(super) fn take(&mut self, passed: &Passed, heard: &mut Vec<Heard>) {
+    pub(super) fn take(&mut self, passed: &TapFrame, heard: &mut Vec<Heard>) {
         let at = Instant(self.start.saturating_add(passed.at.0));
         let time = self.settings.frame_time(passed.bytes.len());
         // What is sent is told when it is handed to the port, what is heard when it has ended.
@@ -101,7 +101,7 @@ mod tests {
     #[tokio::test]
     async fn a_reply_that_the_line_takes_in_pieces_is_one_frame() {
         let settings = Settings::FACTORY;
-        let passed = |at: u64, sent: bool, bytes: &[u8]| Passed {
+        let passed = |at: u64, sent: bool, bytes: &[u8]| TapFrame {
             at: Instant(at),
             sent: sent.then_some(settings),
             bytes: bytes.into(),

@@ -85,7 +85,7 @@ impl Service {
         let handle = lock(&self.inner.lines).remove(line);
         close_all(handle.into_iter()).await;
         if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
-            now.state = LineState::Absent(Arc::new(PortError::Lent));
+            now.state = LineState::Absent(Arc::new(PortError::Exclusive));
         }
         drop(turns);
         self.inner.tell(Update::Line(line.to_owned()));

@@ -7,7 +7,7 @@ use super::{Service, Update, close_all, lock, prepare};
 use crate::Config;
 use crate::config::{LineConfig, ModuleConfig, Place, Problem};
 use railbus_device::{Module, PointKind};
-use railbus_host::{LineState, Membership, ModuleId, PortError};
+use railbus_host::{LineState, ModuleChanges, ModuleId, PortError};
 use railbus_store::history::{Event, EventKind, Severity};
 use std::collections::BTreeSet;
 use std::convert::Infallible;
@@ -122,7 +122,7 @@ impl Service {
                 let mut now = LineNow::new(&config, line);
                 if lent {
                     now.lent = true;
-                    now.state = LineState::Absent(Arc::new(PortError::Lent));
+                    now.state = LineState::Absent(Arc::new(PortError::Exclusive));
                 }
                 state.lines.insert(line.clone(), now);
             }
@@ -235,8 +235,8 @@ fn membership(
     now: &mut LineNow,
     polls: bool,
     keep: impl Fn(&str) -> bool,
-) -> Membership {
-    let mut change = Membership::default();
+) -> ModuleChanges {
+    let mut change = ModuleChanges::default();
     for (number, slot) in now.modules.iter_mut().enumerate() {
         if !slot.is_empty() && !keep(slot) {
             change.leave.push(ModuleId(number));

@@ -245,7 +245,7 @@ impl Service {
     fn is_down(&self, line: &str) -> Fact {
         match self.line(line).map(|status| status.state) {
             Some(LineState::Up) => Fact::Is(false),
-            Some(LineState::Absent(why)) if !matches!(*why, PortError::Lent) => Fact::Is(true),
+            Some(LineState::Absent(why)) if !matches!(*why, PortError::Exclusive) => Fact::Is(true),
             _ => Fact::Unknown,
         }
     }

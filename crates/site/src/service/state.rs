@@ -90,11 +90,11 @@ impl State {
     pub(super) fn line_fault(&self, line: &str) -> Option<Reason> {
         let line = self.lines.get(line)?;
         match &line.state {
-            _ if line.lent => Some(Reason::Lent),
+            _ if line.lent => Some(Reason::Exclusive),
             LineState::Up | LineState::Opening => None,
             LineState::Absent(why) => Some(match **why {
                 PortError::Busy { .. } => Reason::LineBusy,
-                PortError::Lent => Reason::Lent,
+                PortError::Exclusive => Reason::Exclusive,
                 _ => Reason::LineAbsent,
             }),
             LineState::Closed => Some(Reason::LineClosed),

@@ -2,7 +2,7 @@
 
 use crate::clock::Clock;
 use crate::line::{Done, LATE_MAX, ProbeResult};
-use crate::tap::{Tap, Tapped};
+use crate::tap::{Tap, TapSender};
 use railbus_bus::LateReply;
 use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probe, Probed, Ticket};
 use railbus_device::{Op, Seen};
@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use tokio::sync::oneshot;
 
 /// The most bytes kept of what a probe meets.
-const TAPE_MAX: usize = 300;
+const RX_LOG_MAX: usize = 300;
 /// The most probes that wait for their turn.
 const PROBES_MAX: usize = 16;
 
@@ -20,20 +20,20 @@ pub(crate) type ProbeReply = oneshot::Sender<Result<ProbeResult, Fault>>;
 
 /// Everyone who waits.
 #[derive(Debug)]
-pub(crate) struct Desk {
-    runs: Vec<Run>,
-    probe: Option<Probing>,
+pub(crate) struct PendingCalls {
+    runs: Vec<PendingRun>,
+    probe: Option<PendingProbe>,
     /// Probes that wait for the end of that one.
     probes: VecDeque<(Probe, ProbeReply)>,
     late: Vec<LateReply>,
-    tap: Option<Tapped>,
+    tap: Option<TapSender>,
     /// There is a probe or a tap: one question for both, in the way of every byte.
     records: bool,
 }
 
 /// A caller who waits for a command's end.
 #[derive(Debug)]
-pub(crate) struct Run {
+pub(crate) struct PendingRun {
     pub(crate) ticket: Ticket,
     pub(crate) module: ModuleId,
     pub(crate) op: Op,
@@ -46,16 +46,16 @@ pub(crate) struct Run {
 /// A caller who waits for a probe's end. What comes back is recorded here, because the state
 /// machine keeps no reply that it has understood.
 #[derive(Debug)]
-struct Probing {
+struct PendingProbe {
     sent: Vec<u8>,
     heard: Vec<u8>,
     changes: bool,
     reply: ProbeReply,
 }
 
-impl Desk {
-    pub(crate) fn new() -> Desk {
-        Desk {
+impl PendingCalls {
+    pub(crate) fn new() -> PendingCalls {
+        PendingCalls {
             runs: Vec::with_capacity(COMMANDS_MAX),
             probe: None,
             probes: VecDeque::new(),
@@ -68,7 +68,7 @@ impl Desk {
     /// Lets one more look on.
     pub(crate) fn tap(&mut self, clock: Clock) -> Tap {
         self.records = true;
-        self.tap.get_or_insert_with(|| Tapped::new(clock)).tap()
+        self.tap.get_or_insert_with(|| TapSender::new(clock)).tap()
     }
 
     /// Whether nobody waits.
@@ -76,7 +76,7 @@ impl Desk {
         self.runs.is_empty() && self.probe.is_none() && self.probes.is_empty()
     }
 
-    pub(crate) fn add(&mut self, run: Run) {
+    pub(crate) fn add(&mut self, run: PendingRun) {
         self.runs.push(run);
     }
 
@@ -105,7 +105,7 @@ impl Desk {
     }
 
     /// Whether nobody waits any more for the probe under way.
-    pub(crate) fn is_forsaken(&self) -> bool {
+    pub(crate) fn is_abandoned(&self) -> bool {
         let probe = self.probe.as_ref();
         probe.is_some_and(|probe| probe.reply.is_closed())
     }
@@ -113,7 +113,7 @@ impl Desk {
     /// The line has a probe. Its end is told with what came back.
     pub(crate) fn add_probe(&mut self, changes: bool, reply: ProbeReply) {
         self.records = true;
-        self.probe = Some(Probing {
+        self.probe = Some(PendingProbe {
             sent: Vec::new(),
             heard: Vec::new(),
             changes,
@@ -153,14 +153,14 @@ impl Desk {
     #[cold]
     fn record_heard(&mut self, bytes: &[u8], echoes: bool) {
         if let Some(probe) = &mut self.probe {
-            let room = TAPE_MAX - probe.heard.len().min(TAPE_MAX);
+            let room = RX_LOG_MAX - probe.heard.len().min(RX_LOG_MAX);
             probe.heard.extend(bytes.iter().take(room));
         }
         self.tell(|tap| tap.heard(bytes, echoes));
     }
 
     /// Tells those who look on; the last of them may have gone.
-    fn tell(&mut self, what: impl FnOnce(&mut Tapped) -> bool) {
+    fn tell(&mut self, what: impl FnOnce(&mut TapSender) -> bool) {
         if let Some(tap) = &mut self.tap
             && !what(tap)
         {
@@ -255,10 +255,10 @@ mod tests {
     use super::*;
     use railbus_device::Bank;
 
-    fn desk_with(op: Op) -> (Desk, oneshot::Receiver<Result<Done, Fault>>) {
+    fn pending_with(op: Op) -> (PendingCalls, oneshot::Receiver<Result<Done, Fault>>) {
         let (reply, end) = oneshot::channel();
-        let mut desk = Desk::new();
-        desk.add(Run {
+        let mut pending = PendingCalls::new();
+        pending.add(PendingRun {
             ticket: Ticket(7),
             module: ModuleId(1),
             op,
@@ -266,7 +266,7 @@ mod tests {
             seen: None,
             reply,
         });
-        (desk, end)
+        (pending, end)
     }
 
     fn outputs(on: u32) -> Seen {
@@ -278,16 +278,16 @@ mod tests {
 
     #[test]
     fn a_read_gets_what_was_seen_last_of_its_own_module_and_op() {
-        let (mut desk, mut end) = desk_with(Op::ReadOutputs);
+        let (mut pending, mut end) = pending_with(Op::ReadOutputs);
         let at = Instant(50);
-        desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(1), at);
-        desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(2), at);
-        desk.seen(ModuleId(0), &Op::ReadOutputs, outputs(3), at);
-        desk.seen(ModuleId(1), &Op::ReadAnalogs, Seen::Analogs([1, 2]), at);
-        desk.end(Ticket(7), Ok(Confirmed::Reply), Micros(5));
+        pending.seen(ModuleId(1), &Op::ReadOutputs, outputs(1), at);
+        pending.seen(ModuleId(1), &Op::ReadOutputs, outputs(2), at);
+        pending.seen(ModuleId(0), &Op::ReadOutputs, outputs(3), at);
+        pending.seen(ModuleId(1), &Op::ReadAnalogs, Seen::Analogs([1, 2]), at);
+        pending.end(Ticket(7), Ok(Confirmed::Reply), Micros(5));
         let done = end.try_recv().unwrap().unwrap();
         assert_eq!(done.seen, Some(outputs(2)));
-        assert!(desk.is_idle());
+        assert!(pending.is_idle());
     }
 
     #[test]
@@ -298,9 +298,9 @@ mod tests {
             (Confirmed::Readback, 104, Some(outputs(4))),
             (Confirmed::Sent, 105, None),
         ] {
-            let (mut desk, mut end) = desk_with(Op::Toggle(4));
-            desk.seen(ModuleId(1), &Op::ReadOutputs, outputs(4), Instant(asked));
-            desk.end(Ticket(7), Ok(confirmed), Micros(5));
+            let (mut pending, mut end) = pending_with(Op::Toggle(4));
+            pending.seen(ModuleId(1), &Op::ReadOutputs, outputs(4), Instant(asked));
+            pending.end(Ticket(7), Ok(confirmed), Micros(5));
             assert_eq!(end.try_recv().unwrap().unwrap().seen, seen);
         }
     }
@@ -309,13 +309,13 @@ mod tests {
     fn a_probe_gets_what_came_back_without_the_echo() {
         for (echoes, bytes) in [(true, &[3, 4][..]), (false, &[1, 2, 3, 4][..])] {
             let (reply, mut end) = oneshot::channel();
-            let mut desk = Desk::new();
-            desk.add_probe(false, reply);
-            desk.heard(&[9], || false);
-            desk.sent(&[1, 2], Settings::FACTORY);
-            desk.heard(&[1, 2, 3], || false);
-            desk.heard(&[4], || false);
-            desk.end_probe(Probed::Answered, Micros(5), echoes);
+            let mut pending = PendingCalls::new();
+            pending.add_probe(false, reply);
+            pending.heard(&[9], || false);
+            pending.sent(&[1, 2], Settings::FACTORY);
+            pending.heard(&[1, 2, 3], || false);
+            pending.heard(&[4], || false);
+            pending.end_probe(Probed::Answered, Micros(5), echoes);
             assert_eq!(end.try_recv().unwrap().unwrap().bytes, bytes);
         }
     }
