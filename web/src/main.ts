@@ -1,11 +1,11 @@
 import { mount } from "svelte";
 import App from "./App.svelte";
-import { mark } from "./i18n/index.svelte";
+import { markDocumentLanguage } from "./i18n/index.svelte";
 import * as prefs from "./app/prefs.svelte";
 import * as router from "./app/router.svelte";
 import "./style.css";
 
-mark();
+markDocumentLanguage();
 prefs.follow();
 router.follow();
 const target = document.getElementById("app");

@@ -1,5 +1,5 @@
 // Who uses the page, and what the daemon says of itself.
-import { get, post, trust, whenEnded } from "../api/api";
+import { get, post, setCsrfToken, onSessionEnd } from "../api/client";
 import type { Role, Session } from "../api/types";
 
 const RANK: Record<Role, number> = { viewer: 0, operator: 1, engineer: 2, admin: 3 };
@@ -7,7 +7,7 @@ const RANK: Record<Role, number> = { viewer: 0, operator: 1, engineer: 2, admin:
 let session = $state.raw<Session | null>(null);
 let down = $state(false);
 
-export function who(): Session | null {
+export function currentSession(): Session | null {
   return session;
 }
 
@@ -29,7 +29,7 @@ export function maySwitch(path: string): boolean {
 }
 
 /** Whether who uses the page is limited to some points. */
-export function whoIsLimited(): boolean {
+export function isLimitedToPoints(): boolean {
   return !!session?.user?.points.length;
 }
 
@@ -38,25 +38,25 @@ function fits(pattern: string, path: string): boolean {
   return new RegExp(`^${parts.join(".*")}$`).test(path);
 }
 
-export function enter(next: Session): void {
+export function setSession(next: Session): void {
   session = next;
-  trust(next.csrf);
+  setCsrfToken(next.csrf);
 }
 
 export async function load(): Promise<void> {
   try {
-    enter(await get<Session>("/session"));
+    setSession(await get<Session>("/session"));
     down = false;
   } catch {
     down = session === null;
   }
 }
 
-export async function leave(): Promise<void> {
+export async function signOut(): Promise<void> {
   await post("/logout");
   await load();
 }
 
-whenEnded(() => {
+onSessionEnd(() => {
   if (session?.user) session = { ...session, user: null, csrf: null };
 });

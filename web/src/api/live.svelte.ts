@@ -2,7 +2,7 @@
 // same values are asked for once a second.
 import { SvelteMap } from "svelte/reactivity";
 import { language } from "../i18n/index.svelte";
-import { get, token } from "./api";
+import { get, csrfToken } from "./client";
 import { clock } from "../lib/clock.svelte";
 import type { LineInfo, ModuleInfo, PointInfo } from "./types";
 
@@ -74,7 +74,7 @@ export function pointsOf(module: string): PointInfo[] {
 }
 
 /** Hears a topic until the returned function is called. */
-export function hear(topic: string, listener: Listener): () => void {
+export function subscribe(topic: string, listener: Listener): () => void {
   const others = listeners.get(topic) ?? new Set();
   if (others.size === 0) send({ sub: [topic] });
   others.add(listener);
@@ -92,7 +92,7 @@ export function start(): void {
   if (running) return;
   running = true;
   connect();
-  watchdog = setInterval(guard, POLL_MS);
+  watchdog = setInterval(checkAlive, POLL_MS);
 }
 
 export function stop(): void {
@@ -107,7 +107,7 @@ let watchdog: ReturnType<typeof setInterval> | undefined;
 let asked = false;
 
 /** A connection that has died without a word is found by asking. */
-function guard(): void {
+function checkAlive(): void {
   if (!link.open) return;
   const silent = Date.now() - link.heard;
   // A page in the background has its timers slowed down: who was not asked is not gone.
@@ -125,7 +125,7 @@ function send(message: object): void {
 function connect(): void {
   if (!running) return;
   const scheme = location.protocol === "https:" ? "wss" : "ws";
-  const asked = new URLSearchParams({ lang: language(), ...(token() ? { csrf: token() ?? "" } : {}) });
+  const asked = new URLSearchParams({ lang: language(), ...(csrfToken() ? { csrf: csrfToken() ?? "" } : {}) });
   const mine = new WebSocket(`${scheme}://${location.host}/api/v1/ws?${asked}`);
   socket = mine;
   mine.onopen = () => {
@@ -133,12 +133,12 @@ function connect(): void {
     clearInterval(polling);
     polling = undefined;
     link.open = true;
-    heard();
+    markHeard();
     send({ sub: [...new Set([...ALWAYS, ...listeners.keys()])] });
   };
   mine.onmessage = (event) => {
-    heard();
-    take(JSON.parse(String(event.data)) as Message);
+    markHeard();
+    receive(JSON.parse(String(event.data)) as Message);
   };
   mine.onclose = () => {
     link.open = false;
@@ -151,7 +151,7 @@ function connect(): void {
   };
 }
 
-function heard(): void {
+function markHeard(): void {
   link.heard = Date.now();
   link.everHeard = true;
   asked = false;
@@ -168,11 +168,11 @@ async function poll(): Promise<void> {
       get<{ modules: ModuleInfo[] }>("/modules"),
       get<{ points: PointInfo[] }>("/points"),
     ]);
-    heard();
-    whole(lines, l.lines, (line) => line.line);
-    whole(modules, m.modules, (module) => module.module);
-    p.points.forEach(remember);
-    whole(points, p.points, (point) => point.path);
+    markHeard();
+    replaceAll(lines, l.lines, (line) => line.line);
+    replaceAll(modules, m.modules, (module) => module.module);
+    p.points.forEach(noteReading);
+    replaceAll(points, p.points, (point) => point.path);
   } catch {
     // The state of the connection says it.
   } finally {
@@ -180,7 +180,7 @@ async function poll(): Promise<void> {
   }
 }
 
-function take(message: Message): void {
+function receive(message: Message): void {
   const news = (key: string): unknown[] => {
     const found = message.type === "snapshot" ? (message.data ?? message[key]) : message[key];
     const inner = Array.isArray(found) ? found : (found as Record<string, unknown> | undefined)?.[key];
@@ -190,7 +190,7 @@ function take(message: Message): void {
   switch (message.topic) {
     case "points/#": {
       const fresh = news("points") as PointInfo[];
-      fresh.forEach(remember);
+      fresh.forEach(noteReading);
       merge(points, fresh, (point) => point.path, all);
       break;
     }
@@ -205,18 +205,18 @@ function take(message: Message): void {
 }
 
 function merge<T>(into: SvelteMap<string, T>, news: T[], key: (item: T) => string, all: boolean): void {
-  if (all) whole(into, news, key);
+  if (all) replaceAll(into, news, key);
   else for (const item of news) into.set(key(item), item);
 }
 
-function whole<T>(into: SvelteMap<string, T>, items: T[], key: (item: T) => string): void {
+function replaceAll<T>(into: SvelteMap<string, T>, items: T[], key: (item: T) => string): void {
   const kept = new Set(items.map(key));
   for (const old of [...into.keys()]) if (!kept.has(old)) into.delete(old);
   for (const item of items) into.set(key(item), item);
 }
 
 /** Dates a point that has just come, and draws it out where it is measured. */
-function remember(point: PointInfo): void {
+function noteReading(point: PointInfo): void {
   const now = Date.now();
   if (point.age_ms !== undefined) point.read_at = now - point.age_ms;
   // A value that is not read any more has no course.
@@ -227,6 +227,6 @@ function remember(point: PointInfo): void {
 
 /** Takes over a point that was asked for on its own. */
 export function refresh(point: PointInfo): void {
-  remember(point);
+  noteReading(point);
   points.set(point.path, point);
 }

@@ -1,23 +1,23 @@
 // Something that takes its time: followed from its begin to its end.
-import { get, problem, remove } from "./api";
-import { hear } from "./live.svelte";
-import { complain } from "../ui/toasts.svelte";
+import { get, problemOf, remove } from "./client";
+import { subscribe } from "./live.svelte";
+import { showProblem } from "../ui/toasts.svelte";
 import type { Operation } from "./types";
 
 /** Where no WebSocket tells of progress it is asked for this often. */
 const ASK_MS = 1_000;
 
-export class Following {
+export class OperationTracker {
   op = $state.raw<Operation>();
   running = $derived(this.op?.state === "running");
-  #deaf: () => void = () => {};
+  #unsubscribe: () => void = () => {};
   #timer: ReturnType<typeof setInterval> | undefined;
 
   async follow(op: string): Promise<void> {
     this.leave();
     await this.#look(op);
     if (this.op && !this.running) return;
-    this.#deaf = hear(`ops/${op}`, (message) => this.#take(message["op"] ?? message.data));
+    this.#unsubscribe = subscribe(`ops/${op}`, (message) => this.#take(message["op"] ?? message.data));
     this.#timer = setInterval(() => void this.#look(op), ASK_MS);
   }
 
@@ -26,7 +26,7 @@ export class Following {
       this.#take(await get<Operation>(`/ops/${op}`));
     } catch (thrown) {
       // While the network is away it goes on; an operation that is unknown has ended.
-      if (problem(thrown).status === 404) this.leave();
+      if (problemOf(thrown).status === 404) this.leave();
     }
   }
 
@@ -40,7 +40,7 @@ export class Following {
 
   /** Called once it has ended. */
   protected ended(op: Operation): void {
-    if (op.error) complain(op.error);
+    if (op.error) showProblem(op.error);
   }
 
   async cancel(): Promise<void> {
@@ -48,13 +48,13 @@ export class Following {
     try {
       await remove(`/ops/${this.op.op}`);
     } catch (thrown) {
-      complain(thrown);
+      showProblem(thrown);
     }
   }
 
   /** Follows it no longer. */
   leave(): void {
-    this.#deaf();
+    this.#unsubscribe();
     clearInterval(this.#timer);
   }
 }

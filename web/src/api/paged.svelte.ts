@@ -1,5 +1,5 @@
 // A long list that comes page by page, the newest first.
-import { get, problem } from "./api";
+import { get, problemOf } from "./client";
 import type { Page } from "../history/events";
 import type { Problem } from "./types";
 
@@ -10,19 +10,19 @@ const AT_ONCE = 50;
 export interface Paged<T> {
   readonly items: T[];
   readonly next: string | null;
-  readonly why: Problem | null;
+  readonly problem: Problem | null;
   readonly ready: boolean;
   more: () => Promise<void>;
   /** Looks for what came meanwhile. */
-  again: () => Promise<void>;
+  refetch: () => Promise<void>;
   replace: (id: string, item: T) => void;
 }
 
 /** A list at a path such as `/events?kind=write`; begins anew when the path changes. */
-export function paged<T extends { id: string }>(path: () => string): Paged<T> {
+export function pagedList<T extends { id: string }>(path: () => string): Paged<T> {
   let items = $state.raw<T[]>([]);
   let next = $state<string | null>(null);
-  let why = $state.raw<Problem | null>(null);
+  let problem = $state.raw<Problem | null>(null);
   let ready = $state(false);
   let turn = 0;
 
@@ -33,10 +33,10 @@ export function paged<T extends { id: string }>(path: () => string): Paged<T> {
     try {
       const page = await get<Page<T>>(where);
       if (mine !== turn) return null;
-      why = null;
+      problem = null;
       return page;
     } catch (thrown) {
-      if (mine === turn) why = problem(thrown);
+      if (mine === turn) problem = problemOf(thrown);
       return null;
     } finally {
       if (mine === turn) ready = true;
@@ -61,8 +61,8 @@ export function paged<T extends { id: string }>(path: () => string): Paged<T> {
     get next() {
       return items.length < MOST ? next : null;
     },
-    get why() {
-      return why;
+    get problem() {
+      return problem;
     },
     get ready() {
       return ready;
@@ -71,7 +71,7 @@ export function paged<T extends { id: string }>(path: () => string): Paged<T> {
       const page = await ask(next);
       if (page) [items, next] = [[...items, ...page.items], page.next];
     },
-    async again() {
+    async refetch() {
       const page = await ask(null);
       if (!page) return;
       const known = new Set(page.items.map((item) => item.id));

@@ -198,7 +198,7 @@ export interface Step {
 }
 
 /** A group or a scene, as it is edited. */
-export interface Together {
+export interface GroupOrScene {
   id: string;
   name?: Partial<Record<string, string>>;
   steps: Step[];

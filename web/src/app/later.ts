@@ -1,6 +1,6 @@
 // Every page but the first, in one file: what is alike in them is packed once, which saves a sixth
 // of the whole.
-import { more } from "../i18n/index.svelte";
+import { addTexts } from "../i18n/index.svelte";
 import { later } from "../i18n/later";
 export { default as Api } from "../reference/Api.svelte";
 export { default as Backup } from "../backup/Backup.svelte";
@@ -17,4 +17,4 @@ export { default as System } from "./System.svelte";
 export { default as Trends } from "../history/Trends.svelte";
 export { default as Users } from "../access/Users.svelte";
 
-more(later);
+addTexts(later);

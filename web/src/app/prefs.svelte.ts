@@ -19,7 +19,7 @@ export function themeNow(): Theme {
 }
 
 /** The theme that is worn: `auto` is the system's. */
-export function worn(): "light" | "dark" {
+export function effectiveTheme(): "light" | "dark" {
   return theme === "auto" ? system : theme;
 }
 
@@ -27,20 +27,20 @@ export function worn(): "light" | "dark" {
 export function change(): void {
   theme = THEMES[(THEMES.indexOf(theme) + 1) % THEMES.length] ?? "auto";
   localStorage.setItem(KEPT, theme);
-  dress();
+  applyTheme();
 }
 
 /** Tells the style sheet. */
-function dress(): void {
-  document.documentElement.dataset["theme"] = worn();
+function applyTheme(): void {
+  document.documentElement.dataset["theme"] = effectiveTheme();
 }
 
 /** Dresses the page, and again when the system changes its mind. */
 export function follow(): void {
-  dress();
+  applyTheme();
   dark.addEventListener("change", () => {
     system = dark.matches ? "dark" : "light";
-    dress();
+    applyTheme();
   });
 }
 

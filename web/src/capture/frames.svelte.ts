@@ -86,7 +86,7 @@ export class FrameLog {
       if (this.#test(numbered)) this.shown.push(numbered);
     }
     if (this.all.length >= FRAMES_MOST + CHUNK) this.#trim();
-    this.#tell();
+    this.#changed();
   }
 
   #trim(): void {
@@ -97,7 +97,7 @@ export class FrameLog {
   }
 
   /** At most once for each picture that the screen shows. */
-  #tell(): void {
+  #changed(): void {
     if (this.#due) return;
     this.#due = true;
     requestAnimationFrame(() => {
@@ -109,13 +109,13 @@ export class FrameLog {
   filter(text: string): void {
     this.#test = filterOf(text);
     this.shown = this.all.filter(this.#test);
-    this.#tell();
+    this.#changed();
   }
 
   clear(): void {
     this.all = [];
     this.shown = [];
     this.dropped = 0;
-    this.#tell();
+    this.#changed();
   }
 }

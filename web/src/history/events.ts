@@ -1,5 +1,5 @@
 // What happened, as `/events` and `/audit` tell it.
-import { listed, named, t, told, word } from "../i18n/index.svelte";
+import { joinList, named, t, withDetail, textOr } from "../i18n/index.svelte";
 import { span } from "../lib/format";
 import { points } from "../api/live.svelte";
 import { lineText, moduleText, pointText } from "../points/names";
@@ -28,7 +28,7 @@ export interface SiteEvent {
 }
 
 /** An entry of the chain in which every write stands. */
-export interface Entry {
+export interface AuditEntry {
   id: string;
   at: string;
   who: string;
@@ -47,7 +47,7 @@ export interface Page<T> {
 }
 
 /** How a command ended, in words where there are some. */
-export const endText = (end: string): string => word(`end_${end}`, end);
+export const endText = (end: string): string => textOr(`end_${end}`, end);
 
 export function endedWell(end: string | null | undefined): boolean {
   return end === "readback" || end === "reply" || end === "sent";
@@ -63,27 +63,27 @@ export function about(event: SiteEvent): string {
 const EACH_MOST = 4;
 
 /** Of which module something is told; and of which of its points, where that is said already. */
-type Of = Pick<SiteEvent, "module" | "point">;
+type Subject = Pick<SiteEvent, "module" | "point">;
 
 const onOff = (state: string | undefined): string => t(state === "on" ? "on" : "off");
 
 /** States of outputs as the daemon writes them, `do3=on do4=off`, in words; what is none, as it is. */
-export function statesText(of: Of, text: string): string {
+export function statesText(of: Subject, text: string): string {
   const all = text.split(" ").map((one) => /^(\w+)=(on|off)$/.exec(one));
   const states = new Set(all.map((one) => one?.[2]));
   if (all.includes(null)) return text;
   const [state] = states;
   if (all.length > EACH_MOST && states.size === 1) return t("what_all", { n: all.length, state: onOff(state) });
-  return listed(all.map((one) => `${labelText(of, one?.[1] ?? "")} ${onOff(one?.[2])}`.trim()));
+  return joinList(all.map((one) => `${labelText(of, one?.[1] ?? "")} ${onOff(one?.[2])}`.trim()));
 }
 
-function labelText({ module, point }: Of, label: string): string {
+function labelText({ module, point }: Subject, label: string): string {
   const path = `${module}.${label}`;
   return path === point ? "" : (named(points.get(path)?.name) ?? label);
 }
 
 /** What the daemon writes down of commands, and how it is said; the parts in the order of the gaps. */
-const ASKED: [RegExp, (of: Of, ...parts: string[]) => string][] = [
+const ASKED: [RegExp, (of: Subject, ...parts: string[]) => string][] = [
   [/^pulse (\w+) (\d+)ms by (host|device)$/, (of, label = "", ms, by) =>
     t(by === "device" ? "what_pulse_device" : "what_pulse_host", { point: labelText(of, label), time: span(Number(ms)) })],
   [/^(toggle|end of pulse|end of lease) (\w+)$/, (of, what = "", label = "") =>
@@ -92,16 +92,16 @@ const ASKED: [RegExp, (of: Of, ...parts: string[]) => string][] = [
     t("what_lease", { point: labelText(of, label), state: onOff(state), time: span(Number(ms)) })],
   [/^(\w+)=off after (\d+)ms$/, (of, label = "", ms) => t("what_max_on", { point: labelText(of, label), time: span(Number(ms)) })],
   [/^settings (.*)$/, (_, all = "") =>
-    told(t("tab_settings"), listed(all.split(/ (?=\w+=)/)).replace(/(\w+)=/g, (_, name: string) => `${word(`set_${name}`, name)} `))],
+    withDetail(t("tab_settings"), joinList(all.split(/ (?=\w+=)/)).replace(/(\w+)=/g, (_, name: string) => `${textOr(`set_${name}`, name)} `))],
   [/^calibrate zero, span at (.*)$/, (_, volts = "") => t("what_calibrate", { volts })],
   [/^send (\S*): (.*) \((\S+)\)$/, (_, needs = "", bytes = "") => {
-    const may = needs.split("+").map((need) => word(`need_${need}`, need));
-    return t("what_send", { bytes, may: listed(may.filter(Boolean)) || t("need_read") });
+    const may = needs.split("+").map((need) => textOr(`need_${need}`, need));
+    return t("what_send", { bytes, may: joinList(may.filter(Boolean)) || t("need_read") });
   }],
 ];
 
 /** What was asked of a module, in words. */
-export function askedText(of: Of, what: string): string {
+export function commandText(of: Subject, what: string): string {
   for (const [form, said] of ASKED) {
     const parts = form.exec(what);
     if (parts) return said(of, ...parts.slice(1));
@@ -114,21 +114,21 @@ function actionsText(what: string): string {
   const one = (action: string): string => {
     const [, pulsed, ms, set, state] = /^pulse (\S+)(?: (\d+)ms)?$|^(\S+)=(on|off)$/.exec(action) ?? [];
     if (pulsed) return t("rule_says_pulse", { point: pointText(pulsed), time: ms ? span(Number(ms)) : "" }).trim();
-    return set ? t("rule_says_set", { point: pointText(set), state: onOff(state) }) : word(`rule_${action}`, action);
+    return set ? t("rule_says_set", { point: pointText(set), state: onOff(state) }) : textOr(`rule_${action}`, action);
   };
-  return listed(what.split(", ").map(one));
+  return joinList(what.split(", ").map(one));
 }
 
 /** Who it was: a part of the program has a name for programs. */
 export function whoText({ who = "", via = "" }: Pick<SiteEvent, "who" | "via">): string {
   if (who === "an unknown name") return t("who_unknown");
-  if (via === "socket" || via === "signal") return word(`who_${who}`, who);
+  if (via === "socket" || via === "signal") return textOr(`who_${who}`, who);
   if (via !== "program") return who;
   const [, rule] = /^rule:(.*)/.exec(who) ?? [];
-  return rule ? t("rule_edit", { rule }) : word(`who_${who}`, word(`point_${who}`, who));
+  return rule ? t("rule_edit", { rule }) : textOr(`who_${who}`, textOr(`point_${who}`, who));
 }
 
-export const viaText = (via = ""): string => word(`via_${via}`, via);
+export const viaText = (via = ""): string => textOr(`via_${via}`, via);
 
 /** What the daemon adds to an event in its own words. */
 function addedText({ code, text = "", end }: SiteEvent): string {
@@ -141,21 +141,21 @@ function addedText({ code, text = "", end }: SiteEvent): string {
     case "history_works":
       return t("dropped_n", { n: text.replace("dropped ", "") });
     case "line_down":
-      return word(`port_is_${text}`, word(`port_${text}`, text));
+      return textOr(`port_is_${text}`, textOr(`port_${text}`, text));
     case "user_added":
-      return word(`role_${text}`, text);
+      return textOr(`role_${text}`, text);
     case "user_changed":
-      return listed(text.split(" ").map((one) => word(`user_has_${one}`, one)));
+      return joinList(text.split(" ").map((one) => textOr(`user_has_${one}`, one)));
     default:
-      return word(`code_${code}_${text}`, text);
+      return textOr(`code_${code}_${text}`, text);
   }
 }
 
 /** What happened, in a few words. */
 export function eventText(event: SiteEvent): string {
   const { kind, code = "", what = "" } = event;
-  if (kind === "write") return askedText(event, what);
-  const said = word(`code_${code}`, what || code.replaceAll("_", " "));
+  if (kind === "write") return commandText(event, what);
+  const said = textOr(`code_${code}`, what || code.replaceAll("_", " "));
   const more = [kind === "rule" ? actionsText(what) : what, addedText(event)].filter((one) => one && one !== said).join(" · ");
-  return more ? told(said, more) : said;
+  return more ? withDetail(said, more) : said;
 }

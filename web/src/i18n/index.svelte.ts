@@ -18,7 +18,7 @@ export type Key = keyof typeof first | keyof typeof later;
 const all: Partial<Record<Key, Pair>> = first;
 
 /** Adds texts. */
-export function more(texts: Partial<Record<Key, Pair>>): void {
+export function addTexts(texts: Partial<Record<Key, Pair>>): void {
   Object.assign(all, texts);
 }
 
@@ -42,14 +42,14 @@ export function language(): Lang {
 }
 
 /** Speaks another language, here and the next time. */
-export function speak(next: Lang): void {
+export function setLanguage(next: Lang): void {
   lang = next;
   localStorage.setItem(KEPT, next);
-  mark();
+  markDocumentLanguage();
 }
 
 /** Tells the browser, which picks fonts and line breaks by it. */
-export function mark(): void {
+export function markDocumentLanguage(): void {
   document.documentElement.lang = lang === "zh" ? "zh-CN" : "en";
 }
 
@@ -60,13 +60,13 @@ export function t(key: Key, gaps?: Gaps): string {
 }
 
 /** The text under a key that is made of what the daemon says; what it says itself where there is none. */
-export function word(key: string, otherwise: string): string {
+export function textOr(key: string, otherwise: string): string {
   return key in all ? t(key as Key) : otherwise;
 }
 
 /** Things one after the other, and what belongs to a word: as the language sets them apart. */
-export const listed = (all: readonly string[]): string => all.join(lang === "zh" ? "、" : ", ");
-export const told = (what: string, more: string): string => `${what}${lang === "zh" ? "：" : ": "}${more}`;
+export const joinList = (all: readonly string[]): string => all.join(lang === "zh" ? "、" : ", ");
+export const withDetail = (what: string, more: string): string => `${what}${lang === "zh" ? "：" : ": "}${more}`;
 
 /** Of names by language, the one to show. */
 export function named(names: Partial<Record<string, string>> | undefined): string | undefined {

@@ -1,15 +1,15 @@
 // What was commanded from this page and what came of it, by point.
 import { SvelteMap } from "svelte/reactivity";
 import { t } from "../i18n/index.svelte";
-import { post, problem, put } from "../api/api";
+import { post, problemOf, put } from "../api/client";
 import { points, refresh } from "../api/live.svelte";
-import { complain } from "../ui/toasts.svelte";
+import { showProblem } from "../ui/toasts.svelte";
 import type { PointInfo, Problem, Written } from "../api/types";
 
 export type Command =
   | { state: "pending"; want: boolean }
   | { state: "confirmed"; how: Written["confirmed"]; ms: number }
-  | { state: Verdict; why: Problem };
+  | { state: Verdict; problem: Problem };
 
 /** How long it is shown what came of a command: done, or not. */
 const CONFIRMED_MS = 4_000;
@@ -21,9 +21,9 @@ const NOT_VERIFIED = "E0601";
 export type Verdict = "failed" | "unknown" | "not_verified";
 
 /** An answer that never came is none that says "nothing was switched". */
-export function verdictOf(why: Problem): Verdict {
-  if (why.code === NOT_VERIFIED) return "not_verified";
-  return (why.may_have_acted ?? !why.code) ? "unknown" : "failed";
+export function verdictOf(problem: Problem): Verdict {
+  if (problem.code === NOT_VERIFIED) return "not_verified";
+  return (problem.may_have_acted ?? !problem.code) ? "unknown" : "failed";
 }
 
 const commands = new SvelteMap<string, Command>();
@@ -59,10 +59,10 @@ async function run(point: PointInfo, want: boolean, ask: () => Promise<Written>)
     }
     show(path, { state: "confirmed", how: done.confirmed, ms: done.took_ms }, CONFIRMED_MS);
   } catch (thrown) {
-    const why = problem(thrown);
-    const verdict = verdictOf(why);
-    show(path, { state: verdict, why }, TROUBLE_MS);
-    complain(why, t(`verdict_${verdict}_why`));
+    const problem = problemOf(thrown);
+    const verdict = verdictOf(problem);
+    show(path, { state: verdict, problem }, TROUBLE_MS);
+    showProblem(problem, t(`verdict_${verdict}_why`));
   }
 }
 

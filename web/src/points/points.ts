@@ -23,7 +23,7 @@ export function shownText(point: PointInfo): string {
 }
 
 /** Why a value is not of now, and from when it is; nothing where it is of now. */
-export function whyOld(point: PointInfo): string {
+export function staleReason(point: PointInfo): string {
   if (isFresh(point)) return "";
   const reason = reasonText(point);
   // What did not change was not sent again: when it was read last before the page went deaf, it can't tell.
@@ -56,9 +56,9 @@ function reasonText(point: PointInfo): string {
 }
 
 /** How a module stands, from best to worst; what lies beyond it comes first: page, line, module. */
-export type Standing = "online" | "old" | "waiting" | "offline" | "other" | "line" | "lost";
+export type ModuleStatus = "online" | "old" | "waiting" | "offline" | "other" | "line" | "lost";
 
-export function standing(module: ModuleInfo): Standing {
+export function moduleStatus(module: ModuleInfo): ModuleStatus {
   if (lostAt() !== null) return "lost";
   const line = lines.get(module.line);
   if (line && line.state !== "up") return "line";
@@ -76,8 +76,8 @@ export function lastReply(module: ModuleInfo): number | undefined {
 }
 
 /** How a module stands, in a few words. */
-export function standingText(module: ModuleInfo): string {
-  const how = standing(module);
+export function moduleStatusText(module: ModuleInfo): string {
+  const how = moduleStatus(module);
   const last = lastReply(module);
   switch (how) {
     case "online":
@@ -103,7 +103,7 @@ export function ago(at: number): string {
 }
 
 /** The points of a module that are not left out. */
-export function shownOf(module: string): PointInfo[] {
+export function visiblePointsOf(module: string): PointInfo[] {
   return pointsOf(module).filter((point) => !point.hidden || showsHidden());
 }
 

@@ -1,11 +1,11 @@
 // A scan: begun, followed, cancelled; and what it found put into the configuration.
 import { language } from "../i18n/index.svelte";
-import { patch, post } from "../api/api";
-import { Following } from "../api/operation.svelte";
-import { complain } from "../ui/toasts.svelte";
+import { patch, post } from "../api/client";
+import { OperationTracker } from "../api/operation.svelte";
+import { showProblem } from "../ui/toasts.svelte";
 import type { Found } from "../api/types";
 
-export interface Wish {
+export interface ScanRequest {
   lines: string[];
   depth: "quick" | "full" | "deep";
   protocols?: string[];
@@ -15,12 +15,12 @@ export interface Wish {
 /** The name of a module as the configuration takes it. */
 export const NAME = /^[a-z][a-z0-9_]{0,31}$/;
 
-export class Scan extends Following {
-  async start(wish: Wish): Promise<void> {
+export class Scan extends OperationTracker {
+  async start(request: ScanRequest): Promise<void> {
     try {
-      await this.follow((await post<{ op: string }>("/scans", wish)).op);
+      await this.follow((await post<{ op: string }>("/scans", request)).op);
     } catch (thrown) {
-      complain(thrown);
+      showProblem(thrown);
     }
   }
 }

@@ -1,8 +1,8 @@
 // A change of what a module keeps: planned, written, followed to its end.
 import { t } from "../i18n/index.svelte";
-import { patch, post } from "../api/api";
-import { Following } from "../api/operation.svelte";
-import { complain } from "../ui/toasts.svelte";
+import { patch, post } from "../api/client";
+import { OperationTracker } from "../api/operation.svelte";
+import { showProblem } from "../ui/toasts.svelte";
 import type { Operation, SettingsPlan } from "../api/types";
 
 /** What people call a setting. */
@@ -40,12 +40,12 @@ export function settingWord(value: string): string {
 }
 
 /** What is wanted: other values, or those before a change. */
-export type Wish = { set: Record<string, string> } | { undo: number };
+export type SettingsRequest = { set: Record<string, string> } | { undo: number };
 
-export class Change extends Following {
+export class Change extends OperationTracker {
   /** What the change would take, until it is begun or let be. */
   plan = $state.raw<SettingsPlan | null>(null);
-  wish = $state.raw<Wish | null>(null);
+  request = $state.raw<SettingsRequest | null>(null);
   busy = $state(false);
   readonly #path: string;
   readonly #done: () => void;
@@ -57,32 +57,32 @@ export class Change extends Following {
   }
 
   /** Asks what it would take; nothing is written. */
-  async prepare(wish: Wish, etag: string): Promise<void> {
+  async prepare(request: SettingsRequest, etag: string): Promise<void> {
     await this.#attempt(async () => {
-      this.plan = await this.#send<SettingsPlan>(wish, etag, "?dry_run=1");
-      this.wish = wish;
+      this.plan = await this.#send<SettingsPlan>(request, etag, "?dry_run=1");
+      this.request = request;
     });
   }
 
   /** Writes what was planned, if the module is as it was then. */
   async write(): Promise<void> {
-    const { plan, wish } = this;
-    if (!plan || !wish) return;
+    const { plan, request } = this;
+    if (!plan || !request) return;
     await this.#attempt(async () => {
-      const { op } = await this.#send<{ op: string }>(wish, plan.etag, "");
+      const { op } = await this.#send<{ op: string }>(request, plan.etag, "");
       this.drop();
       await this.follow(op);
     });
   }
 
   drop(): void {
-    this.plan = this.wish = null;
+    this.plan = this.request = null;
   }
 
-  #send<T>(wish: Wish, etag: string, query: string): Promise<T> {
+  #send<T>(request: SettingsRequest, etag: string, query: string): Promise<T> {
     const match = { "If-Match": `"${etag}"` };
-    if ("set" in wish) return patch(this.#path + query, wish.set, match);
-    return post(`${this.#path}/undo${query}`, { change: wish.undo }, 0, match);
+    if ("set" in request) return patch(this.#path + query, request.set, match);
+    return post(`${this.#path}/undo${query}`, { change: request.undo }, 0, match);
   }
 
   async #attempt(work: () => Promise<void>): Promise<void> {
@@ -90,7 +90,7 @@ export class Change extends Following {
     try {
       await work();
     } catch (thrown) {
-      complain(thrown);
+      showProblem(thrown);
     } finally {
       this.busy = false;
     }

@@ -1,8 +1,8 @@
 // The simulated lines and their modules as they really are, for as long as a page shows them.
 import { SvelteMap } from "svelte/reactivity";
-import { get } from "../api/api";
-import { hear } from "../api/live.svelte";
-import { complain } from "../ui/toasts.svelte";
+import { get } from "../api/client";
+import { subscribe } from "../api/live.svelte";
+import { showProblem } from "../ui/toasts.svelte";
 
 export interface SimFault {
   fault: string;
@@ -68,9 +68,9 @@ export function simulated(): { readonly lines: SimLine[] } {
     get<{ lines: SimLine[] }>("/sim").then((all) => {
       for (const one of all.lines) {
         take(one);
-        ends?.push(hear(`sim/${one.line}`, (message) => take((message.data ?? message.sim) as SimLine)));
+        ends?.push(subscribe(`sim/${one.line}`, (message) => take((message.data ?? message.sim) as SimLine)));
       }
-    }, complain);
+    }, showProblem);
     return () => {
       ends?.forEach((end) => end());
       ends = null;

@@ -1,5 +1,5 @@
 // Short notices at the edge of the page. What failed stays until it is dismissed.
-import { problem, whenReached } from "../api/api";
+import { problemOf, onResponse } from "../api/client";
 import type { Problem } from "../api/types";
 
 export interface Toast {
@@ -36,23 +36,23 @@ function add(toast: Omit<Toast, "id">): number {
 }
 
 /** Says that something was done. */
-export function tell(text: string, action?: Toast["action"]): void {
+export function notify(text: string, action?: Toast["action"]): void {
   const id = add(action ? { kind: "good", text, action } : { kind: "good", text });
   setTimeout(() => dismiss(id), action ? LASTS_MS * 2 : LASTS_MS);
 }
 
 /** Dialogs that are open, the foremost last: what fails in one is said in it, not behind it. */
-const dialogs: ((why: Problem) => void)[] = [];
+const dialogs: ((problem: Problem) => void)[] = [];
 
 /** Takes what is complained of, until the returned function is called. */
-export function inFront(take: (why: Problem) => void): () => void {
+export function catchProblems(take: (problem: Problem) => void): () => void {
   dialogs.push(take);
   return () => void dialogs.splice(dialogs.indexOf(take), 1);
 }
 
 /** Says why something was not done, and for a command what is so now. */
-export function complain(thrown: unknown, verdict?: string): void {
-  const found = problem(thrown);
+export function showProblem(thrown: unknown, verdict?: string): void {
+  const found = problemOf(thrown);
   const dialog = dialogs.at(-1);
   if (dialog && !verdict) return dialog(found);
   const text = found.detail ?? found.title;
@@ -63,6 +63,6 @@ export function complain(thrown: unknown, verdict?: string): void {
 }
 
 // That the daemon did not answer is said until it does.
-whenReached(() => {
+onResponse(() => {
   for (const { id, problem } of [...list]) if (problem?.status === 0) dismiss(id);
 });

@@ -1,23 +1,23 @@
 // Something asked of the API for as long as a page shows it.
-import { get, problem } from "./api";
+import { get, problemOf } from "./client";
 import { lostAt } from "./live.svelte";
 import type { Problem } from "./types";
 
-export interface Asked<T> {
+export interface Resource<T> {
   /** The last answer; it stays while it is asked again. */
   readonly data: T | null;
   /** Why there is none. */
-  readonly why: Problem | null;
+  readonly problem: Problem | null;
   readonly busy: boolean;
-  again: () => Promise<void>;
+  refetch: () => Promise<void>;
 }
 
 const GONE = 404;
 
 /** Asks at once, again when the path changes, and every so often. */
-export function asked<T>(path: () => string | null, every?: number): Asked<T> {
+export function resource<T>(path: () => string | null, every?: number): Resource<T> {
   let data = $state.raw<T | null>(null);
-  let why = $state.raw<Problem | null>(null);
+  let problem = $state.raw<Problem | null>(null);
   let busy = $state(false);
   let turn = 0;
   const reachable = $derived(lostAt() === null);
@@ -28,9 +28,9 @@ export function asked<T>(path: () => string | null, every?: number): Asked<T> {
     busy = true;
     try {
       const answer = await get<T>(what);
-      if (mine === turn) [data, why] = [answer, null];
+      if (mine === turn) [data, problem] = [answer, null];
     } catch (thrown) {
-      if (mine === turn) why = problem(thrown);
+      if (mine === turn) problem = problemOf(thrown);
     } finally {
       if (mine === turn) busy = false;
     }
@@ -45,7 +45,7 @@ export function asked<T>(path: () => string | null, every?: number): Asked<T> {
     const timer = setInterval(() => {
       // What is not there does not come by asking. And of a daemon that is slow, one question is open:
       // more would take the few connections that a browser has from what somebody does.
-      if (!busy && why?.status !== GONE) void ask(what);
+      if (!busy && problem?.status !== GONE) void ask(what);
     }, every);
     return () => clearInterval(timer);
   });
@@ -54,12 +54,12 @@ export function asked<T>(path: () => string | null, every?: number): Asked<T> {
     get data() {
       return data;
     },
-    get why() {
-      return why;
+    get problem() {
+      return problem;
     },
     get busy() {
       return busy;
     },
-    again: () => ask(path()),
+    refetch: () => ask(path()),
   };
 }

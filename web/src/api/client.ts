@@ -4,9 +4,9 @@ import type { Problem } from "./types";
 
 const BASE = "/api/v1";
 /** After so long an answer is not waited for any more. */
-const PATIENCE_MS = 15_000;
+const TIMEOUT_MS = 15_000;
 
-export class Refusal extends Error {
+export class ApiError extends Error {
   constructor(readonly problem: Problem) {
     super(problem.detail ?? problem.title);
   }
@@ -17,52 +17,52 @@ let csrf: string | null = null;
 /** Called where the session has ended. */
 let ended: () => void = () => {};
 
-export function trust(token: string | null): void {
+export function setCsrfToken(token: string | null): void {
   csrf = token;
 }
 
-export function token(): string | null {
+export function csrfToken(): string | null {
   return csrf;
 }
 
 /** Called when the daemon has answered. */
 let reached: () => void = () => {};
 
-export function whenReached(then: () => void): void {
+export function onResponse(then: () => void): void {
   reached = then;
 }
 
-export function whenEnded(then: () => void): void {
+export function onSessionEnd(then: () => void): void {
   ended = then;
 }
 
-async function ask(
+async function request(
   method: string,
   path: string,
   body?: unknown,
   more?: HeadersInit,
-  patience = PATIENCE_MS,
+  timeout = TIMEOUT_MS,
 ): Promise<Response> {
   const headers = new Headers(more);
   headers.set("Accept-Language", language());
   if (body !== undefined) headers.set("Content-Type", "application/json");
   if (csrf && method !== "GET") headers.set("X-CSRF-Token", csrf);
-  const request: RequestInit = { method, headers, signal: AbortSignal.timeout(patience) };
-  if (body !== undefined) request.body = JSON.stringify(body);
+  const init: RequestInit = { method, headers, signal: AbortSignal.timeout(timeout) };
+  if (body !== undefined) init.body = JSON.stringify(body);
   let response: Response;
   try {
-    response = await fetch(BASE + path, request);
+    response = await fetch(BASE + path, init);
   } catch {
-    throw new Refusal({ code: "", title: t("no_daemon"), status: 0 });
+    throw new ApiError({ code: "", title: t("no_daemon"), status: 0 });
   }
   reached();
   if (response.ok) return response;
-  const problem = await problemOf(response);
+  const problem = await problemIn(response);
   if (response.status === 401 && path !== "/login") ended();
-  throw new Refusal(problem);
+  throw new ApiError(problem);
 }
 
-async function problemOf(response: Response): Promise<Problem> {
+async function problemIn(response: Response): Promise<Problem> {
   try {
     return (await response.json()) as Problem;
   } catch {
@@ -76,26 +76,26 @@ async function json<T>(response: Promise<Response>): Promise<T> {
   return (answer.status === 204 ? undefined : await answer.json()) as T;
 }
 
-export const get = <T>(path: string): Promise<T> => json(ask("GET", path));
+export const get = <T>(path: string): Promise<T> => json(request("GET", path));
 export const put = <T>(path: string, body?: unknown, more?: HeadersInit): Promise<T> =>
-  json(ask("PUT", path, body, more));
+  json(request("PUT", path, body, more));
 /** `longer`: so many milliseconds more than usual the daemon may take. */
 export const post = <T>(path: string, body?: unknown, longer = 0, more?: HeadersInit): Promise<T> =>
-  json(ask("POST", path, body, more, PATIENCE_MS + longer));
+  json(request("POST", path, body, more, TIMEOUT_MS + longer));
 export const patch = <T>(path: string, body: unknown, more?: HeadersInit): Promise<T> =>
-  json(ask("PATCH", path, body, more));
-export const remove = <T>(path: string): Promise<T> => json(ask("DELETE", path));
+  json(request("PATCH", path, body, more));
+export const remove = <T>(path: string): Promise<T> => json(request("DELETE", path));
 
 /** What is wrong, a sentence each: of a configuration the reasons, without the places in its file. */
-export function reasons(why: Problem): string[] {
-  const told = why["problems"] as { reason?: string }[] | undefined;
+export function reasons(problem: Problem): string[] {
+  const told = problem["problems"] as { reason?: string }[] | undefined;
   const each = told?.flatMap(({ reason }) => reason ?? []) ?? [];
-  return each.length ? each : [why.detail ?? why.title];
+  return each.length ? each : [problem.detail ?? problem.title];
 }
 
 /** The problem of whatever was thrown. */
-export function problem(thrown: unknown): Problem {
-  if (thrown instanceof Refusal) return thrown.problem;
+export function problemOf(thrown: unknown): Problem {
+  if (thrown instanceof ApiError) return thrown.problem;
   if (thrown && typeof thrown === "object" && "code" in thrown && "title" in thrown) return thrown as Problem;
   return { code: "", title: String(thrown), status: 500 };
 }
