@@ -1,4 +1,4 @@
-// Who uses the page, and what the daemon says of itself.
+// The user of the page, and what the daemon says about itself.
 import { get, post, setCsrfToken, onSessionEnd } from "../api/client";
 import type { Role, Session } from "../api/types";
 
@@ -11,24 +11,24 @@ export function currentSession(): Session | null {
   return session;
 }
 
-/** The daemon did not answer when the page came. */
+/** The daemon has not answered since the page was loaded. */
 export function isDown(): boolean {
   return down;
 }
 
-/** Whether who uses the page has at least this role. */
+/** Whether the user has at least this role. */
 export function may(role: Role): boolean {
   const user = session?.user;
   return !!user && RANK[user.role] >= RANK[role];
 }
 
-/** Whether who uses the page may switch this point. */
+/** Whether the user may switch this point. */
 export function maySwitch(path: string): boolean {
   const points = session?.user?.points ?? [];
   return may("operator") && (points.length === 0 || points.some((pattern) => fits(pattern, path)));
 }
 
-/** Whether who uses the page is limited to some points. */
+/** Whether the user may switch only some points. */
 export function isLimitedToPoints(): boolean {
   return !!session?.user?.points.length;
 }

@@ -1,9 +1,9 @@
-// The daemon's API. What fails is thrown as a `Refusal`, which carries the problem.
+// The client of the daemon's API. A request that fails throws an `ApiError` with its problem.
 import { language, t } from "../i18n/index.svelte";
 import type { Problem } from "./types";
 
 const BASE = "/api/v1";
-/** After so long an answer is not waited for any more. */
+/** How long a request may take before it is aborted. */
 const TIMEOUT_MS = 15_000;
 
 export class ApiError extends Error {
@@ -12,9 +12,9 @@ export class ApiError extends Error {
   }
 }
 
-/** Set by the session: proof that a write comes from this page. */
+/** The session's CSRF token, sent with every write. */
 let csrf: string | null = null;
-/** Called where the session has ended. */
+/** Called when the session has ended. */
 let ended: () => void = () => {};
 
 export function setCsrfToken(token: string | null): void {
@@ -25,7 +25,7 @@ export function csrfToken(): string | null {
   return csrf;
 }
 
-/** Called when the daemon has answered. */
+/** Called whenever the daemon has answered. */
 let reached: () => void = () => {};
 
 export function onResponse(then: () => void): void {
@@ -79,21 +79,21 @@ async function json<T>(response: Promise<Response>): Promise<T> {
 export const get = <T>(path: string): Promise<T> => json(request("GET", path));
 export const put = <T>(path: string, body?: unknown, more?: HeadersInit): Promise<T> =>
   json(request("PUT", path, body, more));
-/** `longer`: so many milliseconds more than usual the daemon may take. */
+/** `longer`: milliseconds added to the usual timeout. */
 export const post = <T>(path: string, body?: unknown, longer = 0, more?: HeadersInit): Promise<T> =>
   json(request("POST", path, body, more, TIMEOUT_MS + longer));
 export const patch = <T>(path: string, body: unknown, more?: HeadersInit): Promise<T> =>
   json(request("PATCH", path, body, more));
 export const remove = <T>(path: string): Promise<T> => json(request("DELETE", path));
 
-/** What is wrong, a sentence each: of a configuration the reasons, without the places in its file. */
+/** The reasons of a problem, a sentence each. For a configuration: without the positions in the file. */
 export function reasons(problem: Problem): string[] {
   const told = problem["problems"] as { reason?: string }[] | undefined;
   const each = told?.flatMap(({ reason }) => reason ?? []) ?? [];
   return each.length ? each : [problem.detail ?? problem.title];
 }
 
-/** The problem of whatever was thrown. */
+/** The problem behind whatever was thrown. */
 export function problemOf(thrown: unknown): Problem {
   if (thrown instanceof ApiError) return thrown.problem;
   if (thrown && typeof thrown === "object" && "code" in thrown && "title" in thrown) return thrown as Problem;

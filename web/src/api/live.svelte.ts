@@ -1,5 +1,5 @@
-// The site as it is now: one store, fed by the WebSocket. Where no WebSocket comes through, the
-// same values are asked for once a second.
+// The current state of the site, fed by the WebSocket. Where no WebSocket gets through, it is
+// polled once a second.
 import { SvelteMap } from "svelte/reactivity";
 import { language } from "../i18n/index.svelte";
 import { get, csrfToken } from "./client";
@@ -10,7 +10,7 @@ export const points = new SvelteMap<string, PointInfo>();
 export const modules = new SvelteMap<string, ModuleInfo>();
 export const lines = new SvelteMap<string, LineInfo>();
 
-/** What the server sends about a topic. */
+/** A message of the server about a topic. */
 export interface Message {
   type: "snapshot" | "delta" | "dropped";
   topic: string;
@@ -23,14 +23,14 @@ type Listener = (message: Message) => void;
 
 const ALWAYS = ["points/#", "modules", "lines"];
 const POLL_MS = 1_000;
-/** Silence after which the daemon is asked whether it is there, and after which it is not. */
+/** Silence after which the connection is probed, and after which it is closed. */
 const ASK_AFTER_MS = 2_000;
 const GONE_AFTER_MS = 15_000;
-/** After so long without a word nothing shown is of now, whatever the socket says. */
+/** Silence after which everything shown is stale, even if the socket is still open. */
 const STALE_AFTER_MS = 5_000;
 const RETRY_MOST_MS = 15_000;
 
-/** A short course of each analog point, for the small pictures beside it. */
+/** The recent samples of each analog point, for its sparkline. */
 const COURSE_MS = 60_000;
 const COURSE_MOST = 240;
 const courses = new SvelteMap<string, { t: number; v: number }[]>();
@@ -45,7 +45,7 @@ let polling: ReturnType<typeof setInterval> | undefined;
 
 export type LinkState = "live" | "connecting" | "reconnecting" | "stale";
 
-/** How fresh the page is, and the seconds that go with it. */
+/** The state of the connection, and the seconds to show with it. */
 export function connection(): { state: LinkState; seconds: number } {
   const now = clock();
   const silent = now - link.heard;
@@ -55,7 +55,7 @@ export function connection(): { state: LinkState; seconds: number } {
   return { state: "reconnecting", seconds: Math.max(0, Math.ceil((link.retryAt - now) / 1_000)) };
 }
 
-/** When the site was heard last, where it is not heard any more: all that is shown is of then. */
+/** When the connection was lost, if it is: everything shown is from then. */
 export function lostAt(): number | null {
   const { state } = connection();
   return state === "reconnecting" || state === "stale" ? link.heard : null;
@@ -73,7 +73,7 @@ export function pointsOf(module: string): PointInfo[] {
   return [...points.values()].filter((point) => point.module === module);
 }
 
-/** Hears a topic until the returned function is called. */
+/** Subscribes to a topic. The returned function unsubscribes. */
 export function subscribe(topic: string, listener: Listener): () => void {
   const others = listeners.get(topic) ?? new Set();
   if (others.size === 0) send({ sub: [topic] });
@@ -87,7 +87,7 @@ export function subscribe(topic: string, listener: Listener): () => void {
   };
 }
 
-/** Begins to listen; again and again until `stop`. */
+/** Connects, and reconnects until `stop`. */
 export function start(): void {
   if (running) return;
   running = true;
@@ -106,11 +106,11 @@ export function stop(): void {
 let watchdog: ReturnType<typeof setInterval> | undefined;
 let asked = false;
 
-/** A connection that has died without a word is found by asking. */
+/** Probes a silent connection: it may have died without being closed. */
 function checkAlive(): void {
   if (!link.open) return;
   const silent = Date.now() - link.heard;
-  // A page in the background has its timers slowed down: who was not asked is not gone.
+  // The browser slows down the timers of a page in the background: close only after a probe.
   if (asked && silent > GONE_AFTER_MS) socket?.close();
   else if (silent > ASK_AFTER_MS && !asked) {
     asked = true;
@@ -174,7 +174,7 @@ async function poll(): Promise<void> {
     p.points.forEach(noteReading);
     replaceAll(points, p.points, (point) => point.path);
   } catch {
-    // The state of the connection says it.
+    // The state of the connection shows it.
   } finally {
     busy = false;
   }
@@ -215,17 +215,17 @@ function replaceAll<T>(into: SvelteMap<string, T>, items: T[], key: (item: T) =>
   for (const item of items) into.set(key(item), item);
 }
 
-/** Dates a point that has just come, and draws it out where it is measured. */
+/** Notes when a point was read, and adds analog values to their samples. */
 function noteReading(point: PointInfo): void {
   const now = Date.now();
   if (point.age_ms !== undefined) point.read_at = now - point.age_ms;
-  // A value that is not read any more has no course.
+  // A value that is not good is no sample.
   if (point.kind !== "analog" || typeof point.value !== "number" || point.quality !== "good") return;
   const kept = (courses.get(point.path) ?? []).filter((sample) => sample.t > now - COURSE_MS);
   courses.set(point.path, [...kept, { t: now, v: point.value }].slice(-COURSE_MOST));
 }
 
-/** Takes over a point that was asked for on its own. */
+/** Stores a point that was fetched on its own. */
 export function refresh(point: PointInfo): void {
   noteReading(point);
   points.set(point.path, point);

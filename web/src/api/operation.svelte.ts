@@ -1,10 +1,10 @@
-// Something that takes its time: followed from its begin to its end.
+// A long-running operation, followed until it ends.
 import { get, problemOf, remove } from "./client";
 import { subscribe } from "./live.svelte";
 import { showProblem } from "../ui/toasts.svelte";
 import type { Operation } from "./types";
 
-/** Where no WebSocket tells of progress it is asked for this often. */
+/** How often progress is polled, for where no WebSocket reports it. */
 const ASK_MS = 1_000;
 
 export class OperationTracker {
@@ -25,7 +25,7 @@ export class OperationTracker {
     try {
       this.#take(await get<Operation>(`/ops/${op}`));
     } catch (thrown) {
-      // While the network is away it goes on; an operation that is unknown has ended.
+      // Network errors are ignored; an operation that is not known any more has ended.
       if (problemOf(thrown).status === 404) this.leave();
     }
   }
@@ -38,7 +38,7 @@ export class OperationTracker {
     this.ended(this.op);
   }
 
-  /** Called once it has ended. */
+  /** Called once, when the operation has ended. */
   protected ended(op: Operation): void {
     if (op.error) showProblem(op.error);
   }
@@ -52,7 +52,7 @@ export class OperationTracker {
     }
   }
 
-  /** Follows it no longer. */
+  /** Stops following. */
   leave(): void {
     this.#unsubscribe();
     clearInterval(this.#timer);

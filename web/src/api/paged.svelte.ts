@@ -1,9 +1,9 @@
-// A long list that comes page by page, the newest first.
+// A long list, loaded page by page, newest first.
 import { get, problemOf } from "./client";
 import type { Page } from "../history/events";
 import type { Problem } from "./types";
 
-/** How many lines are kept in the page; more are a matter of the filter or of the export. */
+/** How many items the page keeps. For older ones there are the filter and the export. */
 const MOST = 2_000;
 const AT_ONCE = 50;
 
@@ -13,12 +13,12 @@ export interface Paged<T> {
   readonly problem: Problem | null;
   readonly ready: boolean;
   more: () => Promise<void>;
-  /** Looks for what came meanwhile. */
+  /** Loads what is new. */
   refetch: () => Promise<void>;
   replace: (id: string, item: T) => void;
 }
 
-/** A list at a path such as `/events?kind=write`; begins anew when the path changes. */
+/** The list at a path such as `/events?kind=write`; starts over when the path changes. */
 export function pagedList<T extends { id: string }>(path: () => string): Paged<T> {
   let items = $state.raw<T[]>([]);
   let next = $state<string | null>(null);

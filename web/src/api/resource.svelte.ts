@@ -1,12 +1,12 @@
-// Something asked of the API for as long as a page shows it.
+// A resource of the API, fetched for as long as a component shows it.
 import { get, problemOf } from "./client";
 import { lostAt } from "./live.svelte";
 import type { Problem } from "./types";
 
 export interface Resource<T> {
-  /** The last answer; it stays while it is asked again. */
+  /** The last answer; it stays during a refetch. */
   readonly data: T | null;
-  /** Why there is none. */
+  /** Why the last request failed. */
   readonly problem: Problem | null;
   readonly busy: boolean;
   refetch: () => Promise<void>;
@@ -14,7 +14,7 @@ export interface Resource<T> {
 
 const GONE = 404;
 
-/** Asks at once, again when the path changes, and every so often. */
+/** Fetches at once, again when the path changes, and every `every` milliseconds. */
 export function resource<T>(path: () => string | null, every?: number): Resource<T> {
   let data = $state.raw<T | null>(null);
   let problem = $state.raw<Problem | null>(null);
@@ -38,13 +38,13 @@ export function resource<T>(path: () => string | null, every?: number): Resource
 
   $effect(() => {
     const what = path();
-    // What was shown stays while nobody answers, and is asked for again when somebody does.
+    // While the daemon is unreachable the last answer stays; it is fetched again afterwards.
     if (!reachable) return;
     void ask(what);
     if (!every) return;
     const timer = setInterval(() => {
-      // What is not there does not come by asking. And of a daemon that is slow, one question is open:
-      // more would take the few connections that a browser has from what somebody does.
+      // A 404 is not polled. Nor is a second request sent while one is open: a slow daemon would
+      // otherwise use up the browser's few connections, which commands need.
       if (!busy && problem?.status !== GONE) void ask(what);
     }, every);
     return () => clearInterval(timer);

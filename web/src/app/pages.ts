@@ -1,5 +1,5 @@
-// The table of pages. What is not in it does not exist: the rail, the bottom bar, the search and
-// the router are all made of it. What the first page does not need is loaded when it is wanted.
+// The table of pages, from which rail, bottom bar, search and router are made. Pages other than
+// the first are loaded when they are opened.
 import type { Component } from "svelte";
 import type { IconName } from "../ui/icons";
 import type { Key } from "../i18n/index.svelte";
@@ -10,13 +10,13 @@ export interface Page {
   path: string;
   title: Key;
   load: () => Promise<{ default: Component<any> }>;
-  /** Its picture in the rail; pages without one are reached through others. */
+  /** Its icon in the rail; pages without one are reached through others. */
   icon?: IconName;
   /** The group in the rail: the first is what is used daily. */
   group?: 0 | 1 | 2;
-  /** The least role that may use it. */
+  /** The lowest role that may open it. */
   role: Role;
-  /** Stands in the bottom bar of phones, which holds four. */
+  /** Shown in the bottom bar of phones, which holds four. */
   daily?: true;
   /** Only where a line is simulated. */
   simulated?: true;

@@ -1,4 +1,4 @@
-// What this browser remembers of how the page shall look.
+// Display preferences, kept in this browser.
 
 export type Theme = "auto" | "light" | "dark";
 const THEMES: readonly Theme[] = ["auto", "light", "dark"];
@@ -18,24 +18,24 @@ export function themeNow(): Theme {
   return theme;
 }
 
-/** The theme that is worn: `auto` is the system's. */
+/** The theme in effect: `auto` is the system's. */
 export function effectiveTheme(): "light" | "dark" {
   return theme === "auto" ? system : theme;
 }
 
-/** Wears the next theme, here and the next time. */
+/** Switches to the next theme, and stores it. */
 export function change(): void {
   theme = THEMES[(THEMES.indexOf(theme) + 1) % THEMES.length] ?? "auto";
   localStorage.setItem(KEPT, theme);
   applyTheme();
 }
 
-/** Tells the style sheet. */
+/** Sets what the style sheet goes by. */
 function applyTheme(): void {
   document.documentElement.dataset["theme"] = effectiveTheme();
 }
 
-/** Dresses the page, and again when the system changes its mind. */
+/** Applies the theme, and again when the system's preference changes. */
 export function follow(): void {
   applyTheme();
   dark.addEventListener("change", () => {
@@ -46,7 +46,7 @@ export function follow(): void {
 
 let all = $state(false);
 
-/** Hidden points are shown, until the page is left. */
+/** Hidden points are shown, until the page is reloaded. */
 export function showsHidden(): boolean {
   return all;
 }
@@ -57,7 +57,7 @@ export function showHidden(show: boolean): void {
 
 const TABLED = "railbus.tabled";
 
-/** The overview is looked at as a table. */
+/** The overview is shown as a table. */
 export function isTabled(): boolean {
   return localStorage.getItem(TABLED) === "1";
 }

@@ -1,5 +1,5 @@
-// Which page is shown: the path of the address, without a hash. Links are plain links, so that
-// they can be opened elsewhere, copied and bookmarked; a click on one stays in the page.
+// The router: the path of the address says which page is shown. Links are plain links, which can
+// be opened in a tab, copied and bookmarked; a click on one is handled in the page.
 
 export type Params = Record<string, string>;
 

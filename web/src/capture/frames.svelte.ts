@@ -1,5 +1,4 @@
-// The frames of a line as they come: the last 100,000, those that a filter lets through, and
-// the filter's small language.
+// The frames of a line: the last 100,000, those that match a filter, and the filter's syntax.
 import type { FrameRecord } from "../api/types";
 
 export interface Numbered extends FrameRecord {
@@ -9,7 +8,7 @@ export interface Numbered extends FrameRecord {
 }
 
 export const FRAMES_MOST = 100_000;
-/** Old frames are let go this many at a time, so that it costs nothing a frame. */
+/** Old frames are dropped this many at a time, which amortises the cost. */
 const CHUNK = 5_000;
 
 /** ASCII frames as text, all else as hexadecimal digits. */
@@ -25,7 +24,7 @@ export function readable(frame: FrameRecord): string {
 
 type Test = (frame: FrameRecord) => boolean;
 
-/** `addr=3 and (bad or missing)` without the brackets: words that must all fit, `or` between. */
+/** `addr=3 and bad or missing`: words that must all match, alternatives separated by `or`. */
 export function filterOf(text: string): Test {
   const ways = text.toLowerCase().split(/\s+or\s+/).map((way) => {
     const words = way.split(/\s+/).filter((word) => word && word !== "and");
@@ -69,11 +68,11 @@ function word_(word: string): Test {
 }
 
 export class FrameLog {
-  /** Counts up whenever there is something new to see. */
+  /** Incremented whenever there is something new to show. */
   version = $state(0);
   all: Numbered[] = [];
   shown: Numbered[] = [];
-  /** How many the server had to leave out for us. */
+  /** How many frames the server dropped because this page was too slow. */
   dropped = $state(0);
   #next = 0;
   #test: Test = () => true;
@@ -96,7 +95,7 @@ export class FrameLog {
     this.shown.splice(0, keep < 0 ? this.shown.length : keep);
   }
 
-  /** At most once for each picture that the screen shows. */
+  /** At most once per animation frame. */
   #changed(): void {
     if (this.#due) return;
     this.#due = true;

@@ -1,4 +1,4 @@
-// What happened, as `/events` and `/audit` tell it.
+// Events and audit entries in words.
 import { joinList, named, t, withDetail, textOr } from "../i18n/index.svelte";
 import { span } from "../lib/format";
 import { points } from "../api/live.svelte";
@@ -27,7 +27,7 @@ export interface SiteEvent {
   acked?: { who: string; at: string; comment: string };
 }
 
-/** An entry of the chain in which every write stands. */
+/** An entry of the audit log. */
 export interface AuditEntry {
   id: string;
   at: string;
@@ -46,7 +46,7 @@ export interface Page<T> {
   next: string | null;
 }
 
-/** How a command ended, in words where there are some. */
+/** How a command ended, in words. */
 export const endText = (end: string): string => textOr(`end_${end}`, end);
 
 export function endedWell(end: string | null | undefined): boolean {
@@ -59,15 +59,15 @@ export function about(event: SiteEvent): string {
   return event.module ? moduleText(event.module) : lineText(event.line ?? "");
 }
 
-/** More outputs than this are told by their number. */
+/** More outputs than this are summed up by their number. */
 const EACH_MOST = 4;
 
-/** Of which module something is told; and of which of its points, where that is said already. */
+/** The module of an event, and its point if that is shown already. */
 type Subject = Pick<SiteEvent, "module" | "point">;
 
 const onOff = (state: string | undefined): string => t(state === "on" ? "on" : "off");
 
-/** States of outputs as the daemon writes them, `do3=on do4=off`, in words; what is none, as it is. */
+/** Output states as the daemon writes them, `do3=on do4=off`, in words; anything else unchanged. */
 export function statesText(of: Subject, text: string): string {
   const all = text.split(" ").map((one) => /^(\w+)=(on|off)$/.exec(one));
   const states = new Set(all.map((one) => one?.[2]));
@@ -82,7 +82,7 @@ function labelText({ module, point }: Subject, label: string): string {
   return path === point ? "" : (named(points.get(path)?.name) ?? label);
 }
 
-/** What the daemon writes down of commands, and how it is said; the parts in the order of the gaps. */
+/** How the daemon records commands, and the text for each; groups in the order of the placeholders. */
 const ASKED: [RegExp, (of: Subject, ...parts: string[]) => string][] = [
   [/^pulse (\w+) (\d+)ms by (host|device)$/, (of, label = "", ms, by) =>
     t(by === "device" ? "what_pulse_device" : "what_pulse_host", { point: labelText(of, label), time: span(Number(ms)) })],
@@ -100,7 +100,7 @@ const ASKED: [RegExp, (of: Subject, ...parts: string[]) => string][] = [
   }],
 ];
 
-/** What was asked of a module, in words. */
+/** A command, in words. */
 export function commandText(of: Subject, what: string): string {
   for (const [form, said] of ASKED) {
     const parts = form.exec(what);
@@ -119,7 +119,7 @@ function actionsText(what: string): string {
   return joinList(what.split(", ").map(one));
 }
 
-/** Who it was: a part of the program has a name for programs. */
+/** Who did it; the program's own parts have names of their own. */
 export function whoText({ who = "", via = "" }: Pick<SiteEvent, "who" | "via">): string {
   if (who === "an unknown name") return t("who_unknown");
   if (via === "socket" || via === "signal") return textOr(`who_${who}`, who);
@@ -130,7 +130,7 @@ export function whoText({ who = "", via = "" }: Pick<SiteEvent, "who" | "via">):
 
 export const viaText = (via = ""): string => textOr(`via_${via}`, via);
 
-/** What the daemon adds to an event in its own words. */
+/** The daemon's own text of an event, translated. */
 function addedText({ code, text = "", end }: SiteEvent): string {
   if (text === end) return "";
   switch (code) {

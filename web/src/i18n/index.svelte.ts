@@ -1,6 +1,6 @@
-// Texts in the language of who looks. Catalogues are pairs, both languages side by side, one
-// file an area; a key that does not exist is a type error. Those of `later.ts` come with the pages
-// that need them: what is shown before, must not.
+// Texts in the language of the page. Catalogues are pairs of both languages, one file for each
+// domain; a missing key is a type error. Those of `later.ts` are loaded with the pages that need
+// them: nothing shown earlier may use them.
 import { frame } from "./frame";
 import type { later } from "./later";
 import { lines } from "./lines";
@@ -14,7 +14,7 @@ const first = { ...frame, ...points, ...lines, ...start };
 
 export type Key = keyof typeof first | keyof typeof later;
 
-/** Those that are there; the pages that are loaded later bring their own. */
+/** The texts loaded so far; pages loaded later add their own. */
 const all: Partial<Record<Key, Pair>> = first;
 
 /** Adds texts. */
@@ -41,34 +41,34 @@ export function language(): Lang {
   return lang;
 }
 
-/** Speaks another language, here and the next time. */
+/** Switches to another language, and stores it. */
 export function setLanguage(next: Lang): void {
   lang = next;
   localStorage.setItem(KEPT, next);
   markDocumentLanguage();
 }
 
-/** Tells the browser, which picks fonts and line breaks by it. */
+/** Sets the document's language, by which the browser chooses fonts and line breaks. */
 export function markDocumentLanguage(): void {
   document.documentElement.lang = lang === "zh" ? "zh-CN" : "en";
 }
 
-/** A text, its gaps filled. */
+/** A text with its placeholders filled in. */
 export function t(key: Key, gaps?: Gaps): string {
   const text = all[key]?.[lang === "zh" ? 1 : 0] ?? key;
   return gaps ? text.replace(/\{(\w+)\}/g, (whole, name: string) => String(gaps[name] ?? whole)) : text;
 }
 
-/** The text under a key that is made of what the daemon says; what it says itself where there is none. */
+/** The text under a key made of a word of the daemon; `otherwise` if there is none. */
 export function textOr(key: string, otherwise: string): string {
   return key in all ? t(key as Key) : otherwise;
 }
 
-/** Things one after the other, and what belongs to a word: as the language sets them apart. */
+/** A list, and a detail after a word, with the punctuation of the language. */
 export const joinList = (all: readonly string[]): string => all.join(lang === "zh" ? "、" : ", ");
 export const withDetail = (what: string, more: string): string => `${what}${lang === "zh" ? "：" : ": "}${more}`;
 
-/** Of names by language, the one to show. */
+/** The name to show, of those in several languages. */
 export function named(names: Partial<Record<string, string>> | undefined): string | undefined {
   return names?.[lang] ?? names?.["en"] ?? names?.["zh"];
 }

@@ -4,14 +4,14 @@ import type { PointInfo } from "../api/types";
 
 const two = (n: number): string => String(n).padStart(2, "0");
 
-/** `2026-11-21 14:03:07`, in the time of who looks. */
+/** `2026-11-21 14:03:07`, in the browser's time zone. */
 export function dateTime(at: Date | string | number): string {
   const d = new Date(at);
   const day = `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())}`;
   return `${day} ${two(d.getHours())}:${two(d.getMinutes())}:${two(d.getSeconds())}`;
 }
 
-/** `14:03:07`; with its day where that is another than today. */
+/** `14:03:07`; with the date unless it is today's. */
 export function secondTime(at: number): string {
   const whole = dateTime(at);
   const [day, time] = whole.split(" ");
@@ -30,7 +30,7 @@ const UNITS = {
   zh: ["毫秒", "秒", "分", "小时", "天"],
 } as const;
 
-/** A length of time in its largest fitting unit. */
+/** A duration in the largest unit that fits. */
 export function span(ms: number): string {
   const [milli, second, minute, hour, day] = UNITS[language()];
   if (ms < 1_000) return `${Math.round(ms)} ${milli}`;
@@ -48,7 +48,7 @@ export function percent(n: number): string {
   return `${round(n, n < 10 ? 1 : 0)} %`;
 }
 
-/** A value in words, without its unit. */
+/** A value as text, without its unit. */
 export function valueText(point: PointInfo): string {
   const { value, kind } = point;
   if (value === null || value === undefined) return "–";

@@ -1,4 +1,4 @@
-// Files that the page makes for the one who looks at it.
+// Downloads that the page makes itself.
 import { language } from "../i18n/index.svelte";
 
 export function save(name: string, type: string, text: string): void {
@@ -10,11 +10,11 @@ export function save(name: string, type: string, text: string): void {
   setTimeout(() => URL.revokeObjectURL(url), 1_000);
 }
 
-/** Rows as CSV. Spreadsheets take it for UTF-8 only with a mark at its beginning. */
+/** Rows as CSV. For Chinese with a byte order mark, without which spreadsheets do not assume UTF-8. */
 export function csv(head: string[], rows: unknown[][]): string {
   const cell = (value: unknown): string => {
     const text = String(value ?? "");
-    // A formula would be run by who opens it.
+    // Escape formulas: a spreadsheet would run them.
     const safe = /^[=+\-@]/.test(text) && typeof value === "string" ? `'${text}` : text;
     return /[",\r\n]/.test(safe) ? `"${safe.replaceAll('"', '""')}"` : safe;
   };

@@ -1,4 +1,4 @@
-// What the data sheets say of each model: terminals, ratings, traps. English, Chinese.
+// From the datasheets, for each model: terminals, ratings, pitfalls. English, Chinese.
 import type { Pair } from "../i18n/index.svelte";
 
 export interface Model {

@@ -1,4 +1,4 @@
-// What was commanded from this page and what came of it, by point.
+// Commands given from this page and how they ended, by point.
 import { SvelteMap } from "svelte/reactivity";
 import { t } from "../i18n/index.svelte";
 import { post, problemOf, put } from "../api/client";
@@ -11,16 +11,16 @@ export type Command =
   | { state: "confirmed"; how: Written["confirmed"]; ms: number }
   | { state: Verdict; problem: Problem };
 
-/** How long it is shown what came of a command: done, or not. */
+/** How long the end of a command is shown: confirmed, or not. */
 const CONFIRMED_MS = 4_000;
 const TROUBLE_MS = 60_000;
-/** The code of a write that reads back otherwise. */
+/** The code of a write whose read-back differs. */
 const NOT_VERIFIED = "E0601";
 
-/** What is so after a command that did not succeed: one of these, and never two. */
+/** The state of the output after a command that did not succeed. */
 export type Verdict = "failed" | "unknown" | "not_verified";
 
-/** An answer that never came is none that says "nothing was switched". */
+/** Without an answer the output may have been switched: that is unknown, not failed. */
 export function verdictOf(problem: Problem): Verdict {
   if (problem.code === NOT_VERIFIED) return "not_verified";
   return (problem.may_have_acted ?? !problem.code) ? "unknown" : "failed";

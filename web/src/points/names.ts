@@ -1,4 +1,4 @@
-// What people call the lines, modules and points of the site, and what they are called in its file.
+// Display names of lines, modules and points, and their ids in the configuration.
 import { language, named, t } from "../i18n/index.svelte";
 import { lines, modules, points } from "../api/live.svelte";
 import { BOARD } from "./points";
@@ -6,32 +6,32 @@ import { BOARD } from "./points";
 export const lineName = (line: string): string => named(lines.get(line)?.name) ?? line;
 export const moduleName = (module: string): string => named(modules.get(module)?.name) ?? module;
 
-/** `Pump house · Pump 1`; nothing where neither has a name. */
+/** `Pump house · Pump 1`; empty if neither has a name. */
 function calledOf(path: string): string {
   const module = path.split(".")[0] ?? "";
   const [of, name] = [named(modules.get(module)?.name), named(points.get(path)?.name)];
   return of || name ? [of, name ?? path.slice(module.length + 1)].filter(Boolean).join(" · ") : "";
 }
 
-/** Its name with its address behind it: `Pump house · Pump 1 (pump.do0)`. */
+/** The name with the path: `Pump house · Pump 1 (pump.do0)`. */
 export function pointText(path: string): string {
   const name = calledOf(path);
   return name ? `${name} (${path})` : path;
 }
 
-/** A model as people write it; of a board that has no name of its own, what it is. */
+/** The model's title; for a board without a name of its own, what it is. */
 export const modelTitle = ({ model, title }: { model: string | null; title: string }): string => (model === BOARD ? t("model_r55") : title);
 
-/** The same of a module and of a line. */
+/** The same for a module and for a line. */
 export const moduleText = (module: string): string => both(moduleName(module), module);
 export const lineText = (line: string): string => both(lineName(line), line);
 
 const both = (name: string, id: string): string => (name === id ? id : `${name} (${id})`);
 
-/** The languages of names, that of the page first. */
+/** The languages of names, the page's own first. */
 export const nameLanguages = (): ("en" | "zh")[] => (language() === "zh" ? ["zh", "en"] : ["en", "zh"]);
 
-/** Names as they go into the file: what is nothing goes out of it. */
+/** Names as they are written to the configuration: empty ones are left out. */
 export function namesOf(en: string, zh: string): { en?: string; zh?: string } | null {
   const names = { ...(en.trim() && { en: en.trim() }), ...(zh.trim() && { zh: zh.trim() }) };
   return Object.keys(names).length ? names : null;
@@ -39,8 +39,7 @@ export function namesOf(en: string, zh: string): { en?: string; zh?: string } | 
 
 const ID_MOST = 32;
 
-/** What something can be called in the file, by its name: `Pump 1` is `pump_1`. What is not written in
- * Latin letters gives nothing. */
+/** An id for a name: `Pump 1` is `pump_1`. Empty for what is not written in Latin letters. */
 export function idOf(name: string, taken: (id: string) => boolean = () => false): string {
   const plain = name.normalize("NFKD").replace(/[\u0300-\u036f]/g, "");
   if (/[^\x20-\x7e]/.test(plain)) return "";

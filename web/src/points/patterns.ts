@@ -1,4 +1,4 @@
-/** Patterns of points as people type them: divided by commas, Chinese ones too, or blanks. */
+/** Patterns of points as people type them: separated by commas, Chinese ones too, or blanks. */
 export function patterns(text: string): string[] {
   return [...new Set(text.split(/[\s,，、;；]+/).filter(Boolean))];
 }

@@ -1,5 +1,5 @@
-// What may be said of a point, and of a module, now. A value that is not of now is never shown as
-// if it were: every page asks here.
+// What can be said about a point or a module now. A stale value is never shown as a fresh one:
+// every page asks here.
 import { t } from "../i18n/index.svelte";
 import { clock } from "../lib/clock.svelte";
 import { secondTime, span, valueText } from "../lib/format";
@@ -7,26 +7,26 @@ import { lines, lostAt, pointsOf } from "../api/live.svelte";
 import { showsHidden } from "../app/prefs.svelte";
 import type { ModuleInfo, PointInfo } from "../api/types";
 
-/** The board that does not tell how many channels it has. */
+/** The board that does not report how many channels it has. */
 export const BOARD = "r55";
 
-/** The value is what the module said within its time, and the page still hears the site. */
+/** The value is good, and the page is still connected. */
 export function isFresh(point: PointInfo): boolean {
   return point.quality === "good" && lostAt() === null;
 }
 
-/** The value in a word: as it is, as it was, or unknown. */
+/** The value as text: as it is, as it was, or unknown. */
 export function shownText(point: PointInfo): string {
   if (point.value === null || point.value === undefined) return "?";
   const value = valueText(point);
   return isFresh(point) || typeof point.value === "number" ? value : t("was", { value });
 }
 
-/** Why a value is not of now, and from when it is; nothing where it is of now. */
+/** Why a value is not fresh, and when it was read; empty for a fresh one. */
 export function staleReason(point: PointInfo): string {
   if (isFresh(point)) return "";
   const reason = reasonText(point);
-  // What did not change was not sent again: when it was read last before the page went deaf, it can't tell.
+  // Unchanged values are not sent again: after a lost connection the time of the last read is not known.
   if (point.read_at === undefined || lostAt() !== null) return reason;
   return `${reason} · ${t("read_at", { at: secondTime(point.read_at) })}`;
 }
@@ -55,7 +55,7 @@ function reasonText(point: PointInfo): string {
   }
 }
 
-/** How a module stands, from best to worst; what lies beyond it comes first: page, line, module. */
+/** The status of a module, from best to worst. A lost connection hides the line's state, and that the module's. */
 export type ModuleStatus = "online" | "old" | "waiting" | "offline" | "other" | "line" | "lost";
 
 export function moduleStatus(module: ModuleInfo): ModuleStatus {
@@ -67,7 +67,7 @@ export function moduleStatus(module: ModuleInfo): ModuleStatus {
   return pointsOf(module.module).some((point) => point.quality !== "good") ? "old" : "online";
 }
 
-/** When the last reply of a module came, as far as its values tell; of one that answers, about now. */
+/** When a module replied last, as far as its values show. */
 export function lastReply(module: ModuleInfo): number | undefined {
   const lost = lostAt();
   if (lost !== null && module.state === "online") return lost;
@@ -75,7 +75,7 @@ export function lastReply(module: ModuleInfo): number | undefined {
   return times.length ? Math.max(...times) : undefined;
 }
 
-/** How a module stands, in a few words. */
+/** The status of a module, in a few words. */
 export function moduleStatusText(module: ModuleInfo): string {
   const how = moduleStatus(module);
   const last = lastReply(module);
@@ -97,12 +97,12 @@ export function moduleStatusText(module: ModuleInfo): string {
   }
 }
 
-/** How long ago, in whole seconds: it is told anew once a second. */
+/** How long ago, in whole seconds: it is shown anew once a second. */
 export function ago(at: number): string {
   return span(Math.max(0, Math.round((clock() - at) / 1_000)) * 1_000);
 }
 
-/** The points of a module that are not left out. */
+/** The points of a module that are not hidden. */
 export function visiblePointsOf(module: string): PointInfo[] {
   return pointsOf(module).filter((point) => !point.hidden || showsHidden());
 }

@@ -65,7 +65,7 @@ export function callsOf(document: Document): Call[] {
 }
 
 function callOf(method: string, path: string, operation: Operation): Call {
-  // Where 200 tells only what would be done, another one tells what was: the last of them.
+  // Where 200 is a dry run's plan, the last 2xx is the answer proper.
   const good = Object.entries(operation.responses ?? {}).findLast(([status]) => status.startsWith("2"));
   return {
     id: `${method} ${path}`,
@@ -82,7 +82,7 @@ function callOf(method: string, path: string, operation: Operation): Call {
 
 const schemaOf = (content: Content | undefined): Schema | undefined => Object.values(content ?? {})[0]?.schema;
 
-/** So deep a schema is followed: some contain themselves. */
+/** How deep references are followed: some schemas contain themselves. */
 const DEEP = 4;
 
 /** A schema as an outline of JSON: `{ "value": boolean, "if"?: boolean }`. */

@@ -1,4 +1,4 @@
-// Rules as the API tells them, and in words.
+// Rules in words.
 import { language, named, t } from "../i18n/index.svelte";
 import { span } from "../lib/format";
 import { points } from "../api/live.svelte";
@@ -43,7 +43,7 @@ export const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
 /** A Monday. */
 const MONDAY = 4;
 
-/** `Mon`, in the language of who looks. */
+/** `Mon`, in the language of the page. */
 export function dayText(day: string): string {
   const date = new Date(2_026, 4, MONDAY + DAYS.indexOf(day));
   return date.toLocaleDateString(language() === "zh" ? "zh-CN" : "en", { weekday: "short" });

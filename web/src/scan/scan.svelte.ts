@@ -1,4 +1,4 @@
-// A scan: begun, followed, cancelled; and what it found put into the configuration.
+// A scan: started, followed, cancelled; and adding what it found to the configuration.
 import { language } from "../i18n/index.svelte";
 import { patch, post } from "../api/client";
 import { OperationTracker } from "../api/operation.svelte";
@@ -12,7 +12,7 @@ export interface ScanRequest {
   addresses?: string;
 }
 
-/** The name of a module as the configuration takes it. */
+/** A module's id in the configuration. */
 export const NAME = /^[a-z][a-z0-9_]{0,31}$/;
 
 export class Scan extends OperationTracker {
@@ -27,15 +27,15 @@ export class Scan extends OperationTracker {
 
 export interface Chosen {
   found: Found;
-  /** What it is called in the file. */
+  /** Its id in the configuration. */
   name: string;
-  /** What people call it, in the language of the page. */
+  /** Its display name, in the language of the page. */
   called?: string;
-  /** How many outputs it has, where no reply tells it. */
+  /** How many outputs it has, for boards that do not report it. */
   outputs?: number | undefined;
 }
 
-/** The most channels that a board can have that does not tell it. */
+/** The most channels that a board can have that does not report them. */
 export const BOARD_MOST = 32;
 
 /** Adds new modules to the configuration, and gives known ones their new names. */

@@ -1,11 +1,11 @@
-// A change of what a module keeps: planned, written, followed to its end.
+// A change of a module's settings: planned, written, followed until it ends.
 import { t } from "../i18n/index.svelte";
 import { patch, post } from "../api/client";
 import { OperationTracker } from "../api/operation.svelte";
 import { showProblem } from "../ui/toasts.svelte";
 import type { Operation, SettingsPlan } from "../api/types";
 
-/** What people call a setting. */
+/** The name of a setting. */
 export function settingName(name: string): string {
   const [point, mode] = name.split(".");
   if (mode === "mode") return t("set_mode", { point: point ?? "" });
@@ -23,7 +23,7 @@ export function settingName(name: string): string {
   }
 }
 
-/** A value that is a word, as people say it. */
+/** The text for a value that is a word. */
 export function settingWord(value: string): string {
   switch (value) {
     case "none":
@@ -39,11 +39,11 @@ export function settingWord(value: string): string {
   }
 }
 
-/** What is wanted: other values, or those before a change. */
+/** New values, or the undoing of a change. */
 export type SettingsRequest = { set: Record<string, string> } | { undo: number };
 
 export class Change extends OperationTracker {
-  /** What the change would take, until it is begun or let be. */
+  /** What the change would do, until it is started or dropped. */
   plan = $state.raw<SettingsPlan | null>(null);
   request = $state.raw<SettingsRequest | null>(null);
   busy = $state(false);
@@ -56,7 +56,7 @@ export class Change extends OperationTracker {
     this.#done = done;
   }
 
-  /** Asks what it would take; nothing is written. */
+  /** Asks for the plan (a dry run); nothing is written. */
   async prepare(request: SettingsRequest, etag: string): Promise<void> {
     await this.#attempt(async () => {
       this.plan = await this.#send<SettingsPlan>(request, etag, "?dry_run=1");
@@ -64,7 +64,7 @@ export class Change extends OperationTracker {
     });
   }
 
-  /** Writes what was planned, if the module is as it was then. */
+  /** Writes what was planned, provided the module's settings have not changed since. */
   async write(): Promise<void> {
     const { plan, request } = this;
     if (!plan || !request) return;
@@ -96,7 +96,7 @@ export class Change extends OperationTracker {
     }
   }
 
-  /** What failed stands where the change was made. */
+  /** A failure is shown where the change was made, not as a toast. */
   protected override ended(_op: Operation): void {
     this.#done();
   }

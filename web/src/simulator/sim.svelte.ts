@@ -1,4 +1,4 @@
-// The simulated lines and their modules as they really are, for as long as a page shows them.
+// The simulated lines and the real state of their modules, for as long as a page shows them.
 import { SvelteMap } from "svelte/reactivity";
 import { get } from "../api/client";
 import { subscribe } from "../api/live.svelte";
@@ -51,11 +51,11 @@ export interface SimLine {
 const timed = (faults: SimFault[]): SimFault[] =>
   faults.map((one) => (one.left_ms === undefined ? one : { ...one, ends: Date.now() + one.left_ms }));
 
-/** Every simulated line; what changes is pushed. */
+/** All simulated lines, kept up to date over the WebSocket. */
 export function simulated(): { readonly lines: SimLine[] } {
   const lines = new SvelteMap<string, SimLine>();
 
-  /** A push holds the modules that changed. */
+  /** A message contains only the modules that changed. */
   function take(news: SimLine): void {
     const fresh = new Map(news.modules.map((one) => [one.module, { ...one, faults: timed(one.faults) }]));
     const known = lines.get(news.line)?.modules ?? [...fresh.values()];

@@ -5,10 +5,10 @@ export interface DiffLine {
   text: string;
 }
 
-/** Beyond so many pairs of lines what lies between the equal ends is told as wholly changed. */
+/** Beyond this many pairs of lines, everything between the equal ends counts as changed. */
 const PAIRS_MOST = 4_000_000;
 
-/** The shortest way from one text to the other. */
+/** The shortest edit from one text to the other. */
 export function diff(before: string, after: string): DiffLine[] {
   const [a, b] = [before.split("\n"), after.split("\n")];
   let head = 0;
@@ -55,7 +55,7 @@ function between(a: string[], b: string[]): DiffLine[] {
   return found;
 }
 
-/** For each line the number of the change that it belongs to; -1 for what both texts say. */
+/** For each line the number of the change it belongs to; -1 for lines in both texts. */
 export function changes(lines: readonly DiffLine[]): number[] {
   let count = 0;
   return lines.map(({ kind }, i) => {
@@ -75,10 +75,10 @@ export function partly(lines: readonly DiffLine[], taken: (change: number) => bo
     .join("\n");
 }
 
-/** What stands around a change. */
+/** Lines of context around a change. */
 const AROUND = 3;
 
-/** A diff with long equal parts left out: a number stands for so many lines. */
+/** A diff with long equal parts folded: a number stands for that many lines. */
 export function folded<Line extends DiffLine>(lines: readonly Line[]): (Line | number)[] {
   const near = new Uint8Array(lines.length);
   lines.forEach((line, i) => {

@@ -1,4 +1,4 @@
-// Short notices at the edge of the page. What failed stays until it is dismissed.
+// The toasts. A failure stays until it is dismissed.
 import { problemOf, onResponse } from "../api/client";
 import type { Problem } from "../api/types";
 
@@ -7,13 +7,13 @@ export interface Toast {
   kind: "good" | "bad";
   text: string;
   problem?: Problem;
-  /** What is so now, after a command. */
+  /** The state of the output now, after a failed command. */
   verdict?: string;
   action?: { label: string; run: () => void };
 }
 
 const LASTS_MS = 4_000;
-/** Older ones make room. */
+/** How many are shown; the oldest is dropped. */
 const MOST = 4;
 
 let next = 0;
@@ -35,34 +35,34 @@ function add(toast: Omit<Toast, "id">): number {
   return id;
 }
 
-/** Says that something was done. */
+/** Shows that something was done. */
 export function notify(text: string, action?: Toast["action"]): void {
   const id = add(action ? { kind: "good", text, action } : { kind: "good", text });
   setTimeout(() => dismiss(id), action ? LASTS_MS * 2 : LASTS_MS);
 }
 
-/** Dialogs that are open, the foremost last: what fails in one is said in it, not behind it. */
+/** The open dialogs, the topmost last: it shows problems itself, as a toast would be behind it. */
 const dialogs: ((problem: Problem) => void)[] = [];
 
-/** Takes what is complained of, until the returned function is called. */
+/** Sends problems to a dialog, until the returned function is called. */
 export function catchProblems(take: (problem: Problem) => void): () => void {
   dialogs.push(take);
   return () => void dialogs.splice(dialogs.indexOf(take), 1);
 }
 
-/** Says why something was not done, and for a command what is so now. */
+/** Shows why something failed, and for a command the state of the output now. */
 export function showProblem(thrown: unknown, verdict?: string): void {
   const found = problemOf(thrown);
   const dialog = dialogs.at(-1);
   if (dialog && !verdict) return dialog(found);
   const text = found.detail ?? found.title;
-  // The same trouble again is the same notice.
+  // The same text is shown once.
   const same = list.find((toast) => toast.text === text);
   if (same) dismiss(same.id);
   add({ kind: "bad", text, problem: found, ...(verdict && { verdict }) });
 }
 
-// That the daemon did not answer is said until it does.
+// "The daemon does not answer" is dismissed when it does.
 onResponse(() => {
   for (const { id, problem } of [...list]) if (problem?.status === 0) dismiss(id);
 });

@@ -1,9 +1,9 @@
-// The course of a point over time, in one shape: stretches that follow each other, each with the
-// least, the greatest and the mean value in it. A single sample holds until the next one comes.
+// The course of a point over time: consecutive stretches, each with the minimum, maximum and mean
+// of its values. A sample holds until the next one.
 
 export type Quality = "good" | "stale" | "bad";
 
-/** From `t` until before `end`; without a value nothing is known of that time. */
+/** From `t` to before `end`. Without values there is no data for that time. */
 export interface Stretch {
   t: number;
   end: number;
@@ -17,7 +17,7 @@ export interface Stretch {
 
 export interface Course {
   stretches: Stretch[];
-  /** Every sample is there; else they are summed up, and counts are only about right. */
+  /** Made of all samples; otherwise of buckets, whose counts are approximate. */
   exact: boolean;
 }
 
@@ -34,7 +34,7 @@ export interface History {
 
 export const NOTHING: Course = { stretches: [], exact: true };
 
-/** The course that an answer tells of; `until` is where the present is, which nobody knows beyond. */
+/** The course in an answer; `until` is the present. */
 export function courseOf(history: History, until: number): Course {
   if (history.samples) return { stretches: fromSamples(history.samples, until), exact: true };
   return { stretches: fromBuckets(history.buckets ?? [], until), exact: false };
@@ -54,18 +54,18 @@ function fromSamples(samples: NonNullable<History["samples"]>, until: number): S
 function fromBuckets(buckets: NonNullable<History["buckets"]>, until: number): Stretch[] {
   const found: Stretch[] = [];
   for (const [i, { t, min, max, mean, n, q }] of buckets.entries()) {
-    // The last one is as wide as the one before it.
+    // The last bucket is as wide as the one before it.
     const width = t - (buckets[i - 1]?.t ?? t);
     const end = Math.min(until, buckets[i + 1]?.t ?? t + width);
     if (end <= t) continue;
     const known = min !== null && min !== undefined;
-    // A stretch that knows values shows them, even if some of it was bad.
+    // A stretch with values is shown even if a part of it was bad.
     found.push({ t, end, min, max, mean, n, ok: known && (q !== "bad" || n > 1) });
   }
   return found;
 }
 
-/** The stretch in which a time lies. */
+/** The stretch that contains a time. */
 export function at(course: Course, t: number): Stretch | undefined {
   const { stretches } = course;
   let low = 0;
@@ -83,7 +83,7 @@ export function at(course: Course, t: number): Stretch | undefined {
 export interface Stats {
   min: number;
   max: number;
-  /** Over time: what held longer counts more. For digital points the share of time it was on. */
+  /** Weighted by time. For digital points the share of time it was on. */
   mean: number;
   /** For how long the value was known, in milliseconds. */
   known: number;
@@ -92,7 +92,7 @@ export interface Stats {
   exact: boolean;
 }
 
-/** What is to say of a time; nothing where nothing is known of it. */
+/** Statistics of a range; null without data. */
 export function stats(course: Course, from: number, to: number): Stats | null {
   let [min, max, weighed, known, switched] = [Infinity, -Infinity, 0, 0, 0];
   let before: Stretch | undefined;
@@ -112,14 +112,14 @@ export function stats(course: Course, from: number, to: number): Stats | null {
   return known > 0 ? { min, max, mean: weighed / known, known, switched, exact: course.exact } : null;
 }
 
-/** How often a digital point switched from one stretch to the end of the next. */
+/** How often a digital point switched between one stretch and the end of the next. */
 function switchings(before: Stretch | undefined, stretch: Stretch): number {
   if (stretch.min !== stretch.max) return Math.max(1, stretch.n);
   if (!before || before.min !== before.max) return 0;
   return before.max === stretch.min ? 0 : 1;
 }
 
-/** So many slots of the same length, each with what is known of it. */
+/** A given number of slots of equal length, each with its statistics. */
 export function tabulate(courses: Course[], from: number, to: number, slots: number): Slot[] {
   const width = (to - from) / slots;
   return Array.from({ length: slots }, (_, i) => {

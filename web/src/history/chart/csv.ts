@@ -1,11 +1,11 @@
-// What a chart shows, as a table for other programs.
+// The data of a chart as CSV.
 import type { Slot } from "./course";
 
 export function heads(paths: string[]): string[] {
   return ["time", ...paths.flatMap((path) => ["min", "max", "mean"].map((what) => `${path}.${what}`))];
 }
 
-/** A row for each slot: least, greatest and mean of every point. */
+/** A row for each slot: minimum, maximum and mean of every point. */
 export function rows(slots: Slot[]): (string | number | undefined)[][] {
   return slots.map(({ t, cells }) => [
     new Date(t).toISOString(),

@@ -1,5 +1,4 @@
-// Many stretches made into what pixels can show: one column a pixel, nothing lost of the least
-// and the greatest.
+// Reduces many stretches to one column per pixel, keeping minimum and maximum.
 import type { Course, Stretch } from "./course";
 import type { View } from "./scale";
 
@@ -15,11 +14,11 @@ export interface Column {
 export interface Columns {
   /** Runs of columns that touch each other. */
   runs: Column[][];
-  /** Where nothing is known, from pixel to pixel. */
+  /** Gaps in the data, from pixel to pixel. */
   gaps: { x: number; end: number }[];
 }
 
-/** What a picture so many pixels wide shows of a course. */
+/** The columns and gaps of a course at a given width in pixels. */
 export function columns(course: Course, view: View, width: number): Columns {
   const scale = width / (view.to - view.from);
   const found: Columns = { runs: [], gaps: [] };
@@ -36,10 +35,10 @@ export function columns(course: Course, view: View, width: number): Columns {
     run = [];
   };
 
-  // From which pixel on nothing is known.
+  // The pixel at which a gap begins.
   let lost: number | null = null;
   const ends = (end: number): void => {
-    // A gap narrower than a pixel does not tear the line.
+    // A gap narrower than a pixel does not interrupt the line.
     if (lost !== null && end - lost >= 1) {
       cut();
       found.gaps.push({ x: lost, end });
@@ -97,7 +96,7 @@ function gather(pixel: Pixel, stretch: Known, x: number, end: number): void {
   pixel.weight += end - x;
 }
 
-/** Columns touch: one begins where the one before it ends. Equal ones are one. */
+/** Each column begins where the one before it ends. Equal ones are merged. */
 function push(run: Column[], { x, end, min, max, mean }: Column): void {
   const before = run.at(-1);
   if (before) before.end = x;

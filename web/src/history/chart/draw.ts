@@ -1,5 +1,5 @@
-// The picture: lanes of analog lines, one a unit, bands of digital points below them, the time at
-// the foot. Everything drawn is computed before; this only puts it onto the canvas.
+// Draws the chart: a lane of lines for each unit, a band for each digital point, the time axis at
+// the bottom. Everything is computed before; this only draws it onto the canvas.
 import type { Course } from "./course";
 import { columns, type Column, type Columns } from "./decimate";
 import { axis, place, tickText, timeTicks, type Axis, type View } from "./scale";
@@ -53,7 +53,7 @@ interface Lane {
   series: { one: Series; columns: Columns }[];
 }
 
-/** How high a picture of these series is, when so much is to be had. */
+/** The height of a chart of these series, given the preferred one. */
 export function heightFor(series: Series[], wanted: number): number {
   const lanes = new Set(series.filter((one) => !one.digital).map((one) => one.unit)).size;
   const bands = series.filter((one) => one.digital).length;
@@ -137,7 +137,7 @@ function drawLane(on: CanvasRenderingContext2D, lane: Lane, inner: number, palet
   }
 }
 
-/** What lay between the least and the greatest, lightly, and the mean as a line. */
+/** The range from minimum to maximum, lightly, and the mean as a line. */
 function drawRun(on: CanvasRenderingContext2D, run: Column[], y: (value: number) => number, colour: string): void {
   on.fillStyle = colour;
   on.globalAlpha = 0.22;
@@ -193,7 +193,7 @@ function drawBand(
   on.fillText(one.path, LEFT + 4, top + 8);
 }
 
-/** Somebody switched: a wedge; a cross where it was not done. */
+/** A command: a wedge; a cross if it failed. */
 function drawMark(on: CanvasRenderingContext2D, x: number, y: number, colour: string, ok: boolean): void {
   on.fillStyle = colour;
   on.beginPath();
@@ -208,7 +208,7 @@ function drawMark(on: CanvasRenderingContext2D, x: number, y: number, colour: st
   }
 }
 
-/** Nothing is known of this time. */
+/** A time without data. */
 function hatch(
   on: CanvasRenderingContext2D,
   { x, end }: { x: number; end: number },

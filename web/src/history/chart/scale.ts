@@ -9,7 +9,7 @@ export interface View {
 export const SPAN_LEAST = 200;
 export const SPAN_MOST = 400 * 86_400_000;
 
-/** Zooms by a factor (below 1: closer) about a time that stays where it is. */
+/** Zooms by a factor (below 1: closer) around a fixed time. */
 export function zoom(view: View, about: number, factor: number): View {
   const span = view.to - view.from;
   const next = Math.min(SPAN_MOST, Math.max(SPAN_LEAST, span * factor));
@@ -21,7 +21,7 @@ export function pan(view: View, by: number): View {
   return { from: view.from + by, to: view.to + by };
 }
 
-/** Not into the future: there is nothing. */
+/** Moves a range that reaches into the future back to the present. */
 export function hold(view: View, now: number): View {
   return view.to > now ? pan(view, now - view.to) : view;
 }
@@ -47,9 +47,9 @@ export interface Axis {
 
 /** An axis that holds these values, with about so many ticks. */
 export function axis(min: number, max: number, about: number): Axis {
-  // A value that does not move gets a calm scale about it.
+  // A constant value gets a scale around it.
   const room = max > min ? (max - min) * 0.06 : Math.max(Math.abs(max) * 0.1, 0.5);
-  // What never is negative needs no scale below nothing.
+  // No axis below zero for values that are never negative.
   const least = min >= 0 && min - room < 0 ? 0 : min - room;
   const step = niceStep((max + room - least) / about);
   const low = Math.floor(least / step) * step;
@@ -74,7 +74,7 @@ export interface TimeTicks {
   at: number[];
 }
 
-/** At most so many ticks at round times of the clock on the wall. */
+/** At most `most` ticks at round local times. */
 export function timeTicks(view: View, most: number): TimeTicks {
   const rough = (view.to - view.from) / Math.max(1, most);
   const step = STEPS.find((step) => step >= rough) ?? 60 * D;
@@ -82,7 +82,7 @@ export function timeTicks(view: View, most: number): TimeTicks {
   const begin = new Date(view.from);
   begin.setHours(0, 0, 0, 0);
   if (step >= D) {
-    // Days are not all of the same length.
+    // Days differ in length (daylight saving).
     const days = step / D;
     for (let day = begin; day.getTime() <= view.to; day.setDate(day.getDate() + days)) {
       if (day.getTime() >= view.from) found.push(day.getTime());
@@ -98,7 +98,7 @@ export function timeTicks(view: View, most: number): TimeTicks {
 
 const two = (n: number, digits = 2): string => String(n).padStart(digits, "0");
 
-/** `14:03`, `14:03:07`, `14:03:07.25`, `11-21`: as much of it as tells two ticks apart. */
+/** `14:03`, `14:03:07`, `14:03:07.25`, `11-21`: as precise as the distance of two ticks needs. */
 export function tickText(t: number, step: number): string {
   const d = new Date(t);
   const day = `${two(d.getMonth() + 1)}-${two(d.getDate())}`;
