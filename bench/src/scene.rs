@@ -72,7 +72,7 @@ impl Scene {
             // The write first: afterwards the module shows what it did.
             for op in [command(), Op::Fence, Op::Identify]
                 .into_iter()
-                .chain(module.greeting())
+                .chain(module.on_online_op())
             {
                 others.extend(step(&module, &op)?);
             }

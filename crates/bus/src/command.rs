@@ -1,7 +1,7 @@
 //! Commands: what a caller wants done, until it has ended.
 
 use crate::event::Events;
-use crate::node::Node;
+use crate::module_state::ModuleState;
 use crate::{Confirmed, Event, Evidence, Fault, ModuleId, Ticket};
 use alloc::collections::VecDeque;
 use railbus_device::{Bank, Op};
@@ -29,11 +29,11 @@ pub(crate) struct Command {
     /// Every frame so far was acknowledged.
     pub(crate) acknowledged: bool,
     /// One of its acknowledgements was its request once more, as an echo is.
-    pub(crate) parroted: bool,
+    pub(crate) echoed: bool,
     /// A reply of its own denies it: it shows another state than it wants, or says no.
     pub(crate) denied: bool,
     /// Another model may have acknowledged it: who did had not said what it is.
-    pub(crate) doubted: bool,
+    pub(crate) unidentified: bool,
     /// The outputs that were otherwise than it wants when they were last read after its frame,
     /// but for those that are known to give pulses, whose pulse may be over.
     pub(crate) wrong: u32,
@@ -96,9 +96,9 @@ impl Command {
             stage: Stage::Queued,
             left,
             acknowledged: true,
-            parroted: false,
+            echoed: false,
             denied: false,
-            doubted: false,
+            unidentified: false,
             wrong: 0,
             asks_pulses: false,
             replied: None,
@@ -118,7 +118,11 @@ impl Command {
 
     /// What the outputs, read after its frame, make of it: its end, or nothing yet. Who read
     /// something else, such as the inputs, has not read it back.
-    pub(crate) fn judge(&mut self, node: &Node, outputs: Bank) -> Option<Result<Confirmed, Fault>> {
+    pub(crate) fn judge(
+        &mut self,
+        state: &ModuleState,
+        outputs: Bank,
+    ) -> Option<Result<Confirmed, Fault>> {
         let Stage::ReadBack(reads) = self.stage else {
             return None;
         };
@@ -126,7 +130,7 @@ impl Command {
             return None;
         }
         // Who is there was asked what it is.
-        self.doubted = false;
+        self.unidentified = false;
         let Some(want) = bank_of(&self.op) else {
             return Some(self.end_by_reply());
         };
@@ -135,7 +139,7 @@ impl Command {
         if seen == want.mask && wrong == 0 {
             return Some(Ok(Confirmed::Readback));
         }
-        let pulses = node.pulses();
+        let pulses = state.pulses();
         self.wrong = wrong & !(pulses.unwrap_or(0) & want.on);
         // A pulse may be over before it is looked for: then only its reply is left.
         let may_be_over = pulses.unwrap_or(u32::MAX) & want.on;
@@ -144,16 +148,16 @@ impl Command {
                 return Some(self.end_by_reply());
             }
             // Whether it is one is asked once. A module that does not say has none.
-            if node.pulse_question().is_some() && (reads == 0 || self.asks_pulses) {
+            if state.pulse_question().is_some() && (reads == 0 || self.asks_pulses) {
                 self.asks_pulses = true;
                 self.stage = Stage::ReadBack(1);
                 return None;
             }
         }
-        if !self.acknowledged && node.repeatable(&self.op) && self.evidence.attempts < TRIES_MAX {
+        if !self.acknowledged && state.repeatable(&self.op) && self.evidence.attempts < TRIES_MAX {
             self.left = want.mask;
             self.acknowledged = true;
-            (self.parroted, self.denied, self.doubted, self.wrong) = (false, false, false, 0);
+            (self.echoed, self.denied, self.unidentified, self.wrong) = (false, false, false, 0);
             self.stage = Stage::Queued;
             return None;
         }
@@ -169,22 +173,22 @@ impl Command {
     }
 
     /// The line may echo: what was taken for its acknowledgement may have been its echo.
-    pub(crate) const fn doubt_echo(&mut self) {
-        self.acknowledged &= !self.parroted;
+    pub(crate) const fn suspect_echo(&mut self) {
+        self.acknowledged &= !self.echoed;
     }
 
     /// The module was asked which outputs give pulses, and said so unless it was silent: what was
     /// read otherwise may be a pulse that is over, and then only its reply is left.
-    pub(crate) fn told_pulses(&mut self, pulses: u32) -> Option<Result<Confirmed, Fault>> {
+    pub(crate) fn pulses_known(&mut self, pulses: u32) -> Option<Result<Confirmed, Fault>> {
         let want = bank_of(&self.op).filter(|_| core::mem::take(&mut self.asks_pulses))?;
         self.wrong &= !(pulses & want.on);
         (self.wrong == 0).then(|| self.end_by_reply())
     }
 
     /// The end where another model answers than it was meant for.
-    pub(crate) const fn end_by_stranger(&self) -> Result<Confirmed, Fault> {
+    pub(crate) const fn end_by_other_model(&self) -> Result<Confirmed, Fault> {
         let sent = !self.is_unsent() && !self.op.is_read();
-        Err(Fault::Stranger { sent })
+        Err(Fault::OtherModel { sent })
     }
 
     /// When it ends because its time is up; a frame on the line is waited for.
@@ -210,7 +214,7 @@ impl Command {
     pub(crate) fn end_by_reply(&self) -> Result<Confirmed, Fault> {
         match (
             self.acknowledged,
-            self.denied || self.doubted || self.wrong != 0,
+            self.denied || self.unidentified || self.wrong != 0,
         ) {
             (true, false) => Ok(Confirmed::Reply),
             (true, true) => Err(Fault::NotVerified),
@@ -243,7 +247,7 @@ impl Command {
 }
 
 /// Goes through the commands in their order; those for which `end` gives one, end.
-pub(crate) fn decide(
+pub(crate) fn end_commands(
     commands: &mut VecDeque<Command>,
     events: &mut Events,
     now: Instant,
@@ -256,7 +260,7 @@ pub(crate) fn decide(
             continue;
         };
         let took = command.replied.unwrap_or(now).since(command.submitted);
-        events.tell(Event::Done {
+        events.push(Event::Done {
             ticket: command.ticket,
             end,
             took,

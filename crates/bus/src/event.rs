@@ -75,7 +75,7 @@ pub enum Fault {
     /// Not sent: the line is closed.
     Closed,
     /// What answers there says that it is another model.
-    Stranger {
+    OtherModel {
         /// It was sent before that was known.
         sent: bool,
     },
@@ -102,7 +102,7 @@ impl Fault {
             | Fault::Locked
             | Fault::Closed
             | Fault::Refused(_) => false,
-            Fault::Stranger { sent } => *sent,
+            Fault::OtherModel { sent } => *sent,
             Fault::NoReply(_) | Fault::Garbled(_) | Fault::NotVerified | Fault::Unknown => true,
         }
     }
@@ -116,7 +116,7 @@ impl Fault {
             Fault::Expired => "expired",
             Fault::Locked => "locked",
             Fault::Closed => "closed",
-            Fault::Stranger { .. } => "other_model",
+            Fault::OtherModel { .. } => "other_model",
             Fault::Refused(_) => "refused",
             Fault::NoReply(_) => "no_reply",
             Fault::Garbled(_) => "garbled",
@@ -146,7 +146,7 @@ pub enum Presence {
     Silent,
     /// Something answers that says it is another model. What it reads is not told, and it gets no
     /// commands.
-    Stranger,
+    OtherModel,
 }
 
 /// Something that happened on a line.
@@ -263,7 +263,7 @@ impl Events {
         Events(VecDeque::with_capacity(EVENTS_MAX))
     }
 
-    pub(crate) fn tell(&mut self, event: Event) {
+    pub(crate) fn push(&mut self, event: Event) {
         if self.0.len() < EVENTS_MAX {
             self.0.push_back(event);
         }

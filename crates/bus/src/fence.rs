@@ -6,9 +6,9 @@
 //! whose reply can't be taken for the one that is missing: once it has answered that, the other
 //! one came or never will.
 
-use crate::flight::{Flight, Job};
 use crate::ghost::{Ghost, names};
-use crate::node::{HELD_BACK_MAX, LATE_MIN, Node};
+use crate::in_flight::{InFlight, Job};
+use crate::module_state::{HELD_BACK_MAX, LATE_MIN, ModuleState};
 use crate::{Bus, ModuleId, Presence};
 use railbus_device::Op;
 use railbus_wire::{Exchange, Instant, Reply, Response, ascii};
@@ -23,19 +23,19 @@ impl Bus {
     ) -> Result<Job, Option<Instant>> {
         let ghost = self.ghosts.in_the_way(exchange).ok_or(None)?;
         // Who does not answer its greeting may answer no fence either: its reply is waited for.
-        let asked = ghost.module.and_then(|id| self.nodes.get(id.0));
+        let asked = ghost.module.and_then(|id| self.modules.get(id.0));
         let is_short = ghost.until <= ghost.late;
-        if is_short && asked.is_some_and(|node| node.may_be_mute_to(&ghost.exchange)) {
+        if is_short && asked.is_some_and(|state| state.may_be_mute_to(&ghost.exchange)) {
             return Err(Some(ghost.until));
         }
         let is_up = |id: &ModuleId| {
-            let node = self.nodes.get(id.0);
-            node.is_some_and(|node| !node.retired && !node.is_silent())
+            let state = self.modules.get(id.0);
+            state.is_some_and(|state| !state.retired && !state.is_silent())
         };
         // One that was not heard yet may be dead.
         let is_heard = |id: &ModuleId| {
-            let node = self.nodes.get(id.0);
-            node.is_some_and(|node| node.presence != Presence::Unheard)
+            let state = self.modules.get(id.0);
+            state.is_some_and(|state| state.presence != Presence::Unheard)
         };
         let by_others = ghost.late <= self.now && self.ghosts.ends_by_others(ghost);
         let owner = ghost.module.filter(is_up);
@@ -56,12 +56,15 @@ impl Bus {
     /// whose first ghost is the youngest, be it the like of this ghost, and be it waited for:
     /// with another one in its place two kinds of reads would take turns for ever.
     pub(crate) fn fence_of(&self, module: ModuleId, ghost: Option<&Ghost>) -> Option<Job> {
-        let node = self.nodes.get(module.0).filter(|node| node.has_fence())?;
+        let state = self
+            .modules
+            .get(module.0)
+            .filter(|state| state.has_fence())?;
         let mut best: Option<((Instant, bool), Job)> = None;
         // What was asked like a fence is over as soon as a poll is answered.
-        let by_polls = ghost.is_some_and(|ghost| ghost.fence && node.is_fence(&ghost.exchange));
-        for op in node.fences(by_polls) {
-            let Ok(exchange) = node.module.exchange(&op) else {
+        let by_polls = ghost.is_some_and(|ghost| ghost.fence && state.is_fence(&ghost.exchange));
+        for op in state.fences(by_polls) {
+            let Ok(exchange) = state.module.exchange(&op) else {
                 continue;
             };
             let job = Job::Fence { module, op };
@@ -89,7 +92,7 @@ impl Bus {
 
     /// A good reply came: whether it is certainly to this request, and not to one before it that
     /// could be confused with it. With `in_order` it shows that what was asked before is over.
-    pub(crate) fn is_own(&mut self, flight: &Flight, in_order: bool) -> bool {
+    pub(crate) fn is_own(&mut self, flight: &InFlight, in_order: bool) -> bool {
         let Some(module) = flight.job.module() else {
             return true;
         };
@@ -108,17 +111,17 @@ impl Bus {
             } else {
                 self.answered_fence(module);
             }
-        } else if let Some(node) = self.nodes.get_mut(module.0) {
-            node.answered_no_fence();
+        } else if let Some(state) = self.modules.get_mut(module.0) {
+            state.answered_no_fence();
         }
         match (first, in_order) {
-            (None, true) => self.ghosts.lay(module, flight.asked),
+            (None, true) => self.ghosts.end_before(module, flight.asked),
             // A reply that names no module is enough to forget what was itself asked only to know.
-            (None, false) => self.ghosts.lay_fences(module, flight.asked),
+            (None, false) => self.ghosts.end_fences_before(module, flight.asked),
             // Then the reply to this one is still to come.
             (Some(first), true) => {
-                self.ghosts.lay(module, first.sent);
-                self.haunt(flight);
+                self.ghosts.end_before(module, first.sent);
+                self.add_ghost(flight);
             }
             (Some(_), false) => {}
         }
@@ -126,18 +129,18 @@ impl Bus {
     }
 
     /// The request becomes a ghost: its reply may still come.
-    pub(crate) fn haunt(&mut self, flight: &Flight) {
+    pub(crate) fn add_ghost(&mut self, flight: &InFlight) {
         let module = flight.job.module();
-        let node = module.and_then(|id| self.nodes.get(id.0));
-        let late = flight.sent + node.map_or(LATE_MIN, Node::late_max);
+        let state = module.and_then(|id| self.modules.get(id.0));
+        let late = flight.sent + state.map_or(LATE_MIN, ModuleState::late_max);
         // Where nothing can end it before its time, it must not keep the line waiting for long.
-        let greets = matches!(flight.job, Job::Greeting { .. }) || flight.job.identifies();
-        let ends_by_fence = |node: &Node| match greets {
-            true => node.knows_fence(),
-            false => node.relies_on_fence(),
+        let on_online = matches!(flight.job, Job::OnOnline { .. }) || flight.job.identifies();
+        let ends_by_fence = |state: &ModuleState| match on_online {
+            true => state.knows_fence(),
+            false => state.relies_on_fence(),
         };
-        let until = match node {
-            Some(node) if ends_by_fence(node) => late.max(flight.sent + HELD_BACK_MAX),
+        let until = match state {
+            Some(state) if ends_by_fence(state) => late.max(flight.sent + HELD_BACK_MAX),
             _ => late,
         };
         self.ghosts.add(Ghost {
@@ -147,49 +150,49 @@ impl Bus {
             late,
             until,
             answered: false,
-            fence: flight.is_fence() || node.is_some_and(|node| node.is_fence(&flight.exchange)),
+            fence: flight.is_fence() || state.is_some_and(|state| state.is_fence(&flight.exchange)),
         });
     }
 
     /// The module said no. Where that may be of something before, the reply to this may still come.
     #[cold]
-    fn refused_fence(&mut self, flight: &Flight, module: ModuleId) {
+    fn refused_fence(&mut self, flight: &InFlight, module: ModuleId) {
         if self.ghosts.in_the_way(&flight.exchange).is_some() {
-            self.haunt(flight);
+            self.add_ghost(flight);
         }
-        if let Some(node) = self.nodes.get_mut(module.0) {
-            node.refused_fence();
+        if let Some(state) = self.modules.get_mut(module.0) {
+            state.refused_fence();
         }
     }
 
     /// Ghosts of a module that has left are those of the one that stands at its address now.
-    pub(crate) fn settle_ghosts(&mut self) {
-        let nodes = &self.nodes;
-        self.ghosts.bequeath(|ghost| {
-            let owner = ghost.module.and_then(|id| nodes.get(id.0));
-            owner.filter(|node| node.retired)?;
+    pub(crate) fn reassign_ghosts(&mut self) {
+        let modules = &self.modules;
+        self.ghosts.reassign(|ghost| {
+            let owner = ghost.module.and_then(|id| modules.get(id.0));
+            owner.filter(|state| state.retired)?;
             let exchange = &ghost.exchange;
-            let heir = nodes.iter().position(|node| {
-                let setup = node.module.setup();
-                !node.retired
+            let successor = modules.iter().position(|state| {
+                let setup = state.module.setup();
+                !state.retired
                     && setup.protocol == exchange.protocol()
                     && setup.address == exchange.address()
             });
-            heir.map(ModuleId)
+            successor.map(ModuleId)
         });
     }
 
     /// The module has the fence of its own.
     pub(crate) fn answered_fence(&mut self, module: ModuleId) {
-        if let Some(node) = self.nodes.get_mut(module.0) {
-            node.answered_fence();
+        if let Some(state) = self.modules.get_mut(module.0) {
+            state.answered_fence();
         }
     }
 }
 
 /// Whether a reply shows that what the module was asked before is over. One that names no module
 /// may be any module's, again; a refusal that does not say of what, one of something before.
-pub(crate) fn shows_order(flight: &Flight, reply: &Reply<Response<'_>>) -> bool {
+pub(crate) fn shows_order(flight: &InFlight, reply: &Reply<Response<'_>>) -> bool {
     let refuses = matches!(
         reply.response,
         Response::Ascii(ascii::Response::Invalid | ascii::Response::Ignored)

@@ -14,7 +14,7 @@ const GHOSTS_MAX: usize = 192;
 
 /// So long after its request a reply may come to who opens the port after us: what is waited for
 /// where nothing is known of a module.
-const HAUNTS: Micros = Micros::from_millis(900);
+const LATE_UNKNOWN: Micros = Micros::from_millis(900);
 
 /// So many bytes of a reply say whose it is, and of what kind.
 const HEAD: usize = 3;
@@ -48,8 +48,8 @@ impl Ghost {
 
     /// Until when it is to be reckoned with by who opens the port next. The fence has taught the
     /// line how fast the module is, which says nothing of the reply that did not come.
-    fn haunts_until(&self) -> Instant {
-        self.late.max((self.sent + HAUNTS).min(self.until))
+    fn late_reply_until(&self) -> Instant {
+        self.late.max((self.sent + LATE_UNKNOWN).min(self.until))
     }
 
     /// Whether it may keep other modules waiting than its own. ASCII data may look like a reply
@@ -67,7 +67,7 @@ pub(crate) struct Ghosts {
     count: usize,
     /// Until when modules may answer what a fence has shown to be over: who opens the port after
     /// us relies on no order.
-    laid: Option<Instant>,
+    ended: Option<Instant>,
     /// Whether any are kept at all.
     kept: bool,
 }
@@ -77,7 +77,7 @@ impl Ghosts {
         Ghosts {
             slots: [None; GHOSTS_MAX],
             count: 0,
-            laid: None,
+            ended: None,
             kept,
         }
     }
@@ -95,32 +95,32 @@ impl Ghosts {
     pub(crate) fn clear(&mut self) {
         self.slots = [None; GHOSTS_MAX];
         self.count = 0;
-        self.laid = None;
+        self.ended = None;
     }
 
     pub(crate) fn expire(&mut self, now: Instant) {
         self.retain(|ghost| ghost.until > now);
-        self.laid = self.laid.filter(|late| *late > now);
+        self.ended = self.ended.filter(|late| *late > now);
     }
 
     /// A module answered what it was asked at this moment. What it was asked before is answered or
     /// lost. What others were asked so long before that they can't answer it any more is lost,
     /// too, where nothing is late but what lies between: that is believed of what would keep all
     /// others waiting, and where there is little room left.
-    pub(crate) fn lay(&mut self, module: ModuleId, asked: Instant) {
+    pub(crate) fn end_before(&mut self, module: ModuleId, asked: Instant) {
         let is_crowded = self.is_crowded();
-        let mut laid = self.laid;
+        let mut ended = self.ended;
         self.retain(|ghost| {
             let is_own = ghost.module == Some(module) && ghost.sent <= asked;
             let is_common = is_crowded || ghost.is_common();
             let is_over = is_own || is_common && ghost.late <= asked;
             let goes = is_over && !ghost.answered;
             if goes {
-                laid = laid.max(Some(ghost.haunts_until()));
+                ended = ended.max(Some(ghost.late_reply_until()));
             }
             !goes
         });
-        self.laid = laid;
+        self.ended = ended;
     }
 
     /// Whether a reply of another module can show that this one is over.
@@ -133,16 +133,16 @@ impl Ghosts {
     }
 
     /// What modules were asked that are not there any more is from now on another one's, where
-    /// `heir` knows one.
-    pub(crate) fn bequeath(&mut self, heir: impl Fn(&Ghost) -> Option<ModuleId>) {
+    /// `successor` knows one.
+    pub(crate) fn reassign(&mut self, successor: impl Fn(&Ghost) -> Option<ModuleId>) {
         for ghost in self.slots.iter_mut().flatten() {
-            ghost.module = heir(ghost).or(ghost.module);
+            ghost.module = successor(ghost).or(ghost.module);
         }
     }
 
     /// A module answered what it was asked at this moment, and only its own fences before that are
     /// over.
-    pub(crate) fn lay_fences(&mut self, module: ModuleId, asked: Instant) {
+    pub(crate) fn end_fences_before(&mut self, module: ModuleId, asked: Instant) {
         self.retain(|ghost| {
             let is_own = ghost.module == Some(module) && ghost.sent <= asked;
             ghost.answered || !ghost.fence || !is_own
@@ -236,15 +236,15 @@ impl Ghosts {
     }
 
     /// Until when a module may still reply to a request that was given up.
-    pub(crate) fn haunted_until(&self) -> Option<Instant> {
+    pub(crate) fn late_replies_until(&self) -> Option<Instant> {
         let given_up = self.iter().filter(|ghost| !ghost.answered);
-        given_up.map(Ghost::haunts_until).max().max(self.laid)
+        given_up.map(Ghost::late_reply_until).max().max(self.ended)
     }
 
     /// Whether a reply found there in these bytes shares some of them with what is, or may become,
     /// a ghost's: LC-02 data may hold what an ASCII module says, and where a late reply runs into
     /// another one, the sum of both may come out right.
-    pub(crate) fn hide(&self, bytes: &[u8], reply: Range<usize>) -> bool {
+    pub(crate) fn overlaps(&self, bytes: &[u8], reply: Range<usize>) -> bool {
         self.count > 0
             && self
                 .iter()
@@ -261,7 +261,7 @@ impl Ghosts {
     }
 
     /// What these bytes hold of a ghost's.
-    pub(crate) fn meet(&mut self, bytes: &[u8]) -> Option<Met> {
+    pub(crate) fn take_reply(&mut self, bytes: &[u8]) -> Option<GhostReply> {
         if self.count == 0 {
             return None;
         }
@@ -283,7 +283,7 @@ impl Ghosts {
             }
         }
         let Some((index, _, at, len)) = first else {
-            return unnamed.map(|(at, len)| Met {
+            return unnamed.map(|(at, len)| GhostReply {
                 ghost: None,
                 at,
                 len,
@@ -291,7 +291,7 @@ impl Ghosts {
         };
         let ghost = self.slots.get_mut(index).and_then(Option::take);
         self.count -= usize::from(ghost.is_some());
-        Some(Met { ghost, at, len })
+        Some(GhostReply { ghost, at, len })
     }
 }
 
@@ -302,7 +302,7 @@ pub(crate) const fn names(reply: &Reply<Response<'_>>) -> bool {
 
 /// A reply that belongs to a request of before.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Met {
+pub(crate) struct GhostReply {
     /// Whose it is, and gone with that; nothing where the reply names no module, so that it may be
     /// any one's.
     pub(crate) ghost: Option<Ghost>,
@@ -346,7 +346,7 @@ mod tests {
             if late {
                 // The first one's reply, with its CRC.
                 let reply = [0x01, 0x01, 0x01, 0x00, 0x51, 0x88];
-                let met = ghosts.meet(&reply).unwrap();
+                let met = ghosts.take_reply(&reply).unwrap();
                 assert_eq!(met.ghost.unwrap().module, Some(ModuleId(0)));
             } else {
                 ghosts.expire(Instant(5000));

@@ -1,9 +1,9 @@
 //! What a module says that it is, and what that means for its being heard and for the commands
 //! to it (docs/decisions/0031).
 
-use crate::command::{Stage, decide};
-use crate::flight::Flight;
-use crate::node::{LATE_MIN, Node};
+use crate::command::{Stage, end_commands};
+use crate::in_flight::InFlight;
+use crate::module_state::{LATE_MIN, ModuleState};
 use crate::{Bus, Confirmed, Event, Evidence, ModuleId};
 use railbus_device::{Op, Seen};
 use railbus_wire::Instant;
@@ -38,12 +38,12 @@ enum Claim {
     /// Said once: without a checksum the reply may have been spoilt.
     Once(Seen),
     /// Said again in the same words: another model stands in its place.
-    Sure(Seen),
+    Confirmed(Seen),
 }
 
 /// What came of asking a module what it is.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Said {
+pub(crate) enum IdentityReply {
     /// What it should be.
     Itself,
     /// Another model.
@@ -66,9 +66,9 @@ impl Identity {
     /// The module is heard anew, or was changed: it is asked again from the beginning. Another
     /// model that was there before needs to say it once only, and all questions have to be in vain
     /// until it counts as gone.
-    pub(crate) const fn doubt(&mut self) {
+    pub(crate) const fn invalidate(&mut self) {
         self.claim = match self.claim {
-            Claim::Sure(other) | Claim::Past(other) => Claim::Past(other),
+            Claim::Confirmed(other) | Claim::Past(other) => Claim::Past(other),
             Claim::No | Claim::Once(_) => Claim::No,
         };
         self.tries = if self.can { TRIES } else { 0 };
@@ -91,7 +91,7 @@ impl Identity {
 
     /// Whether it has answered the question, and so is able to.
     pub(crate) const fn has_answered(&self) -> bool {
-        self.named || self.is_other()
+        self.named || self.claims_other_model()
     }
 
     /// Whether it is to be asked.
@@ -111,36 +111,38 @@ impl Identity {
         match self.claim {
             Claim::No => self.tries > TRIES - TRIES_FIRST,
             Claim::Past(_) | Claim::Once(_) => true,
-            Claim::Sure(_) => false,
+            Claim::Confirmed(_) => false,
         }
     }
 
     /// Whether another model is known to stand in its place.
-    pub(crate) const fn is_stranger(&self) -> bool {
-        matches!(self.claim, Claim::Sure(_))
+    pub(crate) const fn is_other_model(&self) -> bool {
+        matches!(self.claim, Claim::Confirmed(_))
     }
 
     /// Whether what answers there has said that it is another model.
-    pub(crate) const fn is_other(&self) -> bool {
-        matches!(self.claim, Claim::Once(_) | Claim::Sure(_))
+    pub(crate) const fn claims_other_model(&self) -> bool {
+        matches!(self.claim, Claim::Once(_) | Claim::Confirmed(_))
     }
 
     /// It answered.
-    pub(crate) fn said(&mut self, said: Said, now: Instant) {
+    pub(crate) fn said(&mut self, said: IdentityReply, now: Instant) {
         if !self.can {
             return;
         }
         self.at = now + LATE_MIN;
         match (said, self.claim) {
-            (Said::Itself, _) => {
+            (IdentityReply::Itself, _) => {
                 self.named = true;
                 self.settle();
             }
-            (Said::Other(_), Claim::Sure(_)) => {}
-            (Said::Other(other), Claim::Once(before) | Claim::Past(before)) if other == before => {
-                self.claim(Claim::Sure(other));
+            (IdentityReply::Other(_), Claim::Confirmed(_)) => {}
+            (IdentityReply::Other(other), Claim::Once(before) | Claim::Past(before))
+                if other == before =>
+            {
+                self.claim(Claim::Confirmed(other));
             }
-            (Said::Other(other), before) => {
+            (IdentityReply::Other(other), before) => {
                 // Whether it was spoilt is known at once.
                 if !matches!(before, Claim::Once(_)) {
                     self.at = now;
@@ -148,7 +150,7 @@ impl Identity {
                 self.claim(Claim::Once(other));
             }
             // A question may come spoilt as well, and is refused then.
-            (Said::Refusal, _) => self.lost(now),
+            (IdentityReply::Refusal, _) => self.lost(now),
         }
     }
 
@@ -160,7 +162,7 @@ impl Identity {
 
     /// It did not answer what was sent then.
     pub(crate) const fn lost(&mut self, sent: Instant) {
-        self.vain();
+        self.attempt_failed();
         // At once, but for what may still come: everything else waits for it.
         self.at = match self.claim {
             Claim::No if self.comes_first() => sent,
@@ -180,9 +182,9 @@ impl Identity {
     /// A question failed. A module that has said that it is another model is asked until it says so
     /// again; any other one counts after the last question as what it should be. One that has named
     /// itself starts again as if it were heard anew.
-    const fn vain(&mut self) {
+    const fn attempt_failed(&mut self) {
         match (self.claim, self.tries) {
-            (Claim::Once(_) | Claim::Sure(_), _) => {}
+            (Claim::Once(_) | Claim::Confirmed(_), _) => {}
             (Claim::No, _) if self.named => {
                 self.named = false;
                 self.tries = TRIES;
@@ -202,17 +204,17 @@ impl Identity {
 impl Bus {
     /// Tells how a module is heard, where that is news.
     #[cold]
-    pub(crate) fn tell_presence(&mut self, module: ModuleId) {
-        let Some(node) = self.nodes.get_mut(module.0) else {
+    pub(crate) fn publish_presence(&mut self, module: ModuleId) {
+        let Some(state) = self.modules.get_mut(module.0) else {
             return;
         };
-        if let Some(presence) = node.news() {
-            self.events.tell(Event::Presence { module, presence });
+        if let Some(presence) = state.take_change() {
+            self.events.push(Event::Presence { module, presence });
         }
-        let Some(reading) = node.unveil(self.now) else {
+        let Some(reading) = state.release_withheld(self.now) else {
             return;
         };
-        self.events.tell(Event::Seen {
+        self.events.push(Event::Seen {
             module,
             op: reading.op,
             seen: reading.seen,
@@ -220,7 +222,7 @@ impl Bus {
             heard: reading.heard,
         });
         // Who waits for just that need not have it read once more.
-        decide(&mut self.commands, &mut self.events, self.now, |command| {
+        end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             let waits = command.module == module && command.stage == Stage::Queued;
             let is_it = command.op == reading.op && command.submitted <= reading.asked;
             (waits && is_it).then_some(Ok(Confirmed::Reply))
@@ -231,14 +233,14 @@ impl Bus {
     #[cold]
     pub(crate) fn identified(&mut self, module: ModuleId, seen: &Seen) {
         let now = self.now;
-        if let Some(node) = self.nodes.get_mut(module.0) {
-            node.identified(seen, now);
+        if let Some(state) = self.modules.get_mut(module.0) {
+            state.identified(seen, now);
         }
-        self.tell_presence(module);
-        let node = self.nodes.get(module.0);
-        let is_stranger = node.is_some_and(Node::is_stranger);
-        let is_settled = node.is_some_and(Node::is_settled);
-        decide(&mut self.commands, &mut self.events, now, |command| {
+        self.publish_presence(module);
+        let state = self.modules.get(module.0);
+        let is_other_model = state.is_some_and(ModuleState::is_other_model);
+        let is_settled = state.is_some_and(ModuleState::is_settled);
+        end_commands(&mut self.commands, &mut self.events, now, |command| {
             if command.module != module {
                 return None;
             }
@@ -247,21 +249,21 @@ impl Bus {
                 Op::Identify => {
                     (is_settled && command.stage == Stage::Queued).then_some(Ok(Confirmed::Reply))
                 }
-                _ => is_stranger.then(|| command.end_by_stranger()),
+                _ => is_other_model.then(|| command.end_by_other_model()),
             }
         });
     }
 
     /// A module did not say what it is. A command that asks for it ends with the last question.
     #[cold]
-    pub(crate) fn not_identified(&mut self, module: ModuleId, flight: &Flight, met: Evidence) {
+    pub(crate) fn not_identified(&mut self, module: ModuleId, flight: &InFlight, met: Evidence) {
         let mut is_asked_again = false;
-        if let Some(node) = self.nodes.get_mut(module.0) {
-            node.not_identified(flight.sent);
-            is_asked_again = node.is_to_be_identified();
+        if let Some(state) = self.modules.get_mut(module.0) {
+            state.not_identified(flight.sent);
+            is_asked_again = state.is_to_be_identified();
         }
-        self.tell_presence(module);
-        decide(&mut self.commands, &mut self.events, self.now, |command| {
+        self.publish_presence(module);
+        end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             let asks = command.module == module && command.op == Op::Identify;
             if !asks || command.stage != Stage::Queued {
                 return None;
@@ -275,16 +277,16 @@ impl Bus {
 
     /// A greeting must not be put on this line.
     #[cold]
-    pub(crate) fn cannot_greet(&mut self, module: ModuleId, op: &Op) {
-        let Some(node) = self.nodes.get_mut(module.0) else {
+    pub(crate) fn skip_on_online(&mut self, module: ModuleId, op: &Op) {
+        let Some(state) = self.modules.get_mut(module.0) else {
             return;
         };
         if *op == Op::Identify {
-            node.is_no_stranger();
-            self.tell_presence(module);
+            state.skip_identity();
+            self.publish_presence(module);
         } else {
-            node.answered_pulses();
-            self.tell_pulses(module);
+            state.answered_pulses();
+            self.publish_pulses(module);
         }
     }
 }

@@ -21,36 +21,36 @@ extern crate alloc;
 
 mod command;
 mod config;
-mod ear;
 mod event;
 mod fence;
-mod flight;
 mod ghost;
 mod identity;
-mod membership;
-mod node;
+mod in_flight;
+mod module_state;
+mod modules;
 mod outcome;
+mod rx_buffer;
 mod schedule;
 
 pub use config::{Config, EchoMode, Medium, Past, Plan, Terms};
 use event::Events;
 pub use event::{Confirmed, Event, Evidence, Fault, LateReply, Presence, Probed, Ticket};
-pub use node::{LATE_MIN, MISSES_SILENT};
+pub use module_state::{LATE_MIN, MISSES_SILENT};
 pub use schedule::COMMANDS_MAX;
 
 use alloc::collections::VecDeque;
 use alloc::vec::Vec;
-use command::{Command, decide};
-use ear::{Ear, EchoNews};
+use command::{Command, end_commands};
 use fence::shows_order;
-use flight::{Flight, Job, write_frame};
-pub use flight::{PIECE_PAUSE, Probe};
-use ghost::{Ghost, Ghosts, Met};
-use node::{HELD_BACK_MAX, Node};
+use ghost::{Ghost, GhostReply, Ghosts};
+use in_flight::{InFlight, Job, write_frame};
+pub use in_flight::{PIECE_PAUSE, Probe};
+use module_state::{HELD_BACK_MAX, ModuleState};
 use railbus_device::{Module, Op, Refusal, Seen};
 use railbus_wire::{
     Decoded, Exchange, Frame, Instant, Malformed, Micros, Reply, Response, Settings, rtu,
 };
+use rx_buffer::{EchoChange, RxBuffer};
 
 /// A module's number on its line, in the order in which they were added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -89,13 +89,13 @@ pub enum Output<'a> {
 #[derive(Debug)]
 pub struct Bus {
     config: Config,
-    nodes: Vec<Node>,
+    modules: Vec<ModuleState>,
     /// Modules of more than one protocol share the line.
     mixed: bool,
     commands: VecDeque<Command>,
     events: Events,
     ghosts: Ghosts,
-    ear: Ear,
+    rx: RxBuffer,
     state: State,
     probe: Option<Probe>,
     last: Last,
@@ -127,7 +127,7 @@ enum State {
     /// Nothing before this moment: replies asked for before the opening may still come.
     Settling(Instant),
     Idle,
-    Waiting(Flight),
+    Waiting(InFlight),
 }
 
 impl Bus {
@@ -136,12 +136,12 @@ impl Bus {
     pub fn new(config: Config) -> Bus {
         Bus {
             config,
-            nodes: Vec::new(),
+            modules: Vec::new(),
             mixed: false,
             commands: VecDeque::with_capacity(COMMANDS_MAX),
             events: Events::new(),
             ghosts: Ghosts::new(config.ghosts),
-            ear: Ear::new(config.echo, config.probation),
+            rx: RxBuffer::new(config.echo, config.probation),
             state: State::Closed,
             probe: None,
             last: Last::default(),
@@ -163,45 +163,48 @@ impl Bus {
     /// The module of this number.
     #[must_use]
     pub fn module(&self, id: ModuleId) -> Option<&Module> {
-        self.nodes.get(id.0).map(|node| &node.module)
+        self.modules.get(id.0).map(|state| &state.module)
     }
 
     /// Whether a module is heard.
     #[must_use]
     pub fn presence(&self, id: ModuleId) -> Presence {
-        self.nodes.get(id.0).map(Node::heard_as).unwrap_or_default()
+        self.modules
+            .get(id.0)
+            .map(ModuleState::published_presence)
+            .unwrap_or_default()
     }
 
     /// The bytes heard since the last request, echo taken out. Meant for the driver right after
     /// [`Event::Probed`].
     #[must_use]
     pub fn heard(&self) -> &[u8] {
-        self.ear.heard()
+        self.rx.heard()
     }
 
     /// Whether the adapter echoes; nothing while that is not known.
     #[must_use]
     pub const fn echoes(&self) -> Option<bool> {
-        self.ear.echoes()
+        self.rx.echoes()
     }
 
     /// Whether the echo of the last request was heard, and taken out.
     #[must_use]
     pub const fn took_echo(&self) -> bool {
-        self.ear.took_echo()
+        self.rx.took_echo()
     }
 
     /// Until when a reply may still come to a request that was given up, or that is under way:
     /// whoever uses the port next could take it for a reply to a request of his.
     #[must_use]
-    pub fn haunted_until(&self) -> Option<Instant> {
+    pub fn late_replies_until(&self) -> Option<Instant> {
         let under_way = match &self.state {
             State::Waiting(flight) if flight.exchange.expects_reply() => {
                 Some(flight.sent + LATE_MIN)
             }
             _ => None,
         };
-        self.ghosts.haunted_until().max(under_way)
+        self.ghosts.late_replies_until().max(under_way)
     }
 
     /// What is known of those who had the port before, at the opening that follows.
@@ -275,21 +278,21 @@ impl Bus {
         };
         self.state = State::Settling(self.now + settle);
         self.ghosts.clear();
-        self.ear = Ear::new(self.config.echo, self.config.probation);
+        self.rx = RxBuffer::new(self.config.echo, self.config.probation);
         self.busy_until = self.now;
         self.opened = self.now;
         self.probe_silent_at = self.now;
-        let count = self.nodes.len();
+        let count = self.modules.len();
         let now = self.now + settle;
         self.cycle = Micros::ZERO;
-        for (nth, node) in self.nodes.iter_mut().enumerate() {
-            node.start(now, nth, count);
-            self.cycle += node.cycle();
+        for (nth, state) in self.modules.iter_mut().enumerate() {
+            state.start(now, nth, count);
+            self.cycle += state.cycle();
         }
     }
 
     fn settled(&mut self) {
-        self.ear.forget();
+        self.rx.forget();
         self.state = State::Idle;
     }
 
@@ -298,52 +301,52 @@ impl Bus {
         self.outgoing_taken = true;
         self.ghosts.clear();
         self.probe = None;
-        decide(&mut self.commands, &mut self.events, self.now, |command| {
+        end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             Some(Err(if command.is_unsent() {
                 Fault::Closed
             } else {
                 Fault::Unknown
             }))
         });
-        for index in 0..self.nodes.len() {
-            if let Some(node) = self.nodes.get_mut(index) {
-                node.close();
+        for index in 0..self.modules.len() {
+            if let Some(state) = self.modules.get_mut(index) {
+                state.close();
             }
-            self.tell_presence(ModuleId(index));
+            self.publish_presence(ModuleId(index));
         }
     }
 
     /// Bytes that nobody asked for: late replies, replies once more, noise.
     fn overhear(&mut self, bytes: &[u8]) {
-        let babbles = self.ear.overhear(self.now, self.busy_until, bytes);
+        let babbles = self.rx.overhear(self.now, self.busy_until, bytes);
         self.busy_until = self.now;
         self.at_rest = false;
         if babbles {
-            self.events.tell(Event::Babble);
+            self.events.push(Event::Babble);
         }
-        self.lay_ghosts_in_ear();
+        self.take_late_replies();
     }
 
     /// Looks among the bytes heard for replies of ghosts, and forgets those bytes.
-    fn lay_ghosts_in_ear(&mut self) {
-        if self.ear.heard().is_empty() {
+    fn take_late_replies(&mut self) {
+        if self.rx.heard().is_empty() {
             return;
         }
-        if let Some(met) = self.ghosts.meet(self.ear.heard()) {
-            self.ear.forget();
-            self.meet(met);
-        } else if self.ear.holds_duplicate() {
-            self.ear.forget();
+        if let Some(met) = self.ghosts.take_reply(self.rx.heard()) {
+            self.rx.forget();
+            self.on_late_reply(met);
+        } else if self.rx.holds_duplicate() {
+            self.rx.forget();
             self.become_cautious();
         }
     }
 
     /// A reply came that was no longer waited for. One that names no module is only dropped.
-    fn meet(&mut self, met: Met) {
+    fn on_late_reply(&mut self, met: GhostReply) {
         let Some(ghost) = met.ghost else { return };
         let after = self.now.since(ghost.sent);
         if ghost.module.is_none() {
-            self.events.tell(Event::ProbedLate {
+            self.events.push(Event::ProbedLate {
                 exchange: ghost.exchange,
                 after,
                 again: ghost.answered,
@@ -353,7 +356,7 @@ impl Bus {
             self.become_cautious();
             return;
         }
-        if self.ear.is_cautious() {
+        if self.rx.is_cautious() {
             let until = self.now + self.config.duplicate_window;
             self.ghosts.add(Ghost {
                 late: until,
@@ -363,58 +366,62 @@ impl Bus {
             });
         }
         let Some(module) = ghost.module else { return };
-        self.ghosts.lay(module, ghost.sent);
+        self.ghosts.end_before(module, ghost.sent);
         if ghost.fence {
             self.answered_fence(module);
         }
         if self.now <= ghost.late {
             self.note_answer(module, after);
-            if let Some(node) = self.nodes.get_mut(module.0)
-                && node.identifies(&ghost.exchange)
+            if let Some(state) = self.modules.get_mut(module.0)
+                && state.identifies(&ghost.exchange)
             {
-                node.identified_late(after, self.now);
+                state.identified_late(after, self.now);
             }
         } else {
             // It says nothing of how fast the module is, nor of how it is now: that is asked.
-            if self.nodes.get(module.0).is_some_and(Node::is_silent) {
+            if self
+                .modules
+                .get(module.0)
+                .is_some_and(ModuleState::is_silent)
+            {
                 (self.probe_silent_at, self.next_silent) = (self.now, module.0);
             }
         }
-        self.events.tell(Event::Late { module, after });
+        self.events.push(Event::Late { module, after });
     }
 
     fn become_cautious(&mut self) {
-        if self.ear.become_cautious() {
-            self.events.tell(Event::Duplicates);
+        if self.rx.become_cautious() {
+            self.events.push(Event::Duplicates);
         }
     }
 
     fn note_answer(&mut self, module: ModuleId, turnaround: Micros) {
-        let Some(node) = self.nodes.get_mut(module.0) else {
+        let Some(state) = self.modules.get_mut(module.0) else {
             return;
         };
-        node.answered(turnaround);
-        if node.heard_as() != Presence::Online {
-            self.tell_presence(module);
+        state.answered(turnaround);
+        if state.published_presence() != Presence::Online {
+            self.publish_presence(module);
         }
     }
 
     /// Bytes while a reply is awaited.
-    fn listen(&mut self, mut flight: Flight, bytes: &[u8]) {
+    fn listen(&mut self, mut flight: InFlight, bytes: &[u8]) {
         self.busy_until = self.now.max(self.busy_until);
         let too_early = self.config.medium == Medium::Wire && self.now < flight.sent;
         let echo = self
-            .ear
+            .rx
             .listen(bytes, &flight.exchange, self.outgoing.bytes(), too_early);
         if let Some(news) = echo {
             self.suspect_echo(news);
         }
-        let heard = self.ear.reply();
+        let heard = self.rx.reply();
         let missing = match flight.exchange.find_response(heard) {
             (skip, Decoded::Whole { len, value })
                 if !self
                     .ghosts
-                    .hide(heard, skip..skip + doubtful(&flight.exchange, len)) =>
+                    .overlaps(heard, skip..skip + doubtful(&flight.exchange, len)) =>
             {
                 let outcome = self.interpret(&flight, &value);
                 let in_order = shows_order(&flight, &value);
@@ -424,9 +431,9 @@ impl Bus {
             _ if heard.is_empty() => return,
             // Someone else, or noise: the reply may still follow it.
             (_, Decoded::Malformed(_) | Decoded::Whole { .. }) => {
-                if let Some(met) = self.ghosts.meet(heard) {
-                    self.ear.cut(met.at, met.len);
-                    self.meet(met);
+                if let Some(met) = self.ghosts.take_reply(heard) {
+                    self.rx.cut(met.at, met.len);
+                    self.on_late_reply(met);
                 }
                 flight.exchange.response_len_max()
             }
@@ -437,28 +444,28 @@ impl Bus {
 
     /// A request came back on a line that was not known to echo.
     #[cold]
-    fn suspect_echo(&mut self, news: EchoNews) {
+    fn suspect_echo(&mut self, news: EchoChange) {
         for command in &mut self.commands {
-            command.doubt_echo();
+            command.suspect_echo();
         }
-        if news == EchoNews::Found {
-            self.events.tell(Event::Echo);
+        if news == EchoChange::Found {
+            self.events.push(Event::Echo);
         }
     }
 
     /// The deadline has come: the last look at what was heard, then the fault.
-    fn give_up(&mut self, flight: Flight) {
+    fn give_up(&mut self, flight: InFlight) {
         if !flight.exchange.expects_reply() {
             return self.sent(flight);
         }
-        self.ear
+        self.rx
             .end_of_listening(&flight.exchange, self.outgoing.bytes());
-        for skip in 0..self.ear.reply().len() {
-            let rest = self.ear.reply().get(skip..).unwrap_or_default();
+        for skip in 0..self.rx.reply().len() {
+            let rest = self.rx.reply().get(skip..).unwrap_or_default();
             // What has not followed by now does not follow: what looked like the head of another
             // reply was none.
             if let Decoded::Whole { len, value } = flight.exchange.decode_response(rest)
-                && !self.ghosts.hide(self.ear.reply(), skip..skip)
+                && !self.ghosts.overlaps(self.rx.reply(), skip..skip)
             {
                 let outcome = self.interpret(&flight, &value);
                 let in_order = shows_order(&flight, &value);
@@ -468,15 +475,15 @@ impl Bus {
         self.missed(flight);
     }
 
-    fn interpret(&self, flight: &Flight, reply: &Reply<Response<'_>>) -> Outcome {
-        let node = flight.job.module().and_then(|id| self.nodes.get(id.0));
-        match node {
-            Some(node) => {
+    fn interpret(&self, flight: &InFlight, reply: &Reply<Response<'_>>) -> Outcome {
+        let state = flight.job.module().and_then(|id| self.modules.get(id.0));
+        match state {
+            Some(state) => {
                 let op = match flight.job.op() {
-                    Op::Fence if node.identifies(&flight.exchange) => Op::Identify,
+                    Op::Fence if state.identifies(&flight.exchange) => Op::Identify,
                     op => op,
                 };
-                Outcome::Seen(node.module.interpret(&op, &reply.response))
+                Outcome::Seen(state.module.interpret(&op, &reply.response))
             }
             None => Outcome::Probed,
         }
@@ -486,7 +493,7 @@ impl Bus {
     /// asked before is over.
     fn answered(
         &mut self,
-        flight: &Flight,
+        flight: &InFlight,
         (skip, len): (usize, usize),
         outcome: Outcome,
         in_order: bool,
@@ -496,25 +503,25 @@ impl Bus {
         // What is only understood at the deadline came before it.
         let turnaround = self.busy_until.since(flight.sent) - reply_time;
         let echo_is_gone = self
-            .ear
+            .rx
             .answered(flight.exchange, self.outgoing.bytes(), skip, len);
         if echo_is_gone {
-            self.events.tell(Event::EchoGone);
+            self.events.push(Event::EchoGone);
         }
-        if self.ear.fell_silent() {
-            self.events.tell(Event::Quiet);
+        if self.rx.fell_silent() {
+            self.events.push(Event::Quiet);
         }
         let is_inherited = self.past == Past::Abandoned && self.is_inherited();
         if is_inherited {
-            self.ear.forget();
-            self.haunt(flight);
+            self.rx.forget();
+            self.add_ghost(flight);
             self.fail(flight, len, None);
             return self.end_if_left(flight);
         }
         let is_own = self.is_own(flight, in_order);
-        self.lay_ghosts_in_ear();
+        self.take_late_replies();
         // Two modules on one address both answer a probe.
-        if self.ear.is_cautious() || matches!(flight.job, Job::Probe { .. }) {
+        if self.rx.is_cautious() || matches!(flight.job, Job::Probe { .. }) {
             let until = self.now + self.config.duplicate_window;
             let module = flight.job.module();
             let ghost = Ghost {
@@ -535,7 +542,7 @@ impl Bus {
             // It may be the reply to one before it: its own may as well have been lost.
             _ if !is_own => self.fail(flight, len, None),
             Outcome::Probed => {
-                self.events.tell(Event::Probed {
+                self.events.push(Event::Probed {
                     outcome: Probed::Answered,
                     after: turnaround,
                 });
@@ -557,48 +564,48 @@ impl Bus {
             self.past = Past::Unknown;
             return false;
         }
-        !self.ear.heard().is_empty()
+        !self.rx.heard().is_empty()
     }
 
     /// No good reply came in time.
-    fn missed(&mut self, flight: Flight) {
+    fn missed(&mut self, flight: InFlight) {
         self.state = State::Idle;
-        if self.ear.missed(self.now, self.busy_until) {
-            self.events.tell(Event::Babble);
+        if self.rx.missed(self.now, self.busy_until) {
+            self.events.push(Event::Babble);
         }
         // Perhaps what was heard is a reply to something before.
-        let late = self.ghosts.meet(self.ear.heard());
+        let late = self.ghosts.take_reply(self.rx.heard());
         let why = match late {
             Some(_) => None,
-            None => self.ear.why(&flight.exchange),
+            None => self.rx.why(&flight.exchange),
         };
-        self.haunt(&flight);
+        self.add_ghost(&flight);
         if let Some(met) = late {
-            self.meet(met);
+            self.on_late_reply(met);
         }
         if let Some(module) = flight.job.module()
-            && let Some(node) = self.nodes.get_mut(module.0)
+            && let Some(state) = self.modules.get_mut(module.0)
         {
-            let was_silent = node.is_silent();
-            let gap = node.module.setup().request_gap();
+            let was_silent = state.is_silent();
+            let gap = state.module.setup().request_gap();
             // That it has no fence, or does not say what it is, says nothing of how it is.
             let has_none = match flight.job {
-                Job::Fence { .. } => node.missed_fence(),
-                job => job.identifies() && node.may_be_mute(),
+                Job::Fence { .. } => state.missed_fence(),
+                job => job.identifies() && state.may_be_mute(),
             };
-            if flight.is_fence() && node.identifies(&flight.exchange) {
-                node.not_identified(flight.sent);
+            if flight.is_fence() && state.identifies(&flight.exchange) {
+                state.not_identified(flight.sent);
             }
             if flight.is_fence() && !has_none {
                 // The next look is as far off as after a poll.
-                node.put_off(flight.asked + node.plan.interval);
+                state.put_off(flight.asked + state.plan.interval);
             }
             if !has_none {
-                node.missed();
+                state.missed();
             }
-            self.tell_presence(module);
-            if was_silent && flight.job.is_look() {
-                self.pay_for_silence(flight.asked, gap);
+            self.publish_presence(module);
+            if was_silent && flight.job.is_status_check() {
+                self.throttle_silent(flight.asked, gap);
             }
         }
         self.fail(&flight, 0, why);
@@ -606,12 +613,14 @@ impl Bus {
     }
 
     /// A frame that nobody answers has left.
-    fn sent(&mut self, flight: Flight) {
+    fn sent(&mut self, flight: InFlight) {
         self.state = State::Idle;
         match flight.job {
-            Job::Command { module, .. } => self.decide_sent(module, |_| Some(Ok(Confirmed::Sent))),
-            Job::Poll { .. } | Job::ReadBack { .. } | Job::Greeting { .. } | Job::Fence { .. } => {}
-            Job::Probe { .. } => self.events.tell(Event::Probed {
+            Job::Command { module, .. } => {
+                self.end_sent_commands(module, |_| Some(Ok(Confirmed::Sent)))
+            }
+            Job::Poll { .. } | Job::ReadBack { .. } | Job::OnOnline { .. } | Job::Fence { .. } => {}
+            Job::Probe { .. } => self.events.push(Event::Probed {
                 outcome: Probed::Silent,
                 after: Micros::ZERO,
             }),
@@ -627,8 +636,8 @@ impl Bus {
             Medium::Buffered if exchange.expects_reply() => self.now,
             _ => self.now + self.settings.frame_time(self.outgoing.bytes().len()),
         };
-        if self.ear.prepare(self.now, self.busy_until) {
-            self.events.tell(Event::Quiet);
+        if self.rx.prepare(self.now, self.busy_until) {
+            self.events.push(Event::Quiet);
         }
         self.busy_until = sent;
         self.at_rest = false;
@@ -638,7 +647,7 @@ impl Bus {
             sent
         };
         let asked = self.now;
-        self.state = State::Waiting(Flight::new(job, exchange, (asked, sent, deadline)));
+        self.state = State::Waiting(InFlight::new(job, exchange, (asked, sent, deadline)));
         deadline
     }
 

@@ -1,16 +1,16 @@
 //! What the end of an exchange means for whoever asked: readings, and the ends of commands.
 
-use crate::command::{self, Command, Stage, bank_of, decide};
-use crate::ear::is_own_reply;
-use crate::flight::{Flight, Job};
-use crate::node::{LATE_MIN, Node, Reading};
+use crate::command::{self, Command, Stage, bank_of, end_commands};
+use crate::in_flight::{InFlight, Job};
+use crate::module_state::{LATE_MIN, ModuleState, Reading};
+use crate::rx_buffer::is_own_reply;
 use crate::{Bus, Confirmed, Event, Evidence, Fault, ModuleId, Presence, Probed};
 use railbus_device::{Bank, Op, Seen};
 use railbus_wire::Malformed;
 
 impl Bus {
     /// What a good reply means for whoever asked.
-    pub(crate) fn learn(&mut self, flight: &Flight, seen: Seen) {
+    pub(crate) fn learn(&mut self, flight: &InFlight, seen: Seen) {
         let Some(module) = flight.job.module() else {
             return;
         };
@@ -23,29 +23,29 @@ impl Bus {
         }
         let op = flight.job.op();
         let refused = matches!(seen, Seen::Refused(_));
-        if let Some(node) = self.nodes.get_mut(module.0) {
-            if (node.heard_as() != Presence::Online || !node.is_settled())
-                && node.withholds(Reading {
+        if let Some(state) = self.modules.get_mut(module.0) {
+            if (state.published_presence() != Presence::Online || !state.is_settled())
+                && state.withholds(Reading {
                     op,
                     seen,
                     asked: flight.asked,
                     heard: self.now,
                 })
             {
-                return self.decide_sent(module, |command| {
+                return self.end_sent_commands(module, |command| {
                     command.stage = Stage::Queued;
                     None
                 });
             }
-            node.module.learn(&seen);
-            node.polled(&op, flight.asked);
-            if node.pulse_question() == Some(op) {
-                node.answered_pulses();
+            state.module.learn(&seen);
+            state.polled(&op, flight.asked);
+            if state.pulse_question() == Some(op) {
+                state.answered_pulses();
             }
         }
         if !matches!(seen, Seen::Done | Seen::Refused(_)) {
             let (asked, heard) = (flight.asked, self.now);
-            self.events.tell(Event::Seen {
+            self.events.push(Event::Seen {
                 module,
                 op,
                 seen,
@@ -55,13 +55,13 @@ impl Bus {
         }
         if let Op::Identify = op {
             self.identified(module, &seen);
-        } else if let Job::Greeting { .. } = flight.job {
-            self.tell_pulses(module);
+        } else if let Job::OnOnline { .. } = flight.job {
+            self.publish_pulses(module);
         }
         if let Job::Command { .. } = flight.job {
             self.acknowledge(module, flight, seen);
         } else if let Seen::Refused(refusal) = seen {
-            self.events.tell(Event::Missed {
+            self.events.push(Event::Missed {
                 module,
                 op,
                 fault: Fault::Refused(refusal),
@@ -78,29 +78,28 @@ impl Bus {
     }
 
     /// The module answered a command.
-    fn acknowledge(&mut self, module: ModuleId, flight: &Flight, seen: Seen) {
+    fn acknowledge(&mut self, module: ModuleId, flight: &InFlight, seen: Seen) {
         let (now, op) = (self.now, &flight.job.op());
-        let parrots =
-            !self.ear.took_echo() && is_own_reply(&flight.exchange, self.outgoing.bytes());
+        let parrots = !self.rx.took_echo() && is_own_reply(&flight.exchange, self.outgoing.bytes());
         let reads_back = self
-            .nodes
+            .modules
             .get(module.0)
-            .is_some_and(|node| node.module.read_back(op) == Some(Op::ReadOutputs));
+            .is_some_and(|state| state.module.read_back(op) == Some(Op::ReadOutputs));
         let carried = bank_of(op).map(|bank| bank.mask);
-        let node = self.nodes.get(module.0);
-        let asks_again = *op == Op::Identify && node.is_some_and(|node| !node.is_settled());
+        let state = self.modules.get(module.0);
+        let asks_again = *op == Op::Identify && state.is_some_and(|state| !state.is_settled());
         // A change of settings makes that so itself, and its module may be found no more.
         let acts = !op.is_read() && !matches!(op, Op::Configure(_));
-        let is_unknown = acts && node.is_some_and(Node::is_to_be_identified);
-        self.decide_sent(module, |command| {
+        let is_unknown = acts && state.is_some_and(ModuleState::is_to_be_identified);
+        self.end_sent_commands(module, |command| {
             if asks_again {
                 // It may have come spoilt: it is asked again.
                 command.stage = Stage::Queued;
                 return None;
             }
             command.replied = Some(now);
-            command.parroted |= parrots;
-            command.doubted |= is_unknown;
+            command.echoed |= parrots;
+            command.unidentified |= is_unknown;
             if let Seen::Refused(refusal) = seen {
                 return command.refused(Fault::Refused(refusal), reads_back);
             }
@@ -127,9 +126,9 @@ impl Bus {
     }
 
     /// An exchange failed: no reply, or none that is good. `taken` bytes of what was heard were
-    /// taken out of the ear already.
-    pub(crate) fn fail(&mut self, flight: &Flight, taken: usize, why: Option<Malformed>) {
-        let left = self.ear.heard().len();
+    /// taken out of the buffer already.
+    pub(crate) fn fail(&mut self, flight: &InFlight, taken: usize, why: Option<Malformed>) {
+        let left = self.rx.heard().len();
         let bytes = u16::try_from(taken + left).unwrap_or(u16::MAX);
         let evidence = Evidence::of_try(bytes, why);
         let fault = evidence.fault();
@@ -137,31 +136,35 @@ impl Bus {
             Job::Command { module, op } => self.lose(module, &op, evidence),
             Job::ReadBack { module } => {
                 self.miss_read_back(module);
-                self.events.tell(Event::Missed {
+                self.events.push(Event::Missed {
                     module,
                     op: Op::ReadOutputs,
                     fault,
                 });
             }
             // That it does not say what it is says nothing of how it is.
-            Job::Greeting {
+            Job::OnOnline {
                 module,
                 op: Op::Identify,
             } => self.not_identified(module, flight, evidence),
-            Job::Poll { module, op } | Job::Greeting { module, op } => {
-                if let Job::Greeting { .. } = flight.job {
-                    self.tell_pulses(module);
+            Job::Poll { module, op } | Job::OnOnline { module, op } => {
+                if let Job::OnOnline { .. } = flight.job {
+                    self.publish_pulses(module);
                     // Some models never answer it.
-                    if let Some(node) = self.nodes.get_mut(module.0) {
-                        node.greet_at = flight.sent + LATE_MIN;
+                    if let Some(state) = self.modules.get_mut(module.0) {
+                        state.on_online_at = flight.sent + LATE_MIN;
                     }
                 }
-                self.events.tell(Event::Missed { module, op, fault });
+                self.events.push(Event::Missed { module, op, fault });
             }
             Job::Fence { module, op } => {
                 // One that is only tried says nothing of the module by its silence.
-                if self.nodes.get(module.0).is_some_and(Node::has_fence) {
-                    self.events.tell(Event::Missed { module, op, fault });
+                if self
+                    .modules
+                    .get(module.0)
+                    .is_some_and(ModuleState::has_fence)
+                {
+                    self.events.push(Event::Missed { module, op, fault });
                 }
             }
             Job::Probe { .. } => {
@@ -171,7 +174,7 @@ impl Bus {
                     Probed::Garbled
                 };
                 let after = self.now.since(flight.sent);
-                self.events.tell(Event::Probed { outcome, after });
+                self.events.push(Event::Probed { outcome, after });
             }
         }
     }
@@ -179,13 +182,13 @@ impl Bus {
     /// The reply to a command was lost. What can be read back is; what can be repeated is;
     /// nothing else is sent a second time.
     fn lose(&mut self, module: ModuleId, op: &Op, evidence: Evidence) {
-        let Some(node) = self.nodes.get(module.0) else {
+        let Some(state) = self.modules.get(module.0) else {
             return;
         };
-        let reads_back = node.module.read_back(op) == Some(Op::ReadOutputs);
-        let repeatable = node.repeatable(op);
-        let silent = node.is_silent();
-        self.decide_sent(module, |command| {
+        let reads_back = state.module.read_back(op) == Some(Op::ReadOutputs);
+        let repeatable = state.repeatable(op);
+        let silent = state.is_silent();
+        self.end_sent_commands(module, |command| {
             command.acknowledged = false;
             command.evidence.add(evidence);
             let attempts = command.evidence.attempts;
@@ -211,12 +214,12 @@ impl Bus {
             return;
         }
         // What may be another one's outputs confirms nothing.
-        let Some(node) = self.nodes.get(id.0).filter(|node| node.is_settled()) else {
+        let Some(state) = self.modules.get(id.0).filter(|state| state.is_settled()) else {
             return;
         };
-        decide(&mut self.commands, &mut self.events, self.now, |command| {
+        end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             if command.module == id {
-                command.judge(node, outputs)
+                command.judge(state, outputs)
             } else {
                 None
             }
@@ -225,18 +228,18 @@ impl Bus {
 
     /// The commands that waited for it learn which outputs of their module give pulses, as far as
     /// the module has said.
-    pub(crate) fn tell_pulses(&mut self, module: ModuleId) {
-        let pulses = self.nodes.get(module.0).and_then(Node::pulses);
-        decide(&mut self.commands, &mut self.events, self.now, |command| {
+    pub(crate) fn publish_pulses(&mut self, module: ModuleId) {
+        let pulses = self.modules.get(module.0).and_then(ModuleState::pulses);
+        end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             let asks = command.module == module && command.asks_pulses;
-            asks.then(|| command.told_pulses(pulses.unwrap_or(0)))?
+            asks.then(|| command.pulses_known(pulses.unwrap_or(0)))?
         });
     }
 
     /// A read-back failed: after a few, the command ends by what its own reply said. Who does not
     /// want it verified does not wait for a second: this one did not come back as an echo either.
     pub(crate) fn miss_read_back(&mut self, module: ModuleId) {
-        decide(
+        end_commands(
             &mut self.commands,
             &mut self.events,
             self.now,
@@ -252,12 +255,12 @@ impl Bus {
     }
 
     /// Changes or ends the commands whose frame is on the line.
-    pub(crate) fn decide_sent(
+    pub(crate) fn end_sent_commands(
         &mut self,
         module: ModuleId,
         mut change: impl FnMut(&mut Command) -> Option<Result<Confirmed, Fault>>,
     ) {
-        decide(&mut self.commands, &mut self.events, self.now, |command| {
+        end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             let sent = command.module == module && command.stage == Stage::Sent;
             if sent { change(command) } else { None }
         });

@@ -1,9 +1,9 @@
 //! Whose turn it is: commands first, but no reading becomes too old; silent modules share one
 //! twentieth of the time.
 
-use crate::command::{Command, Stage, bank_of, decide, touched};
-use crate::flight::{Job, Probe, write_frame};
-use crate::node::Node;
+use crate::command::{Command, Stage, bank_of, end_commands, touched};
+use crate::in_flight::{Job, Probe, write_frame};
+use crate::module_state::ModuleState;
 use crate::{Bus, Event, Fault, Last, ModuleId, Probed, State, Terms, Ticket};
 use railbus_device::{Bank, Module, Op};
 use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, carries_command};
@@ -17,7 +17,7 @@ const SILENT_SHARE: u64 = 20;
 /// So long a poll in another speed waits for polls in the present one.
 const SPEED_PATIENCE: Micros = Micros::from_millis(250);
 /// So long after its request a silent module gives way to a command.
-const GIVES_WAY: Micros = Micros::from_millis(60);
+const PREEMPT_AFTER: Micros = Micros::from_millis(60);
 
 /// An exchange that could be put on the line.
 #[derive(Clone, Copy, Debug)]
@@ -62,16 +62,16 @@ impl Bus {
         if matches!(self.state, State::Closed) {
             return Err(Fault::Closed);
         }
-        let node = self.nodes.get(module.0).filter(|node| !node.retired);
-        let node = node.ok_or(Fault::Unsupported)?;
-        if node.is_stranger() && node.plan.enabled && op != Op::Identify {
-            return Err(Fault::Stranger { sent: false });
+        let state = self.modules.get(module.0).filter(|state| !state.retired);
+        let state = state.ok_or(Fault::Unsupported)?;
+        if state.is_other_model() && state.plan.enabled && op != Op::Identify {
+            return Err(Fault::OtherModel { sent: false });
         }
         let first = match bank_of(&op) {
-            Some(bank) => Op::Write(node.module.group(bank)),
+            Some(bank) => Op::Write(state.module.group(bank)),
             None => op,
         };
-        let exchange = node
+        let exchange = state
             .module
             .exchange(&first)
             .map_err(|_| Fault::Unsupported)?;
@@ -91,7 +91,7 @@ impl Bus {
             terms.verify,
             (now, expires),
         ));
-        self.hurry_silent_module(module);
+        self.preempt_silent(module);
         Ok(ticket)
     }
 
@@ -112,17 +112,17 @@ impl Bus {
     }
 
     /// A silent module that is being asked gives way to a command for another one.
-    fn hurry_silent_module(&mut self, wanted: ModuleId) {
+    fn preempt_silent(&mut self, wanted: ModuleId) {
         if let State::Waiting(flight) = &mut self.state
-            && flight.job.is_look()
+            && flight.job.is_status_check()
             && let Some(module) = flight.job.module()
             && module != wanted
             && self
-                .nodes
+                .modules
                 .get(module.0)
-                .is_some_and(|node| !node.is_online())
+                .is_some_and(|state| !state.is_online())
         {
-            let gives_way = self.now.max(flight.sent + GIVES_WAY);
+            let gives_way = self.now.max(flight.sent + PREEMPT_AFTER);
             flight.deadline = flight.deadline.min(gives_way);
         }
     }
@@ -154,23 +154,23 @@ impl Bus {
         match job {
             Job::Command { module, op } => {
                 let reads_back = bank_of(&op).is_some();
-                self.decide_sent(module, |command| command.refused(fault, reads_back));
+                self.end_sent_commands(module, |command| command.refused(fault, reads_back));
             }
             Job::ReadBack { module } => self.miss_read_back(module),
             Job::Fence { module, .. } => {
-                if let Some(node) = self.nodes.get_mut(module.0) {
-                    node.refused_fence();
+                if let Some(state) = self.modules.get_mut(module.0) {
+                    state.refused_fence();
                 }
             }
             Job::Probe { .. } => {
                 let (outcome, after) = (Probed::Unsafe, Micros::ZERO);
-                self.events.tell(Event::Probed { outcome, after });
+                self.events.push(Event::Probed { outcome, after });
             }
-            Job::Poll { module, op } | Job::Greeting { module, op } => {
-                if let Job::Greeting { .. } = job {
-                    self.cannot_greet(module, &op);
+            Job::Poll { module, op } | Job::OnOnline { module, op } => {
+                if let Job::OnOnline { .. } = job {
+                    self.skip_on_online(module, &op);
                 }
-                self.events.tell(Event::Missed { module, op, fault });
+                self.events.push(Event::Missed { module, op, fault });
             }
         }
     }
@@ -196,21 +196,21 @@ impl Bus {
         match work.job {
             Job::Command { module, op } => {
                 self.mark_sent(module, &op);
-                if let (Op::Configure(_), Some(node)) = (op, self.nodes.get_mut(module.0)) {
-                    node.doubt();
+                if let (Op::Configure(_), Some(state)) = (op, self.modules.get_mut(module.0)) {
+                    state.invalidate();
                 }
             }
             Job::Poll { module, op } => {
-                if let Some(node) = self.nodes.get_mut(module.0) {
-                    node.poll_started(&op, self.now);
-                    if node.is_silent() {
+                if let Some(state) = self.modules.get_mut(module.0) {
+                    state.poll_started(&op, self.now);
+                    if state.is_silent() {
                         self.next_silent = module.0 + 1;
                     }
                 }
             }
             Job::Probe { .. } => {
                 if self.probe.take().is_some_and(|probe| probe.changes) {
-                    self.doubt_all();
+                    self.invalidate_all();
                 }
             }
             Job::Fence { module, .. } => {
@@ -218,7 +218,7 @@ impl Bus {
                     self.next_silent = module.0 + 1;
                 }
             }
-            Job::Greeting { .. } | Job::ReadBack { .. } => {}
+            Job::OnOnline { .. } | Job::ReadBack { .. } => {}
         }
         self.last = Last {
             probe: matches!(work.job, Job::Probe { .. }),
@@ -229,10 +229,10 @@ impl Bus {
 
     /// Somebody else's frame may change any of the modules: each is greeted and read anew.
     #[cold]
-    fn doubt_all(&mut self) {
-        for node in self.nodes.iter_mut().filter(|node| !node.retired) {
-            node.doubt();
-            for poll in &mut node.polls {
+    fn invalidate_all(&mut self) {
+        for state in self.modules.iter_mut().filter(|state| !state.retired) {
+            state.invalidate();
+            for poll in &mut state.polls {
                 poll.due = self.now;
             }
         }
@@ -277,14 +277,16 @@ impl Bus {
     /// Whether anything but polls wants the line. Among themselves the one due longest goes first,
     /// so that those that can't wait need not be looked for.
     fn polls_have_rivals(&self) -> bool {
-        let has_other_reads = |node: &Node| node.is_silent() || node.is_to_be_greeted();
-        !self.commands.is_empty() || self.probe.is_some() || self.nodes.iter().any(has_other_reads)
+        let has_other_reads = |state: &ModuleState| state.is_silent() || state.has_on_online_ops();
+        !self.commands.is_empty()
+            || self.probe.is_some()
+            || self.modules.iter().any(has_other_reads)
     }
 
     /// Takes the work unless a ghost forbids it now; then the fence that ends the ghost.
     #[inline]
     fn offer(&self, search: &mut Search, mut work: Work) -> bool {
-        if let Job::Greeting {
+        if let Job::OnOnline {
             module,
             op: Op::Identify,
         } = work.job
@@ -316,8 +318,8 @@ impl Bus {
     /// left that could be confused with it.
     #[cold]
     fn ask_as_fence(&self, module: ModuleId, work: &mut Work) {
-        let node = self.nodes.get(module.0);
-        if node.is_some_and(|node| node.is_fence(&work.exchange))
+        let state = self.modules.get(module.0);
+        if state.is_some_and(|state| state.is_fence(&work.exchange))
             && self.ghosts.in_the_way(&work.exchange).is_some()
         {
             let op = Op::Fence;
@@ -326,7 +328,9 @@ impl Bus {
     }
 
     fn is_silent(&self, module: ModuleId) -> bool {
-        self.nodes.get(module.0).is_some_and(Node::is_silent)
+        self.modules
+            .get(module.0)
+            .is_some_and(ModuleState::is_silent)
     }
 
     /// Takes the fence that this work waits for, where there is one.
@@ -340,8 +344,8 @@ impl Bus {
         }
         match self.fence_for(module, &blocked.exchange) {
             Ok(job) => {
-                let asked = job.module().and_then(|id| self.nodes.get(id.0));
-                let timeout = asked.map_or(blocked.timeout, Node::timeout);
+                let asked = job.module().and_then(|id| self.modules.get(id.0));
+                let timeout = asked.map_or(blocked.timeout, ModuleState::timeout);
                 let work = job.module().and_then(|id| self.work(id, job, timeout));
                 let until = work.and_then(|work| self.ghosts.fence_blocked_until(&work.exchange));
                 if let Some(until) = until {
@@ -365,7 +369,7 @@ impl Bus {
 
     #[inline]
     fn work(&self, id: ModuleId, job: Job, timeout: Micros) -> Option<Work> {
-        let module = &self.nodes.get(id.0)?.module;
+        let module = &self.modules.get(id.0)?.module;
         let exchange = module.exchange(&job.op()).ok()?;
         let (settings, gap) = (module.setup().serial, module.setup().request_gap());
         Some(Work {
@@ -381,12 +385,12 @@ impl Bus {
     fn search_commands(&self, search: &mut Search) -> bool {
         for (index, command) in self.commands.iter().enumerate() {
             let module = command.module;
-            let Some(node) = self.nodes.get(module.0) else {
+            let Some(state) = self.modules.get(module.0) else {
                 continue;
             };
-            if command.stage != Stage::Sent && node.is_suspected(self.now) {
+            if command.stage != Stage::Sent && state.is_suspected(self.now) {
                 let op = Op::Identify;
-                let work = self.work(module, Job::Greeting { module, op }, node.timeout());
+                let work = self.work(module, Job::OnOnline { module, op }, state.timeout());
                 // Where it has to wait for something else, the command does not.
                 if work.is_some_and(|work| self.offer(search, work)) {
                     return true;
@@ -394,22 +398,22 @@ impl Bus {
             }
             let job = match command.stage {
                 Stage::Sent => continue,
-                _ if let Some(at) = node.identify_first() => {
+                _ if let Some(at) = state.identify_first() => {
                     if at > self.now {
                         search.look_again(at);
                         continue;
                     }
                     let op = Op::Identify;
-                    Job::Greeting { module, op }
+                    Job::OnOnline { module, op }
                 }
-                Stage::ReadBack(_) => match node.pulse_question() {
-                    Some(op) if command.asks_pulses => Job::Greeting { module, op },
+                Stage::ReadBack(_) => match state.pulse_question() {
+                    Some(op) if command.asks_pulses => Job::OnOnline { module, op },
                     _ => Job::ReadBack { module },
                 },
                 Stage::Queued if self.is_barred(index, command) => continue,
-                Stage::Queued => self.job_of(index, command, node),
+                Stage::Queued => self.job_of(index, command, state),
             };
-            if let Some(work) = self.work(module, job, node.timeout())
+            if let Some(work) = self.work(module, job, state.timeout())
                 && self.offer(search, work)
             {
                 return true;
@@ -420,22 +424,22 @@ impl Bus {
 
     /// The exchange that a waiting command is after. Until it is known whether the adapter
     /// echoes, that is a read: the echo of a write can look like its acknowledgement.
-    fn job_of(&self, index: usize, command: &Command, node: &Node) -> Job {
+    fn job_of(&self, index: usize, command: &Command, state: &ModuleState) -> Job {
         let module = command.module;
-        let first_read = node.polls.first().map(|poll| poll.op);
+        let first_read = state.polls.first().map(|poll| poll.op);
         match (bank_of(&command.op), first_read) {
-            (_, Some(op)) if self.ear.echoes().is_none() && !command.op.is_read() => {
+            (_, Some(op)) if self.rx.echoes().is_none() && !command.op.is_read() => {
                 Job::Poll { module, op }
             }
             (Some(bank), _) => {
-                let together = self.gather(index, &node.module);
+                let together = self.gather(index, &state.module);
                 // What other modules could take for a command is sent in smaller portions.
                 let is_unsafe = self.mixed
-                    && node
+                    && state
                         .module
                         .exchange(&together)
                         .is_ok_and(|exchange| self.is_unsafe(&exchange));
-                let alone = || Op::Write(node.module.group(Bank::new(command.left, bank.on)));
+                let alone = || Op::Write(state.module.group(Bank::new(command.left, bank.on)));
                 let op = if is_unsafe { alone() } else { together };
                 Job::Command { module, op }
             }
@@ -473,8 +477,8 @@ impl Bus {
     /// The read that is due longest; with `urgent` only those that must not wait any more.
     fn search_polls(&self, search: &mut Search, urgent: bool) -> bool {
         let mut best = None;
-        for (index, node) in self.nodes.iter().enumerate() {
-            if !node.plan.enabled || node.is_silent() {
+        for (index, state) in self.modules.iter().enumerate() {
+            if !state.plan.enabled || state.is_silent() {
                 continue;
             }
             let module = ModuleId(index);
@@ -482,7 +486,7 @@ impl Bus {
                 if due > self.now {
                     return search.look_again(due);
                 }
-                let other_speed = node.module.setup().serial != self.settings;
+                let other_speed = state.module.setup().serial != self.settings;
                 let handicap = if other_speed {
                     SPEED_PATIENCE
                 } else {
@@ -490,23 +494,23 @@ impl Bus {
                 };
                 let rank = due + handicap;
                 if best.is_none_or(|known| rank < known)
-                    && let Some(work) = self.work(module, job, node.timeout())
+                    && let Some(work) = self.work(module, job, state.timeout())
                     && self.offer(search, Work { urgent, ..work })
                 {
                     best = Some(rank);
                 }
             };
-            if node.is_to_be_greeted() {
-                for (op, at) in node.greetings() {
+            if state.has_on_online_ops() {
+                for (op, at) in state.on_online_ops() {
                     if !urgent || op == Op::Identify {
-                        look(at, Job::Greeting { module, op });
+                        look(at, Job::OnOnline { module, op });
                     }
                 }
-                if node.is_other() {
+                if state.claims_other_model() {
                     continue;
                 }
             }
-            if !urgent && node.tries_fence() {
+            if !urgent && state.tries_fence() {
                 look(
                     Instant(0),
                     Job::Fence {
@@ -515,9 +519,9 @@ impl Bus {
                     },
                 );
             }
-            for poll in &node.polls {
+            for poll in &state.polls {
                 let due = if urgent {
-                    node.urgent_at(poll, self.cycle)
+                    state.urgent_at(poll, self.cycle)
                 } else {
                     poll.due
                 };
@@ -530,16 +534,16 @@ impl Bus {
 
     /// The next silent module, if their share of the time allows it.
     fn search_silent(&self, search: &mut Search) -> bool {
-        if !self.nodes.iter().any(Node::is_silent) {
+        if !self.modules.iter().any(ModuleState::is_silent) {
             return false;
         }
-        let count = self.nodes.len();
+        let count = self.modules.len();
         let turns = (self.next_silent..count).chain(0..self.next_silent.min(count));
         for index in turns {
-            let Some(node) = self.nodes.get(index) else {
+            let Some(state) = self.modules.get(index) else {
                 continue;
             };
-            if !node.plan.enabled || !node.is_silent() {
+            if !state.plan.enabled || !state.is_silent() {
                 continue;
             }
             if self.probe_silent_at > self.now {
@@ -547,9 +551,9 @@ impl Bus {
                 return false;
             }
             let module = ModuleId(index);
-            let work = node.probe_op().and_then(|op| {
-                let exchange = node.module.exchange(&op).ok()?;
-                let timeout = node.probe_timeout(&exchange);
+            let work = state.probe_op().and_then(|op| {
+                let exchange = state.module.exchange(&op).ok()?;
+                let timeout = state.probe_timeout(&exchange);
                 self.work(module, Job::Poll { module, op }, timeout)
             });
             if let Some(work) = work
@@ -559,8 +563,8 @@ impl Bus {
             }
             // What it would be read by waits for its ghost; a fence need not.
             let fence = self.fence_of(module, None).and_then(|job| {
-                let exchange = node.module.exchange(&job.op()).ok()?;
-                self.work(module, job, node.probe_timeout(&exchange))
+                let exchange = state.module.exchange(&job.op()).ok()?;
+                self.work(module, job, state.probe_timeout(&exchange))
             });
             if let Some(work) = fence
                 && self.offer(search, work)
@@ -572,7 +576,7 @@ impl Bus {
     }
 
     /// A silent module was asked in vain: the others have the line to themselves for a while.
-    pub(crate) fn pay_for_silence(&mut self, asked: Instant, gap: Micros) {
+    pub(crate) fn throttle_silent(&mut self, asked: Instant, gap: Micros) {
         let cost = self.now.since(asked) + gap;
         self.probe_silent_at = asked + cost * SILENT_SHARE;
     }
@@ -583,8 +587,8 @@ impl Bus {
         };
         // The echo of a write can look like its acknowledgement: a poll finds out first whether
         // the adapter echoes.
-        let polled = |node: &Node| node.plan.enabled && !node.is_silent();
-        if probe.changes && self.ear.echoes().is_none() && self.nodes.iter().any(polled) {
+        let polled = |state: &ModuleState| state.plan.enabled && !state.is_silent();
+        if probe.changes && self.rx.echoes().is_none() && self.modules.iter().any(polled) {
             return false;
         }
         let work = Work {
@@ -614,9 +618,9 @@ impl Bus {
         Protocol::ALL.into_iter().any(|other| {
             other != own
                 && self
-                    .nodes
+                    .modules
                     .iter()
-                    .any(|node| !node.retired && node.module.setup().protocol == other)
+                    .any(|state| !state.retired && state.module.setup().protocol == other)
                 && carries_command(frame.bytes(), other)
         })
     }
@@ -627,7 +631,7 @@ impl Bus {
         if self.next_expiry().is_none_or(|at| at > now) {
             return;
         }
-        decide(&mut self.commands, &mut self.events, now, |command| {
+        end_commands(&mut self.commands, &mut self.events, now, |command| {
             let is_up = command.time_is_up_at().is_some_and(|at| at <= now);
             is_up.then(|| command.end_by_time())
         });

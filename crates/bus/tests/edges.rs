@@ -210,27 +210,33 @@ fn commands_for_one_output_wait_for_a_read_back_that_is_lost() {
 #[test]
 fn a_request_that_was_given_up_haunts_the_line() {
     let mut line = Line::new(EchoMode::Off, &[board()]);
-    assert_eq!(line.drive.bus.haunted_until(), None);
+    assert_eq!(line.drive.bus.late_replies_until(), None);
     let left = line.drive.now + Settings::FACTORY.frame_time(8);
     line.submit(Op::Toggle(1));
     line.run(millis(50), |_| None);
     // Nobody knows yet whether it will be answered.
-    assert_eq!(line.drive.bus.haunted_until(), Some(left + millis(500)));
+    assert_eq!(
+        line.drive.bus.late_replies_until(),
+        Some(left + millis(500))
+    );
     line.run(millis(280), |frame| {
         (frame[2] != 0x20).then(|| as_a_board(frame)).flatten()
     });
     // Three times the 300 ms that a module is waited for that never answered.
-    assert_eq!(line.drive.bus.haunted_until(), Some(left + millis(900)));
+    assert_eq!(
+        line.drive.bus.late_replies_until(),
+        Some(left + millis(900))
+    );
     line.drive
         .hear_at(line.drive.now, b"\x22\x04\x20\0\0\0\0\x46");
     line.run(millis(10), |_| None);
-    assert_eq!(line.drive.bus.haunted_until(), None, "its reply came");
+    assert_eq!(line.drive.bus.late_replies_until(), None, "its reply came");
 
     let mut cautious = Line::of(Config::default(), &[board()]);
     cautious.submit(Op::ReadOutputs);
     cautious.run(millis(60), as_a_board);
     assert_eq!(cautious.ends().len(), 1);
-    assert_eq!(cautious.drive.bus.haunted_until(), None);
+    assert_eq!(cautious.drive.bus.late_replies_until(), None);
 }
 
 /// Once a fence is answered nothing older can come to this line. Who opens the port next relies on
@@ -254,7 +260,10 @@ fn what_a_fence_has_ended_haunts_the_next_user_of_the_port() {
     let codes: Vec<u8> = line.frames.iter().map(|frame| frame[2]).collect();
     assert_eq!(codes, [0x10, 0x40, 0x10], "asked, fenced, and asked again");
     assert_eq!(line.ends().len(), 2);
-    assert_eq!(line.drive.bus.haunted_until(), Some(left + millis(900)));
+    assert_eq!(
+        line.drive.bus.late_replies_until(),
+        Some(left + millis(900))
+    );
 }
 
 /// A module is not given another address while an earlier command for it waits for a ghost to

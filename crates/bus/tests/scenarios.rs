@@ -492,7 +492,7 @@ impl Scenario {
                     Presence::Unheard => "unheard",
                     Presence::Online => "online",
                     Presence::Silent => "silent",
-                    Presence::Stranger => "stranger",
+                    Presence::OtherModel => "other-model",
                 };
                 format!("{} {presence}", name(module))
             }
@@ -683,7 +683,7 @@ fn fault_text(fault: &Fault) -> String {
             format!("{fault} ({attempts} tried, {garbled}{bytes} bytes{why})")
         }
         Fault::Refused(refusal) => format!("{fault} ({refusal:?})"),
-        Fault::Stranger { sent: true } => format!("{fault} (sent)"),
+        Fault::OtherModel { sent: true } => format!("{fault} (sent)"),
         _ => fault.to_string(),
     }
 }

@@ -142,7 +142,7 @@ impl Module {
     /// The op to do once when the module is first heard, or heard again: what it does with
     /// commands may have been changed meanwhile. None where that can't change.
     #[must_use]
-    pub const fn greeting(&self) -> Option<Op> {
+    pub const fn on_online_op(&self) -> Option<Op> {
         match self.setup.family {
             Family::Eda9060a => Some(Op::ReadPulse),
             Family::Eda9050 | Family::Erc8 | Family::R55 | Family::Emd2a2q => None,

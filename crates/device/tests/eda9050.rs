@@ -129,7 +129,7 @@ fn no_pulses() {
     // Switching on twice is switching on once: nothing is known that could say otherwise.
     let host = host(Protocol::Ascii);
     assert!(host.repeatable(&write(0xFF)));
-    assert_eq!((host.greeting(), host.pulses()), (None, Some(0)));
+    assert_eq!((host.on_online_op(), host.pulses()), (None, Some(0)));
 }
 
 /// [EDA9050 §1.8]

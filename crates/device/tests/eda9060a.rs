@@ -321,7 +321,7 @@ fn what_the_host_may_repeat() {
     let repeatable = |host: &Module| [0, 1].map(|relay| host.repeatable(&switch(relay, true)));
     assert_eq!(repeatable(&host), [false; 2], "not asked yet");
     assert_eq!(
-        (host.greeting(), host.pulses()),
+        (host.on_online_op(), host.pulses()),
         (Some(Op::ReadPulse), None)
     );
     host.learn(&seen(&host, &Op::ReadPulse, b"!01010A\r"));

@@ -211,7 +211,7 @@ impl<P: Port> Task<P> {
         if let Stop::Closed = stop {
             self.let_frame_leave().await;
             let now = self.alarm.now();
-            if self.haunted_until().is_none_or(|until| until <= now) {
+            if self.late_replies_until().is_none_or(|until| until <= now) {
                 self.port.settle();
             }
         }
@@ -288,7 +288,7 @@ impl<P: Port> Task<P> {
         let Some(closing) = &self.closing else {
             return deadline;
         };
-        let closing = match self.haunted_until() {
+        let closing = match self.late_replies_until() {
             Some(until) => until.min(closing.until),
             None => closing.until,
         };
@@ -424,13 +424,13 @@ impl<P: Port> Task<P> {
             return false;
         };
         let now = self.alarm.now();
-        let haunted = self.haunted_until().is_some_and(|until| until > now);
-        closing.until <= now || self.pending.is_idle() && !haunted
+        let awaits_late = self.late_replies_until().is_some_and(|until| until > now);
+        closing.until <= now || self.pending.is_idle() && !awaits_late
     }
 
     /// Until when a late reply may come that would meet whoever opens the port next.
-    fn haunted_until(&self) -> Option<Instant> {
-        self.bus.haunted_until().map(|until| until + self.lag)
+    fn late_replies_until(&self) -> Option<Instant> {
+        self.bus.late_replies_until().map(|until| until + self.lag)
     }
 
     /// A frame cut off could be taken for another one.

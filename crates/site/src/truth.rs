@@ -142,7 +142,7 @@ impl Site {
     pub fn heard(&mut self, module: &str, presence: Presence) {
         if let Some(state) = self.modules.get_mut(module) {
             (state.presence, state.missing) = (presence, None);
-            if presence == Presence::Stranger {
+            if presence == Presence::OtherModel {
                 // What the right one was read to be says nothing of it.
                 state.points.clear();
                 state.pulse = None;
@@ -155,7 +155,7 @@ impl Site {
     pub fn stranger(&self, module: &str) -> Option<&str> {
         let state = self.modules.get(module)?;
         let says = state.says.as_deref();
-        says.filter(|_| state.presence == Presence::Stranger)
+        says.filter(|_| state.presence == Presence::OtherModel)
     }
 
     /// A module did not answer; true when that makes one that was heard before its line was lent
@@ -255,7 +255,7 @@ impl Site {
             .get(module)
             .map(|config| config.plan.max_age);
         let quality = match (known, self.presence(module), max_age) {
-            (_, Presence::Stranger, Some(_)) => Quality::Bad(Reason::OtherModel),
+            (_, Presence::OtherModel, Some(_)) => Quality::Bad(Reason::OtherModel),
             (None, Presence::Silent, Some(_)) => Quality::Bad(Reason::Offline),
             (None, ..) | (_, _, None) => Quality::Bad(Reason::NeverRead),
             (Some(_), Presence::Silent | Presence::Unheard, _) => Quality::Bad(Reason::Offline),

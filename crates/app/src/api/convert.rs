@@ -91,7 +91,7 @@ pub fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
             Presence::Online => ModuleState::Online,
             Presence::Silent => ModuleState::Offline,
             Presence::Unheard => ModuleState::Unheard,
-            Presence::Stranger => ModuleState::OtherModel,
+            Presence::OtherModel => ModuleState::OtherModel,
         },
         answers_as: status.stranger,
         last_good,

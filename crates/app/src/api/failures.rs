@@ -179,7 +179,7 @@ fn of_fault(service: &Service, module: &str, fault: &Fault) -> Problem {
             }
             _ => problem,
         },
-        Fault::Stranger { .. } => {
+        Fault::OtherModel { .. } => {
             let status = service.module(module);
             match status.and_then(|status| status.stranger) {
                 Some(found) => problem.with("answers_as", found),
@@ -279,7 +279,7 @@ const fn kind_of(fault: &Fault) -> Kind {
         Fault::Expired => codes::EXPIRED,
         Fault::Locked => codes::LOCKED,
         Fault::Closed => codes::LINE_CLOSED,
-        Fault::Stranger { .. } => codes::OTHER_MODEL,
+        Fault::OtherModel { .. } => codes::OTHER_MODEL,
         Fault::Refused(_) => codes::REFUSED,
         Fault::NoReply(_) => codes::NO_REPLY,
         Fault::Garbled(_) => codes::GARBLED,

@@ -32,8 +32,8 @@ fn faults() -> Vec<(Fault, bool)> {
         Fault::Expired,
         Fault::Locked,
         Fault::Closed,
-        Fault::Stranger { sent: false },
-        Fault::Stranger { sent: true },
+        Fault::OtherModel { sent: false },
+        Fault::OtherModel { sent: true },
         Fault::Refused(Refusal::Invalid),
         Fault::NoReply(evidence),
         Fault::Garbled(evidence),
@@ -49,8 +49,8 @@ fn faults() -> Vec<(Fault, bool)> {
             | Fault::Locked
             | Fault::Closed
             | Fault::Refused(_)
-            | Fault::Stranger { sent: false } => false,
-            Fault::Stranger { sent: true }
+            | Fault::OtherModel { sent: false } => false,
+            Fault::OtherModel { sent: true }
             | Fault::NoReply(_)
             | Fault::Garbled(_)
             | Fault::NotVerified

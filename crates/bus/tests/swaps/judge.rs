@@ -98,7 +98,7 @@ impl Judge {
             } => self.seen(module.0, outputs, inputs, (asked, heard)),
             Event::Presence { module, presence } => {
                 self.places[module.0].presence = presence;
-                if presence == Presence::Stranger {
+                if presence == Presence::OtherModel {
                     self.tally.strangers += 1;
                     let mut stays = self.places[module.0].stays.iter();
                     if stays.all(|stay| stay.who != Who::Other) {
@@ -210,7 +210,7 @@ impl Judge {
                 if is_healthy {
                     return self.fault(format!("{blame}: nothing was wrong"));
                 }
-                if let Fault::Stranger { .. } = fault {
+                if let Fault::OtherModel { .. } = fault {
                     self.refused(index);
                 }
             }
@@ -236,11 +236,11 @@ impl Judge {
                 }
             };
             match (stay.who, place.presence) {
-                (Who::Right, Presence::Stranger) if self.lossy => {
+                (Who::Right, Presence::OtherModel) if self.lossy => {
                     let unlost = now.since(place.lost.max(stay.since)).0;
                     limit("accused", &mut tally.accused, unlost, ACCUSED_UNLOST_MAX.0);
                 }
-                (Who::Right, Presence::Stranger) => {
+                (Who::Right, Presence::OtherModel) => {
                     limit("accused", &mut tally.accused, age.0, ACCUSED_MAX.0);
                 }
                 (Who::Other, Presence::Online)

@@ -258,7 +258,7 @@ impl Judge {
                 };
                 self.commands.insert(ticket, command);
             }
-            Err(Fault::Stranger { .. }) => self.refused(index),
+            Err(Fault::OtherModel { .. }) => self.refused(index),
             Err(fault) => self.fault(format!("place {index}: {op:?} not taken: {fault:?}")),
         }
     }

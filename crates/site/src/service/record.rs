@@ -418,14 +418,14 @@ impl Recorder {
         let presence = lock(&site.inner.state).site.presence(name);
         let before = self.presence.insert(name.to_owned(), presence);
         let (severity, code) = match (before.unwrap_or(Presence::Unheard), presence) {
-            (Presence::Silent | Presence::Stranger, Presence::Online) => {
+            (Presence::Silent | Presence::OtherModel, Presence::Online) => {
                 (Severity::Info, "module_online")
             }
-            (Presence::Silent, Presence::Silent) | (Presence::Stranger, Presence::Stranger) => {
+            (Presence::Silent, Presence::Silent) | (Presence::OtherModel, Presence::OtherModel) => {
                 return;
             }
             (_, Presence::Silent) => (Severity::Warning, "module_offline"),
-            (_, Presence::Stranger) => (Severity::Warning, "module_other_model"),
+            (_, Presence::OtherModel) => (Severity::Warning, "module_other_model"),
             // That it is there when the program begins is as it should be.
             _ => return,
         };

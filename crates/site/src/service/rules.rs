@@ -213,7 +213,7 @@ impl Service {
                 let presence = lock(&self.inner.state).site.presence(module);
                 let fact = match (down, presence) {
                     (Fact::Is(false), Presence::Online) => Fact::Is(false),
-                    (Fact::Is(false), Presence::Silent | Presence::Stranger) => Fact::Is(true),
+                    (Fact::Is(false), Presence::Silent | Presence::OtherModel) => Fact::Is(true),
                     (Fact::Is(false), Presence::Unheard) => Fact::Unknown,
                     (down, _) => down,
                 };

@@ -173,7 +173,7 @@ impl State {
                 if before != Presence::Online && *presence == Presence::Online {
                     self.heard.push(module.clone());
                 }
-                let was_away = matches!(before, Presence::Silent | Presence::Stranger);
+                let was_away = matches!(before, Presence::Silent | Presence::OtherModel);
                 if was_away && *presence == Presence::Online {
                     self.returned.push(module.clone());
                 }

@@ -216,11 +216,11 @@ impl State {
 
     fn module(&mut self, name: &str, now: Micros) -> Option<ModuleStatus> {
         let presence = match self.site.presence(name) {
-            Presence::Online | Presence::Stranger if !self.is_up(name) => Presence::Silent,
+            Presence::Online | Presence::OtherModel if !self.is_up(name) => Presence::Silent,
             presence => presence,
         };
         let stranger = self.site.stranger(name);
-        let stranger = stranger.filter(|_| presence == Presence::Stranger);
+        let stranger = stranger.filter(|_| presence == Presence::OtherModel);
         let stranger = stranger.map(str::to_owned);
         let config = self.site.config().modules.get(name)?;
         let (line, setup) = (config.line.clone(), config.setup);

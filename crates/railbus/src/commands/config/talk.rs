@@ -22,7 +22,7 @@ pub(crate) struct Talk {
     echoes: Option<bool>,
     /// So long a reply may come to a request of somebody who was killed, or to one of ours that
     /// was given up.
-    haunted_until: Moment,
+    late_replies_until: Moment,
     has_asked: bool,
 }
 
@@ -44,7 +44,7 @@ impl Talk {
             port,
             started,
             echoes: None,
-            haunted_until: started + late,
+            late_replies_until: started + late,
             has_asked: false,
         })
     }
@@ -77,7 +77,7 @@ impl Talk {
         let sent = frame.bytes();
         let mut quiet = Moment::now() + micros(ask.quiet);
         if !self.has_asked {
-            quiet = quiet.max(self.haunted_until);
+            quiet = quiet.max(self.late_replies_until);
         }
         self.has_asked = true;
         let Ok(stray) = self.hear(quiet, |_| false).await else {
@@ -101,7 +101,7 @@ impl Talk {
             self.echoes = Some(heard.starts_with(sent));
         }
         if ask.exchange.expects_reply() && !is_whole(&heard) {
-            self.haunted_until = sent_at + LATE;
+            self.late_replies_until = sent_at + LATE;
         }
         Heard {
             bytes: without_echo(&heard, sent, self.echoes).to_vec(),
@@ -113,7 +113,7 @@ impl Talk {
     /// Waits until nothing that was asked can be answered any more, so that neither who asks next
     /// nor who opens the port next takes a late reply for his own.
     pub(crate) async fn settle(&mut self) {
-        tokio::time::sleep_until(self.haunted_until).await;
+        tokio::time::sleep_until(self.late_replies_until).await;
         self.port.settle();
     }
 

@@ -281,7 +281,7 @@ fn verdicts(lang: Lang, line: &Chosen, ends: &[Option<Fault>], late: &[usize]) -
                 Finding::unanswered(lang, &at(), Some(&convert::lost(*met)))
             }
             Some(Fault::Refused(_)) => Finding::error(Section::Modules, "D303", at()),
-            Some(Fault::Stranger { .. }) => Finding::error(Section::Modules, "D307", at()),
+            Some(Fault::OtherModel { .. }) => Finding::error(Section::Modules, "D307", at()),
             Some(_) => Finding::unanswered(lang, &at(), None),
         });
     }

@@ -1,8 +1,8 @@
 //! Which modules are on the line: they may join and leave while it is at work.
 
-use crate::command::{Stage, decide};
-use crate::flight::Flight;
-use crate::node::Node;
+use crate::command::{Stage, end_commands};
+use crate::in_flight::InFlight;
+use crate::module_state::ModuleState;
 use crate::{Bus, Fault, ModuleId, Plan};
 use railbus_device::Module;
 use railbus_wire::{Instant, Micros};
@@ -10,15 +10,15 @@ use railbus_wire::{Instant, Micros};
 impl Bus {
     /// Adds a module to the line; it is polled as the plan says, unless the plan says never.
     pub fn add(&mut self, module: Module, plan: Plan) -> ModuleId {
-        let id = ModuleId(self.nodes.len());
-        let mut node = Node::new(module, plan, &self.config);
-        node.start(self.now, id.0, id.0 + 1);
-        let protocol = node.module.setup().protocol;
+        let id = ModuleId(self.modules.len());
+        let mut state = ModuleState::new(module, plan, &self.config);
+        state.start(self.now, id.0, id.0 + 1);
+        let protocol = state.module.setup().protocol;
         self.mixed |= self
-            .nodes
+            .modules
             .iter()
             .any(|other| other.module.setup().protocol != protocol);
-        self.nodes.push(node);
+        self.modules.push(state);
         id
     }
 
@@ -27,7 +27,7 @@ impl Bus {
         self.now = now;
         let id = self.add(module, plan);
         self.measure();
-        self.settle_ghosts();
+        self.reassign_ghosts();
         id
     }
 
@@ -35,18 +35,18 @@ impl Bus {
     /// its reply has come; its number is not given again.
     pub fn leave(&mut self, now: Instant, id: ModuleId) {
         self.now = now;
-        let Some(node) = self.nodes.get_mut(id.0) else {
+        let Some(state) = self.modules.get_mut(id.0) else {
             return;
         };
-        node.retire();
+        state.retire();
         self.end_commands_of(id);
         self.measure();
-        self.settle_ghosts();
+        self.reassign_ghosts();
     }
 
     /// Ends the commands for a module that has left, but for those on the wire.
     fn end_commands_of(&mut self, id: ModuleId) {
-        decide(&mut self.commands, &mut self.events, self.now, |command| {
+        end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             let waits = command.module == id && command.stage != Stage::Sent;
             waits.then(|| match command.is_unsent() {
                 true => Err(Fault::Closed),
@@ -56,9 +56,9 @@ impl Bus {
     }
 
     /// An exchange has ended: what it was for may have left meanwhile, and gets no other one.
-    pub(crate) fn end_if_left(&mut self, flight: &Flight) {
+    pub(crate) fn end_if_left(&mut self, flight: &InFlight) {
         if let Some(id) = flight.job.module()
-            && self.nodes.get(id.0).is_some_and(|node| node.retired)
+            && self.modules.get(id.0).is_some_and(|state| state.retired)
         {
             self.end_commands_of(id);
         }
@@ -66,11 +66,11 @@ impl Bus {
 
     /// What the modules that are there make of the line.
     pub(crate) fn measure(&mut self) {
-        let there = self.nodes.iter().filter(|node| !node.retired);
-        let mut protocols = there.map(|node| node.module.setup().protocol);
+        let there = self.modules.iter().filter(|state| !state.retired);
+        let mut protocols = there.map(|state| state.module.setup().protocol);
         let first = protocols.next();
         self.mixed = protocols.any(|protocol| Some(protocol) != first);
-        let cycles = self.nodes.iter().map(Node::cycle);
+        let cycles = self.modules.iter().map(ModuleState::cycle);
         self.cycle = cycles.fold(Micros::ZERO, |sum, cycle| sum + cycle);
     }
 }

@@ -33,7 +33,7 @@ enum Echo {
 
 /// What was learned of the echo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum EchoNews {
+pub(crate) enum EchoChange {
     /// A request came back on a line that is not known to echo.
     Seen,
     /// The same, and from now on it is.
@@ -42,7 +42,7 @@ pub(crate) enum EchoNews {
 
 /// What was heard since the last request.
 #[derive(Debug)]
-pub(crate) struct Ear {
+pub(crate) struct RxBuffer {
     buffer: [u8; HEARD_MAX],
     len: usize,
     echo: Echo,
@@ -62,9 +62,9 @@ pub(crate) struct Ear {
     babbles: bool,
 }
 
-impl Ear {
-    pub(crate) fn new(mode: EchoMode, probation: u8) -> Ear {
-        Ear {
+impl RxBuffer {
+    pub(crate) fn new(mode: EchoMode, probation: u8) -> RxBuffer {
+        RxBuffer {
             buffer: [0; HEARD_MAX],
             len: 0,
             echo: match mode {
@@ -168,7 +168,7 @@ impl Ear {
         exchange: &Exchange<'_>,
         sent: &[u8],
         too_early: bool,
-    ) -> Option<EchoNews> {
+    ) -> Option<EchoChange> {
         if matches!(self.echo, Echo::No { .. }) && too_early {
             return None;
         }
@@ -200,11 +200,11 @@ impl Ear {
             }
             Echo::No { sights } if *sights > 1 => {
                 *sights -= 1;
-                Some(EchoNews::Seen)
+                Some(EchoChange::Seen)
             }
             Echo::No { .. } | Echo::Unknown => {
                 self.echo = Echo::Yes { bare: 0 };
-                Some(EchoNews::Found)
+                Some(EchoChange::Found)
             }
         };
         self.reply_at = at + sent.len();
@@ -224,8 +224,8 @@ impl Ear {
         }
     }
 
-    /// A good reply stood in [`Ear::reply`]: it is taken out, and what stood around it is kept.
-    /// True when it shows that there is no echo any more.
+    /// Takes the good reply out of [`RxBuffer::reply`] and keeps the bytes around it. True when it
+    /// shows that the echo is gone.
     pub(crate) fn answered(
         &mut self,
         exchange: Exchange<'static>,
@@ -258,7 +258,7 @@ impl Ear {
         is_gone
     }
 
-    /// Takes `len` bytes out of [`Ear::reply`], after `skip` others.
+    /// Takes `len` bytes out of [`RxBuffer::reply`], after `skip` others.
     pub(crate) fn cut(&mut self, skip: usize, len: usize) {
         let from = (self.reply_from() + skip).min(self.len);
         let to = (from + len).min(self.len);

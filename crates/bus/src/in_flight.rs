@@ -15,7 +15,7 @@ pub(crate) enum Job {
     /// A read of the poll plan, or a look whether a silent module is back.
     Poll { module: ModuleId, op: Op },
     /// A read that a module is greeted with.
-    Greeting { module: ModuleId, op: Op },
+    OnOnline { module: ModuleId, op: Op },
     /// The frame of one or more commands.
     Command { module: ModuleId, op: Op },
     /// What was asked before and not answered is to be over: something whose reply is of another
@@ -35,7 +35,7 @@ impl Job {
     pub(crate) const fn module(&self) -> Option<ModuleId> {
         match self {
             Job::Poll { module, .. }
-            | Job::Greeting { module, .. }
+            | Job::OnOnline { module, .. }
             | Job::Command { module, .. }
             | Job::Fence { module, .. }
             | Job::ReadBack { module } => Some(*module),
@@ -44,7 +44,7 @@ impl Job {
     }
 
     /// Whether it looks how a module is: what one costs that is silent is paid for.
-    pub(crate) const fn is_look(&self) -> bool {
+    pub(crate) const fn is_status_check(&self) -> bool {
         matches!(self, Job::Poll { .. } | Job::Fence { .. })
     }
 
@@ -52,7 +52,7 @@ impl Job {
     pub(crate) const fn identifies(&self) -> bool {
         matches!(
             self,
-            Job::Greeting {
+            Job::OnOnline {
                 op: Op::Identify,
                 ..
             } | Job::Command {
@@ -66,7 +66,7 @@ impl Job {
     pub(crate) const fn op(&self) -> Op {
         match self {
             Job::Poll { op, .. }
-            | Job::Greeting { op, .. }
+            | Job::OnOnline { op, .. }
             | Job::Command { op, .. }
             | Job::Fence { op, .. } => *op,
             Job::ReadBack { .. } | Job::Probe { .. } => Op::ReadOutputs,
@@ -76,7 +76,7 @@ impl Job {
 
 /// An exchange under way.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Flight {
+pub(crate) struct InFlight {
     pub(crate) job: Job,
     pub(crate) exchange: Exchange<'static>,
     /// When the request began.
@@ -89,13 +89,13 @@ pub(crate) struct Flight {
     pub(crate) limit: Instant,
 }
 
-impl Flight {
+impl InFlight {
     pub(crate) fn new(
         job: Job,
         exchange: Exchange<'static>,
         (asked, sent, deadline): (Instant, Instant, Instant),
-    ) -> Flight {
-        Flight {
+    ) -> InFlight {
+        InFlight {
             job,
             exchange,
             asked,

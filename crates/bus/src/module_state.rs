@@ -1,7 +1,7 @@
 //! What a line knows of each of its modules: how fast it answers, and when to ask it next.
 
 use crate::command::bank_of;
-use crate::identity::{Identity, Said};
+use crate::identity::{Identity, IdentityReply};
 use crate::{Config, Plan, Presence};
 use alloc::vec::Vec;
 use railbus_device::{Module, Op, Seen};
@@ -35,21 +35,21 @@ const WINDOW: u16 = 1000;
 
 /// A module on the line.
 #[derive(Debug)]
-pub(crate) struct Node {
+pub(crate) struct ModuleState {
     pub(crate) module: Module,
     pub(crate) presence: Presence,
     /// What was told of that: until it is known what it is, it does not count as heard.
-    told: Presence,
+    published: Presence,
     misses: u8,
     turnaround: Turnaround,
     pub(crate) polls: Vec<Poll>,
-    /// Which outputs give pulses is still to be asked ([`Module::greeting`]).
+    /// Which outputs give pulses is still to be asked ([`Module::on_online_op`]).
     asks_pulses: bool,
     /// When it may be greeted again that did not answer the greeting.
-    pub(crate) greet_at: Instant,
+    pub(crate) on_online_at: Instant,
     identity: Identity,
     /// What it said before it was known what it is.
-    veiled: Option<Reading>,
+    withheld: Option<Reading>,
     fence: Fence,
     pub(crate) plan: Plan,
     /// It was taken off the line; only its number is left.
@@ -136,8 +136,8 @@ impl Fence {
     }
 }
 
-impl Node {
-    pub(crate) fn new(module: Module, plan: Plan, config: &Config) -> Node {
+impl ModuleState {
+    pub(crate) fn new(module: Module, plan: Plan, config: &Config) -> ModuleState {
         let polls = module
             .full_poll()
             .map(|op| Poll {
@@ -153,17 +153,17 @@ impl Node {
         };
         let asks = config.identify && plan.identify;
         let identity = Identity::new(asks && module.can_be_contradicted());
-        Node {
-            asks_pulses: module.greeting().is_some(),
+        ModuleState {
+            asks_pulses: module.on_online_op().is_some(),
             module,
             presence: Presence::Unheard,
-            told: Presence::Unheard,
+            published: Presence::Unheard,
             misses: 0,
             turnaround: Turnaround::default(),
             polls,
-            greet_at: Instant(0),
+            on_online_at: Instant(0),
             identity,
-            veiled: None,
+            withheld: None,
             fence,
             plan,
             retired: false,
@@ -188,10 +188,10 @@ impl Node {
                 ..*poll
             };
         }
-        (self.presence, self.told) = (Presence::Unheard, Presence::Unheard);
+        (self.presence, self.published) = (Presence::Unheard, Presence::Unheard);
         self.misses = 0;
-        self.veiled = None;
-        self.doubt();
+        self.withheld = None;
+        self.invalidate();
         if let Fence::Untried { .. } = self.fence {
             self.fence = Fence::UNTRIED;
         }
@@ -258,7 +258,7 @@ impl Node {
         let bytes = frame.bytes().len() + exchange.response_len_max();
         let all = match self.presence {
             Presence::Unheard => PROBE_UNHEARD,
-            Presence::Online | Presence::Silent | Presence::Stranger => PROBE_KNOWN,
+            Presence::Online | Presence::Silent | Presence::OtherModel => PROBE_KNOWN,
         };
         let rest = all - setup.serial.frame_time(bytes) - setup.request_gap();
         self.timeout().min(rest.max(TIMEOUT_MIN))
@@ -275,31 +275,31 @@ impl Node {
         self.misses = 0;
         if !self.is_online() {
             self.presence = Presence::Online;
-            self.doubt();
+            self.invalidate();
         }
     }
 
     /// What it was asked with its greeting may not be so any more.
-    pub(crate) fn doubt(&mut self) {
-        self.asks_pulses = self.module.greeting().is_some();
-        self.identity.doubt();
+    pub(crate) fn invalidate(&mut self) {
+        self.asks_pulses = self.module.on_online_op().is_some();
+        self.identity.invalidate();
     }
 
     /// Whether it is heard, and as what, as far as was told.
-    pub(crate) const fn heard_as(&self) -> Presence {
-        self.told
+    pub(crate) const fn published_presence(&self) -> Presence {
+        self.published
     }
 
     /// Whether it is heard, and as what, where that is to be told.
     #[inline]
-    pub(crate) fn news(&mut self) -> Option<Presence> {
+    pub(crate) fn take_change(&mut self) -> Option<Presence> {
         let is = match self.presence {
-            Presence::Online if self.identity.is_stranger() => Presence::Stranger,
-            Presence::Online if self.is_veiled() => return None,
+            Presence::Online if self.identity.is_other_model() => Presence::OtherModel,
+            Presence::Online if self.is_withholding() => return None,
             presence => presence,
         };
-        (is != self.told).then(|| {
-            self.told = is;
+        (is != self.published).then(|| {
+            self.published = is;
             is
         })
     }
@@ -308,28 +308,28 @@ impl Node {
     /// that is still to say what it is the last waits for that.
     #[cold]
     pub(crate) fn withholds(&mut self, reading: Reading) -> bool {
-        let is_veiled = self.is_veiled();
+        let is_withholding = self.is_withholding();
         let is_reading = reading.op.is_read() && reading.op != Op::Identify;
-        let withholds = is_reading && (is_veiled || self.is_stranger());
+        let withholds = is_reading && (is_withholding || self.is_other_model());
         if withholds {
             self.polled(&reading.op, reading.asked);
         }
-        if withholds && is_veiled {
-            self.veiled = Some(reading);
+        if withholds && is_withholding {
+            self.withheld = Some(reading);
         }
         withholds
     }
 
     /// The reading that may be told now. The others were not, and are due.
-    pub(crate) fn unveil(&mut self, now: Instant) -> Option<Reading> {
+    pub(crate) fn release_withheld(&mut self, now: Instant) -> Option<Reading> {
         if self.is_online() && !self.is_settled() {
             return None;
         }
-        let reading = self.veiled.take()?;
+        let reading = self.withheld.take()?;
         for poll in self.polls.iter_mut().filter(|poll| poll.op != reading.op) {
             poll.due = poll.due.min(now);
         }
-        (self.told == Presence::Online).then_some(reading)
+        (self.published == Presence::Online).then_some(reading)
     }
 
     /// Whether it is heard.
@@ -338,20 +338,20 @@ impl Node {
     }
 
     /// Whether its values are held back until it has named its model, or was asked in vain.
-    pub(crate) fn is_veiled(&self) -> bool {
+    pub(crate) fn is_withholding(&self) -> bool {
         self.identify_first().is_some()
     }
 
     /// Its line is closed.
     pub(crate) fn close(&mut self) {
-        if self.told != Presence::Unheard {
+        if self.published != Presence::Unheard {
             self.presence = Presence::Silent;
         }
     }
 
     /// Whether it says that it is another model.
-    pub(crate) const fn is_stranger(&self) -> bool {
-        self.identity.is_stranger() && self.is_online()
+    pub(crate) const fn is_other_model(&self) -> bool {
+        self.identity.is_other_model() && self.is_online()
     }
 
     /// It answered something else than [`Op::Fence`]: if it did not answer that before, it may
@@ -490,17 +490,17 @@ impl Node {
 
     /// Whether anything is to be asked with its greeting.
     #[inline]
-    pub(crate) fn is_to_be_greeted(&self) -> bool {
+    pub(crate) fn has_on_online_ops(&self) -> bool {
         (self.asks_pulses || self.identity.is_to_be_asked()) && self.is_online()
     }
 
     /// What is to be asked with its greeting, and from when on.
-    pub(crate) fn greetings(&self) -> impl Iterator<Item = (Op, Instant)> + use<> {
+    pub(crate) fn on_online_ops(&self) -> impl Iterator<Item = (Op, Instant)> + use<> {
         let identity = self.identity.is_to_be_asked();
         let identity = identity.then_some((Op::Identify, self.identity.at()));
-        let is_open = self.identity.comes_first() || self.identity.is_other();
+        let is_open = self.identity.comes_first() || self.identity.claims_other_model();
         let pulses = self.pulse_question().filter(|_| !is_open);
-        let pulses = pulses.map(|op| (op, self.greet_at));
+        let pulses = pulses.map(|op| (op, self.on_online_at));
         identity.into_iter().chain(pulses)
     }
 
@@ -510,15 +510,15 @@ impl Node {
     }
 
     /// Whether it has said that it is another model: it is asked for nothing but that then.
-    pub(crate) const fn is_other(&self) -> bool {
-        self.identity.is_other()
+    pub(crate) const fn claims_other_model(&self) -> bool {
+        self.identity.claims_other_model()
     }
 
     /// What asks which outputs give pulses, where that is still to be asked.
     #[inline]
     pub(crate) const fn pulse_question(&self) -> Option<Op> {
         match self.presence {
-            Presence::Online if self.asks_pulses => self.module.greeting(),
+            Presence::Online if self.asks_pulses => self.module.on_online_op(),
             _ => None,
         }
     }
@@ -532,7 +532,7 @@ impl Node {
     /// has to only where the module is not polled, since its polls ask for it otherwise.
     #[inline]
     pub(crate) fn identify_first(&self) -> Option<Instant> {
-        let is_first = !self.is_settled() || self.identity.is_stranger() && !self.plan.enabled;
+        let is_first = !self.is_settled() || self.identity.is_other_model() && !self.plan.enabled;
         (is_first && self.is_online()).then_some(self.identity.at())
     }
 
@@ -550,19 +550,19 @@ impl Node {
     /// It said what it is, or refused to.
     pub(crate) fn identified(&mut self, seen: &Seen, now: Instant) {
         let said = match seen {
-            Seen::Refused(_) => Said::Refusal,
-            name if self.module.recognises(name) => Said::Itself,
-            name => Said::Other(*name),
+            Seen::Refused(_) => IdentityReply::Refusal,
+            name if self.module.recognises(name) => IdentityReply::Itself,
+            name => IdentityReply::Other(*name),
         };
-        if !matches!(said, Said::Itself) {
-            self.forget_veiled(now);
+        if !matches!(said, IdentityReply::Itself) {
+            self.drop_withheld(now);
         }
         self.identity.said(said, now);
     }
 
     /// It did not say what it is.
     pub(crate) fn not_identified(&mut self, sent: Instant) {
-        self.forget_veiled(sent);
+        self.drop_withheld(sent);
         self.identity.lost(sent);
     }
 
@@ -574,8 +574,8 @@ impl Node {
     }
 
     /// Drops the withheld reading, which may be another module's, and has it read again.
-    fn forget_veiled(&mut self, now: Instant) {
-        if self.veiled.take().is_some() {
+    fn drop_withheld(&mut self, now: Instant) {
+        if self.withheld.take().is_some() {
             for poll in &mut self.polls {
                 poll.due = poll.due.min(now);
             }
@@ -583,7 +583,7 @@ impl Node {
     }
 
     /// It must not be asked on this line what it is.
-    pub(crate) const fn is_no_stranger(&mut self) {
+    pub(crate) const fn skip_identity(&mut self) {
         self.identity.settle();
     }
 
@@ -596,7 +596,7 @@ impl Node {
     /// Whether this is a question of its greeting, and it may answer neither that nor a fence.
     pub(crate) fn may_be_mute_to(&self, exchange: &Exchange<'_>) -> bool {
         let is = |op: Op| self.module.exchange(&op).as_ref() == Ok(exchange);
-        let is_pulses = || self.asks_pulses && self.module.greeting().is_some_and(is);
+        let is_pulses = || self.asks_pulses && self.module.on_online_op().is_some_and(is);
         !self.knows_fence() && (self.may_be_mute() && self.identifies(exchange) || is_pulses())
     }
 
