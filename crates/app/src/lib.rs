@@ -1,16 +1,20 @@
 //! What the command line, the gateway and the simulated plant share: failures as people and
-//! programs read them, results in their forms, what a site tells in the types of the API, where
-//! files and sockets lie.
+//! programs read them, results in their forms, what a site tells in the types of the API, what is
+//! wrong with it, how settings are changed, where files and sockets lie.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 pub mod api;
+pub mod config_check;
 pub mod config_file;
+pub mod doctor;
 pub mod failure;
 pub mod frames;
 pub mod machine;
 pub mod render;
+pub mod scan;
+pub mod settings;
 pub mod socket;
 pub mod texts;
 

@@ -1,6 +1,7 @@
 //! Results as people and programs read them.
 
 pub mod colour;
+pub mod csv;
 pub mod out;
 pub mod records;
 pub mod table;

@@ -41,5 +41,4 @@ mod place;
 mod stop;
 mod wireshark;
 
-pub(crate) use config_check::warnings;
 pub(crate) use context::{Context, global_flags};

@@ -13,7 +13,7 @@ mod deadline;
 mod doc;
 mod ear;
 mod events;
-pub(crate) mod export;
+mod export;
 mod frames;
 mod guard;
 mod happening;

@@ -1,5 +1,6 @@
 //! What the stores hold, as the API tells it.
 
+use crate::render::csv::csv;
 use jiff::Timestamp;
 use railbus_api::past::{
     AckInfo, AuditInfo, BucketInfo, EventInfo, HistoryInfo, SampleInfo, StorageInfo, VerifiedInfo,
@@ -230,4 +231,17 @@ pub fn problem(error: &HistoryError) -> Problem {
             Problem::new(codes::HISTORY_FAILS).with("reason", why.as_str())
         }
     }
+}
+
+/// Records of the audit log with their hashes: rows of CSV, or a JSON document to a line.
+pub fn audit_text(records: &[(String, Numbered)], is_csv: bool) -> String {
+    let lines = records.iter().map(|(hash, numbered)| {
+        if is_csv {
+            return csv(&audit_row(hash, numbered).each_ref().map(String::as_str));
+        }
+        let mut told = serde_json::to_value(numbered).unwrap_or_default();
+        told["hash"] = hash.as_str().into();
+        format!("{told}\n")
+    });
+    lines.collect()
 }

@@ -8,16 +8,16 @@ pub(super) use texts::ConfigCheckText;
 use super::Context;
 use crate::cli;
 use clap::{ArgMatches, Command};
+use railbus_app::config_check::{Shown, lints, loads};
 use railbus_app::config_file::{self, Found, Why};
 use railbus_app::failure::Failure;
-use railbus_app::machine::{Machine, ports};
+use railbus_app::machine::Machine;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
 use railbus_app::render::{Format, out, records};
 use railbus_site::Config;
-use railbus_site::config::{Unwise, Warning, lint, load_percent, place_of};
+use railbus_site::config::load_percent;
 use railbus_words::Lang;
-use railbus_words::findings;
 use serde_json::{Value, json};
 use std::fmt::Display;
 
@@ -102,32 +102,6 @@ fn read(context: &Context) -> Result<Found, Failure> {
     config_file::read(context.lang, Some(&path)).map_err(|problem| context.failure(&problem))
 }
 
-/// What is unwise on this machine.
-pub(super) fn lints(machine: &Machine, config: &Config) -> Vec<Warning> {
-    let adapters = ports::adapters(machine);
-    lint(config, |port| {
-        let adapter = adapters.iter().find(|adapter| adapter.device == port)?;
-        adapter.stable.clone().or_else(|| adapter.socket.clone())
-    })
-}
-
-/// The same as the API tells them.
-pub(crate) fn warnings(lang: Lang, file: &str, text: &str, config: &Config) -> Vec<Value> {
-    let warnings = lints(&Machine::this(), config);
-    let told = |warning| Shown::of(lang, text, warning).json(file);
-    warnings.iter().map(told).collect()
-}
-
-/// How much of each line's time the polls take at least.
-pub(super) fn loads(lang: Lang, config: &Config) -> String {
-    let of_line = |name: &String| {
-        let modules = config.modules_of(name).map(|(_, module)| module);
-        format!("{name} {} %", load_percent(modules))
-    };
-    let loads: Vec<String> = config.lines.keys().map(of_line).collect();
-    loads.join(lang.get(railbus_app::texts::AppText::Comma))
-}
-
 /// The same for programs.
 fn load_rows(config: &Config) -> Vec<Value> {
     let names = config.lines.keys();
@@ -137,82 +111,6 @@ fn load_rows(config: &Config) -> Vec<Value> {
             json!({ "line": name, "load_percent": load_percent(modules) })
         })
         .collect()
-}
-
-/// A warning in words.
-pub(super) struct Shown {
-    pub(super) code: &'static str,
-    pub(super) path: String,
-    place: Option<(usize, usize)>,
-    pub(super) message: String,
-    pub(super) next: String,
-}
-
-impl Shown {
-    pub(super) fn of(lang: Lang, text: &str, warning: &Warning) -> Shown {
-        let code = warning.kind.code();
-        let page = findings::find(code).map(|finding| finding.page);
-        let title = page.map_or("", |page| page.title(lang));
-        let detail = detail(lang, &warning.kind);
-        let message = match detail.is_empty() {
-            true => title.to_owned(),
-            false => lang.fill(
-                railbus_app::texts::AppText::Named,
-                &[("title", &title), ("name", &detail)],
-            ),
-        };
-        Shown {
-            code,
-            path: warning.path.clone(),
-            place: place_of(text, &warning.path),
-            message,
-            next: page.map_or("", |page| page.next(lang)).to_owned(),
-        }
-    }
-
-    fn json(&self, file: &str) -> Value {
-        json!({
-            "code": self.code, "path": self.path, "file": file, "message": self.message,
-            "line": self.place.map(|(line, _)| line),
-            "column": self.place.map(|(_, column)| column), "hint": [self.next],
-        })
-    }
-
-    fn at(&self, file: &str) -> String {
-        match self.place {
-            Some((line, column)) => format!("{file}:{line}:{column}"),
-            None => file.to_owned(),
-        }
-    }
-}
-
-/// The figures of a warning.
-fn detail(lang: Lang, kind: &Unwise) -> String {
-    let ms = |micros: railbus_wire::Micros| micros.0.div_ceil(1_000);
-    let fill = |text: ConfigCheckText, values: &[(&str, &dyn Display)]| lang.fill(text, values);
-    match kind {
-        Unwise::FirstByte(address, protocol) => {
-            let protocol = protocol.name();
-            fill(
-                ConfigCheckText::Beside,
-                &[("address", address), ("protocol", &protocol)],
-            )
-        }
-        Unwise::ReservedAddress(address) => address.to_string(),
-        Unwise::Overloaded { percent, round } => fill(
-            ConfigCheckText::Load,
-            &[("percent", percent), ("round", &ms(*round))],
-        ),
-        Unwise::GoesStale { round, max_age } => {
-            let values: &[(&str, &dyn Display)] = &[("round", &ms(*round)), ("age", &ms(*max_age))];
-            fill(ConfigCheckText::Stale, values)
-        }
-        Unwise::TwoSpeeds(count) | Unwise::TwoFormats(count) => {
-            fill(ConfigCheckText::Others, &[("count", count)])
-        }
-        Unwise::UnstablePort(stable) => stable.clone().unwrap_or_default(),
-        _ => String::new(),
-    }
 }
 
 /// Each warning and what to do, for people.

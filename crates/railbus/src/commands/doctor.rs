@@ -2,33 +2,27 @@
 //! and how to mend it. It only reads, unless it is told to mend.
 
 mod daemon;
-mod finding;
 mod fix;
 mod hearing;
 mod line;
-mod port;
 mod served;
 mod show;
-mod system;
 mod texts;
 
-use super::config_check::{self, Shown};
 use super::explain::no_such_code;
 use super::{Context, stop};
 use crate::backend::{Backend, described};
 use crate::cli;
 use clap::{Arg, ArgAction, ArgMatches, Command};
-use finding::{Finding, Section, State};
 use jiff::Timestamp;
 pub(in crate::commands) use line::Chosen;
-use railbus_api::types::{LineInfo, ModuleInfo, PointInfo};
 use railbus_app::config_file;
+use railbus_app::doctor::{Finding, Section, State, of_config, port, system};
 use railbus_app::failure::Failure;
 use railbus_app::machine::Machine;
 use railbus_app::machine::users::User;
 use railbus_host::LineName;
 use railbus_site::Config;
-use railbus_site::config::Unwise;
 use railbus_words::Lang;
 use railbus_words::{Code, findings};
 use std::path::Path;
@@ -136,30 +130,6 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     Ok(found)
 }
 
-/// What a daemon finds, of its machine and of what it serves.
-pub(crate) fn of_daemon(
-    lang: Lang,
-    lines: Vec<LineInfo>,
-    modules: Vec<ModuleInfo>,
-    points: &[PointInfo],
-    certificate: Option<(String, Option<Timestamp>)>,
-    config: &config_file::Found,
-) -> Vec<serde_json::Value> {
-    let machine = Machine::this();
-    let user = User::this(&machine);
-    let variable = |name: &str| std::env::var(name).ok();
-    let now = Timestamp::now();
-    let mut found = system::check(lang, variable, now);
-    found.extend(port::adapters(&machine, &user));
-    if let Some((path, Some(end))) = certificate {
-        found.extend(daemon::certificate(&path, end, now));
-    }
-    found.extend(served::told(lang, lines, modules.into_iter(), points));
-    found.extend(of_config(lang, &machine, config));
-    found.sort_by_key(|finding| finding.section);
-    found.iter().map(|finding| finding.json(lang)).collect()
-}
-
 /// The lines to open here: that of the flags, or those of the configuration.
 async fn here(
     context: &Context,
@@ -219,32 +189,6 @@ fn configuration(
     };
     let findings = of_config(lang, machine, &found);
     of(found.config, findings)
-}
-
-/// What is to be said of a configuration without problems.
-fn of_config(lang: Lang, machine: &Machine, found: &config_file::Found) -> Vec<Finding> {
-    let text = config_file::text_of(&found.path).unwrap_or_default();
-    let warnings = config_check::lints(machine, &found.config);
-    let mut findings: Vec<Finding> = warnings
-        .iter()
-        .map(|warning| match &warning.kind {
-            Unwise::UnstablePort(stable) => port::unstable(&warning.path, stable.as_deref()),
-            _ => Finding::of_lint(&Shown::of(lang, &text, warning)),
-        })
-        .collect();
-    if !findings
-        .iter()
-        .any(|finding| finding.section == Section::Config)
-    {
-        let (file, loads) = (
-            found.path.display(),
-            config_check::loads(lang, &found.config),
-        );
-        let values: &[(&str, &dyn std::fmt::Display)] = &[("file", &file), ("loads", &loads)];
-        let text = lang.fill(DoctorText::ConfigGood, values);
-        findings.push(Finding::good(Section::Config, text));
-    }
-    findings
 }
 
 /// The name of a port, where it is one of a serial device.

@@ -12,7 +12,6 @@ use super::place::{self, Access, Place};
 use super::{Context, stop};
 use crate::backend::Backend;
 use crate::cli;
-pub(crate) use add::setup;
 use asked::Asked;
 use clap::{ArgMatches, Command};
 use keep::Keep;
@@ -26,10 +25,8 @@ use railbus_words::Code;
 use railbus_words::Lang;
 use run::{End, Report};
 use show::Live;
-pub(crate) use show::{could_be, evidence, ranges};
 use texts::ScanText;
 use wish::Wanted;
-pub(crate) use wish::addresses;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "scan";

@@ -15,7 +15,7 @@ use axum::routing::{get, post};
 use railbus_api::past::{AckRequest, AuditPage, EventInfo, EventPage, VerifiedInfo};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
-use railbus_app::api::past::{self, AUDIT_COLUMNS, unread};
+use railbus_app::api::past::{self, AUDIT_COLUMNS, audit_text, unread};
 use railbus_app::api::paths::split;
 use railbus_store::audit::{AuditLog, Filter};
 use railbus_store::history::{Ack, Asked as Wanted, EventKind, millis};
@@ -210,7 +210,7 @@ async fn save(
         let mut from = None;
         let mut head = file.head(&AUDIT_COLUMNS);
         while let Ok(piece) = log.export(from).await {
-            head += &export::audit_text(&piece.records, file.is_csv());
+            head += &audit_text(&piece.records, file.is_csv());
             let more = !piece.records.is_empty();
             from = Some(piece.next);
             if !sink.send(std::mem::take(&mut head)).await || !more {

@@ -6,8 +6,7 @@ use axum::body::{Body, Bytes};
 use axum::http::Response;
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue};
 use http_body_util::channel::{Channel, Sender};
-use railbus_app::api::past::audit_row;
-use railbus_store::audit::Numbered;
+use railbus_app::render::csv::csv;
 use railbus_words::Lang;
 use std::convert::Infallible;
 use std::pin::Pin;
@@ -90,50 +89,4 @@ pub(super) fn stream(site: &Site, who: &Caller, file: &File) -> (Answer, Sink) {
     }
     let over = Box::pin(site.over(who));
     (response, Sink { sender, over })
-}
-
-/// Records of the audit log with their hashes: rows of CSV, or a JSON document to a line.
-pub(crate) fn audit_text(records: &[(String, Numbered)], is_csv: bool) -> String {
-    let lines = records.iter().map(|(hash, numbered)| {
-        if is_csv {
-            return csv(&audit_row(hash, numbered).each_ref().map(String::as_str));
-        }
-        let mut told = serde_json::to_value(numbered).unwrap_or_default();
-        told["hash"] = hash.as_str().into();
-        format!("{told}\n")
-    });
-    lines.collect()
-}
-
-/// A row with its end [RFC 4180]. A cell that a spreadsheet would take for a formula is made
-/// text.
-pub(crate) fn csv(cells: &[&str]) -> String {
-    let mut row = String::new();
-    for (index, cell) in cells.iter().enumerate() {
-        if index > 0 {
-            row.push(',');
-        }
-        let number = cell.parse::<f64>().is_ok();
-        let formula = !number && cell.starts_with(['=', '+', '-', '@', '\t', '\r']);
-        let mark = if formula { "'" } else { "" };
-        if cell.contains([',', '"', '\n', '\r']) {
-            row += &format!("\"{mark}{}\"", cell.replace('"', "\"\""));
-        } else {
-            row += mark;
-            row += cell;
-        }
-    }
-    row.push_str("\r\n");
-    row
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cells_stay_what_they_are() {
-        assert_eq!(csv(&["a", "b,c", "d\"e"]), "a,\"b,c\",\"d\"\"e\"\r\n");
-        assert_eq!(csv(&["-1.5", "=1+1", "-x"]), "-1.5,'=1+1,'-x\r\n");
-    }
 }

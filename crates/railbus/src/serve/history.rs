@@ -14,8 +14,8 @@ use axum::routing::get;
 use jiff::Timestamp;
 use railbus_api::past::{HistoryInfo, StorageInfo};
 use railbus_api::problem::{Problem, codes};
-use railbus_app::api::ask;
-use railbus_app::api::past;
+use railbus_app::api::{ask, past};
+use railbus_app::render::csv::csv;
 use railbus_site::PointStatus;
 use railbus_store::history::{Chart, History, HistoryError, PIECE_MAX, Sample, millis};
 use serde_json::json;
@@ -213,7 +213,7 @@ fn row(file: &File, point: &str, sample: &Sample) -> String {
     if file.is_csv() {
         let value = sample.value.map(|value| value.to_string());
         let cells = [&time, point, &value.unwrap_or_default(), quality];
-        return export::csv(&cells);
+        return csv(&cells);
     }
     let told = json!({ "time": time, "point": point, "value": sample.value, "quality": quality });
     format!("{told}\n")

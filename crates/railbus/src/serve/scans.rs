@@ -7,7 +7,6 @@ use super::listen::ended;
 use super::ops::Op;
 use super::order::Order;
 use super::routes::{Answer, Route, Site};
-use crate::commands::scan::{addresses, could_be, evidence, ranges, setup};
 use axum::http::StatusCode;
 use axum::routing::post;
 use railbus_api::ops::{
@@ -16,6 +15,7 @@ use railbus_api::ops::{
 };
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{ask, convert, failures};
+use railbus_app::scan::{addresses, could_be, evidence, ranges, setup};
 use railbus_commission::scan::{
     Depth, Found, Known, LeftOut, Met, Progress, Scanner, Scope, Step, Wish,
 };

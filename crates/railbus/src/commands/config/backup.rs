@@ -2,13 +2,13 @@
 
 use super::ground::{Ground, state_flag};
 use super::show::{read_all, words};
-use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
 use clap::{Arg, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
+use railbus_app::settings::target::Target;
 use railbus_commission::Found;
 use railbus_commission::settings::{Access, settings, shown};
 use railbus_site::config::edit;
@@ -128,7 +128,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
 
 /// What is known of a module.
 pub(super) fn kept(target: &Target, found: &Found) -> ModuleKept {
-    let known = super::show::known(target, found);
+    let known = railbus_app::settings::plan::known(target, found);
     let all = settings(&target.setup).into_iter();
     let kept = all
         .filter(|(_, access)| *access != Access::Fixed)

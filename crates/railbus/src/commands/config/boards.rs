@@ -2,11 +2,11 @@
 
 use super::drive::Driver;
 use super::ground::Ground;
-use super::outcome;
-use super::target::Target;
 use crate::commands::Context;
 use clap::ArgMatches;
 use railbus_app::failure::Failure;
+use railbus_app::settings::outcome;
+use railbus_app::settings::target::Target;
 use railbus_commission::{BoardState, all_boards};
 use railbus_device::Family;
 use railbus_wire::{Frame, r55};

@@ -1,15 +1,15 @@
 //! Drives a procedure on a real line: sends what it asks, keeps the journal, tells the user.
 
 use super::borrow::borrow;
-use super::outcome::placed;
-use super::talk::{Talk, keep};
-use super::target::Target;
 use super::texts::ConfigText;
 use crate::backend::Borrowed;
 use crate::commands::Context;
 use crate::commands::place::{Place as At, port_failure};
 use crate::commands::stop::Stop;
 use railbus_app::failure::Failure;
+use railbus_app::settings::outcome::placed;
+use railbus_app::settings::talk::{Talk, keep};
+use railbus_app::settings::target::Target;
 use railbus_commission::{Act, Ask, Event, Heard, Procedure, Progress, Question, Record, Step};
 use railbus_host::{EchoMode, LineName, PortError};
 use railbus_store::journal::Store;

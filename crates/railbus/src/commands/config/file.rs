@@ -2,16 +2,13 @@
 
 use super::drive::Driver;
 use super::ground::Ground;
-use super::outcome::placed;
 use super::texts::ConfigText;
 use crate::commands::Context;
 use railbus_app::config_file::text_of;
 use railbus_app::failure::Failure;
+use railbus_app::settings::outcome::{not_followed, placed};
 use railbus_commission::{Place, Record, State};
 use railbus_site::config::edit;
-use railbus_words::Code;
-use railbus_words::Lang;
-use std::path::Path;
 
 /// Puts the module where it is heard now. Nothing is to be done where flags name it, or where the
 /// file says so already.
@@ -47,22 +44,4 @@ pub(super) fn follow(
         });
     }
     Ok(())
-}
-
-/// The module is where it was to go, and its file could not be changed.
-pub(crate) fn not_followed(
-    lang: Lang,
-    file: &Path,
-    module: &str,
-    place: Place,
-    why: &str,
-) -> Failure {
-    let place = placed(lang, place);
-    let by_hand = lang.fill(
-        ConfigText::WriteByHand,
-        &[("module", &module), ("place", &place)],
-    );
-    Failure::of(lang, Code::ConfigNotWritten)
-        .because(format!("{}: {why}", file.display()))
-        .because(by_hand)
 }

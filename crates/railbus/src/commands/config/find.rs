@@ -1,10 +1,10 @@
 //! Where a module is: where the configuration has it, or else where one fresh from the factory is.
 
 use super::drive::Driver;
-use super::outcome;
-use super::target::Target;
 use crate::commands::Context;
 use railbus_app::failure::Failure;
+use railbus_app::settings::outcome;
+use railbus_app::settings::target::Target;
 use railbus_commission::{Found, Place, Search, Trouble, look_up, read};
 use railbus_device::Setup;
 use railbus_wire::Address;

@@ -7,16 +7,17 @@ use crate::commands::Context;
 use clap::{Arg, ArgMatches, value_parser};
 use railbus_app::config_file;
 use railbus_app::failure::Failure;
+use railbus_app::settings::outcome::store_failure;
 use railbus_commission::Log;
 use railbus_site::Config;
 use railbus_store::journal::Store;
 use railbus_words::Code;
 use railbus_words::Lang;
-use std::io::{ErrorKind, Read};
-use std::path::{Path, PathBuf};
+use std::io::Read;
+use std::path::PathBuf;
 
-use super::target::{NoTarget, Target};
 use super::texts::ConfigText;
+use railbus_app::settings::target::{NoTarget, Target};
 
 /// What a command of the group stands on.
 #[derive(Debug)]
@@ -138,18 +139,5 @@ impl Ground {
             let told = format!("{}: {error}", self.state.display());
             Failure::of(context.lang, Code::Journal).because(told)
         })
-    }
-}
-
-/// Why the journal can't be held.
-pub(crate) fn store_failure(lang: Lang, folder: &Path, error: &std::io::Error) -> Failure {
-    let code = match error.kind() {
-        ErrorKind::WouldBlock => Code::JournalBusy,
-        _ => Code::Journal,
-    };
-    let failure = Failure::of(lang, code).with_fact("folder", folder.display().to_string());
-    match code {
-        Code::JournalBusy => failure,
-        _ => failure.because(format!("{}: {error}", folder.display())),
     }
 }

@@ -2,23 +2,21 @@
 
 use super::drive::{Driver, must_ask};
 use super::ground::{Ground, state_flag};
-use super::outcome;
 use super::set::{self, Changed, finish, tell};
 use super::show::words;
-use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_app::failure::Failure;
+use railbus_app::render::out;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
-use railbus_app::render::{out, wire_words};
+use railbus_app::settings::outcome;
+use railbus_app::settings::outcome::hindered;
+use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Key, Wanted, Wrong, range};
-use railbus_commission::{
-    By, Calibrated, Ended, Hindrance, Job, calibrate as calibration, restore_factory,
-};
-use railbus_device::Refusal;
+use railbus_commission::{By, Calibrated, Ended, Job, calibrate as calibration, restore_factory};
 use railbus_wire::Settings;
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -160,20 +158,6 @@ fn show(context: &Context, target: &Target, number: u64, done: &Calibrated) -> R
         table,
     };
     out::result(lang, &records.render(context.format))
-}
-
-/// Why a calibration came no further.
-pub(crate) fn hindered(lang: Lang, target: &Target, why: Hindrance) -> Failure {
-    let of = |code: Code| Failure::of(lang, code).with_fact("module", target.name.as_str());
-    match why {
-        Hindrance::Stopped => of(Code::NotConfirmed),
-        Hindrance::Refused(Refusal::Exception(exception)) => {
-            of(Code::SettingRefused).because(wire_words::exception(lang, exception))
-        }
-        Hindrance::Refused(_) => of(Code::SettingRefused),
-        Hindrance::NotFinished => of(Code::NotCalibrated),
-        Hindrance::Voltage => of(Code::NotCalibrated).because(Key::CalibrationVoltage),
-    }
 }
 
 /// Brings the module back to what it left the factory with.

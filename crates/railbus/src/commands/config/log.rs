@@ -4,9 +4,7 @@
 use super::drive::Driver;
 use super::file;
 use super::ground::{Ground, state_flag};
-use super::outcome::{self, placed};
 use super::set::{self, Terms, tell, write_flags};
-use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
@@ -15,12 +13,14 @@ use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
-use railbus_commission::settings::Wanted;
+use railbus_app::settings::SettingsText;
+use railbus_app::settings::log::{not_found, state, taking_back};
+use railbus_app::settings::outcome::{self, placed};
+use railbus_app::settings::target::Target;
 use railbus_commission::{
     By, Found, Log, Place, Record, Recovered, Search, State, look_up, recover as recovery,
 };
-use railbus_device::{Family, Setup};
-use railbus_wire::{Address, Protocol};
+use railbus_wire::Address;
 use railbus_words::Code;
 use railbus_words::Lang;
 use serde_json::{Value, json};
@@ -136,22 +136,6 @@ fn row(log: &Log, last: &Record, set: &BTreeMap<String, [String; 2]>) -> Value {
     })
 }
 
-/// What is known of a change, in words.
-fn state(log: &Log, last: &Record) -> ConfigText {
-    match last.state {
-        State::Done | State::Filed if log.is_rolled_back(last.change) => {
-            ConfigText::StateRolledBack
-        }
-        State::Done | State::Filed => ConfigText::StateDone,
-        State::Intent => ConfigText::StateIntent,
-        State::Pending => ConfigText::StatePending,
-        State::Unchanged => ConfigText::StateUnchanged,
-        State::Elsewhere => ConfigText::StateElsewhere,
-        State::Lost => ConfigText::StateLost,
-        State::Untold => ConfigText::StateUntold,
-    }
-}
-
 /// Writes the old values of a change back, by a change of its own.
 pub(super) fn undo(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
@@ -170,32 +154,6 @@ pub(super) fn undo(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     };
     let end = context.block(set::carry_out(&context, &ground, &target, wanted, &terms))?;
     tell(&context, end.into_iter().collect())
-}
-
-/// What takes a change back, of which this is the last word.
-pub(crate) fn taking_back(
-    lang: Lang,
-    log: &Log,
-    last: &Record,
-    target: &Target,
-) -> Result<Wanted, Failure> {
-    let can_not = |why: String| Failure::of(lang, Code::CantUndo).because(why);
-    if !last.state.is_done() {
-        let told = lang.get(state(log, last)).to_owned();
-        return Err(can_not(told).with_try("railbus config recover"));
-    }
-    let mut wanted = Wanted::default();
-    for (key, [old, new]) in &log.net(last.change) {
-        if old == "?" {
-            return Err(can_not(format!("{key}: ? → {new}")));
-        }
-        if old != new {
-            wanted
-                .set(&target.setup, key, old)
-                .map_err(|wrong| outcome::wrong(lang, target, &wrong))?;
-        }
-    }
-    Ok(wanted)
 }
 
 /// The module that a record is about, as the configuration has it; where flags name it, where the
@@ -292,7 +250,7 @@ struct Traced {
     change: Option<u64>,
     found: Option<Found>,
     garbled: bool,
-    told: ConfigText,
+    told: &'static str,
 }
 
 async fn one_open(context: &Context, ground: &Ground, record: &Record) -> Result<Traced, Failure> {
@@ -310,13 +268,14 @@ async fn one_open(context: &Context, ground: &Ground, record: &Record) -> Result
     let work = recovery(record.clone(), earlier, target.setup, true, others);
     let end = driver.run(work).await;
     let end = end.map_err(|trouble| outcome::trouble(context.lang, &target, &trouble))?;
+    let lang = context.lang;
     let (told, found, garbled) = match end {
-        Recovered::New(found) => (ConfigText::RecoveredNew, Some(found), false),
-        Recovered::Old(found) => (ConfigText::RecoveredOld, Some(found), false),
-        Recovered::Pending(found) => (ConfigText::StatePending, Some(found), false),
-        Recovered::Else(found) => (ConfigText::StateElsewhere, Some(found), false),
-        Recovered::Untold(found) => (ConfigText::StateUntold, Some(found), false),
-        Recovered::Nowhere(garbled) => (ConfigText::StateLost, None, garbled),
+        Recovered::New(found) => (lang.get(ConfigText::RecoveredNew), Some(found), false),
+        Recovered::Old(found) => (lang.get(ConfigText::RecoveredOld), Some(found), false),
+        Recovered::Pending(found) => (lang.get(SettingsText::StatePending), Some(found), false),
+        Recovered::Else(found) => (lang.get(SettingsText::StateElsewhere), Some(found), false),
+        Recovered::Untold(found) => (lang.get(SettingsText::StateUntold), Some(found), false),
+        Recovered::Nowhere(garbled) => (lang.get(SettingsText::StateLost), None, garbled),
     };
     if let Some(found) = &found {
         let last = driver
@@ -369,10 +328,11 @@ async fn one_named(context: &Context, ground: &Ground, name: &str) -> Result<Tra
             found.place,
         )?;
     }
+    let lang = context.lang;
     let told = match found {
-        Some(found) if found.place == Place::of(&target.setup) => ConfigText::InPlace,
-        Some(_) => ConfigText::FoundElsewhere,
-        None => ConfigText::StateLost,
+        Some(found) if found.place == Place::of(&target.setup) => lang.get(ConfigText::InPlace),
+        Some(_) => lang.get(ConfigText::FoundElsewhere),
+        None => lang.get(SettingsText::StateLost),
     };
     Ok(Traced {
         target,
@@ -392,7 +352,7 @@ fn show_recovered(context: &Context, results: Vec<Traced>) -> Result<(), Failure
         table.add([
             result.target.name.clone(),
             place.unwrap_or_else(|| "–".to_owned()),
-            lang.get(result.told).to_owned(),
+            result.told.to_owned(),
             result
                 .change
                 .map(|number| format!("#{number}"))
@@ -423,36 +383,5 @@ fn show_recovered(context: &Context, results: Vec<Traced>) -> Result<(), Failure
     match results.iter().find(|result| result.found.is_none()) {
         None => Ok(()),
         Some(missing) => Err(not_found(lang, &missing.target, missing.garbled)),
-    }
-}
-
-/// Not found at all, or two at once: then how to part them, which differs from family to family.
-pub(crate) fn not_found(lang: Lang, target: &Target, garbled: bool) -> Failure {
-    let setup = &target.setup;
-    let code = if garbled {
-        Code::TwoModules
-    } else {
-        Code::NotFound
-    };
-    let failure = Failure::of(lang, code)
-        .because(&target.name)
-        .with_fact("module", target.name.as_str());
-    if !garbled {
-        return failure.with_try(format!("railbus scan -l {}", target.line));
-    }
-    let (_, steps) = parting(setup);
-    let address = setup.address.0;
-    let values: &[(&str, &dyn std::fmt::Display)] =
-        &[("module", &target.name), ("address", &address)];
-    let failure = failure.because(lang.fill(steps, values));
-    failure.with_try(format!("railbus scan -l {}", target.line))
-}
-
-/// How two modules on one address are parted: its name, and the steps.
-pub(crate) const fn parting(setup: &Setup) -> (&'static str, ConfigText) {
-    match (setup.family, setup.protocol) {
-        (Family::R55, _) => ("boards", ConfigText::PartBoards),
-        (Family::Eda9050, Protocol::Ascii) => ("pin", ConfigText::PartByPin),
-        _ => ("plug", ConfigText::PartByPlug),
     }
 }

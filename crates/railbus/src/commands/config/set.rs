@@ -3,9 +3,7 @@
 use super::drive::{Driver, must_ask};
 use super::file;
 use super::ground::{Ground, state_flag};
-use super::outcome::{self, placed};
 use super::show::words;
-use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
@@ -14,13 +12,15 @@ use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
+use railbus_app::settings::SettingsText;
+use railbus_app::settings::outcome::{self, placed};
+use railbus_app::settings::plan::{frame, warnings};
+use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Key, Wanted, differences, key};
 use railbus_commission::{By, Ended, Found, Job, Kept, Stage, Trouble, change, read};
-use railbus_device::Family;
-use railbus_wire::{Frame, Protocol, Settings};
+use railbus_wire::Settings;
 use railbus_words::Code;
 use railbus_words::Lang;
-use railbus_words::hex;
 use serde_json::{Value, json};
 
 /// The name of the command.
@@ -343,7 +343,7 @@ fn show(
     }
     let mut table = Table::bare();
     table.add([text.trim_end().to_owned()]);
-    table.add([lang.get(ConfigText::NothingWritten).to_owned()]);
+    table.add([lang.get(SettingsText::NothingWritten).to_owned()]);
     let records = Records {
         key: "frames",
         rows,
@@ -352,59 +352,6 @@ fn show(
         table,
     };
     out::result(lang, &records.render(context.format))
-}
-
-/// The frame of a write, as the manual prints it.
-pub(crate) fn frame(target: &Target, stage: &Stage) -> String {
-    let mut frame = Frame::new();
-    if let Some(request) = target.request(stage) {
-        request.encode(&mut frame);
-    }
-    match target.setup.protocol {
-        Protocol::Ascii => String::from_utf8_lossy(frame.bytes()).replace('\r', "<CR>"),
-        _ => hex::spaced(frame.bytes()),
-    }
-}
-
-/// What the change does to the line.
-pub(crate) fn warnings(lang: Lang, target: &Target, stages: &[Stage]) -> Vec<String> {
-    let (Some(first), Some(last)) = (stages.first(), stages.last()) else {
-        return Vec::new();
-    };
-    let mut warnings = Vec::new();
-    let others = |apart: &dyn Fn(&railbus_commission::Neighbour) -> bool| {
-        target
-            .neighbours
-            .iter()
-            .filter(|other| apart(other))
-            .count()
-    };
-    let staying = others(&|other| other.place.serial != last.to.serial);
-    if first.from.serial != last.to.serial && staying > 0 {
-        let values: &[(&str, &dyn std::fmt::Display)] = &[
-            ("count", &staying),
-            ("module", &target.name),
-            ("line", &target.line),
-        ];
-        warnings.push(lang.fill(ConfigText::TwoSpeeds, values));
-    }
-    let other_checksums = others(&|other| {
-        other.protocol == Protocol::Ascii && other.place.checksum != last.to.checksum
-    });
-    if first.from.checksum != last.to.checksum && other_checksums > 0 {
-        warnings.push(lang.fill(ConfigText::TwoChecksums, &[("count", &other_checksums)]));
-    }
-    if target.setup.protocol == Protocol::Rtu && last.to.address.0 > 247 {
-        warnings.push(lang.get(ConfigText::Reserved).to_owned());
-    }
-    let boards = others(&|other| other.protocol == Protocol::R55);
-    if last.to.address.0 == 85 && boards > 0 {
-        warnings.push(lang.get(ConfigText::Address85).to_owned());
-    }
-    if target.setup.family == Family::R55 {
-        warnings.push(lang.get(ConfigText::BoardNeedsPower).to_owned());
-    }
-    warnings
 }
 
 /// What was changed, for people and programs.

@@ -2,8 +2,6 @@
 
 use super::drive::Driver;
 use super::ground::{Ground, state_flag};
-use super::outcome;
-use super::target::Target;
 use super::texts::ConfigText;
 use crate::cli;
 use crate::commands::Context;
@@ -13,8 +11,11 @@ use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_app::render::records::Records;
 use railbus_app::render::table::Table;
+use railbus_app::settings::outcome;
+use railbus_app::settings::plan::{known, note, source};
+use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Access, Key, range, settings, shown};
-use railbus_commission::{Found, Kept, read};
+use railbus_commission::{Found, read};
 use railbus_wire::Address;
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -203,19 +204,6 @@ fn together(
     (failed > 0).then(|| each.fold(partial, Failure::because))
 }
 
-/// Whether the module said it, or it is plain from where it answers.
-pub(crate) fn source(target: &Target, found: &Found, key: Key) -> &'static str {
-    if key == Key::Protocol {
-        "place"
-    } else if shown(&target.setup, &found.told, key).is_some() {
-        "module"
-    } else if shown(&target.setup, &found.kept(), key).is_some() {
-        "place"
-    } else {
-        "unknown"
-    }
-}
-
 fn row(target: &Target, found: &Found, key: Key, access: Access) -> Value {
     json!({
         "module": target.name,
@@ -226,15 +214,6 @@ fn row(target: &Target, found: &Found, key: Key, access: Access) -> Value {
         "access": access.name(),
         "source": source(target, found, key),
     })
-}
-
-/// A setting that no frame of the module's protocol shows is not known, whatever its place is.
-pub(crate) fn known(target: &Target, found: &Found) -> Kept {
-    let mut kept = found.kept();
-    if target.setup.protocol != railbus_wire::Protocol::Ascii && found.told.checksum.is_none() {
-        kept.checksum = None;
-    }
-    kept
 }
 
 fn cells(lang: Lang, target: &Target, found: &Found, key: Key, access: Access) -> Vec<String> {
@@ -248,16 +227,4 @@ fn cells(lang: Lang, target: &Target, found: &Found, key: Key, access: Access) -
         range(&target.setup, key),
         note(lang, access).to_owned(),
     ]
-}
-
-/// When a setting acts, or why no command changes it.
-pub(super) fn note(lang: Lang, access: Access) -> &'static str {
-    lang.get(match access {
-        Access::Written => ConfigText::NoteWritten,
-        Access::AtPowerUp => ConfigText::NoteAtPowerUp,
-        Access::MakersSoftware => ConfigText::NoteMaker,
-        Access::InitPin => ConfigText::NoteInit,
-        Access::InAscii => ConfigText::NoteInAscii,
-        Access::Fixed => ConfigText::NoteFixed,
-    })
 }

@@ -18,16 +18,6 @@ railbus_words::texts! {
     ByEnvironment { en: "named by RAILBUS_CONFIG", zh: "由 RAILBUS_CONFIG 指定" }
     ByDaemon { en: "that of the daemon", zh: "守护进程的配置" }
     ByPlace { en: "first match in the search path", zh: "依次查找的首个文件" }
-    Beside { en: "{address} beside {protocol}", zh: "{protocol} 旁的 {address}" }
-    Load {
-        en: "{percent} % at least; one round takes {round} ms at least",
-        zh: "至少 {percent} %；轮询一圈至少 {round} 毫秒",
-    }
-    Stale {
-        en: "one round takes {round} ms at least, max_age is {age} ms",
-        zh: "轮询一圈至少 {round} 毫秒，max_age 为 {age} 毫秒",
-    }
-    Others { en: "{count} of its modules", zh: "其中 {count} 个模块" }
     Summary {
         en: "{file}: no errors, warnings: {warnings}; modules: {modules}; load at least: {loads}",
         zh: "{file}：没有错误，警告：{warnings}；模块：{modules}；负载至少：{loads}",

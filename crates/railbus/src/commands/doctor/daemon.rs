@@ -1,22 +1,17 @@
 //! The daemon: whether it runs, and who may use it.
 
-use super::finding::{Finding, Section};
 use super::texts::DoctorText;
 use crate::backend::Remote;
-use jiff::Timestamp;
+use railbus_app::doctor::{Finding, Section};
 use railbus_app::failure::Failure;
 use railbus_app::machine::users::User;
 use railbus_app::socket;
 use railbus_words::Code;
 use railbus_words::Lang;
-use railbus_words::time;
 use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
-
-/// So many days before its end a certificate is told of.
-const EXPIRY_DAYS: i64 = 30;
 
 pub(super) async fn check(lang: Lang, named: Option<&Path>, user: &User) -> Vec<Finding> {
     let places = named.map_or_else(socket::places, |path| vec![path.to_owned()]);
@@ -38,17 +33,6 @@ pub(super) fn refused(why: &Failure) -> Finding {
         _ => "D508",
     };
     Finding::error(Section::Daemon, code, why.why().join(" · "))
-}
-
-/// What is to be said of the daemon's own certificate: nothing while it is good for long.
-pub(super) fn certificate(path: &str, end: Timestamp, now: Timestamp) -> Option<Finding> {
-    let days = end.duration_since(now).as_secs().div_euclid(86_400);
-    let detail = format!("{path} ({})", time::rfc3339(end));
-    match days {
-        ..0 => Some(Finding::error(Section::Daemon, "D506", detail)),
-        0..=EXPIRY_DAYS => Some(Finding::warning(Section::Daemon, "D505", detail)),
-        _ => None,
-    }
 }
 
 /// What is to be said of a socket; nothing where there is none.
@@ -88,23 +72,5 @@ async fn of_socket(lang: Lang, path: &PathBuf, user: &User) -> Vec<Finding> {
             let sudo = if own { "" } else { "sudo " };
             vec![finding.with_fix(format!("{sudo}rm {quoted}"))]
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_certificate_is_told_of_before_it_ends() {
-        let end: Timestamp = "2026-03-01T12:00:00Z".parse().unwrap();
-        let code = |now: &str| {
-            let found = certificate("tls.pem", end, now.parse().unwrap());
-            found.and_then(|found| found.code)
-        };
-        assert_eq!(code("2026-01-29T12:00:00Z"), None);
-        assert_eq!(code("2026-01-30T12:00:00Z"), Some("D505"));
-        assert_eq!(code("2026-03-01T11:59:59Z"), Some("D505"));
-        assert_eq!(code("2026-03-01T12:00:01Z"), Some("D506"));
     }
 }

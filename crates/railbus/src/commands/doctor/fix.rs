@@ -1,8 +1,8 @@
 //! Mending: the exact commands are shown, and run only after a yes.
 
-use super::finding::{Finding, State};
 use super::texts::DoctorText;
 use crate::commands::Context;
+use railbus_app::doctor::{Finding, State};
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_words::Code;

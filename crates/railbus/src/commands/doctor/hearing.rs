@@ -1,7 +1,7 @@
 //! How well modules hear that can say so: the counters of Modbus, function 08 [BEYOND §4].
 
-use super::finding::{Finding, Section};
 use super::texts::DoctorText;
+use railbus_app::doctor::{Finding, Section};
 use railbus_host::{Line, Module, Probe};
 use railbus_wire::rtu::{Identification, Request, Response, diagnosis};
 use railbus_wire::{Address, Exchange, Micros, Protocol};

@@ -1,11 +1,11 @@
 //! The line and its modules: listened to while nobody is asked, then read by the same rules as
 //! everything else reads.
 
-use super::finding::{Finding, Section};
 use super::texts::DoctorText;
-use super::{device_of, hearing, port};
+use super::{device_of, hearing};
 use crate::commands::Context;
 use railbus_app::api::convert;
+use railbus_app::doctor::{Finding, FindingText, Section, port};
 use railbus_app::failure::Failure;
 use railbus_app::machine::Machine;
 use railbus_app::machine::users::User;
@@ -299,7 +299,7 @@ fn verdicts(lang: Lang, line: &Chosen, ends: &[Option<Fault>], late: &[usize]) -
             ("line", &line.name),
             ("modules", &modules),
         ];
-        let text = lang.fill(DoctorText::Answers, values);
+        let text = lang.fill(FindingText::Answers, values);
         found.insert(0, Finding::good(Section::Modules, text));
     }
     found

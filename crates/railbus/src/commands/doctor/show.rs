@@ -1,8 +1,8 @@
 //! Findings as people and programs read them.
 
-use super::finding::{Finding, Section, State};
 use super::texts::DoctorText;
 use crate::commands::Context;
+use railbus_app::doctor::{Finding, Section, State};
 use railbus_app::failure::Failure;
 use railbus_app::render::colour::Paint;
 use railbus_app::render::records::Records;

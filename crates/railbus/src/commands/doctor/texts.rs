@@ -29,8 +29,6 @@ railbus_words::texts! {
     Config { en: "config", zh: "配置" }
     Daemon { en: "daemon", zh: "守护进程" }
     FixLabel { en: "fix:", zh: "处理：" }
-
-    SystemGood { en: "clock {date}, locale {locale}", zh: "时钟 {date}，语言环境 {locale}" }
     PortGood { en: "{port} opens, {settings}", zh: "{port} 可以打开，{settings}" }
     LineQuiet { en: "{line}: no data in {time}", zh: "{line} {time}内无数据" }
     LineHeard {
@@ -41,7 +39,6 @@ railbus_words::texts! {
         en: "{line}: {frames} requests in {time}: {bytes}",
         zh: "{line}，{time}内 {frames} 个请求：{bytes}",
     }
-    Answers { en: "online on {line}: {modules} ({count})", zh: "{line} 上 {count} 个模块应答：{modules}" }
     Hears {
         en: "{module} (address {address}) received {messages} frames, {errors} bad, \
              {overruns} characters lost",
@@ -53,23 +50,11 @@ railbus_words::texts! {
         en: "{module} (address {address}, {protocol}, {settings})",
         zh: "{module}（地址 {address}，{protocol}，{settings}）",
     }
-    Met { en: "{at}; {lost}", zh: "{at}；{lost}" }
-    NotAsked { en: "not asked yet: {modules}", zh: "尚未询问：{modules}" }
-    LastGood { en: "{at}, last good {time}", zh: "{at}，最近有效 {time}" }
-    ConfigGood {
-        en: "{file}: valid; estimated load {loads}",
-        zh: "{file}：有效；估计负载 {loads}",
-    }
     NoDaemon {
         en: "not running; commands open the line themselves",
         zh: "未运行；命令会自行打开总线",
     }
     DaemonRuns { en: "running for {site}, {socket}", zh: "正在运行，配置：{site}，{socket}" }
-    LineUp { en: "{line} is open (daemon)", zh: "{line} 已打开（守护进程）" }
-    LineOpening {
-        en: "{line} is still being opened (daemon): nothing is known of it yet",
-        zh: "{line} 正在打开（守护进程）：尚无其状态",
-    }
 
     Summary { en: "errors: {errors}, warnings: {warnings}", zh: "错误：{errors}，警告：{warnings}" }
     Unhealthy { en: "the doctor found errors: {errors}", zh: "诊断发现 {errors} 个错误" }

@@ -8,7 +8,8 @@ use crate::commands::place::Place;
 use railbus_app::config_file;
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
-use railbus_commission::scan::{Found, Verdict};
+use railbus_app::scan::setup;
+use railbus_commission::scan::Found;
 use railbus_device::{Family, Setup};
 use railbus_site::Config;
 use railbus_site::config::add::{NewLine, free_name, with_modules};
@@ -143,25 +144,6 @@ fn new_modules(
         }
     }
     modules
-}
-
-/// What the configuration would say of it. What could be several is what the user says, if it could
-/// be that.
-pub(crate) fn setup(found: &Found, model: Option<Family>) -> Option<Setup> {
-    let identity = &found.identity;
-    let family = match found.verdict() {
-        Verdict::Ok => identity.family,
-        Verdict::CouldBe => model.filter(|model| identity.could_be.contains(model)),
-        Verdict::Refused | Verdict::Odd | Verdict::Garbled => None,
-    };
-    let family = family?;
-    let setup = Setup {
-        protocol: found.protocol(),
-        serial: found.asked.settings,
-        checksum: found.checksum().unwrap_or_default(),
-        ..Setup::new(family, found.asked.address)
-    };
-    setup.check().is_ok().then_some(setup)
 }
 
 /// Shows what is to be written, and asks.

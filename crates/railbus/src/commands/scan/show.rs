@@ -9,13 +9,12 @@ use railbus_app::failure::Failure;
 use railbus_app::render::records::{self, Records};
 use railbus_app::render::table::Table;
 use railbus_app::render::{Format, out};
-use railbus_commission::scan::{
-    Answer, Ask, Depth, Detail, Found, LeftOut, Question, Scanner, Verdict, Wish,
-};
+use railbus_app::scan::{could_be, evidence, ranges};
+use railbus_commission::scan::{Ask, Depth, Detail, Found, LeftOut, Scanner, Verdict, Wish};
 use railbus_device::Family;
-use railbus_wire::{Frame, Micros, Protocol};
+use railbus_wire::Micros;
 use railbus_words::Lang;
-use railbus_words::{hex, time, width};
+use railbus_words::{time, width};
 use serde_json::{Value, json};
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -312,35 +311,6 @@ fn row(place: &Place, found: &Found) -> Value {
     row
 }
 
-/// The models that it could be, as the configuration calls them.
-pub(crate) fn could_be(found: &Found) -> Vec<&'static str> {
-    let families = found.identity.could_be.iter();
-    families.map(|family| family.name()).collect()
-}
-
-/// What it was asked, and what came back.
-pub(crate) fn evidence(found: &Found) -> Vec<String> {
-    let tried = |bytes: &Vec<u8>| question(found.asked, &(found.asked.ask, bytes.clone()));
-    let garbled = found.garbled.iter().map(tried);
-    let answers = found.answers.iter();
-    let answers = answers.map(|answer| question(found.asked, answer));
-    garbled.chain(answers).collect()
-}
-
-/// A question and its answer.
-fn question(asked: Question, (ask, bytes): &Answer) -> String {
-    let mut frame = Frame::new();
-    if let Some(exchange) = asked.with(*ask).exchange() {
-        exchange.encode(&mut frame);
-    }
-    let text = |bytes: &[u8]| match ask.protocol() {
-        _ if bytes.is_empty() => "–".to_owned(),
-        Protocol::Ascii => String::from_utf8_lossy(bytes).trim_end().to_owned(),
-        _ => hex::spaced(bytes),
-    };
-    format!("{} → {}", text(frame.bytes()), text(bytes))
-}
-
 fn listed(lang: Lang, place: &Place, found: &[&Found], speeds: bool) -> Records {
     let head = match speeds {
         true => ScanText::SpeedHead,
@@ -465,22 +435,6 @@ fn left_part(lang: Lang, left: &LeftOut) -> String {
     lang.fill(ScanText::LeftPart, values)
 }
 
-/// `1-32,64`
-pub(crate) fn ranges(addresses: &[u8]) -> String {
-    let mut parts: Vec<(u8, u8)> = Vec::new();
-    for address in addresses {
-        match parts.last_mut() {
-            Some((_, last)) if last.checked_add(1) == Some(*address) => *last = *address,
-            _ => parts.push((*address, *address)),
-        }
-    }
-    let told = parts.iter().map(|(first, last)| match first == last {
-        true => first.to_string(),
-        false => format!("{first}-{last}"),
-    });
-    told.collect::<Vec<_>>().join(",")
-}
-
 /// `8 s`, `1.5 s`, `7 min 3 s`
 fn about(lang: Lang, time: Micros) -> String {
     let millis = time.0 / 1_000;
@@ -500,9 +454,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses_in_a_row_are_told_as_ranges() {
-        assert_eq!(ranges(&[1, 2, 3, 7, 254, 255]), "1-3,7,254-255");
-        assert_eq!(ranges(&[]), "");
+    fn a_time_is_told_in_minutes_and_seconds() {
         assert_eq!(about(Lang::En, Micros::from_secs(423)), "7 min 3 s");
     }
 }

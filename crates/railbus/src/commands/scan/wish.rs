@@ -1,11 +1,11 @@
 //! What the flags say is to be scanned.
 
-use super::show::ranges;
 use super::texts::ScanText;
 use crate::cli;
 use crate::commands::place::Place;
 use crate::commands::{Context, context};
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
+use railbus_app::scan::{addresses, ranges};
 use railbus_commission::scan::{Depth, SLOW_TIMEOUT, Wish};
 use railbus_device::Family;
 use railbus_host::LineName;
@@ -217,32 +217,3 @@ fn in_order<T: PartialEq>(named: impl Iterator<Item = T>) -> Vec<T> {
 /// Addresses as flags name them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Addresses(Vec<u8>);
-
-/// Reads `1-32,0x40`; gives back the part that is none.
-pub(crate) fn addresses(text: &str) -> Result<Vec<u8>, String> {
-    let mut all = Vec::new();
-    for part in text.split(',') {
-        let (low, high) = part.split_once('-').unwrap_or((part, part));
-        let (low, high) = (railbus_app::address(low)?, railbus_app::address(high)?);
-        if low > high {
-            return Err(part.to_owned());
-        }
-        all.extend(low..=high);
-    }
-    all.sort_unstable();
-    all.dedup();
-    Ok(all)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn addresses_are_read_as_ranges() {
-        assert_eq!(addresses("1-3,0x40,2"), Ok(vec![1, 2, 3, 64]));
-        for wrong in ["", "3-1", "1-", "256", "x"] {
-            assert!(addresses(wrong).is_err(), "{wrong}");
-        }
-    }
-}

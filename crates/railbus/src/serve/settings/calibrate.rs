@@ -2,14 +2,13 @@
 
 use super::drive::{Drive, journal, on_loan, open};
 use super::wish::Wish;
-use crate::commands::config::guided::hindered;
-use crate::commands::config::outcome;
-use crate::commands::config::target::Target;
 use railbus_api::ops::{OpBegun, OpInfo};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::settings::{Calibration, SettingsRun};
 use railbus_app::api::{failures, settings as told};
 use railbus_app::failure::Failure;
+use railbus_app::settings::outcome::{self, hindered};
+use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Key, Wanted};
 use railbus_commission::{By, Calibrated, Hindrance, Job, Trouble, calibrate};
 use railbus_device::Family;

@@ -3,12 +3,12 @@
 
 use super::drive::{Drive, journal, on_loan, open};
 use super::wish::{Plan, Wish};
-use crate::commands::config::outcome::{self, placed};
 use railbus_api::ops::{OpBegun, OpInfo};
 use railbus_api::problem::Problem;
 use railbus_api::settings::SettingsRun;
 use railbus_app::api::failures;
 use railbus_app::failure::Failure;
+use railbus_app::settings::outcome::{self, placed};
 use railbus_commission::{Ended, Job, Trouble, Why, change};
 use railbus_words::Code;
 

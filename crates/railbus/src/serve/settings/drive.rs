@@ -2,11 +2,6 @@
 //! it goes, asks whoever follows it, and can be ended.
 
 use super::wish::Wish;
-use crate::commands::config::file::not_followed;
-use crate::commands::config::ground::store_failure;
-use crate::commands::config::outcome::placed;
-use crate::commands::config::talk::{Talk, keep};
-use crate::commands::config::target::Target;
 use crate::serve::config::Asks;
 use crate::serve::listen::ended;
 use crate::serve::ops::Op;
@@ -16,6 +11,9 @@ use railbus_api::ops::OpState;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{failures, settings as told};
 use railbus_app::failure::Failure;
+use railbus_app::settings::outcome::{not_followed, placed, store_failure};
+use railbus_app::settings::talk::{Talk, keep};
+use railbus_app::settings::target::Target;
 use railbus_commission::{
     Act, Event, Log, Place, Procedure, Progress, Question, Record, State, Step,
 };

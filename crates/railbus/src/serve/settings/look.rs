@@ -1,9 +1,9 @@
 //! A module is read between the polls of its line: nobody else loses a poll by that.
 
-use crate::commands::config::outcome;
-use crate::commands::config::target::Target;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures;
+use railbus_app::settings::outcome;
+use railbus_app::settings::target::Target;
 use railbus_commission::{Act, Ask, Event, Found, Heard, Place, Step, Trouble, read};
 use railbus_host::ProbeResult;
 use railbus_site::{RawTerms, Service};

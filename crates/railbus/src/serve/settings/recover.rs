@@ -3,12 +3,12 @@
 
 use super::drive::{Drive, journal, on_loan, open};
 use super::wish::Wish;
-use crate::commands::config::log::{not_found, parting};
-use crate::commands::config::outcome::{self, placed};
-use crate::commands::config::target::Target;
 use railbus_api::ops::{OpBegun, OpInfo};
 use railbus_api::problem::Problem;
 use railbus_api::settings::SettingsRun;
+use railbus_app::settings::log::{not_found, parting};
+use railbus_app::settings::outcome::{self, placed};
+use railbus_app::settings::target::Target;
 use railbus_commission::{Found, Place, Record, Recovered, Search, State, Trouble};
 use railbus_commission::{look_up, recover};
 

@@ -3,13 +3,13 @@
 
 use super::look::send;
 use super::wish::Wish;
-use crate::commands::config::outcome;
-use crate::commands::config::target::Target;
 use railbus_api::problem::Problem;
 use railbus_api::settings::{Cell, RegisterRead, Registers};
 use railbus_api::types::SCHEMA;
 use railbus_app::api::convert;
 use railbus_app::frames::meaning;
+use railbus_app::settings::outcome;
+use railbus_app::settings::target::Target;
 use railbus_commission::{Place, Trouble};
 use railbus_device::{Family, Module, Op, Point, PointKind, Setup};
 use railbus_host::Probed;

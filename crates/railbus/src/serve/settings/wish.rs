@@ -1,9 +1,6 @@
 //! What is wanted of the settings of a module, checked against what it keeps now.
 
 use super::look::look;
-use crate::commands::config::log::taking_back;
-use crate::commands::config::target::{NoTarget, Target};
-use crate::commands::config::{outcome, set, show};
 use crate::serve::routes::Site;
 use railbus_api::problem::{Problem, codes};
 use railbus_api::settings::{
@@ -13,6 +10,9 @@ use railbus_api::types::SCHEMA;
 use railbus_app::api::failures;
 use railbus_app::failure::Failure;
 use railbus_app::frames::meaning;
+use railbus_app::settings::log::taking_back;
+use railbus_app::settings::target::{NoTarget, Target};
+use railbus_app::settings::{outcome, plan};
 use railbus_commission::settings::{
     Access, Choice, Key, Wanted, choice, differences, settings, shown,
 };
@@ -219,7 +219,7 @@ impl Plan {
         let frame = |stage: &Stage| {
             let asked = self.target.request(stage);
             SettingFrame {
-                frame: set::frame(&self.target, stage),
+                frame: plan::frame(&self.target, stage),
                 meaning: asked.map_or_else(String::new, |asked| meaning::request(lang, &asked)),
             }
         };
@@ -229,7 +229,7 @@ impl Plan {
             etag: mark(&self.target, &self.found),
             changes: self.changes(),
             frames: self.stages.iter().map(frame).collect(),
-            warnings: set::warnings(lang, &self.target, &self.stages),
+            warnings: plan::warnings(lang, &self.target, &self.stages),
             power_cycle: self.target.setup.family == Family::R55 && !self.stages.is_empty(),
         }
     }
@@ -237,7 +237,7 @@ impl Plan {
 
 /// The mark of what a module keeps.
 fn mark(target: &Target, found: &Found) -> String {
-    let known = show::known(target, found);
+    let known = plan::known(target, found);
     let all = settings(&target.setup).into_iter();
     let all = all.map(|(key, _)| format!("{key}={:?}", shown(&target.setup, &known, key)));
     etag(&format!(
@@ -251,7 +251,7 @@ fn setting(target: &Target, found: &Found, (key, access): (Key, Access)) -> Sett
     let setup = &target.setup;
     let mut told = Setting {
         setting: key.to_string(),
-        value: shown(setup, &show::known(target, found), key),
+        value: shown(setup, &plan::known(target, found), key),
         range: choice(setup, key).to_string(),
         words: Vec::new(),
         min: None,
@@ -259,7 +259,7 @@ fn setting(target: &Target, found: &Found, (key, access): (Key, Access)) -> Sett
         unit: None,
         writable: access.is_writable(),
         access: access.name().to_owned(),
-        source: show::source(target, found, key).to_owned(),
+        source: plan::source(target, found, key).to_owned(),
     };
     match choice(setup, key) {
         Choice::Number(low, high, _) => {

@@ -1,14 +1,15 @@
 //! The clock and the words of the machine.
 
 use super::finding::{Finding, Section};
-use super::texts::DoctorText;
+use super::texts::FindingText;
 use jiff::Timestamp;
 use railbus_words::Lang;
 
 /// 2026-01-01: this program is not older.
 const BUILT: i64 = 1_767_225_600;
 
-pub(super) fn check(
+/// Looks at the clock and at the locale that the variables name.
+pub fn check(
     lang: Lang,
     variable: impl Fn(&str) -> Option<String>,
     now: Timestamp,
@@ -31,7 +32,7 @@ pub(super) fn check(
         let values: &[(&str, &dyn std::fmt::Display)] = &[("date", &date), ("locale", &locale)];
         found.push(Finding::good(
             Section::System,
-            lang.fill(DoctorText::SystemGood, values),
+            lang.fill(FindingText::SystemGood, values),
         ));
     }
     found

@@ -1,9 +1,9 @@
 //! The ports: what the machine does with adapters, and why one can't be opened.
 
 use super::finding::{Finding, Section};
-use railbus_app::machine::Machine;
-use railbus_app::machine::ports::{Adapter, adapters as all};
-use railbus_app::machine::users::{User, group};
+use crate::machine::Machine;
+use crate::machine::ports::{Adapter, adapters as all};
+use crate::machine::users::{User, group};
 use railbus_host::{Access, PortError};
 
 /// A CH340, which brltty takes for a Braille display.
@@ -14,7 +14,7 @@ const LATENCY_MAX: u32 = 2;
 const RULES: &str = "/etc/udev/rules.d/77-railbus.rules";
 
 /// What the machine does with its adapters.
-pub(super) fn adapters(machine: &Machine, user: &User) -> Vec<Finding> {
+pub fn adapters(machine: &Machine, user: &User) -> Vec<Finding> {
     let sudo = if user.is_root() { "" } else { "sudo " };
     let mut found = Vec::new();
     let manager = machine.programs().any(|(_, name)| name == "ModemManager");
@@ -40,7 +40,7 @@ pub(super) fn adapters(machine: &Machine, user: &User) -> Vec<Finding> {
 }
 
 /// A name that changes, and the one that does not.
-pub(super) fn unstable(path: &str, stable: Option<&str>) -> Finding {
+pub fn unstable(path: &str, stable: Option<&str>) -> Finding {
     let finding = Finding::warning(Section::Port, "D107", path.to_owned());
     match stable {
         Some(stable) => finding.with_advice(format!("port = \"{stable}\"")),
@@ -107,7 +107,7 @@ fn has_usb(machine: &Machine, (vendor, product): (u16, u16)) -> bool {
 }
 
 /// Why a port could not be opened.
-pub(super) fn closed(
+pub fn closed(
     machine: &Machine,
     user: &User,
     port: &str,
@@ -161,7 +161,7 @@ fn denied(machine: &Machine, user: &User, device: &str, access: &Access) -> Find
 #[cfg(test)]
 mod tests {
     use super::*;
-    use railbus_app::machine::fixture::Fixture;
+    use crate::machine::fixture::Fixture;
     use railbus_host::Holder;
 
     fn li() -> User {

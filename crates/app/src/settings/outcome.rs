@@ -1,18 +1,20 @@
 //! How procedures ended, as failures in words.
 
 use super::target::Target;
-use super::texts::ConfigText;
-use railbus_app::api::config_words;
-use railbus_app::failure::Failure;
-use railbus_app::render::wire_words;
-use railbus_commission::settings::{Wrong, range};
-use railbus_commission::{Ended, Place, Refused, Trouble, Why};
+use super::texts::SettingsText;
+use crate::api::config_words;
+use crate::failure::Failure;
+use crate::render::wire_words;
+use railbus_commission::settings::{Key, Wrong, range};
+use railbus_commission::{Ended, Hindrance, Place, Refused, Trouble, Why};
 use railbus_device::{Refusal, SetupError};
 use railbus_words::Code;
 use railbus_words::Lang;
+use std::io::ErrorKind;
+use std::path::Path;
 
 /// Why a procedure could not do what it was to.
-pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure {
+pub fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure {
     let about = |code: Code| {
         Failure::of(lang, code)
             .because(place(
@@ -33,9 +35,9 @@ pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure
             let failure = about(Code::WrongModel);
             match told {
                 Some(name) => {
-                    failure.because(lang.fill(ConfigText::CallsItself, &[("name", name)]))
+                    failure.because(lang.fill(SettingsText::CallsItself, &[("name", name)]))
                 }
-                None => failure.because(lang.get(ConfigText::NotAsModel)),
+                None => failure.because(lang.get(SettingsText::NotAsModel)),
             }
         }
         Trouble::Refused(Refused::Setup(SetupError::Address(low, high))) => {
@@ -48,7 +50,7 @@ pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure
         Trouble::Refused(Refused::NotReadable) => about(Code::NotReadable),
         Trouble::Taken(taken) => {
             let at = lang.fill(
-                ConfigText::TakenBy,
+                SettingsText::TakenBy,
                 &[
                     ("place", &placed(lang, taken.place)),
                     ("protocol", &taken.protocol),
@@ -57,7 +59,7 @@ pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure
             );
             let failure = Failure::of(lang, Code::AddressTaken).because(at);
             let failure = match taken.garbled {
-                true => failure.because(lang.get(ConfigText::TakenGarbled)),
+                true => failure.because(lang.get(SettingsText::TakenGarbled)),
                 false => failure,
             };
             failure
@@ -68,16 +70,16 @@ pub(crate) fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure
         Trouble::Journal(_) => about(Code::Journal),
         Trouble::Port(_) => about(Code::Unknown),
         Trouble::Stopped => {
-            Failure::of(lang, Code::Interrupted).because(lang.get(ConfigText::NothingWritten))
+            Failure::of(lang, Code::Interrupted).because(lang.get(SettingsText::NothingWritten))
         }
     };
     failure.perhaps_acted(trouble.may_have_acted())
 }
 
 /// `9 (09h), 19200 8N1`.
-pub(crate) fn placed(lang: Lang, place: Place) -> String {
-    let comma = lang.get(railbus_app::texts::AppText::Comma);
-    let checksum = lang.get(ConfigText::WithChecksum);
+pub fn placed(lang: Lang, place: Place) -> String {
+    let comma = lang.get(crate::texts::AppText::Comma);
+    let checksum = lang.get(SettingsText::WithChecksum);
     let checksum = if place.checksum {
         format!("{comma}{checksum}")
     } else {
@@ -88,7 +90,7 @@ pub(crate) fn placed(lang: Lang, place: Place) -> String {
 
 /// `pump (EDA9060A, line main, 1 (01h), 9600 8N1)`.
 fn place(lang: Lang, target: &Target, at: Place) -> String {
-    let comma = lang.get(railbus_app::texts::AppText::Comma);
+    let comma = lang.get(crate::texts::AppText::Comma);
     let protocol = target.setup.protocol;
     format!(
         "{} ({}{comma}{}{comma}{protocol}{comma}{})",
@@ -100,12 +102,10 @@ fn place(lang: Lang, target: &Target, at: Place) -> String {
 }
 
 /// Why a change did not end as it should; nothing where it did.
-pub(crate) fn ended(
-    lang: Lang,
-    target: &Target,
-    change: u64,
-    ended: &Ended,
-) -> Result<(), Failure> {
+///
+/// # Errors
+/// Why it did not.
+pub fn ended(lang: Lang, target: &Target, change: u64, ended: &Ended) -> Result<(), Failure> {
     let about = |code: Code, at: Option<Place>| {
         let failure = Failure::of(lang, code)
             .because(place(lang, target, at.unwrap_or(Place::of(&target.setup))))
@@ -140,7 +140,7 @@ pub(crate) fn ended(
         Ended::Lost(garbled) => {
             let failure = about(Code::Lost, None);
             match garbled {
-                true => failure.because(lang.get(ConfigText::TakenGarbled)),
+                true => failure.because(lang.get(SettingsText::TakenGarbled)),
                 false => failure,
             }
         }
@@ -155,14 +155,14 @@ fn because(lang: Lang, failure: Failure, why: Why) -> Failure {
         }
         Why::Refused(Refusal::Invalid) => failure.because("?AA"),
         Why::Refused(Refusal::WatchdogTripped) => failure.because("!"),
-        Why::NotVerified => failure.because(lang.get(ConfigText::ReadsOtherwise)),
-        Why::Ignored => failure.because(lang.get(ConfigText::NotAcknowledged)),
+        Why::NotVerified => failure.because(lang.get(SettingsText::ReadsOtherwise)),
+        Why::Ignored => failure.because(lang.get(SettingsText::NotAcknowledged)),
         Why::NoPowerCycle | Why::Stopped => failure,
     }
 }
 
 /// Why a word is no setting of the module.
-pub(crate) fn wrong(lang: Lang, target: &Target, wrong: &Wrong) -> Failure {
+pub fn wrong(lang: Lang, target: &Target, wrong: &Wrong) -> Failure {
     let show = format!("railbus config show {}", target.name);
     match wrong {
         Wrong::NoPair(word) => Failure::of(lang, Code::Usage)
@@ -172,11 +172,11 @@ pub(crate) fn wrong(lang: Lang, target: &Target, wrong: &Wrong) -> Failure {
             let known = known.join(" ");
             Failure::of(lang, Code::NoSetting)
                 .because(name)
-                .because(lang.fill(railbus_app::texts::AppText::Known, &[("names", &known)]))
+                .because(lang.fill(crate::texts::AppText::Known, &[("names", &known)]))
                 .with_try(show)
         }
         Wrong::ReadOnly(key, access) => Failure::of(lang, Code::SettingFixed)
-            .because(format!("{key}: {}", super::show::note(lang, *access)))
+            .because(format!("{key}: {}", super::plan::note(lang, *access)))
             .with_fact("setting", key.to_string())
             .with_fact("access", access.name()),
         Wrong::Value(key, value, possible) => {
@@ -191,4 +191,43 @@ pub(crate) fn wrong(lang: Lang, target: &Target, wrong: &Wrong) -> Failure {
                 .with_fact("setting", key.to_string())
         }
     }
+}
+
+/// Why a calibration came no further.
+pub fn hindered(lang: Lang, target: &Target, why: Hindrance) -> Failure {
+    let of = |code: Code| Failure::of(lang, code).with_fact("module", target.name.as_str());
+    match why {
+        Hindrance::Stopped => of(Code::NotConfirmed),
+        Hindrance::Refused(Refusal::Exception(exception)) => {
+            of(Code::SettingRefused).because(wire_words::exception(lang, exception))
+        }
+        Hindrance::Refused(_) => of(Code::SettingRefused),
+        Hindrance::NotFinished => of(Code::NotCalibrated),
+        Hindrance::Voltage => of(Code::NotCalibrated).because(Key::CalibrationVoltage),
+    }
+}
+
+/// Why the journal can't be held.
+pub fn store_failure(lang: Lang, folder: &Path, error: &std::io::Error) -> Failure {
+    let code = match error.kind() {
+        ErrorKind::WouldBlock => Code::JournalBusy,
+        _ => Code::Journal,
+    };
+    let failure = Failure::of(lang, code).with_fact("folder", folder.display().to_string());
+    match code {
+        Code::JournalBusy => failure,
+        _ => failure.because(format!("{}: {error}", folder.display())),
+    }
+}
+
+/// The module is where it was to go, and its file could not be changed.
+pub fn not_followed(lang: Lang, file: &Path, module: &str, place: Place, why: &str) -> Failure {
+    let place = placed(lang, place);
+    let by_hand = lang.fill(
+        SettingsText::WriteByHand,
+        &[("module", &module), ("place", &place)],
+    );
+    Failure::of(lang, Code::ConfigNotWritten)
+        .because(format!("{}: {why}", file.display()))
+        .because(by_hand)
 }

@@ -1,28 +1,34 @@
 //! What is found: a code of the table, the facts of this case, and the commands that mend it.
 
-use super::texts::DoctorText;
-use crate::commands::config_check::Shown;
+use super::texts::FindingText;
+use crate::config_check::Shown;
+use crate::render::wire_words;
+use crate::texts::AppText;
 use railbus_api::types::Lost;
-use railbus_app::render::wire_words;
-use railbus_app::texts::AppText;
 use railbus_words::Lang;
 use railbus_words::findings;
 use serde_json::{Value, json};
 
 /// What a finding is about, in the order in which it is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Section {
+pub enum Section {
+    /// The machine itself.
     System,
+    /// A port.
     Port,
+    /// A line.
     Line,
+    /// The modules of a line.
     Modules,
+    /// The configuration.
     Config,
+    /// The daemon.
     Daemon,
 }
 
 impl Section {
     /// The name in JSON.
-    pub(super) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Section::System => "system",
             Section::Port => "port",
@@ -36,15 +42,18 @@ impl Section {
 
 /// How bad it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum State {
+pub enum State {
+    /// All is well.
     Ok,
+    /// It works, and may not for long.
     Warning,
+    /// It does not work.
     Error,
 }
 
 impl State {
     /// The name in JSON.
-    pub(super) const fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             State::Ok => "ok",
             State::Warning => "warning",
@@ -55,21 +64,24 @@ impl State {
 
 /// What is found.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Finding {
-    pub(super) section: Section,
-    pub(super) state: State,
+pub struct Finding {
+    /// What it is about.
+    pub section: Section,
+    /// How bad it is.
+    pub state: State,
     /// None where all is well.
-    pub(super) code: Option<&'static str>,
+    pub code: Option<&'static str>,
     /// The facts of this case; the whole text where all is well.
-    pub(super) detail: String,
+    pub detail: String,
     /// Commands of a shell that mend it.
-    pub(super) fix: Vec<String>,
+    pub fix: Vec<String>,
     /// What only people can do, where it is more than the table says.
-    pub(super) advice: Option<String>,
+    pub advice: Option<String>,
 }
 
 impl Finding {
-    pub(super) fn good(section: Section, text: String) -> Finding {
+    /// All is well, in these words.
+    pub fn good(section: Section, text: String) -> Finding {
         Finding {
             section,
             state: State::Ok,
@@ -80,7 +92,8 @@ impl Finding {
         }
     }
 
-    pub(super) fn warning(section: Section, code: &'static str, detail: String) -> Finding {
+    /// A warning of this code.
+    pub fn warning(section: Section, code: &'static str, detail: String) -> Finding {
         Finding {
             state: State::Warning,
             code: Some(code),
@@ -88,7 +101,8 @@ impl Finding {
         }
     }
 
-    pub(super) fn error(section: Section, code: &'static str, detail: String) -> Finding {
+    /// An error of this code.
+    pub fn error(section: Section, code: &'static str, detail: String) -> Finding {
         Finding {
             state: State::Error,
             ..Finding::warning(section, code, detail)
@@ -97,7 +111,7 @@ impl Finding {
 
     /// A module that gives no good reply, and what came instead of one. Where most of it was
     /// garbled, it is not silent.
-    pub(super) fn unanswered(lang: Lang, at: &str, lost: Option<&Lost>) -> Finding {
+    pub fn unanswered(lang: Lang, at: &str, lost: Option<&Lost>) -> Finding {
         let met = lost.filter(|lost| lost.garbled > 0);
         let code = match met {
             Some(lost) if u16::from(lost.garbled) * 2 >= u16::from(lost.attempts) => "D302",
@@ -106,14 +120,15 @@ impl Finding {
         let detail = match met {
             Some(lost) => {
                 let lost = wire_words::lost(lang, lost);
-                lang.fill(DoctorText::Met, &[("at", &at), ("lost", &lost)])
+                lang.fill(FindingText::Met, &[("at", &at), ("lost", &lost)])
             }
             None => at.to_owned(),
         };
         Finding::error(Section::Modules, code, detail)
     }
 
-    pub(super) fn of_lint(shown: &Shown) -> Finding {
+    /// What is unwise in the configuration.
+    pub fn of_lint(shown: &Shown) -> Finding {
         let detail = format!("{} ({})", shown.message, shown.path);
         Finding {
             advice: Some(shown.next.clone()),
@@ -122,24 +137,24 @@ impl Finding {
     }
 
     /// With a command that mends it.
-    pub(super) fn with_fix(mut self, command: String) -> Finding {
+    pub fn with_fix(mut self, command: String) -> Finding {
         self.fix.push(command);
         self
     }
 
     /// With what people can do.
-    pub(super) fn with_advice(mut self, advice: String) -> Finding {
+    pub fn with_advice(mut self, advice: String) -> Finding {
         self.advice = Some(advice);
         self
     }
 
     /// Whether it has this code.
-    pub(super) fn is(&self, code: &str) -> bool {
+    pub fn is(&self, code: &str) -> bool {
         self.code.is_some_and(|own| own.eq_ignore_ascii_case(code))
     }
 
     /// What it is, in words.
-    pub(super) fn message(&self, lang: Lang) -> String {
+    pub fn message(&self, lang: Lang) -> String {
         let lint = self.code.is_some_and(|code| code.starts_with('L'));
         let page = self.code.and_then(findings::find).filter(|_| !lint);
         match page.map(|finding| finding.page.title(lang)) {
@@ -150,13 +165,13 @@ impl Finding {
     }
 
     /// What it usually comes from.
-    pub(super) fn likely(&self, lang: Lang) -> Option<&'static str> {
+    pub fn likely(&self, lang: Lang) -> Option<&'static str> {
         let page = self.code.and_then(findings::find)?;
         Some(page.page.likely(lang))
     }
 
     /// What to do: the commands, or else what the table or the case says.
-    pub(super) fn steps(&self, lang: Lang) -> Vec<String> {
+    pub fn steps(&self, lang: Lang) -> Vec<String> {
         let page = self.code.and_then(findings::find);
         match (&self.advice, page) {
             _ if !self.fix.is_empty() => self
@@ -171,7 +186,8 @@ impl Finding {
         }
     }
 
-    pub(super) fn json(&self, lang: Lang) -> Value {
+    /// The same for programs.
+    pub fn json(&self, lang: Lang) -> Value {
         json!({
             "section": self.section.name(), "state": self.state.name(), "code": self.code,
             "message": self.message(lang),

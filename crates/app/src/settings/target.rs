@@ -9,17 +9,22 @@ use railbus_wire::Exchange;
 
 /// A module to work on.
 #[derive(Clone, Debug)]
-pub(crate) struct Target {
-    pub(crate) name: String,
-    pub(crate) line: String,
-    pub(crate) port: LineName,
-    pub(crate) setup: Setup,
-    pub(crate) neighbours: Vec<Neighbour>,
+pub struct Target {
+    /// Its name.
+    pub name: String,
+    /// The line that it is on.
+    pub line: String,
+    /// The port of that line.
+    pub port: LineName,
+    /// What it is and how it is asked.
+    pub setup: Setup,
+    /// The other modules of the line.
+    pub neighbours: Vec<Neighbour>,
 }
 
 /// Why there is no such target.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum NoTarget {
+pub enum NoTarget {
     /// There is no module of that name.
     Module,
     /// Its line, whose name this is, has no port.
@@ -28,7 +33,10 @@ pub(crate) enum NoTarget {
 
 impl Target {
     /// The module of that name.
-    pub(crate) fn of(config: &Config, name: &str) -> Result<Target, NoTarget> {
+    ///
+    /// # Errors
+    /// Where there is no such module, or its line has no port.
+    pub fn of(config: &Config, name: &str) -> Result<Target, NoTarget> {
         let module = config.modules.get(name).ok_or(NoTarget::Module)?;
         let line = config.lines.get(&module.line);
         let port = line.and_then(|line| line.port.parse().ok());
@@ -51,7 +59,7 @@ impl Target {
     }
 
     /// The same module where it was found.
-    pub(crate) fn found(&self, found: &Found) -> Target {
+    pub fn found(&self, found: &Found) -> Target {
         Target {
             setup: found.place.setup(&self.setup),
             ..self.clone()
@@ -59,13 +67,16 @@ impl Target {
     }
 
     /// What a write sends.
-    pub(crate) fn request(&self, stage: &Stage) -> Option<Exchange<'static>> {
+    pub fn request(&self, stage: &Stage) -> Option<Exchange<'static>> {
         let module = Module::new(stage.from.setup(&self.setup)).ok()?;
         module.exchange(&Op::Configure(stage.change)).ok()
     }
 
     /// The writes that bring it from what it keeps to what is wanted.
-    pub(crate) fn writes(&self, found: &Found, wanted: &Wanted) -> Result<Vec<Stage>, Trouble> {
+    ///
+    /// # Errors
+    /// What is wanted can't be written, or what is kept can't be read.
+    pub fn writes(&self, found: &Found, wanted: &Wanted) -> Result<Vec<Stage>, Trouble> {
         let known = found.kept();
         let kept = wanted.over(&known).ok_or(Refused::NotReadable)?;
         Ok(stages(&self.setup, found.place, &known, &kept)?)

@@ -15,7 +15,8 @@ const LATE: Duration = Duration::from_millis(500);
 const BYTES_MAX: usize = 600;
 
 /// A port that is ours alone, and what is known of it.
-pub(crate) struct Talk {
+#[derive(Debug)]
+pub struct Talk {
     port: AnyPort,
     started: Moment,
     /// What is sent comes back; nothing while that is not known.
@@ -28,7 +29,10 @@ pub(crate) struct Talk {
 
 impl Talk {
     /// Opens a port.
-    pub(crate) async fn open(name: &LineName, settings: Settings) -> Result<Talk, PortError> {
+    ///
+    /// # Errors
+    /// Why it can't be opened.
+    pub async fn open(name: &LineName, settings: Settings) -> Result<Talk, PortError> {
         let options = SerialOptions {
             settings,
             ..SerialOptions::default()
@@ -50,14 +54,14 @@ impl Talk {
     }
 
     /// The time since then.
-    pub(crate) fn now(&self) -> Instant {
+    pub fn now(&self) -> Instant {
         let micros = self.started.elapsed().as_micros();
         Instant(u64::try_from(micros).unwrap_or(u64::MAX))
     }
 
     /// Whether the port can talk one way now and another way later. A serial server keeps its own
     /// speed.
-    pub(crate) fn follows(&self, from: Settings, to: Settings) -> bool {
+    pub fn follows(&self, from: Settings, to: Settings) -> bool {
         match (&self.port, self.port.medium()) {
             (AnyPort::Tcp(_) | AnyPort::ModbusTcp(_), _) => from == to,
             // A pseudo-terminal has a speed, and no parity.
@@ -67,7 +71,7 @@ impl Talk {
     }
 
     /// Sends what is asked, and hears what comes.
-    pub(crate) async fn ask(&mut self, ask: &Ask) -> Heard {
+    pub async fn ask(&mut self, ask: &Ask) -> Heard {
         let lost = Heard {
             lost: true,
             ..Heard::default()
@@ -112,7 +116,7 @@ impl Talk {
 
     /// Waits until nothing that was asked can be answered any more, so that neither who asks next
     /// nor who opens the port next takes a late reply for his own.
-    pub(crate) async fn settle(&mut self) {
+    pub async fn settle(&mut self) {
         tokio::time::sleep_until(self.late_replies_until).await;
         self.port.settle();
     }
@@ -136,7 +140,10 @@ impl Talk {
 }
 
 /// Writes a record down, with the time.
-pub(crate) fn keep(store: &mut Store, mut record: Record) -> std::io::Result<()> {
+///
+/// # Errors
+/// Where the disk refuses it.
+pub fn keep(store: &mut Store, mut record: Record) -> std::io::Result<()> {
     record.at = time::rfc3339(Timestamp::now());
     store.append(record)
 }

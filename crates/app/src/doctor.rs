@@ -1,0 +1,70 @@
+//! What is wrong with machine, ports, lines, modules and configuration, and how to mend it.
+
+mod daemon;
+mod finding;
+pub mod port;
+mod served;
+pub mod system;
+mod texts;
+
+use crate::config_check::{self, Shown};
+use crate::config_file;
+use crate::machine::Machine;
+use crate::machine::users::User;
+pub use finding::{Finding, Section, State};
+use jiff::Timestamp;
+use railbus_api::types::{LineInfo, ModuleInfo, PointInfo};
+use railbus_site::config::Unwise;
+use railbus_words::Lang;
+pub use served::told;
+pub use texts::FindingText;
+
+/// What a daemon finds, of its machine and of what it serves.
+pub fn of_daemon(
+    lang: Lang,
+    lines: Vec<LineInfo>,
+    modules: Vec<ModuleInfo>,
+    points: &[PointInfo],
+    certificate: Option<(String, Option<Timestamp>)>,
+    config: &config_file::Found,
+) -> Vec<serde_json::Value> {
+    let machine = Machine::this();
+    let user = User::this(&machine);
+    let variable = |name: &str| std::env::var(name).ok();
+    let now = Timestamp::now();
+    let mut found = system::check(lang, variable, now);
+    found.extend(port::adapters(&machine, &user));
+    if let Some((path, Some(end))) = certificate {
+        found.extend(daemon::certificate(&path, end, now));
+    }
+    found.extend(told(lang, lines, modules.into_iter(), points));
+    found.extend(of_config(lang, &machine, config));
+    found.sort_by_key(|finding| finding.section);
+    found.iter().map(|finding| finding.json(lang)).collect()
+}
+
+/// What is to be said of a configuration without problems.
+pub fn of_config(lang: Lang, machine: &Machine, found: &config_file::Found) -> Vec<Finding> {
+    let text = config_file::text_of(&found.path).unwrap_or_default();
+    let warnings = config_check::lints(machine, &found.config);
+    let mut findings: Vec<Finding> = warnings
+        .iter()
+        .map(|warning| match &warning.kind {
+            Unwise::UnstablePort(stable) => port::unstable(&warning.path, stable.as_deref()),
+            _ => Finding::of_lint(&Shown::of(lang, &text, warning)),
+        })
+        .collect();
+    if !findings
+        .iter()
+        .any(|finding| finding.section == Section::Config)
+    {
+        let (file, loads) = (
+            found.path.display(),
+            config_check::loads(lang, &found.config),
+        );
+        let values: &[(&str, &dyn std::fmt::Display)] = &[("file", &file), ("loads", &loads)];
+        let text = lang.fill(FindingText::ConfigGood, values);
+        findings.push(Finding::good(Section::Config, text));
+    }
+    findings
+}

@@ -1,0 +1,88 @@
+//! What the journal says of a change, and how modules are found again.
+
+use super::outcome;
+use super::target::Target;
+use super::texts::SettingsText;
+use crate::failure::Failure;
+use railbus_commission::settings::Wanted;
+use railbus_commission::{Log, Record, State};
+use railbus_device::{Family, Setup};
+use railbus_wire::Protocol;
+use railbus_words::Code;
+use railbus_words::Lang;
+
+/// What is known of a change, in words.
+pub fn state(log: &Log, last: &Record) -> SettingsText {
+    match last.state {
+        State::Done | State::Filed if log.is_rolled_back(last.change) => {
+            SettingsText::StateRolledBack
+        }
+        State::Done | State::Filed => SettingsText::StateDone,
+        State::Intent => SettingsText::StateIntent,
+        State::Pending => SettingsText::StatePending,
+        State::Unchanged => SettingsText::StateUnchanged,
+        State::Elsewhere => SettingsText::StateElsewhere,
+        State::Lost => SettingsText::StateLost,
+        State::Untold => SettingsText::StateUntold,
+    }
+}
+
+/// What takes a change back, of which this is the last word.
+///
+/// # Errors
+/// Where its end is not known, or an old value is not.
+pub fn taking_back(
+    lang: Lang,
+    log: &Log,
+    last: &Record,
+    target: &Target,
+) -> Result<Wanted, Failure> {
+    let can_not = |why: String| Failure::of(lang, Code::CantUndo).because(why);
+    if !last.state.is_done() {
+        let told = lang.get(state(log, last)).to_owned();
+        return Err(can_not(told).with_try("railbus config recover"));
+    }
+    let mut wanted = Wanted::default();
+    for (key, [old, new]) in &log.net(last.change) {
+        if old == "?" {
+            return Err(can_not(format!("{key}: ? → {new}")));
+        }
+        if old != new {
+            wanted
+                .set(&target.setup, key, old)
+                .map_err(|wrong| outcome::wrong(lang, target, &wrong))?;
+        }
+    }
+    Ok(wanted)
+}
+
+/// Not found at all, or two at once: then how to part them, which differs from family to family.
+pub fn not_found(lang: Lang, target: &Target, garbled: bool) -> Failure {
+    let setup = &target.setup;
+    let code = if garbled {
+        Code::TwoModules
+    } else {
+        Code::NotFound
+    };
+    let failure = Failure::of(lang, code)
+        .because(&target.name)
+        .with_fact("module", target.name.as_str());
+    if !garbled {
+        return failure.with_try(format!("railbus scan -l {}", target.line));
+    }
+    let (_, steps) = parting(setup);
+    let address = setup.address.0;
+    let values: &[(&str, &dyn std::fmt::Display)] =
+        &[("module", &target.name), ("address", &address)];
+    let failure = failure.because(lang.fill(steps, values));
+    failure.with_try(format!("railbus scan -l {}", target.line))
+}
+
+/// How two modules on one address are parted: its name, and the steps.
+pub const fn parting(setup: &Setup) -> (&'static str, SettingsText) {
+    match (setup.family, setup.protocol) {
+        (Family::R55, _) => ("boards", SettingsText::PartBoards),
+        (Family::Eda9050, Protocol::Ascii) => ("pin", SettingsText::PartByPin),
+        _ => ("plug", SettingsText::PartByPlug),
+    }
+}
