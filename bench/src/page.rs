@@ -27,54 +27,53 @@ pub fn write(file: &str) -> Result<(), String> {
     let page = format!(
         "# Performance
 
-Written by `cargo xtask bench`, {date}, on 2 shared cores. Compare numbers of one table with each
-other only: times depend on the machine and on what else it does. Instruction counts (callgrind,
-user space) are repeatable. Beside everything stands its *floor*: the least program with the same
-bytes in and out.
+Written by `cargo xtask bench`, {date}, on 2 shared cores. Only compare numbers within a table:
+times depend on the machine and its load. Instruction counts (callgrind, user space) are repeatable.
+Everything is compared with its *floor*: the smallest program with the same bytes in and out.
 
 ## A line that takes no time
 
-The whole line master (`railbus_host::Line`: queue, ghosts, timing, events to an observer) polls
-one Modbus RTU module over a pseudo-terminal, with no silence to keep, and the module answers at
-once. Both ends share one core, and the masters take turns, so that what is added to the floor is
-work; times are the median exchange of the quietest of 15 rounds. An exchange is a request and
-its reply; `railbus commands` hands in one write after the other and waits for its end, each of
-which is two exchanges, the write and its read-back, and each is a hand-over between two tasks.
+The whole line master (`railbus_host::Line`: queue, ghosts, timing, events to an observer) polls one
+Modbus RTU module over a pseudo-terminal; no gaps are required, and the module replies immediately.
+Both ends share one core, and the masters take turns, so the time added to the floor is work; times
+are the median exchange of the quietest of 15 rounds. An exchange is a request and its reply;
+`railbus commands` submits one write after the other and awaits each, which takes two exchanges, the
+write and its read-back, and a hand-over between two tasks.
 
 {line}
-Limits: {INSTRUCTIONS_MAX} instructions, no allocation, {ADDED_MAX} µs added while polling. On
-a tokio runtime with timers enabled, which the line itself does not need, an exchange costs about
-350 instructions more. Nothing sleeps for a fixed time. The floor sleeps in `read`, the
-asynchronous masters in `epoll_wait`, which the kernel may wake sooner: so an addition can even be
-negative, and differences of a few µs say less than the instructions do.
+Limits: {INSTRUCTIONS_MAX} instructions, no allocation, {ADDED_MAX} µs added while polling. On a
+tokio runtime with timers enabled, which the line itself does not need, an exchange costs about 350
+instructions more. Nothing sleeps for a fixed time. The floor sleeps in `read`, the asynchronous
+masters in `epoll_wait`, which the kernel may wake sooner: so the added time can even be negative,
+and differences of a few µs say less than the instruction counts.
 
 ## A line whose characters take their time
 
-The same over a virtual wire: the responder gives each character its time at 10 bits, answers
-after 3.5 characters (rtu) or 5 ms (the others), and looks at the silence before each request.
-The silence kept is 3.5 characters (rtu), or what the model needs (`demo`: 20, 10 and 5 ms). The
-limit is `1 / ((request + reply) * character + turnaround + silence)`. Percentages are parts of
-the limit, medians of interleaved runs; what the responder itself was late by is not counted. A
-master above 100 % does not keep the silence. The others are measured with the coils of `rtu`.
-The first {warm_up} requests are not counted: after an opening, the line master gives the first
-20 replies 100 ms each in which they may come twice.
+The same over a virtual wire: the responder paces characters at 10 bits each, replies after 3.5
+characters (rtu) or 5 ms (the others), and checks the gap before each request. The gap is 3.5
+characters (rtu), or what the model needs (`demo`: 20, 10 and 5 ms). The limit is
+`1 / ((request + reply) * character + turnaround + silence)`. Percentages are relative to the limit,
+medians of interleaved runs; the responder's own lateness is not counted. A master above 100 % does
+not keep the gap. The other masters are measured with the coils of `rtu`. The first {warm_up}
+requests are not counted: after opening a port, the line master waits 100 ms after each of the first
+20 replies for a duplicate.
 
 {wires}
-Limits: nothing too early; within 1 % of the floor. Both wait by the same kernel timer, so what
-they lack to 100 % is how late the kernel wakes a task, and how late depends on the load: a row
-where railbus and floor differ by more than that was disturbed, in either direction.
+Limits: nothing too early; within 1 % of the floor. Both wait with the same kernel timer, so what is
+missing to 100 % is how late the kernel wakes a task, which depends on the load: a row in which
+railbus and floor differ by more than that was disturbed, in either direction.
 
 ## A module that insists on 3.5 silent characters
 
-At 9600, {STRICT} requests. A master that asks too early loses that request, waits in vain, and
-by that is late enough for the next one.
+At 9600, {STRICT} requests. A master that sends too early loses that request, runs into its timeout,
+and is therefore late enough for the next one.
 
 {strict}
 {section}
 ## Codec
 
-Instructions for one exchange. A server reads a request and writes its reply, a client the
-reverse; all checks are done.
+Instructions for one exchange. A server reads a request and writes its reply, a client the reverse;
+all checks included.
 
 {codec}
 `before` and `limit` are those of `bench/codec-limits.toml`.
@@ -123,35 +122,34 @@ fn section(measured: &gateway::Gateway) -> String {
 Measured {date} with `railbus-bench gateway`, {built};
 at its end the load average was {load}, on 2 cores.
 
-Writes over HTTP to the demo's five modules at 9600, which are polled as fast as the line goes, at
-moments that have nothing to do with the line's: from the first byte of the request to the last of
-the answer that says `readback`, in ms. The wire's own time is what is left of the exchange that it
-is at, the write, its read-back, and the silence before each. Nothing is sent before the entry in
-the audit log is durable: with the state folder in memory that costs nothing, and what it costs on
-a disk is the difference. A write that waits for the disk may be *overtaken* by a poll that begins
-meanwhile; all of that poll counts as added. The host's and the modules' bytes go through a
-pseudo-terminal four times in a write, and there are as many moments that somebody sleeps until; how
-late a machine is that has other things to do, *a byte* says, which is sent through another
-pseudo-terminal all the while.
+Writes over HTTP to the demo's five modules at 9600, which are polled as fast as the line allows, at
+times unrelated to the polling: from the first byte of the request to the last byte of the answer
+that says `readback`, in ms. The wire time is the rest of the exchange in progress, the write, its
+read-back, and the gap before each. Nothing is sent before the entry in the audit log is durable:
+with the state folder in memory that costs nothing; on a disk, it costs the difference. A write that
+waits for the disk may be *overtaken* by a poll that begins meanwhile; all of that poll counts as
+added. In a write, bytes of host and modules pass through a pseudo-terminal four times, and there
+are as many timed waits; *a byte*, which is sent through another pseudo-terminal all the while,
+shows how late a busy machine is.
 
 {writes}
 Limit: p99 {WRITE_MAX} ms in memory.
 
-From the last byte of a reply that shows that an input has moved to the client of a WebSocket that
-is told of it, in ms.
+From the last byte of a reply that contains a changed input to the WebSocket client that is
+notified, in ms.
 
 {deltas}
 Limit: {DELTA_MAX} ms in the median.
 
-The released program with the demo's five modules at 9600, polled as fast as the line goes: alone,
-and while clients connect and leave, every hundredth with a body of 64 KB, and 100 more send half a
-request each and wait. Medians of 3 rounds of 10 s, turn by turn.
+The released program with the demo's five modules at 9600, polled as fast as the line allows: alone,
+and while clients connect and disconnect, every hundredth with a body of 64 KB, and 100 more each
+send half a request and wait. Medians of 3 rounds of 10 s, alternating.
 
 {flood}
 Limit: {SLOWER_MAX} %.
 
-Many lines in one process, each at 9600 with modules that answer at once; memory is what is
-resident.
+Many lines in one process, each at 9600 with modules that reply immediately; memory is resident
+memory.
 
 {many}
 Limits: {MEMORY_MAX} MiB, {SHARE_MAX} % of one core.
