@@ -1,21 +1,22 @@
-//! All 0x55 boards of a line on or off at once, and each known board read back (choice 34).
+//! Switches all 0x55 boards of a line on or off at once, and reads back each known board (choice
+//! 34).
 
 use super::desk::{Desk, Reply};
 use super::{Procedure, Trouble};
 use railbus_device::{Bank, Module, Op, Seen, Setup};
 use railbus_wire::{Exchange, Micros, r55};
 
-/// What became of one board.
+/// The result for one board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BoardState {
-    /// Its outputs as read back; none where it did not answer.
+    /// Its outputs as read back; `None` if it did not answer.
     pub outputs: Option<Bank>,
-    /// All of them are as commanded.
+    /// Whether all of them are as commanded.
     pub as_commanded: bool,
 }
 
 /// A procedure that sends all-on or all-off to every board of the line [R55 §4.12], and reads back
-/// those that are known. Nobody answers the command itself.
+/// the known ones. The broadcast itself is not acknowledged.
 #[must_use]
 pub fn all_boards(boards: Vec<Setup>, on: bool) -> Procedure<Result<Vec<BoardState>, Trouble>> {
     Procedure::new(move |desk| async move {
@@ -42,7 +43,7 @@ async fn read_back(desk: &Desk, board: &Setup, on: bool) -> Result<BoardState, T
         Reply::Said(Seen::Channels { outputs, .. }) => Some(outputs),
         _ => None,
     };
-    // A board whose on and off are swapped was switched the other way round [R55 §3.9].
+    // A board whose frames for on and off are swapped has switched the other way round [R55 §3.9].
     let wanted = if on != board.invert_on_off {
         board.output_mask()
     } else {

@@ -1,4 +1,4 @@
-//! Calibration and factory reset of an EMD-2A2Q, led step by step.
+//! Calibration and factory reset of an EMD-2A2Q, step by step.
 
 use super::change::{carry_all, untold};
 use super::desk::{Desk, Reply};
@@ -13,37 +13,37 @@ use railbus_wire::{Address, Frame, Micros};
 
 /// How long a calibration may take [EMD-2A2Q §5.5].
 const PATIENCE: Micros = Micros::from_secs(10);
-/// From one look at the command register to the next.
+/// Interval between reads of the command register.
 const LOOK_AGAIN: Micros = Micros::from_millis(500);
 
-/// How far a calibration came.
+/// How far a calibration got.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Calibrated {
     /// The readings before, in hundredths.
     pub before: Option<[u16; 2]>,
-    /// The readings after the zero step, where it was done.
+    /// The readings after the zero step, if it was done.
     pub zero: Option<[u16; 2]>,
-    /// The readings after the span step, where it was done.
+    /// The readings after the span step, if it was done.
     pub span: Option<[u16; 2]>,
-    /// Why it came no further, where it did not.
+    /// Why it stopped early, if it did.
     pub hindered: Option<Hindrance>,
 }
 
-/// Why a calibration came no further.
+/// Why a calibration stopped early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Hindrance {
-    /// The user stopped there.
+    /// The user stopped it.
     Stopped,
-    /// The module answered no.
+    /// The module refused.
     Refused(Refusal),
-    /// The command bit did not return to 0 within 10 s, or the module no longer answered.
+    /// The command bit did not return to 0 within 10 s, or the module stopped answering.
     NotFinished,
     /// The calibration voltage could not be set.
     Voltage,
 }
 
-/// A procedure that leads through a calibration: zero with all inputs disconnected, then span
-/// with a voltage, in hundredths, at all of them. It may be stopped before either.
+/// A procedure for a calibration: zero with all inputs disconnected, then span with a voltage, in
+/// hundredths, at all of them. The user may stop it before either step.
 #[must_use]
 pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Trouble>> {
     Procedure::new(move |desk| async move {
@@ -106,8 +106,8 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Trouble
     })
 }
 
-/// A procedure that brings an EMD-2A2Q back to the settings of the factory, and looks for it at
-/// address 1, 9600 8N1 [EMD-2A2Q §5.8].
+/// A procedure that resets an EMD-2A2Q to factory settings, and looks for it at address 1, 9600 8N1
+/// [EMD-2A2Q §5.8].
 #[must_use]
 pub fn restore_factory(job: Job) -> Procedure<Result<Ended, Trouble>> {
     Procedure::new(move |desk| async move {
@@ -140,7 +140,7 @@ async fn first_emd(desk: &Desk, job: &Job, place: Place) -> Result<Found, Troubl
     first_alone(desk, &job.setup, place).await
 }
 
-/// The steps of a calibration, each journaled.
+/// The steps of a calibration, each of them journaled.
 struct Steps<'d> {
     desk: &'d Desk,
     job: &'d Job,
@@ -176,7 +176,7 @@ impl Steps<'_> {
             seen |= found.busy;
             if !found.busy {
                 self.found = found;
-                // Neither acknowledged nor seen at work: nobody knows whether it heard.
+                // Neither acknowledged nor seen in progress: whether it was received is not known.
                 let known = acknowledged || seen;
                 let state = if known { State::Done } else { State::Untold };
                 self.desk.journal(intent.ended(state, Some(&found))).await?;

@@ -1,4 +1,4 @@
-//! Changing settings of one module: read, check, write, look for it, read back, or go back.
+//! Changes settings of one module: read, check, write, look for it, read back, or roll back.
 
 use super::desk::{Desk, Reply};
 use super::place::{Found, Kept, Place};
@@ -9,26 +9,25 @@ use crate::settings::{Wanted, differences};
 use railbus_device::{Change, Family, Module, Op, Refusal, Seen, Setup};
 use railbus_wire::{Frame, Micros, Protocol, Settings};
 
-/// After a write the module is left alone for a while [EDA §1.7].
+/// Pause after a write [EDA §1.7].
 const SETTLE: Micros = Micros::from_millis(300);
-/// How long a board is waited for to be switched off and on.
+/// How long to wait for a board to be power-cycled.
 const POWER_CYCLE: Micros = Micros::from_secs(60);
-/// From one attempt to write a board's address to the next.
+/// Interval between attempts to write a board's address.
 const ATTEMPT: Micros = Micros::from_millis(500);
-/// How long a board may take to answer meanwhile.
+/// Timeout of a board's reply during these attempts.
 const BOARD_TIMEOUT: Micros = Micros::from_millis(100);
-/// A write that nobody acknowledged, and that is known not to have been carried out, is sent
-/// once more.
+/// A write that was not acknowledged, and is known not to have been carried out, is sent once more.
 const WRITES: u8 = 2;
 
-/// Another module of the line, as the configuration has it.
+/// Another configured module of the line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Neighbour {
     /// Its name.
     pub name: String,
     /// Its protocol.
     pub protocol: Protocol,
-    /// Where it is heard.
+    /// Where it answers.
     pub place: Place,
 }
 
@@ -37,53 +36,52 @@ pub struct Neighbour {
 pub struct Job {
     /// The number of the change in the journal.
     pub change: u64,
-    /// The line it hangs on.
+    /// The line it is on.
     pub line: String,
     /// Its name.
     pub module: String,
-    /// What it is, and where it is heard.
+    /// What it is, and where it answers.
     pub setup: Setup,
-    /// What it is to keep.
+    /// The settings it should have.
     pub wanted: Wanted,
     /// The other modules of the line.
     pub neighbours: Vec<Neighbour>,
-    /// Who wants it.
+    /// What requested the change.
     pub by: By,
-    /// The change that this one takes back.
+    /// The change that this one undoes.
     pub undoes: Option<u64>,
 }
 
 /// How a change ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ended {
-    /// It kept all that already: nothing was written.
+    /// It already had all these settings: nothing was written.
     Same(Found),
     /// Written, found at its new place and read back equal.
     Done(Found),
-    /// Acknowledged, but not in force: the module takes it at its next power-up.
+    /// Acknowledged, but not in effect yet: the module applies it at its next power-up.
     Pending(Found),
-    /// The module is as it was.
+    /// The module is unchanged.
     Unchanged(Found, Why),
-    /// A part was done and taken back: the module is as it was.
+    /// A part was done and rolled back: the module is as before.
     RolledBack(Found, Why),
-    /// A part was done and could not be taken back: this is where it is and what it keeps.
+    /// A part was done and could not be rolled back: this is where it is and what it has stored.
     Halfway(Found, Why),
-    /// It answers in its old place, and nothing that it tells shows whether it took the new values
-    /// for its next power-up: it acknowledged nothing.
+    /// It answers at its old place, and no read shows whether it will apply the new values at its
+    /// next power-up: it acknowledged nothing.
     Untold(Found),
-    /// It is not found anywhere that it could be; whether two answer at once.
+    /// It was not found anywhere that it could be; whether two modules answered at once.
     Lost(bool),
 }
 
 impl Ended {
-    /// Whether the module may keep what was to be written, or a part of it, though that is not
-    /// what was found.
+    /// Whether the module may have stored what was to be written, or a part of it, although that is
+    /// not what was found.
     #[must_use]
     pub const fn may_have_acted(&self) -> bool {
         match self {
             Ended::Halfway(..) | Ended::Untold(_) | Ended::Lost(_) => true,
-            // Each of these was read back, or nothing was written; one that is pending was
-            // acknowledged.
+            // Each of these was read back, or nothing was written; a pending one was acknowledged.
             Ended::Same(_)
             | Ended::Done(_)
             | Ended::Pending(_)
@@ -107,7 +105,7 @@ impl Ended {
         }
     }
 
-    /// The module, where it was found.
+    /// The module, if it was found.
     #[must_use]
     pub const fn found(&self) -> Option<&Found> {
         match self {
@@ -126,13 +124,13 @@ impl Ended {
 /// Why a write was not carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Why {
-    /// The module answered no.
+    /// The module refused.
     Refused(Refusal),
-    /// It did not answer, and did nothing.
+    /// It did not answer, and did not carry it out.
     Ignored,
-    /// It acknowledged, and reads back otherwise.
+    /// It acknowledged, but reads back differently.
     NotVerified,
-    /// It was not switched off and on in time, or its DIP switch is not at 0.
+    /// It was not power-cycled in time, or its DIP switch is not at 0.
     NoPowerCycle,
     /// The user stopped it.
     Stopped,
@@ -156,17 +154,17 @@ pub fn change(job: Job) -> Procedure<Result<Ended, Trouble>> {
     })
 }
 
-/// Wherever the module will be heard on the way, nobody may be.
+/// Checks that nothing else answers wherever the module will be on the way.
 async fn check_vacancy(desk: &Desk, job: &Job, from: Place, to: Place) -> Result<(), Trouble> {
     let moves = from.address != to.address;
     let mut serials: Vec<Settings> = vec![from.serial, to.serial];
     serials.dedup();
-    // At its own address and speed it is the module itself that answers.
+    // At its own address and speed, the module itself answers.
     serials.retain(|serial| moves || *serial != from.serial);
     vacant::check(desk, &job.setup, to.address, &serials, &job.neighbours).await
 }
 
-/// Carries out one stage after the other; where one fails, those done are taken back.
+/// Carries out one stage after the other; if one fails, those done are rolled back.
 pub(crate) async fn carry_all(
     desk: &Desk,
     job: &Job,
@@ -207,7 +205,7 @@ enum StageEnd {
     Pending(Found),
     Unchanged(Found, Why),
     Untold(Found),
-    /// Neither as before nor as wanted.
+    /// Neither as before nor as requested.
     Elsewhere(Found, Why),
     Lost(bool),
 }
@@ -218,13 +216,12 @@ struct Writer<'d> {
     job: &'d Job,
     step: u8,
     steps: u8,
-    /// Where the module was, or was sent, before.
+    /// Where the module was, or was moved to, before.
     places: Vec<Place>,
 }
 
 impl Writer<'_> {
-    /// Writes, and looks what came of it. The intent is in the journal before the first byte
-    /// leaves.
+    /// Writes, and checks the result. The intent is in the journal before the first byte is sent.
     async fn carry(&mut self, stage: &Stage, by: By) -> Result<StageEnd, Trouble> {
         self.step += 1;
         self.steps = self.steps.max(self.step);
@@ -297,7 +294,7 @@ impl Writer<'_> {
                 Some(found) => judge(stage, &reply, found),
                 None => StageEnd::Lost(garbled),
             };
-            // It was read since, and is as before: to write again is not to write blindly.
+            // It was read since, and is unchanged: writing again is not writing blindly.
             if !matches!(
                 end,
                 StageEnd::Unchanged(_, Why::Ignored) | StageEnd::Untold(_)
@@ -308,8 +305,8 @@ impl Writer<'_> {
         Ok(end)
     }
 
-    /// A board takes its address within 10 s of power-up only: the user switches it off and on
-    /// meanwhile [R55 §4.6, §4.8].
+    /// A board accepts its address only within 10 s of power-up: the user power-cycles it meanwhile
+    /// [R55 §4.6, §4.8].
     async fn write_board(&self, stage: &Stage) -> Result<StageEnd, Trouble> {
         let board = Module::new(stage.from.setup(&self.job.setup)).map_err(Refused::Setup)?;
         let there = Module::new(stage.to.setup(&self.job.setup)).map_err(Refused::Setup)?;
@@ -327,7 +324,7 @@ impl Writer<'_> {
                 end.since(attempt).0.div_ceil(1_000_000),
             ))
             .await;
-            // The same frame again and again: which of them is answered does not matter.
+            // The same frame is repeated: which one is answered does not matter.
             desk.forget_ghosts();
             let write = Op::Configure(stage.change);
             let reply = desk.op_within(&board, &write, BOARD_TIMEOUT).await?;
@@ -350,7 +347,7 @@ impl Writer<'_> {
         })
     }
 
-    /// Writes back what was before, as far as the module takes it.
+    /// Writes back the previous settings, as far as the module accepts them.
     async fn go_back(mut self, now: Found, before: Found, why: Why) -> Result<Ended, Trouble> {
         let old = before.kept();
         let back = stages(&self.job.setup, now.place, &now.kept(), &old)?;
@@ -381,8 +378,7 @@ pub(crate) fn untold(change: Change) -> Option<(String, [String; 2])> {
 }
 
 /// Where the module may be after a write, the likeliest first: at the new place, at the old one,
-/// and wherever only a part of this change, or of what was written before it, is in force
-/// (choice 01).
+/// and wherever only a part of this change, or of an earlier write, is in effect (choice 01).
 pub(crate) fn candidates(to: Place, from: Place, earlier: &[Place]) -> Vec<Place> {
     let known: Vec<Place> = [to, from]
         .into_iter()
@@ -425,7 +421,8 @@ fn judge(stage: &Stage, reply: &Reply, found: Found) -> StageEnd {
     let refused = matches!(why, Why::Refused(_));
     match (new, old) {
         (true, false) if moves => StageEnd::Pending(found),
-        // It tells nothing of what was written. What it acknowledged, or shows a part of, it has.
+        // It reports nothing of what was written. Whatever it acknowledged, or shows in part, it
+        // has.
         (false, false) if moves && (acknowledged || found.place != stage.from) => {
             StageEnd::Pending(found)
         }
@@ -435,14 +432,14 @@ fn judge(stage: &Stage, reply: &Reply, found: Found) -> StageEnd {
     }
 }
 
-/// Whether the module is as the stage wants it: at the place, and with all that it tells.
+/// Whether the module matches the stage: at the right place, and in all that it reports.
 pub(crate) fn is_done(stage: &Stage, found: &Found) -> bool {
     let told_what_matters = (stage.after.pulse == stage.before.pulse || found.told.pulse.is_some())
         && (stage.after.voltage == stage.before.voltage || found.told.voltage.is_some());
     found.place == stage.to && found.told.agrees(&stage.after) && told_what_matters
 }
 
-/// Whether anything that the module tells is as after, or as before, among what differs.
+/// Whether any of the differing settings that the module reports is as after, or as before.
 pub(crate) fn evidence(stage: &Stage, told: &Kept) -> (bool, bool) {
     fn of<T: PartialEq>(told: Option<T>, before: Option<T>, after: Option<T>) -> (bool, bool) {
         let differs = before != after && told.is_some();

@@ -1,8 +1,8 @@
-//! How a procedure talks to whoever drives it: one act handed out, one answer taken in.
+//! How a procedure talks to its driver: it hands out one action and takes in one result.
 //!
-//! A procedure is an `async fn` whose only awaits are its acts. [`Procedure`] drives it by hand,
-//! with a waker that does nothing: there is no runtime in it, and it never waits for anything but
-//! the next [`Procedure::next`].
+//! A procedure is an `async fn` that awaits nothing but its own actions. [`Procedure`] polls it by
+//! hand, with a no-op waker: it contains no runtime, and never waits for anything but the next
+//! [`Procedure::next`].
 
 use super::{Place, Record, Refused, Taken};
 use crate::risk::Risk;
@@ -15,22 +15,22 @@ use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Waker};
 
-/// How long a reply may take that was not learned yet [EDA §1.12].
+/// Timeout of a reply whose duration is not learned yet [EDA §1.12].
 pub(crate) const REPLY_TIMEOUT: Micros = Micros::from_millis(300);
-/// Silence before every request: adapters hand bytes over late.
+/// Gap before every request: adapters deliver bytes late.
 const QUIET: Micros = Micros::from_millis(20);
 
-/// What is to be done next.
+/// The next action.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "one at a time")]
 pub enum Act {
-    /// Write this to the journal and make it safe against a loss of power.
+    /// Write this to the journal and make it durable.
     Journal(Record),
     /// Send a request and listen.
     Ask(Ask),
-    /// Let so much time pass.
+    /// Let this much time pass.
     Wait(Micros),
-    /// Tell the user how it goes.
+    /// Report progress to the user.
     Tell(Progress),
     /// Ask the user.
     Confirm(Question),
@@ -39,26 +39,26 @@ pub enum Act {
 /// A request to send.
 #[derive(Clone, Copy, Debug)]
 pub struct Ask {
-    /// What is asked; it knows its reply.
+    /// The exchange, which also decodes its reply.
     pub exchange: Exchange<'static>,
     /// Speed and character format.
     pub settings: Settings,
-    /// The silence before it.
+    /// The gap before it.
     pub quiet: Micros,
-    /// How long the reply may take, its own time on the wire included.
+    /// Timeout of the reply, its own time on the wire included.
     pub timeout: Micros,
 }
 
-/// What came of the act.
+/// The result of an action.
 #[derive(Clone, Debug)]
 pub enum Event {
     /// The procedure begins.
     Begin,
-    /// The record is safe, or could not be made so.
+    /// The record is durable, or could not be made so.
     Kept(bool),
     /// What was heard.
     Heard(Heard),
-    /// The time has passed, or the user was told.
+    /// The time has passed, or the user was informed.
     Over,
     /// The user's answer to a question.
     Answer(bool),
@@ -67,66 +67,67 @@ pub enum Event {
 /// What was heard after a request.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Heard {
-    /// The bytes after it, the echo taken out; up to the end of a good reply, or all.
+    /// The bytes after it, without the echo; up to the end of a valid reply, or all.
     pub bytes: Vec<u8>,
-    /// Bytes that came after the end of the reply before.
+    /// Bytes that came after the end of the previous reply.
     pub stray: Vec<u8>,
-    /// The port was lost: whether anything left is not known.
+    /// The port was lost: whether anything was sent is not known.
     pub lost: bool,
 }
 
-/// What the user may want to know meanwhile.
+/// Progress, for the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// The module is being read.
     Reading(Place),
-    /// It is being made sure that nobody is at the new address.
+    /// Checking that nothing answers at the new address.
     Vacancy(Place),
-    /// A write was sent: the number of the step, of how many.
+    /// A write was sent: the number of the step, and of how many.
     Writing(u8, u8),
-    /// It is being looked for here.
+    /// Looking for it here.
     Looking(Place),
-    /// The module must be switched off and on; so many seconds are left.
+    /// The module must be power-cycled; this many seconds are left.
     PowerCycle(u64),
-    /// A calibration is under way.
+    /// A calibration is in progress.
     Calibrating,
 }
 
-/// What the user is asked.
+/// A question to the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Question {
-    /// All analog inputs are disconnected: these are the readings, in hundredths.
+    /// Are all analog inputs disconnected? These are the readings, in hundredths.
     ZeroReady([u16; 2]),
-    /// This voltage, in hundredths, lies at all inputs: these are the readings, in hundredths.
+    /// Is this voltage, in hundredths, applied to all inputs? These are the readings, in
+    /// hundredths.
     SpanReady(u16, [u16; 2]),
 }
 
-/// Why a procedure ended without doing what it was to do. Nothing was written to the module,
-/// unless the journal says so.
+/// Why a procedure ended without its result. Nothing was written to the module, unless the journal
+/// says so.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Trouble {
-    /// Nobody answers at that place.
+    /// Nothing answers at that place.
     NoReply(Place),
-    /// What answers at that place is not understood: noise, or two modules.
+    /// Only invalid replies from that place: noise, or two modules.
     Garbled(Place),
-    /// Another model answers at that place; what it says of itself, where it does.
+    /// Another model answers at that place; what it says it is, if it says so.
     WrongModel(Place, Option<String>),
-    /// The settings asked for can't be.
+    /// The requested settings are not possible.
     Refused(Refused),
-    /// Somebody is at the new place.
+    /// The new place is in use.
     Taken(Taken),
-    /// A module of another protocol could take the frame for a command of its own.
+    /// A module of another protocol could take the frame for a command.
     Unsafe(Protocol),
-    /// The journal can't be written; whether a write had been sent before.
+    /// The journal can't be written; whether a write had already been sent.
     Journal(bool),
-    /// The port was lost; whether a write had been sent before.
+    /// The port was lost; whether a write had already been sent.
     Port(bool),
     /// The user stopped it.
     Stopped,
 }
 
 impl Trouble {
-    /// Whether something may have been written all the same.
+    /// Whether something may have been written nevertheless.
     #[must_use]
     pub const fn may_have_acted(&self) -> bool {
         match self {
@@ -142,17 +143,17 @@ impl Trouble {
     }
 }
 
-/// What a procedure does next, or what it ended with.
+/// What a procedure does next, or its result.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant, reason = "one at a time")]
 pub enum Step<T> {
-    /// Do this, and say what came of it.
+    /// Do this, and report the result.
     Do(Act),
     /// It has ended.
     Done(T),
 }
 
-/// A procedure under way.
+/// A running procedure.
 pub struct Procedure<T> {
     future: Pin<Box<dyn Future<Output = T> + Send>>,
     desk: Desk,
@@ -165,7 +166,7 @@ impl<T> fmt::Debug for Procedure<T> {
 }
 
 impl<T> Procedure<T> {
-    /// A procedure that has not begun.
+    /// A procedure that has not started.
     pub(crate) fn new<F>(body: impl FnOnce(Desk) -> F) -> Procedure<T>
     where
         F: Future<Output = T> + Send + 'static,
@@ -177,8 +178,8 @@ impl<T> Procedure<T> {
         }
     }
 
-    /// Says what came of the last act, and when; the next one. The first event is
-    /// [`Event::Begin`].
+    /// Takes the result of the last action and its time, and returns the next action. The first
+    /// event is [`Event::Begin`].
     pub fn next(&mut self, now: Instant, event: Event) -> Step<T> {
         {
             let mut paper = self.desk.lock();
@@ -188,7 +189,7 @@ impl<T> Procedure<T> {
         let mut context = Context::from_waker(Waker::noop());
         match self.future.as_mut().poll(&mut context) {
             Poll::Ready(end) => Step::Done(end),
-            // A procedure that waits without an act would wait for ever: let time pass.
+            // A procedure that waits without an action would wait for ever: let time pass.
             Poll::Pending => Step::Do(self.desk.lock().act.take().unwrap_or(Act::Wait(QUIET))),
         }
     }
@@ -199,7 +200,7 @@ impl<T> Procedure<T> {
     }
 }
 
-/// What lies between a procedure and its driver.
+/// The state shared by a procedure and its driver.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Desk(Arc<Mutex<Paper>>);
 
@@ -209,32 +210,32 @@ struct Paper {
     act: Option<Act>,
     event: Option<Event>,
     stopped: bool,
-    /// Requests whose replies may still come, and until when.
+    /// Requests whose replies may still arrive, and until when.
     ghosts: Vec<(Exchange<'static>, Instant)>,
-    /// The settings of the last request.
+    /// Speed and format of the last request.
     settings: Option<Settings>,
     /// The last request, which a second module may answer, too.
     last: Option<Exchange<'static>>,
-    /// One did.
+    /// It did.
     twice: bool,
-    /// Somebody spoke before the last request, after one that nobody had answered.
+    /// Bytes arrived before the last request, after one that was not answered.
     stray: bool,
-    /// Nothing came back to the last request.
+    /// The last request was not answered.
     unanswered: bool,
-    /// A request that is more than a read was sent.
+    /// A request other than a read was sent.
     wrote: bool,
-    /// The silence before the next request, where it is to be longer than usual.
+    /// The gap before the next request, if it is to be longer than usual.
     linger: Option<Micros>,
 }
 
-/// What became of a request.
+/// The result of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Reply {
-    /// What the module says.
+    /// The module's response.
     Said(Seen),
-    /// Nothing came.
+    /// No reply.
     Silent,
-    /// Bytes came that are no reply.
+    /// Bytes that are not a valid reply.
     Garbled,
 }
 
@@ -256,7 +257,7 @@ impl Desk {
         self.lock().now
     }
 
-    /// Whether the user wants it to end.
+    /// Whether the user asked to stop.
     pub(crate) fn stopped(&self) -> bool {
         self.lock().stopped
     }
@@ -266,12 +267,12 @@ impl Desk {
         self.lock().linger = Some(REPLY_TIMEOUT);
     }
 
-    /// Whether a request was answered twice: two modules are on one address.
+    /// Whether a request was answered twice: two modules have one address.
     pub(crate) fn heard_twice(&self) -> bool {
         self.lock().twice
     }
 
-    /// Whether somebody answered the request before the last one, when it was given up.
+    /// Whether the request before the last one was answered after it had timed out.
     pub(crate) fn heard_late(&self) -> bool {
         self.lock().stray
     }
@@ -295,8 +296,8 @@ impl Desk {
         matches!(self.act(Act::Confirm(question)).await, Event::Answer(true))
     }
 
-    /// Sends one request and hears its reply. A request that a late reply to an earlier one
-    /// could be taken for waits until none can come any more.
+    /// Sends one request and receives its reply. A request whose reply could be confused with a
+    /// late reply to an earlier one waits until none can arrive any more.
     pub(crate) async fn exchange(
         &self,
         setup: &Setup,
@@ -343,7 +344,7 @@ impl Desk {
         Ok(heard.bytes)
     }
 
-    /// Reckons with no late reply any more: to what follows it does not matter.
+    /// Ignores late replies from now on: they can't affect what follows.
     pub(crate) fn forget_ghosts(&self) {
         self.lock().ghosts.clear();
     }
@@ -368,7 +369,7 @@ impl Desk {
         }
     }
 
-    /// Does an op once.
+    /// Performs an op once.
     pub(crate) async fn op(&self, module: &Module, op: &Op) -> Result<Reply, Trouble> {
         self.op_within(module, op, REPLY_TIMEOUT).await
     }
@@ -390,12 +391,12 @@ impl Desk {
         })
     }
 
-    /// Does an op that only reads, again where nothing good came back.
+    /// Performs a read-only op, with retries.
     pub(crate) async fn read(&self, module: &Module, op: &Op) -> Result<Reply, Trouble> {
         self.read_times(module, op, 3).await
     }
 
-    /// The same, so often at most.
+    /// The same, with this many attempts at most.
     pub(crate) async fn read_times(
         &self,
         module: &Module,
@@ -406,7 +407,7 @@ impl Desk {
         for _ in 0..times {
             last = match self.op(module, op).await? {
                 Reply::Said(seen) => return Ok(Reply::Said(seen)),
-                // Garbled once says more than silence after it.
+                // One garbled reply says more than silence after it.
                 Reply::Garbled => Reply::Garbled,
                 Reply::Silent => last,
             };
@@ -432,7 +433,7 @@ impl From<Refused> for Trouble {
 }
 
 impl Trouble {
-    /// The place that it is about, where there is one.
+    /// The place it refers to, if any.
     #[must_use]
     pub const fn place(&self) -> Option<Place> {
         match self {

@@ -1,23 +1,23 @@
-//! Frames of one's own.
+//! Raw frames.
 
 use crate::Risk;
 use railbus_wire::{Bits, Decoded, Exchange, Frame, Protocol, Words, ascii, lc02, r55, rtu};
 
-/// The request that exactly these bytes are, checksum and all; nothing where they are none, or
-/// one longer than any module takes. Where an ASCII frame can be read with and without a
-/// checksum, it is the one that may do more.
+/// The request that exactly these bytes are, checksum included; `None` if they are none, or one
+/// longer than any module accepts. If an ASCII frame can be read with and without a checksum, the
+/// reading with the greater effect is returned.
 #[must_use]
 pub fn request(protocol: Protocol, bytes: &[u8]) -> Option<Exchange<'static>> {
     readings(protocol, bytes).max_by_key(Risk::of)
 }
 
-/// The read that these bytes are; nothing where they are none.
+/// The read that these bytes are; `None` if they are not a read.
 #[must_use]
 pub fn read_request(protocol: Protocol, bytes: &[u8]) -> Option<Exchange<'static>> {
     readings(protocol, bytes).find(|exchange| Risk::of(exchange) == Risk::Read)
 }
 
-/// What these bytes may be. An ASCII frame may carry a checksum or not.
+/// What these bytes may be. An ASCII frame may or may not carry a checksum.
 fn readings(protocol: Protocol, bytes: &[u8]) -> impl Iterator<Item = Exchange<'static>> {
     let found = match protocol {
         Protocol::Rtu => [rtu_request(bytes).map(Exchange::Rtu), None],
@@ -37,7 +37,7 @@ fn readings(protocol: Protocol, bytes: &[u8]) -> impl Iterator<Item = Exchange<'
             all_of(ascii::Exchange::decode_request(bytes, rules), bytes).map(Exchange::Ascii)
         }),
     };
-    // What is sent is the exchange, encoded anew.
+    // What is sent is the exchange, encoded again.
     let is_same = |exchange: &Exchange<'_>| {
         let mut frame = Frame::new();
         exchange.encode(&mut frame);
@@ -79,7 +79,7 @@ fn rtu_request(bytes: &[u8]) -> Option<rtu::Exchange<'static>> {
     Some(rtu::Exchange { address, request })
 }
 
-/// The value of a frame that is all there is.
+/// The value of a frame that consists of nothing else.
 fn all_of<T>(decoded: Decoded<T>, bytes: &[u8]) -> Option<T> {
     match decoded {
         Decoded::Whole { len, value } if len == bytes.len() => Some(value),

@@ -1,8 +1,7 @@
-//! The journal of changes, as text: one record to a line, each a JSON object.
+//! The journal of changes, as text: one record per line, each a JSON object.
 //!
-//! Nothing here touches a file. A last line that was torn by a loss of power is passed over: an
-//! intent that is not whole was followed by no write, and an end that is not whole leaves the
-//! intent open.
+//! Nothing here touches a file. A last line torn by a power loss is skipped: an incomplete intent
+//! was not followed by a write, and an incomplete end leaves the intent open.
 
 use super::{Found, Place};
 use railbus_device::Setup;
@@ -10,44 +9,44 @@ use railbus_wire::{Address, Baud, Character, Settings};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// How many records a journal keeps. When there are more, the older half goes, but for changes
+/// How many records a journal keeps. Beyond that, the older half is deleted, except for changes
 /// that are still open.
 pub const RECORDS_MAX: usize = 4096;
 
-/// The version of a record's form.
+/// The version of the record format.
 const SCHEMA: u8 = 1;
 
-/// What is known of a step of a change.
+/// What is known about a step of a change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// It is about to be written: the module keeps the old values or the new ones.
+    /// It is about to be written: the module has the old values or the new ones.
     Intent,
-    /// It keeps the new values: it was read back.
+    /// It has the new values: they were read back.
     Done,
-    /// It acknowledged the new values and takes them at its next power-up.
+    /// It acknowledged the new values and applies them at its next power-up.
     Pending,
-    /// It keeps the old values.
+    /// It has the old values.
     Unchanged,
-    /// It keeps neither the old values nor all of the new ones.
+    /// It has neither the old values nor all of the new ones.
     Elsewhere,
     /// It was not found.
     Lost,
-    /// It is there, and nothing that it tells shows whether this was done.
+    /// It is there, but no read shows whether this was done.
     Untold,
-    /// The configuration file says now where the module is.
+    /// The configuration file has been updated with the module's place.
     Filed,
 }
 
 impl State {
-    /// Whether it keeps the new values.
+    /// Whether it has the new values.
     #[must_use]
     pub const fn is_done(self) -> bool {
         matches!(self, State::Done | State::Filed)
     }
 }
 
-/// Who wanted it.
+/// What requested the change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum By {
@@ -59,17 +58,17 @@ pub enum By {
     Restore,
     /// `apply`.
     Apply,
-    /// A change that could not be finished, taken back.
+    /// Rollback of a change that could not be completed.
     Rollback,
     /// `config calibrate`.
     Calibrate,
     /// `config factory`.
     Factory,
-    /// `config recover`: it only looked.
+    /// `config recover`: only looked.
     Recover,
 }
 
-/// A place, as it is written down.
+/// A place, as recorded.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Spot {
     /// The address.
@@ -83,7 +82,7 @@ pub struct Spot {
 }
 
 impl Spot {
-    /// A place, as it is written down.
+    /// A place, to be recorded.
     #[must_use]
     pub fn of(place: Place) -> Spot {
         Spot {
@@ -94,7 +93,7 @@ impl Spot {
         }
     }
 
-    /// The place that was written down; nothing where it is none.
+    /// The recorded place; `None` if there is none.
     #[must_use]
     pub fn place(&self) -> Option<Place> {
         let mut formats = [Character::N1, Character::E1, Character::O1, Character::N2].into_iter();
@@ -112,17 +111,17 @@ impl Spot {
 /// One record.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Record {
-    /// The version of this form.
+    /// The version of the format.
     pub schema: u8,
-    /// The number of the change that it belongs to, from 1.
+    /// The number of its change, from 1.
     pub change: u64,
-    /// When it was written down, RFC 3339 in UTC; whoever writes it down sets it.
+    /// When it was recorded, RFC 3339 in UTC; set by the writer.
     pub at: String,
-    /// Which write of the change, from 1.
+    /// The number of the write within the change, from 1.
     pub step: u8,
-    /// Of how many.
+    /// How many there are.
     pub steps: u8,
-    /// What is known of it.
+    /// What is known about it.
     pub state: State,
     /// The line.
     pub line: String,
@@ -130,28 +129,28 @@ pub struct Record {
     pub module: String,
     /// Its model, as in the configuration.
     pub model: String,
-    /// The protocol it speaks.
+    /// Its protocol.
     pub protocol: String,
-    /// Where it is heard before.
+    /// Where it answered before.
     pub from: Spot,
-    /// Where it is heard after.
+    /// Where it answers after.
     pub to: Spot,
-    /// Where it was found, where it was.
+    /// Where it was found, if it was.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub found: Option<Spot>,
-    /// What changes: the old and the new value of each setting.
+    /// What changes: old and new value of each setting.
     pub set: BTreeMap<String, [String; 2]>,
     /// The frame, in hexadecimal digits.
     pub frame: String,
-    /// Who wanted it.
+    /// What requested it.
     pub by: By,
-    /// The change that this one takes back.
+    /// The change that this one undoes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub undoes: Option<u64>,
 }
 
 impl Record {
-    /// A record that says nothing yet but whose it is.
+    /// An empty record of this change.
     #[must_use]
     pub fn of(change: u64, line: &str, module: &str, setup: &Setup) -> Record {
         let here = Spot::of(Place::of(setup));
@@ -187,25 +186,25 @@ impl Record {
         }
     }
 
-    /// The line of the journal, its end included.
+    /// The line in the journal, newline included.
     #[must_use]
     pub fn line_of_text(&self) -> String {
-        // Nothing in a record can fail to be JSON.
+        // A record can always be serialised.
         serde_json::to_string(self).unwrap_or_default() + "\n"
     }
 }
 
-/// A journal that was read.
+/// A parsed journal.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Log {
     /// Its records, the oldest first.
     pub records: Vec<Record>,
-    /// How many lines are no records: torn, or of another version.
+    /// How many lines are not records: torn, or of another version.
     pub unread: usize,
 }
 
 impl Log {
-    /// Reads a journal.
+    /// Parses a journal.
     #[must_use]
     pub fn read(text: &str) -> Log {
         let mut log = Log::default();
@@ -236,7 +235,7 @@ impl Log {
             .filter(move |record| record.change == number)
     }
 
-    /// Every place that the records of a change name.
+    /// Every place named in the records of a change.
     #[must_use]
     pub fn places(&self, number: u64) -> Vec<Place> {
         let records = self.change(number);
@@ -245,7 +244,7 @@ impl Log {
         spots.flatten().filter_map(Spot::place).collect()
     }
 
-    /// The last word on each change, by its number.
+    /// The last record of each change, by its number.
     #[must_use]
     pub fn last_words(&self) -> BTreeMap<u64, &Record> {
         self.records
@@ -254,8 +253,8 @@ impl Log {
             .collect()
     }
 
-    /// What a change amounts to: the first old and the last new value of each setting, rolled back
-    /// writes included.
+    /// The sum of a change: the first old and the last new value of each setting, including writes
+    /// that were rolled back.
     #[must_use]
     pub fn net(&self, number: u64) -> BTreeMap<String, [String; 2]> {
         let mut set: BTreeMap<String, [String; 2]> = BTreeMap::new();
@@ -270,13 +269,13 @@ impl Log {
         set
     }
 
-    /// Whether a part of a change was taken back, because the rest could not be done.
+    /// Whether a part of a change was rolled back because the rest failed.
     #[must_use]
     pub fn is_rolled_back(&self, number: u64) -> bool {
         self.change(number).any(|record| record.by == By::Rollback)
     }
 
-    /// The changes after which it is not certain where the module is and what it keeps.
+    /// The changes after which it is not certain where the module is and what it has stored.
     #[must_use]
     pub fn open(&self) -> Vec<&Record> {
         let is_open = |record: &&Record| {
@@ -288,7 +287,7 @@ impl Log {
         self.last_words().into_values().filter(is_open).collect()
     }
 
-    /// Where a module was last known to be, where its last change has not reached the configuration
+    /// Where a module was last known to be, if its last change has not reached the configuration
     /// file: the host died between the two.
     #[must_use]
     pub fn unfiled(&self, module: &str) -> Option<Place> {
@@ -298,8 +297,8 @@ impl Log {
         place.filter(|_| last.state == State::Done)
     }
 
-    /// What a journal keeps that has become too long: its newer half, and all of the changes that
-    /// are open. Nothing where it is not too long.
+    /// What remains of a journal that is too long: its newer half, and all open changes. `None` if
+    /// it is not too long.
     #[must_use]
     pub fn shortened(&self) -> Option<String> {
         if self.records.len() <= RECORDS_MAX {
@@ -344,7 +343,7 @@ mod tests {
             assert_eq!(log.records, both[..1], "cut at {cut}");
             assert_eq!(log.open().len(), 1);
         }
-        // What follows a torn line begins a line of its own.
+        // After a torn line, start a new one.
         let healed = format!("{}\n{}", &whole[..first + 7], both[1].line_of_text());
         let log = Log::read(&healed);
         assert_eq!((log.records.len(), log.unread), (2, 1));

@@ -1,10 +1,10 @@
-//! Finding modules ([`scan`]), and changing what they keep: address, speed, parity, checksum,
-//! pulses, calibration.
+//! Finding modules ([`scan`]), and changing their stored settings: address, speed, parity,
+//! checksum, pulses, calibration.
 //!
-//! Each procedure is sequential: it reads like the steps of a manual. It does no I/O and names no
-//! clock: it hands out one [`Act`] after the other and is told what came of it
-//! ([`Procedure::next`]), so that the same code runs on a real line and, cut off at every step, on
-//! a simulated one. Nothing is written to a module that was not written to the journal before.
+//! Each procedure is sequential: it reads like the steps of a manual. It does no I/O and uses no
+//! clock: it hands out one [`Act`] after the other and takes in the results ([`Procedure::next`]),
+//! so the same code runs on a real line and, interrupted at every step, on a simulated one. Nothing
+//! is written to a module before it is in the journal.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

@@ -1,9 +1,9 @@
-//! Where a module is heard, and what it keeps.
+//! Where a module answers, and which settings it has stored.
 
 use railbus_device::Setup;
 use railbus_wire::{Address, Baud, Character, PulseWidth, Settings};
 
-/// Where a module is heard: what a host must know to talk to it, its protocol apart.
+/// Where a module answers: what a host must know to talk to it, apart from its protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Place {
     /// Its address.
@@ -15,7 +15,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// Where a module of this description is heard.
+    /// Where a module with this description answers.
     #[must_use]
     pub const fn of(setup: &Setup) -> Place {
         Place {
@@ -46,8 +46,8 @@ pub struct Pulse {
     pub width: PulseWidth,
 }
 
-/// What a module keeps without power, as far as it is known; what one wants it to keep, as far as
-/// one wants anything.
+/// The stored settings of a module, as far as they are known; or the requested ones, as far as they
+/// are given.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Kept {
     /// Its address.
@@ -65,7 +65,7 @@ pub struct Kept {
 }
 
 impl Kept {
-    /// What the place says of it.
+    /// What the place itself shows.
     #[must_use]
     pub const fn at(place: Place) -> Kept {
         Kept {
@@ -78,7 +78,7 @@ impl Kept {
         }
     }
 
-    /// This, and the other where this is silent.
+    /// These settings, completed by the other ones.
     #[must_use]
     pub fn or(self, other: Kept) -> Kept {
         Kept {
@@ -91,7 +91,7 @@ impl Kept {
         }
     }
 
-    /// Whether nothing that both know differs.
+    /// Whether the two agree in all that both of them know.
     #[must_use]
     pub fn agrees(&self, other: &Kept) -> bool {
         fn same<T: PartialEq>(a: Option<T>, b: Option<T>) -> bool {
@@ -105,7 +105,7 @@ impl Kept {
             && same(self.voltage, other.voltage)
     }
 
-    /// Where a module is heard once these settings are in force.
+    /// Where a module answers once these settings are in effect.
     #[must_use]
     pub fn place(&self, before: Place) -> Place {
         Place {
@@ -124,18 +124,18 @@ impl Kept {
 pub struct Found {
     /// Where.
     pub place: Place,
-    /// What it says that it keeps. What it does not say is empty here.
+    /// The settings it reports. What it does not report is empty here.
     pub told: Kept,
-    /// The product version, where it tells one (EMD-2A2Q).
+    /// The product version, if it reports one (EMD-2A2Q).
     pub version: Option<u16>,
     /// What its analog inputs read, in hundredths (EMD-2A2Q).
     pub analogs: Option<[u16; 2]>,
-    /// A calibration is under way (EMD-2A2Q).
+    /// A calibration is in progress (EMD-2A2Q).
     pub busy: bool,
 }
 
 impl Found {
-    /// A module that answered here and said nothing of its settings.
+    /// A module that answered here and reported no settings.
     #[must_use]
     pub fn at(place: Place) -> Found {
         Found {
@@ -147,7 +147,7 @@ impl Found {
         }
     }
 
-    /// What it keeps: what it says, and for the rest what its place shows.
+    /// Its settings: those it reports, and otherwise what its place shows.
     #[must_use]
     pub fn kept(&self) -> Kept {
         self.told.or(Kept::at(self.place))

@@ -1,4 +1,4 @@
-//! Finding a module whose change was cut short, or that is not where it should be. It only reads.
+//! Finds a module whose change was interrupted, or that is not where it should be. It only reads.
 
 use super::change::{candidates, evidence};
 use super::desk::Desk;
@@ -15,34 +15,34 @@ use railbus_wire::{Address, Protocol, Settings};
 pub struct Search {
     /// What it is.
     pub setup: Setup,
-    /// The likeliest places, the first one first.
+    /// The likeliest places, most likely first.
     pub first: Vec<Place>,
     /// Then every speed, parity and checksum state of the family at those addresses, then the
-    /// place of the factory, then all its addresses at those speeds.
+    /// factory settings, then all its addresses at those speeds.
     pub outwards: bool,
-    /// Places of other modules, which are not taken for it.
+    /// Places of other modules, which must not be mistaken for it.
     pub others: Vec<Place>,
 }
 
-/// What a recovery found out.
+/// The result of a recovery.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Recovered {
-    /// It keeps the new values.
+    /// It has the new values.
     New(Found),
-    /// It keeps the old values.
+    /// It has the old values.
     Old(Found),
-    /// It acknowledged the new values and takes them at its next power-up.
+    /// It acknowledged the new values and applies them at its next power-up.
     Pending(Found),
-    /// It keeps something else.
+    /// It has other values.
     Else(Found),
-    /// It is there, and does not tell whether this was done: a calibration can't be read.
+    /// It is there, and does not report whether this was done: a calibration can't be read.
     Untold(Found),
-    /// It is nowhere; whether two seemed to answer at once.
+    /// It was not found; whether two modules seemed to answer at once.
     Nowhere(bool),
 }
 
-/// A procedure that finds out what became of a change that is open, and journals that: of its last
-/// record, and with the places that earlier ones of the same change name.
+/// A procedure that finds out the result of an open change, and journals it: with the change's last
+/// record, and the places that its earlier ones name.
 #[must_use]
 pub fn recover(
     intent: Record,
@@ -92,7 +92,7 @@ pub fn look_up(search: Search) -> Procedure<Result<(Option<Found>, bool), Troubl
     Procedure::new(move |desk| async move { seek(&desk, &search).await })
 }
 
-/// The step as the journal has it: which values are the old ones, and which the new.
+/// The step as recorded in the journal: which values are the old ones, and which the new.
 fn stage_of(intent: &Record, setup: &Setup, from: Place, to: Place) -> Stage {
     let mut stage = Stage {
         // Which write it was does not matter for finding the module.
@@ -106,7 +106,7 @@ fn stage_of(intent: &Record, setup: &Setup, from: Place, to: Place) -> Stage {
         let mut wanted = Wanted::default();
         for (name, values) in &intent.set {
             let value = values.get(at).map(String::as_str).unwrap_or_default();
-            // A value that was not known, `?`, is left out.
+            // An unknown value, `?`, is left out.
             let _ = wanted.set(setup, name, value);
         }
         wanted
@@ -121,7 +121,8 @@ fn stage_of(intent: &Record, setup: &Setup, from: Place, to: Place) -> Stage {
             ..Kept::default()
         };
         let mut kept = wanted.over(&known).unwrap_or_default().or(Kept::at(place));
-        // No other protocol shows in its place whether ASCII frames would carry one.
+        // In the other protocols the place does not show whether ASCII frames would carry a
+        // checksum.
         kept.checksum = kept.checksum.filter(|_| setup.protocol == Protocol::Ascii);
         kept
     };
@@ -130,8 +131,8 @@ fn stage_of(intent: &Record, setup: &Setup, from: Place, to: Place) -> Stage {
     stage
 }
 
-/// What a module that was found shows of the change. Of the pulses only what changed is compared:
-/// the journal holds no more.
+/// What a module that was found shows about the change. Of the pulses only what changed is
+/// compared: the journal has no more.
 fn judge(stage: &Stage, found: Found) -> Recovered {
     let at = |place: Place, kept: &Kept| found.place == place && settles(stage, kept, &found);
     if at(stage.to, &stage.after) {
@@ -140,7 +141,7 @@ fn judge(stage: &Stage, found: Found) -> Recovered {
         && stage.from != stage.to
         && evidence(stage, &found.told) == (false, false)
     {
-        // It tells nothing of what may have been written: it may act at its next power-up.
+        // It reports nothing of what may have been written: it may be applied at the next power-up.
         Recovered::Untold(found)
     } else if at(stage.from, &stage.before) {
         Recovered::Old(found)
@@ -151,7 +152,7 @@ fn judge(stage: &Stage, found: Found) -> Recovered {
     }
 }
 
-/// Whether what the module tells is this, as far as the change is about it.
+/// Whether what the module reports matches these settings, as far as the change is about them.
 fn settles(stage: &Stage, kept: &Kept, found: &Found) -> bool {
     let pulse = match (stage.before.pulse, stage.after.pulse) {
         (Some(before), Some(after)) => {
@@ -177,7 +178,7 @@ fn settles(stage: &Stage, kept: &Kept, found: &Found) -> bool {
 async fn seek(desk: &Desk, search: &Search) -> Result<(Option<Found>, bool), Trouble> {
     let near: Vec<Place> = of_this(search, search.first.clone());
     let (found, mut garbled) = find(desk, &search.setup, &near, 3).await?;
-    // Two at once are where it should be: there is no need to look further.
+    // Two modules are where it should be: there is no need to search further.
     if found.is_some() || garbled || !search.outwards {
         return Ok((found, garbled));
     }
@@ -198,13 +199,13 @@ async fn seek(desk: &Desk, search: &Search) -> Result<(Option<Found>, bool), Tro
     Ok((None, garbled))
 }
 
-/// Without the places where others are.
+/// Leaves out the places of other modules.
 fn of_this(search: &Search, mut places: Vec<Place>) -> Vec<Place> {
     places.retain(|place| !search.others.contains(place));
     places
 }
 
-/// Every place that is worth a look, the nearer ones first.
+/// Every place worth trying, nearer ones first.
 fn outwards(search: &Search) -> Vec<Place> {
     let profile = search.setup.family.profile();
     let mut places = Vec::new();

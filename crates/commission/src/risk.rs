@@ -1,17 +1,17 @@
-//! What a request of one's own may do to a line.
+//! What a raw request may do to a line.
 
 use railbus_wire::{Exchange, Protocol, ascii, lc02, r55, rtu};
 
-/// What a request may do, the least first.
+/// What a request may do, least first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Risk {
     /// It only reads.
     Read,
     /// It switches outputs of one module.
     Output,
-    /// It changes what a module keeps.
+    /// It changes stored settings of a module.
     Kept,
-    /// It is for all modules at once.
+    /// It is addressed to all modules at once.
     All,
 }
 
@@ -34,14 +34,14 @@ impl Risk {
     }
 }
 
-/// Whether a module answers it: what is for all at once is carried out without a reply [R55 §4.2].
+/// Whether a module answers it: broadcasts are carried out without a reply [R55 §4.2].
 #[must_use]
 pub fn is_answered(asked: &Exchange<'_>) -> bool {
     asked.expects_reply() && Risk::of(asked) != Risk::All
 }
 
-/// A protocol other than the request's own of those named, in which the bytes hold a whole
-/// command: what a module of that protocol would obey.
+/// The protocol, among those given and other than the request's own, in which the bytes contain a
+/// complete command that a module would obey.
 #[must_use]
 pub fn stowaway(bytes: &[u8], own: Protocol, others: &[Protocol]) -> Option<Protocol> {
     let mut others = others.iter().copied().filter(|other| *other != own);
@@ -53,7 +53,7 @@ fn of_rtu(e: &rtu::Exchange<'_>) -> Risk {
         _ if e.address == rtu::BROADCAST => Risk::All,
         rtu::Request::WriteCoil { .. } | rtu::Request::WriteCoils(_) => Risk::Output,
         request if request.is_read() => Risk::Read,
-        // Registers, and diagnosis that clears counters or makes a module deaf.
+        // Registers, and diagnostics that clear counters or silence a module.
         _ => Risk::Kept,
     }
 }

@@ -1,15 +1,15 @@
-//! Who is on a line: what to ask next, and what the answers amount to. There is no I/O here.
+//! Finds the modules on a line: what to send next, and what the replies mean. There is no I/O here.
 //!
-//! The driver asks [`Scanner::next`] what to do, puts the probe on the line, and says with
-//! [`Scanner::met`] what came of it; so the whole scan runs in virtual time as well as on a real
-//! line, alone or between the polls of a daemon.
+//! The driver calls [`Scanner::next`], puts the probe on the line, and reports the result with
+//! [`Scanner::met`]; so the whole scan runs in virtual time as well as on a real line, alone or
+//! between the polls of a daemon.
 //!
-//! Silence is believed after 30 ms, in a deeper scan somewhat later. A reply that comes after that
-//! is not lost: it is known by its ghost, or leaves its trace in what comes to another question;
-//! whoever may have sent it is asked again and waited for. Lost is only a module that is slower
-//! and gives up its reply when somebody else talks, unless it is known or the scan is told to
-//! wait longer; or unless nobody at all was found: then the scan waits for a module as the factory
-//! sends it, and for all where only few were to be asked.
+//! Silence counts as no reply after 30 ms, somewhat later in a deeper scan. A reply that comes
+//! after that is not lost: it is recognised by its ghost, or corrupts the reply to another request;
+//! every module that may have sent it is tried again with a long timeout. The only modules missed
+//! are slower ones that give up their reply when another request is sent, unless they are
+//! configured or a longer timeout is given; or unless no module was found at all: then the scan
+//! waits for a module with factory settings, and for all if its scope is small.
 
 mod ask;
 mod case;
@@ -31,26 +31,27 @@ use railbus_bus::LateReply;
 use railbus_bus::{Probe, Probed};
 use railbus_wire::Micros;
 
-/// What the driver has to do.
+/// The driver's next action.
 #[derive(Clone, Copy, Debug)]
 pub enum Step {
-    /// Put this on the line, and say with [`Scanner::met`] what came of it.
+    /// Put this on the line, and report the result with [`Scanner::met`].
     Ask(Probe),
-    /// A module was found, or is known better: the one of this number in [`Scanner::found`].
+    /// A module was found, or more is known about it: the one with this index in
+    /// [`Scanner::found`].
     Found(usize),
-    /// All were asked.
+    /// The scan is complete.
     Done,
 }
 
-/// What came of a question.
+/// The result of a probe.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Met {
-    /// In one word.
+    /// Its kind.
     pub outcome: Probed,
-    /// What came back, echo taken out.
+    /// The bytes received, without the echo.
     pub bytes: Vec<u8>,
     /// From the end of the request to the beginning of the reply.
     pub after: Micros,
-    /// Replies to earlier questions that came meanwhile.
+    /// Replies to earlier requests that arrived meanwhile.
     pub late: Vec<LateReply>,
 }

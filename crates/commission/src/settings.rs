@@ -1,5 +1,5 @@
-//! The settings that modules keep, family by family: which there are, what they may be, which of
-//! them a command can change, and when the change acts. What the datasheets say, as data.
+//! The stored settings of modules, family by family: which there are, their values, which of them a
+//! command can change, and when a change takes effect. The datasheets, as data.
 
 use crate::{Kept, Pulse};
 use railbus_device::{Family, Setup};
@@ -18,9 +18,9 @@ pub enum Key {
     Parity,
     /// ASCII frames carry a checksum.
     Checksum,
-    /// The protocol it speaks.
+    /// The protocol.
     Protocol,
-    /// Whether an output follows or gives pulses.
+    /// Whether an output follows its commands or gives pulses.
     Mode(u8),
     /// The width of all pulses.
     PulseWidth,
@@ -44,25 +44,25 @@ impl fmt::Display for Key {
     }
 }
 
-/// Whether a command changes a setting, and what hinders it.
+/// Whether a command changes a setting, and what prevents it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// A command does; it acts after the reply [EDA §1.7, ERC-8 §4.4, EMD-2A2Q §4.10].
+    /// A command does; effective after the reply [EDA §1.7, ERC-8 §4.4, EMD-2A2Q §4.10].
     Written,
     /// A command does, within 10 s of power-up and with the DIP switch at 0 [R55 §4.6, §4.8].
     AtPowerUp,
-    /// The maker's software does, by means that no sheet prints [EDA9060A §2.2].
+    /// The manufacturer's software does, by undocumented means [EDA9060A §2.2].
     MakersSoftware,
     /// The level at the INIT* pin does [EDA9050 §2.1, §2.2].
     InitPin,
-    /// Only while the module speaks ASCII: no frame of its protocol carries it [EDA §3.9].
+    /// Only while the module speaks ASCII: its current protocol has no frame for it [EDA §3.9].
     InAscii,
-    /// The family has one value only.
+    /// The family has only one value.
     Fixed,
 }
 
 impl Access {
-    /// Whether a command changes it here and now.
+    /// Whether a command can change it now.
     #[must_use]
     pub const fn is_writable(self) -> bool {
         matches!(self, Access::Written | Access::AtPowerUp)
@@ -122,7 +122,7 @@ pub fn settings(setup: &Setup) -> Vec<(Key, Access)> {
     }
 }
 
-/// The setting of that name.
+/// The setting with that name.
 #[must_use]
 pub fn key(setup: &Setup, name: &str) -> Option<(Key, Access)> {
     settings(setup)
@@ -130,14 +130,14 @@ pub fn key(setup: &Setup, name: &str) -> Option<(Key, Access)> {
         .find(|(key, _)| key.to_string() == name)
 }
 
-/// What a setting may be.
+/// The possible values of a setting.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Choice {
-    /// A whole number from the first to the second, but not this one.
+    /// A whole number in this range, except this one.
     Number(u8, u8, Option<u8>),
     /// One of these words.
     Word(Vec<String>),
-    /// A number with a fraction, from the first to the second, in this unit.
+    /// A decimal number in this range, in this unit.
     Measure(&'static str, &'static str, &'static str),
 }
 
@@ -158,7 +158,7 @@ impl fmt::Display for Choice {
     }
 }
 
-/// What the setting may be.
+/// The possible values of the setting.
 #[must_use]
 pub fn choice(setup: &Setup, key: Key) -> Choice {
     let profile = setup.family.profile();
@@ -185,14 +185,14 @@ pub fn choice(setup: &Setup, key: Key) -> Choice {
     }
 }
 
-/// What the setting may be, for people: `1-32`, `4800 9600 …`. The same in every language.
+/// The possible values, for people: `1-32`, `4800 9600 …`. The same in every language.
 #[must_use]
 pub fn range(setup: &Setup, key: Key) -> String {
     choice(setup, key).to_string()
 }
 
-/// The lowest and the highest address that the module may be given in its protocol: Modbus has
-/// none for 0, which is for all [EDA §4.8].
+/// The lowest and the highest address that the module can have in its protocol: Modbus excludes 0,
+/// the broadcast address [EDA §4.8].
 #[must_use]
 pub fn addresses(setup: &Setup) -> (u8, u8) {
     let (low, high) = setup.family.profile().addresses;
@@ -203,8 +203,7 @@ pub fn addresses(setup: &Setup) -> (u8, u8) {
     }
 }
 
-/// The value of a setting in words that are the same in every language; nothing where it is not
-/// known.
+/// The value of a setting in words that are the same in every language; `None` if it is not known.
 #[must_use]
 pub fn shown(setup: &Setup, kept: &Kept, key: Key) -> Option<String> {
     Some(match key {
@@ -228,7 +227,7 @@ pub fn shown(setup: &Setup, kept: &Kept, key: Key) -> Option<String> {
     })
 }
 
-/// The word of a character format; two stop bits are none of the five families'.
+/// The word for a character format; none of the five families supports two stop bits.
 #[must_use]
 pub const fn parity(character: Character) -> &'static str {
     match character {
@@ -238,10 +237,10 @@ pub const fn parity(character: Character) -> &'static str {
     }
 }
 
-/// What one wants a module to keep.
+/// The requested settings of a module.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
-    /// What needs no look at the module.
+    /// What can be decided without reading the module.
     pub kept: Kept,
     /// Which outputs are to give pulses, or no longer.
     pub modes: BTreeMap<u8, bool>,
@@ -249,24 +248,24 @@ pub struct Wanted {
     pub width: Option<PulseWidth>,
 }
 
-/// Why a word is no setting.
+/// Why a word is not a valid setting.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Wrong {
     /// Not `name=value`.
     NoPair(String),
-    /// The module has no such setting; those it has.
+    /// The module has no such setting; these are the ones it has.
     NoSetting(String, Vec<String>),
-    /// No command changes it.
+    /// No command can change it.
     ReadOnly(Key, Access),
-    /// It can't be this; what it can be.
+    /// An impossible value; these are the possible ones.
     Value(Key, String, String),
 }
 
 impl Wanted {
-    /// Reads `address=9`, `do3.mode=pulse` for this module.
+    /// Parses `address=9`, `do3.mode=pulse` for this module.
     ///
     /// # Errors
-    /// Why the first word that is none is none.
+    /// The first invalid word, and why.
     pub fn parse<'w>(
         setup: &Setup,
         words: impl IntoIterator<Item = &'w str>,
@@ -281,10 +280,10 @@ impl Wanted {
         Ok(wanted)
     }
 
-    /// Wants one setting more.
+    /// Adds one setting.
     ///
     /// # Errors
-    /// Why it can't be.
+    /// Why it is not possible.
     pub fn set(&mut self, setup: &Setup, name: &str, value: &str) -> Result<(), Wrong> {
         let Some((key, access)) = key(setup, name) else {
             let known = settings(setup)
@@ -300,7 +299,7 @@ impl Wanted {
             .ok_or_else(|| Wrong::Value(key, value.to_owned(), range(setup, key)))
     }
 
-    /// Nothing for a value that the setting can't have.
+    /// `None` for an impossible value.
     fn put(&mut self, setup: &Setup, key: Key, value: &str) -> Option<()> {
         let value = value.trim();
         let profile = setup.family.profile();
@@ -346,14 +345,14 @@ impl Wanted {
         Some(())
     }
 
-    /// Whether nothing is wanted.
+    /// Whether nothing is requested.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Wanted::default()
     }
 
-    /// What the module is to keep, now that it is known what it keeps: modes and width are one
-    /// setting to it. Nothing where that would have to be known and is not.
+    /// The requested settings, now that the module's present ones are known: modes and width are a
+    /// single setting to it. `None` if that would have to be known and is not.
     #[must_use]
     pub fn over(&self, known: &Kept) -> Option<Kept> {
         let mut kept = self.kept;
@@ -380,7 +379,7 @@ fn switch(value: &str) -> Option<bool> {
     }
 }
 
-/// An address as manuals write it: `10`, `0x0A`, `0Ah`.
+/// An address as written in manuals: `10`, `0x0A`, `0Ah`.
 #[must_use]
 pub fn address(text: &str) -> Option<u8> {
     let hexadecimal = text
@@ -392,7 +391,7 @@ pub fn address(text: &str) -> Option<u8> {
     }
 }
 
-/// `0.7s`, `700ms`: only whole tenths of a second are in the module [EDA9060A §3.4].
+/// `0.7s`, `700ms`: the module has only whole tenths of a second [EDA9060A §3.4].
 fn width(text: &str) -> Option<PulseWidth> {
     let Micros(micros) = Micros::parse(&text.replace(' ', ""))?;
     let tenths = u8::try_from(micros / 100_000).ok()?;
@@ -417,7 +416,7 @@ fn voltage(text: &str) -> Option<u16> {
     (1..=2000).contains(&hundredths).then_some(hundredths)
 }
 
-/// The settings of which two differ, with both in words: what changes, from, to.
+/// The settings in which two differ, with both values in words: setting, from, to.
 #[must_use]
 pub fn differences(setup: &Setup, before: &Kept, after: &Kept) -> Vec<(Key, String, String)> {
     let mut found = Vec::new();

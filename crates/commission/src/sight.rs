@@ -1,5 +1,5 @@
-//! Looking for a module at a place: is it there, is it the model that it should be, what does it
-//! keep.
+//! Looks for a module at a place: is it there, is it the expected model, and which settings has it
+//! stored?
 
 use super::desk::{Desk, REPLY_TIMEOUT, Reply};
 use super::{Found, Kept, Place, Procedure, Progress, Pulse, Trouble};
@@ -7,31 +7,31 @@ use railbus_device::{Family, Module, Op, Seen, Setup};
 use railbus_wire::rtu::{self, Request, WordSpan};
 use railbus_wire::{Address, Decoded, Exchange, Protocol, Response, Words};
 
-/// What was met at a place.
+/// What was found at a place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sight {
     /// The module.
     Clear(Found),
-    /// Another model: what it says of itself, where it does.
+    /// Another model: what it says it is, if it says so.
     Wrong(Option<String>),
-    /// Bytes that are no reply: noise, another speed, or two modules at once.
+    /// Bytes that are not a valid reply: noise, another speed, or two modules at once.
     Garbled,
-    /// Nobody.
+    /// Nothing.
     Silent,
 }
 
-/// How a look is taken.
+/// The purpose of a look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Look {
-    /// Before anything is written: is it the model that it should be?
+    /// Before a write: is it the expected model?
     First,
-    /// After a write: where is it, and what does it keep?
+    /// After a write: where is it, and which settings has it?
     Again,
 }
 
 impl Look {
-    /// How often somebody who may be there is asked. Who looks again looks at several places, and
-    /// comes back to each.
+    /// Number of attempts for a module that may be there. A repeated look covers several places,
+    /// and comes back to each.
     const fn times(self) -> usize {
         match self {
             Look::First => 3,
@@ -43,7 +43,7 @@ impl Look {
 /// Registers 0 to 7 of an EMD-2A2Q [EMD-2A2Q §4].
 const EMD_REGISTERS: u16 = 8;
 
-/// A procedure that reads a module: everything that it tells, or why it can't be read.
+/// A procedure that reads everything a module reports, or says why it can't be read.
 #[must_use]
 pub fn read(setup: Setup) -> Procedure<Result<Found, Trouble>> {
     Procedure::new(move |desk| async move {
@@ -53,7 +53,7 @@ pub fn read(setup: Setup) -> Procedure<Result<Found, Trouble>> {
     })
 }
 
-/// The first look: the module is at its place, and is what it should be.
+/// The first look: whether the module is at its place, and is the expected model.
 pub(crate) async fn first(desk: &Desk, setup: &Setup, place: Place) -> Result<Found, Trouble> {
     match look(desk, setup, place, Look::First).await? {
         Sight::Clear(_) if desk.heard_twice() => Err(Trouble::Garbled(place)),
@@ -64,7 +64,7 @@ pub(crate) async fn first(desk: &Desk, setup: &Setup, place: Place) -> Result<Fo
     }
 }
 
-/// The first look before a write: nobody else answers there, not even later.
+/// The first look before a write: whether nothing else answers there, not even later.
 pub(crate) async fn first_alone(
     desk: &Desk,
     setup: &Setup,
@@ -114,7 +114,7 @@ fn sighted(reply: Reply, found: impl FnOnce(Seen) -> Option<Found>) -> Sight {
     }
 }
 
-/// The name or number that a module gives itself.
+/// The name or number that a module reports.
 fn name(seen: &Seen) -> Option<String> {
     match seen {
         Seen::Name(text) => Some(text.as_str().to_owned()),
@@ -123,7 +123,7 @@ fn name(seen: &Seen) -> Option<String> {
     }
 }
 
-/// In ASCII and LC-02 it says what it is; over Modbus registers 0 and 1 do [EDA9060A §6.18].
+/// In ASCII and LC-02 it identifies itself; over Modbus registers 0 and 1 do [EDA9060A §6.18].
 async fn eda(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<Sight, Trouble> {
     if look == Look::First {
         match desk.read(module, &Op::Identify).await? {
@@ -155,20 +155,20 @@ async fn eda(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<S
     if module.setup().family == Family::Eda9060a
         && let Reply::Said(Seen::Pulse { mask, width }) = desk.read(module, &Op::ReadPulse).await?
     {
-        // An older EDA9060 has no pulses and is silent.
+        // An older EDA9060 has no pulses and does not answer.
         found.told.pulse = Some(Pulse { mask, width });
     }
     Ok(Sight::Clear(found))
 }
 
-/// Whether whoever answers there behaves as the module in all that its datasheet says of reads, and
-/// refuses what it refuses: a board that merely has more is told from it. What stays silent where
-/// a reply belongs is asked once more, and then proves nothing.
+/// Whether the module at that place behaves as its datasheet says in all reads, and refuses what it
+/// must refuse: this tells it from a board that merely supports more. A missing reply is requested
+/// once more, and then proves nothing.
 async fn behaves(desk: &Desk, setup: &Setup, place: Place) -> Result<bool, Trouble> {
     for sign in setup.family.signs() {
         let exchange = Exchange::rtu(place.address, sign.request);
         let mut shown = None;
-        // Silence, too, counts only when it comes again.
+        // Silence, too, counts only when it is confirmed.
         for _ in 0..2 {
             let heard = desk.exchange(setup, exchange, REPLY_TIMEOUT).await?;
             let reply = exchange.find_response(&heard).1.whole();
@@ -209,8 +209,7 @@ async fn eda9050_rtu(
     Ok(Sight::Clear(Found::at(place)))
 }
 
-/// It answers coils 60 to 67. That it lets its settings be read is not certain
-/// [ERC-8 §2.5].
+/// It answers coils 60 to 67. Its settings may or may not be readable [ERC-8 §2.5].
 async fn erc8(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<Sight, Trouble> {
     match desk
         .read_times(module, &Op::ReadOutputs, look.times())

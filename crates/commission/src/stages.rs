@@ -1,20 +1,20 @@
-//! A change as writes, in the order in which nothing is lost: first what leaves the module where
-//! it is, then its address, then its speed, then its parity.
+//! Splits a change into writes, in an order in which the module can't be lost: first what leaves it
+//! at its place, then its address, then its speed, then its parity.
 
 use super::{Kept, Place};
 use railbus_device::{Change, Family, Module, Op, Setup, SetupError};
 use railbus_wire::Protocol;
 
-/// One write, and where the module is heard before and after it.
+/// One write, and where the module answers before and after it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stage {
-    /// What is written.
+    /// The write itself.
     pub change: Change,
-    /// What the module keeps before, and where that is heard.
+    /// The module's settings before it, and where they apply.
     pub before: Kept,
     /// Where it is before.
     pub from: Place,
-    /// What it keeps after.
+    /// Its settings after it.
     pub after: Kept,
     /// Where it is after.
     pub to: Place,
@@ -27,15 +27,14 @@ pub enum Refused {
     NoCommand,
     /// No module of the model can be so.
     Setup(SetupError),
-    /// The settings to be kept beside it are not known, and can't be read.
+    /// The settings to be kept along with it are not known, and can't be read.
     NotReadable,
 }
 
-/// The writes that lead from what a module keeps to what it is to keep; none where that is the
-/// same.
+/// The writes that lead from a module's settings to the requested ones; none if they are equal.
 ///
 /// # Errors
-/// Where one of them can't be.
+/// If one of them is not possible.
 pub fn stages(
     setup: &Setup,
     place: Place,
@@ -43,7 +42,7 @@ pub fn stages(
     wanted: &Kept,
 ) -> Result<Vec<Stage>, Refused> {
     let ascii = setup.protocol == Protocol::Ascii;
-    // Only ASCII frames carry a checksum, and only they change whether they do.
+    // Only ASCII frames carry a checksum, and only they can turn it on or off.
     let wanted = &Kept {
         checksum: wanted.checksum.filter(|_| ascii),
         ..*wanted
@@ -90,13 +89,13 @@ pub fn stages(
     Ok(stages)
 }
 
-/// The writes that bring a module from one place to another.
+/// The writes that move a module from one place to another.
 fn serial(setup: &Setup, place: Place, target: Place) -> Vec<Change> {
     if place == target {
         return Vec::new();
     }
     match setup.family {
-        // One frame has all three [EDA §2.15, §3.9, §4.6].
+        // One frame covers all three [EDA §2.15, §3.9, §4.6].
         Family::Eda9060a | Family::Eda9050 => vec![Change::Serial {
             address: target.address,
             baud: target.serial.baud,
@@ -116,7 +115,7 @@ fn serial(setup: &Setup, place: Place, target: Place) -> Vec<Change> {
     }
 }
 
-/// What a module keeps once a change was carried out.
+/// The settings of a module after a change.
 pub(crate) fn applied(change: Change, before: Kept) -> Kept {
     let mut after = before;
     match change {

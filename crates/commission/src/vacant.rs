@@ -1,4 +1,4 @@
-//! Making sure that nobody is at an address before a module is sent there.
+//! Checks that nothing answers at an address before a module is moved there.
 
 use super::desk::{Desk, REPLY_TIMEOUT};
 use super::{Neighbour, Place, Progress, Trouble};
@@ -9,28 +9,28 @@ use railbus_wire::{
     Address, Exchange, Frame, Micros, Protocol, Settings, ascii, carries_command, lc02, r55,
 };
 
-/// How long somebody may take to answer, as long as on the line itself.
+/// Timeout of a reply, the same as on the line itself.
 const PATIENCE: Micros = LATE_MIN;
-/// How long the last look waits, in the module's own protocol: as long as the line reckons with a
-/// reply of a module that it never heard. Whoever is slower than this is not noticed, and neither
-/// is whoever is slower than [`PATIENCE`], speaks another protocol and lets himself be interrupted.
+/// Timeout of the last check, in the module's own protocol: as long as the line waits for a module
+/// that never answered. A module slower than this is not noticed, nor is one that is slower than
+/// [`PATIENCE`], speaks another protocol and gives up its reply when another request is sent.
 const PATIENCE_LAST: Micros = Micros(3 * REPLY_TIMEOUT.0);
 
-/// Somebody is at the address.
+/// The address is in use.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Taken {
     /// Where.
     pub place: Place,
-    /// In which protocol it answered.
+    /// In which protocol.
     pub protocol: Protocol,
-    /// Its reply was no good one: there may be two already.
+    /// The reply was not valid: there may be two already.
     pub garbled: bool,
-    /// The module of the configuration that is there, where one is.
+    /// The configured module there, if any.
     pub module: Option<String>,
 }
 
-/// Refuses an address at which somebody answers, in any protocol, at any of these settings. A
-/// known neighbour that speaks another protocol is no hindrance: it is where it should be.
+/// Refuses an address at which something answers, in any protocol, with any of these settings. A
+/// known neighbour that speaks another protocol does not matter: it is where it should be.
 pub(crate) async fn check(
     desk: &Desk,
     setup: &Setup,
@@ -38,7 +38,7 @@ pub(crate) async fn check(
     serials: &[Settings],
     neighbours: &[Neighbour],
 ) -> Result<(), Trouble> {
-    // A neighbour may be switched off just now.
+    // A neighbour may be switched off at the moment.
     let absent = neighbours.iter().find(|neighbour| {
         neighbour.protocol == setup.protocol && neighbour.place.address == address
     });
@@ -95,7 +95,7 @@ pub(crate) async fn check(
 }
 
 /// One read for each protocol, which every known family answers: over Modbus, with eight coils or
-/// with an exception. The module's own protocol comes last: nothing interrupts its answer.
+/// with an exception. The module's own protocol comes last: nothing interrupts its reply.
 fn probes(address: Address, own: Protocol) -> Vec<Exchange<'static>> {
     let coils = BitSpan::new(0, 8).map(Request::ReadCoils);
     let modbus = coils
@@ -120,7 +120,7 @@ fn is_safe(exchange: &Exchange<'_>) -> bool {
     !others.any(|other| other != exchange.protocol() && carries_command(frame.bytes(), other))
 }
 
-/// A procedure that looks whether an address is free in every protocol.
+/// A procedure that checks whether an address is free in every protocol.
 #[must_use]
 pub fn vacant(
     setup: Setup,

@@ -1,4 +1,4 @@
-//! What a scan asks. Everything here only reads, and no other protocol could take any of it for
+//! The requests of a scan. All of them only read, and no other protocol could take any of them for
 //! a command.
 
 use railbus_bus::Probe;
@@ -8,30 +8,30 @@ use railbus_wire::{
     r55, rtu,
 };
 
-/// So much longer a Modbus module is waited for in the second look at all of them. A refusal that
-/// comes while the next question goes out is shorter than that, and leaves no trace: the second
-/// time it must come elsewhere.
+/// How much longer the second pass waits for each Modbus module. An exception that arrives while
+/// the next request is being sent is shorter than that, and leaves no trace: the second time it
+/// arrives at another moment.
 const SECOND_LOOK: Micros = Micros::from_millis(15);
-/// How long a module is waited for that is there, or may be slow.
+/// Timeout for a module that is there, or may be slow.
 pub(super) const PATIENCE: Micros = Micros::from_millis(300);
-/// The silence to scan with where modules are slow: each is waited for at least as long as where
-/// nobody was found, and the reply at a low speed fits in as well.
+/// The scan timeout for slow modules: each gets at least as long as in the retry after an empty
+/// scan, and the reply at a low speed fits in as well.
 pub const SLOW_TIMEOUT: Micros = Micros::from_millis(400);
 
-/// The addresses that an ERC-8 or EMD-2A2Q can have [ERC-8 §1.2, EMD-2A2Q §1.2]: there the
-/// silence before a question is the long one that they want.
+/// The addresses that an ERC-8 or EMD-2A2Q can have [ERC-8 §1.2, EMD-2A2Q §1.2]: there the gap
+/// before a request is the long one that they need.
 const SLOW_ADDRESSES: std::ops::RangeInclusive<u8> = 1..=32;
-/// What an ERC-8 wants; an EMD-2A2Q is content with less [ERC-8 §1.6].
+/// The gap an ERC-8 needs; an EMD-2A2Q needs less [ERC-8 §1.6].
 const SLOW_GAP: Micros = Micros::from_millis(20);
-/// Between what is heard and what is sent next lies about so much of a machine and its adapter.
+/// Time from a received byte to the next sent one, caused by the machine and its adapter.
 const HANDLING: Micros = Micros::from_millis(1);
-/// What all others are given.
+/// The gap for all others.
 const GAP: Micros = Micros::from_millis(5);
 
-/// One kind of question.
+/// A kind of request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Ask {
-    /// To all 0x55 boards: your address? Only where at most one of them is.
+    /// To all 0x55 boards: report your address. Only if there is at most one.
     R55Address,
     /// The state of a 0x55 board [R55 §2.2].
     R55State,
@@ -59,10 +59,10 @@ pub enum Ask {
     Coils8,
     /// Coil 10: one more than an EMD-2A2Q has.
     Coil10,
-    /// What is it, by function 2B? [BEYOND §5]
+    /// Identification, function 2B [BEYOND §5].
     Identification,
-    /// Does it know function 08, and so perhaps 2B? [BEYOND §4.2] It costs less than to ask for
-    /// what may be as long as any frame.
+    /// Whether function 08 is supported, and so perhaps 2B [BEYOND §4.2]. It costs less than a
+    /// request whose reply may be as long as any frame.
     Diagnosis,
     /// `$AAF`, with or without checksum [BEYOND §2.1].
     AsciiFirmware(bool),
@@ -92,7 +92,7 @@ impl Ask {
         Ask::AsciiFirmware(true),
     ];
 
-    /// The protocol it is asked in.
+    /// Its protocol.
     #[must_use]
     pub const fn protocol(self) -> Protocol {
         match self {
@@ -129,13 +129,13 @@ impl Ask {
         }
     }
 
-    /// The question of that name.
+    /// The request of that name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Ask> {
         Ask::ALL.into_iter().find(|ask| ask.name() == name)
     }
 
-    /// Whether it asks only what the module says of itself: nothing hangs on the answer.
+    /// Whether it only identifies the module: nothing depends on the reply.
     pub(super) const fn is_description(self) -> bool {
         matches!(
             self,
@@ -143,7 +143,7 @@ impl Ask {
         )
     }
 
-    /// What may be asked instead where the frame must not be sent.
+    /// The alternative if the frame must not be sent.
     const fn instead(self) -> Option<Ask> {
         match self {
             Ask::Coils0 => Some(Ask::Registers4),
@@ -151,7 +151,7 @@ impl Ask {
         }
     }
 
-    /// What it asks of a Modbus module.
+    /// The read it sends to a Modbus module.
     fn modbus(self) -> Option<rtu::Request<'static>> {
         let coils = |start, count| Some(rtu::Request::ReadCoils(rtu::BitSpan::new(start, count)?));
         let registers = |count| {
@@ -182,14 +182,14 @@ impl Ask {
         }
     }
 
-    /// The question that asks for this sign; none where a scan does not ask for it.
+    /// The request that tests for this sign; `None` if a scan does not send it.
     pub(super) fn of(sign: &Sign) -> Option<Ask> {
         let mut all = Ask::ALL.into_iter();
         all.find(|ask| ask.modbus() == Some(sign.request))
     }
 
-    /// The question to one module; none where no module has that address, or where it would be
-    /// for all of them.
+    /// The request to one module; `None` if no module has that address, or if it would be a
+    /// broadcast.
     fn exchange(self, address: Address) -> Option<Exchange<'static>> {
         let all = address == r55::BROADCAST;
         match self {
@@ -210,32 +210,31 @@ impl Ask {
     }
 }
 
-/// A question to one address, in one speed and character format.
+/// A request to one address, at one speed and character format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Question {
     /// Speed and character format.
     pub settings: Settings,
-    /// What is asked.
+    /// The kind of request.
     pub ask: Ask,
-    /// Who is asked.
+    /// The address.
     pub address: Address,
 }
 
 impl Question {
-    /// The exchange; none where nobody can be asked so.
+    /// The exchange; `None` if there is none for this address.
     #[must_use]
     pub fn exchange(&self) -> Option<Exchange<'static>> {
         self.ask.exchange(self.address)
     }
 
-    /// The same to the same module.
+    /// Another request to the same module.
     #[must_use]
     pub fn with(self, ask: Ask) -> Question {
         Question { ask, ..self }
     }
 
-    /// The bytes that go out, a lone CR before ASCII frames included; none where nobody can be
-    /// asked so.
+    /// The bytes sent, including a lone CR before ASCII frames; `None` if there is no such request.
     #[must_use]
     pub fn frame(&self) -> Option<Frame> {
         let mut bare = Frame::new();
@@ -247,9 +246,9 @@ impl Question {
         frame.extend(bare.bytes()).then_some(frame)
     }
 
-    /// The question, or another one where a module of another protocol could take its frame for
-    /// a command, or the end of the frame `before` it together with its beginning; none where
-    /// there is no other.
+    /// The request, or an alternative if a module of another protocol could take its frame for a
+    /// command, or the end of the frame `before` it together with its beginning; `None` if there is
+    /// no alternative.
     pub(super) fn safe(self, before: &[u8]) -> Option<Question> {
         let frame = self.frame()?;
         let bytes = frame.bytes();
@@ -259,21 +258,21 @@ impl Question {
         Some(self)
     }
 
-    /// Whether a lone CR goes before it, for ASCII modules that have half read something else.
+    /// Whether a lone CR precedes it, for ASCII modules that have received half of something else.
     const fn clears(&self) -> bool {
         matches!(self.ask.protocol(), Protocol::Ascii)
     }
 
-    /// The silence before it.
+    /// The gap before it.
     fn gap(&self) -> Micros {
         let slow = SLOW_ADDRESSES.contains(&self.address.0);
         if let Ask::Registers8 | Ask::NineRegisters | Ask::Coils8 | Ask::Coil10 = self.ask {
-            // Whoever is asked so has shown that he is no ERC-8.
+            // A module that gets this request has proved not to be an ERC-8.
             let gap = Family::Emd2a2q.profile().gap.unwrap_or(SLOW_GAP);
             return gap.max(self.settings.t3_5());
         }
         match self.ask.protocol() {
-            // Nine coils are asked only of those who answered eight, as neither does.
+            // Nine coils are requested only from modules that answered eight, which neither does.
             Protocol::Rtu if slow && self.ask != Ask::NineCoils => {
                 SLOW_GAP.max(self.settings.t3_5())
             }
@@ -282,8 +281,8 @@ impl Question {
         }
     }
 
-    /// How long silence takes to show, from the end of the request, where that is `usual`. A
-    /// Modbus module needs 3.5 characters to see that end, which is more at lower speeds.
+    /// How long after the end of the request silence becomes certain, if `usual` is the usual time.
+    /// A Modbus module needs 3.5 characters to detect that end, which is more at lower speeds.
     pub(super) fn silence(&self, usual: Micros) -> Micros {
         let slower = self.settings.t3_5() - Settings::FACTORY.t3_5();
         match self.ask {
@@ -299,15 +298,15 @@ impl Question {
         self.settings.frame_time(longest)
     }
 
-    /// What it costs on the wire when nobody answers within `patience`, in which the silence
-    /// before the next question passes, too.
+    /// Its time on the wire if there is no reply within `patience`, which includes the gap before
+    /// the next request.
     pub(super) fn cost(&self, patience: Micros) -> Micros {
         let request = self.frame().map_or(0, |frame| frame.bytes().len());
         let wait = patience.max(self.reply_time());
         self.settings.frame_time(request) + wait.max(self.gap()) + HANDLING
     }
 
-    /// The probe that asks it, and waits so long for the reply to begin.
+    /// The probe for it, with this timeout for the beginning of the reply.
     pub(super) fn probe(&self, patience: Micros) -> Option<Probe> {
         Some(Probe {
             exchange: self.exchange()?,
@@ -319,13 +318,13 @@ impl Question {
         })
     }
 
-    /// So long a reply may take to begin that silence shows after `silence` in all. A line waits
-    /// for the whole of a reply: one that has begun by then is heard to its end.
+    /// Timeout for the beginning of a reply, if silence is to be certain after `silence` in total.
+    /// A line waits for a whole reply: one that has begun by then is received to its end.
     pub(super) fn begins_within(&self, silence: Micros) -> Micros {
         silence - self.reply_time()
     }
 
-    /// So long silence takes to show in all where a reply may take so long to begin.
+    /// Total time until silence is certain, with this timeout for the beginning of a reply.
     pub(super) fn shows_after(&self, begin: Micros) -> Micros {
         begin + self.reply_time()
     }
@@ -338,8 +337,8 @@ fn is_foreign_command(own: Protocol, bytes: &[u8]) -> bool {
     others.any(|other| carries_command(bytes, other))
 }
 
-/// Whether a module that looks for its frames at every byte could take the end of one frame and
-/// the beginning of the next for a command.
+/// Whether a module that searches for frames at every byte could take the end of one frame and the
+/// beginning of the next for a command.
 fn make_command(before: &[u8], next: &[u8]) -> bool {
     let mut joined = Frame::new();
     if !joined.extend(before) || !joined.extend(next) {
@@ -377,7 +376,7 @@ mod tests {
     use super::*;
     use railbus_wire::Baud;
 
-    /// Every question that a scan can come to ask; neither speed nor format change its bytes.
+    /// Every request that a scan may send; neither speed nor format change its bytes.
     fn all() -> Vec<(Question, Frame)> {
         let asks = Ask::ALL.into_iter();
         let questions = asks.flat_map(|ask| (0..=255).map(move |address| (ask, address)));
@@ -421,14 +420,14 @@ mod tests {
         assert!(all.len() > 2_200, "{}", all.len());
     }
 
-    /// The end of one frame and the beginning of the next make no command either, nor does a lone
-    /// CR end one. Hardly any pair does, and those are not sent after each other.
+    /// The end of one frame and the beginning of the next do not form a command either, nor does a
+    /// lone CR complete one. Only a few pairs do, and those are not sent in succession.
     #[test]
     fn no_two_frames_after_each_other_make_a_command_between_them() {
         let all = all();
         let (mut pairs, mut made) = (0_usize, Vec::new());
         for (question, frame) in &all {
-            // All others end in what no command begins with.
+            // All others end in something that no command begins with.
             let begins = [b'$', b'#', b'%', b'@', b'~', 0x55, 0x4C];
             let tail = frame.bytes().get(1..).unwrap();
             if !tail.iter().any(|byte| begins.contains(byte)) {
@@ -442,7 +441,7 @@ mod tests {
                 }
             }
         }
-        // A write of the address of a 0x55 board, of all things: 55 6F 41 03 00 00 00 08.
+        // It happens to be a write of a 0x55 board's address: 55 6F 41 03 00 00 00 08.
         assert!(
             made.contains(&(Ask::Registers4, 199, Ask::Registers8, 65)),
             "{made:?}"

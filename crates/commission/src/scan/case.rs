@@ -1,4 +1,4 @@
-//! One module under inspection: it was heard, and is asked on until it is known what it is.
+//! One module under inspection: it has answered, and is sent requests until it is identified.
 
 use super::ask::{Ask, PATIENCE, Question};
 use super::identify::{Answer, follow_up, is_certain};
@@ -6,49 +6,49 @@ use super::{Found, Met};
 use railbus_bus::Probed;
 use railbus_wire::{Instant, Micros};
 
-/// How often a module is asked whose reply is garbled.
+/// How often a module with garbled replies is tried.
 const TRIES: usize = 3;
-/// A module that is there is waited for no shorter than this.
+/// Minimum timeout for a module that is there.
 const PATIENCE_MIN: Micros = Micros::from_millis(30);
-/// As long as the line waits before it asks the like again, after an answer and without one.
+/// The line's pause before a similar request, after a reply and without one.
 const AFTER_ANSWER: Micros = Micros::from_millis(100);
 const AFTER_SILENCE: Micros = Micros::from_millis(500);
 
 /// A module under inspection.
 #[derive(Clone, Debug)]
 pub(super) struct Case {
-    /// The question by which it was heard.
+    /// The request by which it was found.
     pub(super) asked: Question,
-    /// What it is asked next.
+    /// The next request.
     pub(super) next: Ask,
-    /// When that may be asked without waiting for the line.
+    /// When that may be sent without waiting for the line.
     pub(super) ready_at: Instant,
-    /// The questions before its own that whoever disturbed it may have been asked.
+    /// Earlier requests to modules whose late replies may have disturbed its own.
     pub(super) suspects: Vec<Question>,
     answers: Vec<Answer>,
     garbled: Vec<Vec<u8>>,
-    /// How often the first question was asked in vain.
+    /// How often the first request was not answered.
     vain: usize,
-    /// Silent answers, and since when: each counts only when it is silent again.
+    /// Requests without a reply, and since when: each counts only when it is confirmed.
     unsure: Vec<(Ask, Instant)>,
-    /// The present question was met by silence before.
+    /// The current request was not answered before.
     asks_again: bool,
     rtt: Micros,
 }
 
-/// What became of a case.
+/// The state of a case.
 #[derive(Clone, Debug)]
 pub(super) enum Turn {
-    /// It is to be asked on.
+    /// More requests are needed.
     Open(Case),
-    /// It is known what it is.
+    /// The module is identified.
     Found(Found, Vec<Question>),
-    /// Nobody is there. Somebody else was heard.
+    /// There is no module. The reply was another one's.
     Nobody(Vec<Question>),
 }
 
 impl Case {
-    /// A module was heard for the first time: well, or not.
+    /// A module answered for the first time, validly or not.
     pub(super) fn open(
         now: Instant,
         asked: Question,
@@ -73,12 +73,12 @@ impl Case {
         case.met(now, met)
     }
 
-    /// What it is asked next.
+    /// The next request.
     pub(super) fn question(&self) -> Question {
         self.asked.with(self.next)
     }
 
-    /// How long it is waited for: some time more than it took before.
+    /// Its timeout: somewhat more than the module took before.
     pub(super) fn patience(&self) -> Micros {
         let known = self.rtt * 2 + Micros::from_millis(8);
         match self.answers.is_empty() {
@@ -87,7 +87,7 @@ impl Case {
         }
     }
 
-    /// Goes on with what it answered.
+    /// Continues with its response.
     pub(super) fn met(mut self, now: Instant, met: Met) -> Turn {
         match met.outcome {
             Probed::Unsafe => self.unasked(),
@@ -109,7 +109,7 @@ impl Case {
         }
     }
 
-    /// The first question was asked in vain.
+    /// The first request was not answered.
     fn vainly(mut self, now: Instant, met: Met) -> Turn {
         if met.outcome == Probed::Garbled {
             self.garbled.push(met.bytes);
@@ -125,7 +125,7 @@ impl Case {
         }
     }
 
-    /// Notes the answer to the present question, in the place of silence where that came first.
+    /// Records the result of the current request, replacing an earlier silence.
     fn note(&mut self, bytes: Vec<u8>) {
         let next = self.next;
         match self.answers.iter_mut().find(|(ask, _)| *ask == next) {
@@ -134,7 +134,7 @@ impl Case {
         }
     }
 
-    /// Its next question must not be asked: what is known has to do.
+    /// Its next request must not be sent: what is known has to do.
     pub(super) fn unasked(self) -> Turn {
         match self.answers.is_empty() {
             true => Turn::Nobody(Vec::new()),
@@ -142,7 +142,7 @@ impl Case {
         }
     }
 
-    /// Chooses the next question, or comes to a verdict.
+    /// Chooses the next request, or comes to a verdict.
     fn go_on(mut self, now: Instant, pause: Micros) -> Turn {
         let Some(next) = follow_up(self.asked, &self.answers) else {
             return self.make_sure();
@@ -156,7 +156,7 @@ impl Case {
         Turn::Open(self)
     }
 
-    /// Asks once more what was met by silence; where nothing was, it is known what this is.
+    /// Repeats requests that were not answered; if there are none, the module is identified.
     fn make_sure(mut self) -> Turn {
         while let Some((ask, since)) = self.unsure.pop() {
             if !is_certain(self.asked, &self.answers, ask) {
@@ -171,7 +171,7 @@ impl Case {
 
     fn found(self) -> Turn {
         let found = Found::of(self.asked, self.answers, self.garbled, self.rtt);
-        // Garbled every time is nobody else's fault.
+        // Garbled every time is not caused by another module.
         let suspects = match found.answers.is_empty() {
             true => Vec::new(),
             false => self.suspects,

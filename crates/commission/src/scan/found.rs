@@ -1,4 +1,4 @@
-//! A module that was found, and what its answers amount to.
+//! A module that was found, and what its replies mean.
 
 use super::ask::{Ask, PATIENCE, Question};
 use super::identify::{
@@ -7,18 +7,18 @@ use super::identify::{
 use railbus_device::Family;
 use railbus_wire::{Micros, Protocol};
 
-/// What a module's answers amount to. Who was asked in vain is silent, and not told of.
+/// The verdict on a module's replies. A module that never replied is silent, and not reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Verdict {
     /// It answers as a module of a known family.
     Ok,
-    /// It answers as one of these families would, and nothing proves that it is one.
+    /// It answers like a module of one of these families, and nothing proves which.
     CouldBe,
-    /// It answers no, which is a sign of life, too.
+    /// It refuses, which is a sign of life, too.
     Refused,
-    /// It answers, but as no module of a known family.
+    /// It answers, but not like a module of a known family.
     Odd,
-    /// Something is there, but its replies are spoilt, or there are two of them.
+    /// There is something, but its replies are corrupted, or there are two modules.
     Garbled,
 }
 
@@ -36,53 +36,53 @@ impl Verdict {
     }
 }
 
-/// What is known of a module beyond its model.
+/// What is known about a module apart from its model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
     /// Nothing.
     None,
-    /// Outputs and digital inputs, as the datasheet has them.
+    /// Outputs and digital inputs, according to the datasheet.
     Channels(u8, u8),
-    /// Eight coils from 60, and no register that tells a model.
+    /// Eight coils from 60, and no register that identifies the model.
     CoilsAt60,
     /// The version in its first register.
     Version(u16),
-    /// A 0x55 board whose highest channel that is on, or high, has this number.
+    /// A 0x55 board on which this is the highest channel that is on, or high.
     AtLeast(u8),
-    /// No reply of so many was good, and whether they differed.
+    /// None of the replies was valid.
     Spoilt {
-        /// Asked so often.
+        /// Number of attempts.
         tries: usize,
-        /// They were not all the same.
+        /// Whether they differed.
         differ: bool,
     },
-    /// A second reply came to one question.
+    /// One request was answered twice.
     Twice,
 }
 
 /// A module that was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Found {
-    /// The question by which it was heard.
+    /// The request by which it was found.
     pub asked: Question,
     /// What it is.
     pub identity: Identity,
     /// From the end of the request to the beginning of its reply.
     pub rtt: Micros,
-    /// Everything that it was asked and that it answered.
+    /// All requests and their responses.
     pub answers: Vec<Answer>,
-    /// What came back that was no good reply.
+    /// Bytes that were not a valid reply.
     pub garbled: Vec<Vec<u8>>,
-    /// A second reply came to one question.
+    /// One request was answered twice.
     pub twice: bool,
     /// Its name in the configuration.
     pub known: Option<String>,
-    /// The configuration says that it is another model.
+    /// Whether the configuration has another model there.
     pub differs: bool,
 }
 
 impl Found {
-    /// What these answers show.
+    /// The verdict from these responses.
     #[must_use]
     pub fn of(asked: Question, answers: Vec<Answer>, garbled: Vec<Vec<u8>>, rtt: Micros) -> Found {
         Found {
@@ -97,13 +97,13 @@ impl Found {
         }
     }
 
-    /// The protocol it speaks.
+    /// Its protocol.
     #[must_use]
     pub const fn protocol(&self) -> Protocol {
         self.asked.ask.protocol()
     }
 
-    /// Whether its ASCII frames carry a checksum; nothing in other protocols.
+    /// Whether its ASCII frames carry a checksum; `None` in other protocols.
     #[must_use]
     pub const fn checksum(&self) -> Option<bool> {
         match self.asked.ask {
@@ -112,7 +112,7 @@ impl Found {
         }
     }
 
-    /// What its answers amount to.
+    /// The verdict on its replies.
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         match &self.identity {
@@ -126,26 +126,25 @@ impl Found {
         }
     }
 
-    /// What it says of itself beyond its datasheet: maker, product and version, or its firmware.
+    /// Its identification beyond the datasheet: manufacturer, product and version, or its firmware.
     #[must_use]
     pub fn description(&self) -> Option<String> {
         description(self.asked, &self.answers)
     }
 
-    /// Whether its answers show that it is not of this family.
+    /// Whether its responses rule this family out.
     pub(super) fn rules_out(&self, family: Family) -> bool {
         rules_out(self.asked, &self.answers, family)
     }
 
-    /// What it is to be asked yet, so that it says of itself what it is, and how long it is waited
-    /// for.
+    /// The next request for its identification, and the timeout.
     pub(super) fn to_describe(&self) -> Option<(Question, Micros)> {
         let ask = describe(self.asked, &self.answers).filter(|_| !self.is_conflict())?;
         let patience = self.rtt * 2 + Micros::from_millis(30);
         Some((self.asked.with(ask), patience.min(PATIENCE)))
     }
 
-    /// What it said to that; nothing where it was silent. Whether it now is known better.
+    /// Its response to that; empty if it was silent. Returns whether more is known about it now.
     pub(super) fn described(&mut self, ask: Ask, bytes: Vec<u8>) -> bool {
         self.answers.push((ask, bytes));
         self.description().is_some()
@@ -157,7 +156,7 @@ impl Found {
         self.verdict() == Verdict::Garbled
     }
 
-    /// What is known of it beyond its model.
+    /// What is known about it apart from its model.
     #[must_use]
     pub fn detail(&self) -> Detail {
         if self.answers.is_empty() {
@@ -189,8 +188,8 @@ impl Found {
         }
     }
 
-    /// Whether it is the one that answers this question, too. Not every port has a parity, and a
-    /// module has only one.
+    /// Whether it is the module that answers this request, too. Not every port supports parity, and
+    /// a module has only one.
     pub(super) fn answers_to(&self, question: &Question) -> bool {
         self.asked.settings.baud == question.settings.baud
             && self.asked.address == question.address

@@ -1,29 +1,28 @@
-//! What a module is, by what it answers. What each family shows is data of its datasheet.
+//! Identifies a module by its responses. The signs of each family are data of its datasheet.
 
 use super::ask::{Ask, Question};
 use railbus_device::{Family, Reply, Sign};
 use railbus_wire::{Address, Protocol, Response, ascii, lc02, rtu};
 
-/// A question and the bytes that came back; none where it was silent.
+/// A request and the response bytes; empty if there was no reply.
 pub type Answer = (Ask, Vec<u8>);
 
-/// What a module is.
+/// The identity of a module.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Identity {
-    /// Its family, where it is one of the five.
+    /// Its family, if it is one of the five.
     pub family: Option<Family>,
-    /// Its model, or the name that it gives itself.
+    /// Its model, or the name that it reports.
     pub model: Option<String>,
-    /// It does not say what it is, but behaves so, and as nothing else does.
+    /// It does not identify itself, but behaves like this family, and like no other.
     pub by_behaviour: bool,
-    /// The families that it could be: nothing that it answered rules them out, and nothing proves
-    /// them.
+    /// The families it could be: no response rules them out, and none proves them.
     pub could_be: Vec<Family>,
-    /// Nothing but refusals came back.
+    /// Only refusals were received.
     pub refused: bool,
 }
 
-/// How a module took a question.
+/// How a module responded to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Took {
     Answered,
@@ -31,21 +30,21 @@ enum Took {
     Silent,
 }
 
-/// What the answers say of a family that gives itself no name.
+/// What the responses say about a family that does not identify itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Case {
     /// It is one: it refuses what only such a module refuses.
     Proven,
-    /// Nothing rules it out, and something speaks for it.
+    /// Nothing rules it out, and there is evidence for it.
     Possible,
     /// Nothing rules it out.
     Open,
-    /// It is none.
+    /// It is ruled out.
     RuledOut,
 }
 
-/// What is to be asked next of a module that has answered, to find out what it is; nothing where
-/// that is known, or can't be known.
+/// The next request to identify a module that has answered; `None` if it is identified, or can't
+/// be.
 pub(super) fn follow_up(asked: Question, answers: &[Answer]) -> Option<Ask> {
     if asked.ask.protocol() != Protocol::Rtu || says_so(asked, answers).is_some() {
         return None;
@@ -59,14 +58,14 @@ pub(super) fn follow_up(asked: Question, answers: &[Answer]) -> Option<Ask> {
     families.find_map(|family| family.signs().find_map(unasked))
 }
 
-/// Whether a question that was met by silence need not be asked once more.
+/// Whether an unanswered request need not be repeated.
 pub(super) fn is_certain(asked: Question, answers: &[Answer], ask: Ask) -> bool {
-    // An EDA9060A has more coils than an EDA9050: it is none, whether it has registers or not.
+    // An EDA9060A has more coils than an EDA9050: it is not one, with or without registers.
     let nine = took(asked.with(Ask::NineCoils), answers);
     ask == Ask::Registers4 && nine == Some(Took::Silent)
 }
 
-/// The families that don't say over Modbus what they are, those with refusals first.
+/// The families that do not identify themselves over Modbus, those with refusals first.
 const UNNAMED: [Family; 3] = [Family::Erc8, Family::Emd2a2q, Family::Eda9050];
 
 fn case(asked: Question, answers: &[Answer], family: Family) -> Case {
@@ -93,7 +92,7 @@ fn case(asked: Question, answers: &[Answer], family: Family) -> Case {
     }
 }
 
-/// Whether a sign was shown; none where it was not asked for, or nothing came that says so.
+/// Whether a sign was shown; `None` if it was not tested, or the result is unclear.
 fn shown(asked: Question, answers: &[Answer], sign: &Sign) -> Option<bool> {
     let (_, bytes) = answers.iter().find(|(ask, _)| *ask == asked.ask)?;
     let exchange = asked.exchange()?;
@@ -102,7 +101,7 @@ fn shown(asked: Question, answers: &[Answer], sign: &Sign) -> Option<bool> {
     sign.shown_by(asked.address, reply)
 }
 
-/// Whether the answers show that the module is not of this family.
+/// Whether the responses rule this family out.
 pub(super) fn rules_out(asked: Question, answers: &[Answer], family: Family) -> bool {
     let is = identify(asked, answers).family;
     match asked.ask.protocol() {
@@ -119,7 +118,7 @@ pub(super) fn rules_out(asked: Question, answers: &[Answer], family: Family) -> 
     }
 }
 
-/// The family that a module says that it is of.
+/// The family that a module reports.
 fn says_so(asked: Question, answers: &[Answer]) -> Option<Family> {
     let name = |response: &Response<'_>| match response {
         Response::Ascii(ascii::Response::Text(name)) => Family::of_name(name.bytes()),
@@ -144,8 +143,8 @@ fn says_so(asked: Question, answers: &[Answer]) -> Option<Family> {
     said.find_map(Option::flatten)
 }
 
-/// What a module that was found is to be asked yet, so that it says of itself what it is. A module
-/// of the makers' refuses that, or an EDA module is silent: it is asked what costs less first.
+/// The next identification request for a module that was found. Original modules refuse it, or, if
+/// EDA modules, stay silent: the cheaper request goes first.
 pub(super) fn describe(asked: Question, answers: &[Answer]) -> Option<Ask> {
     let was_asked = |ask: Ask| answers.iter().any(|(known, _)| *known == ask);
     let knows = |ask: Ask| took(asked.with(ask), answers) == Some(Took::Answered);
@@ -160,7 +159,7 @@ pub(super) fn describe(asked: Question, answers: &[Answer]) -> Option<Ask> {
     (!was_asked(next)).then_some(next)
 }
 
-/// What a module says of itself: maker, product and version, or its firmware.
+/// A module's identification: manufacturer, product and version, or its firmware.
 pub(super) fn description(asked: Question, answers: &[Answer]) -> Option<String> {
     let firmware = |response: &Response<'_>| match response {
         Response::Ascii(ascii::Response::Text(text)) => Some(text.as_str().to_owned()),
@@ -182,7 +181,7 @@ pub(super) fn description(asked: Question, answers: &[Answer]) -> Option<String>
     by_ascii.find_map(Option::flatten).or(by_rtu.flatten())
 }
 
-/// What the answers of one module say.
+/// The identity that the responses of one module show.
 pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
     let known = |family: Family, by_behaviour| Identity {
         family: Some(family),
@@ -193,7 +192,7 @@ pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
     if let Some(family) = says_so(asked, answers) {
         return known(family, false);
     }
-    // A 0x55 board tells neither its model nor how many relays it has.
+    // A 0x55 board reports neither its model nor its number of relays.
     if took(asked.with(Ask::R55State), answers) == Some(Took::Answered) {
         return known(Family::R55, true);
     }
@@ -241,13 +240,13 @@ pub(super) fn state(asked: Question, answers: &[Answer]) -> Option<u32> {
     .flatten()
 }
 
-/// The address that a lone 0x55 board gives.
+/// The address that a lone 0x55 board reports.
 pub(super) fn board(asked: Question, bytes: &[u8]) -> Option<Address> {
     let exchange = asked.exchange()?;
     exchange.find_response(bytes).1.whole()?.from
 }
 
-/// What a response to the question says, where one came.
+/// The meaning of a response to the request, if there was one.
 fn response<T>(
     asked: Question,
     answers: &[Answer],
@@ -270,7 +269,7 @@ fn took(asked: Question, answers: &[Answer]) -> Option<Took> {
     })
 }
 
-/// The name that a module of no known family gives itself.
+/// The name reported by a module of an unknown family.
 fn named(asked: Question, answers: &[Answer]) -> Option<String> {
     let name = |response: &Response<'_>| match response {
         Response::Ascii(ascii::Response::Text(text)) => Some(text.as_str().to_owned()),

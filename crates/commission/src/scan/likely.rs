@@ -1,20 +1,20 @@
-//! Who is waited for where nobody was found: those that are likely to be there.
+//! The retry after an empty scan: requests to the modules that are likely to be there.
 
 use super::Scope;
 use super::ask::{PATIENCE, Question};
 use railbus_wire::Micros;
 use std::collections::VecDeque;
 
-/// The questions that are asked with patience if nobody is found.
+/// The requests that are sent with a long timeout if no module is found.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Likely {
     left: VecDeque<Question>,
 }
 
 impl Likely {
-    /// Who is likely in the scope and is not waited for anyhow: as one of the `early` may be, and
-    /// as the first question at each speed of the `plan` is, which is asked once more at the end of
-    /// that speed.
+    /// The likely ones in the scope that do not get a long timeout anyway, as configured modules
+    /// (`early`) may, and as the first request at each speed of the `plan` does, which is repeated
+    /// at the end of that speed.
     pub(super) fn of(
         scope: &Scope,
         early: &VecDeque<(Question, Micros)>,
@@ -34,22 +34,22 @@ impl Likely {
         }
     }
 
-    /// The next one, which is left no more.
+    /// Takes the next one.
     pub(super) fn take(&mut self) -> Option<Question> {
         self.left.pop_front()
     }
 
-    /// All that are left.
+    /// All remaining ones.
     pub(super) fn questions(&self) -> impl Iterator<Item = Question> {
         self.left.iter().copied()
     }
 
-    /// How many are left.
+    /// Number of remaining ones.
     pub(super) fn len(&self) -> usize {
         self.left.len()
     }
 
-    /// What those cost that are left.
+    /// Time that the remaining ones take.
     pub(super) fn cost(&self) -> Micros {
         let costs = self.left.iter().map(|question| question.cost(PATIENCE));
         costs.fold(Micros::ZERO, |sum, cost| sum + cost)

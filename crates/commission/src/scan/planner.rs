@@ -1,4 +1,4 @@
-//! What to ask next.
+//! Decides what to send next.
 
 use super::ask::{Ask, PATIENCE, Question};
 use super::case::{Case, Turn};
@@ -10,31 +10,31 @@ use railbus_bus::Probed;
 use railbus_wire::{Address, Frame, Instant, Micros, Settings, r55};
 use std::collections::{HashSet, VecDeque};
 
-/// As long as a reply may still come to a question.
+/// How long a reply to a request may still arrive.
 const LATE_MAX: Micros = Micros::from_millis(600);
-/// After so many late replies the scan waits as long as the slowest of them took.
+/// After this many late replies the scan waits as long as the slowest of them took.
 const LATE_MANY: usize = 3;
 
-/// After so many spoilt replies in a row, to questions for different modules, it is the line that
-/// is never silent.
+/// After this many corrupted replies in a row, to requests for different modules, the line counts
+/// as never silent.
 const NOISE: usize = 8;
 
-/// Why a question is asked.
+/// Why a request is sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Why {
-    /// It is its turn.
+    /// First pass.
     First,
-    /// Somebody is there, or was heard. The number is that of the case.
+    /// A module is there, or something was received. The number is that of the case.
     Case(usize),
-    /// Whoever is there may be slow.
+    /// A module may be there, but slow.
     Again,
-    /// Late replies to the questions before it are listened for.
+    /// To listen for late replies to the requests before it.
     Closing,
-    /// Where is the one 0x55 board?
+    /// To find a lone 0x55 board.
     Boards,
-    /// Nobody was found, and here somebody is likely, who may be slow.
+    /// No module was found; one is likely here, and may be slow.
     Likely,
-    /// What does a module that was found say of itself? The number is that of the module.
+    /// Identification of a module that was found. The number is that of the module.
     Describe(usize),
 }
 
@@ -42,36 +42,35 @@ enum Why {
 #[derive(Clone, Debug)]
 pub struct Scanner {
     scope: Scope,
-    /// Known modules, and then those that come from the factory.
+    /// Configured modules, then those with factory settings.
     early: VecDeque<(Question, Micros)>,
     asked_early: HashSet<Question>,
     place: Place,
-    /// Speed and format of the line now.
+    /// Current speed and format of the line.
     at: Option<Settings>,
     current: Option<(Question, Why)>,
-    /// The frame that went out last.
+    /// The last frame sent.
     last: Frame,
     cases: Vec<Case>,
-    /// Questions to which a late reply may still come, oldest first.
+    /// Requests to which a late reply may still arrive, oldest first.
     recent: VecDeque<(Instant, Question)>,
-    /// Questions for slow modules.
+    /// Requests to slow modules.
     again: VecDeque<Question>,
-    /// Those that were asked again: once is enough.
+    /// Those that were retried: once is enough.
     asked_again: HashSet<Question>,
-    /// A question that nobody answered, for the end.
+    /// An unanswered request to be repeated at the end.
     unanswered: Option<Question>,
-    /// Late replies are to be listened for before the end.
+    /// Late replies still have to be listened for before the end.
     owes_closing: bool,
-    /// Questions that were answered twice, by modules that are under inspection yet.
+    /// Requests that were answered twice, by modules still under inspection.
     twice: Vec<Question>,
     looks_beyond: bool,
-    /// Those that are waited for if nobody is found.
+    /// The requests that are retried with a long timeout if no module is found.
     likely: Likely,
-    /// The first that was found was heard only when it was asked again or waited for: the others
-    /// are, too.
+    /// The first module found replied only to a retry or a long timeout: the others may be as slow.
     waits: bool,
     crowd: bool,
-    /// So many questions in a row met something spoilt.
+    /// Number of consecutive requests with corrupted replies.
     spoilt: usize,
     late_count: usize,
     slowest: Micros,
@@ -82,13 +81,13 @@ pub struct Scanner {
     total: usize,
     cost_done: Micros,
     cost_left: Micros,
-    /// What the first questions took, of which `cost_done` was thought.
+    /// Duration of the first requests that `cost_done` estimated.
     spent: Micros,
     asked_at: Instant,
 }
 
 impl Scanner {
-    /// A scan from its beginning.
+    /// A new scan.
     #[must_use]
     pub fn new(scope: Scope) -> Scanner {
         let known = scope.known.iter().map(|known| waited_for(known.question()));
@@ -99,7 +98,7 @@ impl Scanner {
         Scanner::start(scope, early, Place::default(), Vec::new())
     }
 
-    /// A scan that goes on: from a place, with these questions first, and what was found before.
+    /// A resumed scan: from a position, with these requests first, and with what was found before.
     #[must_use]
     pub fn resume(scope: Scope, place: Place, first: &[Question], found: Vec<Found>) -> Scanner {
         let early = first.iter().map(|asked| waited_for(*asked)).collect();
@@ -157,39 +156,39 @@ impl Scanner {
         scanner
     }
 
-    /// The modules found so far, in the order in which they were.
+    /// The modules found so far, in the order of discovery.
     #[must_use]
     pub fn found(&self) -> &[Found] {
         &self.found
     }
 
-    /// What was done so far.
+    /// Statistics so far.
     #[must_use]
     pub const fn counts(&self) -> Counts {
         self.counts
     }
 
-    /// Several 0x55 boards answered where only one was thought to be: some of them have
-    /// addresses that were not asked.
+    /// Several 0x55 boards answered where only one was expected: some of them have addresses
+    /// outside the scope.
     #[must_use]
     pub const fn is_crowded(&self) -> bool {
         self.crowd
     }
 
-    /// Nobody was found before he was waited for, and not all were: where modules are so slow,
-    /// others may not have been found.
+    /// Modules were found only by a long timeout, and not all addresses got one: other slow modules
+    /// may have been missed.
     #[must_use]
     pub fn is_slow(&self) -> bool {
         self.place.slow && !self.found.is_empty() && self.scope.few().is_none()
     }
 
-    /// The scan was given up, because the line is never silent.
+    /// The scan was aborted because the line is never silent.
     #[must_use]
     pub const fn is_noisy(&self) -> bool {
         self.spoilt >= NOISE
     }
 
-    /// The modules of the configuration that were asked and not found.
+    /// The configured modules that were tried and not found.
     pub fn missing(&self) -> impl Iterator<Item = &str> {
         let asked = |question: &Question| self.asked_early.contains(question);
         let found = |question: &Question| self.found.iter().any(|f| f.answers_to(question));
@@ -201,7 +200,7 @@ impl Scanner {
         missing.map(|known| known.name.as_str())
     }
 
-    /// How far it is. What is left is counted in bytes, and adjusted by what the others took.
+    /// Progress. The remaining time is computed in bytes, and corrected by the time taken so far.
     #[must_use]
     pub fn progress(&self) -> Progress {
         let long_enough = self.cost_done >= Micros::from_millis(500);
@@ -216,11 +215,11 @@ impl Scanner {
         }
     }
 
-    /// Where to go on if it ends now, and what to ask first then.
+    /// Where to resume if the scan is stopped now, and which request to repeat first then.
     #[must_use]
     pub fn place(&self) -> (Place, Vec<Question>) {
         let current = self.current.iter();
-        // As long as nobody was found, those that are likely are all waited for anyhow.
+        // As long as no module was found, all likely ones get a long timeout anyway.
         let current = current.filter(|(_, why)| match why {
             Why::First | Why::Again => true,
             Why::Likely => self.waits,
@@ -237,7 +236,7 @@ impl Scanner {
         (self.place, first)
     }
 
-    /// What was not asked if it ends now.
+    /// What remains untried if the scan is stopped now.
     #[must_use]
     pub fn left_out(&self) -> Vec<LeftOut> {
         let runs = self.scope.runs.iter().enumerate().skip(self.place.run);
@@ -256,11 +255,11 @@ impl Scanner {
         rest.filter(|rest| !rest.addresses.is_empty()).collect()
     }
 
-    /// What to do next.
+    /// The next action.
     pub fn next(&mut self, now: Instant) -> Step {
         loop {
             if self.is_noisy() {
-                // What is known only by spoilt bytes is nobody.
+                // A module known only by corrupted bytes does not count.
                 self.found.retain(|found| !found.answers.is_empty());
                 return Step::Done;
             }
@@ -291,8 +290,8 @@ impl Scanner {
         }
     }
 
-    /// A question must not be sent now. One that is bad only after the frame before it has its
-    /// turn later.
+    /// A request must not be sent now. One that is a problem only after the previous frame is sent
+    /// later.
     fn pass_over(&mut self, question: Question, why: Why) {
         if matches!(why, Why::First | Why::Likely) && question.safe(&[]).is_some() {
             return self.ask_again(vec![question]);
@@ -307,7 +306,7 @@ impl Scanner {
         }
     }
 
-    /// What came of the question.
+    /// The result of the request.
     pub fn met(&mut self, now: Instant, met: Met) {
         let Some((question, why)) = self.current.take() else {
             return;
@@ -364,8 +363,8 @@ impl Scanner {
         self.turn(turn);
     }
 
-    /// Whether the first was heard now, and only because he was asked again or waited for longer
-    /// than others are.
+    /// Whether the first module was found now, and only by a retry or a longer timeout than others
+    /// get.
     fn heard_by_waiting(&self, why: Why, question: Question, met: &Met) -> bool {
         if !self.found.is_empty() || self.scope.silence >= PATIENCE {
             return false;
@@ -374,8 +373,8 @@ impl Scanner {
             (Why::Closing, Probed::Answered) => true,
             (Why::Likely, Probed::Answered | Probed::Garbled) => true,
             (Why::Boards, Probed::Answered) => self.is_late(question, met),
-            // Who is asked first when a scan goes on is waited for. So is whom the configuration
-            // names, but anyhow: that tells nothing of the others.
+            // The request that resumes a scan gets a long timeout. So do configured modules, but
+            // always: that says nothing about the others.
             (Why::First, Probed::Answered | Probed::Garbled) => {
                 let mut known = self.scope.known.iter();
                 self.asked_early.contains(&question)
@@ -386,8 +385,8 @@ impl Scanner {
         }
     }
 
-    /// Whether the reply began only after the silence that is believed. A first question waits for
-    /// less, so that the whole reply is there by then; whoever misses that by little is not slow.
+    /// Whether the reply began only after the scan's timeout. A first request waits for less, so
+    /// that the whole reply is there by then; a module that misses that by little is not slow.
     fn is_late(&self, question: Question, met: &Met) -> bool {
         met.after > question.silence(self.scope.silence)
     }
@@ -404,7 +403,7 @@ impl Scanner {
         }
     }
 
-    /// The next question, how long to wait for its reply, and why.
+    /// The next request, its timeout, and its reason.
     fn choose(&mut self, now: Instant) -> Option<(Question, Micros, Why)> {
         let mut cases = self.cases.iter().enumerate();
         if let Some((index, case)) = cases.find(|(_, case)| case.ready_at <= now) {
@@ -417,7 +416,7 @@ impl Scanner {
             self.take_first(question);
             return Some((question, self.waits(patience), Why::First));
         }
-        // Before the speed changes, and before the end, all is brought to an end.
+        // Before the speed changes, and before the end, everything pending is completed.
         if let Some(question) = self.take_again() {
             return Some((question, PATIENCE, Why::Again));
         }
@@ -443,7 +442,7 @@ impl Scanner {
         Some((question, self.waits(patience), Why::First))
     }
 
-    /// How long to wait on a line where many are slow.
+    /// The timeout on a line with many slow modules.
     fn waits(&self, patience: Micros) -> Micros {
         match self.late_count >= LATE_MANY {
             true => patience.max(self.slowest).min(PATIENCE),
@@ -451,7 +450,7 @@ impl Scanner {
         }
     }
 
-    /// The next first question, without taking it; those that need not be asked are passed over.
+    /// The next first request, without taking it; those that are not needed are skipped.
     fn peek_first(&mut self) -> Option<(Question, Micros)> {
         while let Some((question, patience)) = self.early.front().copied() {
             if !self.needs_no_asking(&question) {
@@ -481,7 +480,7 @@ impl Scanner {
         self.found.iter().any(|found| found.answers_to(question))
     }
 
-    /// Takes the question that [`Scanner::peek_first`] shows.
+    /// Takes the request that [`Scanner::peek_first`] returned.
     fn take_first(&mut self, question: Question) {
         self.done += 1;
         if self.early.pop_front().is_some() {
@@ -497,7 +496,7 @@ impl Scanner {
         self.cost_left = self.cost_left - cost;
     }
 
-    /// The next one that may be slow, unless it was heard meanwhile.
+    /// The next address that may be slow, unless it has answered meanwhile.
     fn take_again(&mut self) -> Option<Question> {
         while let Some(question) = self.again.pop_front() {
             if !self.knows(&question) && !self.cases.iter().any(|case| is_same(case, &question)) {
@@ -507,7 +506,7 @@ impl Scanner {
         None
     }
 
-    /// Where at most one 0x55 board was found, it is asked for its address, whatever that is.
+    /// If at most one 0x55 board was found, it is asked for its address, whatever that is.
     fn take_boards(&mut self) -> Option<Question> {
         if !self.looks_beyond || self.at.is_some_and(|at| at != Settings::FACTORY) {
             return None;
@@ -524,7 +523,7 @@ impl Scanner {
         })
     }
 
-    /// Where nobody was found, or only by waiting, the next one is waited for.
+    /// If no module was found, or only by a long timeout, the next retry.
     fn take_likely(&mut self) -> Option<(Question, Micros, Why)> {
         while let Some(question) = self.likely.take() {
             self.done += 1;
@@ -536,14 +535,14 @@ impl Scanner {
         None
     }
 
-    /// Somebody was found without: nobody is waited for.
+    /// A module was found without: the retries are dropped.
     fn drop_likely(&mut self) {
         self.total -= self.likely.len();
         self.cost_left = self.cost_left - self.likely.cost();
         self.likely = Likely::default();
     }
 
-    /// The first questions of the runs that are left.
+    /// The first requests of the remaining runs.
     fn rest(&self) -> impl Iterator<Item = Question> {
         let Place { run, asked, .. } = self.place;
         let runs = self.scope.runs.iter().enumerate().skip(run);
@@ -565,7 +564,7 @@ impl Scanner {
         }
     }
 
-    /// When all were found, those who can are asked what they are.
+    /// After all were found, identification of those that support it.
     fn take_description(&self) -> Option<(Question, Micros, Why)> {
         let mut found = self.found.iter().enumerate();
         found.find_map(|(index, found)| {
@@ -608,7 +607,7 @@ impl Scanner {
         self.ask_again(vec![question]);
     }
 
-    /// These are asked once more, with patience; each only once.
+    /// These are repeated once, with a long timeout.
     fn ask_again(&mut self, questions: Vec<Question>) {
         for question in questions {
             if self.asked_again.insert(question) {
@@ -656,7 +655,7 @@ impl Scanner {
     }
 }
 
-/// A first question that is waited for as long as any.
+/// A first request with the longest timeout.
 fn waited_for(question: Question) -> (Question, Micros) {
     (question, question.shows_after(PATIENCE))
 }

@@ -1,48 +1,48 @@
-//! How far a scan is, and what it has done.
+//! How far a scan has got, and its statistics.
 
 use super::ask::Ask;
 use railbus_wire::{Micros, Settings};
 
-/// How far a scan is: a run of its scope, and an address of that run.
+/// The position of a scan: a run of its scope, and an address of that run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place {
     /// The run.
     pub run: usize,
-    /// How many of its addresses were asked.
+    /// How many of its addresses were tried.
     pub asked: usize,
-    /// The first that was found was heard later than silence is believed.
+    /// The first module found replied later than the scan's timeout.
     pub slow: bool,
 }
 
-/// What a scan has done so far.
+/// The statistics of a scan.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Frames that went out.
+    /// Frames sent.
     pub probes: usize,
-    /// First questions that nobody answered.
+    /// First requests without a reply.
     pub silent: usize,
-    /// Questions left out, because another module on the line could take them for a command.
+    /// Requests left out, because another module on the line could take them for a command.
     pub skipped: usize,
 }
 
-/// How far a scan is, for people.
+/// The progress of a scan, for people.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Progress {
-    /// First questions asked.
+    /// First requests sent.
     pub done: usize,
     /// First questions in all.
     pub total: usize,
-    /// What the rest takes, about.
+    /// Estimated time of the rest.
     pub left: Micros,
 }
 
-/// A part of a run that was not asked.
+/// A part of a run that was not tried.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LeftOut {
     /// Speed and character format.
     pub settings: Settings,
-    /// What was to be asked.
+    /// The kind of request.
     pub ask: Ask,
-    /// Who was not asked.
+    /// The addresses.
     pub addresses: Vec<u8>,
 }

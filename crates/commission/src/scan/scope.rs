@@ -1,10 +1,10 @@
-//! What is to be scanned, and in which order.
+//! The scope of a scan, and its order.
 
 use super::ask::{Ask, Question};
 use railbus_device::Family;
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, Settings};
 
-/// How far a scan goes where nothing else is said.
+/// How far a scan goes by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Depth {
     /// 9600 8N1, addresses 1 to 32.
@@ -27,8 +27,8 @@ impl Depth {
         }
     }
 
-    /// After how long silence is believed: the longer, the slower modules are found that let
-    /// themselves be interrupted.
+    /// Timeout of the first pass: with a longer one, slower modules are found that give up their
+    /// reply when another request is sent.
     const fn silence(self) -> Micros {
         Micros::from_millis(match self {
             Depth::Quick => 30,
@@ -46,22 +46,22 @@ const DEEP: [Baud; 5] = [
     Baud::B38400,
     Baud::B2400,
 ];
-/// The fastest that EDA modules know [EDA §1.4].
+/// The highest speed that EDA modules support [EDA §1.4].
 const EDA_FASTEST: Baud = Baud::B19200;
 
-/// So many are waited for where nobody was found: at 9600 it takes about five seconds.
+/// How many requests the retry after an empty scan may take: at 9600 that is about five seconds.
 const FEW: usize = 16;
 
-/// A module that the configuration names.
+/// A configured module.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Known {
     /// Its name.
     pub name: String,
-    /// What it is said to be.
+    /// Its configured model.
     pub family: Family,
     /// Speed and character format.
     pub settings: Settings,
-    /// The protocol it speaks.
+    /// Its protocol.
     pub protocol: Protocol,
     /// Its address.
     pub address: Address,
@@ -70,7 +70,7 @@ pub struct Known {
 }
 
 impl Known {
-    /// The question that it should answer.
+    /// The request that it should answer.
     pub(super) const fn question(&self) -> Question {
         let ask = match self.protocol {
             Protocol::R55 => Ask::R55State,
@@ -86,60 +86,60 @@ impl Known {
     }
 }
 
-/// What a user says of a scan; what is not said comes with the depth.
+/// What the user asked for; the depth provides the rest.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Wish {
     /// How far to go.
     pub depth: Depth,
-    /// The line's own speed and format, where it has other ones than the factory.
+    /// The line's own speed and format, if not the factory's.
     pub line: Option<Settings>,
-    /// These addresses.
+    /// Only these addresses.
     pub addresses: Option<Vec<u8>>,
-    /// These protocols.
+    /// Only these protocols.
     pub protocols: Option<Vec<Protocol>>,
-    /// These speeds.
+    /// Only these speeds.
     pub bauds: Option<Vec<Baud>>,
-    /// These parities; none if not said.
+    /// These parities; `None` if not given.
     pub characters: Option<Vec<Character>>,
     /// ASCII only with checksum, or only without.
     pub checksum: Option<bool>,
-    /// Silence is believed after so long, from the end of a request.
+    /// Silence counts as no reply after this long, from the end of a request.
     pub silence: Option<Micros>,
-    /// Modules that were found are asked what they say of themselves.
+    /// Modules that were found are asked for their identification.
     pub describes: bool,
 }
 
-/// What is to be scanned: all first questions in their order.
+/// The scope: all first requests in their order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Scope {
-    /// The modules that are asked before all others.
+    /// The configured modules, which are tried before all others.
     pub known: Vec<Known>,
-    /// The first questions, each run for all its addresses before the next: so that a late reply
-    /// to one is not in the way of the same module's next.
+    /// The first requests, each run for all its addresses before the next: so that a late reply to
+    /// one does not interfere with the same module's next.
     pub runs: Vec<Run>,
-    /// Silence is believed after so long.
+    /// Silence counts as no reply after this long.
     pub(super) silence: Micros,
-    /// A lone 0x55 board may be looked for beyond the addresses.
+    /// A lone 0x55 board may be searched for beyond the addresses.
     pub(super) beyond: bool,
-    /// A module as the factory sends it is looked for first.
+    /// A module with factory settings is tried first.
     pub(super) factory: bool,
-    /// Modules that were found are asked what they say of themselves, when all were found.
+    /// Modules that were found are asked for their identification, once all were found.
     pub(super) describes: bool,
 }
 
-/// One question to a row of addresses.
+/// One kind of request to a range of addresses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Run {
     /// Speed and character format.
     pub settings: Settings,
-    /// What is asked.
+    /// The kind of request.
     pub ask: Ask,
-    /// Who is asked.
+    /// The addresses.
     pub addresses: Vec<u8>,
 }
 
 impl Run {
-    /// The question to those addresses that a module can have.
+    /// The request to those addresses that a module can have.
     fn of(settings: Settings, ask: Ask, addresses: &[u8]) -> Run {
         let possible = |address: &u8| {
             let address = Address(*address);
@@ -157,7 +157,7 @@ impl Run {
         }
     }
 
-    /// The question to the address of this place in the row.
+    /// The request to the address at this position of the run.
     pub(super) fn question(&self, place: usize) -> Option<Question> {
         let address = self.addresses.get(place)?;
         Some(Question {
@@ -169,7 +169,7 @@ impl Run {
 }
 
 impl Scope {
-    /// What a wish amounts to; no runs where what it names excludes each other.
+    /// The scope for these wishes; no runs if they contradict each other.
     #[must_use]
     pub fn of(wish: &Wish, known: Vec<Known>) -> Scope {
         let own = wish.line.unwrap_or(Settings::FACTORY);
@@ -223,22 +223,22 @@ impl Scope {
         }
     }
 
-    /// Who is waited for where nobody was found: all, if they are few, and else a module as the
-    /// factory sends it.
+    /// The requests that get a long timeout if no module is found: all, if there are only a few,
+    /// otherwise those to a module with factory settings.
     pub(super) fn likely(&self) -> Vec<Question> {
         self.few().unwrap_or_else(|| {
-            // A lone 0x55 board is waited for wherever it is.
+            // A lone 0x55 board always gets a long timeout.
             let mut factory: Vec<Question> = self.factory().collect();
             factory.retain(|asked| !(self.beyond && asked.ask == Ask::R55State));
             factory
         })
     }
 
-    /// Everyone in the scope, where it is no more than can be waited for.
+    /// All of the scope, if that is not too much to wait for.
     pub(super) fn few(&self) -> Option<Vec<Question>> {
-        // A Modbus module that is waited for answers or refuses the coils.
+        // A Modbus module that gets a long timeout answers or refuses the coils.
         let runs = self.runs.iter().filter(|run| run.ask != Ask::Registers4);
-        // With checksum would have to wait for the reply without: it comes later.
+        // The request with checksum would have to wait for the reply without: it comes later.
         let (with, without): (Vec<&Run>, Vec<&Run>) =
             runs.partition(|run| run.ask == Ask::AsciiName(true));
         let runs = without.into_iter().chain(with);
@@ -255,10 +255,10 @@ impl Scope {
         Some(few)
     }
 
-    /// A module as the factory sends it, asked in everything that is scanned.
+    /// A module with factory settings, in all protocols that are scanned.
     pub(super) fn factory(&self) -> impl Iterator<Item = Question> {
         let at_factory = |run: &&Run| {
-            // With checksum would have to wait for the reply without.
+            // The request with checksum would have to wait for the reply without.
             let ask = !matches!(run.ask, Ask::AsciiName(true) | Ask::Registers4);
             let speed = self.factory || run.settings == Settings::FACTORY;
             ask && speed && run.addresses.contains(&1)
@@ -278,19 +278,20 @@ impl Scope {
     }
 }
 
-/// The questions that somebody may answer of whom nothing is known.
+/// The requests that an unknown module may answer.
 const FIRST: [Ask; 6] = [
     Ask::R55State,
     Ask::Lc02Config,
     Ask::AsciiName(false),
     Ask::AsciiName(true),
     Ask::Coils0,
-    // What answers no coils may answer registers, and whoever was drowned out is heard now.
+    // Modules that do not answer coils may answer registers, and those drowned out before are
+    // received now.
     Ask::Registers4,
 ];
 
-/// Whether modules of the five families speak so. What is named is asked all the same, unless no
-/// module ever does.
+/// Whether modules of the five families can have these settings. Explicitly given ones are tried
+/// anyway, unless no module ever has them.
 fn is_possible(protocol: Protocol, settings: Settings, named: bool) -> bool {
     match protocol {
         Protocol::Rtu => true,
