@@ -3,7 +3,7 @@
 use crate::ModuleId;
 use alloc::collections::VecDeque;
 use core::fmt;
-use railbus_device::{Op, Refusal, Seen};
+use railbus_device::{Observation, Op, Refusal};
 use railbus_wire::{Exchange, Instant, Malformed, Micros};
 
 /// A command's number, unique on its line.
@@ -159,7 +159,7 @@ pub enum Event {
         /// What it was asked.
         op: Op,
         /// What it said.
-        seen: Seen,
+        seen: Observation,
         /// When the request began.
         asked: Instant,
         /// When the reply had come in.

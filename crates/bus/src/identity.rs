@@ -5,7 +5,7 @@ use crate::command::{Stage, end_commands};
 use crate::in_flight::InFlight;
 use crate::module_state::{LATE_MIN, ModuleState};
 use crate::{Bus, Confirmed, Event, Evidence, ModuleId};
-use railbus_device::{Op, Seen};
+use railbus_device::{Observation, Op};
 use railbus_wire::Instant;
 
 /// How often a module is asked for its model, each time it is heard anew, if it does not answer.
@@ -34,11 +34,11 @@ enum Claim {
     /// None.
     No,
     /// This one stood in its place before it was silent.
-    Past(Seen),
+    Past(Observation),
     /// Said once: without a checksum the reply may have been spoilt.
-    Once(Seen),
+    Once(Observation),
     /// Said again in the same words: another model stands in its place.
-    Confirmed(Seen),
+    Confirmed(Observation),
 }
 
 /// What came of asking a module what it is.
@@ -47,7 +47,7 @@ pub(crate) enum IdentityReply {
     /// What it should be.
     Itself,
     /// Another model.
-    Other(Seen),
+    Other(Observation),
     /// That it does not say it.
     Refusal,
 }
@@ -231,7 +231,7 @@ impl Bus {
 
     /// A module said what it is. What was on its way to another one ends.
     #[cold]
-    pub(crate) fn identified(&mut self, module: ModuleId, seen: &Seen) {
+    pub(crate) fn identified(&mut self, module: ModuleId, seen: &Observation) {
         let now = self.now;
         if let Some(state) = self.modules.get_mut(module.0) {
             state.identified(seen, now);

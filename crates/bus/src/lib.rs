@@ -46,7 +46,7 @@ use ghost::{Ghost, GhostReply, Ghosts};
 use in_flight::{InFlight, Job, write_frame};
 pub use in_flight::{PIECE_PAUSE, Probe};
 use module_state::{HELD_BACK_MAX, ModuleState};
-use railbus_device::{Module, Op, Refusal, Seen};
+use railbus_device::{Module, Observation, Op, Refusal};
 use railbus_wire::{
     Decoded, Exchange, Frame, Instant, Malformed, Micros, Reply, Response, Settings, rtu,
 };
@@ -547,10 +547,12 @@ impl Bus {
                     after: turnaround,
                 });
             }
-            Outcome::Seen(Seen::Refused(Refusal::Exception(rtu::Exception::CHECKSUM))) => {
+            Outcome::Seen(Observation::Refused(Refusal::Exception(rtu::Exception::CHECKSUM))) => {
                 self.fail(flight, len, Some(Malformed::Checksum));
             }
-            Outcome::Seen(Seen::Unexpected) => self.fail(flight, len, Some(Malformed::Value)),
+            Outcome::Seen(Observation::Unexpected) => {
+                self.fail(flight, len, Some(Malformed::Value))
+            }
             Outcome::Seen(seen) => self.learn(flight, seen),
         }
         self.end_if_left(flight);
@@ -683,6 +685,6 @@ struct Last {
 /// What a reply says, free of the bytes it was read from.
 #[derive(Clone, Copy, Debug)]
 enum Outcome {
-    Seen(Seen),
+    Seen(Observation),
     Probed,
 }

@@ -4,7 +4,7 @@ use crate::command::bank_of;
 use crate::identity::{Identity, IdentityReply};
 use crate::{Config, Plan, Presence};
 use alloc::vec::Vec;
-use railbus_device::{Module, Op, Seen};
+use railbus_device::{Module, Observation, Op};
 use railbus_wire::{Exchange, Frame, Instant, Micros};
 
 /// How long a module that never answered is waited for, on top of the wire's own time.
@@ -83,7 +83,7 @@ pub(crate) struct Poll {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reading {
     pub(crate) op: Op,
-    pub(crate) seen: Seen,
+    pub(crate) seen: Observation,
     pub(crate) asked: Instant,
     pub(crate) heard: Instant,
 }
@@ -548,9 +548,9 @@ impl ModuleState {
     }
 
     /// It said what it is, or refused to.
-    pub(crate) fn identified(&mut self, seen: &Seen, now: Instant) {
+    pub(crate) fn identified(&mut self, seen: &Observation, now: Instant) {
         let said = match seen {
-            Seen::Refused(_) => IdentityReply::Refusal,
+            Observation::Refused(_) => IdentityReply::Refusal,
             name if self.module.recognises(name) => IdentityReply::Itself,
             name => IdentityReply::Other(*name),
         };

@@ -5,24 +5,24 @@ use crate::in_flight::{InFlight, Job};
 use crate::module_state::{LATE_MIN, ModuleState, Reading};
 use crate::rx_buffer::is_own_reply;
 use crate::{Bus, Confirmed, Event, Evidence, Fault, ModuleId, Presence, Probed};
-use railbus_device::{Bank, Op, Seen};
+use railbus_device::{Bank, Observation, Op};
 use railbus_wire::Malformed;
 
 impl Bus {
     /// What a good reply means for whoever asked.
-    pub(crate) fn learn(&mut self, flight: &InFlight, seen: Seen) {
+    pub(crate) fn learn(&mut self, flight: &InFlight, seen: Observation) {
         let Some(module) = flight.job.module() else {
             return;
         };
         if flight.is_fence() {
             // Some say by it what they are.
-            if let Seen::Model(_) = seen {
+            if let Observation::Model(_) = seen {
                 self.identified(module, &seen);
             }
             return;
         }
         let op = flight.job.op();
-        let refused = matches!(seen, Seen::Refused(_));
+        let refused = matches!(seen, Observation::Refused(_));
         if let Some(state) = self.modules.get_mut(module.0) {
             if (state.published_presence() != Presence::Online || !state.is_settled())
                 && state.withholds(Reading {
@@ -43,7 +43,7 @@ impl Bus {
                 state.answered_pulses();
             }
         }
-        if !matches!(seen, Seen::Done | Seen::Refused(_)) {
+        if !matches!(seen, Observation::Done | Observation::Refused(_)) {
             let (asked, heard) = (flight.asked, self.now);
             self.events.push(Event::Seen {
                 module,
@@ -60,14 +60,14 @@ impl Bus {
         }
         if let Job::Command { .. } = flight.job {
             self.acknowledge(module, flight, seen);
-        } else if let Seen::Refused(refusal) = seen {
+        } else if let Observation::Refused(refusal) = seen {
             self.events.push(Event::Missed {
                 module,
                 op,
                 fault: Fault::Refused(refusal),
             });
         }
-        if let Seen::Channels { outputs, .. } = seen
+        if let Observation::Channels { outputs, .. } = seen
             && op.is_read()
             && !refused
         {
@@ -78,7 +78,7 @@ impl Bus {
     }
 
     /// The module answered a command.
-    fn acknowledge(&mut self, module: ModuleId, flight: &InFlight, seen: Seen) {
+    fn acknowledge(&mut self, module: ModuleId, flight: &InFlight, seen: Observation) {
         let (now, op) = (self.now, &flight.job.op());
         let parrots = !self.rx.took_echo() && is_own_reply(&flight.exchange, self.outgoing.bytes());
         let reads_back = self
@@ -100,7 +100,7 @@ impl Bus {
             command.replied = Some(now);
             command.echoed |= parrots;
             command.unidentified |= is_unknown;
-            if let Seen::Refused(refusal) = seen {
+            if let Observation::Refused(refusal) = seen {
                 return command.refused(Fault::Refused(refusal), reads_back);
             }
             // What may be an echo is no reply.
@@ -268,9 +268,9 @@ impl Bus {
 }
 
 /// Whether the reply to a frame itself shows another state than its command wants.
-fn is_denied(command: &Op, frame: &Op, seen: &Seen) -> bool {
+fn is_denied(command: &Op, frame: &Op, seen: &Observation) -> bool {
     match (command, frame, seen) {
-        (Op::Write(want), Op::Write(sent), Seen::Channels { outputs, .. }) => {
+        (Op::Write(want), Op::Write(sent), Observation::Channels { outputs, .. }) => {
             (outputs.on ^ want.on) & want.mask & sent.mask & outputs.mask != 0
         }
         // A board answers with its state after it has begun; only a jog of no time is over then.
@@ -281,9 +281,9 @@ fn is_denied(command: &Op, frame: &Op, seen: &Seen) -> bool {
                 millis,
             },
             _,
-            Seen::Channels { outputs, .. },
+            Observation::Channels { outputs, .. },
         ) => millis.get() > 0 && outputs.get(*channel) == Some(!*close),
-        (Op::WriteVariable(_, want), _, Seen::Variable(_, is)) => want != is,
+        (Op::WriteVariable(_, want), _, Observation::Variable(_, is)) => want != is,
         _ => false,
     }
 }

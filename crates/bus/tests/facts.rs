@@ -4,7 +4,7 @@
 mod support;
 
 use railbus_bus::{Bus, Config, Confirmed, EchoMode, Event, Fault, Input, ModuleId, Plan, Terms};
-use railbus_device::{Bank, Family, Module, Op, Seen, Setup};
+use railbus_device::{Bank, Family, Module, Observation, Op, Setup};
 use railbus_wire::{Address, Channel, Instant, Micros, Protocol, r55::U24};
 use support::{Drive, Happening, millis};
 
@@ -103,7 +103,7 @@ impl Script {
     fn outputs(&self) -> u32 {
         let seen = self.events.iter().rev().find_map(|(_, event)| match event {
             Event::Seen {
-                seen: Seen::Channels { outputs, .. },
+                seen: Observation::Channels { outputs, .. },
                 ..
             } => Some(outputs.on),
             _ => None,

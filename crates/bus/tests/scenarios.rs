@@ -29,7 +29,7 @@ use railbus_bus::{
     Probe, Terms,
 };
 use railbus_device::{
-    Bank, Change, Eeprom, Engine, Family, Layout, Module, Op, Options, Seen, Setup,
+    Bank, Change, Eeprom, Engine, Family, Layout, Module, Observation, Op, Options, Setup,
 };
 use railbus_wire::{
     Address, Baud, Channel, Character, Frame, Instant, Micros, Protocol, PulseWidth, crc16,
@@ -646,22 +646,22 @@ fn op_text(op: &Op) -> String {
     }
 }
 
-fn seen_text(seen: &Seen) -> String {
+fn seen_text(seen: &Observation) -> String {
     match seen {
-        Seen::Channels { outputs, inputs } if inputs.mask == 0 => {
+        Observation::Channels { outputs, inputs } if inputs.mask == 0 => {
             format!("out={}", bank_text(outputs))
         }
-        Seen::Channels { outputs, inputs } if outputs.mask == 0 => {
+        Observation::Channels { outputs, inputs } if outputs.mask == 0 => {
             format!("in={}", bank_text(inputs))
         }
-        Seen::Channels { outputs, inputs } => {
+        Observation::Channels { outputs, inputs } => {
             format!("out={} in={}", bank_text(outputs), bank_text(inputs))
         }
-        Seen::Analogs([first, second]) => format!("{first} {second}"),
-        Seen::Pulse { mask, width } => format!("mask={mask:04b} tenths={}", width.tenths()),
-        Seen::Variable(index, value) => format!("v{index}={}", value.get()),
-        Seen::Name(name) => name.as_str().to_owned(),
-        Seen::Model(number) => format!("{number:04X}"),
+        Observation::Analogs([first, second]) => format!("{first} {second}"),
+        Observation::Pulse { mask, width } => format!("mask={mask:04b} tenths={}", width.tenths()),
+        Observation::Variable(index, value) => format!("v{index}={}", value.get()),
+        Observation::Name(name) => name.as_str().to_owned(),
+        Observation::Model(number) => format!("{number:04X}"),
         other => format!("{other:?}"),
     }
 }

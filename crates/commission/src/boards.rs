@@ -3,7 +3,7 @@
 
 use super::desk::{Desk, Reply};
 use super::{Procedure, Trouble};
-use railbus_device::{Bank, Module, Op, Seen, Setup};
+use railbus_device::{Bank, Module, Observation, Op, Setup};
 use railbus_wire::{Exchange, Micros, r55};
 
 /// The result for one board.
@@ -40,7 +40,7 @@ pub fn all_boards(boards: Vec<Setup>, on: bool) -> Procedure<Result<Vec<BoardSta
 async fn read_back(desk: &Desk, board: &Setup, on: bool) -> Result<BoardState, Trouble> {
     let module = Module::new(*board).map_err(super::Refused::Setup)?;
     let outputs = match desk.read(&module, &Op::ReadOutputs).await? {
-        Reply::Said(Seen::Channels { outputs, .. }) => Some(outputs),
+        Reply::Said(Observation::Channels { outputs, .. }) => Some(outputs),
         _ => None,
     };
     // A board whose frames for on and off are swapped has switched the other way round [R55 §3.9].

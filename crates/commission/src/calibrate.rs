@@ -8,7 +8,7 @@ use super::stages::{Stage, applied, stages};
 use super::{
     Ended, Job, Procedure, Progress, Question, Record, Refused, Spot, State, Trouble, vacant,
 };
-use railbus_device::{Change, Family, Module, Op, Refusal, Seen, Setup};
+use railbus_device::{Change, Family, Module, Observation, Op, Refusal, Setup};
 use railbus_wire::{Address, Frame, Micros};
 
 /// How long a calibration may take [EMD-2A2Q §5.5].
@@ -159,13 +159,13 @@ impl Steps<'_> {
         self.desk.journal(intent.clone()).await?;
         self.desk.tell(Progress::Calibrating).await;
         let reply = self.desk.op(&module, &op).await?;
-        if let Reply::Said(Seen::Refused(refusal)) = reply {
+        if let Reply::Said(Observation::Refused(refusal)) = reply {
             self.desk
                 .journal(intent.ended(State::Unchanged, Some(&self.found)))
                 .await?;
             return Ok(Err(Hindrance::Refused(refusal)));
         }
-        let acknowledged = matches!(reply, Reply::Said(Seen::Done));
+        let acknowledged = matches!(reply, Reply::Said(Observation::Done));
         let end = self.desk.now() + PATIENCE;
         let mut seen = false;
         while self.desk.now() < end {

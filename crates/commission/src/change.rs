@@ -6,7 +6,7 @@ use super::sight::{find, first_alone};
 use super::stages::{Stage, stages};
 use super::{By, Procedure, Progress, Record, Refused, Spot, State, Trouble, vacant};
 use crate::settings::{Wanted, differences};
-use railbus_device::{Change, Family, Module, Op, Refusal, Seen, Setup};
+use railbus_device::{Change, Family, Module, Observation, Op, Refusal, Setup};
 use railbus_wire::{Frame, Micros, Protocol, Settings};
 
 /// Pause after a write [EDA §1.7].
@@ -328,11 +328,11 @@ impl Writer<'_> {
             desk.forget_ghosts();
             let write = Op::Configure(stage.change);
             let reply = desk.op_within(&board, &write, BOARD_TIMEOUT).await?;
-            acknowledged |= matches!(reply, Reply::Said(Seen::Done));
+            acknowledged |= matches!(reply, Reply::Said(Observation::Done));
             let state = desk
                 .op_within(&there, &Op::ReadOutputs, BOARD_TIMEOUT)
                 .await?;
-            if acknowledged || matches!(state, Reply::Said(Seen::Channels { .. })) {
+            if acknowledged || matches!(state, Reply::Said(Observation::Channels { .. })) {
                 break;
             }
             let spent = desk.now().since(attempt);
@@ -411,12 +411,12 @@ fn judge(stage: &Stage, reply: &Reply, found: Found) -> StageEnd {
         return StageEnd::Done(found);
     }
     let why = match reply {
-        Reply::Said(Seen::Refused(refusal)) => Why::Refused(*refusal),
+        Reply::Said(Observation::Refused(refusal)) => Why::Refused(*refusal),
         Reply::Said(_) => Why::NotVerified,
         Reply::Silent | Reply::Garbled => Why::Ignored,
     };
     let (new, old) = evidence(stage, &found.told);
-    let acknowledged = matches!(reply, Reply::Said(Seen::Done));
+    let acknowledged = matches!(reply, Reply::Said(Observation::Done));
     let moves = stage.from != stage.to && found.place != stage.to;
     let refused = matches!(why, Why::Refused(_));
     match (new, old) {

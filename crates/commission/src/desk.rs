@@ -7,7 +7,7 @@
 use super::{Place, Record, Refused, Taken};
 use crate::risk::Risk;
 use railbus_bus::LATE_MIN;
-use railbus_device::{Module, Op, Seen, Setup};
+use railbus_device::{Module, Observation, Op, Setup};
 use railbus_wire::{Exchange, Frame, Instant, Micros, Protocol, Settings, carries_command};
 use std::fmt;
 use std::future::{Future, poll_fn};
@@ -232,7 +232,7 @@ struct Paper {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Reply {
     /// The module's response.
-    Said(Seen),
+    Said(Observation),
     /// No reply.
     Silent,
     /// Bytes that are not a valid reply.

@@ -3,7 +3,7 @@
 
 use super::desk::{Desk, REPLY_TIMEOUT, Reply};
 use super::{Found, Kept, Place, Procedure, Progress, Pulse, Trouble};
-use railbus_device::{Family, Module, Op, Seen, Setup};
+use railbus_device::{Family, Module, Observation, Op, Setup};
 use railbus_wire::rtu::{self, Request, WordSpan};
 use railbus_wire::{Address, Decoded, Exchange, Protocol, Response, Words};
 
@@ -106,7 +106,7 @@ pub(crate) async fn look(
 }
 
 /// What a reply to a first read shows.
-fn sighted(reply: Reply, found: impl FnOnce(Seen) -> Option<Found>) -> Sight {
+fn sighted(reply: Reply, found: impl FnOnce(Observation) -> Option<Found>) -> Sight {
     match reply {
         Reply::Silent => Sight::Silent,
         Reply::Garbled => Sight::Garbled,
@@ -115,10 +115,10 @@ fn sighted(reply: Reply, found: impl FnOnce(Seen) -> Option<Found>) -> Sight {
 }
 
 /// The name or number that a module reports.
-fn name(seen: &Seen) -> Option<String> {
+fn name(seen: &Observation) -> Option<String> {
     match seen {
-        Seen::Name(text) => Some(text.as_str().to_owned()),
-        Seen::Model(model) => Some(format!("{model:04X}")),
+        Observation::Name(text) => Some(text.as_str().to_owned()),
+        Observation::Model(model) => Some(format!("{model:04X}")),
         _ => None,
     }
 }
@@ -127,7 +127,7 @@ fn name(seen: &Seen) -> Option<String> {
 async fn eda(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<Sight, Trouble> {
     if look == Look::First {
         match desk.read(module, &Op::Identify).await? {
-            Reply::Said(seen) if module.recognises(&seen) && seen != Seen::Unexpected => {}
+            Reply::Said(seen) if module.recognises(&seen) && seen != Observation::Unexpected => {}
             other => return Ok(sighted(other, |_| None)),
         }
     }
@@ -136,7 +136,7 @@ async fn eda(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<S
         .read_times(module, &Op::ReadConfig, look.times())
         .await?
     {
-        Reply::Said(Seen::Config {
+        Reply::Said(Observation::Config {
             address,
             baud,
             character,
@@ -153,7 +153,8 @@ async fn eda(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<S
         other => return Ok(sighted(other, |_| None)),
     }
     if module.setup().family == Family::Eda9060a
-        && let Reply::Said(Seen::Pulse { mask, width }) = desk.read(module, &Op::ReadPulse).await?
+        && let Reply::Said(Observation::Pulse { mask, width }) =
+            desk.read(module, &Op::ReadPulse).await?
     {
         // An older EDA9060 has no pulses and does not answer.
         found.told.pulse = Some(Pulse { mask, width });
@@ -200,7 +201,7 @@ async fn eda9050_rtu(
         .read_times(module, &Op::ReadOutputs, look.times())
         .await?
     {
-        Reply::Said(Seen::Channels { .. }) => {}
+        Reply::Said(Observation::Channels { .. }) => {}
         other => return Ok(sighted(other, |_| None)),
     }
     if look == Look::First && !behaves(desk, module.setup(), place).await? {
@@ -215,14 +216,14 @@ async fn erc8(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<
         .read_times(module, &Op::ReadOutputs, look.times())
         .await?
     {
-        Reply::Said(Seen::Channels { .. }) => {}
+        Reply::Said(Observation::Channels { .. }) => {}
         other => return Ok(sighted(other, |_| None)),
     }
     if look == Look::First && !behaves(desk, module.setup(), place).await? {
         return Ok(Sight::Wrong(None));
     }
     let mut found = Found::at(place);
-    if let Reply::Said(Seen::Config {
+    if let Reply::Said(Observation::Config {
         address,
         baud,
         character,

@@ -179,7 +179,7 @@ fn module(text: &str) -> Result<Subject, String> {
             "inputs" => setup.inputs = number()?,
             "variables" => setup.variables = number()?,
             "layout" => setup.layout = layout(value)?,
-            "beyond" => options.beyond = true,
+            "beyond" => options.extensions = true,
             "inverted" => setup.invert_on_off = true,
             _ => return Err(format!("`{word}` says nothing of a module")),
         }

@@ -3,10 +3,10 @@
 //! Its registers are the ERC-8's shifted by one, with other speed codes: what sets the speed
 //! of the one sets the address of the other [EMD-2A2Q §4.2, ERC-8 §4.2].
 
-use crate::engine::{Body, Calibration, Eeprom};
+use crate::engine::{Calibration, DeviceState, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
 use crate::sign::{Reply, Sign};
-use crate::{Bank, Change, Op, Profile, Seen, Setup};
+use crate::{Bank, Change, Observation, Op, Profile, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordBlock, WordSpan};
 use railbus_wire::{
     Address, Baud, Character, Exchange, Frame, Instant, Micros, Protocol, Response, Settings, Words,
@@ -107,28 +107,28 @@ pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
 }
 
 /// The host's half: what a reply says.
-pub(crate) fn interpret(op: &Op, response: &Response<'_>) -> Option<Seen> {
+pub(crate) fn interpret(op: &Op, response: &Response<'_>) -> Option<Observation> {
     let Response::Rtu(response) = response else {
         return None;
     };
     Some(match (op, response) {
-        (Op::ReadOutputs, rtu::Response::Bits(relays)) => Seen::Channels {
+        (Op::ReadOutputs, rtu::Response::Bits(relays)) => Observation::Channels {
             outputs: Bank::new(crate::family::mask(PROFILE.outputs), relays.to_mask()),
             inputs: Bank::default(),
         },
         (Op::ReadAnalogs, rtu::Response::Words(words)) => {
-            Seen::Analogs([words.get(0)?, words.get(1)?])
+            Observation::Analogs([words.get(0)?, words.get(1)?])
         }
-        (Op::Identify, rtu::Response::Words(words)) => Seen::Version(words.get(0)?),
+        (Op::Identify, rtu::Response::Words(words)) => Observation::Version(words.get(0)?),
         (Op::ReadConfig, rtu::Response::Words(words)) => seen_config(words),
-        (_, rtu::Response::Done) => Seen::Done,
+        (_, rtu::Response::Done) => Observation::Done,
         _ => return None,
     })
 }
 
-fn seen_config(words: &Words<'_>) -> Seen {
+fn seen_config(words: &Words<'_>) -> Observation {
     let code = |at: u16| u8::try_from(words.get(at - ADDRESS)?).ok();
-    Seen::Config {
+    Observation::Config {
         address: code(ADDRESS).map(Address),
         baud: code(BAUD).and_then(|code| PROFILE.baud_of(code)),
         character: code(CHARACTER).and_then(|code| PROFILE.character_of(code)),
@@ -139,33 +139,37 @@ fn seen_config(words: &Words<'_>) -> Seen {
 /// The module's half: carries out a request and writes the reply. Every write to address 0 is
 /// carried out [EMD-2A2Q §6.1].
 pub(crate) fn answer(
-    body: &mut Body,
+    state: &mut DeviceState,
     now: Instant,
     exchange: &rtu::Exchange<'_>,
     reply: &mut Frame,
 ) {
-    if !body.hears(exchange.address) {
+    if !state.hears(exchange.address) {
         return;
     }
-    let from = body.address();
-    let outcome = carry_out(body, now, exchange.request);
+    let from = state.address();
+    let outcome = carry_out(state, now, exchange.request);
     respond(exchange, from, outcome, reply);
 }
 
-fn carry_out(body: &mut Body, now: Instant, request: Request<'_>) -> Result<Answer, Exception> {
+fn carry_out(
+    state: &mut DeviceState,
+    now: Instant,
+    request: Request<'_>,
+) -> Result<Answer, Exception> {
     match request {
         Request::ReadCoils(_) | Request::WriteCoil { .. } | Request::WriteCoils(_) => {
-            modbus::coils(body, FIRST_COIL, request)
+            modbus::coils(state, FIRST_COIL, request)
         }
         Request::ReadHoldingRegisters(span) => {
             run_in(0, REGISTERS, span.start(), span.count())?;
-            Ok(Answer::span(&registers(body), span))
+            Ok(Answer::span(&registers(state), span))
         }
         Request::WriteRegister { at, value } => {
             let block = WordBlock::new(at, Words::one(value)).ok_or(Exception::ADDRESS)?;
-            write_registers(body, now, &block)
+            write_registers(state, now, &block)
         }
-        Request::WriteRegisters(block) => write_registers(body, now, &block),
+        Request::WriteRegisters(block) => write_registers(state, now, &block),
         Request::ReadDiscreteInputs(_)
         | Request::ReadInputRegisters(_)
         | Request::Diagnose { .. }
@@ -173,31 +177,31 @@ fn carry_out(body: &mut Body, now: Instant, request: Request<'_>) -> Result<Answ
     }
 }
 
-fn registers(body: &Body) -> [u16; 8] {
+fn registers(state: &DeviceState) -> [u16; 8] {
     let Eeprom {
         address,
         serial,
         calibration,
         ..
-    } = body.eeprom;
+    } = state.eeprom;
     let code = |code: Option<u8>| u16::from(code.unwrap_or_default());
-    let [first, second] = [0, 1].map(|channel| reading(body, channel));
+    let [first, second] = [0, 1].map(|channel| reading(state, channel));
     [
         VERSION,
         u16::from(address.0),
         code(PROFILE.baud_code(serial.baud)),
         code(PROFILE.character_code(serial.character)),
         calibration.voltage,
-        body.calibrating.map_or(0, |(bit, _)| bit),
+        state.calibrating.map_or(0, |(bit, _)| bit),
         first,
         second,
     ]
 }
 
 /// What an input reads after calibration, in hundredths, never below 0 [EMD-2A2Q §4.14].
-fn reading(body: &Body, channel: usize) -> u16 {
-    let calibration = &body.eeprom.calibration;
-    let measured = body.analogs.get(channel).copied().unwrap_or_default();
+fn reading(state: &DeviceState, channel: usize) -> u16 {
+    let calibration = &state.eeprom.calibration;
+    let measured = state.analogs.get(channel).copied().unwrap_or_default();
     let zero = calibration.zero.get(channel).copied().unwrap_or_default();
     let (at_span, voltage) = calibration.span.get(channel).copied().unwrap_or((1, 1));
     // At most 65535, and so the product fits; what lies below zero reads 0.
@@ -210,12 +214,12 @@ fn reading(body: &Body, channel: usize) -> u16 {
 
 /// Writes all registers of a block, or none [EMD-2A2Q §2.4].
 fn write_registers(
-    body: &mut Body,
+    state: &mut DeviceState,
     now: Instant,
     block: &WordBlock<'_>,
 ) -> Result<Answer, Exception> {
     run_in(0, REGISTERS, block.start(), block.values().len())?;
-    let mut eeprom = body.eeprom;
+    let mut eeprom = state.eeprom;
     let mut command = 0;
     for (at, value) in block.words() {
         let code = u8::try_from(value).map_err(|_| Exception::VALUE);
@@ -231,17 +235,17 @@ fn write_registers(
             _ => return Err(Exception::ADDRESS),
         }
     }
-    start(body, now, command, eeprom);
+    start(state, now, command, eeprom);
     Ok(Answer::Done)
 }
 
 /// Keeps the settings and begins what the command register asks for: restore before zero
 /// before span, and only the first [EMD-2A2Q §5.6].
-fn start(body: &mut Body, now: Instant, command: u16, eeprom: Eeprom) {
+fn start(state: &mut DeviceState, now: Instant, command: u16, eeprom: Eeprom) {
     if command & RESTORE != 0 {
         // A calibration under way would undo its part of the restore [EMD-2A2Q §5.8].
-        body.calibrating = None;
-        *body.keep() = Eeprom {
+        state.calibrating = None;
+        *state.keep() = Eeprom {
             address: Address(1),
             serial: Settings::FACTORY,
             calibration: Calibration::NEUTRAL,
@@ -249,8 +253,8 @@ fn start(body: &mut Body, now: Instant, command: u16, eeprom: Eeprom) {
         };
         return;
     }
-    if eeprom != body.eeprom {
-        *body.keep() = eeprom;
+    if eeprom != state.eeprom {
+        *state.keep() = eeprom;
     }
     let bit = if command & ZERO != 0 {
         ZERO
@@ -258,23 +262,23 @@ fn start(body: &mut Body, now: Instant, command: u16, eeprom: Eeprom) {
         command & SPAN
     };
     if bit != 0 {
-        body.calibrating = Some((bit, now + CALIBRATION_TIME));
+        state.calibrating = Some((bit, now + CALIBRATION_TIME));
     }
 }
 
 /// Ends a calibration whose time has come.
-pub(crate) fn run_calibration(body: &mut Body, now: Instant) {
-    let Some((bit, _)) = body.calibrating.take_if(|(_, at)| *at <= now) else {
+pub(crate) fn run_calibration(state: &mut DeviceState, now: Instant) {
+    let Some((bit, _)) = state.calibrating.take_if(|(_, at)| *at <= now) else {
         return;
     };
-    let mut calibration = body.eeprom.calibration;
+    let mut calibration = state.eeprom.calibration;
     if bit == ZERO {
-        calibration.zero = body.analogs;
+        calibration.zero = state.analogs;
     } else {
         for ((span, measured), zero) in calibration
             .span
             .iter_mut()
-            .zip(body.analogs)
+            .zip(state.analogs)
             .zip(calibration.zero)
         {
             let above_zero = measured.saturating_sub(zero);
@@ -284,5 +288,5 @@ pub(crate) fn run_calibration(body: &mut Body, now: Instant) {
             );
         }
     }
-    body.keep().calibration = calibration;
+    state.keep().calibration = calibration;
 }

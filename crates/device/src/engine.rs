@@ -4,17 +4,17 @@
 //! ([`Engine::poll`]) until it says [`Output::Wait`]; each `Wait` replaces the deadline before
 //! it. What all families share is here; each family's own behaviour is in its room.
 
-mod body;
 mod receiver;
+mod state;
 mod timers;
 
-use crate::beyond::{self, count};
-use crate::{Beyond, Family, Setup, SetupError, eda, emd2a2q, erc8, r55};
-pub(crate) use body::Body;
+use crate::extensions::{self, count};
+use crate::{Extensions, Family, Setup, SetupError, eda, emd2a2q, erc8, r55};
 use railbus_wire::{
     Address, Frame, Instant, Micros, Protocol, PulseWidth, Settings, ascii, lc02, rtu,
 };
 use receiver::Receiver;
+pub(crate) use state::DeviceState;
 
 /// What a module keeps while it has no power. Outputs are not kept [EDA §1.6].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +34,7 @@ pub struct Eeprom {
     /// How the analog inputs are calibrated (EMD-2A2Q).
     pub calibration: Calibration,
     /// What it does beyond its datasheet.
-    pub beyond: Beyond,
+    pub extensions: Extensions,
 }
 
 /// How an EMD-2A2Q turns what it measures into what it reports.
@@ -70,7 +70,7 @@ impl Eeprom {
             pulse_mask: 0,
             pulse_width: PulseWidth::DEFAULT,
             calibration: Calibration::NEUTRAL,
-            beyond: Beyond::NEUTRAL,
+            extensions: Extensions::NEUTRAL,
         }
     }
 }
@@ -105,7 +105,7 @@ pub struct Options {
     /// Requests that follow earlier traffic sooner than the family's gap are not heard.
     pub insist_on_gap: bool,
     /// The module does what is beyond its datasheet: all of `docs/datasheets/beyond.md`.
-    pub beyond: bool,
+    pub extensions: bool,
 }
 
 /// What happens to a module.
@@ -165,7 +165,7 @@ pub enum Effect {
 /// A module.
 #[derive(Clone, Debug)]
 pub struct Engine {
-    body: Body,
+    state: DeviceState,
     receiver: Receiver,
     reply: Frame,
     /// When the reply goes out.
@@ -201,7 +201,7 @@ impl Engine {
     ) -> Result<Engine, SetupError> {
         setup.check_built()?;
         Ok(Engine {
-            body: Body::new(setup, eeprom, options, now),
+            state: DeviceState::new(setup, eeprom, options, now),
             receiver: Receiver::new(now),
             reply: Frame::new(),
             reply_at: None,
@@ -221,12 +221,12 @@ impl Engine {
     pub fn handle(&mut self, now: Instant, input: Input<'_>) {
         self.now = now;
         // A driver that is late hands in what happened after a pulse had ended.
-        self.body.run_timers(now);
+        self.state.run_timers(now);
         match input {
             Input::Bytes(bytes) if !self.sending => self.hear(bytes),
             Input::BadByte if !self.sending => self.hear_bad_byte(),
             Input::Overrun if !self.sending => {
-                count(&mut self.body.counters.overruns);
+                count(&mut self.state.counters.overruns);
                 self.hear_bad_byte();
             }
             Input::Bytes(_) | Input::BadByte | Input::Overrun => {}
@@ -235,13 +235,13 @@ impl Engine {
             Input::Sent => {
                 (self.sending, self.unsent) = (false, false);
                 self.receiver.line_was_busy(now);
-                self.body.apply();
+                self.state.apply();
             }
-            Input::Levels(levels) => self.body.set_levels(levels),
-            Input::Analog(channel, value) => self.body.set_analog(channel, value),
-            Input::Init(grounded) => self.body.init_pin = grounded,
-            Input::Dip(dip) => self.body.dip = dip,
-            Input::Stuck(mask) => self.body.stuck = mask,
+            Input::Levels(levels) => self.state.set_levels(levels),
+            Input::Analog(channel, value) => self.state.set_analog(channel, value),
+            Input::Init(grounded) => self.state.init_pin = grounded,
+            Input::Dip(dip) => self.state.dip = dip,
+            Input::Stuck(mask) => self.state.stuck = mask,
         }
     }
 
@@ -268,57 +268,57 @@ impl Engine {
     /// The outputs as they are: bit n = output n is on.
     #[must_use]
     pub const fn outputs(&self) -> u32 {
-        self.body.outputs
+        self.state.outputs
     }
 
     /// The settings in force, which may differ from those kept.
     #[must_use]
     pub const fn active(&self) -> &Eeprom {
-        &self.body.active
+        &self.state.active
     }
 
     /// The address in force: that of the DIP switch, where one gives it.
     #[must_use]
     pub const fn address(&self) -> Address {
-        self.body.address()
+        self.state.address()
     }
 
     /// The protocol in force: that of the INIT* pin, where it chooses.
     #[must_use]
     pub const fn protocol(&self) -> Protocol {
-        self.body.protocol()
+        self.state.protocol()
     }
 
     /// The settings kept.
     #[must_use]
     pub const fn eeprom(&self) -> &Eeprom {
-        &self.body.eeprom
+        &self.state.eeprom
     }
 
     fn next_effect(&mut self) -> Option<Effect> {
-        let changed = self.body.outputs ^ self.reported.outputs;
+        let changed = self.state.outputs ^ self.reported.outputs;
         if changed != 0 {
             let channel = changed.trailing_zeros();
             self.reported.outputs ^= 1 << channel;
-            let on = self.body.outputs >> channel & 1 == 1;
+            let on = self.state.outputs >> channel & 1 == 1;
             return Some(Effect::Output {
                 channel: channel as u8,
                 on,
             });
         }
-        if self.body.eeprom != self.reported.eeprom {
-            self.reported.eeprom = self.body.eeprom;
-            return Some(Effect::Save(self.body.eeprom));
+        if self.state.eeprom != self.reported.eeprom {
+            self.reported.eeprom = self.state.eeprom;
+            return Some(Effect::Save(self.state.eeprom));
         }
-        if self.body.active.serial != self.reported.serial {
-            self.reported.serial = self.body.active.serial;
-            return Some(Effect::Serial(self.body.active.serial));
+        if self.state.active.serial != self.reported.serial {
+            self.reported.serial = self.state.active.serial;
+            return Some(Effect::Serial(self.state.active.serial));
         }
         None
     }
 
     fn led_change(&mut self) -> Option<bool> {
-        let lit = self.body.led(self.now, self.sending);
+        let lit = self.state.led(self.now, self.sending);
         (self.reported.led != Some(lit)).then(|| {
             self.reported.led = Some(lit);
             lit
@@ -327,15 +327,15 @@ impl Engine {
 
     fn deadline(&self) -> Option<Instant> {
         let reply_at = self.reply_at.filter(|_| !self.sending);
-        let led = self.body.led_deadline(self.now).filter(|_| !self.sending);
+        let led = self.state.led_deadline(self.now).filter(|_| !self.sending);
         let frame_end = self.frame_end();
-        Instant::earliest(&[reply_at, led, frame_end, self.body.timer_deadline()])
+        Instant::earliest(&[reply_at, led, frame_end, self.state.timer_deadline()])
     }
 
     /// When silence will have ended the frame being heard.
     fn frame_end(&self) -> Option<Instant> {
-        let silence = self.body.active.serial.t3_5();
-        let open = self.body.protocol() == Protocol::Rtu && self.receiver.has_frame();
+        let silence = self.state.active.serial.t3_5();
+        let open = self.state.protocol() == Protocol::Rtu && self.receiver.has_frame();
         open.then(|| self.receiver.last + silence)
     }
 
@@ -348,7 +348,7 @@ impl Engine {
     /// So many characters end now. The frame before them ends first if they began after its
     /// silence: a driver that is late hands in both at once.
     fn begin_hearing(&mut self, characters: usize) {
-        let took = self.body.active.serial.frame_time(characters);
+        let took = self.state.active.serial.frame_time(characters);
         let began = Instant(self.now.0.saturating_sub(took.0));
         if self.frame_end().is_some_and(|end| end <= began) {
             self.end_frame();
@@ -356,23 +356,23 @@ impl Engine {
         // The INIT* pin acts between frames [EDA9050 §2.3]: when none is open, or the one that
         // is was given up by its sender.
         let silence = self.receiver.silence_before(self.now, took);
-        if !self.receiver.has_frame() || silence >= self.body.request_gap() {
-            self.body.follow_init_pin();
+        if !self.receiver.has_frame() || silence >= self.state.request_gap() {
+            self.state.follow_init_pin();
         }
-        let gap = self.body.insisted_gap();
+        let gap = self.state.insisted_gap();
         self.receiver.begin(self.now, took, gap);
     }
 
     fn hear_bad_byte(&mut self) {
         self.begin_hearing(1);
-        self.receiver.bad_byte(self.body.protocol(), self.now);
+        self.receiver.bad_byte(self.state.protocol(), self.now);
     }
 
     fn hear(&mut self, bytes: &[u8]) {
-        let serial = self.body.active.serial;
+        let serial = self.state.active.serial;
         for (&byte, left) in bytes.iter().zip((1..=bytes.len()).rev()) {
             self.begin_hearing(left);
-            match self.body.protocol() {
+            match self.state.protocol() {
                 Protocol::Rtu => self.receiver.push(byte),
                 Protocol::Ascii => self.hear_ascii(byte),
                 Protocol::Lc02 => self.hear_lc02(byte),
@@ -385,8 +385,8 @@ impl Engine {
 
     fn hear_ascii(&mut self, byte: u8) {
         let rules = ascii::Rules {
-            checksum: self.body.active.checksum,
-            lower_case: self.body.options.lower_case,
+            checksum: self.state.active.checksum,
+            lower_case: self.state.options.lower_case,
         };
         let Some(decoded) = self.receiver.push_ascii(byte, rules) else {
             return;
@@ -394,16 +394,16 @@ impl Engine {
         self.begin_reply();
         match decoded {
             Ok(exchange) => {
-                let (body, now, reply) = (&mut self.body, self.now, &mut self.reply);
-                let own = !exchange.request.is_broadcast() && body.hears(exchange.address);
+                let (state, now, reply) = (&mut self.state, self.now, &mut self.reply);
+                let own = !exchange.request.is_broadcast() && state.hears(exchange.address);
                 if own || exchange.request == ascii::Request::HostOk {
-                    body.feed(now);
+                    state.feed(now);
                 }
-                if !beyond::ascii(body, now, &exchange, reply) {
-                    eda::ascii(body, now, &exchange, reply);
+                if !extensions::ascii(state, now, &exchange, reply) {
+                    eda::ascii(state, now, &exchange, reply);
                 }
             }
-            Err(address) => eda::refuse_ascii(&self.body, address, &mut self.reply),
+            Err(address) => eda::refuse_ascii(&self.state, address, &mut self.reply),
         }
         self.schedule_reply();
     }
@@ -412,10 +412,10 @@ impl Engine {
         self.receiver.push(byte);
         while let Some(exchange) = self.receiver.take(lc02::Exchange::decode_request) {
             self.begin_reply();
-            if self.body.hears(exchange.address) {
-                self.body.feed(self.now);
+            if self.state.hears(exchange.address) {
+                self.state.feed(self.now);
             }
-            eda::lc02(&mut self.body, self.now, &exchange, &mut self.reply);
+            eda::lc02(&mut self.state, self.now, &exchange, &mut self.reply);
             self.schedule_reply();
         }
     }
@@ -425,19 +425,19 @@ impl Engine {
         let mut answered = self.reply_at.is_some();
         while let Some(frame) = self.receiver.take(r55::decode_frame) {
             if let Some(exchange) = frame {
-                if self.body.hears(exchange.address()) {
-                    self.body.feed(self.now);
+                if self.state.hears(exchange.address()) {
+                    self.state.feed(self.now);
                 }
-                answered |= r55::answer(&mut self.body, self.now, &exchange, &mut self.reply);
+                answered |= r55::answer(&mut self.state, self.now, &exchange, &mut self.reply);
             }
         }
         if answered {
             // Requests need no gap between them, so that only silence shows which was the last,
             // and only that one is answered [R55 §3.12].
-            let silence = self.body.active.serial.t1_5();
-            self.reply_at = Some(self.now + silence + self.body.options.turnaround);
+            let silence = self.state.active.serial.t1_5();
+            self.reply_at = Some(self.now + silence + self.state.options.turnaround);
         } else {
-            self.body.apply();
+            self.state.apply();
         }
     }
 
@@ -445,32 +445,32 @@ impl Engine {
     fn end_frame(&mut self) {
         let ended = self.receiver.end_frame();
         if !ended.heard_rightly {
-            self.body.count_error(ended.too_long);
+            self.state.count_error(ended.too_long);
             self.receiver.clear();
             return;
         }
         self.begin_reply();
-        let (body, reply, frame) = (&mut self.body, &mut self.reply, self.receiver.frame());
+        let (state, reply, frame) = (&mut self.state, &mut self.reply, self.receiver.frame());
         match rtu::Exchange::decode_frame(frame) {
             _ if ended.bad_byte => {
-                body.count_error(true);
-                body.answer_bad_frame(frame, rtu::Exception::FAILURE, reply);
+                state.count_error(true);
+                state.answer_bad_frame(frame, rtu::Exception::FAILURE, reply);
             }
             Err(rtu::RequestError::Garbled) => {
-                body.count_error(true);
-                body.answer_bad_frame(frame, rtu::Exception::CHECKSUM, reply);
+                state.count_error(true);
+                state.answer_bad_frame(frame, rtu::Exception::CHECKSUM, reply);
             }
             Ok(exchange) => {
-                let own = body.begin_message(self.now, exchange.address);
-                answer_rtu(body, self.now, &exchange, reply);
-                body.end_message(own, reply);
+                let own = state.begin_message(self.now, exchange.address);
+                answer_rtu(state, self.now, &exchange, reply);
+                state.end_message(own, reply);
             }
             Err(error) => {
                 let refusal = error.exception();
                 let own =
-                    refusal.is_some_and(|(address, ..)| body.begin_message(self.now, address));
-                body.refuse_rtu(refusal, reply);
-                body.end_message(own, reply);
+                    refusal.is_some_and(|(address, ..)| state.begin_message(self.now, address));
+                state.refuse_rtu(refusal, reply);
+                state.end_message(own, reply);
             }
         }
         self.receiver.clear();
@@ -486,22 +486,27 @@ impl Engine {
     fn schedule_reply(&mut self) {
         if self.reply.bytes().is_empty() {
             // Nobody is answered, so there is no last stop bit to wait for.
-            self.body.apply();
+            self.state.apply();
         } else {
-            self.reply_at = Some(self.now + self.body.options.turnaround);
+            self.reply_at = Some(self.now + self.state.options.turnaround);
         }
     }
 }
 
 /// Carries out a Modbus request, beyond the datasheet or as the family does.
-fn answer_rtu(body: &mut Body, now: Instant, exchange: &rtu::Exchange<'_>, reply: &mut Frame) {
-    if beyond::rtu(body, now, exchange, reply) {
+fn answer_rtu(
+    state: &mut DeviceState,
+    now: Instant,
+    exchange: &rtu::Exchange<'_>,
+    reply: &mut Frame,
+) {
+    if extensions::rtu(state, now, exchange, reply) {
         return;
     }
-    match body.family() {
-        Family::Eda9060a | Family::Eda9050 => eda::rtu(body, now, exchange, reply),
-        Family::Erc8 => erc8::answer(body, exchange, reply),
-        Family::Emd2a2q => emd2a2q::answer(body, now, exchange, reply),
+    match state.family() {
+        Family::Eda9060a | Family::Eda9050 => eda::rtu(state, now, exchange, reply),
+        Family::Erc8 => erc8::answer(state, exchange, reply),
+        Family::Emd2a2q => emd2a2q::answer(state, now, exchange, reply),
         Family::R55 => {}
     }
 }

@@ -4,10 +4,10 @@
 //! parity. The manual lists functions 01, 05 and 0F and writes registers with 06
 //! [ERC-8 §2, §3].
 
-use crate::engine::{Body, Eeprom};
+use crate::engine::{DeviceState, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
 use crate::sign::{Reply, Sign};
-use crate::{Bank, Change, Op, Profile, Seen, Setup};
+use crate::{Bank, Change, Observation, Op, Profile, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordSpan};
 use railbus_wire::{Address, Baud, Character, Exchange, Frame, Micros, Protocol, Response};
 
@@ -78,54 +78,54 @@ pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
 }
 
 /// The host's half: what a reply says.
-pub(crate) fn interpret(op: &Op, response: &Response<'_>) -> Option<Seen> {
+pub(crate) fn interpret(op: &Op, response: &Response<'_>) -> Option<Observation> {
     let Response::Rtu(response) = response else {
         return None;
     };
     Some(match (op, response) {
-        (Op::ReadOutputs, rtu::Response::Bits(relays)) => Seen::Channels {
+        (Op::ReadOutputs, rtu::Response::Bits(relays)) => Observation::Channels {
             outputs: Bank::new(crate::family::mask(PROFILE.outputs), relays.to_mask()),
             inputs: Bank::default(),
         },
         (Op::ReadConfig, rtu::Response::Words(words)) => {
             let code = |at| u8::try_from(words.get(at)?).ok();
-            Seen::Config {
+            Observation::Config {
                 address: code(ADDRESS).map(Address),
                 baud: code(BAUD).and_then(|code| PROFILE.baud_of(code)),
                 character: code(CHARACTER).and_then(|code| PROFILE.character_of(code)),
                 checksum: None,
             }
         }
-        (_, rtu::Response::Done) => Seen::Done,
+        (_, rtu::Response::Done) => Observation::Done,
         _ => return None,
     })
 }
 
 /// The module's half: carries out a request and writes the reply. Address 0 is only for
 /// changing the address [ERC-8 §4.10, §4.11].
-pub(crate) fn answer(body: &mut Body, exchange: &rtu::Exchange<'_>, reply: &mut Frame) {
+pub(crate) fn answer(state: &mut DeviceState, exchange: &rtu::Exchange<'_>, reply: &mut Frame) {
     let broadcast = exchange.address == rtu::BROADCAST;
     let readdresses = matches!(exchange.request, Request::WriteRegister { at: ADDRESS, .. });
-    if !body.hears(exchange.address) || broadcast && !readdresses {
+    if !state.hears(exchange.address) || broadcast && !readdresses {
         return;
     }
-    let from = body.address();
-    let outcome = carry_out(body, exchange.request);
+    let from = state.address();
+    let outcome = carry_out(state, exchange.request);
     respond(exchange, from, outcome, reply);
 }
 
-fn carry_out(body: &mut Body, request: Request<'_>) -> Result<Answer, Exception> {
+fn carry_out(state: &mut DeviceState, request: Request<'_>) -> Result<Answer, Exception> {
     match request {
         Request::ReadCoils(_) | Request::WriteCoil { .. } | Request::WriteCoils(_) => {
-            modbus::coils(body, FIRST_COIL, request)
+            modbus::coils(state, FIRST_COIL, request)
         }
         Request::ReadHoldingRegisters(span) => {
             run_in(ADDRESS, REGISTERS, span.start(), span.count())?;
-            Ok(Answer::span(&registers(body), span))
+            Ok(Answer::span(&registers(state), span))
         }
         Request::WriteRegister { at, value } => {
-            let eeprom = configured(body.eeprom, at, value)?;
-            *body.keep() = eeprom;
+            let eeprom = configured(state.eeprom, at, value)?;
+            *state.keep() = eeprom;
             Ok(Answer::Done)
         }
         Request::ReadDiscreteInputs(_)
@@ -136,10 +136,10 @@ fn carry_out(body: &mut Body, request: Request<'_>) -> Result<Answer, Exception>
     }
 }
 
-fn registers(body: &Body) -> [u16; 3] {
+fn registers(state: &DeviceState) -> [u16; 3] {
     let Eeprom {
         address, serial, ..
-    } = body.eeprom;
+    } = state.eeprom;
     let code = |code: Option<u8>| u16::from(code.unwrap_or_default());
     [
         u16::from(address.0),

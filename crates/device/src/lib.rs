@@ -1,9 +1,9 @@
 //! Five families of DIN-rail I/O modules, both ends of the wire.
 //!
-//! Each family has one room here, which holds its datasheet as data (a [`Profile`]), what the
-//! host makes of it ([`Module`]: an [`Op`] becomes one exchange, its reply becomes [`Seen`]) and
-//! the module's own behaviour (its half of [`Engine`], which is both the simulated module and
-//! the firmware). Nothing here knows a clock, a port or an allocator.
+//! Each family has one module here. It holds the datasheet as data (a [`Profile`]), the host side
+//! ([`Module`]: an [`Op`] becomes one exchange, its reply becomes an [`Observation`]) and the
+//! device side (its half of [`Engine`], which is both the simulated module and the firmware).
+//! Nothing here uses a clock, a port or an allocator.
 //!
 //! Sections in brackets, as `[ERC-8 §2.1]`, are numbered facts of `docs/datasheets`.
 
@@ -18,13 +18,13 @@
 )]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::indexing_slicing))]
 
-mod beyond;
 mod eda;
 mod eda9050;
 mod eda9060a;
 mod emd2a2q;
 mod engine;
 mod erc8;
+mod extensions;
 mod family;
 mod modbus;
 mod module;
@@ -32,10 +32,10 @@ mod op;
 mod r55;
 mod sign;
 
-pub use beyond::Beyond;
 pub use engine::{Applies, Calibration, Eeprom, Effect, Engine, Input, Options, Output};
+pub use extensions::Extensions;
 pub use family::{Family, Layout, Point, PointKind, Profile, Setup, SetupError};
 pub use module::Module;
-pub use op::{Bank, Change, Op, Refusal, Seen, Unsupported};
+pub use op::{Bank, Change, Observation, Op, Refusal, Unsupported};
 pub use r55::board_address;
 pub use sign::{Reply, Sign};

@@ -1,6 +1,6 @@
 //! What the families that speak Modbus share: coils, runs of them, and replies.
 
-use crate::engine::Body;
+use crate::engine::DeviceState;
 use crate::{Bank, Profile, Setup};
 use railbus_wire::rtu::{self, BitBlock, Exception, Request, Response, WordSpan};
 use railbus_wire::{Address, Bits, Exchange, Frame, Words};
@@ -67,28 +67,31 @@ impl Answer {
 
 /// The module's half: reads or writes outputs that are coils from `first_coil` on.
 pub(crate) fn coils(
-    body: &mut Body,
+    state: &mut DeviceState,
     first_coil: u16,
     request: Request<'_>,
 ) -> Result<Answer, Exception> {
-    let outputs = body.setup.outputs.into();
+    let outputs = state.setup.outputs.into();
     match request {
         Request::ReadCoils(span) => {
             let first = run_in(first_coil, outputs, span.start(), span.count())?;
-            Ok(Answer::Bits(body.outputs.wrapping_shr(first), span.count()))
+            Ok(Answer::Bits(
+                state.outputs.wrapping_shr(first),
+                span.count(),
+            ))
         }
         Request::WriteCoil { at, value } => {
             // The value is looked at before the address [MODBUS §3.5].
             let on = value.state().ok_or(Exception::VALUE)?;
             let mask = 1u32.wrapping_shl(run_in(first_coil, outputs, at, 1)?);
-            body.switch(mask, if on { mask } else { 0 });
+            state.switch(mask, if on { mask } else { 0 });
             Ok(Answer::Done)
         }
         Request::WriteCoils(block) => {
             let first = run_in(first_coil, outputs, block.start(), block.values().len())?;
             let mask = crate::family::mask(block.values().len() as u8);
             let on = block.values().to_mask().wrapping_shl(first);
-            body.switch(mask.wrapping_shl(first), on);
+            state.switch(mask.wrapping_shl(first), on);
             Ok(Answer::Done)
         }
         _ => Err(Exception::FUNCTION),

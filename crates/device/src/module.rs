@@ -1,6 +1,6 @@
 //! A module as the host sees it: ops become exchanges, replies become what was seen.
 
-use crate::{Bank, Family, Op, Refusal, Seen, Setup, SetupError, Unsupported};
+use crate::{Bank, Family, Observation, Op, Refusal, Setup, SetupError, Unsupported};
 use crate::{eda, emd2a2q, erc8, modbus, r55};
 use railbus_wire::{Exchange, Protocol, Response, ascii, rtu};
 
@@ -54,29 +54,31 @@ impl Module {
 
     /// What the reply to an op says, in channel terms.
     #[must_use]
-    pub fn interpret(&self, op: &Op, response: &Response<'_>) -> Seen {
+    pub fn interpret(&self, op: &Op, response: &Response<'_>) -> Observation {
         let seen = match (response, self.setup.family) {
             (Response::Rtu(rtu::Response::Exception(why)), _) => {
-                Some(Seen::Refused(Refusal::Exception(*why)))
+                Some(Observation::Refused(Refusal::Exception(*why)))
             }
-            (Response::Ascii(ascii::Response::Invalid), _) => Some(Seen::Refused(Refusal::Invalid)),
+            (Response::Ascii(ascii::Response::Invalid), _) => {
+                Some(Observation::Refused(Refusal::Invalid))
+            }
             (Response::Ascii(ascii::Response::Ignored), _) => {
-                Some(Seen::Refused(Refusal::WatchdogTripped))
+                Some(Observation::Refused(Refusal::WatchdogTripped))
             }
             // That it answered is all that is wanted.
-            _ if matches!(op, Op::Fence) => Some(Seen::Done),
+            _ if matches!(op, Op::Fence) => Some(Observation::Done),
             (_, Family::Eda9060a | Family::Eda9050) => eda::interpret(&self.setup, op, response),
             (_, Family::Erc8) => erc8::interpret(op, response),
             (_, Family::Emd2a2q) => emd2a2q::interpret(op, response),
             (_, Family::R55) => r55::interpret(&self.setup, op, response),
         };
-        seen.unwrap_or(Seen::Unexpected)
+        seen.unwrap_or(Observation::Unexpected)
     }
 
     /// Whether what [`Op::Identify`] brought is what this model says of itself. A module that
     /// names no model is not contradicted.
     #[must_use]
-    pub fn recognises(&self, seen: &Seen) -> bool {
+    pub fn recognises(&self, seen: &Observation) -> bool {
         match self.setup.family {
             Family::Eda9060a | Family::Eda9050 => eda::recognises(&self.setup, seen),
             Family::Erc8 | Family::R55 | Family::Emd2a2q => true,
@@ -91,8 +93,8 @@ impl Module {
     }
 
     /// Takes note of what changes how later ops are to be treated.
-    pub fn learn(&mut self, seen: &Seen) {
-        if let Seen::Pulse { mask, .. } = seen {
+    pub fn learn(&mut self, seen: &Observation) {
+        if let Observation::Pulse { mask, .. } = seen {
             self.pulse_mask = Some(*mask);
         }
     }

@@ -120,7 +120,7 @@ pub enum Change {
 
 /// What a reply says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Seen {
+pub enum Observation {
     /// The states of outputs and inputs. A bank with an empty mask says nothing.
     Channels {
         /// Outputs read back.

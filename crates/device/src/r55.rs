@@ -1,8 +1,8 @@
 //! The 0x55/0x22 relay boards: up to 32 relays, inputs, or 16 of each.
 
-use crate::beyond;
-use crate::engine::Body;
-use crate::{Bank, Change, Family, Layout, Op, Profile, Seen, Setup};
+use crate::engine::DeviceState;
+use crate::extensions;
+use crate::{Bank, Change, Family, Layout, Observation, Op, Profile, Setup};
 use railbus_wire::r55::{BROADCAST, Exchange, FRAME_LEN, Request, Response, U24};
 use railbus_wire::{
     Address, Baud, Channel, Character, Decoded, Frame, Instant, Malformed, Micros, Protocol, Reply,
@@ -113,7 +113,7 @@ pub(crate) fn interpret(
     setup: &Setup,
     op: &Op,
     response: &railbus_wire::Response<'_>,
-) -> Option<Seen> {
+) -> Option<Observation> {
     let railbus_wire::Response::R55(response) = response else {
         return None;
     };
@@ -124,9 +124,9 @@ pub(crate) fn interpret(
             if index != asked {
                 return None;
             }
-            Seen::Variable(index, value)
+            Observation::Variable(index, value)
         }
-        Op::Configure(_) => Seen::Done,
+        Op::Configure(_) => Observation::Done,
         _ => {
             let (outputs, inputs) = match setup.layout {
                 Layout::Outputs => (response.to_word(), 0),
@@ -138,7 +138,7 @@ pub(crate) fn interpret(
             } else {
                 outputs
             };
-            Seen::Channels {
+            Observation::Channels {
                 outputs: Bank::new(setup.output_mask(), outputs),
                 inputs: Bank::new(setup.input_mask(), inputs),
             }
@@ -171,18 +171,18 @@ pub(crate) fn decode_frame(heard: &[u8]) -> Decoded<Option<Exchange>> {
 
 /// The module's half: carries out a request, and writes the reply. Whether there is one.
 pub(crate) fn answer(
-    body: &mut Body,
+    state: &mut DeviceState,
     now: Instant,
     exchange: &Exchange,
     reply: &mut Frame,
 ) -> bool {
-    if !body.hears(exchange.address()) {
+    if !state.hears(exchange.address()) {
         return false;
     }
     let broadcast = exchange.address() == BROADCAST;
-    let from = body.address();
-    let extra = beyond::variable(body, now, exchange.address(), exchange.request());
-    let response = extra.unwrap_or_else(|| carry_out(body, now, exchange.request()));
+    let from = state.address();
+    let extra = extensions::variable(state, now, exchange.address(), exchange.request());
+    let response = extra.unwrap_or_else(|| carry_out(state, now, exchange.request()));
     let Some(response) = response else {
         return false;
     };
@@ -195,63 +195,63 @@ pub(crate) fn answer(
 }
 
 /// Does what a request asks for; nothing where the board stays silent.
-fn carry_out(body: &mut Body, now: Instant, request: Request) -> Option<Response> {
-    let all = body.setup.output_mask();
-    let has = |channel: Channel| (channel.index() < body.setup.outputs).then_some(channel);
+fn carry_out(state: &mut DeviceState, now: Instant, request: Request) -> Option<Response> {
+    let all = state.setup.output_mask();
+    let has = |channel: Channel| (channel.index() < state.setup.outputs).then_some(channel);
     match request {
         Request::ReadState => {}
-        Request::Open(channel) => body.switch(has(channel)?.mask(), 0),
-        Request::Close(channel) => body.switch(has(channel)?.mask(), all),
-        Request::SetAll(on) => body.switch(all, on),
-        Request::GroupOff(mask) => body.switch(mask, 0),
-        Request::GroupOn(mask) => body.switch(mask, mask),
-        Request::GroupToggle(mask) => body.switch(mask, !body.outputs),
-        Request::Toggle(channel) => body.switch(has(channel)?.mask(), !body.outputs),
+        Request::Open(channel) => state.switch(has(channel)?.mask(), 0),
+        Request::Close(channel) => state.switch(has(channel)?.mask(), all),
+        Request::SetAll(on) => state.switch(all, on),
+        Request::GroupOff(mask) => state.switch(mask, 0),
+        Request::GroupOn(mask) => state.switch(mask, mask),
+        Request::GroupToggle(mask) => state.switch(mask, !state.outputs),
+        Request::Toggle(channel) => state.switch(has(channel)?.mask(), !state.outputs),
         Request::JogClose(channel, time) | Request::JogOpen(channel, time) => {
             let close = matches!(request, Request::JogClose(..));
             let time = Micros::from_millis(time.get().into());
-            body.switch_for(now, has(channel)?, close, time);
+            state.switch_for(now, has(channel)?, close, time);
         }
-        Request::ReadAddress => return Some(Response::word(body.address().0.into())),
-        Request::WriteAddress(new) => return readdress(body, now, new),
+        Request::ReadAddress => return Some(Response::word(state.address().0.into())),
+        Request::WriteAddress(new) => return readdress(state, now, new),
         Request::ReadVariable(index) => {
             return Some(Response::variable(
                 index,
-                U24::new(*variable(body, index)?)?,
+                U24::new(*variable(state, index)?)?,
             ));
         }
         Request::WriteVariable(index, value) => {
-            *variable(body, index)? = value.get();
+            *variable(state, index)? = value.get();
             return Some(Response::variable(index, value));
         }
     }
-    Some(state(body))
+    Some(state_response(state))
 }
 
 /// The state as this board's layout has it.
-const fn state(body: &Body) -> Response {
-    Response::word(match body.setup.layout {
-        Layout::Outputs => body.outputs,
-        Layout::Inputs => body.levels,
-        Layout::Mixed => body.levels << 16 | body.outputs,
+const fn state_response(state: &DeviceState) -> Response {
+    Response::word(match state.setup.layout {
+        Layout::Outputs => state.outputs,
+        Layout::Inputs => state.levels,
+        Layout::Mixed => state.levels << 16 | state.outputs,
     })
 }
 
 /// Writes the address: only soon after power-up, and only where no DIP switch gives it
 /// [R55 §4.6, §4.8].
-fn readdress(body: &mut Body, now: Instant, new: Address) -> Option<Response> {
-    let in_window = now.since(body.started) <= ADDRESS_WINDOW;
+fn readdress(state: &mut DeviceState, now: Instant, new: Address) -> Option<Response> {
+    let in_window = now.since(state.started) <= ADDRESS_WINDOW;
     let allowed = new != Address(0) && new != BROADCAST;
-    if !in_window || body.dip != 0 || !allowed {
+    if !in_window || state.dip != 0 || !allowed {
         return None;
     }
-    body.keep().address = new;
+    state.keep().address = new;
     Some(Response::word(new.0.into()))
 }
 
 /// A variable, on boards that have any.
-fn variable(body: &mut Body, index: u8) -> Option<&mut u32> {
-    let programmable = body.setup.variables > 0;
-    let variable = body.variables.get_mut(usize::from(index));
+fn variable(state: &mut DeviceState, index: u8) -> Option<&mut u32> {
+    let programmable = state.setup.variables > 0;
+    let variable = state.variables.get_mut(usize::from(index));
     variable.filter(|_| programmable)
 }

@@ -6,7 +6,7 @@ mod support;
 
 use eda::{PROTOCOLS, converse_rtu, is_silent_to, read, setup};
 use railbus_device::{Bank, Change, Eeprom, Effect, Family, Input, Module, Op, Options};
-use railbus_device::{Seen, Setup};
+use railbus_device::{Observation, Setup};
 use railbus_wire::{Address, Baud, Channel, Micros, Protocol, PulseWidth};
 use support::{Bench, hex, lc02, request, sealed, seen, with_crc};
 
@@ -58,12 +58,12 @@ fn identity() {
     assert_eq!(name.as_deref(), Some("!019050"));
     assert_eq!(
         module(Protocol::Lc02).op(Op::Identify),
-        Some(Seen::Model(0x9050))
+        Some(Observation::Model(0x9050))
     );
     let lc02 = host(Protocol::Lc02);
-    let ours = [0x9050, 0x235A, 9050].map(|model| lc02.recognises(&Seen::Model(model)));
+    let ours = [0x9050, 0x235A, 9050].map(|model| lc02.recognises(&Observation::Model(model)));
     assert_eq!(ours, [true; 3]);
-    assert!(!lc02.recognises(&Seen::Model(0x9060)));
+    assert!(!lc02.recognises(&Observation::Model(0x9060)));
     let ascii = host(Protocol::Ascii);
     for (reply, ours) in [(&b"!019050\r"[..], true), (b"!019060\r", false)] {
         assert_eq!(ascii.recognises(&seen(&ascii, &Op::Identify, reply)), ours);
@@ -100,7 +100,7 @@ fn inputs() {
     ];
     for (protocol, reply) in replies {
         match seen(&host(protocol), &Op::ReadInputs, &reply) {
-            Seen::Channels { inputs, .. } => assert_eq!(inputs, Bank::new(0x7F, 0x7F)),
+            Observation::Channels { inputs, .. } => assert_eq!(inputs, Bank::new(0x7F, 0x7F)),
             other => panic!("{other:?}"),
         }
     }

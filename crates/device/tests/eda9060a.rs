@@ -6,7 +6,7 @@ mod support;
 
 use eda::{PROTOCOLS, converse, converse_rtu, is_silent_to, read, setup};
 use railbus_device::{Bank, Change, Eeprom, Effect, Family, Input, Module, Op, Options};
-use railbus_device::{Seen, Setup};
+use railbus_device::{Observation, Setup};
 use railbus_wire::{Address, Baud, Channel, Decoded, Instant, Malformed, Micros};
 use railbus_wire::{Protocol, PulseWidth, rtu};
 use support::{Bench, hex, request, seen, with_crc};
@@ -22,7 +22,7 @@ fn host(protocol: Protocol) -> Module {
 /// A module whose relays 0 and 2 give pulses of 1.0 s.
 fn pulsing(protocol: Protocol) -> Bench {
     let mut module = module(protocol);
-    assert_eq!(module.op(pulse(0b0101, 10)), Some(Seen::Done));
+    assert_eq!(module.op(pulse(0b0101, 10)), Some(Observation::Done));
     module
 }
 
@@ -94,13 +94,13 @@ fn identity() {
         let identity = module.op(Op::Identify).expect("an answer");
         assert!(module.host().recognises(&identity), "{identity:?}");
         if protocol != Protocol::Ascii {
-            assert_eq!(identity, Seen::Model(0x9060));
+            assert_eq!(identity, Observation::Model(0x9060));
         }
     }
     let host = host(Protocol::Lc02);
-    let models = [0x9060, 0x2364, 9060].map(|model| host.recognises(&Seen::Model(model)));
+    let models = [0x9060, 0x2364, 9060].map(|model| host.recognises(&Observation::Model(model)));
     assert_eq!(models, [true; 3]);
-    assert!(!host.recognises(&Seen::Model(0x9050)));
+    assert!(!host.recognises(&Observation::Model(0x9050)));
 }
 
 /// [EDA9060A §1.4, §3.5, §3.6] the protocol, pulse width and mode as shipped.
@@ -177,7 +177,7 @@ fn one_protocol_at_a_time_is_kept() {
         module.power_cycle();
         assert_eq!(module.engine.active().protocol, protocol);
         let width = PulseWidth::from_tenths(200).expect("1 to 200");
-        let kept = Seen::Pulse {
+        let kept = Observation::Pulse {
             mask: 0b1010,
             width,
         };
@@ -389,7 +389,7 @@ fn four_bits_of_eight() {
         assert_eq!(module.ask(&ask), Some(reply));
     }
     let impossible = seen(&host(Protocol::Ascii), &Op::ReadInputs, b"!112200\r");
-    let masked = Seen::Channels {
+    let masked = Observation::Channels {
         outputs: Bank::new(0b1111, 0b0001),
         inputs: Bank::new(0b1111, 0b0010),
     };
@@ -423,7 +423,7 @@ fn the_read_map() {
     let config = sealing.op(Op::ReadConfig);
     assert!(matches!(
         config,
-        Some(Seen::Config {
+        Some(Observation::Config {
             checksum: Some(true),
             ..
         })
@@ -470,7 +470,7 @@ fn host_identifies_it_over_modbus() {
     for (registers, ours) in replies {
         let reply = with_crc(&hex(&format!("01 03 08 {registers}")));
         let identity = seen(&host, &Op::Identify, &reply);
-        let model = matches!(identity, Seen::Model(_));
+        let model = matches!(identity, Observation::Model(_));
         assert_eq!(model && host.recognises(&identity), ours, "{registers}");
     }
 }

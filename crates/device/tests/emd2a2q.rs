@@ -4,7 +4,8 @@
 mod support;
 
 use railbus_device::{
-    Bank, Calibration, Change, Eeprom, Effect, Family, Input, Module, Op, Options, Seen, Setup,
+    Bank, Calibration, Change, Eeprom, Effect, Family, Input, Module, Observation, Op, Options,
+    Setup,
 };
 use railbus_wire::{Address, Baud, Channel, Character, Instant, Micros, Settings};
 use support::{Bench, hex, request, seen, with_crc};
@@ -96,7 +97,7 @@ fn analog_inputs() {
         assert_eq!(readings(&mut module), expected);
         let reply = module.ask_rtu("01 03 0006 0002").expect("both");
         let analogs = seen(&host(), &Op::ReadAnalogs, &with_crc(&reply));
-        assert_eq!(analogs, Seen::Analogs(expected));
+        assert_eq!(analogs, Observation::Analogs(expected));
     }
 }
 
@@ -334,13 +335,16 @@ fn the_host_asks() {
 fn the_host_understands() {
     let host = host();
     let said = |op, reply| seen(&host, &op, &with_crc(&hex(reply)));
-    let relays = Seen::Channels {
+    let relays = Observation::Channels {
         outputs: Bank::new(3, 2),
         inputs: Bank::default(),
     };
     assert_eq!(said(Op::ReadOutputs, "01 01 01 FE"), relays);
-    assert_eq!(said(Op::Identify, "01 03 02 0102"), Seen::Version(0x0102));
-    let config = Seen::Config {
+    assert_eq!(
+        said(Op::Identify, "01 03 02 0102"),
+        Observation::Version(0x0102)
+    );
+    let config = Observation::Config {
         address: Some(Address(6)),
         baud: Some(Baud::B2400),
         character: Some(Character::E1),
@@ -348,7 +352,7 @@ fn the_host_understands() {
     };
     assert_eq!(said(Op::ReadConfig, "01 03 06 0006 0000 0002"), config);
     let zero = Op::Configure(Change::CalibrateZero);
-    assert_eq!(said(zero, "01 06 0005 0001"), Seen::Done);
+    assert_eq!(said(zero, "01 06 0005 0001"), Observation::Done);
     assert!(!host.repeatable(&zero));
     let read: Vec<Op> = host.full_poll().collect();
     assert_eq!(read, [Op::ReadOutputs, Op::ReadAnalogs]);

@@ -4,7 +4,7 @@
 
 mod support;
 
-use railbus_device::{Bank, Change, Family, Module, Op, Refusal, Seen, Setup};
+use railbus_device::{Bank, Change, Family, Module, Observation, Op, Refusal, Setup};
 use railbus_wire::rtu::Exception;
 use railbus_wire::{Address, Baud, Channel, Character};
 use support::{hex, request, seen, with_crc};
@@ -56,29 +56,29 @@ fn the_host_asks() {
 fn the_host_understands() {
     let host = host();
     let said = |op, reply| seen(&host, &op, &with_crc(&hex(reply)));
-    let relays = Seen::Channels {
+    let relays = Observation::Channels {
         outputs: Bank::new(0xFF, 0x81),
         inputs: Bank::default(),
     };
     assert_eq!(said(Op::ReadOutputs, "01 01 01 81"), relays);
-    let config = Seen::Config {
+    let config = Observation::Config {
         address: Some(Address(6)),
         baud: Some(Baud::B19200),
         character: Some(Character::O1),
         checksum: None,
     };
     assert_eq!(said(Op::ReadConfig, "01 03 06 0006 0002 0001"), config);
-    let unknown = Seen::Config {
+    let unknown = Observation::Config {
         address: None,
         baud: None,
         character: None,
         checksum: None,
     };
     assert_eq!(said(Op::ReadConfig, "01 03 06 0106 0004 0003"), unknown);
-    let refused = Seen::Refused(Refusal::Exception(Exception::FUNCTION));
+    let refused = Observation::Refused(Refusal::Exception(Exception::FUNCTION));
     assert_eq!(said(Op::ReadConfig, "01 83 01"), refused);
     let on = Op::Write(Bank::new(1, 1));
-    assert_eq!(said(on, "01 05 003C FF00"), Seen::Done);
+    assert_eq!(said(on, "01 05 003C FF00"), Observation::Done);
     assert_eq!(host.read_back(&on), Some(Op::ReadOutputs));
     assert!(host.repeatable(&on));
     assert!(!host.repeatable(&Op::Configure(Change::Address(Address(2)))));

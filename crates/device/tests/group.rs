@@ -4,7 +4,7 @@
 mod support;
 
 use proptest::prelude::*;
-use railbus_device::{Bank, Family, Layout, Module, Op, Seen, Setup};
+use railbus_device::{Bank, Family, Layout, Module, Observation, Op, Setup};
 use railbus_wire::{Address, Protocol};
 use support::{Bench, request, seen};
 
@@ -64,7 +64,7 @@ fn carry_out(host: &Module, module: &mut Bench, steps: &[Bank], silently: bool) 
             Some(reply) if !silently => {
                 let seen = seen(host, &op, &reply);
                 assert!(
-                    matches!(seen, Seen::Done | Seen::Channels { .. }),
+                    matches!(seen, Observation::Done | Observation::Channels { .. }),
                     "{seen:?}"
                 );
             }
@@ -78,7 +78,7 @@ fn read(host: &Module, module: &mut Bench) -> u32 {
     let frame = request(host, &Op::ReadOutputs).expect("a read");
     let reply = module.ask(&frame).expect("a reply");
     match seen(host, &Op::ReadOutputs, &reply) {
-        Seen::Channels { outputs, .. } => {
+        Observation::Channels { outputs, .. } => {
             assert_eq!(outputs.mask, host.setup().output_mask());
             outputs.on
         }

@@ -6,7 +6,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use railbus_device::{
-    Applies, Beyond, Eeprom, Effect, Engine, Family, Input, Layout, Options, Output,
+    Applies, Eeprom, Effect, Engine, Extensions, Family, Input, Layout, Options, Output,
 };
 use railbus_device::{Setup, SetupError};
 use railbus_wire::{Address, Instant, Micros, Protocol, PulseWidth, crc16, sum8};
@@ -207,7 +207,7 @@ fn options() -> impl Strategy<Value = Options> {
             lower_case,
             answer_bad_frames,
             insist_on_gap,
-            beyond,
+            extensions,
         ] = switches;
         Options {
             turnaround: Micros(turnaround),
@@ -216,16 +216,16 @@ fn options() -> impl Strategy<Value = Options> {
             lower_case,
             answer_bad_frames,
             insist_on_gap,
-            beyond,
+            extensions,
         }
     })
 }
 
 /// What an EEPROM may hold, be it possible or not.
-fn beyond() -> impl Strategy<Value = Beyond> {
+fn extensions() -> impl Strategy<Value = Extensions> {
     let watchdog = prop_oneof![1 => Just(0), 2 => 1..10_u8, 1 => any::<u8>()];
     let parts = (watchdog, any::<[u32; 2]>(), any::<bool>());
-    parts.prop_map(|(watchdog, [power_on, safe], tripped)| Beyond {
+    parts.prop_map(|(watchdog, [power_on, safe], tripped)| Extensions {
         watchdog,
         power_on,
         safe,
@@ -359,14 +359,14 @@ proptest! {
         setup in setup(),
         options in options(),
         (pulse_mask, tenths, checksum) in (0..16_u8, 1..=200_u8, any::<bool>()),
-        beyond in beyond(),
+        extensions in extensions(),
         events in vec((pause(), event()), 0..40),
     ) {
         let eeprom = Eeprom {
             pulse_mask,
             pulse_width: PulseWidth::from_tenths(tenths).expect("1 to 200"),
             checksum: checksum && setup.protocol != Protocol::R55,
-            beyond,
+            extensions,
             ..Eeprom::of(&setup)
         };
         let mut module = Watched::new(setup, eeprom, options).expect("a possible module");

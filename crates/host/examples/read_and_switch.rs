@@ -7,8 +7,8 @@
 #![allow(clippy::print_stdout, reason = "it is a program")]
 
 use railbus_host::{
-    Address, Bank, Channel, Family, Line, LineConfig, LineName, Module, ModuleId, Op, Plan, Seen,
-    Setup, Terms,
+    Address, Bank, Channel, Family, Line, LineConfig, LineName, Module, ModuleId, Observation, Op,
+    Plan, Setup, Terms,
 };
 use std::error::Error;
 
@@ -29,7 +29,7 @@ pub async fn read_and_switch(name: LineName) -> Result<(), Box<dyn Error>> {
     let oven = ModuleId(0);
 
     let read = line.run(oven, Op::ReadOutputs, Terms::default()).await?;
-    if let Some(Seen::Channels { outputs, .. }) = read.seen {
+    if let Some(Observation::Channels { outputs, .. }) = read.seen {
         println!("relays: {:08b}", outputs.on);
     }
 

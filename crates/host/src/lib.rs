@@ -64,7 +64,7 @@ pub use railbus_bus::{
     ModuleId, PIECE_PAUSE, Past, Plan, Presence, Probe, Probed, Terms,
 };
 pub use railbus_device::{
-    Bank, Change, Family, Module, Op, Point, PointKind, Refusal, Seen, Setup,
+    Bank, Change, Family, Module, Observation, Op, Point, PointKind, Refusal, Setup,
 };
 pub use railbus_wire::{
     Address, Baud, Channel, Character, Exchange, Instant, Micros, Protocol, Settings,

@@ -11,7 +11,7 @@ use crate::{
 };
 use railbus_bus::LateReply;
 use railbus_bus::{Config, Confirmed, Fault, ModuleId, Plan, Probe, Probed, Terms};
-use railbus_device::{Module, Op, Seen};
+use railbus_device::{Module, Observation, Op};
 use railbus_wire::{Decoded, Exchange, Instant, Micros};
 use std::fmt;
 use std::sync::Arc;
@@ -76,7 +76,7 @@ pub struct Done {
     pub took: Micros,
     /// What was read: for a read what was asked for; for a write the outputs as they were last
     /// read after its reply, where they were.
-    pub seen: Option<Seen>,
+    pub seen: Option<Observation>,
 }
 
 /// What a probe met.

@@ -5,7 +5,7 @@ use crate::line::{Done, LATE_MAX, ProbeResult};
 use crate::tap::{Tap, TapSender};
 use railbus_bus::LateReply;
 use railbus_bus::{COMMANDS_MAX, Confirmed, Fault, ModuleId, Probe, Probed, Ticket};
-use railbus_device::{Op, Seen};
+use railbus_device::{Observation, Op};
 use railbus_wire::{Instant, Micros, Settings};
 use std::collections::VecDeque;
 use tokio::sync::oneshot;
@@ -39,7 +39,7 @@ pub(crate) struct PendingRun {
     pub(crate) op: Op,
     pub(crate) submitted: Instant,
     /// The last thing seen that may be the answer, and when it was asked for.
-    pub(crate) seen: Option<(Seen, Instant)>,
+    pub(crate) seen: Option<(Observation, Instant)>,
     pub(crate) reply: oneshot::Sender<Result<Done, Fault>>,
 }
 
@@ -170,12 +170,12 @@ impl PendingCalls {
     }
 
     /// A module said something.
-    pub(crate) fn seen(&mut self, module: ModuleId, op: &Op, seen: Seen, asked: Instant) {
+    pub(crate) fn seen(&mut self, module: ModuleId, op: &Op, seen: Observation, asked: Instant) {
         for run in self.runs.iter_mut().filter(|run| run.module == module) {
             let answers = if run.op.is_read() {
                 run.op == *op
             } else {
-                matches!(seen, Seen::Channels { outputs, .. } if outputs.mask != 0)
+                matches!(seen, Observation::Channels { outputs, .. } if outputs.mask != 0)
             };
             if answers {
                 run.seen = Some((seen, asked));
@@ -269,8 +269,8 @@ mod tests {
         (pending, end)
     }
 
-    fn outputs(on: u32) -> Seen {
-        Seen::Channels {
+    fn outputs(on: u32) -> Observation {
+        Observation::Channels {
             outputs: Bank::new(0xFF, on),
             inputs: Bank::default(),
         }
@@ -283,7 +283,12 @@ mod tests {
         pending.seen(ModuleId(1), &Op::ReadOutputs, outputs(1), at);
         pending.seen(ModuleId(1), &Op::ReadOutputs, outputs(2), at);
         pending.seen(ModuleId(0), &Op::ReadOutputs, outputs(3), at);
-        pending.seen(ModuleId(1), &Op::ReadAnalogs, Seen::Analogs([1, 2]), at);
+        pending.seen(
+            ModuleId(1),
+            &Op::ReadAnalogs,
+            Observation::Analogs([1, 2]),
+            at,
+        );
         pending.end(Ticket(7), Ok(Confirmed::Reply), Micros(5));
         let done = end.try_recv().unwrap().unwrap();
         assert_eq!(done.seen, Some(outputs(2)));

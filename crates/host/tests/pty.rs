@@ -4,8 +4,8 @@ mod support;
 
 use railbus_host::{
     Bank, Baud, Channel, Character, Confirmed, Event, Events, Exchange, Family, Fault, Holder,
-    Line, LineEvent, LineName, LineState, Medium, Micros, ModuleId, Op, Past, Plan, Port,
-    PortError, Presence, Probe, Probed, Protocol, Seen, SerialOptions, SerialPort, Settings, Setup,
+    Line, LineEvent, LineName, LineState, Medium, Micros, ModuleId, Observation, Op, Past, Plan,
+    Port, PortError, Presence, Probe, Probed, Protocol, SerialOptions, SerialPort, Settings, Setup,
     Terms,
 };
 use railbus_wire::{Address, rtu};
@@ -30,9 +30,9 @@ fn switch(channel: u8, on: bool) -> Op {
     Op::Write(Bank::one(Channel::new(channel).expect("a channel"), on))
 }
 
-fn outputs(seen: Option<Seen>) -> Bank {
+fn outputs(seen: Option<Observation>) -> Bank {
     match seen {
-        Some(Seen::Channels { outputs, .. }) => outputs,
+        Some(Observation::Channels { outputs, .. }) => outputs,
         other => panic!("no outputs: {other:?}"),
     }
 }

@@ -3,8 +3,8 @@
 mod support;
 
 use railbus_host::{
-    Bank, Channel, Confirmed, Family, Fault, Line, LineName, LineState, ModuleId, Op, Plan,
-    PortError, Presence, Protocol, Refusal, Seen, Setup, Terms,
+    Bank, Channel, Confirmed, Family, Fault, Line, LineName, LineState, ModuleId, Observation, Op,
+    Plan, PortError, Presence, Protocol, Refusal, Setup, Terms,
 };
 use railbus_wire::rtu::Exception;
 use std::io::{Read, Write};
@@ -146,7 +146,7 @@ async fn a_gateway_is_read_and_written() {
     let done = done.expect("written");
     assert_eq!(done.confirmed, Confirmed::Readback);
     match done.seen {
-        Some(Seen::Channels { outputs, .. }) => assert_eq!(outputs.on, 1 << 4),
+        Some(Observation::Channels { outputs, .. }) => assert_eq!(outputs.on, 1 << 4),
         other => panic!("{other:?}"),
     }
 }

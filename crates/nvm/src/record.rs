@@ -29,7 +29,7 @@
 //! | 29 | 2 + 2 | measured at the zero step, hundredths, signed: input 1, input 2 |
 //! | 33 | 2 + 2 | span step of input 1, hundredths: measured, applied |
 //! | 37 | 2 + 2 | span step of input 2, likewise |
-//! | | | **beyond the datasheet** ([`Beyond`]) |
+//! | | | **beyond the datasheet** ([`Extensions`]) |
 //! | 41 | 1 | host watchdog, tenths of a second; 0 does not watch |
 //! | 42 | 4 | outputs at power-up: bit n = output n is on |
 //! | 46 | 4 | outputs when the watchdog trips |
@@ -41,7 +41,7 @@
 
 use crate::bytes::{Reader, Writer};
 use core::fmt;
-use railbus_device::{Applies, Beyond, Calibration, Eeprom, Family, Layout, Options};
+use railbus_device::{Applies, Calibration, Eeprom, Extensions, Family, Layout, Options};
 use railbus_device::{Setup, SetupError};
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth, Settings};
 
@@ -272,14 +272,14 @@ fn encode_options(options: &Options, bytes: &mut Writer<'_>) {
         lower_case,
         answer_bad_frames,
         insist_on_gap,
-        beyond,
+        extensions,
     } = *options;
     let bits = switches(&[
         refuse_aloud,
         lower_case,
         answer_bad_frames,
         insist_on_gap,
-        beyond,
+        extensions,
     ]);
     bytes.put([bits, applies_code(applies)]);
     encode_time(turnaround, bytes);
@@ -292,7 +292,7 @@ fn decode_options(from: &mut Reader<'_>) -> Option<Options> {
         lower_case,
         answer_bad_frames,
         insist_on_gap,
-        beyond,
+        extensions,
     ] = switches_of(bits)?;
     Some(Options {
         turnaround: decode_time(from),
@@ -301,7 +301,7 @@ fn decode_options(from: &mut Reader<'_>) -> Option<Options> {
         lower_case,
         answer_bad_frames,
         insist_on_gap,
-        beyond,
+        extensions,
     })
 }
 
@@ -315,7 +315,7 @@ fn encode_eeprom(eeprom: &Eeprom, bytes: &mut Writer<'_>) {
         pulse_mask,
         pulse_width,
         calibration,
-        beyond,
+        extensions,
     } = eeprom;
     bytes.put([address.0, protocol_code(*protocol)]);
     bytes.put(serial.baud.rate().to_le_bytes());
@@ -326,7 +326,7 @@ fn encode_eeprom(eeprom: &Eeprom, bytes: &mut Writer<'_>) {
         pulse_width.tenths(),
     ]);
     encode_calibration(calibration, bytes);
-    encode_beyond(beyond, bytes);
+    encode_extensions(extensions, bytes);
 }
 
 fn decode_eeprom(from: &mut Reader<'_>) -> Option<Eeprom> {
@@ -345,27 +345,27 @@ fn decode_eeprom(from: &mut Reader<'_>) -> Option<Eeprom> {
         pulse_mask,
         pulse_width: PulseWidth::from_tenths(pulse_width)?,
         calibration: decode_calibration(from),
-        beyond: decode_beyond(from)?,
+        extensions: decode_extensions(from)?,
     })
 }
 
-fn encode_beyond(beyond: &Beyond, bytes: &mut Writer<'_>) {
-    let Beyond {
+fn encode_extensions(extensions: &Extensions, bytes: &mut Writer<'_>) {
+    let Extensions {
         watchdog,
         power_on,
         safe,
         tripped,
-    } = *beyond;
+    } = *extensions;
     bytes.put([watchdog]);
     bytes.put(power_on.to_le_bytes());
     bytes.put(safe.to_le_bytes());
     bytes.put([u8::from(tripped)]);
 }
 
-fn decode_beyond(from: &mut Reader<'_>) -> Option<Beyond> {
+fn decode_extensions(from: &mut Reader<'_>) -> Option<Extensions> {
     let (watchdog, power_on, safe) = (from.u8(), from.u32(), from.u32());
     let [tripped] = switches_of(from.u8())?;
-    Some(Beyond {
+    Some(Extensions {
         watchdog,
         power_on,
         safe,

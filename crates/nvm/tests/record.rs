@@ -4,7 +4,7 @@ mod support;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use railbus_device::{Applies, Beyond, Calibration, Eeprom, Engine, Family, Input, Layout};
+use railbus_device::{Applies, Calibration, Eeprom, Engine, Extensions, Family, Input, Layout};
 use railbus_device::{Effect, Options, Output, Setup};
 use railbus_nvm::{Record, RecordError, Unreadable};
 use railbus_wire::{Address, Baud, Character, Instant, Micros, Protocol, PulseWidth, Settings};
@@ -34,7 +34,7 @@ fn full() -> Record {
         lower_case: false,
         answer_bad_frames: true,
         insist_on_gap: false,
-        beyond: true,
+        extensions: true,
     };
     let eeprom = Eeprom {
         address: Address(0x42),
@@ -48,7 +48,7 @@ fn full() -> Record {
             zero: [-2, 0x3344],
             span: [(0x5566, 0x7788), (0x99AA, 0xBBCC)],
         },
-        beyond: Beyond {
+        extensions: Extensions {
             watchdog: 0x77,
             power_on: 0xDEAD_BEEF,
             safe: 0x0102_0408,

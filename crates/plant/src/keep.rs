@@ -3,7 +3,7 @@
 use super::stage::Stage;
 use super::texts::SimText;
 use railbus_app::failure::Failure;
-use railbus_device::{Beyond, Calibration, Eeprom, Family, Setup};
+use railbus_device::{Calibration, Eeprom, Extensions, Family, Setup};
 use railbus_wire::{Address, Baud, Character, Protocol, PulseWidth, Settings};
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -43,32 +43,32 @@ struct Kept {
     zero: [i16; 2],
     span: [(u16, u16); 2],
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    beyond: Option<KeptBeyond>,
+    beyond: Option<KeptExtensions>,
 }
 
 /// What a module keeps that does more than its datasheet says.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct KeptBeyond {
+struct KeptExtensions {
     watchdog_tenths: u8,
     power_on: u32,
     safe: u32,
     tripped: bool,
 }
 
-impl KeptBeyond {
+impl KeptExtensions {
     /// Nothing of a module that is like its maker's.
-    fn of(beyond: Beyond) -> Option<KeptBeyond> {
-        (beyond != Beyond::NEUTRAL).then_some(KeptBeyond {
-            watchdog_tenths: beyond.watchdog,
-            power_on: beyond.power_on,
-            safe: beyond.safe,
-            tripped: beyond.tripped,
+    fn of(extensions: Extensions) -> Option<KeptExtensions> {
+        (extensions != Extensions::NEUTRAL).then_some(KeptExtensions {
+            watchdog_tenths: extensions.watchdog,
+            power_on: extensions.power_on,
+            safe: extensions.safe,
+            tripped: extensions.tripped,
         })
     }
 
-    const fn beyond(&self) -> Beyond {
-        Beyond {
+    const fn extensions(&self) -> Extensions {
+        Extensions {
             watchdog: self.watchdog_tenths,
             power_on: self.power_on,
             safe: self.safe,
@@ -91,7 +91,7 @@ impl Kept {
             voltage: eeprom.calibration.voltage,
             zero: eeprom.calibration.zero,
             span: eeprom.calibration.span,
-            beyond: KeptBeyond::of(eeprom.beyond),
+            beyond: KeptExtensions::of(eeprom.extensions),
         }
     }
 
@@ -114,10 +114,10 @@ impl Kept {
                 zero: self.zero,
                 span: self.span,
             },
-            beyond: self
+            extensions: self
                 .beyond
                 .as_ref()
-                .map_or(Beyond::NEUTRAL, KeptBeyond::beyond),
+                .map_or(Extensions::NEUTRAL, KeptExtensions::extensions),
         })
     }
 }
@@ -251,7 +251,7 @@ mod tests {
                     zero: [-3, 4],
                     span: [(490, 500), (510, 500)],
                 },
-                beyond: Beyond {
+                extensions: Extensions {
                     watchdog: 15,
                     power_on: 1,
                     safe: 2,

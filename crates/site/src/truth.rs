@@ -3,7 +3,7 @@
 use crate::Config;
 use crate::config::ModuleConfig;
 use railbus_bus::Presence;
-use railbus_device::{Bank, Family, Point, PointKind, Seen};
+use railbus_device::{Bank, Family, Observation, Point, PointKind};
 use railbus_host::MISSES_SILENT;
 use railbus_wire::{Channel, Instant, PulseWidth};
 use std::collections::BTreeMap;
@@ -174,14 +174,14 @@ impl Site {
     }
 
     /// A module said something that was true at `read` or later; gives back what is new in it.
-    pub fn saw(&mut self, module: &str, seen: &Seen, read: Instant) -> Vec<Change> {
+    pub fn saw(&mut self, module: &str, seen: &Observation, read: Instant) -> Vec<Change> {
         let Some(config) = self.config.modules.get(module) else {
             return Vec::new();
         };
         let Some(state) = self.modules.get_mut(module) else {
             return Vec::new();
         };
-        if let Seen::Pulse { mask, width } = *seen {
+        if let Observation::Pulse { mask, width } = *seen {
             state.pulse = Some(Pulses { mask, width });
         }
         if let Some(says) = model_of(seen) {
@@ -269,17 +269,17 @@ impl Site {
 }
 
 /// The model that a module says it is, or the name that it gives itself, where no family has that.
-fn model_of(seen: &Seen) -> Option<String> {
+fn model_of(seen: &Observation) -> Option<String> {
     let (family, said) = match seen {
-        Seen::Name(name) => (Family::of_name(name.bytes()), name.as_str().to_owned()),
-        Seen::Model(number) => (Family::of_number(*number), format!("{number:04X}")),
+        Observation::Name(name) => (Family::of_name(name.bytes()), name.as_str().to_owned()),
+        Observation::Model(number) => (Family::of_number(*number), format!("{number:04X}")),
         _ => return None,
     };
     Some(family.map_or(said, |family| family.to_string()))
 }
 
 /// The points that a reply tells of.
-fn values(config: &ModuleConfig, seen: &Seen) -> Vec<(Point, Value)> {
+fn values(config: &ModuleConfig, seen: &Observation) -> Vec<(Point, Value)> {
     let bank = |kind, bank: Bank| {
         (0..config.setup.count(kind)).filter_map(move |index| {
             let state = bank.get(Channel::new(index)?)?;
@@ -287,10 +287,10 @@ fn values(config: &ModuleConfig, seen: &Seen) -> Vec<(Point, Value)> {
         })
     };
     match *seen {
-        Seen::Channels { outputs, inputs } => bank(PointKind::Output, outputs)
+        Observation::Channels { outputs, inputs } => bank(PointKind::Output, outputs)
             .chain(bank(PointKind::Input, inputs))
             .collect(),
-        Seen::Analogs(registers) => (0..)
+        Observation::Analogs(registers) => (0..)
             .zip(registers)
             .map(|(index, register)| {
                 let point = Point {
@@ -301,7 +301,7 @@ fn values(config: &ModuleConfig, seen: &Seen) -> Vec<(Point, Value)> {
                 (point, Value::Analog(value, register))
             })
             .collect(),
-        Seen::Variable(index, value) => {
+        Observation::Variable(index, value) => {
             vec![(
                 Point {
                     kind: PointKind::Variable,

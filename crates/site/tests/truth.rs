@@ -1,6 +1,6 @@
 //! What is known of a point, and how good that is.
 
-use railbus_device::{Bank, Point, PointKind, Seen};
+use railbus_device::{Bank, Observation, Point, PointKind};
 use railbus_host::Presence;
 use railbus_site::{Config, Quality, Reason, Site, Value};
 use railbus_wire::{Instant, Micros};
@@ -28,8 +28,8 @@ fn site() -> Site {
     Site::new(Config::parse(CONFIG).expect("it is good"))
 }
 
-fn outputs(on: u32) -> Seen {
-    Seen::Channels {
+fn outputs(on: u32) -> Observation {
+    Observation::Channels {
         outputs: Bank::new(0xFF, on),
         inputs: Bank::default(),
     }
@@ -80,7 +80,7 @@ fn only_what_is_new_is_told() {
 #[test]
 fn analog_registers_are_hundredths() {
     let mut site = site();
-    site.saw("tank", &Seen::Analogs([871, 0]), Instant(0));
+    site.saw("tank", &Observation::Analogs([871, 0]), Instant(0));
     let point = Point {
         kind: PointKind::Analog,
         index: 0,
@@ -105,7 +105,7 @@ range = "0-20mA"
 point.ai2 = { range = { signal = "4-20mA", low = 0, high = 16, unit = "bar" } }
 "#;
     let mut site = Site::new(Config::parse(text).unwrap());
-    site.saw("tank", &Seen::Analogs([1_200, 1_200]), Instant(0));
+    site.saw("tank", &Observation::Analogs([1_200, 1_200]), Instant(0));
     let value = |index| {
         let kind = PointKind::Analog;
         let (known, _) = site.point("tank", Point { kind, index }, Instant(0));
@@ -119,7 +119,7 @@ point.ai2 = { range = { signal = "4-20mA", low = 0, high = 16, unit = "bar" } }
 fn another_configuration_keeps_what_is_known_of_kept_modules() {
     let mut site = site();
     site.saw("oven", &outputs(1), Instant(0));
-    site.saw("tank", &Seen::Analogs([871, 0]), Instant(0));
+    site.saw("tank", &Observation::Analogs([871, 0]), Instant(0));
     let config = site.config().clone();
     site.reconfigure(config, |module| module == "oven");
     assert!(site.point("oven", K1, Instant(0)).0.is_some());

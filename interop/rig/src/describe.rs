@@ -60,7 +60,7 @@ pub fn module(text: &str) -> Result<Description, String> {
             "lower-case" => options.lower_case = true,
             "answer-bad" => options.answer_bad_frames = true,
             "insist-on-gap" => options.insist_on_gap = true,
-            "beyond" => options.beyond = true,
+            "beyond" => options.extensions = true,
             "applies" => {
                 options.applies = match *value {
                     "reply" => Applies::AfterReply,

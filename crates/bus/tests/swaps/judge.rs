@@ -6,7 +6,7 @@ use crate::support::Drive;
 use crate::tally::Tally;
 use crate::wire::{LEVELS, Wire};
 use railbus_bus::{Confirmed, Event, Fault, Presence, Ticket};
-use railbus_device::{Bank, Op, Seen};
+use railbus_device::{Bank, Observation, Op};
 use railbus_wire::{Instant, Micros};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -91,7 +91,7 @@ impl Judge {
         match event {
             Event::Seen {
                 module,
-                seen: Seen::Channels { outputs, inputs },
+                seen: Observation::Channels { outputs, inputs },
                 asked,
                 heard,
                 ..

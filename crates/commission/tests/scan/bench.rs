@@ -76,7 +76,7 @@ impl Bench {
     /// A module of our own does what is beyond its datasheet.
     pub(crate) fn add_made_by(&mut self, setup: &Setup, turnaround: u64, us: bool) -> ModuleId {
         let options = Options {
-            beyond: us,
+            extensions: us,
             turnaround: Micros::from_millis(turnaround),
             // Those whose datasheets say so.
             insist_on_gap: matches!(setup.family, Family::Erc8 | Family::Emd2a2q),

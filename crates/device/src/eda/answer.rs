@@ -3,23 +3,28 @@
 
 use super::{PROTOCOL_CHECKSUM, has_pulses, model, name, read_map, write_map};
 use crate::Family;
-use crate::engine::{Body, Eeprom};
+use crate::engine::{DeviceState, Eeprom};
 use crate::modbus::{Answer, respond, run_in};
 use railbus_wire::rtu::{self, Exception, WordBlock};
 use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, PulseWidth};
 use railbus_wire::{ascii, lc02};
 
 /// Carries out an ASCII request and writes the reply.
-pub(crate) fn ascii(body: &mut Body, now: Instant, exchange: &ascii::Exchange, reply: &mut Frame) {
-    if exchange.request.is_broadcast() || !body.hears(exchange.address) {
+pub(crate) fn ascii(
+    state: &mut DeviceState,
+    now: Instant,
+    exchange: &ascii::Exchange,
+    reply: &mut Frame,
+) {
+    if exchange.request.is_broadcast() || !state.hears(exchange.address) {
         return;
     }
-    let from = body.address();
+    let from = state.address();
     let response = match exchange.request {
         ascii::Request::ReadName => {
-            ascii::Text::new(name(body.family())).map(ascii::Response::Text)
+            ascii::Text::new(name(state.family())).map(ascii::Response::Text)
         }
-        ascii::Request::ReadConfig => ascii_config(body),
+        ascii::Request::ReadConfig => ascii_config(state),
         ascii::Request::WriteConfig {
             new_address,
             type_code,
@@ -27,37 +32,37 @@ pub(crate) fn ascii(body: &mut Body, now: Instant, exchange: &ascii::Exchange, r
             format,
         } => {
             let written = match (type_code, format) {
-                (ascii::TYPE_DIGITAL, 0) => reconfigure(body, new_address, baud_code, Some(false)),
+                (ascii::TYPE_DIGITAL, 0) => reconfigure(state, new_address, baud_code, Some(false)),
                 (ascii::TYPE_DIGITAL, ascii::FORMAT_CHECKSUM) => {
-                    reconfigure(body, new_address, baud_code, Some(true))
+                    reconfigure(state, new_address, baud_code, Some(true))
                 }
                 _ => None,
             };
             written.map(|()| ascii::Response::Done)
         }
         ascii::Request::ReadData => Some(ascii::Response::Data {
-            outputs: body.outputs as u8,
-            inputs: body.levels as u8,
+            outputs: state.outputs as u8,
+            inputs: state.levels as u8,
         }),
         ascii::Request::WriteOutputs { order, data } => {
-            switch_by_order(body, now, order, data).map(|()| ascii::Response::Done)
+            switch_by_order(state, now, order, data).map(|()| ascii::Response::Done)
         }
         ascii::Request::ReadPulse => {
-            pulse(body).map(|(mask, width)| ascii::Response::Pulse { mask, width })
+            pulse(state).map(|(mask, width)| ascii::Response::Pulse { mask, width })
         }
         ascii::Request::WritePulse { mask, width } => {
-            set_pulse(body, mask, width).map(|()| ascii::Response::Done)
+            set_pulse(state, mask, width).map(|()| ascii::Response::Done)
         }
         _ => None,
     };
     // The EDA9050's sheet prints the new address in this one reply [EDA9050 §3.4].
-    let readdressed = match (exchange.request, body.family()) {
+    let readdressed = match (exchange.request, state.family()) {
         (ascii::Request::WriteConfig { new_address, .. }, Family::Eda9050) => new_address,
         _ => from,
     };
     match response {
         Some(response) => exchange.encode_response(readdressed, &response, reply),
-        None if body.options.refuse_aloud => {
+        None if state.options.refuse_aloud => {
             exchange.encode_response(from, &ascii::Response::Invalid, reply);
         }
         None => {}
@@ -65,47 +70,52 @@ pub(crate) fn ascii(body: &mut Body, now: Instant, exchange: &ascii::Exchange, r
 }
 
 /// Answers a well-framed request that is none, where the switch for it is on [EDA §2.23].
-pub(crate) fn refuse_ascii(body: &Body, address: Option<Address>, reply: &mut Frame) {
-    if body.options.refuse_aloud && address == Some(body.address()) {
+pub(crate) fn refuse_ascii(state: &DeviceState, address: Option<Address>, reply: &mut Frame) {
+    if state.options.refuse_aloud && address == Some(state.address()) {
         let exchange = ascii::Exchange {
-            address: body.address(),
-            checksum: body.active.checksum,
+            address: state.address(),
+            checksum: state.active.checksum,
             request: ascii::Request::ReadName,
         };
-        exchange.encode_response(body.address(), &ascii::Response::Invalid, reply);
+        exchange.encode_response(state.address(), &ascii::Response::Invalid, reply);
     }
 }
 
 /// Carries out an LC-02 request and writes the reply.
-pub(crate) fn lc02(body: &mut Body, now: Instant, exchange: &lc02::Exchange, reply: &mut Frame) {
-    if !body.hears(exchange.address) {
+pub(crate) fn lc02(
+    state: &mut DeviceState,
+    now: Instant,
+    exchange: &lc02::Exchange,
+    reply: &mut Frame,
+) {
+    if !state.hears(exchange.address) {
         return;
     }
-    let from = body.address();
+    let from = state.address();
     let response = match exchange.request {
-        lc02::Request::ReadConfig => body.baud_code().map(|baud_code| lc02::Response::Config {
+        lc02::Request::ReadConfig => state.baud_code().map(|baud_code| lc02::Response::Config {
             baud_code,
-            model: model(body.family()),
+            model: model(state.family()),
             type_code: 0,
         }),
         lc02::Request::WriteConfig {
             new_address,
             baud_code,
-        } => reconfigure(body, new_address, baud_code, None).map(|()| lc02::Response::Done),
+        } => reconfigure(state, new_address, baud_code, None).map(|()| lc02::Response::Done),
         lc02::Request::ReadData => Some(lc02::Response::Data {
-            outputs: body.outputs as u8,
-            inputs: body.levels as u8,
+            outputs: state.outputs as u8,
+            inputs: state.levels as u8,
         }),
         // Locked outputs: silence is how LC-02 says no [BEYOND §1.4].
-        lc02::Request::WriteOutputs(_) if body.is_locked() => None,
+        lc02::Request::WriteOutputs(_) if state.is_locked() => None,
         lc02::Request::WriteOutputs(outputs) => {
-            switch(body, now, outputs).map(|()| lc02::Response::Done)
+            switch(state, now, outputs).map(|()| lc02::Response::Done)
         }
         lc02::Request::WritePulse { mask, width } => {
-            set_pulse(body, mask, width).map(|()| lc02::Response::Done)
+            set_pulse(state, mask, width).map(|()| lc02::Response::Done)
         }
         lc02::Request::ReadPulse => {
-            pulse(body).map(|(mask, width)| lc02::Response::Pulse { mask, width })
+            pulse(state).map(|(mask, width)| lc02::Response::Pulse { mask, width })
         }
     };
     if let Some(response) = response {
@@ -114,28 +124,33 @@ pub(crate) fn lc02(body: &mut Body, now: Instant, exchange: &lc02::Exchange, rep
 }
 
 /// Carries out a Modbus request and writes the reply.
-pub(crate) fn rtu(body: &mut Body, now: Instant, exchange: &rtu::Exchange<'_>, reply: &mut Frame) {
-    if !body.hears(exchange.address) {
+pub(crate) fn rtu(
+    state: &mut DeviceState,
+    now: Instant,
+    exchange: &rtu::Exchange<'_>,
+    reply: &mut Frame,
+) {
+    if !state.hears(exchange.address) {
         return;
     }
-    let from = body.address();
-    match carry_out(body, now, &exchange.request) {
+    let from = state.address();
+    match carry_out(state, now, &exchange.request) {
         Err(why) => {
             let code = exchange.request.function().code();
-            body.refuse_rtu(Some((exchange.address, code, why)), reply);
+            state.refuse_rtu(Some((exchange.address, code, why)), reply);
         }
         answer => respond(exchange, from, answer, reply),
     }
 }
 
 fn carry_out(
-    body: &mut Body,
+    state: &mut DeviceState,
     now: Instant,
     request: &rtu::Request<'_>,
 ) -> Result<Answer, Exception> {
     // Reserved coils and inputs of an EDA9060A read 0 [EDA9060A §6.2, §6.3]; an EDA9050 has none
     // [EDA9050 §5.2, §5.3].
-    let (coils, inputs) = if has_pulses(body.family()) {
+    let (coils, inputs) = if has_pulses(state.family()) {
         (16, 16)
     } else {
         (8, 7)
@@ -143,18 +158,21 @@ fn carry_out(
     match request {
         rtu::Request::ReadCoils(span) => {
             let first = run_in(0, coils, span.start(), span.count())?;
-            Ok(Answer::Bits(body.outputs.wrapping_shr(first), span.count()))
+            Ok(Answer::Bits(
+                state.outputs.wrapping_shr(first),
+                span.count(),
+            ))
         }
         rtu::Request::ReadDiscreteInputs(span) => {
             let first = run_in(0, inputs, span.start(), span.count())?;
-            Ok(Answer::Bits(body.levels.wrapping_shr(first), span.count()))
+            Ok(Answer::Bits(state.levels.wrapping_shr(first), span.count()))
         }
         rtu::Request::WriteCoil { at, value } => {
             // The value is looked at before the address [MODBUS §3.5].
             let on = value.state().ok_or(Exception::VALUE)?;
-            let channel = run_in(0, body.setup.outputs.into(), *at, 1)?;
+            let channel = run_in(0, state.setup.outputs.into(), *at, 1)?;
             switch_bits(
-                body,
+                state,
                 now,
                 1u32.wrapping_shl(channel),
                 if on { u32::MAX } else { 0 },
@@ -165,20 +183,20 @@ fn carry_out(
             let first = run_in(0, coils, block.start(), block.values().len())?;
             let mask = crate::family::mask(block.values().len() as u8);
             let on = block.values().to_mask().wrapping_shl(first);
-            switch_bits(body, now, mask.wrapping_shl(first), on);
+            switch_bits(state, now, mask.wrapping_shl(first), on);
             Ok(Answer::Done)
         }
-        rtu::Request::ReadHoldingRegisters(span) if has_pulses(body.family()) => {
+        rtu::Request::ReadHoldingRegisters(span) if has_pulses(state.family()) => {
             run_in(0, read_map::LEN, span.start(), span.count())?;
-            Ok(Answer::span(&registers(body), *span))
+            Ok(Answer::span(&registers(state), *span))
         }
-        rtu::Request::WriteRegisters(block) => write_registers(body, block),
+        rtu::Request::WriteRegisters(block) => write_registers(state, block),
         _ => Err(Exception::FUNCTION),
     }
 }
 
 /// The read map of an EDA9060A.
-fn registers(body: &Body) -> [u16; 4] {
+fn registers(state: &DeviceState) -> [u16; 4] {
     let Eeprom {
         address,
         pulse_mask,
@@ -186,31 +204,31 @@ fn registers(body: &Body) -> [u16; 4] {
         checksum,
         protocol,
         ..
-    } = body.eeprom;
+    } = state.eeprom;
     let protocol: u16 = match protocol {
         Protocol::Rtu | Protocol::R55 => 0b00,
         Protocol::Lc02 => 0b01,
         Protocol::Ascii => 0b10,
     };
     [
-        model(body.family()),
-        u16::from_be_bytes([address.0, body.baud_code().unwrap_or_default()]),
+        model(state.family()),
+        u16::from_be_bytes([address.0, state.baud_code().unwrap_or_default()]),
         u16::from_be_bytes([pulse_mask, pulse_width.tenths()]),
         protocol << 8 | if checksum { PROTOCOL_CHECKSUM } else { 0 },
     ]
 }
 
 /// Writes all registers of a block, or none [EDA §4.16].
-fn write_registers(body: &mut Body, block: &WordBlock<'_>) -> Result<Answer, Exception> {
-    let writable = if has_pulses(body.family()) { 2 } else { 1 };
+fn write_registers(state: &mut DeviceState, block: &WordBlock<'_>) -> Result<Answer, Exception> {
+    let writable = if has_pulses(state.family()) { 2 } else { 1 };
     run_in(0, writable, block.start(), block.values().len())?;
-    let mut eeprom = body.eeprom;
+    let mut eeprom = state.eeprom;
     for (at, word) in block.words() {
         let [high, low] = word.to_be_bytes();
         match at {
             write_map::SERIAL if high != 0 => {
                 eeprom.address = Address(high);
-                let baud = body.family().profile().baud_of(low);
+                let baud = state.family().profile().baud_of(low);
                 eeprom.serial.baud = baud.ok_or(Exception::VALUE)?;
             }
             write_map::PULSE if high <= 0x0F => {
@@ -220,17 +238,17 @@ fn write_registers(body: &mut Body, block: &WordBlock<'_>) -> Result<Answer, Exc
             _ => return Err(Exception::VALUE),
         }
     }
-    *body.keep() = eeprom;
+    *state.keep() = eeprom;
     Ok(Answer::Done)
 }
 
-fn ascii_config(body: &Body) -> Option<ascii::Response> {
-    let format = if body.eeprom.checksum {
+fn ascii_config(state: &DeviceState) -> Option<ascii::Response> {
+    let format = if state.eeprom.checksum {
         ascii::FORMAT_CHECKSUM
     } else {
         0
     };
-    let baud_code = body.baud_code()?;
+    let baud_code = state.baud_code()?;
     Some(ascii::Response::Config {
         type_code: ascii::TYPE_DIGITAL,
         baud_code,
@@ -240,13 +258,13 @@ fn ascii_config(body: &Body) -> Option<ascii::Response> {
 
 /// Takes new serial settings; none for a checksum leaves it as it is.
 fn reconfigure(
-    body: &mut Body,
+    state: &mut DeviceState,
     address: Address,
     baud_code: u8,
     checksum: Option<bool>,
 ) -> Option<()> {
-    let baud = body.family().profile().baud_of(baud_code)?;
-    let eeprom = body.keep();
+    let baud = state.family().profile().baud_of(baud_code)?;
+    let eeprom = state.keep();
     eeprom.address = address;
     eeprom.serial.baud = baud;
     eeprom.checksum = checksum.unwrap_or(eeprom.checksum);
@@ -254,38 +272,38 @@ fn reconfigure(
 }
 
 /// Mode mask and width, where the module has pulses.
-fn pulse(body: &Body) -> Option<(u8, PulseWidth)> {
+fn pulse(state: &DeviceState) -> Option<(u8, PulseWidth)> {
     let Eeprom {
         pulse_mask,
         pulse_width,
         ..
-    } = body.eeprom;
-    has_pulses(body.family()).then_some((pulse_mask, pulse_width))
+    } = state.eeprom;
+    has_pulses(state.family()).then_some((pulse_mask, pulse_width))
 }
 
-fn set_pulse(body: &mut Body, mask: u8, width: PulseWidth) -> Option<()> {
-    if !has_pulses(body.family()) || u32::from(mask) & !body.setup.output_mask() != 0 {
+fn set_pulse(state: &mut DeviceState, mask: u8, width: PulseWidth) -> Option<()> {
+    if !has_pulses(state.family()) || u32::from(mask) & !state.setup.output_mask() != 0 {
         return None;
     }
-    let eeprom = body.keep();
+    let eeprom = state.keep();
     eeprom.pulse_mask = mask;
     eeprom.pulse_width = width;
     Some(())
 }
 
 /// A `#AAoodd` [EDA §2.18, §2.19].
-fn switch_by_order(body: &mut Body, now: Instant, order: u8, data: u8) -> Option<()> {
+fn switch_by_order(state: &mut DeviceState, now: Instant, order: u8, data: u8) -> Option<()> {
     let outputs = match (order, data) {
         (ascii::ALL_OUTPUTS, value) => lc02::Outputs::All(value),
         (0x10..=0x17, 0 | 1) => lc02::Outputs::One(Channel::new(order & 0x0F)?, data == 1),
         _ => return None,
     };
-    switch(body, now, outputs)
+    switch(state, now, outputs)
 }
 
 /// Switches all outputs or one, unless a channel or value is out of range.
-fn switch(body: &mut Body, now: Instant, outputs: lc02::Outputs) -> Option<()> {
-    let all = body.setup.output_mask();
+fn switch(state: &mut DeviceState, now: Instant, outputs: lc02::Outputs) -> Option<()> {
+    let all = state.setup.output_mask();
     let (mask, on) = match outputs {
         lc02::Outputs::All(value) => (all, u32::from(value)),
         lc02::Outputs::One(channel, true) => (channel.mask(), channel.mask()),
@@ -294,19 +312,19 @@ fn switch(body: &mut Body, now: Instant, outputs: lc02::Outputs) -> Option<()> {
     if (mask | on) & !all != 0 {
         return None;
     }
-    switch_bits(body, now, mask, on);
+    switch_bits(state, now, mask, on);
     Some(())
 }
 
 /// Switches outputs, each by its own mode: level outputs follow their bit, a pulse output
 /// begins a pulse at 1 and ignores 0 [EDA9060A §3.1, §3.2, §3.3, §3.9].
-fn switch_bits(body: &mut Body, now: Instant, mask: u32, on: u32) {
-    let pulses = u32::from(body.eeprom.pulse_mask);
-    let width = Micros::from_millis(100) * u64::from(body.eeprom.pulse_width.tenths());
-    body.switch(mask & !pulses, on);
-    for channel in (0..body.setup.outputs).filter_map(Channel::new) {
+fn switch_bits(state: &mut DeviceState, now: Instant, mask: u32, on: u32) {
+    let pulses = u32::from(state.eeprom.pulse_mask);
+    let width = Micros::from_millis(100) * u64::from(state.eeprom.pulse_width.tenths());
+    state.switch(mask & !pulses, on);
+    for channel in (0..state.setup.outputs).filter_map(Channel::new) {
         if mask & on & pulses & channel.mask() != 0 {
-            body.switch_for(now, channel, true, width);
+            state.switch_for(now, channel, true, width);
         }
     }
 }

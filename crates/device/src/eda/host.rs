@@ -1,7 +1,7 @@
 //! The host's half.
 
 use super::{PROTOCOL_CHECKSUM, has_pulses, read_map, write_map};
-use crate::{Bank, Change, Family, Op, Profile, Seen, Setup, modbus};
+use crate::{Bank, Change, Family, Observation, Op, Profile, Setup, modbus};
 use railbus_wire::rtu::{self, BitSpan, WordBlock, WordSpan};
 use railbus_wire::{Address, Channel, Exchange, Protocol, PulseWidth, Response, Words};
 use railbus_wire::{ascii, lc02};
@@ -136,7 +136,7 @@ pub(crate) const fn group(setup: &Setup, want: Bank) -> Bank {
 }
 
 /// What a reply says.
-pub(crate) fn interpret(setup: &Setup, op: &Op, response: &Response<'_>) -> Option<Seen> {
+pub(crate) fn interpret(setup: &Setup, op: &Op, response: &Response<'_>) -> Option<Observation> {
     match response {
         Response::Ascii(response) => of_ascii(setup, response),
         Response::Lc02(response) => of_lc02(setup, op, response),
@@ -145,50 +145,52 @@ pub(crate) fn interpret(setup: &Setup, op: &Op, response: &Response<'_>) -> Opti
     }
 }
 
-fn of_ascii(setup: &Setup, response: &ascii::Response) -> Option<Seen> {
+fn of_ascii(setup: &Setup, response: &ascii::Response) -> Option<Observation> {
     Some(match *response {
         ascii::Response::Data { outputs, inputs } => channels(setup, outputs, inputs),
         // A name that comes late has bits that no mask has: `!019060`.
         ascii::Response::Pulse { mask, .. } if u32::from(mask) & !setup.output_mask() != 0 => {
             return None;
         }
-        ascii::Response::Pulse { mask, width } => Seen::Pulse { mask, width },
-        ascii::Response::Text(name) => Seen::Name(name),
+        ascii::Response::Pulse { mask, width } => Observation::Pulse { mask, width },
+        ascii::Response::Text(name) => Observation::Name(name),
         ascii::Response::Config {
             baud_code, format, ..
-        } => Seen::Config {
+        } => Observation::Config {
             address: None,
             baud: profile(setup).baud_of(baud_code),
             character: None,
             checksum: Some(format & ascii::FORMAT_CHECKSUM != 0),
         },
-        ascii::Response::Done => Seen::Done,
+        ascii::Response::Done => Observation::Done,
         _ => return None,
     })
 }
 
-fn of_lc02(setup: &Setup, op: &Op, response: &lc02::Response) -> Option<Seen> {
+fn of_lc02(setup: &Setup, op: &Op, response: &lc02::Response) -> Option<Observation> {
     Some(match *response {
         lc02::Response::Data { outputs, inputs } => channels(setup, outputs, inputs),
-        lc02::Response::Pulse { mask, width } => Seen::Pulse { mask, width },
-        lc02::Response::Config { model, .. } if matches!(op, Op::Identify) => Seen::Model(model),
-        lc02::Response::Config { baud_code, .. } => Seen::Config {
+        lc02::Response::Pulse { mask, width } => Observation::Pulse { mask, width },
+        lc02::Response::Config { model, .. } if matches!(op, Op::Identify) => {
+            Observation::Model(model)
+        }
+        lc02::Response::Config { baud_code, .. } => Observation::Config {
             address: None,
             baud: profile(setup).baud_of(baud_code),
             character: None,
             checksum: None,
         },
-        lc02::Response::Done => Seen::Done,
+        lc02::Response::Done => Observation::Done,
     })
 }
 
-fn of_rtu(setup: &Setup, op: &Op, response: &rtu::Response<'_>) -> Option<Seen> {
+fn of_rtu(setup: &Setup, op: &Op, response: &rtu::Response<'_>) -> Option<Observation> {
     Some(match (op, response) {
-        (Op::ReadOutputs, rtu::Response::Bits(bits)) => Seen::Channels {
+        (Op::ReadOutputs, rtu::Response::Bits(bits)) => Observation::Channels {
             outputs: Bank::new(setup.output_mask(), bits.to_mask()),
             inputs: Bank::default(),
         },
-        (Op::ReadInputs, rtu::Response::Bits(bits)) => Seen::Channels {
+        (Op::ReadInputs, rtu::Response::Bits(bits)) => Observation::Channels {
             outputs: Bank::default(),
             inputs: Bank::new(setup.input_mask(), bits.to_mask()),
         },
@@ -198,11 +200,11 @@ fn of_rtu(setup: &Setup, op: &Op, response: &rtu::Response<'_>) -> Option<Seen> 
             if Address(address) != setup.address {
                 return None;
             }
-            Seen::Model(words.get(read_map::MODEL)?)
+            Observation::Model(words.get(read_map::MODEL)?)
         }
         (Op::ReadPulse, rtu::Response::Words(words)) => {
             let [mask, width] = words.get(0)?.to_be_bytes();
-            Seen::Pulse {
+            Observation::Pulse {
                 mask: mask & 0x0F,
                 width: PulseWidth::from_tenths(width)?,
             }
@@ -210,30 +212,30 @@ fn of_rtu(setup: &Setup, op: &Op, response: &rtu::Response<'_>) -> Option<Seen> 
         (Op::ReadConfig, rtu::Response::Words(words)) => {
             let [address, baud_code] = words.get(0)?.to_be_bytes();
             let protocol = words.get(read_map::PROTOCOL - read_map::SERIAL)?;
-            Seen::Config {
+            Observation::Config {
                 address: Some(Address(address)),
                 baud: profile(setup).baud_of(baud_code),
                 character: None,
                 checksum: Some(protocol & PROTOCOL_CHECKSUM != 0),
             }
         }
-        (_, rtu::Response::Done) => Seen::Done,
+        (_, rtu::Response::Done) => Observation::Done,
         _ => return None,
     })
 }
 
 /// Whether a name or model number is this model's [EDA §3.7].
-pub(crate) fn recognises(setup: &Setup, seen: &Seen) -> bool {
+pub(crate) fn recognises(setup: &Setup, seen: &Observation) -> bool {
     match seen {
-        Seen::Name(name) => Family::of_name(name.bytes()) == Some(setup.family),
-        Seen::Model(number) => Family::of_number(*number) == Some(setup.family),
+        Observation::Name(name) => Family::of_name(name.bytes()) == Some(setup.family),
+        Observation::Model(number) => Family::of_number(*number) == Some(setup.family),
         _ => true,
     }
 }
 
 /// Outputs and inputs of one frame, without the bits that the model does not have.
-fn channels(setup: &Setup, outputs: u8, inputs: u8) -> Seen {
-    Seen::Channels {
+fn channels(setup: &Setup, outputs: u8, inputs: u8) -> Observation {
+    Observation::Channels {
         outputs: Bank::new(setup.output_mask(), outputs.into()),
         inputs: Bank::new(setup.input_mask(), inputs.into()),
     }

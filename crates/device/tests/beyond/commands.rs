@@ -2,12 +2,12 @@
 
 use super::support::{Bench, sealed};
 use super::{HALF_SECOND, module, setup};
-use railbus_device::{Beyond, Family, Op, Setup};
+use railbus_device::{Extensions, Family, Op, Setup};
 use railbus_wire::Protocol;
 
 fn both() -> [Bench; 2] {
     [Family::Eda9060a, Family::Eda9050]
-        .map(|family| module(setup(family, Protocol::Ascii), Beyond::NEUTRAL))
+        .map(|family| module(setup(family, Protocol::Ascii), Extensions::NEUTRAL))
 }
 
 fn converse(module: &mut Bench, conversation: &[(&str, Option<&str>)]) {
@@ -71,7 +71,7 @@ fn the_watchdog_is_set_read_and_cleared() {
         converse(&mut module, &[("#011101", Some(">"))]);
         assert_eq!(module.engine.outputs(), 0b11);
         module.wait(600);
-        assert!(module.engine.eeprom().beyond.tripped, "it watches anew");
+        assert!(module.engine.eeprom().extensions.tripped, "it watches anew");
         converse(
             &mut module,
             &[
@@ -82,7 +82,7 @@ fn the_watchdog_is_set_read_and_cleared() {
             ],
         );
         module.wait(60_000);
-        assert!(!module.engine.eeprom().beyond.tripped);
+        assert!(!module.engine.eeprom().extensions.tripped);
     }
 }
 
@@ -127,7 +127,7 @@ fn host_ok_feeds_with_and_without_a_checksum() {
         for _ in 0..6 {
             assert_eq!(module.ask(&alive), None);
         }
-        assert!(!module.engine.eeprom().beyond.tripped);
+        assert!(!module.engine.eeprom().extensions.tripped);
         // `#**` is for nobody's watchdog.
         let sample = if checksum {
             sealed("#**")
@@ -137,6 +137,6 @@ fn host_ok_feeds_with_and_without_a_checksum() {
         for _ in 0..3 {
             assert_eq!(module.ask(&sample), None);
         }
-        assert!(module.engine.eeprom().beyond.tripped);
+        assert!(module.engine.eeprom().extensions.tripped);
     }
 }

@@ -3,7 +3,7 @@
 
 use super::support::with_crc;
 use super::{ON, dice, setups};
-use railbus_device::{Beyond, Eeprom, Effect, Engine, Input, Output, Setup};
+use railbus_device::{Eeprom, Effect, Engine, Extensions, Input, Output, Setup};
 use railbus_wire::{Instant, Micros, Protocol, crc16, sum8};
 
 const SEED: u64 = 0xBE_0001;
@@ -132,10 +132,10 @@ struct Watched {
 impl Watched {
     fn new(setup: Setup, watchdog: u8) -> Watched {
         let eeprom = Eeprom {
-            beyond: Beyond {
+            extensions: Extensions {
                 watchdog,
                 safe: 0b01,
-                ..Beyond::NEUTRAL
+                ..Extensions::NEUTRAL
             },
             ..Eeprom::of(&setup)
         };
@@ -172,8 +172,8 @@ impl Watched {
                 }
                 Output::Effect(Effect::Output { .. }) => {
                     self.moves += 1;
-                    let beyond = self.engine.eeprom().beyond;
-                    let tripped = beyond.tripped && self.eeprom.beyond.watchdog > 0;
+                    let extensions = self.engine.eeprom().extensions;
+                    let tripped = extensions.tripped && self.eeprom.extensions.watchdog > 0;
                     let place = format!("{:?} at {:?}, seed {SEED:X}", self.setup, self.now);
                     assert!(self.licensed || tripped, "{place}: {:02X?}", self.heard);
                     assert!(self.licensed || self.engine.outputs() == 0b01, "{place}");
@@ -205,8 +205,8 @@ impl Watched {
             Protocol::Rtu => silence >= self.setup.serial.t3_5(),
             _ => self.heard.len() > 300,
         };
-        if self.licensed || self.engine.eeprom().beyond.tripped {
-            self.trips += usize::from(self.engine.eeprom().beyond.tripped);
+        if self.licensed || self.engine.eeprom().extensions.tripped {
+            self.trips += usize::from(self.engine.eeprom().extensions.tripped);
             self.now = self.now + Micros::from_millis(50);
             self.happens(Input::Timeout);
             self.restart();

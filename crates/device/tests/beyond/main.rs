@@ -10,7 +10,7 @@ mod off;
 mod standard;
 mod watchdog;
 
-use railbus_device::{Beyond, Eeprom, Family, Options, Setup};
+use railbus_device::{Eeprom, Extensions, Family, Options, Setup};
 use railbus_wire::{Address, Protocol};
 use support::Bench;
 
@@ -21,7 +21,7 @@ const ON: Options = Options {
     lower_case: false,
     answer_bad_frames: false,
     insist_on_gap: false,
-    beyond: true,
+    extensions: true,
 };
 
 /// Every family in every protocol it speaks, at address 1, with eight outputs where that varies.
@@ -42,16 +42,16 @@ fn setup(family: Family, protocol: Protocol) -> Setup {
     }
 }
 
-fn module(setup: Setup, beyond: Beyond) -> Bench {
+fn module(setup: Setup, extensions: Extensions) -> Bench {
     let eeprom = Eeprom {
-        beyond,
+        extensions,
         ..Eeprom::of(&setup)
     };
     Bench::with(setup, eeprom, ON)
 }
 
 /// Watches for half a second; the first output is safe on, the second on at power-up.
-const HALF_SECOND: Beyond = Beyond {
+const HALF_SECOND: Extensions = Extensions {
     watchdog: 5,
     power_on: 0b10,
     safe: 0b01,

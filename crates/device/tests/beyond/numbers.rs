@@ -2,16 +2,16 @@
 
 use super::support::{Bench, hex, with_crc};
 use super::{HALF_SECOND, module, setup, setups};
-use railbus_device::{Beyond, Eeprom, Family, Layout, Setup};
+use railbus_device::{Eeprom, Extensions, Family, Layout, Setup};
 use railbus_wire::Protocol;
 
 fn modbus() -> impl Iterator<Item = Bench> {
     let setups = setups().filter(|setup| setup.protocol == Protocol::Rtu);
-    setups.map(|setup| module(setup, Beyond::NEUTRAL))
+    setups.map(|setup| module(setup, Extensions::NEUTRAL))
 }
 
 fn board() -> Bench {
-    module(setup(Family::R55, Protocol::R55), Beyond::NEUTRAL)
+    module(setup(Family::R55, Protocol::R55), Extensions::NEUTRAL)
 }
 
 #[test]
@@ -26,7 +26,7 @@ fn registers_hold_the_settings() {
         says("01 06 BE01 0005", "01 06 BE01 0005");
         says("01 10 BE02 0004 08 0002 0000 0001 0000", "01 10 BE02 0004");
         says("01 03 BE00 0006", "01 03 0C 0080 0005 0002 0000 0001 0000");
-        assert_eq!(module.engine.eeprom().beyond, HALF_SECOND);
+        assert_eq!(module.engine.eeprom().extensions, HALF_SECOND);
         module.wait(600);
         let mut says = |request: &str, reply: &str| {
             assert_eq!(told(&mut module, request), Some(hex(reply)), "{request}");
@@ -103,7 +103,7 @@ fn variables_hold_the_settings_of_a_board() {
     ] {
         says(refused, None);
     }
-    assert_eq!(board.engine.eeprom().beyond, HALF_SECOND);
+    assert_eq!(board.engine.eeprom().extensions, HALF_SECOND);
     board.wait(600);
     assert_eq!(board.engine.outputs(), 0b01);
     let mut says = |request: &str, reply: &str| {
@@ -122,7 +122,7 @@ fn a_board_with_32_outputs_has_them_all() {
         outputs: 32,
         ..setup(Family::R55, Protocol::R55)
     };
-    let mut board = module(setup, Beyond::NEUTRAL);
+    let mut board = module(setup, Extensions::NEUTRAL);
     for request in [
         "01 71 00BEEF E4",
         "01 71 00DEAD E5",
@@ -137,7 +137,7 @@ fn a_board_with_32_outputs_has_them_all() {
     );
     board.wait(600);
     assert_eq!(board.engine.outputs(), 0xDEAD_BEEF);
-    assert_eq!(board.engine.eeprom().beyond.power_on, 0x0001_0000);
+    assert_eq!(board.engine.eeprom().extensions.power_on, 0x0001_0000);
 }
 
 #[test]
@@ -147,7 +147,7 @@ fn what_is_set_in_one_protocol_acts_in_the_other() {
     pin.input(railbus_device::Input::Init(true));
     pin.ignores(b"~010\r");
     pin.wait(600);
-    assert!(pin.engine.eeprom().beyond.tripped);
+    assert!(pin.engine.eeprom().extensions.tripped);
     assert_eq!(pin.engine.outputs(), 0b01);
     pin.input(railbus_device::Input::Init(false));
     assert_eq!(pin.ask_text("~010").as_deref(), Some("!0184"));
@@ -160,5 +160,5 @@ fn a_restore_leaves_it_alone() {
     let mut emd = module(setup(Family::Emd2a2q, Protocol::Rtu), HALF_SECOND);
     assert!(emd.ask_rtu("01 06 0005 0004").is_some());
     let kept: Eeprom = *emd.engine.eeprom();
-    assert_eq!(kept.beyond, HALF_SECOND);
+    assert_eq!(kept.extensions, HALF_SECOND);
 }

@@ -2,15 +2,15 @@
 
 use super::support::{Bench, hex, with_crc};
 use super::{HALF_SECOND, setup, setups};
-use railbus_device::{Beyond, Eeprom, Family, Options};
+use railbus_device::{Eeprom, Extensions, Family, Options};
 use railbus_wire::Protocol;
 
 #[test]
 fn off_by_default() {
     // [BEYOND §1.11]
-    assert!(!Options::default().beyond);
+    assert!(!Options::default().extensions);
     for setup in setups() {
-        assert_eq!(Eeprom::of(&setup).beyond, Beyond::NEUTRAL);
+        assert_eq!(Eeprom::of(&setup).extensions, Extensions::NEUTRAL);
     }
 }
 
@@ -19,7 +19,7 @@ fn what_is_kept_has_no_effect_and_no_command_is_known() {
     // [BEYOND §1.11]
     for setup in setups() {
         let eeprom = Eeprom {
-            beyond: Beyond {
+            extensions: Extensions {
                 tripped: true,
                 ..HALF_SECOND
             },

@@ -2,13 +2,13 @@
 
 use super::support::{Bench, hex, with_crc};
 use super::{HALF_SECOND, module, setup, setups};
-use railbus_device::{Beyond, Family, Input};
+use railbus_device::{Extensions, Family, Input};
 use railbus_wire::rtu::{Exchange, Identification, Request, Response};
 use railbus_wire::{Address, Protocol};
 
 fn modbus() -> impl Iterator<Item = Bench> {
     let setups = setups().filter(|setup| setup.protocol == Protocol::Rtu);
-    setups.map(|setup| module(setup, Beyond::NEUTRAL))
+    setups.map(|setup| module(setup, Extensions::NEUTRAL))
 }
 
 fn counter(module: &mut Bench, sub: u8) -> u16 {
@@ -104,7 +104,7 @@ fn what_was_heard_is_counted() {
 #[test]
 fn a_counter_stays_at_its_end() {
     // [BEYOND §4.4]
-    let mut module = module(setup(Family::Erc8, Protocol::Rtu), Beyond::NEUTRAL);
+    let mut module = module(setup(Family::Erc8, Protocol::Rtu), Extensions::NEUTRAL);
     for _ in 0..70_000 {
         module.input(Input::Overrun);
     }

@@ -2,7 +2,7 @@
 
 use super::support::{Bench, request, with_crc};
 use super::{HALF_SECOND, dice, module, setup, setups};
-use railbus_device::{Bank, Beyond, Effect, Family, Input, Op, Setup};
+use railbus_device::{Bank, Effect, Extensions, Family, Input, Op, Setup};
 use railbus_wire::{Address, Channel, Instant, Micros, Protocol, PulseWidth};
 
 /// As a frame of another module's, and as one for this one.
@@ -20,7 +20,7 @@ fn switch(module: &Bench, channel: u8, on: bool) -> Vec<u8> {
 }
 
 fn is_safe(module: &Bench) -> bool {
-    module.engine.outputs() == HALF_SECOND.safe && module.engine.eeprom().beyond.tripped
+    module.engine.outputs() == HALF_SECOND.safe && module.engine.eeprom().extensions.tripped
 }
 
 #[test]
@@ -31,13 +31,13 @@ fn a_thousand_hosts_that_die_leave_the_outputs_safe_in_time() {
     for setup in setups() {
         for round in 0..1_000 {
             let watchdog = 1 + dice(&mut state, 255) as u8;
-            let beyond = Beyond {
+            let extensions = Extensions {
                 watchdog,
                 power_on: 0,
                 safe: 0b01,
                 tripped: false,
             };
-            let mut module = module(setup, beyond);
+            let mut module = module(setup, extensions);
             let time = Micros::from_millis(100) * u64::from(watchdog);
             // It polls and switches at any pace that keeps the module alive, and then dies at
             // any moment: often inside a frame.
@@ -58,7 +58,7 @@ fn a_thousand_hosts_that_die_leave_the_outputs_safe_in_time() {
             module.run_until(fed + time + Micros::from_millis(100));
             let place = format!("{setup:?}, round {round} of seed {seed:X}");
             assert!(module.engine.outputs() == 0b01, "{place}");
-            assert!(module.engine.eeprom().beyond.tripped, "{place}");
+            assert!(module.engine.eeprom().extensions.tripped, "{place}");
             let moved = module.did();
             let at = |wanted| {
                 moved
@@ -87,7 +87,7 @@ fn a_host_that_lives_is_never_taken_for_dead() {
         for frame in [&own, &on, &off].into_iter().cycle().take(30) {
             module.wait(100);
             assert!(module.ask(frame).is_some(), "{setup:?}");
-            assert!(!module.engine.eeprom().beyond.tripped, "{setup:?}");
+            assert!(!module.engine.eeprom().extensions.tripped, "{setup:?}");
         }
         assert_eq!(module.engine.outputs(), 0);
     }
@@ -127,7 +127,7 @@ fn unknown_commands_and_broadcasts_feed_it() {
             let _ = module.ask(&frame);
         }
         assert!(
-            !module.engine.eeprom().beyond.tripped,
+            !module.engine.eeprom().extensions.tripped,
             "{setup:?} {frame:02X?}"
         );
     }
@@ -143,9 +143,11 @@ fn it_runs_from_power_up_and_stays_tripped_without_power() {
         assert_eq!(module.engine.outputs(), HALF_SECOND.power_on, "{setup:?}");
         module.wait(1);
         assert!(is_safe(&module), "{setup:?}");
-        let kept =
-            |(_, did): &(Instant, Effect)| matches!(did, Effect::Save(kept) if kept.beyond.tripped);
-        assert_eq!(module.did().iter().filter(|did| kept(did)).count(), 1);
+        let saves_trip =
+            |effect: &Effect| matches!(effect, Effect::Save(kept) if kept.extensions.tripped);
+        let did = module.did();
+        let saved = did.iter().filter(|(_, effect)| saves_trip(effect));
+        assert_eq!(saved.count(), 1);
         for _ in 0..2 {
             module.power_cycle();
             assert!(is_safe(&module), "{setup:?}");
@@ -163,7 +165,7 @@ fn it_runs_from_power_up_and_stays_tripped_without_power() {
 fn tripped_outputs_do_not_move_and_nobody_is_told_that_they_did() {
     // [BEYOND §1.4]
     for setup in setups() {
-        let tripped = Beyond {
+        let tripped = Extensions {
             tripped: true,
             ..HALF_SECOND
         };
@@ -187,7 +189,7 @@ fn tripped_outputs_do_not_move_and_nobody_is_told_that_they_did() {
         );
     }
     // Several coils at once, and by broadcast.
-    let tripped = Beyond {
+    let tripped = Extensions {
         tripped: true,
         ..HALF_SECOND
     };
@@ -208,7 +210,7 @@ fn pulses_and_jogs_end() {
     let eda = setup(Family::Eda9060a, Protocol::Ascii);
     let mut pulsing = module(
         eda,
-        Beyond {
+        Extensions {
             power_on: 0,
             ..HALF_SECOND
         },
@@ -239,7 +241,7 @@ fn a_stuck_output_is_not_told_to_be_safe() {
         let mut module = module(setup, HALF_SECOND);
         module.input(Input::Stuck(0b01));
         module.wait(600);
-        assert!(module.engine.eeprom().beyond.tripped);
+        assert!(module.engine.eeprom().extensions.tripped);
         assert_eq!(module.engine.outputs(), 0, "{setup:?}");
         let told = module.did();
         let moved = |(_, did): &(Instant, Effect)| matches!(did, Effect::Output { channel: 0, .. });
@@ -254,6 +256,6 @@ fn what_a_late_driver_hands_in_comes_too_late() {
         let own = poll(&module, 1);
         module.now = Instant(module.now.0 + 700_000);
         module.send(&own);
-        assert!(module.engine.eeprom().beyond.tripped, "{setup:?}");
+        assert!(module.engine.eeprom().extensions.tripped, "{setup:?}");
     }
 }

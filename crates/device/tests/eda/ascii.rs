@@ -52,7 +52,7 @@ fn host_reads_digits_of_either_case_and_bit_6_of_the_format() {
             for address in ["ab", "AB", "aB"] {
                 let reply = format!("!{address}4006{format}\r");
                 match seen(&host, &Op::ReadConfig, reply.as_bytes()) {
-                    Seen::Config { baud, checksum, .. } => {
+                    Observation::Config { baud, checksum, .. } => {
                         assert_eq!((baud, checksum), (Some(Baud::B9600), Some(on)));
                     }
                     other => panic!("{reply}: {other:?}"),
@@ -161,7 +161,7 @@ fn who_acknowledges_a_configuration() {
         let (host, change) = (module.host(), serial(9, Baud::B19200, false));
         let (old, new) = (b"!08\r", b"!09\r");
         for reply in [old, new] {
-            assert_eq!(seen(&host, &change, reply), Seen::Done);
+            assert_eq!(seen(&host, &change, reply), Observation::Done);
         }
         let exchange = host.exchange(&change).expect("a frame");
         let other = exchange.decode_response(b"!07\r");

@@ -118,7 +118,7 @@ fn effects_come_once_and_in_order() {
     for mut module in all() {
         let on = every_output(&module);
         module.did();
-        assert_eq!(module.op(on), Some(Seen::Done));
+        assert_eq!(module.op(on), Some(Observation::Done));
         let outputs = 0..module.setup.outputs;
         let switched = outputs.map(|channel| Effect::Output { channel, on: true });
         let did = |module: &mut Bench| {
@@ -168,7 +168,10 @@ fn turnaround() {
         module.send(&ask);
         let reply = module.run_until(module.now + Micros::from_millis(300));
         let read = seen(&module.host(), &Op::ReadOutputs, &reply.expect("one reply"));
-        assert!(matches!(read, Seen::Channels { .. }), "that of the last");
+        assert!(
+            matches!(read, Observation::Channels { .. }),
+            "that of the last"
+        );
         assert_eq!(module.engine.outputs(), 1);
     }
 }

@@ -17,7 +17,7 @@ fn lc02_goes_by_length() {
         let reply = hex("6C 63 0D 0D 0D 27 0D");
         assert!(matches!(
             seen(&host, &Op::ReadOutputs, &reply),
-            Seen::Channels { .. }
+            Observation::Channels { .. }
         ));
         let exchange = host.exchange(&Op::ReadOutputs).expect("a frame");
         for more in 1..reply.len() {
@@ -63,7 +63,10 @@ fn configuration_in_lc02() {
         }
         let change = serial(2, Baud::B19200, false);
         for reply in ["6C 63 01 01 0D", "6C 63 02 02 0D"] {
-            assert_eq!(seen(&module.host(), &change, &hex(reply)), Seen::Done);
+            assert_eq!(
+                seen(&module.host(), &change, &hex(reply)),
+                Observation::Done
+            );
         }
         assert_eq!(
             module.ask(&lc02("01 02 02 07 00")),

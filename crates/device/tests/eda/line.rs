@@ -83,7 +83,7 @@ fn settings_survive_power_off_and_outputs_do_not() {
     for mut module in all() {
         let ascii = module.setup.protocol == Protocol::Ascii;
         let on = every_output(&module);
-        assert_eq!(module.op(on), Some(Seen::Done));
+        assert_eq!(module.op(on), Some(Observation::Done));
         assert_eq!(module.engine.outputs(), module.setup.output_mask());
         module.op(serial(7, Baud::B19200, ascii));
         module.power_cycle();
@@ -148,7 +148,7 @@ fn applies_so(mut module: Bench, (address, speed, checksum): (u8, u32, bool)) {
     if (family, protocol) != (Family::Eda9050, Protocol::Rtu) {
         assert_eq!(
             module.op(Op::ReadConfig),
-            Some(Seen::Config {
+            Some(Observation::Config {
                 address: (protocol == Protocol::Rtu).then_some(Address(2)),
                 baud: Some(Baud::B19200),
                 character: None,

@@ -13,7 +13,7 @@ mod support;
 
 use eda::{PROTOCOLS, converse, host, is_silent_to, setup};
 use railbus_device::{Applies, Bank, Change, Eeprom, Effect, Family, Op, Options};
-use railbus_device::{Refusal, Seen, Setup, SetupError};
+use railbus_device::{Observation, Refusal, Setup, SetupError};
 use railbus_wire::{Address, Baud, Channel, Character, Decoded, Malformed, Micros, Protocol};
 use railbus_wire::{Settings, crc16, lc02::envelope, rtu::Exception, sum8};
 use support::{Bench, hex, lc02, request, sealed, seen, with_crc};
@@ -51,7 +51,7 @@ const ALOUD: Options = Options {
     lower_case: false,
     answer_bad_frames: false,
     insist_on_gap: false,
-    beyond: false,
+    extensions: false,
 };
 
 /// A configuration write; only ASCII has the checksum setting in it.

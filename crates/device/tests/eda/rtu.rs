@@ -80,7 +80,7 @@ fn host_takes_exceptions() {
         let host = host(setup(family, Protocol::Rtu, 1));
         for code in [1, 2, 3, 4, 0x60] {
             let reply = with_crc(&[1, 0x81, code]);
-            let refused = Seen::Refused(Refusal::Exception(Exception(code)));
+            let refused = Observation::Refused(Refusal::Exception(Exception(code)));
             assert_eq!(seen(&host, &Op::ReadOutputs, &reply), refused);
         }
     }

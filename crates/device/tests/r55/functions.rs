@@ -156,7 +156,7 @@ fn layouts() {
         let asked = Op::ReadInputs;
         let seen = seen(&host(setup), &asked, &reply(0x10, word));
         let inputs = setup.input_mask();
-        let expected = Seen::Channels {
+        let expected = Observation::Channels {
             outputs: Bank::new(setup.output_mask(), outputs),
             inputs: Bank::new(inputs, 0x89AB_CDEF & inputs),
         };

@@ -12,7 +12,7 @@ fn the_host_ignores_bits_above_the_count() {
         (setup(Mixed, 1, 2), 0b1, 0b11),
     ] {
         let seen = seen(&host(setup), &Op::ReadOutputs, &reply(0x10, u32::MAX));
-        let expected = Seen::Channels {
+        let expected = Observation::Channels {
             outputs: Bank::new(outputs, outputs),
             inputs: Bank::new(inputs, inputs),
         };
@@ -124,7 +124,7 @@ fn the_host_inverts_states() {
     };
     for (setup, outputs) in [(mixed, 0b0011), (inverted, 0b1100)] {
         let seen = seen(&host(setup), &Op::ReadOutputs, &reply(0x10, 0x0005_0003));
-        let expected = Seen::Channels {
+        let expected = Observation::Channels {
             outputs: Bank::new(0b1111, outputs),
             inputs: Bank::new(0b1111, 0b0101),
         };
@@ -177,7 +177,7 @@ fn the_host_reads_back() {
 fn the_host_takes_no_address_for_a_state() {
     let host = host(setup(Layout::Outputs, 8, 0));
     let change = Op::Configure(Change::Address(Address(7)));
-    assert_eq!(seen(&host, &change, &reply(0x41, 7)), Seen::Done);
+    assert_eq!(seen(&host, &change, &reply(0x41, 7)), Observation::Done);
 }
 
 /// [R55 §5.1] what the host makes of a variable, and of the reply for another one.
@@ -194,13 +194,13 @@ fn the_host_reads_variables() {
         request(&host, &Op::ReadVariable(3)),
         Some(frame("01 70 00000003"))
     );
-    let seen_value = Seen::Variable(3, value);
+    let seen_value = Observation::Variable(3, value);
     assert_eq!(seen(&host, &write, &reply(0x71, 0xABCD_EF03)), seen_value);
     let read = Op::ReadVariable(3);
     assert_eq!(seen(&host, &read, &reply(0x70, 0xABCD_EF03)), seen_value);
     assert_eq!(
         seen(&host, &read, &reply(0x70, 0xABCD_EF04)),
-        Seen::Unexpected
+        Observation::Unexpected
     );
 }
 

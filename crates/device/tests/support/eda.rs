@@ -6,7 +6,7 @@
 )]
 
 use crate::support::{Bench, hex, lc02, with_crc};
-use railbus_device::{Family, Module, Op, Seen, Setup};
+use railbus_device::{Family, Module, Observation, Op, Setup};
 use railbus_wire::{Address, Protocol};
 
 /// What both modules speak.
@@ -26,8 +26,8 @@ pub fn host(setup: Setup) -> Module {
 /// What the module reads back, or has at its inputs, as the host understands it.
 pub fn read(module: &mut Bench, op: Op) -> u32 {
     match (module.op(op), op) {
-        (Some(Seen::Channels { outputs, .. }), Op::ReadOutputs) => outputs.on,
-        (Some(Seen::Channels { inputs, .. }), _) => inputs.on,
+        (Some(Observation::Channels { outputs, .. }), Op::ReadOutputs) => outputs.on,
+        (Some(Observation::Channels { inputs, .. }), _) => inputs.on,
         other => panic!("{other:?}"),
     }
 }

@@ -5,7 +5,9 @@
     reason = "each test file uses a part of it"
 )]
 
-use railbus_device::{Eeprom, Effect, Engine, Input, Module, Op, Options, Output, Seen, Setup};
+use railbus_device::{
+    Eeprom, Effect, Engine, Input, Module, Observation, Op, Options, Output, Setup,
+};
 use railbus_wire::{Frame, Instant, Micros, Protocol, crc16, sum8};
 
 /// One module in virtual time, with everything it did to the outside.
@@ -104,7 +106,7 @@ impl Bench {
     }
 
     /// Asks as the host does; what it makes of the reply.
-    pub fn op(&mut self, op: Op) -> Option<Seen> {
+    pub fn op(&mut self, op: Op) -> Option<Observation> {
         let host = self.host();
         let frame = request(&host, &op).expect("the model has a command for it");
         let reply = self.ask(&frame)?;
@@ -226,7 +228,7 @@ pub fn request(module: &Module, op: &Op) -> Option<Vec<u8>> {
 }
 
 /// What the host makes of a whole reply to an op.
-pub fn seen(module: &Module, op: &Op, reply: &[u8]) -> Seen {
+pub fn seen(module: &Module, op: &Op, reply: &[u8]) -> Observation {
     let exchange = module.exchange(op).expect("an op of this model");
     let reply = exchange.decode_response(reply).whole();
     module.interpret(op, &reply.expect("a reply to this op").response)

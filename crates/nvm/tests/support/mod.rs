@@ -10,7 +10,7 @@ pub mod chip;
 pub mod nor;
 
 use proptest::prelude::*;
-use railbus_device::{Applies, Beyond, Calibration, Eeprom, Family, Layout, Options, Setup};
+use railbus_device::{Applies, Calibration, Eeprom, Extensions, Family, Layout, Options, Setup};
 use railbus_nvm::Record;
 use railbus_wire::{Address, Micros, Protocol, PulseWidth, Settings};
 
@@ -114,7 +114,7 @@ fn options() -> impl Strategy<Value = Options> {
             lower_case,
             answer_bad_frames,
             insist_on_gap,
-            beyond,
+            extensions,
         ] = switches;
         Options {
             turnaround: Micros(turnaround.into()),
@@ -123,36 +123,38 @@ fn options() -> impl Strategy<Value = Options> {
             lower_case,
             answer_bad_frames,
             insist_on_gap,
-            beyond,
+            extensions,
         }
     })
 }
 
 fn eeprom() -> impl Strategy<Value = Eeprom> {
     let calibration = (any::<u16>(), any::<[i16; 2]>(), any::<[(u16, u16); 2]>());
-    let beyond = (any::<u8>(), any::<u32>(), any::<u32>(), any::<bool>());
+    let extensions = (any::<u8>(), any::<u32>(), any::<u32>(), any::<bool>());
     let pulses = (any::<u8>(), 1..=200_u8);
-    (any::<bool>(), pulses, calibration, beyond).prop_map(|(checksum, pulses, kept, beyond)| {
-        let (voltage, zero, span) = kept;
-        let (watchdog, power_on, safe, tripped) = beyond;
-        Eeprom {
-            address: Address(1),
-            serial: Settings::FACTORY,
-            protocol: Protocol::Rtu,
-            checksum,
-            pulse_mask: pulses.0,
-            pulse_width: PulseWidth::from_tenths(pulses.1).expect("1 to 200"),
-            calibration: Calibration {
-                voltage,
-                zero,
-                span,
-            },
-            beyond: Beyond {
-                watchdog,
-                power_on,
-                safe,
-                tripped,
-            },
-        }
-    })
+    (any::<bool>(), pulses, calibration, extensions).prop_map(
+        |(checksum, pulses, kept, extensions)| {
+            let (voltage, zero, span) = kept;
+            let (watchdog, power_on, safe, tripped) = extensions;
+            Eeprom {
+                address: Address(1),
+                serial: Settings::FACTORY,
+                protocol: Protocol::Rtu,
+                checksum,
+                pulse_mask: pulses.0,
+                pulse_width: PulseWidth::from_tenths(pulses.1).expect("1 to 200"),
+                calibration: Calibration {
+                    voltage,
+                    zero,
+                    span,
+                },
+                extensions: Extensions {
+                    watchdog,
+                    power_on,
+                    safe,
+                    tripped,
+                },
+            }
+        },
+    )
 }

@@ -28,7 +28,7 @@ impl<'a> Site<'a> {
         let hub = Hub::new();
         let mut boards = Vec::new();
         let options = Options {
-            beyond: true,
+            extensions: true,
             ..Options::default()
         };
         for (name, setup) in railbus_sim::demo::modules() {

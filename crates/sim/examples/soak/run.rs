@@ -4,7 +4,7 @@ use crate::dice::Dice;
 use crate::oracle::{OnceOnly, Oracle, Told, Verdicts};
 use crate::plants::{Plant, Stalls};
 use railbus_bus as bus;
-use railbus_device::{Bank, Effect, Family, Module, Op, Seen};
+use railbus_device::{Bank, Effect, Family, Module, Observation, Op};
 use railbus_sim as sim;
 use railbus_sim::Span;
 use railbus_wire::{Channel, Instant, Micros, Protocol, r55};
@@ -260,10 +260,16 @@ impl Run {
         }
     }
 
-    fn judge_seen(&mut self, module: usize, seen: Seen, (from, to): (u64, u64), spoilt: bool) {
+    fn judge_seen(
+        &mut self,
+        module: usize,
+        seen: Observation,
+        (from, to): (u64, u64),
+        spoilt: bool,
+    ) {
         let mut told = |told| self.oracle.told(module, told, from, to, spoilt);
         match seen {
-            Seen::Channels { outputs, inputs } => {
+            Observation::Channels { outputs, inputs } => {
                 if outputs.mask != 0 {
                     told(Told::Outputs {
                         mask: outputs.mask,
@@ -277,7 +283,7 @@ impl Run {
                     });
                 }
             }
-            Seen::Analogs(values) => {
+            Observation::Analogs(values) => {
                 for (channel, value) in values.into_iter().enumerate() {
                     told(Told::Analog { channel, value });
                 }

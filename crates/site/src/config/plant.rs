@@ -230,7 +230,7 @@ impl<'t> Reader<'t> {
             lower_case: self.boolean(section, "lower_case")?,
             answer_bad_frames: self.boolean(section, "answer_bad_frames")?,
             insist_on_gap: self.boolean(section, "insist_on_gap")?,
-            beyond: self.boolean(section, "beyond")?,
+            extensions: self.boolean(section, "beyond")?,
         })
     }
 

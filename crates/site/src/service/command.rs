@@ -7,7 +7,7 @@ use super::underway::Underway;
 use super::{Inner, Service, lock};
 use crate::config::{ModuleConfig, Place};
 use crate::{Failure, Value};
-use railbus_device::{Bank, Module, Op, Point, PointKind, Seen};
+use railbus_device::{Bank, Module, Observation, Op, Point, PointKind};
 use railbus_host::{Confirmed, Done, Fault, Line, ModuleId, Probe, ProbeResult, Tap, Terms};
 use railbus_store::audit::Note;
 use railbus_wire::{Channel, Exchange, Micros, Settings};
@@ -492,7 +492,7 @@ impl Inner {
             match (done.confirmed, done.seen) {
                 (Confirmed::Sent, _) => None,
                 // What was read counts for more than what was wanted: a pulse may be over.
-                (_, Some(Seen::Channels { outputs, .. })) => bank_state(outputs, *point),
+                (_, Some(Observation::Channels { outputs, .. })) => bank_state(outputs, *point),
                 (Confirmed::Readback | Confirmed::Reply, _) => wanted(*point),
             }
         };

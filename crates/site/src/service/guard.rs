@@ -267,7 +267,7 @@ impl Guard {
 mod tests {
     use super::*;
     use crate::Config;
-    use railbus_device::{Bank, Point, PointKind, Seen};
+    use railbus_device::{Bank, Observation, Point, PointKind};
     use railbus_host::Presence;
 
     /// A board lets go of a relay for an hour, and pulls it in again by itself.
@@ -285,7 +285,7 @@ mod tests {
         state.guard.busy_until(&place(0), hour);
         state.site.forget(|_| true);
         state.guard.forget_doubts(|_| true);
-        let off = Seen::Channels {
+        let off = Observation::Channels {
             outputs: Bank::new(0xF, 0),
             inputs: Bank::default(),
         };

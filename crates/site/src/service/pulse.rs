@@ -7,7 +7,7 @@ use super::timer::{Begin, to_its_end};
 use super::{Service, lock};
 use crate::config::Place;
 use crate::{Failure, Pulses};
-use railbus_device::{Bank, Family, Op, Point, Seen};
+use railbus_device::{Bank, Family, Observation, Op, Point};
 use railbus_host::Confirmed;
 use railbus_wire::{Micros, r55::U24};
 use std::time::Duration;
@@ -197,7 +197,7 @@ impl Service {
         }
         let done = self.inner.run(module, Op::ReadPulse, false).await?;
         match done.seen {
-            Some(Seen::Pulse { mask, width }) => Ok(Pulses { mask, width }),
+            Some(Observation::Pulse { mask, width }) => Ok(Pulses { mask, width }),
             _ => Err(railbus_host::Fault::Unsupported.into()),
         }
     }
@@ -240,7 +240,7 @@ mod tests {
         let inner = &service.inner;
         let width = PulseWidth::from_tenths(5).unwrap();
         let says = |mask| {
-            let seen = Seen::Pulse { mask, width };
+            let seen = Observation::Pulse { mask, width };
             let mut state = lock(&inner.state);
             state.site.saw("gate", &seen, LineInstant(0));
         };

@@ -63,7 +63,7 @@ impl Clock {
 /// One module's life.
 pub(super) fn live(world: &World, clock: Clock) -> Result<Count, String> {
     let options = Options {
-        beyond: true,
+        extensions: true,
         ..Options::default()
     };
     let mut pair = Pair::new(world, clock.setup(), options)?;

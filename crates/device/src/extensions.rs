@@ -1,6 +1,7 @@
-//! What our own modules do beyond the datasheets: nothing, unless [`crate::Options::beyond`] is on.
+//! What our own modules do beyond the datasheets: nothing, unless [`crate::Options::extensions`]
+//! is on.
 //!
-//! The host watchdog works on the [`Body`] of any family; ASCII sets it by the commands that
+//! The host watchdog works on the [`DeviceState`] of any family; ASCII sets it by the commands that
 //! DCON modules have, Modbus by registers and 0x55 boards by variables, which are the same few
 //! numbers. Modbus modules tell besides what they are and how well they hear.
 
@@ -12,7 +13,7 @@ pub(crate) use ascii::answer as ascii;
 pub(crate) use counters::{Counters, count};
 pub(crate) use rtu::answer as rtu;
 
-use crate::engine::{Body, Options};
+use crate::engine::{DeviceState, Options};
 use railbus_wire::r55::{self, Request, Response, U24};
 use railbus_wire::{Address, Instant, Micros};
 
@@ -21,7 +22,7 @@ const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// What a module keeps for it over a loss of power [BEYOND §1.3].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Beyond {
+pub struct Extensions {
     /// The host watchdog in tenths of a second, 0.1 s to 25.5 s; 0 does not watch.
     pub watchdog: u8,
     /// Outputs at power-up: bit n = output n is on.
@@ -48,9 +49,9 @@ mod number {
 /// The variable of a 0x55 board that is number 0 [BEYOND §3.6].
 const FIRST_VARIABLE: u8 = 0xE0;
 
-impl Beyond {
+impl Extensions {
     /// Nothing is watched, and all outputs are off at power-up: as the makers' modules are.
-    pub const NEUTRAL: Beyond = Beyond {
+    pub const NEUTRAL: Extensions = Extensions {
         watchdog: 0,
         power_on: 0,
         safe: 0,
@@ -67,7 +68,7 @@ impl Beyond {
     /// The outputs at power-up: as kept for that, or safe where nobody has cleared the watchdog
     /// [BEYOND §1.5].
     pub(crate) const fn outputs_at_power_up(&self, options: Options) -> u32 {
-        match (options.beyond, self.tripped) {
+        match (options.extensions, self.tripped) {
             (false, _) => 0,
             (true, false) => self.power_on,
             (true, true) => self.safe,
@@ -78,7 +79,7 @@ impl Beyond {
     // Out of line: every protocol begins here.
     #[inline(never)]
     pub(crate) fn watched_until(&self, options: Options, now: Instant) -> Option<Instant> {
-        let watches = options.beyond && self.watchdog > 0 && !self.tripped;
+        let watches = options.extensions && self.watchdog > 0 && !self.tripped;
         let time = Micros::from_millis(100) * u64::from(self.watchdog);
         watches.then(|| now + time)
     }
@@ -97,7 +98,7 @@ impl Beyond {
 
     /// With one number written; nothing where it does not take that value. To the status only 0
     /// is written, which clears it [BEYOND §3.2].
-    fn with(mut self, number: u16, value: u16) -> Option<Beyond> {
+    fn with(mut self, number: u16, value: u16) -> Option<Extensions> {
         let low = |of: u32| of & 0xFFFF_0000 | u32::from(value);
         let high = |of: u32| of & 0x0000_FFFF | u32::from(value) << 16;
         match number {
@@ -113,33 +114,33 @@ impl Beyond {
     }
 }
 
-impl Body {
+impl DeviceState {
     /// The host lives: the watchdog begins anew, where it watches [BEYOND §1.1].
     pub(crate) fn feed(&mut self, now: Instant) {
-        self.watched_until = self.eeprom.beyond.watched_until(self.options, now);
+        self.watched_until = self.eeprom.extensions.watched_until(self.options, now);
     }
 
     /// Brings the outputs into their safe states when the host was silent for too long. Pulses
     /// and jogs end [BEYOND §1.2, §1.6].
     pub(crate) fn run_watchdog(&mut self, now: Instant) {
         if self.watched_until.take_if(|at| *at <= now).is_some() {
-            self.set_outputs(u32::MAX, self.eeprom.beyond.safe);
-            self.eeprom.beyond.tripped = true;
+            self.set_outputs(u32::MAX, self.eeprom.extensions.safe);
+            self.eeprom.extensions.tripped = true;
         }
     }
 
     /// The watchdog has tripped, and no output moves until that is cleared [BEYOND §1.4].
     pub(crate) const fn is_locked(&self) -> bool {
-        self.options.beyond && self.eeprom.beyond.tripped
+        self.options.extensions && self.eeprom.extensions.tripped
     }
 
     /// Keeps new settings, if this module has the outputs that they name; whether it has.
     // Out of line: two protocols end here, whose code is large as it is.
     #[inline(never)]
-    fn keep_beyond(&mut self, now: Instant, beyond: Beyond) -> bool {
-        let fits = (beyond.power_on | beyond.safe) & !self.setup.output_mask() == 0;
+    fn store_extensions(&mut self, now: Instant, extensions: Extensions) -> bool {
+        let fits = (extensions.power_on | extensions.safe) & !self.setup.output_mask() == 0;
         if fits {
-            self.keep().beyond = beyond;
+            self.keep().extensions = extensions;
             self.feed(now);
         }
         fits
@@ -149,7 +150,7 @@ impl Body {
 /// A 0x55 board: the variables that hold the settings. Nothing where the request is for none of
 /// them; the inner nothing stays unanswered [BEYOND §3.6, §3.7].
 pub(crate) fn variable(
-    body: &mut Body,
+    state: &mut DeviceState,
     now: Instant,
     address: Address,
     request: Request,
@@ -158,17 +159,17 @@ pub(crate) fn variable(
         return None;
     };
     let number = u16::from(index.checked_sub(FIRST_VARIABLE)?);
-    if !body.options.beyond || number >= number::COUNT {
+    if !state.options.extensions || number >= number::COUNT {
         return None;
     }
     Some(match request {
         Request::WriteVariable(_, value) if address != r55::BROADCAST => u16::try_from(value.get())
             .ok()
-            .and_then(|value| body.eeprom.beyond.with(number, value))
-            .filter(|beyond| body.keep_beyond(now, *beyond))
+            .and_then(|value| state.eeprom.extensions.with(number, value))
+            .filter(|extensions| state.store_extensions(now, *extensions))
             .map(|_| Response::variable(index, value)),
         Request::ReadVariable(_) => {
-            let value = U24::new(body.eeprom.beyond.number(number).into());
+            let value = U24::new(state.eeprom.extensions.number(number).into());
             value.map(|value| Response::variable(index, value))
         }
         _ => None,

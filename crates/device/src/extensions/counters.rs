@@ -1,6 +1,6 @@
 //! How well a module hears: the eight counters of the Modbus standard.
 
-use crate::engine::Body;
+use crate::engine::DeviceState;
 use railbus_wire::rtu::diagnosis;
 use railbus_wire::{Address, Frame, Instant};
 
@@ -38,7 +38,7 @@ impl Counters {
     }
 }
 
-impl Body {
+impl DeviceState {
     /// A frame with a right CRC was heard. Whether it is for this module, or for all: then the
     /// host lives.
     pub(crate) fn begin_message(&mut self, now: Instant, address: Address) -> bool {

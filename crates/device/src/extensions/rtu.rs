@@ -1,7 +1,7 @@
 //! What Modbus modules have beyond their datasheets: registers, diagnosis, identification.
 
 use super::{Counters, VERSION, number};
-use crate::engine::Body;
+use crate::engine::DeviceState;
 use crate::modbus::{Answer, respond, run_in};
 use railbus_wire::rtu::{
     self, Exception, Exchange, Identification, Request, WordBlock, WordSpan, diagnosis,
@@ -17,28 +17,28 @@ const URL: &str = env!("CARGO_PKG_REPOSITORY");
 /// Carries out a request that is beyond the datasheet, and writes the reply. Whether it is one.
 /// A request to all is none: it moves nothing here [BEYOND §3.5].
 pub(crate) fn answer(
-    body: &mut Body,
+    state: &mut DeviceState,
     now: Instant,
     exchange: &Exchange<'_>,
     reply: &mut Frame,
 ) -> bool {
-    if !body.options.beyond || exchange.address != body.address() {
+    if !state.options.extensions || exchange.address != state.address() {
         return false;
     }
-    let from = body.address();
+    let from = state.address();
     let outcome = match exchange.request {
-        Request::ReadHoldingRegisters(span) if is_ours(span.start()) => read(body, span),
+        Request::ReadHoldingRegisters(span) if is_ours(span.start()) => read(state, span),
         Request::WriteRegister { at, value } if is_ours(at) => {
             WordBlock::new(at, Words::one(value))
                 .ok_or(Exception::ADDRESS)
-                .and_then(|block| write(body, now, &block))
+                .and_then(|block| write(state, now, &block))
         }
-        Request::WriteRegisters(block) if is_ours(block.start()) => write(body, now, &block),
-        Request::WriteCoil { .. } | Request::WriteCoils(_) if body.is_locked() => {
+        Request::WriteRegisters(block) if is_ours(block.start()) => write(state, now, &block),
+        Request::WriteCoil { .. } | Request::WriteCoils(_) if state.is_locked() => {
             Err(Exception::FAILURE)
         }
-        Request::Diagnose { sub, data } => diagnose(body, sub, data).map(Answer::Diagnosis),
-        Request::Identify { code, object } => match identify(body, code, object, reply) {
+        Request::Diagnose { sub, data } => diagnose(state, sub, data).map(Answer::Diagnosis),
+        Request::Identify { code, object } => match identify(state, code, object, reply) {
             Ok(()) => return true,
             Err(why) => Err(why),
         },
@@ -52,24 +52,28 @@ const fn is_ours(register: u16) -> bool {
     register >= FIRST && register - FIRST < number::COUNT
 }
 
-fn read(body: &Body, span: WordSpan) -> Result<Answer, Exception> {
+fn read(state: &DeviceState, span: WordSpan) -> Result<Answer, Exception> {
     let first = run_in(FIRST, number::COUNT, span.start(), span.count())?;
-    let beyond = &body.eeprom.beyond;
+    let extensions = &state.eeprom.extensions;
     let all: [u16; number::COUNT as usize] =
-        core::array::from_fn(|number| beyond.number(number as u16));
+        core::array::from_fn(|number| extensions.number(number as u16));
     let asked = all.get(first as usize..).unwrap_or_default();
     Ok(Answer::words(asked, span.count()))
 }
 
 /// Writes all registers of a block, or none.
-fn write(body: &mut Body, now: Instant, block: &WordBlock<'_>) -> Result<Answer, Exception> {
+fn write(
+    state: &mut DeviceState,
+    now: Instant,
+    block: &WordBlock<'_>,
+) -> Result<Answer, Exception> {
     run_in(FIRST, number::COUNT, block.start(), block.values().len())?;
-    let mut beyond = body.eeprom.beyond;
+    let mut extensions = state.eeprom.extensions;
     for (at, value) in block.words() {
         let number = at.wrapping_sub(FIRST);
-        beyond = beyond.with(number, value).ok_or(Exception::VALUE)?;
+        extensions = extensions.with(number, value).ok_or(Exception::VALUE)?;
     }
-    if body.keep_beyond(now, beyond) {
+    if state.store_extensions(now, extensions) {
         Ok(Answer::Done)
     } else {
         Err(Exception::VALUE)
@@ -77,7 +81,7 @@ fn write(body: &mut Body, now: Instant, block: &WordBlock<'_>) -> Result<Answer,
 }
 
 /// Function 08 [BEYOND §4].
-fn diagnose(body: &mut Body, sub: u16, data: u16) -> Result<u16, Exception> {
+fn diagnose(state: &mut DeviceState, sub: u16, data: u16) -> Result<u16, Exception> {
     match sub {
         diagnosis::ECHO => return Ok(data),
         diagnosis::REGISTER
@@ -90,17 +94,17 @@ fn diagnose(body: &mut Body, sub: u16, data: u16) -> Result<u16, Exception> {
         return Err(Exception::VALUE);
     }
     match sub {
-        diagnosis::CLEAR => body.counters = Counters::default(),
-        diagnosis::CLEAR_OVERRUN => body.counters.overruns = 0,
-        diagnosis::REGISTER => return Ok(body.eeprom.beyond.status().into()),
-        _ => return Ok(body.counters.get(sub)),
+        diagnosis::CLEAR => state.counters = Counters::default(),
+        diagnosis::CLEAR_OVERRUN => state.counters.overruns = 0,
+        diagnosis::REGISTER => return Ok(state.eeprom.extensions.status().into()),
+        _ => return Ok(state.counters.get(sub)),
     }
     Ok(0)
 }
 
 /// Function 2B [BEYOND §5].
-fn identify(body: &Body, code: u8, object: u8, reply: &mut Frame) -> Result<(), Exception> {
-    let profile = body.family().profile();
+fn identify(state: &DeviceState, code: u8, object: u8, reply: &mut Frame) -> Result<(), Exception> {
+    let profile = state.family().profile();
     let all = [
         (Identification::VENDOR, "railbus"),
         (Identification::PRODUCT, profile.name),
@@ -115,7 +119,7 @@ fn identify(body: &Body, code: u8, object: u8, reply: &mut Frame) -> Result<(), 
         4 => all.get(from..=from).ok_or(Exception::ADDRESS)?,
         _ => return Err(Exception::VALUE),
     };
-    rtu::encode_identification(body.address(), code, objects, reply);
+    rtu::encode_identification(state.address(), code, objects, reply);
     Ok(())
 }
 

@@ -2,18 +2,18 @@
 
 use super::timers::Timers;
 use super::{Applies, Eeprom, Options};
-use crate::beyond::Counters;
+use crate::extensions::Counters;
 use crate::{Family, Setup, eda9050, eda9060a, emd2a2q, erc8, r55};
 use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, rtu};
 
 /// The state that the families' behaviour works on.
 #[derive(Clone, Debug)]
-pub(crate) struct Body {
+pub(crate) struct DeviceState {
     pub(crate) setup: Setup,
     pub(crate) options: Options,
     /// What is kept.
     pub(crate) eeprom: Eeprom,
-    /// What is in force: as kept at power-up, and as [`Body::apply`] brings it up to date.
+    /// What is in force: as kept at power-up, and as [`DeviceState::apply`] brings it up to date.
     pub(crate) active: Eeprom,
     /// Bit n = output n is on.
     pub(crate) outputs: u32,
@@ -42,14 +42,19 @@ pub(crate) struct Body {
     timers: Timers,
 }
 
-impl Body {
-    pub(super) fn new(setup: &Setup, eeprom: Eeprom, options: Options, now: Instant) -> Body {
-        Body {
+impl DeviceState {
+    pub(super) fn new(
+        setup: &Setup,
+        eeprom: Eeprom,
+        options: Options,
+        now: Instant,
+    ) -> DeviceState {
+        DeviceState {
             setup: *setup,
             options,
             eeprom,
             active: eeprom,
-            outputs: eeprom.beyond.outputs_at_power_up(options) & setup.output_mask(),
+            outputs: eeprom.extensions.outputs_at_power_up(options) & setup.output_mask(),
             stuck: 0,
             levels: setup.input_mask(),
             analogs: [0; 2],
@@ -59,7 +64,7 @@ impl Body {
             dip: 0,
             started: now,
             calibrating: None,
-            watched_until: eeprom.beyond.watched_until(options, now),
+            watched_until: eeprom.extensions.watched_until(options, now),
             counters: Counters::default(),
             changed: false,
             timers: Timers::NONE,
@@ -232,7 +237,9 @@ impl Body {
         let aloud = match self.family() {
             Family::Erc8 | Family::Emd2a2q => true,
             // What is beyond the datasheet is refused as in the standard [BEYOND §3.4].
-            _ if self.options.beyond && refusal.is_some_and(|(_, code, _)| is_beyond(code)) => true,
+            _ if self.options.extensions && refusal.is_some_and(|(_, code, _)| is_beyond(code)) => {
+                true
+            }
             Family::Eda9060a | Family::Eda9050 | Family::R55 => self.options.refuse_aloud,
         };
         if let Some((address, code, why)) = refusal
@@ -249,7 +256,7 @@ impl Body {
             };
             // A function that is not there is refused before its quantity [MODBUS §3.5].
             let is_absent = absent.iter().any(|function| function.code() == code)
-                || is_beyond(code) && !self.options.beyond;
+                || is_beyond(code) && !self.options.extensions;
             let why = if is_absent {
                 rtu::Exception::FUNCTION
             } else {

@@ -1,23 +1,23 @@
 //! The commands of DCON modules that the EDA modules do not have [BEYOND §2].
 
-use super::Beyond;
-use crate::engine::Body;
+use super::Extensions;
+use crate::engine::DeviceState;
 use railbus_wire::ascii::{Exchange, Request, Response, Text};
 use railbus_wire::{Frame, Instant};
 
 /// Carries out a request that is beyond the datasheet, and writes the reply. Whether it is one.
 pub(crate) fn answer(
-    body: &mut Body,
+    state: &mut DeviceState,
     now: Instant,
     exchange: &Exchange,
     reply: &mut Frame,
 ) -> bool {
     let broadcast = exchange.request.is_broadcast();
-    if !body.options.beyond || broadcast || !body.hears(exchange.address) {
+    if !state.options.extensions || broadcast || !state.hears(exchange.address) {
         return false;
     }
-    let from = body.address();
-    let response = match carry_out(body, now, exchange.request) {
+    let from = state.address();
+    let response = match carry_out(state, now, exchange.request) {
         Some(response) => response,
         None => return false,
     };
@@ -26,45 +26,45 @@ pub(crate) fn answer(
 }
 
 /// Nothing where the request is in the datasheet.
-fn carry_out(body: &mut Body, now: Instant, request: Request) -> Option<Response> {
-    let beyond = body.eeprom.beyond;
+fn carry_out(state: &mut DeviceState, now: Instant, request: Request) -> Option<Response> {
+    let extensions = state.eeprom.extensions;
     let kept = match request {
-        Request::WriteOutputs { .. } if body.is_locked() => return Some(Response::Ignored),
+        Request::WriteOutputs { .. } if state.is_locked() => return Some(Response::Ignored),
         Request::ReadFirmware => return firmware().map(Response::Text),
-        Request::ReadWatchdogStatus => return Some(Response::Status(beyond.status())),
+        Request::ReadWatchdogStatus => return Some(Response::Status(extensions.status())),
         Request::ReadWatchdog => {
             return Some(Response::Watchdog {
-                enabled: beyond.watchdog > 0,
-                tenths: beyond.watchdog,
+                enabled: extensions.watchdog > 0,
+                tenths: extensions.watchdog,
             });
         }
         Request::ReadSafe => {
             return Some(Response::Safe {
-                power_on: beyond.power_on as u8,
-                safe: beyond.safe as u8,
+                power_on: extensions.power_on as u8,
+                safe: extensions.safe as u8,
             });
         }
-        Request::ClearWatchdog => Beyond {
+        Request::ClearWatchdog => Extensions {
             tripped: false,
-            ..beyond
+            ..extensions
         },
         // To watch for no time at all is not to be had [BEYOND §2.4].
         Request::WriteWatchdog {
             enabled: true,
             tenths: 0,
         } => return Some(Response::Invalid),
-        Request::WriteWatchdog { enabled, tenths } => Beyond {
+        Request::WriteWatchdog { enabled, tenths } => Extensions {
             watchdog: if enabled { tenths } else { 0 },
-            ..beyond
+            ..extensions
         },
-        Request::WriteSafe { power_on, safe } => Beyond {
+        Request::WriteSafe { power_on, safe } => Extensions {
             power_on: power_on.into(),
             safe: safe.into(),
-            ..beyond
+            ..extensions
         },
         _ => return None,
     };
-    Some(match body.keep_beyond(now, kept) {
+    Some(match state.store_extensions(now, kept) {
         true => Response::Done,
         false => Response::Invalid,
     })
