@@ -1,4 +1,4 @@
-//! One HTTP request over a Unix socket, and what comes back.
+//! One HTTP request over a Unix socket, and its response.
 
 use http_body_util::{BodyExt, Full, Limited};
 use hyper::body::{Bytes, Incoming};
@@ -11,21 +11,21 @@ use std::path::Path;
 use std::time::Duration;
 use tokio::net::UnixStream;
 
-/// The longest answer.
+/// Maximum size of a response.
 const ANSWER_MAX: usize = 8 << 20;
-/// The longest line of a stream.
+/// Maximum length of a line in a stream.
 const LINE_MAX: usize = 64 << 10;
-/// How long the daemon may take: commands live 5 s, and pulses begin within that.
+/// Timeout of the daemon: commands live 5 s, and pulses begin within that.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// An answer whose head has come.
+/// A response whose head has arrived.
 pub(super) struct Answer {
     response: Response<Incoming>,
-    /// The request was more than a question: without its answer nobody knows what came of it.
+    /// The request was not just a query: without its response the result is unknown.
     acts: bool,
 }
 
-/// The lines of a stream.
+/// A response stream, line by line.
 #[derive(Debug)]
 pub(super) struct Lines {
     body: Incoming,
@@ -37,11 +37,11 @@ pub(super) struct Asked<'a> {
     pub(super) method: Method,
     pub(super) path: &'a str,
     pub(super) body: Vec<u8>,
-    /// The mark of what may be changed.
+    /// The `If-Match` of the content to be changed.
     pub(super) seen: Option<String>,
 }
 
-/// Asks, and waits for the head of the answer.
+/// Sends the request, and waits for the head of the response.
 pub(super) async fn send(
     socket: &Path,
     method: Method,
@@ -58,7 +58,7 @@ pub(super) async fn send(
     send_asked(socket, asked).await
 }
 
-/// The same of a request in parts.
+/// The same for a request in parts.
 pub(super) async fn send_asked(socket: &Path, asked: Asked<'_>) -> Result<Answer, Problem> {
     let failed = |reason: String| {
         let problem = Problem::new(codes::DAEMON).with("reason", reason);
@@ -70,7 +70,7 @@ pub(super) async fn send_asked(socket: &Path, asked: Asked<'_>) -> Result<Answer
     let (mut sender, connection) = http1::handshake(TokioIo::new(stream))
         .await
         .map_err(|error| failed(error.to_string()))?;
-    // Ends with the answer's body, or with the daemon.
+    // Ends with the response body, or with the daemon.
     tokio::spawn(connection);
     let request = Request::builder()
         .method(asked.method)
@@ -92,7 +92,7 @@ pub(super) async fn send_asked(socket: &Path, asked: Asked<'_>) -> Result<Answer
 }
 
 impl Answer {
-    /// The whole body; a problem where the daemon tells one.
+    /// The whole body; an error if the daemon reports a problem.
     pub(super) async fn whole(self) -> Result<Bytes, Problem> {
         let status = self.response.status();
         let acts = self.acts;
@@ -113,7 +113,7 @@ impl Answer {
         }))
     }
 
-    /// The body line by line; a problem where the daemon tells one.
+    /// The body line by line; an error if the daemon reports a problem.
     pub(super) async fn lines(self) -> Result<Lines, Problem> {
         if !self.response.status().is_success() {
             return Err(match self.whole().await {
@@ -129,7 +129,7 @@ impl Answer {
 }
 
 impl Lines {
-    /// The next line; none at the end.
+    /// The next line; `None` at the end.
     pub(super) async fn next(&mut self) -> Option<Result<String, Problem>> {
         let failed = |reason: String| Problem::new(codes::DAEMON).with("reason", reason);
         loop {

@@ -1,4 +1,4 @@
-//! The daemon, over its socket: HTTP as everyone else speaks it.
+//! A client of the daemon, over its socket: the same HTTP API as for everyone else.
 
 #![forbid(unsafe_code)]
 
@@ -30,52 +30,51 @@ use tokio::net::UnixStream;
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
-/// How often and after which pause a daemon is asked whether it has a line back: for a second.
+/// Number of attempts and pause when waiting for the daemon to have a line back: one second.
 const BACK_TRIES: usize = 50;
 const BACK_PAUSE: Duration = Duration::from_millis(20);
 
-/// Where it says which site it serves.
+/// The endpoint that identifies the site.
 const SITE: &str = "/api/v1/site";
-/// How long a daemon may take to say so: it knows, and has to ask nobody.
+/// Its timeout: the daemon knows the answer without asking anyone.
 const SEARCH: Duration = Duration::from_secs(5);
 
-/// The daemon behind a socket. Whatever it is asked fails with the problem that it tells, or with
-/// [`codes::DAEMON`] where it can't be asked.
+/// The daemon behind a socket. Requests fail with the problem that it reports, or with
+/// [`codes::DAEMON`] if it can't be reached.
 #[derive(Clone, Debug)]
 pub struct Remote {
     socket: PathBuf,
     site: SiteInfo,
 }
 
-/// In how much detail a history is told.
+/// The resolution of a history.
 #[derive(Clone, Copy, Debug)]
 pub enum Detail {
-    /// All of it: every sample where they are few, else so many stretches of time.
+    /// Everything: every sample if there are only a few, otherwise buckets.
     Stretches(usize),
-    /// In stretches of so many milliseconds.
+    /// In buckets of this many milliseconds.
     Step(u64),
     /// Only the last samples.
     Last(usize),
 }
 
-/// What happens at the daemon.
+/// The daemon's events.
 #[derive(Debug)]
 pub struct Watch(TextLines);
 
 impl Watch {
-    /// The next event; none once the daemon has ended.
+    /// The next event; `None` once the daemon has ended.
     pub async fn next(&mut self) -> Option<Result<WatchEvent, Problem>> {
         event(&mut self.0).await
     }
 }
 
-/// What passes on a line of the daemon.
+/// The traffic on a line of the daemon.
 #[derive(Debug)]
 pub struct Frames(TextLines);
 
 impl Frames {
-    /// The next event; none once the daemon has gone. Can be dropped and called again without
-    /// losing anything.
+    /// The next event; `None` once the daemon has gone. Cancel-safe.
     pub async fn next(&mut self) -> Option<Result<FrameEvent, Problem>> {
         event(&mut self.0).await
     }
@@ -86,14 +85,14 @@ impl Frames {
 pub struct Records(TextLines);
 
 impl Records {
-    /// The next; none at the end.
+    /// The next one; `None` at the end.
     pub async fn next(&mut self) -> Option<Result<String, Problem>> {
         self.0.next().await
     }
 }
 
-/// The next event that this program knows. A newer daemon may have others; an empty line is sent
-/// to see whether anyone is there.
+/// The next event known to this program. A newer daemon may send others; an empty line is sent to
+/// check that the client is still there.
 async fn event<T: DeserializeOwned>(lines: &mut TextLines) -> Option<Result<T, Problem>> {
     loop {
         match lines.next().await? {
@@ -107,8 +106,8 @@ async fn event<T: DeserializeOwned>(lines: &mut TextLines) -> Option<Result<T, P
     }
 }
 
-/// A line that the daemon has left to us. It takes it back when this is dropped, or when this
-/// process ends, whatever ends it.
+/// A line lent by the daemon. The daemon takes it back when this is dropped, or when this process
+/// ends, for whatever reason.
 #[derive(Debug)]
 pub struct Borrowed {
     listening: JoinHandle<()>,
@@ -138,7 +137,7 @@ impl Drop for Borrowed {
 }
 
 impl Remote {
-    /// The daemon behind this socket, which says first which site it serves.
+    /// Connects to the daemon at this socket, and asks which site it serves.
     pub async fn at(socket: &Path) -> Result<Remote, Problem> {
         let asked = async {
             send(socket, Method::GET, SITE, Vec::new())
@@ -152,7 +151,7 @@ impl Remote {
             Err(said_of(socket, codes::DAEMON, &reason))
         });
         let body = body.map_err(|problem| {
-            // One of another version, where it does not know this address.
+            // One of another version that does not have this endpoint.
             match problem.code == codes::NO_SUCH_PAGE.code {
                 true => said_of(socket, codes::NO_SUCH_PAGE, SITE),
                 false => problem,
@@ -164,7 +163,7 @@ impl Remote {
         })
     }
 
-    /// Those that answer at the usual places; or why one says nothing that is understood.
+    /// The daemons at the usual places; or why one gives no valid answer.
     pub async fn usual() -> Vec<Result<Remote, Problem>> {
         let mut found = Vec::new();
         for socket in socket::places() {
@@ -175,17 +174,17 @@ impl Remote {
         found
     }
 
-    /// Where its socket is.
+    /// The path of its socket.
     pub fn socket(&self) -> &Path {
         &self.socket
     }
 
-    /// The file of its configuration.
+    /// Its configuration file.
     pub fn config(&self) -> &Path {
         Path::new(&self.site.config)
     }
 
-    /// The folder of what is remembered of its site.
+    /// The state folder of its site.
     pub fn state(&self) -> &Path {
         Path::new(&self.site.state)
     }
@@ -203,8 +202,7 @@ impl Remote {
         config_file::real(file) == self.config()
     }
 
-    /// Puts a text in the place of its configuration, which said that before, and brings it into
-    /// force.
+    /// Replaces its configuration, which must still be the given one, and applies it.
     pub async fn replace_config(&self, before: &str, text: &str) -> Result<(), Problem> {
         let body = json!({ "text": text }).to_string().into_bytes();
         let asked = Asked {
@@ -229,7 +227,7 @@ impl Remote {
         Ok(modules.modules)
     }
 
-    /// The points that are selected, all where nothing is; `fresh` ones are read anew.
+    /// The selected points, all by default; `fresh` ones are read first.
     pub async fn points(
         &self,
         selectors: &[String],
@@ -271,7 +269,7 @@ impl Remote {
         Ok(scenes.scenes)
     }
 
-    /// Plays a scene.
+    /// Runs a scene.
     pub async fn play(&self, scene: &str, wanted: SceneRequest) -> Result<BatchAnswer, Problem> {
         let path = format!("/api/v1/scenes/{}/run", encoded(scene));
         self.send(Method::POST, &path, &wanted).await
@@ -287,32 +285,32 @@ impl Remote {
         self.send(Method::POST, &path, &wanted).await
     }
 
-    /// Switches an output to the other state.
+    /// Toggles an output.
     pub async fn toggle(&self, path: &str, wanted: ToggleRequest) -> Result<Written, Problem> {
         self.send(Method::POST, &point(path, "/toggle"), &wanted)
             .await
     }
 
-    /// Gives a pulse.
+    /// Pulses an output.
     pub async fn pulse(&self, path: &str, wanted: PulseRequest) -> Result<Pulsed, Problem> {
         self.send(Method::POST, &point(path, "/pulse"), &wanted)
             .await
     }
 
-    /// Sends a raw frame, or says what it may do.
+    /// Sends a raw frame, or reports what it may do.
     pub async fn send_frame(&self, line: &str, wanted: SendRequest) -> Result<SendAnswer, Problem> {
         let path = format!("/api/v1/lines/{}/send", encoded(line));
         self.send(Method::POST, &path, &wanted).await
     }
 
-    /// Follows the points that are selected, all where nothing is.
+    /// Follows the selected points, all by default.
     pub async fn watch(&self, selectors: &[String]) -> Result<Watch, Problem> {
         let path = format!("/api/v1/watch?{}", select(selectors));
         let answer = send(&self.socket, Method::GET, &path, Vec::new()).await?;
         Ok(Watch(answer.lines().await?))
     }
 
-    /// What passes on a line from now on.
+    /// The traffic on a line from now on.
     pub async fn frames(&self, line: Option<&str>) -> Result<Frames, Problem> {
         let line = line.map(|line| format!("line={}", encoded(line)));
         let path = format!("/api/v1/frames/stream?{}", line.unwrap_or_default());
@@ -320,7 +318,7 @@ impl Remote {
         Ok(Frames(answer.lines().await?))
     }
 
-    /// Borrows a line: its port is free once this has come back, until the loan is dropped.
+    /// Borrows a line: its port is free when this returns, until the loan is dropped.
     pub async fn borrow(&self, line: &str) -> Result<Borrowed, Problem> {
         let path = format!("/api/v1/lines/{}/loan", encoded(line));
         let answer = send(&self.socket, Method::POST, &path, Vec::new()).await?;
@@ -332,7 +330,8 @@ impl Remote {
         }
     }
 
-    /// Waits until it has a line back whose loan is over, so that the next command is not refused.
+    /// Waits until the daemon has the line back after a loan, so that the next command is not
+    /// refused.
     pub async fn has_back(&self, line: &str) {
         let is_lent = |info: &LineInfo| info.line == line && info.reason.as_deref() == Some("lent");
         for _ in 0..BACK_TRIES {
@@ -345,7 +344,7 @@ impl Remote {
         }
     }
 
-    /// What a point was from one time to before another, in milliseconds since 1970.
+    /// The history of a point over a half-open interval, in milliseconds since 1970.
     pub async fn history(
         &self,
         point: &str,
@@ -362,7 +361,7 @@ impl Remote {
         self.get(&path).await
     }
 
-    /// Whether the audit log is as it was written.
+    /// Whether the audit log is unchanged.
     pub async fn verified_audit(&self) -> Result<VerifiedInfo, Problem> {
         self.get("/api/v1/audit/verify").await
     }
@@ -375,7 +374,7 @@ impl Remote {
         Ok(Records(answer.lines().await?))
     }
 
-    /// Asks for something else, at a path below the API's own.
+    /// Sends any other request, to a path below that of the API.
     pub async fn order(
         &self,
         method: Method,
@@ -400,7 +399,7 @@ impl Remote {
     ) -> Result<T, Problem> {
         let body = serde_json::to_vec(body).unwrap_or_default();
         let answer = send(&self.socket, method, path, body).await?;
-        // It answered that it was done: only what it says of that is not understood.
+        // It answered that it was done: only its answer could not be parsed.
         let read = self.read(&answer.whole().await?);
         read.map_err(|problem| problem.perhaps_acted(true))
     }
@@ -438,7 +437,7 @@ fn select(selectors: &[String]) -> String {
     format!("select={}&", encoded.join(","))
 }
 
-/// The address of a point.
+/// The endpoint of a point.
 fn point(path: &str, what: &str) -> String {
     let (module, label) = path.split_once('.').unwrap_or((path, "-"));
     format!(

@@ -1,5 +1,5 @@
-//! What was done, by whom, and how it ended. The newest entries are kept in memory; all of them
-//! in a log on the disk where there is one, and then nothing is sent before it was written down.
+//! What was done, by whom, and with which result. The newest entries are kept in memory; if there
+//! is a log on disk, all entries are in it, and nothing is sent before it is logged.
 
 mod chain;
 mod files;
@@ -21,12 +21,12 @@ use std::time::SystemTime;
 /// How many entries are kept in memory.
 pub const AUDIT_MAX: usize = 1_024;
 
-/// Who asked for something, and from where.
+/// Who requested something, and from where.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Origin {
     /// The name of a user or of a part of the program: `li`, `pulse`, `rule:night`.
     pub who: String,
-    /// The way it came: `cli`, `http 192.168.1.7`, `socket`, `program`.
+    /// How the request came in: `cli`, `http 192.168.1.7`, `socket`, `program`.
     pub via: String,
 }
 
@@ -41,10 +41,10 @@ impl Origin {
     }
 }
 
-/// What is written down of something before it is done.
+/// What is logged before something is done.
 #[derive(Clone, Debug)]
 pub struct Note {
-    /// Who asks for it.
+    /// Who requests it.
     pub origin: Origin,
     /// `do0=on do1=off`, `pulse k1 500ms`.
     pub what: String,
@@ -53,53 +53,53 @@ pub struct Note {
 /// Something that was done, or tried.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// Its number, a ULID: numbers sort by time.
+    /// Its ID, a ULID: IDs sort by time.
     pub id: String,
-    /// When it was asked for.
+    /// When it was requested.
     pub at: SystemTime,
-    /// Who asked for it.
+    /// Who requested it.
     pub origin: Origin,
     /// The module.
     pub module: String,
-    /// What was asked of it: `do0=on do1=off`, `pulse k1 500ms`.
+    /// What was requested: `do0=on do1=off`, `pulse k1 500ms`.
     pub what: String,
-    /// How it ended: `readback`, `reply`, `sent`, or the name of what went wrong; none while it
-    /// is under way.
+    /// Its result: `readback`, `reply`, `sent`, or the name of the error; `None` while it is in
+    /// progress.
     pub end: Option<&'static str>,
 }
 
-/// The newest entries, and the log of all.
+/// The newest entries, and the complete log.
 #[derive(Debug, Default)]
 pub struct Audit {
     entries: Mutex<VecDeque<Entry>>,
     ulids: Ulids,
     log: OnceLock<AuditLog>,
-    /// There should be a log, and is none.
+    /// A log is required, and there is none.
     missing: AtomicBool,
 }
 
 impl Audit {
-    /// From now on everything is written into this log, too.
+    /// Writes everything to this log, too, from now on.
     pub fn keep(&self, log: AuditLog) {
-        // A site has one log; the first stays.
+        // A site has one log; the first one stays.
         let _ = self.log.set(log);
     }
 
-    /// Nothing may be done from now on, unless there is a log.
+    /// Refuses everything from now on, unless there is a log.
     pub fn miss(&self) {
         self.missing.store(true, Ordering::Relaxed);
     }
 
-    /// The log of all entries, where there is one.
+    /// The complete log, if there is one.
     pub fn log(&self) -> Option<&AuditLog> {
         self.log.get()
     }
 
-    /// Writes down what is about to be done, with what is known to be before it; gives back its
-    /// number. Where there is a log, it is durable when this returns.
+    /// Records what is about to be done, with the last known state; returns the entry's ID. If
+    /// there is a log, the record is durable when this returns.
     ///
     /// # Errors
-    /// Where it could not be made durable, or there should be a log and is none.
+    /// If it could not be made durable, or a log is required and there is none.
     pub async fn begin(
         &self,
         module: &str,
@@ -138,8 +138,8 @@ impl Audit {
         (id, written)
     }
 
-    /// Writes down how it ended, and what is known to be after it. The log has it when this
-    /// returns, though it may still be on its way to the disk.
+    /// Records the result, and the state known after it. The log has accepted it when this returns,
+    /// though it may not be synced yet.
     pub async fn end(&self, id: &str, end: &'static str, after: String) {
         if let Some(entry) = self.entries().iter_mut().rev().find(|entry| entry.id == id) {
             entry.end = Some(end);
@@ -150,7 +150,7 @@ impl Audit {
                 end: end.to_owned(),
                 after,
             };
-            // What is lost is counted in the log itself.
+            // Losses are counted in the log itself.
             let _ = log.write(record, false).await;
         }
     }

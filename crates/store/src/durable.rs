@@ -1,4 +1,4 @@
-//! Files that survive a loss of power: there is a whole one at every moment, the old or the new.
+//! Files that survive a power loss: there is a complete one at every moment, the old or the new.
 
 use std::ffi::OsString;
 use std::fs::{DirBuilder, File, OpenOptions, Permissions};
@@ -6,14 +6,14 @@ use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-/// Puts these bytes in the place of a file, or makes it. Its rights are `mode` whatever those of
-/// the one before were, or else what the process gives new files. Comes back when it is safe.
+/// Replaces the content of a file, or creates it. Its permissions are `mode`, regardless of the
+/// previous ones, or the process default. Returns when it is durable.
 ///
 /// # Errors
-/// Where the system refuses; the file is then as it was.
+/// If the system refuses; the file is then unchanged.
 pub fn replace(file: &Path, bytes: &[u8], mode: Option<u32>) -> io::Result<()> {
     let draft = beside(file, "new");
-    // One that was left behind may have other rights.
+    // A leftover one may have other permissions.
     match std::fs::remove_file(&draft) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
         _ => {}
@@ -32,10 +32,10 @@ pub fn replace(file: &Path, bytes: &[u8], mode: Option<u32>) -> io::Result<()> {
     sync_folder(file.parent().unwrap_or(Path::new("")))
 }
 
-/// Makes a folder for its owner alone, and those above it, where there is none.
+/// Creates a folder for its owner only, and its parents, if missing.
 ///
 /// # Errors
-/// Where the system refuses.
+/// If the system refuses.
 pub fn folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
@@ -47,7 +47,7 @@ pub fn folder(folder: &Path) -> io::Result<()> {
     folder.parent().map_or(Ok(()), sync_folder)
 }
 
-/// A name in a folder is safe once the folder is.
+/// A file name is durable once its folder is synced.
 pub fn sync_folder(folder: &Path) -> io::Result<()> {
     let folder = match folder.as_os_str().is_empty() {
         true => Path::new("."),
@@ -56,7 +56,7 @@ pub fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
 
-/// The file of this name and ending.
+/// The file with this name and extension.
 pub fn beside(file: &Path, ending: &str) -> PathBuf {
     let mut name = OsString::from(file);
     name.push(".");

@@ -1,7 +1,6 @@
-//! What was: the samples of all points and the events of a site, in a database of its own. One
-//! thread writes it, in a transaction a second; those who read have connections of their own.
-//! Whatever becomes of the disk, nobody waits for it who has something to switch: what can't be
-//! kept is dropped and counted.
+//! The past: the samples of all points and the events of a site, in a database. One thread writes
+//! it, in one transaction per second; readers have their own connections. Whatever happens to the
+//! disk, no command waits for it: what can't be stored is dropped and counted.
 
 mod chart;
 mod db;
@@ -25,21 +24,21 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::time::timeout;
 use writer::{Job, Writer};
 
-/// How many samples and events wait to be written.
+/// How many samples and events may be queued.
 const QUEUE_MAX: usize = 16_384;
-/// Nobody waits longer for a disk that hangs.
+/// Timeout for a disk that hangs.
 const WAIT_MAX: Duration = Duration::from_secs(2);
-/// How many notices of the writer wait to be told.
+/// How many notices of the writer may be pending.
 const NOTICES_MAX: usize = 32;
 
-/// How good a sample is.
+/// The quality of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Grade {
     /// It was read.
     Good,
     /// It was read too long ago.
     Stale,
-    /// Nothing is known any more.
+    /// No value is known.
     Bad,
 }
 
@@ -71,21 +70,21 @@ impl Grade {
     }
 }
 
-/// From when on a point had which value, and how good that is.
+/// The value of a point from a time on, and its quality.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Milliseconds since 1970.
     pub t: i64,
-    /// The value; 0 and 1 for digital points. None where nothing is known.
+    /// The value; 0 and 1 for digital points. `None` if unknown.
     pub value: Option<f64>,
-    /// How good it is.
+    /// Its quality.
     pub grade: Grade,
 }
 
-/// What the writer tells of itself.
+/// A notice from the writer.
 #[derive(Debug, Default)]
 pub(crate) struct Counters {
-    /// Samples and events that were not kept.
+    /// Samples and events were dropped.
     dropped: AtomicU64,
     /// The disk is full.
     full: AtomicBool,
@@ -95,23 +94,23 @@ pub(crate) struct Counters {
     generation: AtomicU64,
 }
 
-/// The history of a site. Clones are handles of the same one; it is closed by
-/// [`History::close`], or when the last handle has gone.
+/// The history of a site. Clones are handles to the same one; it is closed by [`History::close`],
+/// or when the last handle is dropped.
 #[derive(Clone, Debug)]
 pub struct History {
     jobs: SyncSender<Job>,
     counters: Arc<Counters>,
     readers: Arc<Readers>,
-    /// What the writer has to say, until somebody listens.
+    /// The writer's notices, until somebody takes them.
     notices: Arc<Mutex<Option<mpsc::Receiver<Event>>>>,
 }
 
 impl History {
-    /// Opens the history of a folder, or begins one. What is wrong with it is told as events, and
-    /// by [`History::storage`]; it is tried again with whatever comes.
+    /// Opens the history of a folder, or creates one. Problems are reported as events, and by
+    /// [`History::storage`]; it is retried with every write.
     ///
     /// # Errors
-    /// What the system says where it has no thread to spare.
+    /// The system's error if it can't start a thread.
     pub fn open(folder: &Path, keep: Keep) -> std::io::Result<History> {
         let (jobs, waiting) = sync_channel(QUEUE_MAX);
         let (notify, notices) = mpsc::channel(NOTICES_MAX);
@@ -128,17 +127,17 @@ impl History {
         })
     }
 
-    /// Keeps a sample of the point with this path; false where there is no room for it.
+    /// Queues a sample of the point with this path; false if the queue is full.
     pub fn sample(&self, path: Arc<str>, sample: Sample) -> bool {
         self.give(Job::Sample(path, sample))
     }
 
-    /// Keeps an event, which has its number already.
+    /// Queues an event, which already has its ID.
     pub fn event(&self, event: Event) {
         self.give(Job::Event(Box::new(event)));
     }
 
-    /// Keeps so much from now on.
+    /// Sets how much is kept from now on.
     pub fn keep(&self, keep: Keep) {
         self.give(Job::Keep(keep));
     }
@@ -151,29 +150,29 @@ impl History {
         given
     }
 
-    /// How often the database was opened: what was in force must be told to each anew.
+    /// How often the database was opened: each new one needs the current values again.
     #[must_use]
     pub fn generation(&self) -> u64 {
         self.counters.generation.load(Ordering::Relaxed)
     }
 
-    /// What the writer has to tell; for the first who asks.
+    /// The writer's notices; for the first caller.
     #[must_use]
     pub fn notices(&self) -> Option<mpsc::Receiver<Event>> {
         let mut notices = self.notices.lock().unwrap_or_else(PoisonError::into_inner);
         notices.take()
     }
 
-    /// Everything given so far is written when this returns, or could not be.
+    /// When this returns, everything queued so far is written, or has failed.
     async fn written(&self) {
         let (done, written) = oneshot::channel();
         if self.jobs.try_send(Job::Flush(done)).is_ok() {
-            // Where the writer has ended or hangs, what is there is told.
+            // If the writer has ended or hangs, only what is already stored is found.
             let _ = timeout(WAIT_MAX, written).await;
         }
     }
 
-    /// Writes that somebody has seen an event; false where there is no such event.
+    /// Stores that somebody has acknowledged an event; false if there is no such event.
     ///
     /// # Errors
     /// [`HistoryError`].
@@ -191,16 +190,16 @@ impl History {
         end.map_err(|_| HistoryError::Closed)?
     }
 
-    /// Writes what is left, and that nothing is known from now on.
+    /// Writes what is queued, and that nothing is known from now on.
     pub async fn close(&self) {
         let (done, closed) = oneshot::channel();
         if self.jobs.try_send(Job::Close(done)).is_ok() {
-            // Where the writer has ended already or hangs, there is nothing to wait for.
+            // If the writer has ended already or hangs, there is nothing to wait for.
             let _ = timeout(WAIT_MAX, closed).await;
         }
     }
 
-    /// How many samples and events were not kept.
+    /// How many samples and events were dropped.
     #[must_use]
     pub fn dropped(&self) -> u64 {
         self.counters.dropped.load(Ordering::Relaxed)

@@ -1,4 +1,4 @@
-//! The journal's file: every record is on the disk before anybody goes on.
+//! The journal's file: every record is on disk before the procedure continues.
 
 use crate::durable;
 use railbus_commission::{Log, Record};
@@ -9,24 +9,24 @@ use std::path::{Path, PathBuf};
 
 /// The file's name in its folder.
 const NAME: &str = "journal.jsonl";
-/// The longest journal that is read; one that is kept short never comes near it.
+/// The longest journal that is read; a properly shortened one never comes near it.
 const LEN_MAX: u64 = 16 << 20;
 
-/// A journal that is held open. Nobody else writes to it meanwhile.
+/// An open journal. It is locked against other writers.
 #[derive(Debug)]
 pub struct Store {
     folder: PathBuf,
     file: File,
     log: Log,
-    /// The last line was torn: what follows must begin a line of its own.
+    /// The last line was torn: the next record must start a new line.
     torn: bool,
 }
 
 impl Store {
-    /// Opens the journal in a folder, which is made where it is not there.
+    /// Opens the journal in a folder, which is created if necessary.
     ///
     /// # Errors
-    /// Where the system refuses; [`io::ErrorKind::WouldBlock`] while somebody else holds it.
+    /// If the system refuses; [`io::ErrorKind::WouldBlock`] while somebody else has it open.
     pub fn open(folder: &Path) -> io::Result<Store> {
         durable::folder(folder)?;
         let path = folder.join(NAME);
@@ -56,10 +56,10 @@ impl Store {
         Ok(store)
     }
 
-    /// Reads the journal in a folder without holding it; an empty one where there is none.
+    /// Reads the journal in a folder without locking it; an empty one if there is none.
     ///
     /// # Errors
-    /// Where the system refuses.
+    /// If the system refuses.
     pub fn peek(folder: &Path) -> io::Result<Log> {
         match File::open(folder.join(NAME)) {
             Ok(file) => text(&file).map(|text| Log::read(&text)),
@@ -68,19 +68,19 @@ impl Store {
         }
     }
 
-    /// What it holds.
+    /// Its content.
     #[must_use]
     pub const fn log(&self) -> &Log {
         &self.log
     }
 
-    /// Writes a record down, and comes back when it is safe against a loss of power.
+    /// Appends a record, and returns when it is durable.
     ///
     /// # Errors
-    /// Where the system refuses: then it can't be relied on that it is there.
+    /// If the system refuses: the record may then be missing.
     pub fn append(&mut self, record: Record) -> io::Result<()> {
         let begin = if self.torn { "\n" } else { "" };
-        // What fails half-way leaves a torn line.
+        // A partial failure leaves a torn line.
         self.torn = true;
         let line = format!("{begin}{}", record.line_of_text());
         self.file.write_all(line.as_bytes())?;
@@ -97,7 +97,7 @@ impl Store {
         Ok(())
     }
 
-    /// Puts a shorter one in its place, so that there is a whole one at every moment.
+    /// Replaces it with a shorter one, so that there is a complete one at every moment.
     fn shorten(&mut self) -> io::Result<()> {
         let Some(short) = self.log.shortened() else {
             return Ok(());

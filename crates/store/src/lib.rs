@@ -1,6 +1,6 @@
-//! What a site keeps on the disk: its history, its audit log, and the journal of the settings that
-//! were changed. Nobody who switches something waits for the history; where there is an audit log
-//! and it can be written, nothing is switched before it holds that.
+//! What a site keeps on disk: its history, its audit log, and the journal of changed settings. No
+//! command waits for the history; if there is a working audit log, no output is switched before the
+//! command is in it.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

@@ -1,13 +1,13 @@
-//! Numbers that sort by time: ULIDs.
+//! IDs that sort by time: ULIDs.
 
 use std::hash::{BuildHasher, RandomState};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
-/// Crockford's digits, which leave out what looks like another one.
+/// Crockford's digits, which leave out easily confused ones.
 const DIGITS: &[u8; 32] = b"0123456789ABCDEFGHJKMNPQRSTVWXYZ";
 
-/// Gives out numbers, no two alike.
+/// Generates unique IDs.
 #[derive(Debug, Default)]
 pub struct Ulids {
     random: RandomState,
@@ -15,7 +15,7 @@ pub struct Ulids {
 }
 
 impl Ulids {
-    /// 48 bits of milliseconds, 16 bits that count up, 64 bits of chance, in 26 digits.
+    /// 48 bits of milliseconds, a 16-bit counter, 64 random bits, in 26 digits.
     pub fn next(&self, at: SystemTime) -> String {
         let since = at.duration_since(SystemTime::UNIX_EPOCH);
         let since = since.unwrap_or(Duration::ZERO);

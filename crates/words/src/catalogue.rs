@@ -1,17 +1,18 @@
-//! Catalogues: every text that people read, in both languages side by side.
+//! Catalogues: every user-visible text, in both languages side by side.
 //!
-//! A key without one of the languages does not compile, nor does one that nothing uses pass the
-//! lints, unless its catalogue is `pub`; that the placeholders agree is a test.
+//! A key that lacks one of the languages does not compile, and an unused one does not pass the
+//! lints, unless its catalogue is `pub`; a test checks that the placeholders agree.
 
 use std::fmt::Debug;
 
-/// What can be said in both languages.
+/// A text in both languages.
 pub trait Phrase {
-    /// In English and in Chinese.
+    /// The English and the Chinese text.
     fn in_both(self) -> [&'static str; 2];
 }
 
-/// A catalogue: an enum of the name given, one text each; for its crate alone, unless it is `pub`.
+/// A catalogue: an enum with the given name, one text each; private to its crate, unless it is
+/// `pub`.
 #[macro_export]
 macro_rules! texts {
     ($vis:vis $keys:ident; $($name:ident { en: $en:literal, zh: $zh:literal $(,)? })*) => {
@@ -35,8 +36,8 @@ macro_rules! texts {
     };
 }
 
-/// A text in both languages at the place that needs it, with `{values}` in scope: for the many
-/// short meanings of frames, which no other place uses.
+/// A text in both languages right where it is used, with `{values}` in scope: for the many short
+/// meanings of frames, which are used only once.
 #[macro_export]
 macro_rules! say {
     ($lang:expr, $en:literal, $zh:literal) => {
@@ -47,10 +48,11 @@ macro_rules! say {
     };
 }
 
-/// The test of each catalogue: both languages say something, with the same placeholders, and the
+/// The test of each catalogue: both languages are present, with the same placeholders, and the
 /// Chinese is Chinese.
 ///
 /// # Panics
+/// If not.
 /// Where they do not.
 pub fn check(texts: &[impl Phrase + Copy + Debug]) {
     for text in texts {

@@ -1,5 +1,5 @@
-//! Every failure by its code, which errors and `railbus explain` both read. The tables lie below,
-//! parted by the exit codes that their failures lead to.
+//! Every failure by its code, for errors and `railbus explain`. The tables are below, grouped by
+//! the exit codes of their failures.
 
 mod config;
 mod ends;
@@ -10,7 +10,7 @@ mod port;
 use crate::Lang;
 use std::fmt;
 
-/// All tables, by number.
+/// All tables, in order of number.
 const TABLES: [&[Code]; 5] = [
     own::TABLE,
     module::TABLE,
@@ -19,19 +19,19 @@ const TABLES: [&[Code]; 5] = [
     ends::TABLE,
 ];
 
-/// What makes replies that are not good ones.
+/// What corrupts replies.
 pub(crate) const GARBLED: [&str; 2] = [
     "two modules on one address · other baud or parity · noise, bias, termination or a bad cable · \
      gaps between the bytes",
     "两个模块地址相同 · 波特率或校验位不同 · 干扰、偏置、终端电阻或线缆问题 · 字节之间有间隔",
 ];
 
-/// What the tables say of a failure, in both languages.
+/// The explanation of a failure, in both languages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Page {
     /// What happened.
     pub(crate) title: [&'static str; 2],
-    /// What it usually comes from.
+    /// Its usual causes.
     pub(crate) likely: [&'static str; 2],
     /// What to do next.
     pub(crate) next: [&'static str; 2],
@@ -44,7 +44,7 @@ impl Page {
         lang.of(self.title)
     }
 
-    /// What it usually comes from.
+    /// Its usual causes.
     #[must_use]
     pub const fn likely(&self, lang: Lang) -> &'static str {
         lang.of(self.likely)
@@ -61,10 +61,10 @@ impl Page {
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Code(&'static Row);
 
-/// A row of a table. A code leads to it, so that failures stay small.
+/// A row of a table. A failure refers to it by its code, so failures stay small.
 #[derive(PartialEq, Eq)]
 struct Row {
-    /// The digits before the last two are its exit code.
+    /// All but the last two digits are its exit code.
     name: &'static str,
     page: Page,
 }
@@ -97,33 +97,33 @@ macro_rules! codes {
 use codes;
 
 impl Code {
-    /// All of them, by number.
+    /// All of them, in order of number.
     pub fn all() -> impl Iterator<Item = Code> {
         TABLES.into_iter().flatten().copied()
     }
 
-    /// The code of this name.
+    /// The code with this name.
     pub fn from_name(name: &str) -> Option<Code> {
-        // It was so called before.
+        // Its former name.
         if name.eq_ignore_ascii_case("E13001") {
             return Some(Code::Interrupted);
         }
         Code::all().find(|code| code.0.name.eq_ignore_ascii_case(name))
     }
 
-    /// As people and programs read it, such as `E0301`.
+    /// As shown to people and programs, such as `E0301`.
     pub const fn name(self) -> &'static str {
         self.0.name
     }
 
-    /// What the tables say of it.
+    /// Its explanation.
     pub const fn page(self) -> Page {
         self.0.page
     }
 
-    /// The exit code that goes with it.
+    /// Its exit code.
     pub fn exit(self) -> u8 {
-        // What shells say of Ctrl-C has three digits.
+        // The exit code for Ctrl-C is the shells', with three digits.
         if self == Code::Interrupted {
             return 130;
         }
@@ -166,7 +166,7 @@ mod tests {
         }
     }
 
-    /// What is promised, who may what and what was done lie in the folder of the state.
+    /// Scheduled actions, accounts and the audit log are in the state folder.
     #[test]
     fn nobody_is_sent_to_another_folder_of_the_state() {
         let sends = |code: &Code| {

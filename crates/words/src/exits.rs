@@ -1,11 +1,11 @@
-//! The exit codes: one table, which never changes what it says.
+//! The exit codes: one table, whose meanings never change.
 
 use crate::Lang;
 
 /// An exit code.
 #[derive(Clone, Copy, Debug)]
 pub struct Exit {
-    /// The number that the process ends with.
+    /// The process's exit status.
     pub code: u8,
     /// Its name in the table of exit codes.
     pub name: &'static str,
@@ -13,7 +13,7 @@ pub struct Exit {
 }
 
 impl Exit {
-    /// When it is given.
+    /// When it is used.
     #[must_use]
     pub const fn meaning(&self, lang: Lang) -> &'static str {
         lang.of(self.meaning)

@@ -1,6 +1,6 @@
-//! What `doctor` and `config check` may find, by its code: one table, which they and `explain`
-//! read. D1 is the machine and its ports, D2 the line, D3 modules, D5 the daemon; L is what the
-//! configuration allows and is still unwise.
+//! The findings of `doctor` and `config check`, by their codes: one table, for them and for
+//! `explain`. D1 is the machine and its ports, D2 the line, D3 modules, D5 the daemon; L is for
+//! configurations that are valid but unwise.
 
 use crate::codes::{GARBLED, Page};
 
@@ -9,11 +9,11 @@ use crate::codes::{GARBLED, Page};
 pub struct Finding {
     /// Its code, such as `D301`.
     pub code: &'static str,
-    /// What the table says of it.
+    /// Its explanation.
     pub page: Page,
 }
 
-/// The finding of this code.
+/// The finding with this code.
 pub fn find(code: &str) -> Option<&'static Finding> {
     ALL.iter()
         .find(|known| known.code.eq_ignore_ascii_case(code))

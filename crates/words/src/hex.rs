@@ -1,4 +1,4 @@
-//! Bytes in hexadecimal digits, as datasheets print them.
+//! Bytes in hexadecimal, as printed in datasheets.
 
 /// `03 05 00 3C`.
 pub fn spaced(bytes: &[u8]) -> String {
@@ -6,8 +6,8 @@ pub fn spaced(bytes: &[u8]) -> String {
     digits.join(" ")
 }
 
-/// Reads bytes as people paste them: `03 05`, `0305`, `0x03,0x05`, `03h 05h`, `03:05`. An ASCII
-/// frame may stand as it is, `$016`; its end is added.
+/// Parses bytes as people paste them: `03 05`, `0305`, `0x03,0x05`, `03h 05h`, `03:05`. An ASCII
+/// frame may be given as text, `$016`; its terminator is added.
 pub fn parse(text: &str) -> Option<Vec<u8>> {
     let text = text.trim();
     if text.starts_with(['$', '#', '%', '@', '~', '!', '>', '?']) {
@@ -35,7 +35,7 @@ pub fn parse(text: &str) -> Option<Vec<u8>> {
     (!bytes.is_empty()).then_some(bytes)
 }
 
-/// An ASCII frame with its end.
+/// An ASCII frame with its terminator.
 pub fn ascii(frame: &str) -> Vec<u8> {
     let mut bytes = frame.as_bytes().to_vec();
     bytes.push(railbus_wire::ascii::CR);

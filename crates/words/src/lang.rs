@@ -1,10 +1,10 @@
-//! The two languages, and which one to speak.
+//! The two languages, and which one to use.
 
 use crate::Phrase;
 use std::ffi::OsString;
 use std::fmt::Display;
 
-/// A language that every text exists in.
+/// A supported language; every text exists in all of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Lang {
     /// English.
@@ -15,8 +15,8 @@ pub enum Lang {
 }
 
 impl Lang {
-    /// The language that the process was asked to speak: by `--lang`, or else by the first of
-    /// `RAILBUS_LANG`, `LC_ALL`, `LC_MESSAGES` and `LANG` that says anything.
+    /// The language for this process: from `--lang`, or else the first of `RAILBUS_LANG`, `LC_ALL`,
+    /// `LC_MESSAGES` and `LANG` that is set.
     pub fn of_process(arguments: &[OsString]) -> Lang {
         Lang::choose(arguments, |name| std::env::var(name).ok())
     }
@@ -37,7 +37,7 @@ impl Lang {
         self.of(text.in_both())
     }
 
-    /// Its own one of two texts, English and Chinese.
+    /// The one of two texts, English and Chinese, in this language.
     pub const fn of(self, [en, zh]: [&'static str; 2]) -> &'static str {
         match self {
             Lang::En => en,
@@ -45,7 +45,7 @@ impl Lang {
         }
     }
 
-    /// The name as it stands in flags and in the names of points.
+    /// The name as used in flags and in the names of points.
     pub const fn name(self) -> &'static str {
         self.of(["en", "zh"])
     }
@@ -60,8 +60,8 @@ impl Lang {
     }
 }
 
-/// The value of `--lang`. It is looked up before anything else is parsed, since what the parser
-/// says is already said in that language.
+/// The value of `--lang`. It is read before anything else is parsed, since the parser's own
+/// messages already depend on it.
 fn flag(arguments: &[OsString]) -> Option<String> {
     let mut rest = arguments.iter().filter_map(|argument| argument.to_str());
     while let Some(argument) = rest.next() {

@@ -1,6 +1,6 @@
-//! What people read, in English and Simplified Chinese: the two languages and the catalogues of
-//! texts, failures by their codes, reasons that others give, times, bytes, and how wide all that is
-//! on a terminal.
+//! User-visible texts, in English and Simplified Chinese: the two languages and the catalogues of
+//! texts, failures by their codes, reasons reported by others, times, bytes, and widths of text on
+//! a terminal.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

@@ -1,13 +1,13 @@
-//! Reasons in the user's language. They come as data, in English: from our own parsers, from the
-//! system, and from the libraries that read TOML and JSON. What is known of them is told in
-//! Chinese; the rest stays as it was said, and is marked as that.
+//! Reasons in the user's language. They arrive as English text: from our own parsers, from the
+//! system, and from the libraries that parse TOML and JSON. Known ones are translated to Chinese;
+//! the rest is left as it is, and marked as original text.
 
 use crate::Lang;
 use std::borrow::Cow;
 use std::io;
 
-/// A reason as it is told: where it is not known in Chinese, marked as the original words. A single
-/// word is a name, or what programs call it: that stays as it is.
+/// A reason for the user: one without a known translation is marked as original text. A single word
+/// is a name, or an identifier: it is left as it is.
 pub fn told(lang: Lang, reason: &str) -> String {
     if lang == Lang::En || !reason.is_ascii() && of_system(reason).is_none() {
         return reason.to_owned();
@@ -19,14 +19,14 @@ pub fn told(lang: Lang, reason: &str) -> String {
     }
 }
 
-/// The same of a word that is no name.
+/// The same for a word that is not a name.
 pub fn word(lang: Lang, word: &str) -> String {
     let known = of_table(word).filter(|_| lang == Lang::Zh);
     known.unwrap_or_else(|| word.to_owned())
 }
 
-/// What the system or the parser of JSON said, which may stand among names and commands: all else
-/// stays as it is.
+/// Translates the system's errors and those of the JSON parser, which may stand among names and
+/// commands: everything else is left as it is.
 pub fn error(lang: Lang, reason: &str) -> String {
     let known = of_error(reason).filter(|_| lang == Lang::Zh);
     known.unwrap_or_else(|| reason.to_owned())
@@ -42,14 +42,14 @@ fn of_error(reason: &str) -> Option<String> {
     }
 }
 
-/// `… at line 3 column 7`, as JSON's parser ends.
+/// `… at line 3 column 7`, the usual end of a JSON error.
 fn placed(reason: &str) -> Option<(&str, usize, usize)> {
     let (words, place) = reason.rsplit_once(" at line ")?;
     let (line, column) = place.split_once(" column ")?;
     Some((words, line.parse().ok()?, column.parse().ok()?))
 }
 
-/// What the system says, whatever stands before it: a path, mostly.
+/// The system's message, after any prefix: a path, mostly.
 fn of_system(reason: &str) -> Option<String> {
     let Some((_, number)) = reason.rsplit_once(" (os error ") else {
         let known = KINDS.iter().find(|(kind, _)| kind.to_string() == reason);
@@ -66,7 +66,7 @@ fn of_system(reason: &str) -> Option<String> {
     Some(format!("{before}{zh}（os error {number}）"))
 }
 
-/// By the first row that fits. What stands in a gap may be such a phrase, too.
+/// Translates by the first matching row. The text in a gap may be such a phrase, too.
 fn of_table(reason: &str) -> Option<String> {
     REASONS.iter().find_map(|[en, zh]| {
         let gaps = gaps(en, reason)?;
@@ -82,7 +82,7 @@ fn of_table(reason: &str) -> Option<String> {
     })
 }
 
-/// What stands in the gaps of a pattern, where it fits the whole text. A gap is never empty.
+/// The text in the gaps of a pattern, if it matches the whole text. A gap is never empty.
 fn gaps<'p, 't>(pattern: &'p str, text: &'t str) -> Option<Vec<(&'p str, &'t str)>> {
     let Some((before, rest)) = pattern.split_once('{') else {
         return (pattern == text).then(Vec::new);
@@ -102,7 +102,7 @@ fn gaps<'p, 't>(pattern: &'p str, text: &'t str) -> Option<Vec<(&'p str, &'t str
     })
 }
 
-/// What the system's errors mean.
+/// The meanings of the system's errors.
 const KINDS: &[(io::ErrorKind, &str)] = &[
     (io::ErrorKind::NotFound, "找不到文件或目录"),
     (io::ErrorKind::PermissionDenied, "权限不足"),
@@ -131,8 +131,8 @@ const KINDS: &[(io::ErrorKind, &str)] = &[
     (io::ErrorKind::Unsupported, "系统不支持"),
 ];
 
-/// What is said of a value that is not of the kind it should be, our own reasons, and those of the
-/// libraries, in this order.
+/// Errors about values of the wrong kind, our own reasons, and those of the libraries, in this
+/// order.
 const REASONS: &[[&str; 2]] = &[
     ["number", "数字"],
     ["whole number", "整数"],
@@ -145,7 +145,7 @@ const REASONS: &[[&str; 2]] = &[
     ["list of patterns", "通配名称列表"],
     ["list of kinds", "事件种类列表"],
     ["list of names", "名称列表"],
-    // Why a line takes nothing.
+    // Why a line accepts no commands.
     ["opening", "正在打开"],
     ["closed", "已关闭"],
     ["gone", "端口已消失"],
@@ -264,7 +264,7 @@ const REASONS: &[[&str; 2]] = &[
         "stream did not contain valid UTF-8",
         "不是有效的 UTF-8 文本",
     ],
-    // The parser of TOML.
+    // The TOML parser.
     [
         "invalid unquoted key, expected {wanted}",
         "键名中有不允许的字符",
@@ -336,7 +336,7 @@ const REASONS: &[[&str; 2]] = &[
     ["value", "值"],
     ["key", "键"],
     ["digits", "数字"],
-    // The parser of JSON.
+    // The JSON parser.
     ["missing field {field}", "缺少 {field}"],
     [
         "unknown field {field}, expected {wanted}",
@@ -391,14 +391,14 @@ mod tests {
             error(Lang::Zh, "/泵: No such file or directory (os error 2)"),
             "/泵: 找不到文件或目录（os error 2）"
         );
-        // Data and what is Chinese already need no mark.
+        // Data, and text that already is Chinese, need no mark.
         for same in ["?AA", "ttl_ms", "busy", "不存在 x"] {
             assert_eq!(zh(same), same);
         }
         assert_eq!(told(Lang::En, missing), missing);
     }
 
-    /// Who changes one of our own reasons changes its row.
+    /// A change of one of our own reasons requires a change of its row.
     #[test]
     fn each_reason_of_our_own_is_said_somewhere() {
         fn sources(folder: &std::path::Path, all: &mut String) {
@@ -423,7 +423,7 @@ mod tests {
             .iter()
             .take_while(|[en, _]| !en.starts_with("stream did not"));
         for [en, _] in own {
-            // What stands before and after a gap.
+            // The text before and after a gap.
             let parts = en.split('{').flat_map(|part| part.split('}').next_back());
             for part in parts {
                 let part = part.replace('"', "\\\"");

@@ -1,4 +1,4 @@
-//! Moments and durations.
+//! Times and durations.
 
 use crate::Lang;
 use jiff::{Timestamp, Zoned};
@@ -13,14 +13,14 @@ pub fn clock(moment: &Zoned) -> String {
     moment.strftime("%H:%M:%S.%3f").to_string()
 }
 
-/// For people: the local day and time of day, of milliseconds since 1970.
+/// For people: the local date and time of day, from milliseconds since 1970.
 pub fn date_and_clock(millis: i64) -> String {
     let moment = Timestamp::from_millisecond(millis).unwrap_or(Timestamp::UNIX_EPOCH);
     let moment = moment.to_zoned(jiff::tz::TimeZone::system());
     moment.strftime("%Y-%m-%d %H:%M:%S.%3f").to_string()
 }
 
-/// The moment that a program wrote, or else now.
+/// The time written by a program, or the current time.
 pub fn clock_of(text: Option<&str>) -> String {
     let read = text.and_then(|text| text.parse::<Timestamp>().ok());
     let moment = read.unwrap_or_else(Timestamp::now);
@@ -38,7 +38,7 @@ pub fn duration(lang: Lang, millis: u64) -> String {
     }
 }
 
-/// How long something has been so: `34 s`, `12 min`, `5 h`, `3 d`.
+/// How long a state has lasted: `34 s`, `12 min`, `5 h`, `3 d`.
 pub fn span(lang: Lang, seconds: u64) -> String {
     let (count, unit) = match seconds {
         0..60 => (seconds, ["s", "秒"]),

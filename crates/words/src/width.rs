@@ -1,24 +1,24 @@
-//! Text in columns of a terminal, where a Chinese character takes two.
+//! Text in terminal columns, where a Chinese character takes two.
 
 use rustix::termios::tcgetwinsize;
 use std::io::IsTerminal;
 use std::os::fd::AsFd;
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
-/// Narrower than this nothing is broken into lines.
+/// Below this width, text is not wrapped.
 const ROOM_MIN: usize = 10;
 
-/// What a line does not begin with, and what it does not end with.
+/// Characters that must not begin a line, and those that must not end one.
 const CLOSING: &str = "，。；：、！？）》」”…·,.;:!?)";
 const OPENING: &str = "（《「“(";
 
-/// How many columns the terminal has that the result goes to; none where it goes elsewhere, and
-/// nothing needs to fit.
+/// The number of columns of the terminal that standard output goes to; `None` if it goes elsewhere,
+/// and nothing needs to fit.
 pub fn terminal() -> Option<usize> {
     of_stream(&std::io::stdout())
 }
 
-/// The same of the terminal that errors go to.
+/// The same for the terminal of standard error.
 pub fn of_errors() -> Option<usize> {
     of_stream(&std::io::stderr())
 }
@@ -28,21 +28,21 @@ fn of_stream(stream: &(impl IsTerminal + AsFd)) -> Option<usize> {
     (size.ws_col > 0).then_some(usize::from(size.ws_col))
 }
 
-/// How many columns a text takes.
+/// The number of columns of a text.
 pub fn of(text: &str) -> usize {
     text.width()
 }
 
-/// The text with blanks behind it up to a width.
+/// The text, padded with blanks to a width.
 pub fn pad(text: &str, width: usize) -> String {
     let missing = width.saturating_sub(of(text));
     format!("{text}{}", " ".repeat(missing))
 }
 
-/// The text in lines of so many columns, broken between words, and between Chinese characters.
-/// What people copy is not broken: a word such as a path, what is in quotes, a flag and its value,
-/// and a command that the text begins with, up to two blanks. Where that alone is wider than the
-/// line, it is told as it is.
+/// The text wrapped to this many columns, between words and between Chinese characters. What people
+/// copy is not broken: a word such as a path, quoted text, a flag and its value, and a command at
+/// the beginning of the text, up to two blanks. If such a piece alone is wider than the line, it is
+/// printed as it is.
 pub fn wrap(text: &str, room: Option<usize>) -> Vec<String> {
     let Some(room) = room.filter(|room| *room >= ROOM_MIN) else {
         return vec![text.to_owned()];
@@ -52,7 +52,7 @@ pub fn wrap(text: &str, room: Option<usize>) -> Vec<String> {
         let mut line = String::new();
         let mut begun = 0;
         for end in breaks(text, room) {
-            // The blanks before it are told where it does not begin a line.
+            // The blanks before it are printed if it does not begin a line.
             let piece = text.get(begun..end).unwrap_or_default();
             begun = end;
             if !line.is_empty() && of(&line) + of(piece.trim_end()) > room {
@@ -68,8 +68,8 @@ pub fn wrap(text: &str, room: Option<usize>) -> Vec<String> {
     lines
 }
 
-/// A text behind its label, within so many columns, if they are limited. What does not fit goes on
-/// below its own beginning.
+/// A text after its label, within this many columns, if they are limited. The text wraps below its
+/// own beginning.
 pub fn hang(label: &str, text: &str, columns: Option<usize>) -> String {
     let margin = label.lines().last().map_or(0, of);
     let room = columns.map(|columns| columns.saturating_sub(margin));
@@ -82,7 +82,7 @@ pub fn hang(label: &str, text: &str, columns: Option<usize>) -> String {
         ))
 }
 
-/// Where the pieces of a text end that stay whole.
+/// Where the unbreakable pieces of a text end.
 fn breaks(text: &str, room: usize) -> Vec<usize> {
     let command = ["railbus ", "ssh "]
         .iter()
@@ -130,7 +130,7 @@ fn may_part(word: &str, last: char, rest: &str) -> bool {
     }
 }
 
-/// How long what is in quotes is, quotes and all, where it begins here.
+/// The length of a quoted piece, including the quotes, if it begins here.
 fn quoted(last: char, rest: &str) -> Option<usize> {
     let opening = rest.chars().next()?;
     let closing = match opening {
@@ -161,7 +161,7 @@ mod tests {
         );
         assert_eq!(wrap(english, None), [english]);
         assert_eq!(wrapped(english, 9), [english]);
-        // No line begins with what ends a clause, nor ends with what begins one.
+        // No line begins with closing punctuation, nor ends with opening punctuation.
         assert_eq!(
             wrapped("转换器未插好，重新插入", 12),
             ["转换器未插", "好，重新插入"]
@@ -188,7 +188,8 @@ mod tests {
             wrapped("请见手册“railbus.toml 文件”一页", 20),
             ["请见手册", "“railbus.toml 文件”", "一页"]
         );
-        // What is longer than a line is broken like all else, and so is a quote without its end.
+        // A piece that is longer than a line is broken like everything else, and so is an unclosed
+        // quote.
         assert_eq!(
             wrapped("say \"one two three\"", 12),
             ["say \"one two", "three\""]

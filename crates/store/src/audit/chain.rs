@@ -1,5 +1,5 @@
-//! The form of the log: a line for each record, which begins with the hash of the line before
-//! it and of itself. Whatever byte is changed, and whatever line is taken out, shows.
+//! The format of the log: one line per record, which begins with a hash of the line before it and
+//! of itself. Any byte that is changed and any line that is removed is detected.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -11,24 +11,24 @@ pub(super) const HASH_LEN: usize = 64;
 pub(super) const LINE_MAX: usize = 48 << 10;
 /// The longest text in a record; longer ones are cut.
 const TEXT_MAX: usize = 1_024;
-/// What stands for the hash before the first record.
+/// The hash before the first record.
 pub(super) const NOTHING: &str = "";
 
-/// A record with its place.
+/// A record with its position.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Numbered {
     /// Its number, from 1.
     pub seq: u64,
-    /// When it was written down, in milliseconds since 1970.
+    /// When it was written, in milliseconds since 1970.
     pub at_ms: u64,
-    /// The same by a clock that nobody sets: microseconds since the log was opened.
+    /// The same by a monotonic clock: microseconds since the log was opened.
     pub up_us: u64,
-    /// What it says.
+    /// Its content.
     #[serde(flatten)]
     pub record: Record,
 }
 
-/// What a record says.
+/// The content of a record.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Record {
@@ -39,38 +39,38 @@ pub enum Record {
     },
     /// Something is about to be done.
     Begin {
-        /// The number of the entry.
+        /// The entry's ID.
         id: String,
-        /// Who asked for it.
+        /// Who requested it.
         who: String,
         /// From where.
         via: String,
         /// The module.
         module: String,
-        /// What was asked of it.
+        /// What was requested.
         what: String,
-        /// What was known to be before.
+        /// The last known state.
         #[serde(default, skip_serializing_if = "String::is_empty")]
         before: String,
     },
-    /// How it ended.
+    /// The result.
     End {
-        /// The number of the entry.
+        /// The entry's ID.
         id: String,
-        /// `readback`, `reply`, `sent`, the name of what went wrong, or `unknown`.
+        /// `readback`, `reply`, `sent`, the name of the error, or `unknown`.
         end: String,
-        /// What is known to be after it.
+        /// The state known after it.
         #[serde(default, skip_serializing_if = "String::is_empty")]
         after: String,
     },
-    /// The program ended as it should.
+    /// The program shut down properly.
     Stop,
-    /// So many records could not be written before this one.
+    /// Some records before this one could not be written.
     Lost {
         /// How many.
         records: u64,
     },
-    /// The log once ended later than it did when it was opened: records were taken out.
+    /// When it was opened, the log ended earlier than it once had: records were removed.
     Cut {
         /// The number of the last one.
         seq: u64,
@@ -80,7 +80,7 @@ pub enum Record {
 }
 
 impl Record {
-    /// The same with texts that are not longer than may be.
+    /// The same, with overlong texts cut.
     pub(super) fn cut(mut self) -> Record {
         match &mut self {
             Record::Begin {
@@ -110,9 +110,9 @@ fn cut(text: &mut String) {
     text.truncate(end);
 }
 
-/// Adds the line of a record; gives back its hash.
+/// Appends the line of a record; returns its hash.
 pub(super) fn encode(into: &mut String, before: &str, numbered: &Numbered) -> String {
-    // A record is texts and numbers, of which JSON can be made.
+    // A record consists of texts and numbers and can always be serialised.
     let json = serde_json::to_string(numbered).unwrap_or_default();
     let hash = hash(before, &json);
     // Writing into a String does not fail.
@@ -120,14 +120,14 @@ pub(super) fn encode(into: &mut String, before: &str, numbered: &Numbered) -> St
     hash
 }
 
-/// The record of a line without its end, and its hash, which is not checked.
+/// The record of a line without its newline, and its hash, which is not checked.
 pub(super) fn decode(line: &[u8]) -> Option<(&str, Numbered)> {
     let line = std::str::from_utf8(line).ok()?;
     let (hash, json) = line.split_once(' ')?;
     (hash.len() == HASH_LEN).then_some((hash, serde_json::from_str(json).ok()?))
 }
 
-/// The record of a line that follows upon one with this hash; none where it does not.
+/// The record of a line that follows a record with this hash; `None` if it does not.
 pub(super) fn follows<'l>(before: &str, line: &'l [u8]) -> Option<(&'l str, Numbered)> {
     let (told, numbered) = decode(line)?;
     let json = std::str::from_utf8(line.get(HASH_LEN + 1..)?).ok()?;

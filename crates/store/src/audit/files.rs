@@ -1,6 +1,6 @@
-//! The files of the log. The newest is `audit.log`. One that is full gets the number of its first
-//! record into its name, and the chain goes on in the next. Where only so much is kept the oldest
-//! go, and `audit.anchor` remembers upon which record the first of the others follows.
+//! The files of the log. The newest is `audit.log`. A full one is renamed after its first record,
+//! and the chain continues in the next. If the size is limited, the oldest are deleted, and
+//! `audit.anchor` stores the record that the first of the others follows.
 
 use super::chain::{LINE_MAX, NOTHING, decode};
 use super::read::Place;
@@ -12,14 +12,14 @@ use std::path::{Path, PathBuf};
 
 /// The name of the newest file in the log's folder.
 const LOG: &str = "audit.log";
-/// The name of the file that remembers what came before the first record that is kept.
+/// The name of the file that stores what came before the first remaining record.
 const ANCHOR: &str = "audit.anchor";
-/// So long a file becomes.
+/// Maximum size of a file.
 const FILE_MAX: u64 = 64 << 20;
-/// Into so many files at least is parted what is kept.
+/// Minimum number of files into which the log is split.
 const PARTS: u64 = 4;
 
-/// A record, by which the next can be checked.
+/// A record by which the next one can be checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Mark {
     /// Its number.
@@ -29,7 +29,7 @@ pub(super) struct Mark {
 }
 
 impl Default for Mark {
-    /// What comes before the first record of all.
+    /// The position before the very first record.
     fn default() -> Mark {
         Mark {
             seq: 0,
@@ -39,12 +39,12 @@ impl Default for Mark {
 }
 
 impl Mark {
-    /// Its line in a file of its own.
+    /// Its line in a separate file.
     pub(super) fn line(&self) -> String {
         format!("{:020} {}\n", self.seq, self.hash)
     }
 
-    /// The mark that a file holds.
+    /// The mark stored in a file.
     pub(super) fn read(from: &mut File) -> Option<Mark> {
         let mut text = String::new();
         from.take(LINE_MAX as u64).read_to_string(&mut text).ok()?;
@@ -56,22 +56,22 @@ impl Mark {
     }
 }
 
-/// How long a file becomes where so many bytes are kept in all.
+/// Maximum size of a file if the log is limited to this many bytes.
 pub(super) fn file_max(keep: u64) -> u64 {
     FILE_MAX.min(keep / PARTS)
 }
 
-/// Where the newest file lies.
+/// The path of the newest file.
 pub(super) fn newest(folder: &Path) -> PathBuf {
     folder.join(LOG)
 }
 
-/// Where the full file lies that begins with a record.
+/// The path of the full file that begins with this record.
 pub(super) fn full(folder: &Path, first: u64) -> PathBuf {
     folder.join(format!("audit-{first:020}.log"))
 }
 
-/// The numbers of the records with which the full files begin, the oldest first.
+/// The first records of the full files, oldest first.
 pub(super) fn all_full(folder: &Path) -> Result<Vec<u64>> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder)? {
@@ -86,7 +86,7 @@ pub(super) fn all_full(folder: &Path) -> Result<Vec<u64>> {
     Ok(found)
 }
 
-/// The same of all files, up to the newest as it was when it reached so far.
+/// The same for all files, including the newest up to the given position.
 pub(super) fn all(folder: &Path, reach: &Reach) -> Result<Vec<u64>> {
     let mut found = all_full(folder)?;
     found.retain(|first| *first < reach.first);
@@ -94,7 +94,7 @@ pub(super) fn all(folder: &Path, reach: &Reach) -> Result<Vec<u64>> {
     Ok(found)
 }
 
-/// The file of a place, and how long it is.
+/// The file at a position, and its length.
 pub(super) fn open(folder: &Path, first: u64, reach: &Reach) -> Result<(File, u64)> {
     let path = full(folder, first);
     if first != reach.first {
@@ -103,26 +103,26 @@ pub(super) fn open(folder: &Path, first: u64, reach: &Reach) -> Result<(File, u6
         return Ok((file, len));
     }
     let newest = File::open(newest(folder));
-    // It may have become full by now.
+    // It may have been renamed by now.
     let file = File::open(path).or(newest)?;
     Ok((file, reach.len))
 }
 
-/// The end of a file, as a place.
+/// The end of a file, as a position.
 pub(super) fn end(folder: &Path, first: u64, reach: &Reach) -> Result<Place> {
     let at = open(folder, first, reach)?.1;
     Ok(Place { first, at })
 }
 
-/// What comes before the first record that is kept.
+/// What precedes the first remaining record.
 pub(super) fn anchor(folder: &Path) -> Mark {
     let read = File::open(folder.join(ANCHOR)).ok();
     read.and_then(|mut file| Mark::read(&mut file))
         .unwrap_or_default()
 }
 
-/// Begins another file after the one that begins with this record. After an error the newest is
-/// what it was. All that was written is durable.
+/// Starts another file after the one that begins with this record. On an error the newest is
+/// unchanged. Everything written before is durable.
 pub(super) fn turn(folder: &Path, first: u64) -> Result<File> {
     let (newest, full) = (newest(folder), full(folder, first));
     if full.exists() {
@@ -139,7 +139,7 @@ pub(super) fn turn(folder: &Path, first: u64) -> Result<File> {
     begun
 }
 
-/// A file to write, made where it is not there.
+/// Opens a file for writing, and creates it if necessary.
 pub(super) fn open_or_make(path: &Path) -> Result<File> {
     let mut options = OpenOptions::new();
     options.read(true).write(true).create(true).truncate(false);
@@ -148,7 +148,7 @@ pub(super) fn open_or_make(path: &Path) -> Result<File> {
     options.open(path)
 }
 
-/// Takes the oldest files away, until what is left and one that is full are not more than may be.
+/// Deletes the oldest files, until the rest and one full file are within the limit.
 pub(super) fn forget(folder: &Path, keep: u64) -> Result<()> {
     let known = anchor(folder);
     let files = all_full(folder)?.into_iter().map(|first| {
@@ -159,7 +159,7 @@ pub(super) fn forget(folder: &Path, keep: u64) -> Result<()> {
     let files: Vec<_> = files.collect();
     let mut sum = file_max(keep) + files.iter().map(|(.., len)| len).sum::<u64>();
     for (first, path, len) in files {
-        // One before the anchor was about to go already.
+        // One before the anchor was about to be deleted already.
         if known.seq < first {
             if sum <= keep {
                 break;
@@ -173,7 +173,7 @@ pub(super) fn forget(folder: &Path, keep: u64) -> Result<()> {
     Ok(())
 }
 
-/// The last record of a full file; none where its end is none.
+/// The last record of a full file; `None` if its end is not a record.
 fn last(path: &Path) -> Result<Option<Mark>> {
     let mut file = File::open(path)?;
     let len = file.metadata()?.len();
@@ -187,7 +187,7 @@ fn last(path: &Path) -> Result<Option<Mark>> {
     }))
 }
 
-/// Remembers the last record of those that go, before they do.
+/// Stores the last record of the files that will be deleted, before they are.
 fn remember(folder: &Path, mark: &Mark) -> Result<()> {
     durable::replace(&folder.join(ANCHOR), mark.line().as_bytes(), Some(0o600))
 }

@@ -1,5 +1,5 @@
-//! The log on the disk. One thread writes it; whoever is about to switch something waits until
-//! its record is durable, and those who wait at the same time wait for one commit together.
+//! The log on disk. One thread writes it; a command waits until its record is durable, and all that
+//! wait at the same time share one commit.
 
 use super::chain::Record;
 use super::read::{Filter, Page, Place, Verified};
@@ -11,27 +11,27 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 
-/// How many records wait to be written.
+/// How many records may be queued.
 const QUEUE_MAX: usize = 1_024;
-/// How many are written in one go.
+/// How many are written at once.
 const BATCH_MAX: usize = 256;
-/// A disk that takes longer holds no command up any more.
+/// Timeout after which a slow disk no longer delays a command.
 const WAIT_MAX: Duration = Duration::from_secs(1);
 
-/// The same once that has happened: until it is over, nobody waits long.
+/// The timeout once that has happened, until the disk has recovered.
 const WAIT_FAILING: Duration = Duration::from_millis(20);
 
 /// A record could not be made durable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NotWritten;
 
-/// The log on the disk: append-only lines, each with the hash of the one before it.
+/// The log on disk: append-only lines, each with the hash of the one before it.
 #[derive(Clone, Debug)]
 pub struct AuditLog {
     folder: Arc<Path>,
     jobs: mpsc::Sender<Job>,
     reach: Arc<Mutex<Reach>>,
-    /// So many bytes are kept.
+    /// Number of bytes to keep.
     kept: Arc<AtomicU64>,
     required: Arc<AtomicBool>,
     failing: Arc<AtomicBool>,
@@ -39,17 +39,17 @@ pub struct AuditLog {
 
 struct Job {
     record: Record,
-    /// Who waits wants it durable, and not only written.
+    /// The caller waits until it is durable, not only written.
     durable: bool,
     done: oneshot::Sender<bool>,
 }
 
 impl AuditLog {
-    /// Opens the log of a folder. What was under way when it was last closed gets `unknown` as
-    /// its end, and a log that is broken is put aside.
+    /// Opens the log of a folder. Entries that were open when it was last closed get the result
+    /// `unknown`, and a broken log is moved aside.
     ///
     /// # Errors
-    /// What the system says; `WouldBlock` where another program has it.
+    /// The system's error; `WouldBlock` if another program has it open.
     pub fn open(folder: &Path) -> std::io::Result<(AuditLog, Found)> {
         let (tail, found) = Tail::open(folder)?;
         let reach = Arc::new(Mutex::new(tail.reach.clone()));
@@ -70,26 +70,26 @@ impl AuditLog {
         Ok((log, found))
     }
 
-    /// Keeps so many bytes, or all there ever are. What is too old goes once the newest file is
+    /// Keeps this many bytes, or everything. What is too old is deleted once the newest file is
     /// full.
     pub fn keep(&self, bytes: Option<u64>) {
         let bytes = bytes.unwrap_or(u64::MAX);
         self.kept.store(bytes, Ordering::Relaxed);
     }
 
-    /// Whether nothing may be switched that can't be written down; else it is switched all the
-    /// same.
+    /// Whether commands that can't be logged are refused; otherwise they are carried out
+    /// nevertheless.
     pub fn require(&self, required: bool) {
         self.required.store(required, Ordering::Relaxed);
     }
 
-    /// Whether nothing may be switched that can't be written down.
+    /// Whether commands that can't be logged are refused.
     #[must_use]
     pub fn is_required(&self) -> bool {
         self.required.load(Ordering::Relaxed)
     }
 
-    /// Remembers whether writing works; gives back whether that is news.
+    /// Stores whether writing works; returns whether that has changed.
     pub fn works(&self, works: bool) -> bool {
         self.failing.swap(!works, Ordering::Relaxed) == works
     }
@@ -122,10 +122,9 @@ impl AuditLog {
         }
     }
 
-    /// Writes that the program ends as it should; all that was written before is durable when
-    /// this returns.
+    /// Records a proper shutdown; everything written before is durable when this returns.
     pub async fn close(&self) {
-        // What can't be written now is missing: the next start says so.
+        // If this can't be written it is missing: the next start reports that.
         let _ = self.write(Record::Stop, true).await;
     }
 
@@ -134,10 +133,10 @@ impl AuditLog {
         reach.clone()
     }
 
-    /// Entries, the newest first, before a place that an earlier page told.
+    /// Entries, newest first, before a position returned with an earlier page.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system's error.
     pub async fn page(
         &self,
         before: Option<Place>,
@@ -148,27 +147,27 @@ impl AuditLog {
         aside(move || read::page(&folder, before, &reach, limit, &filter)).await
     }
 
-    /// Goes along the whole chain.
+    /// Verifies the whole chain.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system's error.
     pub async fn verify(&self) -> std::io::Result<Verified> {
         let (folder, reach) = (Arc::clone(&self.folder), self.reach());
         aside(move || read::verify(&folder, &reach)).await
     }
 
-    /// The records from a place on, or from the oldest that is kept, as many as go into one
-    /// piece; none at the end.
+    /// The records from a position on, or from the oldest one kept, as many as fit into one piece;
+    /// none at the end.
     ///
     /// # Errors
-    /// What the system says; `NotFound` where the place is not kept any more.
+    /// The system's error; `NotFound` if the position is no longer kept.
     pub async fn export(&self, from: Option<Place>) -> std::io::Result<Exported> {
         let (folder, reach) = (Arc::clone(&self.folder), self.reach());
         aside(move || read::export(&folder, from, &reach)).await
     }
 }
 
-/// Does something that waits for the disk where it holds nothing up.
+/// Runs something that waits for the disk on a thread where it blocks nothing.
 async fn aside<T: Send + 'static>(
     work: impl FnOnce() -> std::io::Result<T> + Send + 'static,
 ) -> std::io::Result<T> {
@@ -176,7 +175,7 @@ async fn aside<T: Send + 'static>(
     end.unwrap_or_else(|error| Err(std::io::Error::other(error)))
 }
 
-/// Writes what comes until nobody is left who could send something.
+/// Writes incoming records until all senders are gone.
 fn work(mut tail: Tail, mut waiting: mpsc::Receiver<Job>, reach: &Mutex<Reach>, kept: &AtomicU64) {
     while let Some(first) = waiting.blocking_recv() {
         let mut batch = vec![first];
@@ -197,9 +196,9 @@ fn commit(tail: &mut Tail, batch: Vec<Job>, reach: &Mutex<Reach>) {
     let before = tail.reach.clone();
     let records = batch.iter().map(|job| job.record.clone());
     let written = tail.append(records).is_ok();
-    // Who is told that something is written can read it.
+    // A caller that is told about a record must be able to read it.
     publish(tail);
-    // Fails where nobody waits any more.
+    // Fails if the caller has stopped waiting.
     let tell = |job: Job, done| {
         let _ = job.done.send(done);
     };

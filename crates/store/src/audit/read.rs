@@ -1,4 +1,4 @@
-//! The log as it is read: from its end in pages, or along its whole chain.
+//! Reading the log: in pages from its end, or along its whole chain.
 
 use super::chain::{HASH_LEN, LINE_MAX, Numbered, Record, decode, follows};
 use super::files::{self, Mark};
@@ -10,53 +10,53 @@ use std::io::{BufRead, BufReader, ErrorKind, Read, Result};
 use std::path::Path;
 use std::str::FromStr;
 
-/// So much is read at a time.
+/// Number of bytes read at a time.
 const CHUNK: u64 = 64 << 10;
-/// So much is looked through for one page.
+/// Number of bytes searched for one page.
 const SCAN_MAX: u64 = 8 << 20;
-/// The end of an entry is looked for within so much after it.
+/// The end of an entry is searched for within this many bytes after it.
 const AHEAD: u64 = 512 << 10;
 
-/// Which entries are wanted.
+/// A filter for entries.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Filter {
     /// Those of this module.
     pub module: Option<String>,
-    /// Those that name this point.
+    /// Those that refer to this point.
     pub label: Option<String>,
 }
 
-/// An entry, with its end where it has one.
+/// An entry, with its result if it has one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Logged {
     /// Its number.
     pub id: String,
-    /// When it was written down, in milliseconds since 1970.
+    /// When it was written, in milliseconds since 1970.
     pub at_ms: u64,
-    /// Who asked for it.
+    /// Who requested it.
     pub who: String,
     /// From where.
     pub via: String,
     /// The module.
     pub module: String,
-    /// What was asked of it.
+    /// What was requested.
     pub what: String,
-    /// What was known to be before.
+    /// The state known before.
     pub before: String,
-    /// What is known to be after it.
+    /// The state known after it.
     pub after: String,
-    /// How it ended; none while it is under way.
+    /// The result; `None` while it is in progress.
     pub end: Option<String>,
     /// The hash of its first record.
     pub hash: String,
 }
 
-/// A place between two records. It stays what it is when the log goes on in another file.
+/// A position between two records. It stays valid when the log continues in another file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Place {
-    /// The number of the first record of its file.
+    /// The first record of its file.
     pub(super) first: u64,
-    /// The byte in that file.
+    /// The offset in that file.
     pub(super) at: u64,
 }
 
@@ -78,51 +78,51 @@ impl FromStr for Place {
     }
 }
 
-/// Some entries.
+/// A page of entries.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Page {
     /// The newest first.
     pub entries: Vec<Logged>,
-    /// From where to go on; none at the beginning of the log.
+    /// Where to continue; `None` at the beginning of the log.
     pub next: Option<Place>,
 }
 
-/// What was found along the chain.
+/// The result of verifying the chain.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Verified {
-    /// The number of the oldest record that is kept.
+    /// The number of the oldest record kept.
     pub first: u64,
-    /// How many records follow upon each other.
+    /// The number of consecutive records.
     pub records: u64,
-    /// Of them, how many entries.
+    /// The number of entries among them.
     pub entries: u64,
-    /// The number of the first record that is not as it was written, or that is missing.
+    /// The number of the first record that was changed or is missing.
     pub broken_at: Option<u64>,
 }
 
-/// Some records as they are in the log.
+/// Some records as they are stored.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Exported {
     /// The oldest first, each with its hash.
     pub records: Vec<(String, Numbered)>,
-    /// From where to go on.
+    /// Where to continue.
     pub next: Place,
 }
 
-/// Goes along the whole log. It must end as whoever writes it remembers.
+/// Verifies the whole log. It must end where its writer says.
 pub(super) fn verify(folder: &Path, known: &Reach) -> Result<Verified> {
     let anchor = files::anchor(folder);
     let files = to_verify(folder, Some(known), anchor.seq)?;
     along_all(anchor, Some(known.last.clone()), files)
 }
 
-/// Goes along the log of a folder that nobody writes. It must end as the file beside it says.
+/// Verifies the log of a folder that is not open for writing. It must end as the head file says.
 ///
 /// # Errors
-/// What the system says; [`ErrorKind::WouldBlock`] while somebody writes it: what is half written
-/// would look broken.
+/// The system's error; [`ErrorKind::WouldBlock`] while it is open for writing: a partial write
+/// would look like damage.
 pub fn verify_folder(folder: &Path) -> Result<Verified> {
-    // Whoever wants to write need not wait for more than this: what comes later is not read.
+    // A writer need not wait longer than for this: what is written later is not read.
     let held = hold(folder)?;
     let (anchor, head) = (files::anchor(folder), head_of(folder));
     let files = to_verify(folder, None, anchor.seq)?;
@@ -130,7 +130,7 @@ pub fn verify_folder(folder: &Path) -> Result<Verified> {
     along_all(anchor, head, files)
 }
 
-/// Goes along files that follow upon the anchor, and must lead to the head.
+/// Verifies the files that follow the anchor, up to the head.
 fn along_all(anchor: Mark, head: Option<Mark>, files: Vec<(File, u64)>) -> Result<Verified> {
     let mut found = Verified {
         first: anchor.seq + 1,
@@ -157,7 +157,7 @@ fn along_all(anchor: Mark, head: Option<Mark>, files: Vec<(File, u64)>) -> Resul
     Ok(walk.found)
 }
 
-/// The files after the anchor, the oldest first, and how much of each is to be read.
+/// The files after the anchor, oldest first, and how much of each to read.
 fn to_verify(folder: &Path, known: Option<&Reach>, anchor: u64) -> Result<Vec<(File, u64)>> {
     let mut found = Vec::new();
     for first in files::all_full(folder)? {
@@ -175,7 +175,7 @@ fn to_verify(folder: &Path, known: Option<&Reach>, anchor: u64) -> Result<Vec<(F
     };
     match newest {
         Ok(newest) => found.push(newest),
-        // The one before was full, and this one was not begun yet.
+        // The previous one was full, and this one was not started yet.
         Err(error) if error.kind() == ErrorKind::NotFound && !found.is_empty() => {}
         Err(error) => return Err(error),
     }
@@ -185,15 +185,15 @@ fn to_verify(folder: &Path, known: Option<&Reach>, anchor: u64) -> Result<Vec<(F
 /// A walk along the chain.
 struct Walk {
     found: Verified,
-    /// The record that was met last.
+    /// The last record read.
     last: Mark,
-    /// The record that must be met.
+    /// The record that must be reached.
     head: Mark,
     head_seen: bool,
 }
 
 impl Walk {
-    /// Goes along one file; gives back whether all of it follows upon what was before.
+    /// Verifies one file; returns whether all of it continues the chain.
     fn along(&mut self, file: &mut impl BufRead) -> Result<bool> {
         let mut line = Vec::new();
         loop {
@@ -212,7 +212,7 @@ impl Walk {
         }
     }
 
-    /// Whether a line is the next.
+    /// Whether a line is the next one.
     fn takes(&mut self, line: &[u8]) -> bool {
         let text = line.strip_suffix(b"\n");
         let Some((hash, numbered)) = text.and_then(|text| follows(&self.last.hash, text)) else {
@@ -233,7 +233,7 @@ impl Walk {
     }
 }
 
-/// Records from a place on.
+/// Records from a position on.
 pub(super) fn export(folder: &Path, from: Option<Place>, reach: &Reach) -> Result<Exported> {
     let all = files::all(folder, reach)?;
     let first = all.first().copied().unwrap_or(reach.first);
@@ -255,7 +255,7 @@ pub(super) fn export(folder: &Path, from: Option<Place>, reach: &Reach) -> Resul
             break;
         };
         exported.next.at += line.len() as u64;
-        // What can't be read is told by a verification.
+        // Verification reports what can't be read.
         if let Some((hash, numbered)) = decode(text) {
             exported.records.push((hash.to_owned(), numbered));
         }
@@ -263,14 +263,14 @@ pub(super) fn export(folder: &Path, from: Option<Place>, reach: &Reach) -> Resul
     Ok(exported)
 }
 
-/// Records of a folder's log from a place on, whoever writes it.
+/// Records of a folder's log from a position on, even while it is being written.
 ///
 /// # Errors
-/// What the system says.
+/// The system's error.
 pub fn export_folder(folder: &Path, from: Option<Place>) -> Result<Exported> {
     let mut newest = File::open(files::newest(folder))?;
     let reach = Reach {
-        // Nothing is newer than what is empty.
+        // Nothing can be newer than the end.
         first: first_of(&mut newest)?.unwrap_or(u64::MAX),
         len: newest.metadata()?.len(),
         last: Mark::default(),
@@ -278,7 +278,7 @@ pub fn export_folder(folder: &Path, from: Option<Place>) -> Result<Exported> {
     export(folder, from, &reach)
 }
 
-/// Entries before a place, the newest first.
+/// Entries before a position, newest first.
 pub(super) fn page(
     folder: &Path,
     before: Option<Place>,
@@ -297,7 +297,7 @@ pub(super) fn page(
         filter,
     };
     back.look_ahead(folder, place, reach, &all)?;
-    // Where the place is not kept any more, nothing before it is.
+    // If the position is no longer kept, neither is anything before it.
     let mut older = all.iter().rposition(|first| *first == place.first);
     while let Some(index) = older {
         let (mut file, len) = files::open(folder, place.first, reach)?;
@@ -322,13 +322,13 @@ pub(super) fn page(
     })
 }
 
-/// A look through the log from its end.
+/// A search through the log, backwards.
 struct Back<'f> {
     ends: Ends,
     entries: Vec<Logged>,
-    /// So many are wanted.
+    /// Number of entries wanted.
     limit: usize,
-    /// So many bytes are still looked through.
+    /// Number of bytes that may still be searched.
     left: u64,
     filter: &'f Filter,
 }
@@ -338,7 +338,7 @@ impl Back<'_> {
         self.entries.len() >= self.limit || self.left == 0
     }
 
-    /// Takes the ends that lie after the entries that are to come.
+    /// Collects the results that follow the entries still to be read.
     fn look_ahead(&mut self, folder: &Path, from: Place, reach: &Reach, all: &[u64]) -> Result<()> {
         let mut left = AHEAD;
         for first in all.iter().copied().filter(|first| *first >= from.first) {
@@ -358,10 +358,10 @@ impl Back<'_> {
         Ok(())
     }
 
-    /// Goes back through a file, from a place; gives back where it stopped.
+    /// Searches a file backwards from a position; returns where it stopped.
     fn go(&mut self, file: &mut File, before: u64) -> Result<u64> {
         let mut at = before;
-        // The beginning of a line whose end lies in the chunk that was read before.
+        // The beginning of a line whose end is in the chunk read before.
         let mut rest: Vec<u8> = Vec::new();
         while at > 0 && !self.is_enough() {
             let start = at.saturating_sub(CHUNK);
@@ -386,7 +386,7 @@ impl Back<'_> {
     }
 }
 
-/// Where the last whole line before a place begins; none where that is not known yet.
+/// Where the last complete line before a position begins; `None` if that is not known yet.
 fn last_line(bytes: &[u8], end: usize, from_first: bool) -> Option<usize> {
     let without_end = bytes.get(..end.checked_sub(1)?)?;
     match without_end.iter().rposition(|byte| *byte == b'\n') {
@@ -395,7 +395,7 @@ fn last_line(bytes: &[u8], end: usize, from_first: bool) -> Option<usize> {
     }
 }
 
-/// The ends that were met before their entries, as one meets them from the end.
+/// Results found before their entries, since the search goes backwards.
 #[derive(Default)]
 struct Ends(HashMap<String, (String, String)>);
 
@@ -406,7 +406,7 @@ impl Ends {
         }
     }
 
-    /// The entry of a line, where it is one that is wanted.
+    /// The entry of a line, if it matches the filter.
     fn entry(&mut self, line: &[u8], filter: &Filter) -> Option<Logged> {
         let (hash, numbered) = decode(line)?;
         self.take(&numbered.record);
@@ -448,7 +448,7 @@ impl Ends {
     }
 }
 
-/// Whether the description of a command names a point: `do0=on do1=off`, `pulse k1 500ms`.
+/// Whether the description of a command refers to a point: `do0=on do1=off`, `pulse k1 500ms`.
 fn names(what: &str, label: &str) -> bool {
     what.split([' ', '=']).any(|word| word == label)
 }

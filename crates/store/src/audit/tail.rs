@@ -1,4 +1,4 @@
-//! The end of the log, where records are added.
+//! The end of the log, where records are appended.
 
 use super::chain::{LINE_MAX, Numbered, Record, decode, encode, follows};
 use super::files::{self, Mark};
@@ -9,19 +9,19 @@ use std::io::{Error, ErrorKind, Read, Result, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-/// The name of the file that remembers how far the log reached.
+/// The name of the file that stores how far the log reaches.
 const HEAD: &str = "audit.head";
-/// So much of the log is looked through when it is opened.
+/// Number of bytes checked when the log is opened.
 const WINDOW: u64 = 4 << 20;
-/// Who checks the log holds it for a moment; who writes it does so for good. So often it is tried.
+/// A verification locks the log for a moment, a writer for good: this many attempts are made.
 const LOCK_TRIES: u32 = 10;
-/// So long passes between two tries.
+/// Pause between two attempts.
 const LOCK_PAUSE: Duration = Duration::from_millis(10);
 
 /// How far the log reaches.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Reach {
-    /// The number of the first record of the newest file, or of the one that will be that.
+    /// The first record of the newest file, or the one with which it will begin.
     pub(super) first: u64,
     /// How long the newest file is, in bytes.
     pub(super) len: u64,
@@ -43,13 +43,13 @@ impl Reach {
 /// What was found when the log was opened.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Found {
-    /// A last record of so many bytes was written in part, and was taken away.
+    /// A partially written last record of this many bytes was removed.
     pub torn: u64,
-    /// The entries that were under way when the program ended: nobody knows how they ended.
+    /// The entries that were in progress when the program ended: their results are unknown.
     pub unfinished: Vec<String>,
-    /// Its end was taken away.
+    /// Its end was removed.
     pub cut: bool,
-    /// It was broken, and lies here now.
+    /// It was broken, and is kept here now.
     pub put_aside: Option<PathBuf>,
 }
 
@@ -59,7 +59,7 @@ pub(super) struct Tail {
     file: File,
     head: File,
     pub(super) reach: Reach,
-    /// So many records could not be written.
+    /// Number of records that could not be written.
     lost: u64,
     opened: Instant,
 }
@@ -81,7 +81,7 @@ impl Tail {
                 Reach::after(before.unwrap_or_default())
             }
         };
-        // The names of new files are kept, too.
+        // Make the names of new files durable, too.
         durable::sync_folder(folder)?;
         let mut tail = Tail {
             folder: folder.to_owned(),
@@ -95,7 +95,7 @@ impl Tail {
         Ok((tail, found))
     }
 
-    /// Writes down that the log was opened, and what was found.
+    /// Records that the log was opened, and what was found.
     fn begin(&mut self, found: &mut Found) -> Result<()> {
         let mut records = Vec::new();
         if let Some(head) = self.head()
@@ -115,21 +115,21 @@ impl Tail {
                 after: String::new(),
             });
         }
-        // A disk that is full now may not be later; until then, what is lost is counted.
+        // A disk that is full now may have room later; until then, losses are counted.
         if self.append(records.into_iter()).is_ok() {
             self.sync()?;
         }
         Ok(())
     }
 
-    /// How far the log is said to have reached.
+    /// How far the log has reached, according to its head.
     fn head(&mut self) -> Option<Mark> {
         self.head.seek(SeekFrom::Start(0)).ok()?;
         Mark::read(&mut self.head)
     }
 
-    /// Whether the log has the record that the head names. It may be longer: a head is written
-    /// after the record and not made durable.
+    /// Whether the log contains the record named by the head. It may be longer: the head is written
+    /// after the record and not synced.
     fn reaches(&mut self, head: &Mark) -> bool {
         if head.seq >= self.reach.last.seq {
             return *head == self.reach.last;
@@ -139,13 +139,13 @@ impl Tail {
             return true;
         };
         let named = |line: &[u8]| line.starts_with(head.hash.as_bytes());
-        // Farther back than is looked is no fault that could be proved here.
+        // A fault further back than this can't be proved here.
         let is_farther = start > 0 || head.seq < self.reach.first;
         is_farther || window.split(|byte| *byte == b'\n').any(named)
     }
 
-    /// Goes on in another file where this one is full, and takes away what is not to be kept any
-    /// more. Where that can't be done, this one becomes longer.
+    /// Continues in another file if this one is full, and deletes what is beyond the limit. If that
+    /// fails, this file grows longer.
     pub(super) fn turn(&mut self, keep: u64) {
         if self.reach.len < files::file_max(keep) {
             return;
@@ -153,12 +153,12 @@ impl Tail {
         if let Ok(file) = files::turn(&self.folder, self.reach.first) {
             self.file = file;
             self.reach = Reach::after(self.reach.last.clone());
-            // What stays goes the next time.
+            // What remains is deleted the next time.
             let _ = files::forget(&self.folder, keep);
         }
     }
 
-    /// Adds records. They are whole or not there at all, and not durable yet.
+    /// Appends records. They are either complete or absent, and not durable yet.
     pub(super) fn append(&mut self, records: impl Iterator<Item = Record>) -> Result<()> {
         let mut text = String::new();
         let mut next = self.reach.clone();
@@ -192,16 +192,16 @@ impl Tail {
         self.file.write_all(text.as_bytes())
     }
 
-    /// Takes away what was written in part. Where even that fails, the next write goes over it.
+    /// Removes a partial write. If even that fails, the next write overwrites it.
     fn forget_after(&mut self, len: u64) {
         let _ = self.file.set_len(len);
     }
 
-    /// Makes durable what was added, and remembers how far that is.
+    /// Syncs the appended records, and stores how far they reach.
     pub(super) fn sync(&mut self) -> Result<()> {
         self.file.sync_data()?;
         let head = self.reach.last.line();
-        // The head only tells of records that are durable; itself it need not be.
+        // The head only refers to durable records; it need not be durable itself.
         let _ = self
             .head
             .seek(SeekFrom::Start(0))
@@ -209,7 +209,7 @@ impl Tail {
         Ok(())
     }
 
-    /// What could not be made durable is not there: nobody knows which part of it is.
+    /// Drops what could not be made durable: it is not known which part of it is.
     pub(super) fn back_to(&mut self, reach: Reach) {
         self.lost += self.reach.last.seq.saturating_sub(reach.last.seq);
         self.forget_after(reach.len);
@@ -217,12 +217,12 @@ impl Tail {
     }
 }
 
-/// How far the log of a folder is said to reach.
+/// How far the log of a folder reaches, according to its head.
 pub(super) fn head_of(folder: &Path) -> Option<Mark> {
     Mark::read(&mut File::open(folder.join(HEAD)).ok()?)
 }
 
-/// Keeps all others away: two who add to one chain break it.
+/// Locks the log: two writers would break the chain.
 fn lock(head: &File) -> Result<()> {
     for _ in 0..LOCK_TRIES {
         if head.try_lock().is_ok() {
@@ -233,8 +233,7 @@ fn lock(head: &File) -> Result<()> {
     Err(ErrorKind::WouldBlock.into())
 }
 
-/// Keeps whoever would write the log of a folder away, for as long as this is kept; nothing where
-/// there is none yet.
+/// Locks out writers of a folder's log until this is dropped; `None` if there is no log yet.
 pub(super) fn hold(folder: &Path) -> Result<Option<File>> {
     let head = match File::open(folder.join(HEAD)) {
         Ok(head) => head,
@@ -246,7 +245,7 @@ pub(super) fn hold(folder: &Path) -> Result<Option<File>> {
     Ok(Some(head))
 }
 
-/// The last record before the newest file, and what was begun before it; none where nobody knows.
+/// The last record before the newest file, and the entries open then; `None` if not known.
 fn before_newest(folder: &Path, found: &mut Found) -> Result<Option<Mark>> {
     let Some(first) = files::all_full(folder)?.pop() else {
         return Ok(Some(files::anchor(folder)));
@@ -259,7 +258,7 @@ fn before_newest(folder: &Path, found: &mut Found) -> Result<Option<Mark>> {
     Ok(lines.and_then(|lines| walk(lines, None, start == 0, &mut found.unfinished)))
 }
 
-/// Keeps a broken log under another name, and begins a new one.
+/// Keeps a broken log under another name, and starts a new one.
 fn put_aside(path: &Path, found: &mut Found) -> Result<File> {
     let now = millis(SystemTime::now()).unsigned_abs();
     let aside = path.with_file_name(format!("audit.broken-{now}.log"));
@@ -270,14 +269,13 @@ fn put_aside(path: &Path, found: &mut Found) -> Result<File> {
     files::open_or_make(path)
 }
 
-/// The end of the log; none where its last part is no chain. What was written in part is taken
-/// away.
+/// The end of the log; `None` if its last part is not a chain. A partial write is removed.
 fn find_end(file: &mut File, before: Option<&Mark>, found: &mut Found) -> Result<Option<Reach>> {
     let len = file.metadata()?.len();
     let start = len.saturating_sub(WINDOW);
     let window = read_at(file, start, len)?;
     let Some(end) = window.iter().rposition(|byte| *byte == b'\n') else {
-        // Nothing but a first record that was torn is no loss; a log without an end of line is.
+        // A torn first record alone is no loss; a log without a newline is.
         if start > 0 {
             return Ok(None);
         }
@@ -311,8 +309,8 @@ pub(super) fn first_of(file: &mut File) -> Result<Option<u64>> {
     Ok(line.and_then(decode).map(|(_, numbered)| numbered.seq))
 }
 
-/// Walks along the last lines of a file, which may be all of it and follow upon a record; gives
-/// back the last one.
+/// Checks the last lines of a file, which may be all of it and then follow a given record; returns
+/// the last one.
 fn walk(
     lines: &[u8],
     before: Option<&Mark>,
@@ -322,7 +320,7 @@ fn walk(
     let mut last = before.filter(|_| from_first).cloned();
     for (index, line) in lines.split(|byte| *byte == b'\n').enumerate() {
         if index == 0 && !from_first {
-            // The window begins in the middle of this one.
+            // The window begins in the middle of this line.
             continue;
         }
         let (hash, numbered) = match &last {

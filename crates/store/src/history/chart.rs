@@ -1,35 +1,35 @@
-//! Many samples made into a chart: each where they are few, else the least, the greatest and the
-//! mean of so many stretches of time.
+//! Reduces many samples to a chart: all of them if there are only a few, otherwise minimum, maximum
+//! and mean of a number of buckets.
 
 use super::{Grade, Sample};
 
-/// How many stretches a chart has at most.
+/// Maximum number of buckets of a chart.
 pub const BUCKETS_MAX: usize = 4_000;
 
 /// The chart of a point.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Chart {
-    /// Every sample, after the one in force at the beginning.
+    /// All samples, preceded by the one valid at the beginning.
     Samples(Vec<Sample>),
-    /// Stretches of time of the same length.
+    /// Buckets of the same length.
     Buckets(Vec<Bucket>),
 }
 
-/// A stretch of time.
+/// A bucket.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bucket {
     /// When it begins, in milliseconds since 1970.
     pub t: i64,
-    /// The least and the greatest value that was in force, and the mean over the time for which
-    /// one was; none where there was none.
+    /// Minimum and maximum of the values in it, and the mean over the time for which one is known;
+    /// `None` if there is none.
     pub values: Option<Spread>,
-    /// How many samples fell into it.
+    /// Number of samples in it.
     pub n: u32,
     /// The worst quality in it.
     pub grade: Grade,
 }
 
-/// How values are spread.
+/// The distribution of values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
     /// The least.
@@ -40,16 +40,16 @@ pub struct Spread {
     pub mean: f64,
 }
 
-/// Makes a chart of samples that come one after the other.
+/// Builds a chart from consecutive samples.
 pub(super) struct Plotter {
     from: i64,
     to: i64,
     width: i64,
     raw_max: usize,
-    /// All samples, as long as they are few.
+    /// All samples, as long as there are only a few.
     raw: Option<Vec<Sample>>,
     cells: Vec<Cell>,
-    /// The sample in force.
+    /// The current sample.
     now: Option<Sample>,
 }
 
@@ -64,7 +64,7 @@ struct Cell {
 }
 
 impl Plotter {
-    /// For samples from one time to before another.
+    /// For samples in a half-open interval.
     pub(super) fn new(from: i64, to: i64, buckets: usize) -> Plotter {
         let buckets = buckets.clamp(1, BUCKETS_MAX);
         let span = to.saturating_sub(from).max(1);
@@ -77,8 +77,8 @@ impl Plotter {
         }
     }
 
-    /// The same in stretches of so many milliseconds, however few the samples are; none where
-    /// these would be more than [`BUCKETS_MAX`].
+    /// The same with buckets of this many milliseconds, however few samples there are; `None` if
+    /// that would be more than [`BUCKETS_MAX`].
     pub(super) fn steps(from: i64, to: i64, width: i64) -> Option<Plotter> {
         let span = to.saturating_sub(from).max(1);
         let fits = width > 0 && span.saturating_sub(1) / width < BUCKETS_MAX as i64;
@@ -116,7 +116,7 @@ impl Plotter {
         }
     }
 
-    /// The chart; nothing is known of the time after `known_to`.
+    /// The chart; nothing is known about the time after `known_to`.
     pub(super) fn end(mut self, known_to: i64) -> Chart {
         self.hold_until(known_to.min(self.to));
         if let Some(raw) = self.raw {
@@ -135,7 +135,7 @@ impl Plotter {
         self.cells.get_mut(index)
     }
 
-    /// The sample in force stays so until then.
+    /// The current sample remains valid until then.
     fn hold_until(&mut self, until: i64) {
         let Some(sample) = self.now else {
             return;
@@ -169,7 +169,7 @@ impl Cell {
         let values = self.min_max.map(|(min, max)| Spread {
             min,
             max,
-            // What was in force was so for a time.
+            // The current value was valid for some time.
             mean: (self.weighed / self.weight).clamp(min, max),
         });
         Some(Bucket {

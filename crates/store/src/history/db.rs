@@ -1,4 +1,4 @@
-//! The database file: its schema, its settings, and what is done with one that is broken.
+//! The database file: its schema, its settings, and what happens to a broken one.
 
 use rusqlite::{Connection, ErrorCode, OpenFlags};
 use std::path::{Path, PathBuf};
@@ -10,14 +10,14 @@ const FILE: &str = "history.db";
 const VERSION: i64 = 1;
 /// How many tables it has.
 const TABLES: i64 = 4;
-/// How long one waits for another connection.
+/// Timeout for another connection's lock.
 const BUSY: Duration = Duration::from_millis(500);
-/// The write-ahead log is cut to this many bytes when it was copied back.
+/// The write-ahead log is truncated to this size after a checkpoint.
 const JOURNAL_MAX: i64 = 16 << 20;
-/// So many broken files are kept.
+/// How many broken files are kept.
 const ASIDE_MAX: usize = 3;
 
-/// How to come from one version of the schema to the next.
+/// Migrations from one schema version to the next.
 const MIGRATIONS: [&str; VERSION as usize] = [
     "CREATE TABLE meta (key TEXT PRIMARY KEY, value INTEGER NOT NULL) WITHOUT ROWID;
      CREATE TABLE points (id INTEGER PRIMARY KEY, path TEXT NOT NULL UNIQUE);
@@ -38,14 +38,14 @@ const MIGRATIONS: [&str; VERSION as usize] = [
      CREATE INDEX events_of_kind ON events (kind, id);",
 ];
 
-/// Where the database of a folder lies.
+/// The path of a folder's database.
 pub(super) fn file_of(folder: &Path) -> PathBuf {
     folder.join(FILE)
 }
 
-/// Opens the database for writing; it is made where there is none.
+/// Opens the database for writing, and creates it if necessary.
 pub(super) fn open(folder: &Path) -> rusqlite::Result<Connection> {
-    // What is wrong with the folder, opening the file will tell.
+    // If the folder is unusable, opening the file will report it.
     let _ = std::fs::create_dir_all(folder);
     let mut db = Connection::open(file_of(folder))?;
     db.busy_timeout(BUSY)?;
@@ -87,7 +87,7 @@ fn migrate(db: &mut Connection) -> rusqlite::Result<()> {
     Ok(())
 }
 
-/// A database that is none of ours.
+/// The application ID of another program's database.
 fn other_schema(why: &str) -> rusqlite::Error {
     let error = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_NOTADB);
     rusqlite::Error::SqliteFailure(error, Some(why.to_owned()))
@@ -101,14 +101,14 @@ pub(super) fn open_to_read(folder: &Path) -> rusqlite::Result<Connection> {
     Ok(db)
 }
 
-/// What an error of the database comes down to.
+/// What an error of the database amounts to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Trouble {
-    /// There is no room on the disk.
+    /// The disk is full.
     Full,
-    /// The file is no database, or one that is broken or of a newer program.
+    /// The file is not a database, or is broken, or written by a newer program.
     Broken,
-    /// Something else; it may pass.
+    /// Something else; it may be transient.
     Passing,
 }
 
@@ -120,14 +120,14 @@ pub(super) fn trouble(error: &rusqlite::Error) -> Trouble {
     }
 }
 
-/// Gives a broken database another name; tells which. Only the newest of such are kept.
+/// Renames a broken database; returns the new name. Only the newest ones are kept.
 pub(super) fn put_aside(folder: &Path, now_ms: i64) -> std::io::Result<PathBuf> {
     let file = file_of(folder);
     let name = |suffix: &str| folder.join(format!("history.broken-{now_ms}.db{suffix}"));
     let aside = name("");
     std::fs::rename(&file, &aside)?;
     for suffix in ["-wal", "-shm"] {
-        // They need not be there.
+        // They may not exist.
         let _ = std::fs::rename(folder.join(format!("{FILE}{suffix}")), name(suffix));
     }
     forget_old(folder);

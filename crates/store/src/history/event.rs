@@ -1,17 +1,17 @@
-//! What happened at a site, apart from the values of its points.
+//! What happened at a site, apart from point values.
 
 use std::time::SystemTime;
 
 /// Something that happened.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Event {
-    /// Its number, a ULID; empty until it is told.
+    /// Its ID, a ULID; empty until it is published.
     pub id: String,
     /// When.
     pub at: SystemTime,
-    /// What kind of thing it is.
+    /// Its kind.
     pub kind: EventKind,
-    /// How much it matters.
+    /// Its severity.
     pub severity: Severity,
     /// The module it is about.
     pub module: Option<String>,
@@ -27,18 +27,18 @@ pub struct Event {
     pub what: Option<String>,
     /// How it was before.
     pub before: Option<String>,
-    /// How it is after it.
+    /// The state before.
     pub after: Option<String>,
-    /// How it ended.
+    /// The state after it.
     pub end: Option<String>,
-    /// What happened, as programs read it: `module_offline`.
+    /// The result.
     pub code: Option<String>,
-    /// What else is known, in the words of whoever said it.
+    /// Other information, in the words of its source.
     pub text: Option<String>,
 }
 
 impl Event {
-    /// Something that happened now.
+    /// An event that happens now.
     #[must_use]
     pub fn new(kind: EventKind, severity: Severity, code: &str) -> Event {
         Event {
@@ -81,7 +81,7 @@ impl Event {
         self
     }
 
-    /// Done by somebody.
+    /// By whom.
     #[must_use]
     pub fn by(mut self, origin: &crate::audit::Origin) -> Event {
         self.who = Some(origin.who.clone());
@@ -96,7 +96,7 @@ impl Event {
         self
     }
 
-    /// What else is known.
+    /// Other information.
     #[must_use]
     pub fn text(mut self, text: impl Into<String>) -> Event {
         self.text = Some(text.into());
@@ -124,7 +124,7 @@ macro_rules! names {
                 }
             }
 
-            /// The one of this name.
+            /// The one with this name.
             #[must_use]
             pub fn from_name(name: &str) -> Option<$name> {
                 match name {
@@ -141,17 +141,17 @@ names! {
     EventKind {
         /// An output was written.
         Write = "write",
-        /// A module is heard, or no longer.
+        /// A module came online or went offline.
         Module = "module",
         /// A line's port was opened, or lost.
         Line = "line",
         /// The configuration changed.
         Config = "config",
-        /// Somebody came or went, or tried to.
+        /// Somebody signed in or out, or tried to.
         Login = "login",
-        /// A value is where it should not be.
+        /// A value is out of its limits.
         Alarm = "alarm",
-        /// A rule acted.
+        /// A rule was triggered.
         Rule = "rule",
         /// The program itself.
         System = "system",
@@ -159,24 +159,24 @@ names! {
 }
 
 names! {
-    /// How much an event matters.
+    /// The severity of an event.
     Severity {
-        /// Good to know.
+        /// For information.
         Info = "info",
-        /// Somebody should look.
+        /// Needs attention.
         Warning = "warning",
         /// Something does not work.
         Error = "error",
     }
 }
 
-/// That somebody has seen an event.
+/// The acknowledgement of an event.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ack {
     /// Who.
     pub who: String,
     /// When, in milliseconds since 1970.
     pub at_ms: i64,
-    /// What that one says of it.
+    /// The comment.
     pub comment: String,
 }

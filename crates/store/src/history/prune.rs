@@ -1,24 +1,24 @@
-//! What is forgotten: what is too old, and then what is oldest while there is too much.
+//! Deletes what is too old, and then the oldest while there is too much.
 
 use rusqlite::{Connection, params};
 
 /// A day, in milliseconds.
 const DAY_MS: i64 = 86_400_000;
-/// So many rows are forgotten in one transaction.
+/// How many rows are deleted in one transaction.
 const ROWS_MAX: i64 = 20_000;
-/// So many transactions are made of it in one go; the rest waits for the next.
+/// How many such transactions are made in one go; the rest waits for the next.
 const STEPS_MAX: usize = 20;
-/// So many events are kept at most.
+/// Maximum number of events.
 const EVENTS_MAX: i64 = 200_000;
-/// So many free pages are given back to the system in one go.
+/// How many free pages are returned to the system in one go.
 const PAGES_MAX: i64 = 2_000;
 
 /// How much is kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Keep {
-    /// For so long, in milliseconds.
+    /// For this long, in milliseconds.
     pub age_ms: i64,
-    /// So much of it.
+    /// This many bytes.
     pub bytes: u64,
 }
 
@@ -32,7 +32,7 @@ impl Default for Keep {
     }
 }
 
-/// Forgets what is too old or too much; tells whether there may be more of that.
+/// Deletes what is too old or too much; returns whether there may be more.
 pub(super) fn prune(db: &Connection, keep: Keep, now: i64) -> rusqlite::Result<bool> {
     let mut steps = STEPS_MAX;
     forget_before(db, now.saturating_sub(keep.age_ms), &mut steps)?;
@@ -41,7 +41,7 @@ pub(super) fn prune(db: &Connection, keep: Keep, now: i64) -> rusqlite::Result<b
         let Some(oldest) = oldest(db)? else {
             break;
         };
-        // A twentieth of the time that is left.
+        // A twentieth of the remaining time span.
         let cutoff = oldest + (now - oldest).max(20) / 20;
         steps -= 1;
         forget_before(db, cutoff, &mut steps)?;
@@ -53,7 +53,7 @@ pub(super) fn prune(db: &Connection, keep: Keep, now: i64) -> rusqlite::Result<b
     Ok(steps == 0)
 }
 
-/// Forgets the samples before a time, but for the one of each point that was in force then.
+/// Deletes the samples before a time, except the one of each point that was valid then.
 fn forget_before(db: &Connection, cutoff: i64, steps: &mut usize) -> rusqlite::Result<()> {
     let mut points = db.prepare("SELECT id FROM points")?;
     let points: Vec<i64> = points
@@ -73,7 +73,7 @@ fn forget_before(db: &Connection, cutoff: i64, steps: &mut usize) -> rusqlite::R
     Ok(())
 }
 
-/// Forgets some samples of a point before a time; tells whether there may be more.
+/// Deletes some samples of a point before a time; returns whether there may be more.
 fn forget_some(db: &Connection, point: i64, before: i64) -> rusqlite::Result<bool> {
     let until: Option<i64> = db
         .prepare_cached(
@@ -91,7 +91,7 @@ fn forget_some(db: &Connection, point: i64, before: i64) -> rusqlite::Result<boo
     Ok(gone as i64 >= ROWS_MAX)
 }
 
-/// So many samples came, or went.
+/// Number of samples added or deleted.
 pub(super) fn count(db: &Connection, samples: i64) -> rusqlite::Result<()> {
     db.prepare_cached(
         "INSERT INTO meta VALUES ('samples', ?1)
@@ -101,7 +101,7 @@ pub(super) fn count(db: &Connection, samples: i64) -> rusqlite::Result<()> {
     Ok(())
 }
 
-/// Forgets events before a time, and the oldest of too many.
+/// Deletes events before a time, and the oldest if there are too many.
 fn forget_events(db: &Connection, cutoff: i64) -> rusqlite::Result<()> {
     db.execute(
         "DELETE FROM events WHERE id IN
@@ -116,7 +116,7 @@ fn forget_events(db: &Connection, cutoff: i64) -> rusqlite::Result<()> {
     Ok(())
 }
 
-/// When the oldest sample was that is not still in force; none where there is none.
+/// The time of the oldest sample that is no longer valid; `None` if there is none.
 fn oldest(db: &Connection) -> rusqlite::Result<Option<i64>> {
     db.query_row(
         "SELECT min((SELECT t FROM samples WHERE point = id AND t <
@@ -126,7 +126,7 @@ fn oldest(db: &Connection) -> rusqlite::Result<Option<i64>> {
     )
 }
 
-/// How many bytes of the file hold something.
+/// Number of bytes in use in the file.
 pub(super) fn used_bytes(db: &Connection) -> rusqlite::Result<u64> {
     let number = |name: &str| -> rusqlite::Result<i64> {
         db.pragma_query_value(None, name, |row| row.get(0))

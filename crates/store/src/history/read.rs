@@ -1,4 +1,4 @@
-//! How the database is read: by connections of their own, a few at a time.
+//! Reading the database: through separate connections, a few at a time.
 
 use super::chart::Plotter;
 use super::db;
@@ -13,29 +13,29 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 use tokio::sync::Semaphore;
 
-/// How many read at the same time; others wait.
+/// Maximum number of concurrent readers; others wait.
 const READERS_MAX: usize = 4;
-/// A chart that takes longer is given up.
+/// A chart that takes longer is aborted.
 const CHART_MAX: Duration = Duration::from_secs(5);
-/// How often that is looked at.
+/// How often that is checked.
 const LOOK_EVERY: u32 = 8_192;
-/// How many samples an export takes at a time: no reader holds the write-ahead log for long.
+/// How many samples an export reads at a time: no reader holds the write-ahead log for long.
 pub const PIECE_MAX: usize = 4_096;
-/// How many events one question looks through.
+/// How many events one query searches.
 const EVENTS_SEEN_MAX: i64 = 20_000;
 
-/// Why there is no answer.
+/// Why there is no result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum HistoryError {
-    /// Nothing is known of a point of this name.
+    /// No point with this name is known.
     NoSuchPoint,
-    /// It takes too long: ask for less.
+    /// It takes too long: request less.
     TooLong,
-    /// Too much is waiting.
+    /// Too many requests are waiting.
     Busy,
     /// The history was closed, or can't be opened.
     Closed,
-    /// What the database says.
+    /// The database's error.
     Database(String),
 }
 
@@ -62,12 +62,12 @@ impl From<rusqlite::Error> for HistoryError {
     }
 }
 
-/// Which events are wanted.
+/// A filter for events.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Asked {
-    /// Those before the one with this number.
+    /// Those before the one with this ID.
     pub before: Option<String>,
-    /// So many.
+    /// At most this many.
     pub limit: usize,
     /// Those of this kind.
     pub kind: Option<EventKind>,
@@ -77,28 +77,28 @@ pub struct Asked {
     pub point: Option<String>,
 }
 
-/// An event as it was kept.
+/// A stored event.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Kept {
     /// The event.
     pub event: Event,
-    /// Who has seen it.
+    /// Its acknowledgement.
     pub acked: Option<Ack>,
 }
 
-/// Some events.
+/// A page of events.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct KeptEvents {
     /// The newest first.
     pub events: Vec<Kept>,
-    /// Before which number to go on; none where there are no more.
+    /// The ID before which to continue; `None` if there are no more.
     pub next: Option<String>,
 }
 
-/// How much is kept.
+/// Size and state of the history.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Storage {
-    /// Bytes of the file that hold something.
+    /// Bytes in use in the file.
     pub bytes: u64,
     /// Bytes of the write-ahead log.
     pub wal_bytes: u64,
@@ -106,22 +106,22 @@ pub struct Storage {
     pub oldest_ms: Option<i64>,
     /// How many points it knows.
     pub points: u64,
-    /// How many samples were written and not forgotten since.
+    /// How many samples were written and not deleted since.
     pub samples: u64,
-    /// Samples and events that were not kept since the program began.
+    /// Samples and events dropped since the program started.
     pub dropped: u64,
-    /// There is no room on the disk.
+    /// The disk is full.
     pub disk_full: bool,
     /// The last transaction failed.
     pub failing: bool,
 }
 
-/// The connections of those who read.
+/// The connections for reading.
 #[derive(Debug)]
 pub(super) struct Readers {
     folder: PathBuf,
     counters: Arc<Counters>,
-    /// Those that nobody uses just now, each with the number of the file it reads.
+    /// Idle connections, each with the number of the file it reads.
     idle: Mutex<Vec<(u64, Connection)>>,
     turns: Semaphore,
 }
@@ -136,7 +136,7 @@ impl Readers {
         }
     }
 
-    /// Reads with a connection that nobody else uses meanwhile.
+    /// Reads through a connection that is not used otherwise meanwhile.
     async fn read<T, F>(self: &Arc<Readers>, question: F) -> Result<T, HistoryError>
     where
         T: Send + 'static,
@@ -174,7 +174,7 @@ impl Readers {
 }
 
 impl History {
-    /// The chart of a point from one time to before another, both in milliseconds since 1970.
+    /// The chart of a point over a half-open interval, in milliseconds since 1970.
     ///
     /// # Errors
     /// [`HistoryError`].
@@ -194,10 +194,10 @@ impl History {
         self.readers.read(question).await
     }
 
-    /// The same in stretches of so many milliseconds each, never single samples.
+    /// The same in buckets of this many milliseconds each, never single samples.
     ///
     /// # Errors
-    /// [`HistoryError`]; [`HistoryError::TooLong`] where these would be more than
+    /// [`HistoryError`]; [`HistoryError::TooLong`] if there would be more than
     /// [`BUCKETS_MAX`](super::BUCKETS_MAX).
     pub async fn steps(
         &self,
@@ -215,8 +215,8 @@ impl History {
         self.readers.read(question).await
     }
 
-    /// The last samples of a point from one time to before another, as many as asked for but at
-    /// most [`PIECE_MAX`]; where there are fewer, after the one in force at the beginning.
+    /// The last samples of a point in a half-open interval, as many as requested but at most
+    /// [`PIECE_MAX`]; if there are fewer, preceded by the one valid at the beginning.
     ///
     /// # Errors
     /// [`HistoryError`].
@@ -247,7 +247,7 @@ impl History {
         self.readers.read(question).await
     }
 
-    /// Samples of a point from one time to before another, at most [`PIECE_MAX`] of them.
+    /// Samples of a point in a half-open interval, at most [`PIECE_MAX`] of them.
     ///
     /// # Errors
     /// [`HistoryError`].
@@ -272,7 +272,7 @@ impl History {
         self.readers.read(question).await
     }
 
-    /// What a point had at a moment, with the time since when; none where that is not known.
+    /// The value of a point at a moment, with the time since when; `None` if not known.
     ///
     /// # Errors
     /// [`HistoryError`].
@@ -283,7 +283,7 @@ impl History {
         self.readers.read(question).await
     }
 
-    /// Events, the newest first.
+    /// Events, newest first.
     ///
     /// # Errors
     /// [`HistoryError`].
@@ -292,7 +292,7 @@ impl History {
         self.readers.read(move |db| events(db, &asked)).await
     }
 
-    /// An event by its number.
+    /// An event by its ID.
     ///
     /// # Errors
     /// [`HistoryError`].
@@ -307,7 +307,7 @@ impl History {
         self.readers.read(question).await
     }
 
-    /// How much is kept, and how that goes.
+    /// Size and state of the history.
     pub async fn storage(&self) -> Storage {
         self.written().await;
         let wal = format!("{}-wal", db::file_of(&self.readers.folder).display());
@@ -389,7 +389,7 @@ fn events(db: &Connection, asked: &Asked) -> Result<KeptEvents, HistoryError> {
                 fmt::Write::write_fmt(&mut sql, format_args!(" AND {column} = ?{}", values.len()));
         }
     }
-    // One more than is wanted tells whether there are more.
+    // One more than requested shows whether there are more.
     let limit = i64::try_from(asked.limit)
         .unwrap_or(EVENTS_SEEN_MAX)
         .min(EVENTS_SEEN_MAX);

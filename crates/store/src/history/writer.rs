@@ -12,15 +12,15 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant, SystemTime};
 use tokio::sync::{mpsc, oneshot};
 
-/// A sample waits at most so long for the transaction of its second.
+/// Maximum time that a sample waits for its transaction.
 const FLUSH: Duration = Duration::from_secs(1);
-/// So many are written in one transaction.
+/// Maximum number written in one transaction.
 const BATCH_MAX: usize = 8_192;
-/// How often the log is copied back, the limits are seen to, and that all is well is written.
+/// Interval of checkpoints, of enforcing the limits, and of recording that all is well.
 const TIDY: Duration = Duration::from_secs(60);
-/// The same where there is more to forget than was forgotten in one go.
+/// The same if there is more to delete than was deleted in one go.
 const TIDY_MORE: Duration = Duration::from_secs(2);
-/// How many numbers of points are remembered.
+/// How many point IDs are cached.
 const POINTS_MAX: usize = 65_536;
 
 pub(super) enum Job {
@@ -36,7 +36,7 @@ pub(super) enum Job {
     Close(oneshot::Sender<()>),
 }
 
-/// What waits for the next transaction.
+/// Queued for the next transaction.
 #[derive(Default)]
 struct Batch {
     samples: Vec<(Arc<str>, Sample)>,
@@ -87,7 +87,7 @@ impl Writer {
         }
     }
 
-    /// Works until nobody is left, or it is closed.
+    /// Runs until all senders are gone, or it is closed.
     pub(super) fn run(mut self, jobs: &Receiver<Job>) {
         self.commit();
         loop {
@@ -96,7 +96,7 @@ impl Writer {
             match jobs.recv_timeout(wait) {
                 Ok(Job::Close(done)) => {
                     self.end();
-                    // Fails where nobody waits any more.
+                    // Fails if the caller has stopped waiting.
                     let _ = done.send(());
                     return;
                 }
@@ -143,7 +143,7 @@ impl Writer {
         self.batch.due.get_or_insert(due);
     }
 
-    /// Writes what waits. What can't be written is dropped: there will be more.
+    /// Writes what is queued. What can't be written is dropped: more will come.
     fn commit(&mut self) {
         let written = match self.try_commit() {
             Err(why) if trouble(&why) == Trouble::Broken => {
@@ -174,7 +174,7 @@ impl Writer {
             Ok(()) => {}
             Err(why) => {
                 self.counters.dropped.fetch_add(count, Ordering::Relaxed);
-                // The next one opens it again.
+                // The next write reopens it.
                 self.db = None;
                 self.points.clear();
                 if !failed_before {
@@ -214,13 +214,13 @@ impl Writer {
         }
         let end = step.commit();
         if end.is_err() {
-            // Numbers that were given out in it stand for nothing.
+            // IDs assigned in it are void.
             self.points.clear();
         }
         end
     }
 
-    /// Opens the database; of the time since the last program ended nothing is known.
+    /// Opens the database; nothing is known about the time since the last program ended.
     fn open(&mut self) -> rusqlite::Result<Connection> {
         let mut db = db::open(&self.folder)?;
         let step = db.transaction()?;
@@ -234,14 +234,14 @@ impl Writer {
             [Grade::Bad.number()],
         )?;
         step.commit()?;
-        // Who reads opens it anew, and who records begins anew.
+        // Readers reopen it, and the recorder starts anew.
         self.counters.generation.fetch_add(1, Ordering::Relaxed);
-        // Statements that insert are many, and few differ.
+        // There are many inserts, with few different statements.
         db.set_prepared_statement_cache_capacity(16);
         Ok(db)
     }
 
-    /// The database is none: it is kept under another name.
+    /// The file is not a usable database: it is kept under another name.
     fn begin_anew(&mut self, why: &rusqlite::Error) {
         self.db = None;
         self.points.clear();
@@ -262,15 +262,15 @@ impl Writer {
         Ok(changed.map_err(HistoryError::from)? > 0)
     }
 
-    /// Sees to the limits, and copies the write-ahead log back; tells whether there is more to
-    /// forget.
+    /// Enforces the limits, and checkpoints the write-ahead log; returns whether there is more to
+    /// delete.
     fn tidy(&mut self) -> bool {
         let Some(db) = &self.db else {
             return false;
         };
         let now = millis(SystemTime::now());
         let pruned = prune::prune(db, self.keep, now);
-        // What is wrong shows at the next commit, too, and is seen to there.
+        // A problem shows at the next commit, too, and is handled there.
         let _ = checkpoint(db);
         pruned.unwrap_or(false)
     }
@@ -278,25 +278,25 @@ impl Writer {
     fn end(&mut self) {
         self.commit();
         if let Some(db) = &self.db {
-            // Whoever opens it next copies the log back, where this can't.
+            // If this fails, the next one to open it makes the checkpoint.
             let _ = checkpoint(db);
         }
         self.db = None;
     }
 
-    /// A listener that is too slow has enough to tell already.
+    /// A listener that is too slow has enough notices already.
     fn tell(&self, severity: Severity, code: &str, text: String) {
         let event = Event::new(EventKind::System, severity, code).text(text);
         let _ = self.notify.try_send(event);
     }
 }
 
-/// Copies the log back and empties it; left for later where somebody still reads from it.
+/// Makes a checkpoint and truncates the log; left for later if it is still being read.
 fn checkpoint(db: &Connection) -> rusqlite::Result<()> {
     db.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()))
 }
 
-/// Until now all is well: what is in force, is in force.
+/// Records that all is well so far: current values are valid until now.
 fn alive(step: &Transaction<'_>) -> rusqlite::Result<()> {
     step.prepare_cached("INSERT OR REPLACE INTO meta VALUES ('alive', ?1)")?
         .execute([millis(SystemTime::now())])?;

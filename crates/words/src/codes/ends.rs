@@ -1,4 +1,4 @@
-//! Rights, differences, and ends that are no faults: exit codes from 9 on.
+//! Permissions, differences, and ends that are not failures: exit codes from 9 on.
 
 use super::{Code, codes};
 

@@ -1,4 +1,4 @@
-//! What a module did or did not: exit codes 3 to 6.
+//! Failures of a module: exit codes 3 to 6.
 
 use super::{Code, GARBLED, codes};
 

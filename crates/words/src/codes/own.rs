@@ -1,4 +1,4 @@
-//! The program itself, and how it was called: exit codes 1 and 2.
+//! Failures of the program itself, and wrong usage: exit codes 1 and 2.
 
 use super::{Code, codes};
 
