@@ -23,6 +23,7 @@ mod rust;
 mod sheets;
 mod sleep;
 mod tree;
+mod unique_names;
 mod unsafe_code;
 mod vectors_used;
 
@@ -99,6 +100,10 @@ const CHECKS: &[Check] = &[
     Check {
         name: "deny-named",
         run: deny_named::check,
+    },
+    Check {
+        name: "unique-names",
+        run: unique_names::check,
     },
 ];
 
