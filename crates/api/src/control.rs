@@ -1,4 +1,4 @@
-//! The values of the API that are about several outputs, or about what is done to them later.
+//! The types of the API for several outputs at once, and for scheduled actions.
 
 use super::problem::Problem;
 use super::types::Confirmed;
@@ -9,15 +9,15 @@ use utoipa::ToSchema;
 /// `POST /api/v1/batch`: several outputs of any modules.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BatchRequest {
-    /// The outputs, each named once.
+    /// The outputs, each only once.
     pub set: Vec<BatchItem>,
-    /// Where one fails, what was done is taken back.
+    /// If one fails, the others are switched back.
     #[serde(default)]
     pub all_or_nothing: bool,
-    /// Read them back and compare, where the module can.
+    /// Read the outputs back and compare, if the module can.
     #[serde(default = "yes")]
     pub verify: bool,
-    /// Who asks means it, also where an output wants that to be said.
+    /// The operation is confirmed, for outputs that require it.
     #[serde(default)]
     pub confirm: bool,
 }
@@ -26,7 +26,7 @@ const fn yes() -> bool {
     true
 }
 
-/// One output of several.
+/// One of several outputs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct BatchItem {
     /// Its path: `oven.k1`.
@@ -35,38 +35,38 @@ pub struct BatchItem {
     pub value: bool,
 }
 
-/// What came of several outputs.
+/// The result of switching several outputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BatchAnswer {
     /// The version of the API.
     pub schema: u8,
-    /// Each of them, in the order asked.
+    /// The results, in the order requested.
     pub results: Vec<BatchResult>,
-    /// One failed, and all that was done was taken back.
+    /// One failed, and all others were switched back.
     pub undone: bool,
 }
 
-/// What came of one output of several.
+/// The result for one of several outputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BatchResult {
     /// Its path.
     pub path: String,
-    /// What it is now; none where nobody can know.
+    /// Its state now; null if it can't be known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub value: Option<bool>,
-    /// What it was before, where that was known.
+    /// Its state before, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub before: Option<bool>,
-    /// How far that is certain; none where it was not switched.
+    /// How far the result is confirmed; null if it was not switched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirmed: Option<Confirmed>,
-    /// From handing the command in to the last byte of its own reply.
+    /// From submitting the command to the last byte of its own reply.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub took_ms: Option<u64>,
-    /// Its number in the list of what was done.
+    /// The ID of its entry in the audit log.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub audit: Option<String>,
-    /// Why it was not switched, or is not any more.
+    /// Why it was not switched, or was switched back.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<Problem>,
 }
@@ -83,33 +83,33 @@ pub struct Groups {
 /// Outputs that are switched together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct GroupInfo {
-    /// The group's name in commands.
+    /// The group's name in the configuration.
     pub group: String,
-    /// What people call it, by language.
+    /// Its display name, by language.
     pub name: BTreeMap<String, String>,
     /// The paths of its outputs.
     pub members: Vec<String>,
-    /// In how many frames it is switched.
+    /// The number of frames needed to switch it.
     pub frames: usize,
 }
 
 /// `POST /api/v1/groups/{group}/set`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct GroupRequest {
-    /// On, off, or the other way round.
+    /// On, off, or toggle.
     pub value: GroupValue,
-    /// Where one fails, what was done is taken back.
+    /// If one fails, the others are switched back.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub all_or_nothing: bool,
-    /// Read them back and compare, where the module can.
+    /// Read the outputs back and compare, if the module can.
     #[serde(default = "yes")]
     pub verify: bool,
-    /// Who asks means it, also where an output wants that to be said.
+    /// The operation is confirmed, for outputs that require it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
 }
 
-/// What a group is brought into.
+/// The target state of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum GroupValue {
@@ -119,11 +119,11 @@ pub enum GroupValue {
     Word(GroupWord),
 }
 
-/// A word for what a group is brought into.
+/// The other target states of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GroupWord {
-    /// Off where any of it is on or may be, else on.
+    /// Off if any output is on or may be, otherwise on.
     Toggle,
 }
 
@@ -136,14 +136,14 @@ pub struct Scenes {
     pub scenes: Vec<SceneInfo>,
 }
 
-/// Steps that are done one after the other.
+/// Steps that are carried out one after the other.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SceneInfo {
-    /// The scene's name in commands.
+    /// The scene's name in the configuration.
     pub scene: String,
-    /// What people call it, by language.
+    /// Its display name, by language.
     pub name: BTreeMap<String, String>,
-    /// What it does.
+    /// Its steps.
     pub steps: Vec<StepInfo>,
 }
 
@@ -151,16 +151,16 @@ pub struct SceneInfo {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum StepInfo {
-    /// An output is brought into a state.
+    /// An output is switched.
     Set {
         /// The path of the output.
         path: String,
         /// On or off.
         value: bool,
     },
-    /// Nothing happens for so long.
+    /// A pause.
     Wait {
-        /// For so long.
+        /// Its duration.
         wait_ms: u64,
     },
 }
@@ -168,7 +168,7 @@ pub enum StepInfo {
 /// `POST /api/v1/scenes/{scene}/run`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SceneRequest {
-    /// Who asks means it, also where an output wants that to be said.
+    /// The operation is confirmed, for outputs that require it.
     #[serde(default)]
     pub confirm: bool,
 }
@@ -178,31 +178,31 @@ pub struct SceneRequest {
 pub struct LeaseRequest {
     /// On or off.
     pub value: bool,
-    /// How long it is held unless that is said again: 200 ms to an hour.
+    /// How long it is held unless renewed: 200 ms to one hour.
     pub ttl_ms: u64,
-    /// Who asks means it, also where an output wants that to be said.
+    /// The operation is confirmed, for outputs that require it.
     #[serde(default)]
     pub confirm: bool,
 }
 
-/// How an output is held.
+/// The lease of an output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LeaseAnswer {
-    /// What it is now; none where nobody can know.
+    /// Its state now; null if it can't be known.
     pub value: Option<bool>,
-    /// Until when it is held, as RFC 3339 in UTC; none where it is not any more.
+    /// Until when it is held, as RFC 3339 in UTC; null if it is no longer held.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until: Option<String>,
-    /// It was held already, and nothing was sent.
+    /// The lease was renewed, and nothing was sent.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub renewed: bool,
-    /// What it was before, where that was known and it was switched.
+    /// Its state before, if known and if it was switched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub before: Option<bool>,
-    /// How far that is certain, where it was switched.
+    /// How far the result is confirmed, if it was switched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirmed: Option<Confirmed>,
-    /// The number in the list of what was done, where it was switched.
+    /// The ID of the entry in the audit log, if it was switched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub audit: Option<String>,
 }

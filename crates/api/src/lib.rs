@@ -1,4 +1,4 @@
-//! What `railbus serve` and its callers say to each other: one set of types for the server, the
+//! The messages between `railbus serve` and its clients: one set of types for the server, the
 //! client, and the machine-readable output of every command.
 
 #![forbid(unsafe_code)]

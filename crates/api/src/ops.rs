@@ -1,4 +1,4 @@
-//! What takes its time: scans and changes of settings, as the API tells of them.
+//! Operations that take a while: scans and changes of settings.
 
 use super::problem::Problem;
 use super::settings::SettingsRun;
@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScanRequest {
-    /// The lines; may be left out where there is only one.
+    /// The lines; optional if there is only one.
     #[serde(default)]
     pub lines: Vec<String>,
     /// How far it goes.
@@ -39,36 +39,36 @@ pub enum ScanDepth {
     Deep,
 }
 
-/// Something was begun.
+/// An operation was started.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct OpBegun {
-    /// Its number, for `GET /api/v1/ops/{op}`.
+    /// Its ID, for `GET /api/v1/ops/{op}`.
     pub op: String,
 }
 
-/// `GET /api/v1/ops`: what runs, and what ended lately; oldest first.
+/// `GET /api/v1/ops`: running and recent operations, oldest first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Ops {
     /// The version of the API.
     pub schema: u8,
-    /// The oldest first.
+    /// Oldest first.
     pub ops: Vec<OpInfo>,
 }
 
-/// Something that takes its time.
+/// An operation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OpInfo {
-    /// Its number.
+    /// Its ID.
     pub op: String,
-    /// What it is: `scan`, `settings`, `calibration`, `recovery`.
+    /// Its kind: `scan`, `settings`, `calibration`, `recovery`.
     pub kind: String,
-    /// The lines it is on.
+    /// Its lines.
     pub lines: Vec<String>,
-    /// Who began it.
+    /// Who started it.
     pub who: String,
-    /// When it began.
+    /// When it was started.
     pub started: String,
-    /// How it is.
+    /// Its state.
     pub state: OpState,
     /// How much of it is done.
     pub done: u64,
@@ -76,15 +76,15 @@ pub struct OpInfo {
     pub total: u64,
     /// The same in percent.
     pub percent: f64,
-    /// How many modules were found so far.
+    /// Number of modules found so far.
     pub found: u64,
-    /// How long the rest takes, about.
+    /// Estimated time left.
     pub left_ms: u64,
-    /// How long it was thought to take.
+    /// Estimated duration at the start.
     pub estimate_ms: u64,
     /// What was found so far.
     pub result: ScanResult,
-    /// What is changed, where settings are.
+    /// For a change of settings: the change.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub settings: Option<SettingsRun>,
     /// Why it failed.
@@ -92,110 +92,110 @@ pub struct OpInfo {
     pub error: Option<Problem>,
 }
 
-/// How an operation is.
+/// The state of an operation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OpState {
-    /// It is under way.
+    /// It is running.
     #[default]
     Running,
-    /// It came to its end.
+    /// It has completed.
     Done,
-    /// Somebody ended it before.
+    /// It was cancelled.
     Cancelled,
-    /// It could not go on.
+    /// It failed.
     Failed,
 }
 
-/// What a scan found.
+/// The result of a scan.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ScanResult {
-    /// Everyone who answered.
+    /// All modules that answered.
     pub modules: Vec<ScanModule>,
-    /// Everyone was asked.
+    /// The scan is complete.
     pub complete: bool,
-    /// The places at which two modules may be, or somebody whose replies are spoilt.
+    /// Addresses with two modules, or with a module whose replies are corrupted.
     pub conflicts: Vec<ScanPlace>,
-    /// Modules of the configuration that were asked and did not answer.
+    /// Configured modules that did not answer.
     pub missing: Vec<String>,
-    /// Lines on which modules were found only by a longer wait: others may be missing.
+    /// Lines on which modules were found only after a longer timeout: others may be missing.
     pub slow: Vec<String>,
-    /// Who was not asked.
+    /// What was not tried.
     pub left_out: Vec<ScanLeftOut>,
 }
 
 /// A module that was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ScanModule {
-    /// The line it hangs on.
+    /// The line it is on.
     pub line: String,
     /// Its address.
     pub address: u8,
-    /// The protocol it speaks: `rtu`, `ascii`, `lc02`, `r55`.
+    /// Its protocol: `rtu`, `ascii`, `lc02`, `r55`.
     pub protocol: String,
-    /// What the configuration would call its model; none where that is not known.
+    /// Its model as in the configuration; null if not known.
     pub model: Option<String>,
-    /// What it says it is, or is known by.
+    /// The name it reports, or by which it was identified.
     pub title: String,
-    /// It is known by how it behaves, and refuses; it does not say what it is.
+    /// It was identified by its behaviour, refusals included; it does not report its model.
     pub by_behaviour: bool,
-    /// The models that it could be, where nothing proves one; `model` is none then.
+    /// The models it could be, if none is proved; `model` is null then.
     pub could_be: Vec<String>,
     /// Its speed.
     pub baud: u32,
     /// Its character format, as `8N1`.
     pub format: String,
-    /// Whether its ASCII frames carry a checksum; none in other protocols.
+    /// Whether its ASCII frames carry a checksum; null in other protocols.
     pub checksum: Option<bool>,
     /// From the end of a request to the beginning of its reply.
     pub rtt_ms: f64,
-    /// What its answers amount to: `ok`, `could_be` one of several models, `refused`, `odd` (no
-    /// model that is known), `garbled`.
+    /// The verdict on its replies: `ok`, `could_be` one of several models, `refused`, `odd` (no
+    /// known model), `garbled`.
     pub verdict: String,
-    /// What it was asked, and what it answered.
+    /// Requests and responses.
     pub evidence: Vec<String>,
     /// Its name in the configuration.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// The configuration says that it is another model.
+    /// The configuration has another model there.
     pub differs: bool,
-    /// A free name for it, where it is new and known well enough to be added.
+    /// A free name for it, if it is new and identified well enough to be added.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub suggest: Option<String>,
 }
 
-/// Where something is.
+/// The place of a module.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ScanPlace {
     /// The line.
     pub line: String,
     /// The address.
     pub address: u8,
-    /// The protocol in which it was heard.
+    /// The protocol in which it answered.
     pub protocol: String,
-    /// At which speed.
+    /// The speed.
     pub baud: u32,
 }
 
-/// A part of a scan that was not done.
+/// A part of a scan that was not tried.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ScanLeftOut {
     /// The line.
     pub line: String,
     /// The protocol.
     pub protocol: String,
-    /// At which speed.
+    /// The speed.
     pub baud: u32,
-    /// In which format.
+    /// The character format.
     pub format: String,
-    /// Who was not asked: `1-32,64`.
+    /// The addresses: `1-32,64`.
     pub addresses: String,
 }
 
-/// `POST /api/v1/ops/{op}/answer`: the answer to what an operation asks.
+/// `POST /api/v1/ops/{op}/answer`: the answer to a question of an operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OpAnswer {
-    /// Go on; otherwise it ends there.
+    /// Continue; otherwise it ends there.
     pub go: bool,
 }

@@ -1,4 +1,4 @@
-//! What was: samples, events and the log of what was done.
+//! The past: samples, events and the audit log.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -10,46 +10,46 @@ pub struct HistoryInfo {
     pub schema: u8,
     /// The path of the point.
     pub point: String,
-    /// From when to when.
+    /// Start.
     pub from: String,
-    /// Until when.
+    /// End.
     pub to: String,
     /// The unit of the values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
     /// Whether these are all samples.
     pub raw: bool,
-    /// Where `raw`: from when on the point had which value. The first may be older than `from`.
+    /// If `raw`: the samples. The first may be older than `from`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub samples: Option<Vec<SampleInfo>>,
-    /// Else: stretches of time.
+    /// Otherwise: buckets.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub buckets: Option<Vec<BucketInfo>>,
 }
 
-/// From when on a point had which value.
+/// The value of a point from a time on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SampleInfo {
     /// Milliseconds since 1970.
     pub t: i64,
-    /// The value; null where nothing is known.
+    /// The value; null if unknown.
     pub v: Option<f64>,
-    /// How good it is.
+    /// Its quality.
     pub q: String,
 }
 
-/// A stretch of time.
+/// A bucket.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct BucketInfo {
     /// When it begins, in milliseconds since 1970.
     pub t: i64,
-    /// The least and the greatest value, and the mean over time; null where nothing is known.
+    /// Minimum, maximum and mean over time; null if unknown.
     pub min: Option<f64>,
-    /// The greatest value.
+    /// The maximum.
     pub max: Option<f64>,
     /// The mean over time.
     pub mean: Option<f64>,
-    /// How many samples fell into it.
+    /// Number of samples in it.
     pub n: u32,
     /// The worst quality in it.
     pub q: String,
@@ -58,13 +58,13 @@ pub struct BucketInfo {
 /// An event.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EventInfo {
-    /// Its number; numbers sort by time.
+    /// Its ID; IDs sort by time.
     pub id: String,
     /// When, as RFC 3339 in UTC.
     pub at: String,
     /// What kind of event: `write`, `module`, `line`, ...
     pub kind: String,
-    /// How much it matters: `info`, `warning`, `error`.
+    /// Its severity: `info`, `warning`, `error`.
     pub severity: String,
     /// The module.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -75,66 +75,66 @@ pub struct EventInfo {
     /// The line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<String>,
-    /// Who asked for it.
+    /// Who requested it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub who: Option<String>,
-    /// The way it came: `cli`, `http 192.168.1.7`, ...
+    /// How the request came in: `cli`, `http 192.168.1.7`, ...
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub via: Option<String>,
-    /// What was asked of the module: `do0=on do1=off`.
+    /// The command to the module: `do0=on do1=off`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub what: Option<String>,
-    /// What was known to be before it.
+    /// The known state before it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub before: Option<String>,
-    /// What was known to be after it.
+    /// The known state after it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub after: Option<String>,
-    /// How it ended: `readback`, `reply`, `sent`, or what went wrong.
+    /// Its result: `readback`, `reply`, `sent`, or the name of the error.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub end: Option<String>,
-    /// What happened: `module_offline`.
+    /// The event itself: `module_offline`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub code: Option<String>,
-    /// More about it, in English.
+    /// Details, in English.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
-    /// Who has seen it, if anybody has said so.
+    /// Its acknowledgement, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub acked: Option<AckInfo>,
 }
 
-/// Who has seen an event.
+/// The acknowledgement of an event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AckInfo {
-    /// Who asked for it.
+    /// Who acknowledged it.
     pub who: String,
     /// When, as RFC 3339 in UTC.
     pub at: String,
-    /// What was said with it; may be empty.
+    /// The comment; may be empty.
     pub comment: String,
 }
 
 /// An entry of the audit log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AuditInfo {
-    /// Its number; numbers sort by time.
+    /// Its ID; IDs sort by time.
     pub id: String,
     /// When, as RFC 3339 in UTC.
     pub at: String,
-    /// Who asked for it.
+    /// Who requested it.
     pub who: String,
-    /// The way it came: `cli`, `http 192.168.1.7`, ...
+    /// How the request came in: `cli`, `http 192.168.1.7`, ...
     pub via: String,
     /// The module.
     pub module: String,
-    /// What was asked of the module: `do0=on do1=off`.
+    /// The command to the module: `do0=on do1=off`.
     pub what: String,
-    /// What was known to be before it.
+    /// The known state before it.
     pub before: String,
-    /// What was known to be after it.
+    /// The known state after it.
     pub after: String,
-    /// How it ended; null while it is under way.
+    /// Its result; null while it is in progress.
     pub end: Option<String>,
     /// The hash of its first record.
     pub hash: String,
@@ -145,7 +145,7 @@ pub struct AuditInfo {
 pub struct EventPage {
     /// The version of the API.
     pub schema: u8,
-    /// The newest first.
+    /// Newest first.
     pub items: Vec<EventInfo>,
     /// The cursor of the next page; null on the last one.
     pub next: Option<String>,
@@ -156,63 +156,63 @@ pub struct EventPage {
 pub struct AuditPage {
     /// The version of the API.
     pub schema: u8,
-    /// The newest first.
+    /// Newest first.
     pub items: Vec<AuditInfo>,
     /// The cursor of the next page; null on the last one.
     pub next: Option<String>,
 }
 
-/// What was found along the chain of the audit log.
+/// The result of verifying the audit log.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct VerifiedInfo {
     /// The version of the API.
     pub schema: u8,
-    /// The number of the oldest record that is kept.
+    /// The number of the oldest record kept.
     pub first: u64,
-    /// How many entries and records follow upon each other.
+    /// The number of consecutive entries.
     pub entries: u64,
-    /// How many records there are.
+    /// The number of consecutive records.
     pub records: u64,
-    /// Whether all follow upon each other.
+    /// Whether the chain is intact.
     pub ok: bool,
-    /// The number of the first record that is not as it was written, or that is missing.
+    /// The number of the first record that was changed or is missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub broken_at: Option<u64>,
 }
 
-/// The acknowledgement of an event.
+/// To acknowledge an event.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct AckRequest {
-    /// What was said with it; may be empty.
+    /// A comment; may be empty.
     #[serde(default)]
     pub comment: String,
 }
 
-/// How much is kept.
+/// Size and state of the history.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StorageInfo {
     /// The version of the API.
     pub schema: u8,
     /// The size of the database.
     pub history_bytes: u64,
-    /// The size of what is not yet part of it.
+    /// The size of the write-ahead log.
     pub wal_bytes: u64,
-    /// Of how many points there are samples.
+    /// Number of points with samples.
     pub points: u64,
     /// How many samples there are.
     pub samples: u64,
-    /// When the oldest sample was.
+    /// The time of the oldest sample.
     pub oldest: Option<String>,
-    /// Samples and events that were not kept.
+    /// Samples and events that were dropped.
     pub dropped: u64,
-    /// There is no room left on the disk.
+    /// The disk is full.
     pub disk_full: bool,
     /// The last transaction failed.
     pub failing: bool,
     /// The last entry of the audit log could not be written.
     pub audit_failing: bool,
-    /// How much is kept at most.
+    /// The maximum age.
     pub keep_ms: i64,
-    /// The size that the database may reach.
+    /// The maximum size of the database.
     pub max_bytes: u64,
 }

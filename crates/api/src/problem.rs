@@ -1,5 +1,5 @@
-//! Why something was not done, as data: the code says what to tell, the rest fills the gaps.
-//! Over HTTP it is an `application/problem+json` [RFC 9457].
+//! Why a request failed, as data: the code selects the text, the rest fills its placeholders. Over
+//! HTTP it is an `application/problem+json` [RFC 9457].
 
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -7,23 +7,23 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// Why something was not done.
+/// Why a request failed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
-    /// The stable code, as `E0301`. Its first two digits are the exit code.
+    /// The stable code, such as `E0301`. Its first two digits are the exit code.
     pub code: String,
-    /// In one English sentence, for those who know no better.
+    /// One English sentence, for clients that do not know the code.
     pub title: String,
     /// The HTTP status.
     pub status: u16,
-    /// What it was about and what was met: `module`, `line`, `point`, `address`, `protocol`,
-    /// `model`, `attempts`, `rx_bytes`, `reason`, ...; which of them, depends on the code.
+    /// The subject and the circumstances: `module`, `line`, `point`, `address`, `protocol`,
+    /// `model`, `attempts`, `rx_bytes`, `reason`, ...; which ones depends on the code.
     #[serde(flatten)]
     pub with: BTreeMap<String, serde_json::Value>,
     /// Commands that may help.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub hint: Vec<String>,
-    /// The command may still have taken effect: look before repeating. Left out where it can't
+    /// The command may still have taken effect: check before repeating it. Left out if it can't
     /// have.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub may_have_acted: bool,
@@ -42,13 +42,13 @@ impl Problem {
         }
     }
 
-    /// Adds what it was about.
+    /// Adds a field.
     pub fn with(mut self, key: &str, value: impl Into<serde_json::Value>) -> Problem {
         self.with.insert(key.to_owned(), value.into());
         self
     }
 
-    /// Says that the command may still have taken effect.
+    /// Marks that the command may still have taken effect.
     pub const fn perhaps_acted(mut self, perhaps: bool) -> Problem {
         self.may_have_acted |= perhaps;
         self
@@ -60,7 +60,7 @@ impl Problem {
         self
     }
 
-    /// What it says under a key, as text; empty where it says nothing.
+    /// The value of a field, as text; empty if there is none.
     pub fn text(&self, key: &str) -> String {
         match self.with.get(key) {
             Some(serde_json::Value::String(text)) => text.clone(),
@@ -80,13 +80,13 @@ pub struct Kind {
 }
 
 impl Kind {
-    /// In one English sentence, as the table of codes has it.
+    /// One English sentence, as in the table of codes.
     fn title(self) -> &'static str {
         Code::from_name(self.code).map_or("", |code| code.page().title(Lang::En))
     }
 }
 
-/// Every kind there is, and the keys that come with it.
+/// Every kind, and the fields that come with it.
 pub mod codes {
     use super::Kind;
 
@@ -103,12 +103,12 @@ pub mod codes {
         INTERNAL = "E0101", 500;
         /// Also `module`, `line`.
         OVERLOADED = "E0105", 503;
-        /// Also `module`, `line`; `lost`, as of a module: what came of the last requests to it,
-        /// where that was garbled.
+        /// Also `module`, `line`; `lost`, as of a module: the results of the last requests to it,
+        /// if those were garbled.
         EXPIRED = "E0106", 503;
         /// Also `module`, `point`.
         LOCKED = "E0107", 423;
-        /// Also `module`, `point`, `value`: what it is.
+        /// Also `module`, `point`, `value`: its state.
         NOT_AS_ASKED = "E0108", 409;
         /// Also `reason`, `socket`.
         DAEMON = "E0109", 502;
@@ -132,24 +132,24 @@ pub mod codes {
         NOT_AUDITED = "E0172", 503;
         /// Also `name`.
         NO_SUCH_EVENT = "E0173", 404;
-        /// A shorter time may go.
+        /// May be accepted with a shorter time.
         TOO_MUCH_ASKED = "E0174", 422;
-        /// Told by the command line alone: a daemon checks what it writes itself.
+        /// Only from the command line: a daemon checks what it writes itself.
         AUDIT_HELD = "E0175", 409;
-        /// Also `line`, `op`: the one that runs.
+        /// Also `line`, `op`: the running one.
         SCAN_RUNS = "E0210", 409;
         /// Also `reason`.
         SIM_ORDER = "E0290", 422;
         /// Also `module`, `line`, `address`, `protocol`, `model`, `attempts`, `rx_bytes`, `baud`,
-        /// `format`; `channel_doubtful` where the board answers, and may not have this channel.
+        /// `format`; `channel_doubtful` if the board answers, but may not have this channel.
         NO_REPLY = "E0301", 504;
         /// Also `module`, `line`, ...
         UNKNOWN = "E0302", 504;
-        /// A command with this key was begun, and its end is not known.
+        /// A command with this key was begun, and its result is not known.
         KEY_BEGUN = "E0303", 504;
         /// Also `module`, `line`, ..., `refusal`.
         REFUSED = "E0401", 502;
-        /// Also `module`, `line`, ...; `answers_as`: what is there instead.
+        /// Also `module`, `line`, ...; `answers_as`: the model that is there instead.
         OTHER_MODEL = "E0402", 409;
         /// Also `module`, `point`. To be repeated with `"confirm": true`.
         CONFIRM = "E0450", 409;
@@ -167,13 +167,14 @@ pub mod codes {
         UNDONE = "E0456", 409;
         /// Also `scene`.
         PLAYING = "E0457", 409;
-        /// Also `line`, `risk`, `needs`: the words that `confirm` must hold, `may`: what it may do.
+        /// Also `line`, `risk`, `needs`: the words that `confirm` must contain, `may`: what it may
+        /// do.
         SEND_CONFIRM = "E0458", 409;
         /// Also `module`, `line`, ..., `attempts`, `rx_bytes`, `why`.
         GARBLED = "E0501", 502;
         /// Also `line`.
         SCAN_NOISE = "E0570", 503;
-        /// Also `module`, `line`, ..., `point`, `value`: what was wanted.
+        /// Also `module`, `line`, ..., `point`, `value`: the commanded one.
         NOT_VERIFIED = "E0601", 409;
         /// Also `module`.
         NOT_UNDONE = "E0650", 409;
@@ -185,7 +186,7 @@ pub mod codes {
         NO_SUCH_POINT = "E0802", 404;
         /// Also `name`, `known`.
         NO_SUCH_LINE = "E0803", 404;
-        /// Also `module`, `point`, `model`, `width_ms` and `pulse_mode`: the module's own, where
+        /// Also `module`, `point`, `model`, `width_ms` and `pulse_mode`: the module's own, if
         /// known.
         PULSE_WIDTH = "E0804", 422;
         /// Also `module`, `model`.
@@ -202,7 +203,7 @@ pub mod codes {
         BAD_CONFIG = "E0810", 422;
         /// Also `file`, `reason`.
         CONFIG_FILE = "E0824", 422;
-        /// Also `file`, `etag`: that of the text there is now.
+        /// Also `file`, `etag`: that of the current text.
         CONFIG_CHANGED = "E0827", 412;
         /// Also `name`.
         NOT_EDITABLE = "E0828", 422;
@@ -210,9 +211,9 @@ pub mod codes {
         ALREADY_THERE = "E0829", 409;
         /// Also `file`, `reason`.
         CONFIG_NOT_WRITTEN = "E0830", 500;
-        /// No such text is kept.
+        /// There is no such version.
         NO_GENERATION = "E0831", 404;
-        /// A whole text came without saying which one it replaces.
+        /// A whole text was sent without the ETag of the text it replaces.
         NO_IF_MATCH = "E0832", 428;
         /// Also `name`.
         NO_SUCH_RULE = "E0853", 404;
@@ -234,21 +235,21 @@ pub mod codes {
         NO_SIM_MODULE = "E0863", 404;
         /// Also `name`.
         NO_SUCH_HOOK = "E0877", 404;
-        /// Also `reason`: the status that came back.
+        /// Also `reason`: the status received.
         HOOK_REFUSED = "E0878", 502;
         /// Also `path`, `reason`.
         HOOK_SECRET = "E0879", 500;
         /// Also `reason`.
         FORBIDDEN = "E0901", 403;
-        /// Told by the command line alone. Also `socket`, `served`, `config`: the two files.
+        /// Only from the command line. Also `socket`, `served`, `config`: the two files.
         OTHER_SITE = "E0884", 409;
-        /// Also `module`, `etag`: that of the values there are now.
+        /// Also `module`, `etag`: that of the current values.
         SETTINGS_CHANGED = "E0881", 412;
-        /// Settings came without saying which ones they change.
+        /// Settings were sent without the ETag of the values they change.
         NO_SETTINGS_MATCH = "E0882", 428;
-        /// Also `line`, `op`: what is done there.
+        /// Also `line`, `op`: the operation in progress.
         LINE_AT_WORK = "E0883", 409;
-        /// Nobody knows who asks.
+        /// Not authenticated.
         UNAUTHENTICATED = "E0902", 401;
         /// Name or password is wrong.
         WRONG_LOGIN = "E0904", 401;
@@ -258,9 +259,9 @@ pub mod codes {
         POINT_RIGHT = "E0906", 403;
         /// Also `retry_after_ms`.
         TRIES = "E0907", 429;
-        /// The request lacks the token of its session.
+        /// The request lacks the CSRF token of its session.
         CSRF = "E0908", 403;
-        /// The set-up link is not valid, or too old.
+        /// The set-up link is invalid or expired.
         SETUP = "E0909", 403;
         /// Also `name`.
         NO_SUCH_USER = "E0910", 404;

@@ -1,4 +1,4 @@
-//! Rules, as the API tells them.
+//! The types of the API for rules.
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -11,79 +11,79 @@ use utoipa::ToSchema;
 pub struct Rules {
     /// The version of the API.
     pub schema: u8,
-    /// The time zone of all times of day: that of the machine.
+    /// The time zone of all times of day: the machine's.
     pub time_zone: String,
     /// All rules, by name.
     pub rules: Vec<RuleInfo>,
 }
 
-/// A rule, and how it is.
+/// A rule, and its state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RuleInfo {
     /// Its name in the configuration.
     pub rule: String,
-    /// What people call it, by language.
+    /// Its display name, by language.
     pub name: BTreeMap<String, String>,
     /// Its condition.
     pub when: WhenText,
-    /// For how long its condition must hold.
+    /// How long its condition must hold.
     pub for_ms: u64,
-    /// What it does, in this order.
+    /// Its actions, in this order.
     pub then: Vec<ActionText>,
-    /// Whether it acts.
+    /// Whether it is enabled.
     pub armed: bool,
-    /// Whether it was tried against the history as it is now.
+    /// Whether it was tested on the history as it is now.
     pub tried: bool,
-    /// Where it is.
+    /// Its state.
     pub state: RuleState,
-    /// When it acts if nothing changes.
+    /// When it will trigger if nothing changes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub due: Option<String>,
-    /// When it last acted since the daemon began.
+    /// When it last triggered since the daemon started.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last: Option<String>,
-    /// How often it did.
+    /// How often it has triggered since then.
     pub count: u64,
 }
 
-/// Where a rule is.
+/// The state of a rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RuleState {
-    /// It does not act.
+    /// It is disabled.
     Disarmed,
-    /// What it waits for is not known.
+    /// The value is not known.
     Unknown,
-    /// It waits.
+    /// The condition does not hold.
     Waiting,
-    /// Its condition holds, and not yet for long enough.
+    /// The condition holds, but not yet for long enough.
     Holding,
-    /// It has acted, and its condition has not ceased since.
+    /// It has triggered, and its condition still holds.
     Acted,
-    /// It acted too often, and does so no more until it is armed anew.
+    /// It triggered too often, and is stopped until it is enabled again.
     Stopped,
 }
 
-/// A rule as somebody writes it.
+/// The definition of a rule.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = RuleText)]
 pub struct RuleText {
-    /// What people call it: one text, or one for each language.
+    /// Its display name: one text, or one for each language.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Object>)]
     pub name: Option<Value>,
     /// Its condition.
     pub when: WhenText,
-    /// For how long its condition must hold.
+    /// How long its condition must hold.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub for_ms: Option<u64>,
-    /// What it does, one to eight things.
+    /// Its actions, one to eight.
     pub then: Vec<ActionText>,
 }
 
-/// What a rule waits for: a `point` that `is`, or is `above` or `below` a value; a `time` of day;
-/// or a module or a line that is offline.
+/// The condition of a rule: a `point` that `is` in a state, or is `above` or `below` a value; a
+/// `time` of day; or a module or a line that is offline.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WhenText {
@@ -99,16 +99,16 @@ pub struct WhenText {
     /// In the unit of the point.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub below: Option<f64>,
-    /// How far a value must come back before it counts as back.
+    /// How far a value must come back before the condition ends.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hysteresis: Option<f64>,
-    /// The unit of the point: where it is said it is checked.
+    /// The unit of the point: checked if given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
     /// `06:30`, in the time zone of the machine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time: Option<String>,
-    /// `mon` to `sun`; all where nothing is said.
+    /// `mon` to `sun`; every day by default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub days: Option<Vec<String>>,
     /// A module that is offline.
@@ -119,66 +119,66 @@ pub struct WhenText {
     pub line_offline: Option<String>,
 }
 
-/// What a rule does: `set` an output `to` a state, give a `pulse`, or `notify`.
+/// An action of a rule: `set` an output `to` a state, give a `pulse`, or `notify`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ActionText {
     /// The path of an output.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub set: Option<String>,
-    /// The state that it is set to.
+    /// The state to switch it to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub to: Option<bool>,
     /// The path of an output.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pulse: Option<String>,
-    /// How long the pulse is; needed where the module has no width of its own.
+    /// The width of the pulse; required if the module has no width of its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub width_ms: Option<u64>,
-    /// A text that is told as an event.
+    /// A text to be reported as an event.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub notify: Option<String>,
 }
 
-/// Which part of the past a rule is tried against.
+/// The part of the history on which a rule is tested.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TryRequest {
-    /// The last so many hours, 1 to 168; 24 where nothing is said.
+    /// The last hours, 1 to 168; 24 by default.
     pub hours: Option<u64>,
-    /// Since when, as RFC 3339; at most 168 hours before `until`.
+    /// Start, as RFC 3339; at most 168 hours before `until`.
     #[schema(value_type = Option<String>)]
     pub since: Option<Timestamp>,
-    /// Until when, as RFC 3339; now where nothing is said.
+    /// End, as RFC 3339; now by default.
     #[schema(value_type = Option<String>)]
     pub until: Option<Timestamp>,
-    /// The rule, where none of the configuration is meant.
+    /// The rule, if it is not one of the configuration.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rule: Option<RuleText>,
-    /// Under which name it is to stand in the configuration.
+    /// Its future name in the configuration.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
 }
 
-/// When a rule would have acted, had it been armed and nothing else come of it.
+/// When a rule would have triggered, had it been enabled, without effect on anything else.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TriedInfo {
     /// The version of the API.
     pub schema: u8,
-    /// From when on was looked at.
+    /// Start of the tested period.
     pub since: String,
-    /// Until when was looked at.
+    /// End of the tested period.
     pub until: String,
-    /// When it would have acted: the first 500 times.
+    /// When it would have triggered: the first 500 times.
     pub acts: Vec<String>,
     /// How often.
     pub count: usize,
-    /// When it would have been stopped for acting too often.
+    /// When it would have been stopped for triggering too often.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stopped: Option<String>,
-    /// For how long nothing was known that it could go by.
+    /// For how long the value was not known.
     pub unknown_ms: u64,
-    /// There was more than is looked at at once: it ends before what was asked for.
+    /// There was too much data: the test ends before the end of the requested period.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub cut: bool,
 }

@@ -1,36 +1,36 @@
-//! Frames of one's own, as the API takes them and tells of them.
+//! The types of the API for raw frames.
 
 use super::types::Outcome;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// `POST /api/v1/lines/{line}/send`: a frame of one's own. It is sent once.
+/// `POST /api/v1/lines/{line}/send`: a raw frame. It is sent once.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SendRequest {
-    /// The protocol that it is of: `rtu`, `ascii`, `lc02`, `r55`.
+    /// Its protocol: `rtu`, `ascii`, `lc02`, `r55`.
     pub protocol: String,
-    /// The request in hexadecimal digits; an ASCII frame may stand as it is, `$016`, without its
-    /// end.
+    /// The request in hexadecimal; an ASCII frame may be given as text, `$016`, without its
+    /// terminator.
     pub bytes: String,
-    /// The checksum and the end are missing: add them.
+    /// Append checksum and terminator.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub complete: bool,
-    /// What it may do, said by who means it: each of the words of `needs`.
+    /// Confirmation of what it may do: each of the words of `needs`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub confirm: Vec<String>,
-    /// How long to wait for the reply to begin.
+    /// Timeout of the reply.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timeout_ms: Option<u64>,
-    /// The speed; the module's or the line's own if not said.
+    /// The speed; by default that of the module or line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub baud: Option<u32>,
-    /// The character format, as `8N1`; the module's or the line's own if not said.
+    /// The character format, as `8N1`; by default that of the module or line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub format: Option<String>,
-    /// The silence before it; 20 ms or more if not said.
+    /// The gap before it; by default at least 20 ms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gap_us: Option<u64>,
-    /// A lone CR goes before it, which ends what an ASCII module has half read. Reads only.
+    /// Send a lone CR first, which clears a partial command in an ASCII module. Reads only.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub clear: bool,
 }
@@ -42,28 +42,28 @@ pub struct SendPlan {
     pub schema: u8,
     /// The line.
     pub line: String,
-    /// The protocol that it is of.
+    /// Its protocol.
     pub protocol: String,
-    /// The whole frame, in hexadecimal digits.
+    /// The whole frame, in hexadecimal.
     pub bytes: String,
-    /// What it asks for, in words.
+    /// Its meaning, in words.
     pub meaning: String,
-    /// What it may do: `read` nothing, `output` switch outputs, `settings` change what a module
-    /// keeps, `broadcast` whatever it does, with all modules at once.
+    /// What it may do: `read` nothing, `output` switch outputs, `settings` change stored settings,
+    /// `broadcast` whatever it does, in all modules at once.
     pub risk: String,
-    /// Somebody answers it.
+    /// It has a reply.
     pub answered: bool,
-    /// The modules of the configuration that it may change.
+    /// The configured modules that it may affect.
     pub modules: Vec<String>,
     /// What it may do, in plain words.
     pub may: Vec<String>,
-    /// What the configuration says of outputs, and it does not heed.
+    /// Restrictions of the configuration that it bypasses.
     pub overrides: Vec<Override>,
-    /// The words that `confirm` must hold, or it is not sent: that of `risk`, and `override`.
+    /// The words that `confirm` must contain: that of `risk`, and `override`.
     pub needs: Vec<String>,
 }
 
-/// What is said of an output, and not heeded by a frame of one's own.
+/// A restriction of an output that a raw frame bypasses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Override {
     /// The output: `oven.k1`.
@@ -72,45 +72,45 @@ pub struct Override {
     pub rules: Vec<String>,
 }
 
-/// What came back to a frame of one's own.
+/// The result of a raw frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SendAnswer {
     /// The version of the API.
     pub schema: u8,
-    /// The line it went to.
+    /// The line it was sent on.
     pub line: String,
-    /// What was sent, in hexadecimal digits.
+    /// What was sent, in hexadecimal.
     pub sent: String,
-    /// What it asked for, in words.
+    /// Its meaning, in words.
     pub meaning: String,
-    /// What came back, in hexadecimal digits.
+    /// The bytes received, in hexadecimal.
     pub bytes: String,
-    /// In one word.
+    /// The kind of result.
     pub outcome: Outcome,
-    /// What the reply says, in words; none where there is no good one.
+    /// The meaning of the reply, in words; null if there is no valid one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub says: Option<String>,
-    /// The module answered no.
+    /// The module refused.
     pub refused: bool,
-    /// From the end of the request to the end of what came back.
+    /// From the end of the request to the end of the bytes received.
     pub after_ms: f64,
-    /// Replies to earlier frames that nobody waited for any more.
+    /// Late replies to earlier frames.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub late: Vec<LateAnswer>,
-    /// Its number in the audit log; none of a read.
+    /// The ID in the audit log; null for a read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub audit: Option<String>,
 }
 
-/// A reply that came too late.
+/// A late reply.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LateAnswer {
-    /// The protocol of what was sent: `rtu`, `ascii`, `lc02`, `r55`.
+    /// The protocol of the request: `rtu`, `ascii`, `lc02`, `r55`.
     pub protocol: String,
-    /// What was sent, in hexadecimal digits.
+    /// The request, in hexadecimal.
     pub sent: String,
     /// From the end of the request to the end of the reply.
     pub after_ms: f64,
-    /// It had been answered before.
+    /// The request had already been answered.
     pub again: bool,
 }

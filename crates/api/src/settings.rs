@@ -1,21 +1,21 @@
-//! What modules keep, as the API tells of it and takes it.
+//! The types of the API for module settings.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// `GET /api/v1/modules/{module}/settings`: what a module keeps, as it says now.
+/// `GET /api/v1/modules/{module}/settings`: the settings of a module, read now.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Settings {
     /// The version of the API.
     pub schema: u8,
     /// The module.
     pub module: String,
-    /// The mark of these values, for `If-Match`.
+    /// The ETag of these values, for `If-Match`.
     pub etag: String,
     /// All its settings.
     pub settings: Vec<Setting>,
-    /// A change of this module whose end is not known.
+    /// A change of this module whose result is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub open: Option<u64>,
 }
@@ -25,47 +25,48 @@ pub struct Settings {
 pub struct Setting {
     /// Its name: `address`, `do3.mode`.
     pub setting: String,
-    /// What it is; none where that is not known.
+    /// Its value; null if not known.
     pub value: Option<String>,
-    /// What it may be, for people: `1-32`.
+    /// Its possible values, for people: `1-32`.
     pub range: String,
-    /// The words it may be; none where it is a number.
+    /// Its possible words; null if it is a number.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub words: Vec<String>,
-    /// The least that a number may be.
+    /// The minimum, if it is a number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min: Option<f64>,
-    /// The most that a number may be.
+    /// The maximum, if it is a number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max: Option<f64>,
-    /// The unit of a number: `s`, `V`.
+    /// The unit, if it is a number: `s`, `V`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// A command changes it.
+    /// Whether a command can change it.
     pub writable: bool,
-    /// When a change acts, or what hinders it: `written`, `at_power_up`, `makers_software`,
-    /// `init_pin`, `in_ascii`, `fixed`.
+    /// When a change takes effect, or what prevents it: `written`, `at_power_up`,
+    /// `makers_software`, `init_pin`, `in_ascii`, `fixed`.
     pub access: String,
-    /// Who says the value: `module`, `place` where it is plain from where it answers, `unknown`.
+    /// Where the value comes from: `module`, `place` if it follows from where it answers,
+    /// `unknown`.
     pub source: String,
 }
 
-/// `PATCH /api/v1/modules/{module}/settings?dry_run=1`: what would be written. Nothing was.
+/// `PATCH /api/v1/modules/{module}/settings?dry_run=1`: what would be written. Nothing was sent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SettingsPlan {
     /// The version of the API.
     pub schema: u8,
     /// The module.
     pub module: String,
-    /// The mark of the values there are.
+    /// The ETag of the current values.
     pub etag: String,
     /// What would change.
     pub changes: Vec<SettingChange>,
     /// The frames that would be sent, in this order.
     pub frames: Vec<SettingFrame>,
-    /// What the change does to the line.
+    /// What the change means for the line.
     pub warnings: Vec<String>,
-    /// The module must be switched off and on meanwhile.
+    /// The module must be power-cycled meanwhile.
     pub power_cycle: bool,
 }
 
@@ -74,81 +75,81 @@ pub struct SettingsPlan {
 pub struct SettingChange {
     /// Its name: `address`, `do3.mode`.
     pub setting: String,
-    /// What it is; `?` where that is not known.
+    /// Its old value; `?` if not known.
     pub before: String,
-    /// What it becomes.
+    /// Its new value.
     pub after: String,
 }
 
 /// A frame that would be sent.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SettingFrame {
-    /// As the manual prints it.
+    /// As in the manual.
     pub frame: String,
-    /// What it says.
+    /// Its meaning.
     pub meaning: String,
 }
 
-/// A change of settings under way, or as it ended.
+/// A change of settings, in progress or completed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SettingsRun {
     /// The module.
     pub module: String,
-    /// The number of the change in the journal; 0 where nothing had to be written.
+    /// The number of the change in the journal; 0 if nothing had to be written.
     pub change: u64,
-    /// What is being done: `reading`, `vacancy`, `writing`, `looking`, `power_cycle`, `filing`,
+    /// The current step: `reading`, `vacancy`, `writing`, `looking`, `power_cycle`, `filing`,
     /// `calibrating`.
     pub stage: String,
-    /// How long the module may still be switched off and on.
+    /// Time left to power-cycle the module.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub power_left_s: Option<u64>,
     /// What changes.
     pub changes: Vec<SettingChange>,
-    /// How it ended: `done` (read back equal), `same`, `pending`, `unchanged`, `rolled_back`,
+    /// The result: `done` (verified by read-back), `same`, `pending`, `unchanged`, `rolled_back`,
     /// `halfway`, `untold`, `lost`; of a recovery also `elsewhere` (neither old nor new),
-    /// `in_place`, `moved`, `two` (modules on one address).
+    /// `in_place`, `moved`, `two` (modules at one address).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub end: Option<String>,
     /// Where the module answers now: `9 (09h), 19200 8N1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<String>,
-    /// Where it is being looked for: `9 (09h), 19200 8N1`.
+    /// Where it is being searched for: `9 (09h), 19200 8N1`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub looking: Option<String>,
-    /// How two modules on one address are parted, where a recovery found them: `plug`, `pin`,
+    /// How to separate two modules at one address, if a recovery found them: `plug`, `pin`,
     /// `boards`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parting: Option<String>,
-    /// What is asked now, to be answered by `POST /api/v1/ops/{op}/answer`.
+    /// The current question, to be answered by `POST /api/v1/ops/{op}/answer`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub question: Option<SettingsQuestion>,
-    /// Of a calibration: the readings, as far as it came.
+    /// For a calibration: the readings so far.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<Calibration>,
 }
 
-/// What somebody is asked meanwhile.
+/// A question of an operation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SettingsQuestion {
-    /// `zero`: all inputs are disconnected; `span`: the voltage lies at all of them.
+    /// `zero`: are all inputs disconnected; `span`: is the voltage applied to all of them.
     pub step: String,
-    /// What the inputs read now, in volts or milliamperes as the module is made.
+    /// The current readings of the inputs, in volts or milliamperes, depending on the module.
     pub readings: [f64; 2],
-    /// The voltage that must lie at the inputs, in volts.
+    /// The voltage to be applied to the inputs, in volts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voltage: Option<f64>,
-    /// So long an answer is waited for. Without one it ends there.
+    /// Timeout of the answer. Without one the operation ends there.
     pub wait_s: u64,
 }
 
-/// What the inputs of a module read in the course of a calibration.
+/// The readings of a module during a calibration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Calibration {
     /// Before it.
     pub before: Option<[f64; 2]>,
-    /// After the zero step; none where it was not done.
+    /// After the zero step; null if it was not done.
     pub zero: Option<[f64; 2]>,
-    /// After the span step; none where it was not done.
+    /// After the span step; null if it was not done.
     pub span: Option<[f64; 2]>,
 }
 
@@ -156,7 +157,7 @@ pub struct Calibration {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CalibrateRequest {
-    /// What lies at all inputs in the second step: `5.00 V`, which it is if not said.
+    /// The voltage applied to all inputs in the second step; default `5.00 V`.
     #[serde(default)]
     pub voltage: Option<String>,
 }
@@ -166,7 +167,7 @@ pub struct CalibrateRequest {
 pub struct SettingsLog {
     /// The version of the API.
     pub schema: u8,
-    /// The newest first.
+    /// Newest first.
     pub changes: Vec<LoggedChange>,
 }
 
@@ -175,21 +176,21 @@ pub struct SettingsLog {
 pub struct LoggedChange {
     /// Its number.
     pub change: u64,
-    /// When it ended, or was begun.
+    /// When it ended, or was started.
     pub at: String,
-    /// How it stands: `done`, `filed` where the configuration followed it, `intent` while its end
-    /// is not known, `pending`, `unchanged`, `elsewhere`, `lost`, `untold`.
+    /// Its state: `done`, `filed` if the configuration was updated, `intent` while its result is
+    /// not known, `pending`, `unchanged`, `elsewhere`, `lost`, `untold`.
     pub state: String,
-    /// Whose wish it was: `set`, `undo`, `restore`, `apply`, `calibrate`, ...
+    /// The kind of change: `set`, `undo`, `restore`, `apply`, `calibrate`, ...
     pub by: String,
-    /// The change that it takes back.
+    /// The change that it undoes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub undoes: Option<u64>,
-    /// A part of it was taken back.
+    /// A part of it was rolled back.
     pub rolled_back: bool,
-    /// It can be taken back.
+    /// It can be undone.
     pub undoable: bool,
-    /// Each setting: what it was, and what it became.
+    /// Each setting: its old and its new value.
     pub set: BTreeMap<String, [String; 2]>,
 }
 
@@ -197,37 +198,37 @@ pub struct LoggedChange {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SettingsUndo {
-    /// The change; the last one of the module if not said.
+    /// The change; by default the last one of the module.
     #[serde(default)]
     pub change: Option<u64>,
 }
 
-/// `GET /api/v1/modules/{module}/registers`: what a module says of itself, byte for byte.
+/// `GET /api/v1/modules/{module}/registers`: everything a module reports, byte by byte.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Registers {
     /// The version of the API.
     pub schema: u8,
     /// The module.
     pub module: String,
-    /// The protocol it speaks. Only over `rtu` there are registers; elsewhere there are replies.
+    /// Its protocol. There are registers only with `rtu`; otherwise there are replies.
     pub protocol: String,
-    /// What it was asked, and what it said.
+    /// The reads.
     pub reads: Vec<RegisterRead>,
 }
 
 /// One read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RegisterRead {
-    /// What was sent, in hexadecimal digits.
+    /// The request, in hexadecimal.
     pub sent: String,
-    /// What that asks.
+    /// The meaning of the request.
     pub meaning: String,
-    /// What came back, in hexadecimal digits; empty where nothing did.
+    /// The bytes received, in hexadecimal; empty if there were none.
     pub bytes: String,
-    /// What that says; none where it is no reply.
+    /// The meaning of the reply; null if it is not a valid reply.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub says: Option<String>,
-    /// From the end of the request to the end of what came back.
+    /// From the end of the request to the end of the bytes received.
     pub after_ms: f64,
     /// Coil by coil, register by register.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -240,11 +241,11 @@ pub struct RegisterRead {
 pub struct Cell {
     /// `coil`, `discrete`, `holding`.
     pub kind: String,
-    /// Its number, as frames count: from 0.
+    /// Its number in frames, from 0.
     pub at: u16,
-    /// What it is: the label of a point, or what its data sheet says.
+    /// Its meaning: the label of a point, or its name in the datasheet.
     pub name: String,
-    /// The fact of the data sheet, as `docs/datasheets` counts them.
+    /// The fact of the datasheet, as numbered in `docs/datasheets`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fact: Option<String>,
     /// Its 16 bits, or 0 or 1.

@@ -1,4 +1,5 @@
-//! Simulated lines, as the API tells of them: the modules themselves, whatever the line told.
+//! The types of the API for simulated lines: the true state of the modules, whatever was read over
+//! the line.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -20,54 +21,54 @@ pub struct SimLineInfo {
     pub line: String,
     /// Its speed in bits per second.
     pub baud: u32,
-    /// Its characters, as `8N1`.
+    /// Its character format, as `8N1`.
     pub format: String,
-    /// Its adapter is there.
+    /// Its adapter is plugged in.
     pub plugged: bool,
-    /// Characters that were spoilt because two talked at once.
+    /// Characters corrupted by collisions.
     pub collisions: u64,
-    /// What goes wrong with it and all that hangs on it.
+    /// The active faults of the line and everything on it.
     pub faults: Vec<SimFaultInfo>,
     /// Its modules; over a WebSocket those that changed.
     pub modules: Vec<SimModuleInfo>,
 }
 
-/// A simulated module, as it really is.
+/// A simulated module, in its true state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SimModuleInfo {
     /// Its name.
     pub module: String,
     /// Its family, as in the configuration: `eda9060a`.
     pub model: String,
-    /// Its family, as its maker writes it.
+    /// Its family, as written by the manufacturer.
     pub title: String,
     /// The address that it answers to.
     pub address: u8,
-    /// The protocol that it speaks: `rtu`, `ascii`, `lc02`, `r55`.
+    /// The protocol: `rtu`, `ascii`, `lc02`, `r55`.
     pub protocol: String,
     /// Its speed in bits per second.
     pub baud: u32,
-    /// Its characters, as `8N1`.
+    /// Its character format, as `8N1`.
     pub format: String,
     /// Its ASCII frames carry a checksum.
     pub checksum: bool,
-    /// Where its DIP switch stands, if it has one; 0 leaves the address to what it keeps.
+    /// The position of its DIP switch, if it has one; 0: the stored address is used.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dip: Option<u8>,
     /// Whether its INIT* pin is grounded, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub init: Option<bool>,
-    /// It has power.
+    /// It is powered.
     pub powered: bool,
-    /// Its LED shines.
+    /// Its LED is lit.
     pub lit: bool,
-    /// Replies that it gave, also those that a fault kept from the line.
+    /// Replies sent, including those suppressed by a fault.
     pub replies: u64,
-    /// Times that it started with its power, but for the first.
+    /// Number of restarts.
     pub restarts: u64,
-    /// What is at its terminals: outputs, inputs, analog inputs.
+    /// The state of its terminals: outputs, inputs, analog inputs.
     pub points: Vec<SimPointInfo>,
-    /// What goes wrong with it.
+    /// Its active faults.
     pub faults: Vec<SimFaultInfo>,
 }
 
@@ -78,7 +79,7 @@ pub struct SimPointInfo {
     pub label: String,
     /// `output`, `input` or `analog`.
     pub kind: String,
-    /// What is there: an output is on, an input high or open, or so much of the unit.
+    /// Its state: whether an output is on, whether an input is high or open, or an analog value.
     pub value: SimValue,
     /// The unit of an analog input.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -86,33 +87,33 @@ pub struct SimPointInfo {
     /// The range of an analog input.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub range: Option<[f64; 2]>,
-    /// Somebody laid this at the input, which moves by itself otherwise.
+    /// Set manually; otherwise this input changes automatically.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub by_hand: bool,
-    /// The output stays as it is, whatever the module is told.
+    /// The output is stuck: it ignores commands.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub stuck: bool,
 }
 
-/// On or off, or so much.
+/// On or off, or an analog value.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum SimValue {
     /// On or high, or not.
     Switch(bool),
-    /// So much of the unit.
+    /// A value in the unit.
     Number(f64),
 }
 
-/// A fault that stands.
+/// An active fault.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct SimFaultInfo {
-    /// As it was ordered.
+    /// As specified.
     pub fault: String,
-    /// How long it still lasts, where it ends by itself.
+    /// Time left, if it ends by itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left_ms: Option<u64>,
-    /// How many replies it is still for, where it is for some.
+    /// Number of replies left, if it is limited.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub left_replies: Option<u64>,
 }
@@ -121,19 +122,19 @@ pub struct SimFaultInfo {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimLineRequest {
-    /// false pulls the adapter out, true puts it back. Where it can't be put back, the answer
-    /// says that it is out.
+    /// false unplugs the adapter, true plugs it in again. If that fails, the answer says that it is
+    /// unplugged.
     pub plugged: bool,
 }
 
-/// `PUT /api/v1/sim/{line}/{module}`. What is not named stays.
+/// `PUT /api/v1/sim/{line}/{module}`. Whatever is not given stays as it is.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimModuleRequest {
-    /// Whether it has power.
+    /// Whether it is powered.
     #[serde(default)]
     pub powered: Option<bool>,
-    /// Where its DIP switch stands.
+    /// The position of its DIP switch.
     #[serde(default)]
     pub dip: Option<u8>,
     /// Whether its INIT* pin is grounded.
@@ -145,7 +146,7 @@ pub struct SimModuleRequest {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimInputsRequest {
-    /// What lies at inputs from now on, by their labels; null leaves one to itself again.
+    /// The values of inputs, by their labels; null releases an input.
     #[schema(value_type = BTreeMap<String, serde_json::Value>)]
     pub set: BTreeMap<String, Option<SimValue>>,
 }
@@ -154,6 +155,6 @@ pub struct SimInputsRequest {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimFaultsRequest {
-    /// What goes wrong too, as `mute 10s, stuck k1` or `bad once`.
+    /// Faults to add, such as `mute 10s, stuck k1` or `bad once`.
     pub faults: String,
 }

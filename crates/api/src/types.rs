@@ -1,5 +1,4 @@
-//! The values of the API, version 1. Fields are only ever added; readers ignore what they do
-//! not know.
+//! The types of the API, version 1. Fields are only ever added; clients must ignore unknown ones.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -8,19 +7,19 @@ use utoipa::openapi::schema::SchemaType;
 use utoipa::openapi::{ObjectBuilder, RefOr, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// The version of everything here.
+/// The version of all these types.
 pub const SCHEMA: u8 = 1;
 
-/// Which site a daemon serves, as its owner may know it.
+/// The site that a daemon serves, reported to its owner only.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SiteInfo {
     /// The version of the API.
     pub schema: u8,
-    /// Nothing is real: it is the demo.
+    /// The demo: everything is simulated.
     pub demo: bool,
-    /// The file of its configuration, without links on the way.
+    /// Its configuration file, with links resolved.
     pub config: String,
-    /// The folder of what is remembered of it.
+    /// Its state folder.
     pub state: String,
 }
 
@@ -29,31 +28,31 @@ pub struct SiteInfo {
 pub struct LineInfo {
     /// Its name.
     pub line: String,
-    /// What people call it, by language.
+    /// Its display name, by language.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub name: BTreeMap<String, String>,
-    /// Where it is plugged in, as the configuration says it.
+    /// Its port, as in the configuration.
     pub port: String,
-    /// How its port is.
+    /// The state of its port.
     pub state: PortState,
     /// Why it is not up: `missing`, `permission`, `gone`, ...
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// The program that has the port, where it is busy: `mbusd (812)`.
+    /// The program that uses the port, if it is busy: `mbusd (812)`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub holder: Option<String>,
     /// Its speed, unless a module says otherwise.
     pub baud: u32,
     /// Its character format, as `8N1`.
     pub format: String,
-    /// Something on it never stops sending.
+    /// A device on it transmits continuously.
     #[serde(default)]
     pub babble: bool,
     /// The modules on it, by name.
     pub modules: Vec<String>,
 }
 
-/// How a line's port is.
+/// The state of a line's port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PortState {
@@ -61,11 +60,11 @@ pub enum PortState {
     Opening,
     /// It is open.
     Up,
-    /// It can't be opened, or was lost; it is looked for.
+    /// It can't be opened, or was lost; opening is retried.
     Absent,
-    /// Another program has it.
+    /// Another program uses it.
     Busy,
-    /// It was closed for good.
+    /// It was closed permanently.
     Closed,
 }
 
@@ -74,21 +73,21 @@ pub enum PortState {
 pub struct ModuleInfo {
     /// Its name.
     pub module: String,
-    /// What people call it, by language.
+    /// Its display name, by language.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub name: BTreeMap<String, String>,
-    /// Where it stands; modules are shown together by it.
+    /// Where it is installed; modules are grouped by it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub area: Option<String>,
-    /// The line it hangs on.
+    /// The line it is on.
     pub line: String,
     /// Its address.
     pub address: u8,
-    /// The protocol it speaks: `rtu`, `ascii`, `lc02`, `r55`.
+    /// Its protocol: `rtu`, `ascii`, `lc02`, `r55`.
     pub protocol: String,
-    /// Its model as flags and configuration name it: `eda9060a`, `erc8`, ...
+    /// Its model, as in flags and configuration: `eda9060a`, `erc8`, ...
     pub model: String,
-    /// Its model as the maker writes it.
+    /// Its model, as written by the manufacturer.
     pub title: String,
     /// Its speed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -99,27 +98,27 @@ pub struct ModuleInfo {
     /// Whether its ASCII frames carry a checksum.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub checksum: Option<bool>,
-    /// Whether it is heard.
+    /// Its state.
     pub state: ModuleState,
-    /// What answers in its place says that it is: a model, or a name; only where that is another.
+    /// The model or name reported by the module in its place; only if it is another one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub answers_as: Option<String>,
-    /// When a value of it was read last, as RFC 3339 in UTC; only where it is not online now.
+    /// When one of its values was last read, as RFC 3339 in UTC; only if it is not online.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_good: Option<String>,
     /// From the beginning of a request to the end of its reply, smoothed; only while it is online.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rtt_ms: Option<f64>,
-    /// Exchanges that failed within the last hour.
+    /// Failed exchanges of the last hour.
     pub errors_1h: u32,
-    /// Replies that came too late within the last hour.
+    /// Late replies of the last hour.
     pub late_1h: u32,
-    /// What came instead of a good reply since the last one; only where it was asked and is not
-    /// online now.
+    /// What was received instead of a valid reply since the last one; only if requests were sent
+    /// and it is not online.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lost: Option<Lost>,
-    /// Its outputs in the order of the terminals: `1`, `0`, or `?` where it is not known how
-    /// it is now.
+    /// Its outputs in the order of the terminals: `1`, `0`, or `?` if the current state is not
+    /// known.
     pub outputs: String,
     /// Its digital inputs, in the same way.
     pub inputs: String,
@@ -130,26 +129,26 @@ pub struct ModuleInfo {
 pub struct Lost {
     /// The requests.
     pub attempts: u8,
-    /// After how many of them something came that is no reply.
+    /// How many of them received bytes that are not a valid reply.
     pub garbled: u8,
-    /// How many bytes came in all.
+    /// Number of bytes received in total.
     pub rx_bytes: u16,
-    /// Why the first of them are no reply.
+    /// Why the first of them are not a valid reply.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
 }
 
-/// Whether a module is heard.
+/// The state of a module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ModuleState {
     /// It answers.
     Online,
-    /// It answered before and does not now.
+    /// It answered before, but no longer.
     Offline,
-    /// It was not heard yet.
+    /// It has not answered yet.
     Unheard,
-    /// What answers in its place says that it is another model.
+    /// Another model answers in its place.
     OtherModel,
 }
 
@@ -162,16 +161,16 @@ pub struct PointInfo {
     pub module: String,
     /// Its label, as printed at the terminal.
     pub label: String,
-    /// What it is.
+    /// Its kind.
     pub kind: Kind,
-    /// Its number among the points of its kind, from 0 whatever the label counts from.
+    /// Its index among the points of its kind, from 0 whatever the label starts with.
     pub index: u8,
-    /// What people call it, by language.
+    /// Its display name, by language.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub name: BTreeMap<String, String>,
-    /// Its last value; none where it was never read.
+    /// Its last value; null if it was never read.
     pub value: Option<Value>,
-    /// The register that an analog value was read from.
+    /// The register of an analog value.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub raw: Option<u16>,
     /// The unit of an analog value.
@@ -180,63 +179,63 @@ pub struct PointInfo {
     /// How many decimals an analog value has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decimals: Option<u8>,
-    /// How far the value can be trusted.
+    /// The quality of the value.
     pub quality: Quality,
     /// Why it is bad.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<Reason>,
-    /// How long ago the value was read.
+    /// The age of the value.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub age_ms: Option<u64>,
-    /// From which age on it is stale.
+    /// The age from which on it is stale.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_age_ms: Option<u64>,
     /// When the value was read, as RFC 3339 in UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time: Option<String>,
-    /// It is of no interest: pages leave it out unless they are asked for it.
+    /// Not shown on the pages by default.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub hidden: bool,
-    /// It must not be written.
+    /// It can't be written.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub locked: bool,
-    /// To be switched, it wants to be told that this is meant.
+    /// Switching it requires confirmation.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
-    /// That is said by holding the switch.
+    /// Confirmation is by holding the switch.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub hold: bool,
-    /// The outputs that must not be on while this one is.
+    /// Outputs that must not be on at the same time.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub interlock: Vec<String>,
-    /// It is switched off when it has been on for so long.
+    /// Maximum on-time, after which it is switched off.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_on_ms: Option<u64>,
-    /// Once off, it stays so for so long.
+    /// Minimum off-time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_off_ms: Option<u64>,
-    /// When it is switched off because it was on for so long, as RFC 3339 in UTC.
+    /// When its maximum on-time ends, as RFC 3339 in UTC.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub on_until: Option<String>,
     /// When a pulse that the host times ends.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pulse_until: Option<String>,
-    /// Somebody holds it, and must say so again by then.
+    /// It is held by a lease, which must be renewed by then.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lease: Option<LeaseInfo>,
-    /// Switched on, it goes off by itself after this time (pulse mode).
+    /// After being switched on, it switches off by itself after this time (pulse mode).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pulse_ms: Option<u64>,
 }
 
-/// Somebody holds an output.
+/// The lease of an output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LeaseInfo {
-    /// Until when, unless that is said again; as RFC 3339 in UTC.
+    /// Its end unless renewed, as RFC 3339 in UTC.
     pub until: String,
 }
 
-/// What a point is.
+/// The kind of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -262,7 +261,7 @@ pub enum Value {
     Analog(f64),
 }
 
-/// How far a value can be trusted.
+/// The quality of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Quality {
@@ -270,11 +269,11 @@ pub enum Quality {
     Good,
     /// Read, but too long ago.
     Stale,
-    /// There is no value now; where there is one, it is the last that was read.
+    /// There is no current value; if there is a value, it is the last one read.
     Bad,
 }
 
-/// Said by hand: a whole number is both of the numbers, which "one of" forbids.
+/// Implemented by hand: a whole number matches both number types, which "one of" forbids.
 impl PartialSchema for Value {
     fn schema() -> RefOr<Schema> {
         let types = SchemaType::from_iter([Type::Boolean, Type::Number]);
@@ -305,18 +304,18 @@ pub enum Reason {
     NeverRead,
     /// Its module does not answer.
     Offline,
-    /// What answers in the place of its module says that it is another model.
+    /// Another model answers in the place of its module.
     OtherModel,
     /// The port of its line can't be opened, or was lost.
     LineAbsent,
-    /// Another program has the port of its line.
+    /// Another program uses the port of its line.
     LineBusy,
-    /// Somebody has borrowed its line.
+    /// Its line is lent to another program.
     #[serde(rename = "lent")]
     Exclusive,
     /// Its line was closed.
     LineClosed,
-    /// One that this program does not know yet.
+    /// A reason unknown to this program.
     #[serde(other)]
     Other,
 }
@@ -344,7 +343,7 @@ pub struct Modules {
 pub struct Points {
     /// The version of the API.
     pub schema: u8,
-    /// All points that were asked for.
+    /// The selected points.
     pub points: Vec<PointInfo>,
 }
 
@@ -353,16 +352,16 @@ pub struct Points {
 pub struct WriteRequest {
     /// On or off.
     pub value: bool,
-    /// Read the output back and compare, where the module can.
+    /// Read the output back and compare, if the module can.
     #[serde(default = "yes")]
     pub verify: bool,
-    /// Only where the output is in this state now.
+    /// Only if the output is in this state now.
     #[serde(default, rename = "if", skip_serializing_if = "Option::is_none")]
     pub only_if: Option<bool>,
-    /// In the form that no module answers (0x55 boards): fastest, and nobody can know.
+    /// Use the command without reply (0x55 boards): fastest, but the result can't be known.
     #[serde(default)]
     pub no_reply: bool,
-    /// Who asks means it, also where an output wants that to be said.
+    /// The operation is confirmed, for outputs that require it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
 }
@@ -384,53 +383,53 @@ const fn yes() -> bool {
     true
 }
 
-/// How an output was written.
+/// The result of switching an output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Written {
-    /// What it is now; none where nobody can know.
+    /// Its state now; null if it can't be known.
     pub value: Option<bool>,
-    /// What it was before, where that was known.
+    /// Its state before, if known.
     pub before: Option<bool>,
-    /// How far that is certain.
+    /// How far the result is confirmed.
     pub confirmed: Confirmed,
-    /// From handing the command in to the last byte of its own reply.
+    /// From submitting the command to the last byte of its own reply.
     pub took_ms: u64,
-    /// Its number in the list of what was done.
+    /// The ID of its entry in the audit log.
     pub audit: String,
-    /// A toggle that was made of a read and a write: another writer may come between.
+    /// A toggle made of a read and a write: another client may switch it in between.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub read_then_set: bool,
 }
 
-/// How far it is certain that a command was carried out.
+/// How far the result of a command is confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Confirmed {
-    /// Read again afterwards, and as commanded.
+    /// Read back, and as commanded.
     Readback,
     /// The module acknowledged.
     Reply,
-    /// Sent; nobody answers it, so nobody can know.
+    /// Sent; it has no reply, so the result can't be known.
     Sent,
 }
 
-/// `GET /api/v1/commands/{id}`: a command that was given lately.
+/// `GET /api/v1/commands/{id}`: a recent command.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct CommandInfo {
-    /// Its number, which is that of its entry in the list of what was done.
+    /// Its ID, which is that of its entry in the audit log.
     pub id: String,
-    /// The module it was given to.
+    /// Its module.
     pub module: String,
-    /// What was asked: `do0=on do1=off`, `pulse k1 500ms by host`.
+    /// The command: `do0=on do1=off`, `pulse k1 500ms by host`.
     pub what: String,
-    /// Who asked for it.
+    /// Who requested it.
     pub who: String,
     /// From where.
     pub via: String,
     /// When, as RFC 3339 in UTC.
     pub at: String,
-    /// How it ended: `readback`, `reply`, `sent`, or the name of what went wrong; none while it
-    /// is under way.
+    /// Its result: `readback`, `reply`, `sent`, or the name of the error; null while it is in
+    /// progress.
     pub end: Option<String>,
 }
 
@@ -439,46 +438,46 @@ pub struct CommandInfo {
 pub struct OutputsRequest {
     /// The outputs by label.
     pub set: BTreeMap<String, bool>,
-    /// Read them back and compare, where the module can.
+    /// Read the outputs back and compare, if the module can.
     #[serde(default = "yes")]
     pub verify: bool,
-    /// In the form that no module answers.
+    /// Use the command without reply.
     #[serde(default)]
     pub no_reply: bool,
-    /// Who asks means it, also where an output wants that to be said.
+    /// The operation is confirmed, for outputs that require it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
 }
 
-/// How several outputs were written.
+/// The result of switching several outputs of a module.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OutputsWritten {
-    /// Each of them by label.
+    /// The results by label.
     pub set: BTreeMap<String, OutputWritten>,
-    /// How far that is certain.
+    /// How far the result is confirmed.
     pub confirmed: Confirmed,
-    /// From handing the command in to the last byte of its own reply.
+    /// From submitting the command to the last byte of its own reply.
     pub took_ms: u64,
-    /// Its number in the list of what was done.
+    /// The ID of its entry in the audit log.
     pub audit: String,
 }
 
-/// How one of several outputs was written.
+/// The result for one of several outputs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OutputWritten {
-    /// What it is now; none where nobody can know.
+    /// Its state now; null if it can't be known.
     pub value: Option<bool>,
-    /// What it was before, where that was known.
+    /// Its state before, if known.
     pub before: Option<bool>,
 }
 
 /// `POST /api/v1/points/{module}/{label}/toggle`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ToggleRequest {
-    /// By the board's own command, which is never repeated; else read first, then set.
+    /// Use the board's own command, which is never repeated; otherwise read first, then set.
     #[serde(default)]
     pub raw: bool,
-    /// Who asks means it, also where an output wants that to be said.
+    /// The operation is confirmed, for outputs that require it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
 }
@@ -486,25 +485,25 @@ pub struct ToggleRequest {
 /// `POST /api/v1/points/{module}/{label}/pulse`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PulseRequest {
-    /// How long; none is the module's own width.
+    /// The width; by default the module's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ms: Option<u64>,
-    /// Who keeps the time.
+    /// What times it.
     #[serde(default)]
     pub by: Timekeeper,
-    /// Release first and pull in after the time, instead of the reverse.
+    /// Off first, and on after the time, instead of the reverse.
     #[serde(default)]
     pub off: bool,
-    /// Who asks means it, also where an output wants that to be said.
+    /// The operation is confirmed, for outputs that require it.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub confirm: bool,
 }
 
-/// Who keeps the time of a pulse.
+/// What times a pulse.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Timekeeper {
-    /// The module where it can, else the host.
+    /// The module if it can, otherwise the host.
     #[default]
     Auto,
     /// The module.
@@ -513,102 +512,101 @@ pub enum Timekeeper {
     Host,
 }
 
-/// How a pulse was begun. One that the host times ends later, whoever waits for it or not.
+/// The start of a pulse. One timed by the host ends later, whether or not anybody waits for it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Pulsed {
     /// The state during the pulse.
     pub value: bool,
-    /// What it was before, where that was known.
+    /// Its state before, if known.
     pub before: Option<bool>,
-    /// Who keeps the time; never `auto`.
+    /// What times it; never `auto`.
     pub by: Timekeeper,
-    /// How long it is; none where only the module knows.
+    /// Its width; null if only the module knows.
     pub ms: Option<u64>,
-    /// How far it is certain that it began.
+    /// How far its start is confirmed.
     pub confirmed: Confirmed,
-    /// From handing the command in to the last byte of its own reply.
+    /// From submitting the command to the last byte of its own reply.
     pub took_ms: u64,
-    /// Its number in the list of what was done.
+    /// The ID of its entry in the audit log.
     pub audit: String,
 }
 
-/// What came back, in one word.
+/// The kind of a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// A good reply, or a refusal.
+    /// A valid reply, or a refusal.
     Answered,
-    /// Bytes that are no good reply.
+    /// Bytes that are not a valid reply.
     Garbled,
-    /// Nothing.
+    /// No reply.
     Silent,
     /// Not sent: another module on the line could take it for a command.
     Unsafe,
 }
 
-/// What happens on a site: `GET /api/v1/watch`, one to a line.
+/// The events of a site: `GET /api/v1/watch`, one per line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "ev", rename_all = "snake_case")]
 pub enum WatchEvent {
-    /// A point, as it is: once for each at the beginning, then whenever its value or quality
-    /// changes.
+    /// A point: each one once at the beginning, then whenever its value or quality changes.
     Point {
         /// The point.
         #[serde(flatten)]
         point: PointInfo,
-        /// What it was before, where that was known.
+        /// Its value before, if known.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         before: Option<Value>,
     },
-    /// A module is heard, or no longer.
+    /// A module came online or went offline.
     Module {
         /// The module.
         #[serde(flatten)]
         module: ModuleInfo,
     },
-    /// A line's port changed.
+    /// The state of a line's port changed.
     Line {
         /// The line.
         #[serde(flatten)]
         line: LineInfo,
     },
-    /// This watcher was too slow: so many events before the next one are lost to it.
+    /// This client was too slow: events before the next one are missing.
     Gap {
         /// How many.
         dropped: u64,
     },
 }
 
-/// What passes on a line: `GET /api/v1/frames/stream?line=main`, one to a line of text. Bytes as
-/// the line sends and receives them; what they are is for who reads them to find out.
+/// The traffic on a line: `GET /api/v1/frames/stream?line=main`, one event per line of text. Bytes
+/// as sent and received; decoding them is up to the reader.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "ev", rename_all = "snake_case")]
 pub enum FrameEvent {
-    /// The line that is looked at, at the beginning.
+    /// The observed line, at the beginning.
     Line {
         /// The line.
         #[serde(flatten)]
         line: LineInfo,
     },
-    /// A frame was handed to the port.
+    /// A frame was written to the port.
     Sent {
         /// When, in microseconds since 1970.
         at_us: u64,
-        /// The speed at which it leaves.
+        /// Its speed.
         baud: u32,
-        /// In which format: `8N1`.
+        /// Its character format: `8N1`.
         format: String,
-        /// In hexadecimal digits.
+        /// In hexadecimal.
         bytes: String,
     },
-    /// Bytes came from the port.
+    /// Bytes were received.
     Heard {
         /// When, in microseconds since 1970.
         at_us: u64,
-        /// In hexadecimal digits.
+        /// In hexadecimal.
         bytes: String,
     },
-    /// This reader was too slow: so many events before the next one are lost to it.
+    /// This client was too slow: events before the next one are missing.
     Gap {
         /// How many.
         dropped: u64,

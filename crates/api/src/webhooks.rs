@@ -1,4 +1,4 @@
-//! Webhooks, as the API tells of them.
+//! The types of the API for webhooks.
 
 use super::problem::Problem;
 use serde::{Deserialize, Serialize};
@@ -13,92 +13,92 @@ pub struct WebhookList {
     pub webhooks: Vec<WebhookInfo>,
 }
 
-/// A webhook as the configuration has it.
+/// A configured webhook.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WebhookText {
     /// Where events are sent.
     pub url: String,
-    /// The kinds of events that are sent; all of them where there are none.
+    /// The kinds of events sent; all if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<String>,
-    /// Nothing that matters less is sent.
+    /// The minimum severity.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub severity: Option<String>,
-    /// With `modules`: only what is about one of these is sent. Everything where there are none.
+    /// Together with `modules`: only events about these are sent; all if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lines: Vec<String>,
-    /// With `lines`: only what is about one of these is sent. Everything where there are none.
+    /// Together with `lines`: only events about these are sent; all if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub modules: Vec<String>,
-    /// True where it is not said.
+    /// True by default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub enabled: Option<bool>,
 }
 
-/// A webhook, and how it does.
+/// A webhook, and its state.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WebhookInfo {
     /// Its name.
     pub webhook: String,
     /// Where events are sent.
     pub url: String,
-    /// The kinds of events that are sent; all of them where there are none.
+    /// The kinds of events sent; all if empty.
     pub events: Vec<String>,
-    /// Nothing that matters less is sent.
+    /// The minimum severity.
     pub severity: String,
-    /// With `modules`: only what is about one of these is sent. Everything where there are none.
+    /// Together with `modules`: only events about these are sent; all if empty.
     pub lines: Vec<String>,
-    /// With `lines`: only what is about one of these is sent. Everything where there are none.
+    /// Together with `lines`: only events about these are sent; all if empty.
     pub modules: Vec<String>,
-    /// Whether it sends anything.
+    /// Whether it is enabled.
     pub enabled: bool,
-    /// Whether what it sends is signed. The secret itself is never told.
+    /// Whether requests are signed. The secret itself is never shown.
     pub secret: bool,
-    /// `off`, `idle` before the first event, `ok`, or `failing` since the last try.
+    /// `off`, `idle` before the first event, `ok`, or `failing` since the last attempt.
     pub state: String,
-    /// How many events wait, with the one that is being sent.
+    /// Number of queued events, including the one being sent.
     pub queue: usize,
-    /// How many events were taken by the receiver, since the daemon began.
+    /// Number of events delivered since the daemon started.
     pub delivered: u64,
-    /// How many were not, after all tries.
+    /// Number of events given up after all attempts.
     pub failed: u64,
-    /// How many were dropped because too many waited.
+    /// Number of events dropped because the queue was full.
     pub dropped: u64,
-    /// When the last event was taken.
+    /// Time of the last delivery.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_delivery: Option<String>,
-    /// What went wrong the last time, if anything did.
+    /// The last error, if there was one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub last_error: Option<WebhookError>,
 }
 
-/// What went wrong the last time.
+/// The last error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WebhookError {
     /// When, as RFC 3339 in UTC.
     pub at: String,
-    /// At which try of the event.
+    /// The attempt.
     pub tries: u32,
-    /// What went wrong.
+    /// The error.
     pub problem: Problem,
 }
 
-/// What came of a test.
+/// The result of a test.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WebhookTest {
     /// The version of the API.
     pub schema: u8,
-    /// The number of the event that was sent.
+    /// The ID of the event that was sent.
     pub id: String,
-    /// Whether the receiver took it.
+    /// Whether it was delivered.
     pub delivered: bool,
-    /// The HTTP status that came back.
+    /// The HTTP status received.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub status: Option<u16>,
-    /// How long it took.
+    /// The duration.
     pub took_ms: u64,
-    /// What went wrong, if anything did.
+    /// The error, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<Problem>,
 }
