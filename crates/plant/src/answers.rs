@@ -1,4 +1,4 @@
-//! What orders bring about on a line, and what is told of it: one line of text for each module.
+//! Executes commands on a line, and produces their answers: one line of text for each module.
 
 use super::orders::{LineOrder, path};
 use super::stage::{Deed, Part, Stage, Whose};
@@ -11,7 +11,7 @@ use railbus_wire::Instant;
 use railbus_words::Lang;
 use railbus_words::time;
 
-/// Does what an order says, and tells.
+/// Executes a command, and answers.
 pub(super) fn perform(
     lang: Lang,
     stage: &mut Stage,
@@ -41,7 +41,7 @@ pub(super) fn perform(
             stage.clear_all(now);
             Vec::new()
         }
-        // What hangs on the line does not feel it.
+        // The modules on the line are not affected.
         LineOrder::Plug(_) => Vec::new(),
         LineOrder::Show(index) => vec![show(lang, stage, index, now)],
         LineOrder::ShowAll => {
@@ -122,7 +122,7 @@ fn faults(lang: Lang, stage: &Stage, whose: Whose, now: Instant) -> String {
     words.join(", ")
 }
 
-/// All of a line: settings, what went wrong so far, faults.
+/// The state of a line: settings, counters, faults.
 fn show_line(lang: Lang, stage: &Stage, now: Instant) -> String {
     let line = stage.line();
     let faults = faults(lang, stage, Whose::Line, now);
@@ -139,7 +139,7 @@ fn show_line(lang: Lang, stage: &Stage, now: Instant) -> String {
     )
 }
 
-/// All of a module: settings, power, points, LED, counters, faults.
+/// The state of a module: settings, power, points, LED, counters, faults.
 fn show(lang: Lang, stage: &Stage, index: usize, now: Instant) -> String {
     let part = &stage.parts()[index];
     let line = stage.line();
@@ -190,7 +190,7 @@ fn show(lang: Lang, stage: &Stage, index: usize, now: Instant) -> String {
     parts.join("; ")
 }
 
-/// In the order of the terminals, the first one first.
+/// In the order of the terminals.
 fn bits(value: u32, count: u8) -> String {
     let bit = |index| if value >> index & 1 == 1 { '1' } else { '0' };
     (0..count).map(bit).collect()

@@ -1,5 +1,5 @@
-//! The demo line beside another command of the same process, on a thread of its own: its bytes
-//! keep their pace whatever the command does.
+//! The demo line alongside another command of the same process, on its own thread: its bytes are
+//! paced regardless of what the command does.
 
 use super::demo;
 use super::pty::Pty;
@@ -14,7 +14,7 @@ use std::sync::mpsc;
 use std::thread::JoinHandle;
 use tokio::sync::oneshot;
 
-/// The demo line at work. It ends with this.
+/// The running demo line. It ends when this is dropped.
 #[derive(Debug)]
 pub struct Background {
     path: PathBuf,
@@ -47,23 +47,23 @@ impl Background {
         }
     }
 
-    /// Where its PTY is.
+    /// The path of its PTY.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What gives it orders.
+    /// The handle for commands to it.
     pub const fn remote(&self) -> &Remote {
         &self.remote
     }
 }
 
 impl Drop for Background {
-    /// Waits for the thread, which takes the link to the PTY away.
+    /// Waits for the thread, which removes the link to the PTY.
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
-            // Where it panicked, that was told.
+            // A panic has already been reported.
             let _ = thread.join();
         }
     }
@@ -80,7 +80,7 @@ fn run(
         let pty = Pty::open(path)
             .map_err(|error| error.into_failure(lang, path, "railbus serve --demo"))?;
         let line = demo_line(stage, pty, None, None, Some(jobs));
-        // Fails where nobody waits any more; then the line ends at once.
+        // Fails if nobody waits any more; then the line ends at once.
         let _ = ready.send(Ok(()));
         let stop = async {
             let _ = stopped.await;

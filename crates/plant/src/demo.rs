@@ -1,5 +1,5 @@
-//! The demo line. Its plant is the configuration of `railbus serve --demo`, where it says what
-//! moves at the inputs.
+//! The demo line. Its plant is the configuration of `railbus serve --demo`, including its changing
+//! inputs.
 
 use super::orders::Directory;
 use super::plant::{self, Wanted};
@@ -12,7 +12,7 @@ use railbus_words::Lang;
 /// The name of its line.
 pub(super) const LINE: &str = "main";
 
-/// The configuration of the demo whose line lies at this port.
+/// The configuration of the demo with its line at this port.
 pub fn text(port: &str) -> String {
     include_str!("demo.toml").replace("PORT", port)
 }

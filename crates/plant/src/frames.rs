@@ -1,4 +1,4 @@
-//! Frames as they pass, in fixed columns (`-v`).
+//! Frames as they are sent, in fixed columns (`-v`).
 
 use super::texts::SimText;
 use railbus_words::Lang;
@@ -8,22 +8,22 @@ use railbus_sim::{Direction, Entry, Trace};
 use railbus_wire::Instant;
 use std::io::Write;
 
-/// Shows what passes on the line.
+/// Shows the traffic on a line.
 pub(super) struct Frames {
     last: Instant,
-    /// The name of the line, where there are several.
+    /// The name of the line, if there are several.
     line: Option<String>,
-    /// How wide the names are.
+    /// The width of the names.
     width: usize,
-    /// On stderr: what stdout says is for a program.
+    /// To stderr: stdout is for programs.
     aside: bool,
 }
 
-/// How wide names are at least.
+/// Minimum width of names.
 pub(super) const WIDTH: usize = 8;
 
 impl Frames {
-    /// The frames of the only line, or of one that is named.
+    /// The frames of the only line, or of the given one.
     pub(super) const fn new(line: Option<String>, width: usize, aside: bool) -> Frames {
         Frames {
             last: Instant(0),
@@ -33,8 +33,8 @@ impl Frames {
         }
     }
 
-    /// Takes all out of the trace, and shows what people want to see of it: who sends what, but
-    /// not that the host hears it, character by character, nor that an input moves.
+    /// Drains the trace, and shows what is of interest to people: frames and their senders, but not
+    /// each character received by the host, nor changing inputs.
     pub(super) fn show(&mut self, trace: &mut Trace) {
         while let Some(entry) = trace.take() {
             if !matches!(entry.direction(), Direction::In | Direction::Panel) {
@@ -61,14 +61,14 @@ impl Frames {
     }
 }
 
-/// Shows what the columns are.
+/// Prints the column headings.
 pub(super) fn heading(lang: Lang, width: usize, aside: bool) {
     let who = width::pad(lang.get(SimText::Who), width);
     let columns = lang.fill(SimText::FrameColumns, &[("who", &who)]);
     say(&format!("\n{columns}"), aside);
 }
 
-/// Who reads it may have gone; the line is served all the same.
+/// The reader may have gone; the line is served nevertheless.
 fn say(line: &str, aside: bool) {
     let _ = match aside {
         true => writeln!(std::io::stderr(), "{line}"),

@@ -1,4 +1,4 @@
-//! What the modules of a plant keep over restarts of the simulator (`--state`).
+//! The persistent state of the modules over restarts of the simulator (`--state`).
 
 use super::stage::Stage;
 use super::texts::SimText;
@@ -13,9 +13,9 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The version of the file's form.
+/// The version of the file format.
 const SCHEMA: u32 = 1;
-/// The longest file.
+/// Maximum size of the file.
 const LEN_MAX: u64 = 1 << 20;
 const CHARACTERS: [Character; 4] = [Character::N1, Character::E1, Character::O1, Character::N2];
 
@@ -27,7 +27,7 @@ struct Form {
     modules: BTreeMap<String, Kept>,
 }
 
-/// What one module keeps.
+/// The state of one module.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Kept {
@@ -46,7 +46,7 @@ struct Kept {
     beyond: Option<KeptExtensions>,
 }
 
-/// What a module keeps that does more than its datasheet says.
+/// The additional state of a module with functions beyond its datasheet.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeptExtensions {
@@ -57,7 +57,7 @@ struct KeptExtensions {
 }
 
 impl KeptExtensions {
-    /// Nothing of a module that is like its maker's.
+    /// `None` for a module without them.
     fn of(extensions: Extensions) -> Option<KeptExtensions> {
         (extensions != Extensions::NEUTRAL).then_some(KeptExtensions {
             watchdog_tenths: extensions.watchdog,
@@ -95,7 +95,7 @@ impl Kept {
         }
     }
 
-    /// Nothing where no module can keep this.
+    /// `None` if no module can have this state.
     fn eeprom(&self) -> Option<Eeprom> {
         let mut characters = CHARACTERS.into_iter();
         let mut protocols = Protocol::ALL.into_iter();
@@ -139,7 +139,7 @@ impl Store {
         })
     }
 
-    /// What a module kept, if it is known.
+    /// The stored state of a module, if there is one.
     pub(super) fn kept(
         &self,
         lang: Lang,
@@ -199,11 +199,11 @@ fn read(path: &Path) -> Result<Form, String> {
     Ok(form)
 }
 
-/// Keeps what the modules of one line keep.
+/// Stores the state of the modules of one line.
 #[derive(Debug)]
 pub(super) struct Keeper {
     store: Store,
-    /// As it was written last, in the order of the modules.
+    /// The last written state, in the order of the modules.
     written: Vec<Eeprom>,
 }
 
@@ -215,7 +215,7 @@ impl Keeper {
         }
     }
 
-    /// Writes the file anew where something changed: whole or not at all.
+    /// Rewrites the file if something has changed: completely or not at all.
     pub(super) fn keep(&mut self, stage: &Stage) -> io::Result<()> {
         let line = stage.line();
         let kept = || stage.parts().iter().map(|part| part.kept(line));

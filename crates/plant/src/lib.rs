@@ -37,11 +37,11 @@ use std::path::{Path, PathBuf};
 use tcp::Tcp;
 use texts::SimText;
 
-/// Where the demo line lies unless it is told otherwise.
+/// Default path of the demo line.
 const DEMO_PTY: &str = "/tmp/railbus-main";
 const DEMO_TCP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 4001);
 
-/// A line that is served, for programs.
+/// A simulated line, for programs.
 fn line_row(
     name: &str,
     serial: Settings,
@@ -59,7 +59,7 @@ fn line_row(
     })
 }
 
-/// All that is served, and the socket of `sim ctl`, for programs.
+/// Everything that is served, and the socket of `sim ctl`, for programs.
 fn served_json(lines: &[Value], control: Option<&str>) -> String {
     format!(
         "{}\n",
@@ -67,7 +67,7 @@ fn served_json(lines: &[Value], control: Option<&str>) -> String {
     )
 }
 
-/// How the demo line is served.
+/// Options of the demo line.
 #[derive(Clone, Debug, Default)]
 pub struct DemoWanted {
     /// The link to its PTY; `/tmp/railbus-main` if not given.
@@ -76,13 +76,13 @@ pub struct DemoWanted {
     pub tcp: Option<String>,
     /// The seed of its random numbers.
     pub seed: u64,
-    /// Each frame is shown as it passes.
+    /// Show each frame as it is sent.
     pub verbose: bool,
-    /// What is served is told as JSON.
+    /// Report what is served as JSON.
     pub json: bool,
 }
 
-/// The same, read.
+/// The same, parsed.
 struct Wanted {
     pty: PathBuf,
     tcp: SocketAddr,
@@ -113,7 +113,7 @@ impl Wanted {
 /// Serves the demo line until the process is asked to stop.
 ///
 /// # Errors
-/// Where the PTY or the address can't be had, or the system refuses what it always grants.
+/// If the PTY or the address is not available, or the system refuses something it normally grants.
 pub async fn serve_demo(lang: Lang, asked: &DemoWanted) -> Result<(), Failure> {
     let wanted = &Wanted::read(lang, asked)?;
     serve_wanted(lang, wanted).await
@@ -121,7 +121,7 @@ pub async fn serve_demo(lang: Lang, asked: &DemoWanted) -> Result<(), Failure> {
 
 async fn serve_wanted(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let mut stop = serve::Stop::new().map_err(|error| system(lang, error))?;
-    // TCP first: a second simulator fails here, before it takes the first one's link away.
+    // TCP first: a second simulator fails here, before it replaces the first one's link.
     let tcp = listen(lang, wanted.tcp, "railbus sim --demo --tcp 127.0.0.1:0").await?;
     let elsewhere = "railbus sim --demo --pty /tmp/railbus-2";
     let pty =
@@ -167,7 +167,7 @@ async fn listen(lang: Lang, address: SocketAddr, elsewhere: &str) -> Result<Tcp,
     })
 }
 
-/// The system refuses what it always grants.
+/// The system refuses something it normally grants.
 pub fn system(lang: Lang, error: std::io::Error) -> Failure {
     Failure::new(Code::System, lang.get(AppText::CantServe).to_owned()).because(error)
 }
@@ -181,8 +181,8 @@ pub fn unreachable(lang: Lang, path: &Path, error: &std::io::Error) -> Failure {
         .with_try("railbus sim plant.toml --control ./ctl")
 }
 
-/// Says what is served and how to connect. Who reads it may have gone; the line is served all
-/// the same.
+/// Prints what is served and how to connect. The reader may have gone; the line is served
+/// nevertheless.
 fn announce(lang: Lang, wanted: &Wanted, tcp: SocketAddr) {
     let text = if wanted.json {
         let (pty, modules) = (Some(wanted.pty.as_path()), modules().len());

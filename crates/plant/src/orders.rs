@@ -1,4 +1,4 @@
-//! What is typed at the simulator's prompt, and sent to its control socket.
+//! Commands typed at the simulator's prompt, or sent to its control socket.
 
 use super::stage::{Deed, Whose};
 use super::texts::SimText;
@@ -13,53 +13,52 @@ use railbus_words::Code;
 use railbus_words::Lang;
 use std::collections::BTreeMap;
 
-/// Something to do or to tell.
+/// A command.
 #[derive(Clone, Debug)]
 pub(super) enum Order {
     /// On one line, by its number.
     Line(usize, LineOrder),
-    /// On all lines.
+    /// For all lines.
     All(LineOrder),
     Help,
     Quit,
 }
 
-/// Something to do or to tell on one line.
+/// A command for one line.
 #[derive(Clone, Debug)]
 pub(super) enum LineOrder {
     Do(usize, Deed),
     Faults(Whose, Vec<FaultOrder>),
     Clear(Whose),
-    /// Only those of these words, or of this name.
+    /// Only those with this specification or name.
     ClearSome(Whose, String),
     ClearAll,
-    /// Pulls the adapter out, or puts it back.
+    /// Unplugs the adapter, or plugs it in.
     Plug(bool),
     Show(usize),
     ShowAll,
 }
 
-/// Who is who: the names that orders use.
+/// The names that commands use.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Directory {
-    /// In the order of their numbers.
+    /// In index order.
     pub(super) lines: Vec<String>,
     modules: BTreeMap<String, Known>,
 }
 
-/// A module by its numbers.
+/// A module by its indices.
 #[derive(Clone, Debug)]
 struct Known {
     line: usize,
     part: usize,
     setup: Setup,
-    /// What lies at the terminals of its analog inputs.
+    /// The signals at its analog inputs.
     ranges: BTreeMap<Point, Range>,
 }
 
 impl Directory {
-    /// The names of a configuration: lines are numbered by their names, and so are the modules
-    /// of each.
+    /// The names of a configuration: lines are sorted by name, and so are the modules of each.
     pub(super) fn of(config: &Config) -> Directory {
         let lines: Vec<String> = config.lines.keys().cloned().collect();
         let mut modules = BTreeMap::new();
@@ -87,12 +86,12 @@ impl Directory {
         self.modules.get(module).map(|known| &known.setup)
     }
 
-    /// What lies at the terminals of an analog input; nothing of any other point.
+    /// The signal at an analog input; `None` for any other point.
     pub(super) fn range(&self, module: &str, point: Point) -> Option<&Range> {
         self.modules.get(module)?.ranges.get(&point)
     }
 
-    /// Reads a list of faults.
+    /// Parses a list of faults.
     pub(super) fn faults(
         &self,
         lang: Lang,
@@ -105,7 +104,7 @@ impl Directory {
         })
     }
 
-    /// Reads one order.
+    /// Parses one command.
     pub(super) fn read(&self, lang: Lang, text: &str) -> Result<Order, Failure> {
         let reader = Reader {
             lang,
@@ -114,7 +113,7 @@ impl Directory {
         reader.order(text.trim())
     }
 
-    /// Reads `--fault 'pump: drop 5%'`.
+    /// Parses `--fault 'pump: drop 5%'`.
     pub(super) fn read_fault(&self, lang: Lang, text: &str) -> Result<Order, Failure> {
         let reader = Reader {
             lang,
@@ -193,7 +192,7 @@ impl Reader<'_> {
         Ok(Order::Line(known.line, LineOrder::Do(known.part, deed)))
     }
 
-    /// What only modules of one family have, this one must have.
+    /// Checks for something that only one family has.
     fn has(&self, name: &str, family: Family, lacks: SimText) -> Result<(), Failure> {
         match self.module(name)?.setup.family == family {
             true => Ok(()),
@@ -227,8 +226,8 @@ impl Reader<'_> {
         Ok(Order::Line(line, LineOrder::Faults(whose, orders)))
     }
 
-    /// Whom it is about, the number of the line, and what comes after. Where there is only one
-    /// line, `line` alone means it.
+    /// The target, the index of the line, and the rest. If there is only one line, `line` alone
+    /// refers to it.
     fn target<'t>(&self, text: &'t str) -> Result<(Whose, usize, &'t str), Failure> {
         let (word, rest) = split(text);
         if word != "line" || self.directory.modules.contains_key("line") {
@@ -291,7 +290,7 @@ impl Reader<'_> {
     }
 }
 
-/// What lies at the terminals of each analog input.
+/// The signal at each analog input.
 fn ranges(module: &ModuleConfig) -> BTreeMap<Point, Range> {
     let points = module.setup.points();
     let analogs = points.filter(|point| point.kind == PointKind::Analog);
@@ -299,7 +298,7 @@ fn ranges(module: &ModuleConfig) -> BTreeMap<Point, Range> {
     analogs.map(range).collect()
 }
 
-/// `1`, `on`, `high` and their contraries.
+/// `1`, `on`, `high` and their opposites.
 fn switch(word: &str) -> Option<bool> {
     match word {
         "1" | "on" | "high" | "true" => Some(true),
@@ -308,7 +307,7 @@ fn switch(word: &str) -> Option<bool> {
     }
 }
 
-/// So many hundredths: `8.71`, with the module's unit or without.
+/// A value in hundredths: `8.71`, with or without the module's unit.
 fn analog(text: &str, unit: &str) -> Option<i16> {
     let number = text.strip_suffix(unit).unwrap_or(text).trim();
     let hundredths = (number.parse::<f64>().ok()? * 100.0).round();

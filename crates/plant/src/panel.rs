@@ -1,4 +1,4 @@
-//! What is to be seen at the modules of a line: the modules themselves, whatever the line told.
+//! The front panels of the modules of a line: their true state, whatever was read over the line.
 
 use super::orders::Directory;
 use super::stage::{Part, Stage, Whose};
@@ -6,7 +6,7 @@ use railbus_api::sim::{SimFaultInfo, SimLineInfo, SimModuleInfo, SimPointInfo, S
 use railbus_device::{Family, Point, PointKind};
 use railbus_wire::Instant;
 
-/// A line and all that hangs on it.
+/// A line and everything on it.
 pub(super) fn line(
     stage: &Stage,
     directory: &Directory,
@@ -66,7 +66,7 @@ fn point(stage: &Stage, part: &Part, directory: &Directory, at: Point) -> Option
             let hundredths = *part.analogs().get(usize::from(at.index))?;
             ("analog", SimValue::Number(f64::from(hundredths) / 100.0))
         }
-        // It lies inside, and not at a terminal.
+        // It is internal, not at a terminal.
         PointKind::Variable => return None,
     };
     let (letters, number) = part.setup.label(at);

@@ -1,4 +1,4 @@
-//! Where the lines of a plant are served.
+//! The places at which the lines of a plant are served.
 
 use super::orders::Directory;
 use super::plant::Wanted;
@@ -13,15 +13,15 @@ use std::collections::BTreeSet;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-/// Where a line is served.
+/// The place of a line.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Place {
     pub(super) pty: Option<PathBuf>,
     pub(super) tcp: Option<SocketAddr>,
 }
 
-/// Where each line is served. For PTY and TCP alike, the flag goes before the table `sim`, and
-/// that before the port; where all are silent, a PTY lies in the user's own folder.
+/// The place of each line. For PTY and TCP alike, the flag takes precedence over the table `sim`,
+/// and that over the port; without any of them, the PTY is in the user's own folder.
 pub(super) fn places(
     lang: Lang,
     config: &Config,
@@ -59,7 +59,7 @@ pub(super) fn places(
     Ok(places)
 }
 
-/// Refuses two lines in one place.
+/// Refuses two lines at one place.
 fn check_places(lang: Lang, places: &[Place]) -> Result<(), Failure> {
     let ptys = places.iter().filter_map(|place| place.pty.as_ref());
     let ptys = ptys.map(|path| path.display().to_string());
@@ -78,8 +78,8 @@ fn check_places(lang: Lang, places: &[Place]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Where the port of the configuration leads, if that is on this machine: a port elsewhere is
-/// the real plant's, not ours.
+/// The local path of the configured port, if it is on this machine: a port elsewhere belongs to the
+/// real plant.
 fn place_of(line: &LineConfig) -> Place {
     let pty = line.port.strip_prefix("pty:").map(PathBuf::from);
     let tcp = line.port.strip_prefix("tcp:");
@@ -88,7 +88,7 @@ fn place_of(line: &LineConfig) -> Place {
     Place { pty, tcp }
 }
 
-/// Which line a flag's value is for, and the rest of the value.
+/// The line to which a flag's value applies, and the rest of the value.
 fn of_line<'t>(
     lang: Lang,
     directory: &Directory,

@@ -24,10 +24,10 @@ use std::sync::Arc;
 use tokio::sync::{Notify, mpsc};
 use tokio::task::JoinSet;
 
-/// Orders that wait for a line.
+/// Queued commands per line.
 const JOBS_MAX: usize = 16;
 
-/// What the arguments say.
+/// Options from the command line.
 #[derive(Clone, Debug, Default)]
 pub struct Wanted {
     /// The configuration whose lines and modules are simulated.
@@ -36,19 +36,19 @@ pub struct Wanted {
     pub ptys: Vec<String>,
     /// `[LINE=]ADDR`.
     pub tcps: Vec<String>,
-    /// The seed of its random numbers; that of the configuration, or 0, if not given.
+    /// The seed of its random numbers; by default that of the configuration, or 0.
     pub seed: Option<u64>,
-    /// How many times faster than real; that of the configuration, or 1, if not said.
+    /// Speed factor; by default that of the configuration, or 1.
     pub speed: Option<f64>,
-    /// `WHO: WHAT`, beside those of the configuration.
+    /// `TARGET: FAULT`, in addition to those of the configuration.
     pub faults: Vec<String>,
-    /// Where the socket for orders lies; none if not said.
+    /// The path of the control socket, if wanted.
     pub control: Option<PathBuf>,
-    /// Where what modules keep lies; kept nowhere if not said.
+    /// The file for the modules' persistent state, if wanted.
     pub state: Option<PathBuf>,
-    /// Each frame is shown as it passes.
+    /// Show each frame as it is sent.
     pub verbose: bool,
-    /// What is served is told as JSON.
+    /// Report what is served as JSON.
     pub json: bool,
 }
 
@@ -97,7 +97,7 @@ pub async fn run(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     ended.map_err(|error| system(lang, error))
 }
 
-/// Takes orders until one, a signal or a failure ends it.
+/// Executes commands until one of them, a signal or a failure ends it.
 async fn attend(
     stop: &mut Stop,
     prompt: &Arc<Prompt>,
@@ -170,8 +170,8 @@ fn control(lang: Lang, wanted: &Wanted) -> Result<Option<Socket>, Failure> {
     wanted.control.as_ref().map(listen).transpose()
 }
 
-/// Opens all places. TCP first: a second simulator fails there, before it takes the links of
-/// the first one away.
+/// Opens all places. TCP first: a second simulator fails there, before it replaces the links of the
+/// first one.
 async fn open(
     lang: Lang,
     directory: &Directory,
@@ -216,7 +216,7 @@ fn open_pty(lang: Lang, name: &str, path: &Path) -> Result<Pty, Failure> {
     Pty::open(path).map_err(|error| error.into_failure(lang, path, &elsewhere))
 }
 
-/// How wide the names of lines and modules are where frames are shown.
+/// The width of the names of lines and modules in the trace.
 fn width_of_names(directory: &Directory) -> usize {
     let hosts = directory
         .lines
@@ -226,8 +226,8 @@ fn width_of_names(directory: &Directory) -> usize {
     names.fold(frames::WIDTH, usize::max)
 }
 
-/// Says what is served and how to connect. Who reads it may have gone; the lines are served all
-/// the same.
+/// Prints what is served and how to connect. The reader may have gone; the lines are served
+/// nevertheless.
 fn announce(
     lang: Lang,
     wanted: &Wanted,

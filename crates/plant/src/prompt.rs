@@ -1,5 +1,5 @@
-//! Where orders come from: stdin, and the control socket. Each line is an order, and each is
-//! answered by one line.
+//! The sources of commands: stdin, and the control socket. Each line is a command, and each is
+//! answered with one line.
 
 use super::orders::{Directory, LineOrder, Order};
 use super::serve::Job;
@@ -14,15 +14,15 @@ use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::{Notify, Semaphore, mpsc, oneshot};
 
-/// The longest order in bytes.
+/// Maximum length of a command in bytes.
 const LEN_MAX: u64 = 1_024;
-/// More clients than this wait until others have gone.
+/// Maximum number of clients; others wait until one has gone.
 const CLIENTS_MAX: usize = 16;
-/// After a client could not be let in, so long until the next.
+/// Pause after a client could not be accepted.
 const PAUSE: Duration = Duration::from_millis(100);
 const PROMPT: &str = "sim> ";
 
-/// All lines of a plant, ready for orders.
+/// All lines of a plant, ready for commands.
 #[derive(Debug)]
 pub(super) struct Prompt {
     pub(super) lang: Lang,
@@ -32,7 +32,7 @@ pub(super) struct Prompt {
 }
 
 impl Prompt {
-    /// Does what a line of text says; the lines to answer.
+    /// Executes a line of text; returns the lines to answer.
     pub(super) async fn answer(&self, text: &str) -> Vec<String> {
         match self.carry_out(text).await {
             Ok(lines) => lines,
@@ -76,15 +76,15 @@ impl Prompt {
     }
 }
 
-/// Lines typed, or sent through a pipe.
+/// Lines that are typed, or arrive through a pipe.
 pub(super) struct Typed {
     lines: Option<mpsc::Receiver<String>>,
     terminal: bool,
 }
 
 impl Typed {
-    /// Listens to stdin, unless that is a terminal that belongs to somebody else just now: who
-    /// reads it in the background is stopped.
+    /// Reads stdin, unless that is a terminal on which we are in the background: reading there
+    /// stops the process.
     pub(super) fn listen() -> Typed {
         let terminal = std::io::stdin().is_terminal();
         let is_ours = !terminal || {
@@ -106,7 +106,7 @@ impl Typed {
         typed
     }
 
-    /// The next line; none when a terminal was closed. A pipe that ends is merely silent.
+    /// The next line; `None` when a terminal was closed. A pipe at its end is merely silent.
     pub(super) async fn next(&mut self) -> Option<String> {
         if let Some(lines) = &mut self.lines {
             if let Some(line) = lines.recv().await {
@@ -123,7 +123,7 @@ impl Typed {
     /// Shows an answer: on a terminal, one line for each module.
     pub(super) fn show(&self, answer: &[String]) {
         let parted = if self.terminal { "\n" } else { " | " };
-        // Who reads it may have gone; the lines are served all the same.
+        // The reader may have gone; the lines are served nevertheless.
         let _ = writeln!(std::io::stdout(), "{}", answer.join(parted));
         self.show_prompt();
     }
@@ -152,7 +152,7 @@ fn read_lines(sender: &mpsc::Sender<String>) {
     }
 }
 
-/// Lets clients of the control socket in for as long as it is there.
+/// Accepts clients of the control socket until it is dropped.
 pub(super) async fn accept(listener: &UnixListener, prompt: &Arc<Prompt>) {
     let seats = Arc::new(Semaphore::new(CLIENTS_MAX));
     loop {
@@ -163,7 +163,7 @@ pub(super) async fn accept(listener: &UnixListener, prompt: &Arc<Prompt>) {
         };
         let prompt = prompt.clone();
         tokio::spawn(async move {
-            // What ends it is the client's business alone.
+            // Errors of a client only affect that client.
             let _ = serve_client(stream, &prompt).await;
             drop(seat);
         });

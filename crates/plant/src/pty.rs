@@ -1,4 +1,4 @@
-//! A PTY that looks like a serial port: any master opens it by the name of a link.
+//! A PTY that looks like a serial port: any master can open it through a link.
 
 use railbus_app::failure::Failure;
 use railbus_app::texts::AppText;
@@ -19,15 +19,15 @@ use std::path::{Path, PathBuf};
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 
-/// Where slaves of PTYs lie.
+/// The folder of PTY slaves.
 const SLAVES: &str = "/dev/pts";
 
 /// Why there is no PTY.
 #[derive(Debug)]
 pub(super) enum OpenError {
-    /// The system does not give one.
+    /// The system does not provide one.
     Pty(io::Error),
-    /// Something else lies where the link should.
+    /// The path of the link is taken by something else.
     Foreign,
     /// The link can't be made.
     Link(io::Error),
@@ -57,16 +57,16 @@ impl OpenError {
 /// The PTY and the link to it.
 pub(super) struct Pty {
     master: AsyncFd<OwnedFd>,
-    /// Held open so that the master lives on when a client closes its own.
+    /// Kept open so that the master survives when a client closes its end.
     slave: OwnedFd,
-    /// Tells when clients open and close the slave.
+    /// Reports when clients open and close the slave.
     watch: AsyncFd<OwnedFd>,
     clients: usize,
     link: Link,
 }
 
 impl Pty {
-    /// Makes a PTY and the link to it.
+    /// Creates a PTY and the link to it.
     pub(super) fn open(path: &Path) -> Result<Pty, OpenError> {
         let (master, slave, name) = pair().map_err(no_pty)?;
         let watch = watch(&name).map_err(no_pty)?;
@@ -79,12 +79,12 @@ impl Pty {
         })
     }
 
-    /// Where the link to it lies.
+    /// The path of the link.
     pub(super) fn path(&self) -> &Path {
         &self.link.path
     }
 
-    /// Waits for a client: how many bytes it sent, and how its port is set.
+    /// Waits for data from a client: the number of bytes, and its port settings.
     pub(super) async fn event(&mut self, buffer: &mut [u8]) -> io::Result<(usize, Settings)> {
         loop {
             tokio::select! {
@@ -103,7 +103,7 @@ impl Pty {
         }
     }
 
-    /// Sends to the client, if there is one. What does not fit is lost, as in any serial port
+    /// Sends to the client, if there is one. What does not fit is lost, as with any serial port
     /// that nobody reads.
     pub(super) fn send(&mut self, bytes: &[u8]) {
         // The client may have come just now.
@@ -113,7 +113,8 @@ impl Pty {
         }
     }
 
-    /// Takes note of clients that came and went. The first one finds nothing old in its port.
+    /// Handles clients that have connected and disconnected. A new one finds no old data in its
+    /// port.
     fn count_clients(&mut self) {
         let mut buffer = [MaybeUninit::uninit(); 1_024];
         let mut events = inotify::Reader::new(self.watch.get_ref(), &mut buffer);
@@ -126,19 +127,20 @@ impl Pty {
             } else {
                 self.clients = self.clients.saturating_sub(1);
                 if self.clients == 0 {
-                    // A client that was killed leaves the port forbidden; that of a real one is
-                    // free again once nobody has it open.
+                    // A killed client leaves the port in exclusive mode; a real port is released
+                    // once nobody has it open.
                     let _ = ioctl_tiocnxcl(&self.slave);
                 }
             }
         }
     }
 
-    /// The speed that the client has set. A PTY keeps no parity, so that is the line's own.
+    /// The speed set by the client. A PTY has no parity, so that is the line's own.
     fn settings(&self) -> io::Result<Settings> {
         let rate = tcgetattr(&self.slave)?.input_speed();
         Ok(Settings {
-            // A speed that no module has is as wrong as the highest one that hardly any has.
+            // An unsupported speed is as wrong as the highest one, which hardly any module
+            // supports.
             baud: Baud::from_rate(rate).unwrap_or(Baud::B115200),
             character: Character::N1,
         })
@@ -157,7 +159,7 @@ fn no_pty(error: impl Into<io::Error>) -> OpenError {
     OpenError::Pty(error.into())
 }
 
-/// A master that does not block, its slave, raw and at 9600, and the slave's name.
+/// A non-blocking master, its slave, raw and at 9600, and the slave's name.
 fn pair() -> rustix::io::Result<(OwnedFd, OwnedFd, PathBuf)> {
     let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
     grantpt(&master)?;
@@ -182,7 +184,7 @@ fn watch(slave: &Path) -> Result<OwnedFd, Errno> {
     Ok(watch)
 }
 
-/// A link to the slave, which goes away with the program.
+/// A link to the slave, which is removed when the program ends.
 struct Link {
     path: PathBuf,
     slave: PathBuf,
@@ -204,7 +206,7 @@ impl Link {
     }
 }
 
-/// Whether this is a link that a simulator left behind.
+/// Whether this is a link left behind by a simulator.
 fn is_ours(path: &Path) -> bool {
     std::fs::read_link(path).is_ok_and(|target| target.starts_with(SLAVES))
 }

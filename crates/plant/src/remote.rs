@@ -1,5 +1,5 @@
-//! A simulated line as the daemon has it: who looks at it, and orders that come over HTTP. They
-//! are the words of the prompt.
+//! A simulated line inside the daemon: views of it, and commands that come over HTTP, in the
+//! grammar of the prompt.
 
 use super::orders::{Directory, LineOrder, Order};
 use super::serve::{Job, Jobs};
@@ -11,10 +11,10 @@ use railbus_words::Lang;
 use std::sync::Arc;
 use tokio::sync::{mpsc, oneshot};
 
-/// Orders that wait for the line.
+/// Queued commands.
 const JOBS_MAX: usize = 16;
 
-/// A simulated line, ready for orders.
+/// A simulated line, ready for commands.
 #[derive(Clone, Debug)]
 pub struct Remote {
     name: Arc<str>,
@@ -22,12 +22,12 @@ pub struct Remote {
     jobs: mpsc::Sender<Job>,
 }
 
-/// Something to be done on it, that it can do.
+/// A valid action on it.
 #[derive(Clone, Debug)]
 pub struct Errand(LineOrder);
 
 impl Remote {
-    /// The only line of a directory, and where its orders come out.
+    /// The only line of a directory, and the receiver of its commands.
     pub(super) fn new(lang: Lang, name: &str, directory: Directory) -> (Remote, Jobs) {
         let (jobs, receiver) = mpsc::channel(JOBS_MAX);
         let directory = Arc::new(directory);
@@ -54,10 +54,10 @@ impl Remote {
         self.directory.setup(module).is_some()
     }
 
-    /// Reads an order as at the prompt: `power pump off`, `pump.di0 = 1`.
+    /// Parses a command as at the prompt: `power pump off`, `pump.di0 = 1`.
     ///
     /// # Errors
-    /// Why it is none.
+    /// Why it is not valid.
     pub fn read(&self, lang: Lang, text: &str) -> Result<Option<Errand>, Failure> {
         match self.directory.read(lang, text)? {
             Order::Line(_, order) => Ok(Some(Errand(order))),
@@ -65,16 +65,16 @@ impl Remote {
         }
     }
 
-    /// Reads what goes wrong with the line too.
+    /// Parses faults to add to the line.
     ///
     /// # Errors
-    /// Why that can't be.
+    /// Why they are not valid.
     pub fn read_faults(&self, lang: Lang, text: &str) -> Result<Errand, Failure> {
         let faults = self.directory.faults(lang, FaultsOf::Line, text)?;
         Ok(Errand(LineOrder::Faults(Whose::Line, faults)))
     }
 
-    /// Ends what goes wrong with the line: all of it, or what has these words or this name.
+    /// Ends faults of the line: all, or those with this specification or name.
     pub fn clear_faults(which: Option<&str>) -> Errand {
         Errand(match which {
             Some(words) => LineOrder::ClearSome(Whose::Line, words.to_owned()),
@@ -82,13 +82,13 @@ impl Remote {
         })
     }
 
-    /// Pulls the adapter out, or puts it back.
+    /// Unplugs the adapter, or plugs it in.
     pub const fn plug(plugged: bool) -> Errand {
         Errand(LineOrder::Plug(plugged))
     }
 
-    /// Does all of that, one after another, and says how the line is then; nothing where it has
-    /// ended.
+    /// Carries out these actions in order, and returns the state of the line afterwards; `None` if
+    /// it has ended.
     pub async fn order(&self, errands: Vec<Errand>) -> Option<SimLineInfo> {
         let (sender, answer) = oneshot::channel();
         let orders = errands.into_iter().map(|Errand(order)| order).collect();
@@ -96,7 +96,7 @@ impl Remote {
         answer.await.ok()
     }
 
-    /// How the line is.
+    /// The state of the line.
     pub async fn look(&self) -> Option<SimLineInfo> {
         self.order(Vec::new()).await
     }

@@ -22,18 +22,18 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::time::sleep_until;
 
 /// Clients are not read while the host has more than this to send: they wait, and nothing
-/// piles up here.
+/// accumulates here.
 const BACKLOG: Micros = Micros::from_millis(500);
 
-/// How many entries of the trace are kept between two looks at it.
+/// How many trace entries are kept between two reads of it.
 const TRACE: usize = 1_024;
 
-/// So much of what a line tells is handed out in one go.
+/// How much of a line's output is delivered in one go.
 const TOLD_MAX: u32 = 1_024;
-/// The deadline of a line that has more to tell.
+/// The deadline of a line with more output.
 const BEHIND: Instant = Instant(0);
 
-/// Real time, counted from the start, as many times faster as is wanted.
+/// Real time since the start, multiplied by the speed factor.
 #[derive(Clone, Copy)]
 pub(super) struct Clock {
     start: tokio::time::Instant,
@@ -52,16 +52,16 @@ impl Clock {
     }
 
     fn when(&self, at: Instant) -> tokio::time::Instant {
-        /// Far enough for a deadline, and not beyond what the clock can count.
+        /// Far enough for a deadline, and within the range of the clock.
         const YEAR: f64 = 31_536_000.0;
         let passed = at.0 as f64 / 1e6 / self.speed;
-        // Rounded up: a deadline that has come has really come.
+        // Rounded up: a deadline must really have passed.
         self.start + Duration::from_micros((passed.min(YEAR) * 1e6).ceil() as u64)
     }
 }
 
-/// The signals that end it. From its making on they no longer end the program at once, which
-/// would leave the link behind.
+/// The signals that end it. Once this exists they no longer end the program at once, which would
+/// leave the link behind.
 pub(super) struct Stop {
     signals: [Signal; 3],
 }
@@ -88,47 +88,48 @@ impl Stop {
     }
 }
 
-/// What lines are made of in real time.
+/// The parameters of lines in real time.
 pub(super) fn line_config(seed: u64, traced: bool) -> LineConfig {
     LineConfig {
         seed,
-        // A frame goes out when its last character has ended: one by one, a busy machine would tear
-        // frames apart that no module tears.
+        // A frame is delivered when its last character has ended: one by one, a busy machine would
+        // tear apart frames that no module tears apart.
         chunks: Chunks::Whole,
         trace: if traced { TRACE } else { 0 },
         ..LineConfig::default()
     }
 }
 
-/// Something to be done on a line, and who waits for the answer.
+/// A job on a line, and who waits for the result.
 #[derive(Debug)]
 pub(super) enum Job {
     /// To be answered in words.
     Tell(LineOrder, oneshot::Sender<Vec<String>>),
-    /// To be answered by how the line is then.
+    /// To be answered with the state of the line afterwards.
     Show(Vec<LineOrder>, oneshot::Sender<SimLineInfo>),
 }
 
-/// A job that is done, and its answer.
+/// A completed job, and its answer.
 enum Done {
     Tell(Vec<String>, oneshot::Sender<Vec<String>>),
     Show(oneshot::Sender<SimLineInfo>),
 }
 
-/// Where jobs come from.
+/// The source of jobs.
 pub(super) struct Jobs {
     pub(super) lang: Lang,
     pub(super) directory: Arc<Directory>,
     pub(super) receiver: mpsc::Receiver<Job>,
 }
 
-/// A line and all that leads to it.
+/// A line and its connections.
 pub(super) struct Served {
     pub(super) stage: Box<Stage>,
-    /// What masters are set to that can't say it, and the parity of those that say only a speed.
+    /// The settings of masters that can't report them, and the parity of those that report only a
+    /// speed.
     pub(super) serial: Settings,
     pub(super) pty: Option<Pty>,
-    /// Where the PTY lay that is pulled out.
+    /// The path of the PTY that is unplugged.
     pub(super) unplugged: Option<PathBuf>,
     pub(super) tcp: Option<Tcp>,
     pub(super) frames: Option<Frames>,
@@ -168,7 +169,7 @@ pub(super) async fn serve(
             event = heard_by_pty(served.pty.as_mut(), &mut buffer), if has_room => {
                 let (count, of_port) = event?;
                 let bytes = &buffer[..count];
-                // A frame may come in parts; its first characters say whom it is for.
+                // A frame may arrive in parts; its first characters carry the address.
                 if is_idle || settings.baud != of_port.baud {
                     let character = served.serial.character;
                     settings = served.stage.settings_for(bytes, Settings { character, ..of_port });
@@ -184,8 +185,8 @@ pub(super) async fn serve(
 }
 
 impl Served {
-    /// Hands out what the host hears; gives back when to come again. A line that has more to
-    /// tell than this machine can bear falls behind, and still hears its orders.
+    /// Delivers what the host receives; returns when to continue. A line with more output than this
+    /// machine can handle falls behind, and still accepts commands.
     fn drain(&mut self) -> io::Result<Instant> {
         let mut told = 0;
         let deadline = loop {
@@ -215,7 +216,7 @@ impl Served {
         Ok(deadline)
     }
 
-    /// Does a job. What comes of it is drained before it is answered.
+    /// Executes a job. Its effects are processed before it is answered.
     fn perform(&mut self, lang: Lang, now: Instant, job: Job) -> Done {
         match job {
             Job::Tell(order, sender) => {
@@ -223,7 +224,7 @@ impl Served {
                 Done::Tell(told, sender)
             }
             Job::Show(orders, sender) => {
-                // Who only looks, too, sees what is so by now.
+                // A mere query, too, must see the current state.
                 self.stage.handle(now, Input::Timeout);
                 for order in orders {
                     match order {
@@ -238,7 +239,7 @@ impl Served {
         }
     }
 
-    /// Whoever asked may have gone.
+    /// The caller may have gone.
     fn answer(&self, now: Instant, done: Done) {
         match (done, &self.jobs) {
             (Done::Tell(told, sender), _) => drop(sender.send(told)),
@@ -251,8 +252,8 @@ impl Served {
         }
     }
 
-    /// Pulls the adapter out, or puts it back. Where it can't be put back it stays out, which
-    /// is told to who looks.
+    /// Unplugs the adapter, or plugs it in. If that fails it stays unplugged, which observers are
+    /// told.
     fn plug(&mut self, plugged: bool) {
         if plugged && let Some(path) = self.unplugged.take() {
             self.pty = Pty::open(&path).ok();
@@ -280,7 +281,7 @@ async fn heard_by_pty(pty: Option<&mut Pty>, buffer: &mut [u8]) -> io::Result<(u
     }
 }
 
-/// What a client sends next over TCP; never anything where there is no TCP.
+/// The next data from a client over TCP; never any if there is no TCP.
 async fn heard_by_tcp(tcp: Option<&mut Tcp>) -> Vec<u8> {
     match tcp {
         Some(tcp) => tcp.received().await,

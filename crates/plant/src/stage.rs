@@ -1,5 +1,5 @@
-//! One line of a plant in virtual time: its modules, what moves at their inputs, and the faults
-//! that come and go. Same shape as [`Line`]; there is no clock here.
+//! One line of a plant in virtual time: its modules, changing inputs, and faults that come and go.
+//! The same shape as [`Line`]; there is no clock here.
 
 mod part;
 #[cfg(test)]
@@ -14,12 +14,12 @@ use railbus_site::config::{Fault, FaultOrder, Signal, SimModule};
 use railbus_wire::{Address, Instant, Micros, Protocol, Settings};
 use std::collections::BTreeMap;
 
-/// How often the inputs that move are moved on.
+/// Update interval of changing inputs.
 const STEP: Micros = Micros::from_millis(100);
-/// How long garbage is planned for that ends when it is told to.
+/// Planned duration of babble that ends only on command.
 const FOREVER: Micros = Micros(u64::MAX);
 
-/// A line and what happens around it.
+/// A line and its environment.
 #[derive(Clone, Debug)]
 pub(super) struct Stage {
     name: String,
@@ -30,25 +30,25 @@ pub(super) struct Stage {
     step_at: Instant,
 }
 
-/// Whose faults they are.
+/// The target of faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Whose {
     Line,
     Module(usize),
 }
 
-/// What a person does at a module.
+/// A manual action at a module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Deed {
-    /// Lays something at an input, or leaves it to itself again.
+    /// Sets an input, or releases it.
     Input(Point, Option<Signal>),
     Power(Power),
     Dip(u8),
     /// Grounds INIT*, or opens it.
     Init(bool),
-    /// Writes another protocol, as only the maker's software does.
+    /// Changes the protocol, as only the manufacturer's software can.
     Protocol(Protocol),
-    /// Brings the settings of the factory back.
+    /// Restores the factory settings.
     Reset,
 }
 
@@ -65,7 +65,7 @@ impl Stage {
         }
     }
 
-    /// Adds a module at the start. What it kept from an earlier run goes before all else.
+    /// Adds a module at the start. Its state from an earlier run takes precedence.
     pub(super) fn add(
         &mut self,
         name: &str,
@@ -112,13 +112,13 @@ impl Stage {
         Ok(())
     }
 
-    /// Tells the line what happened, and when.
+    /// Reports an event and its time to the line.
     pub(super) fn handle(&mut self, now: Instant, input: Input<'_>) {
         self.catch_up(now);
         self.line.handle(now, input);
     }
 
-    /// The next thing that comes of it.
+    /// The next output.
     pub(super) fn poll(&mut self) -> Output<'_> {
         let own = self.next_change();
         match self.line.poll() {
@@ -135,8 +135,8 @@ impl Stage {
         &mut self.line
     }
 
-    /// How the master is set that sends these characters at this speed over a PTY, which keeps
-    /// no parity: as the module that they are for, or else as the line.
+    /// The settings of a master that sends these characters at this speed over a PTY, which has no
+    /// parity: those of the addressed module, otherwise those of the line.
     pub(super) fn settings_for(&self, bytes: &[u8], of_port: Settings) -> Settings {
         let modules = self.line.addressed(bytes);
         let mut serials = modules.map(|module| self.line.engine(module).active().serial);
@@ -156,7 +156,7 @@ impl Stage {
         self.serial
     }
 
-    /// Does something at a module.
+    /// Carries out a manual action.
     pub(super) fn act(&mut self, now: Instant, index: usize, deed: Deed) {
         self.catch_up(now);
         let Some(part) = self.parts.get_mut(index) else {
@@ -204,23 +204,23 @@ impl Stage {
         }
     }
 
-    /// From now on this goes wrong too.
+    /// Adds a fault.
     pub(super) fn add_fault(&mut self, now: Instant, whose: Whose, order: &FaultOrder) {
         let replies = self.replies(whose);
         self.change_faults(now, whose, |standing| standing.add(now, replies, order));
     }
 
-    /// Nothing of this goes wrong any more.
+    /// Ends a kind of fault.
     pub(super) fn clear_faults(&mut self, now: Instant, whose: Whose) {
         self.change_faults(now, whose, Standing::clear);
     }
 
-    /// What has these words, or this name, does not go wrong any more.
+    /// Ends the faults with this specification or name.
     pub(super) fn clear_some(&mut self, now: Instant, whose: Whose, words: &str) {
         self.change_faults(now, whose, |standing| standing.clear_some(words));
     }
 
-    /// Nothing goes wrong any more.
+    /// Ends all faults.
     pub(super) fn clear_all(&mut self, now: Instant) {
         self.clear_faults(now, Whose::Line);
         for index in 0..self.parts.len() {
@@ -228,7 +228,7 @@ impl Stage {
         }
     }
 
-    /// Moves the inputs and ends the faults that are due by now, one after another.
+    /// Updates inputs and ends faults that are due by now, one after another.
     fn catch_up(&mut self, now: Instant) {
         while let Some(at) = self.next_change().filter(|at| *at <= now) {
             self.line.handle(at, Input::Timeout);
@@ -244,8 +244,8 @@ impl Stage {
         self.line.handle(now, Input::Timeout);
     }
 
-    /// Ends the faults that are over. One that is for so many replies is over before the next
-    /// request comes, which is soon enough.
+    /// Ends expired faults. One limited by a number of replies ends before the next request, which
+    /// is soon enough.
     fn expire(&mut self, at: Instant) {
         let modules = (0..self.parts.len()).map(Whose::Module);
         for whose in std::iter::once(Whose::Line).chain(modules) {
@@ -256,7 +256,7 @@ impl Stage {
         }
     }
 
-    /// How many replies were given; faults of a line are not counted by them.
+    /// Number of replies given; faults of a line are not counted by them.
     pub(super) fn replies(&self, whose: Whose) -> u64 {
         match whose {
             Whose::Line => 0,
@@ -323,7 +323,7 @@ impl Stage {
         self.power(now, index);
     }
 
-    /// Gives the module the address that a fault wants it to have, or its own back.
+    /// Gives the module the address required by a fault, or its own one back.
     fn readdress(&mut self, now: Instant, index: usize) {
         let part = &mut self.parts[index];
         let eeprom = *self.line.engine(part.id).eeprom();
@@ -342,7 +342,7 @@ impl Stage {
         }
     }
 
-    /// Writes the EEPROM, which restarts the module; one without power stays so.
+    /// Writes the EEPROM, which restarts the module; one without power stays off.
     fn rewrite(&mut self, now: Instant, index: usize, act: Act) {
         let part = &mut self.parts[index];
         part.look_at_init(now, &mut self.line);
@@ -351,7 +351,7 @@ impl Stage {
         self.power(now, index);
     }
 
-    /// Gives the module its power, or takes it, as is wanted and as the faults have it.
+    /// Switches the module's power, as requested and as faults require.
     fn power(&mut self, now: Instant, index: usize) {
         let dead = self.faults.has(Fault::Dead);
         let part = &mut self.parts[index];
@@ -372,7 +372,7 @@ impl Stage {
     }
 }
 
-/// The same module as it leaves the factory: nothing is set, nor wired to INIT*.
+/// The same module with factory settings: nothing configured, INIT* not wired.
 fn as_new(setup: &Setup) -> Setup {
     Setup {
         outputs: setup.outputs,

@@ -1,4 +1,4 @@
-//! The faults that stand: which, until when, and what they amount to.
+//! The active faults: which, until when, and their effects.
 
 use railbus_sim::{Chance, Faults, Span};
 use railbus_site::config::{Fault, FaultOrder, Noise};
@@ -8,30 +8,30 @@ use railbus_wire::{Instant, Micros, Settings};
 #[derive(Clone, Debug, Default)]
 pub(super) struct Standing(Vec<Stands>);
 
-/// A fault that stands.
+/// An active fault.
 #[derive(Clone, Debug)]
 struct Stands {
     order: FaultOrder,
-    /// It ends by itself then.
+    /// It ends automatically then.
     until: Option<Instant>,
-    /// It ends by itself when the module has given so many replies since it is there.
+    /// It ends automatically when the module has given this many replies since it was added.
     until_reply: Option<u64>,
 }
 
-/// A fault that stands, as it is told.
+/// An active fault, as reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Told<'a> {
-    /// As it was ordered.
+    /// As specified.
     pub(super) words: &'a str,
-    /// How long it still lasts, where it ends by itself.
+    /// Time left, if it ends automatically.
     pub(super) left: Option<Micros>,
-    /// How many replies it is still for, where it is for some.
+    /// Number of replies left, if it is limited.
     pub(super) times_left: Option<u64>,
 }
 
 impl Standing {
-    /// From now on this goes wrong too; it takes the place of one of its own kind.
-    /// `replies` is how many the module has given.
+    /// Adds a fault, which replaces one of the same kind. `replies` is how many the module has
+    /// given.
     pub(super) fn add(&mut self, now: Instant, replies: u64, order: &FaultOrder) {
         self.0.retain(|one| !one.order.fault.excludes(order.fault));
         self.0.push(Stands {
@@ -45,7 +45,7 @@ impl Standing {
         self.0.clear();
     }
 
-    /// Drops those of these words, or of this name.
+    /// Removes those with this specification or name.
     pub(super) fn clear_some(&mut self, words: &str) {
         self.0.retain(|one| {
             let own = one.order.words.as_str();
@@ -53,7 +53,7 @@ impl Standing {
         });
     }
 
-    /// Drops those whose time is over, and those that all their replies were given of.
+    /// Removes those whose time is over, and those whose number of replies is reached.
     pub(super) fn expire(&mut self, now: Instant, replies: u64) {
         self.0.retain(|one| {
             let lasts = one.until.is_none_or(|until| until > now);
@@ -78,7 +78,7 @@ impl Standing {
         self.0.iter().any(|one| one.order.fault == fault)
     }
 
-    /// The address that a fault gives the module.
+    /// The address required by a fault.
     pub(super) fn address(&self) -> Option<u8> {
         self.0.iter().find_map(|one| match one.order.fault {
             Fault::DupAddress(address) => Some(address),
@@ -104,7 +104,7 @@ impl Standing {
         })
     }
 
-    /// What chance is to do, on a line with these settings.
+    /// The random faults, on a line with these settings.
     pub(super) fn faults(&self, serial: Settings) -> Faults {
         let mut faults = Faults::NONE;
         for one in &self.0 {
@@ -114,7 +114,7 @@ impl Standing {
     }
 }
 
-/// Adds one fault. Those that chance has no part in are the stage's business.
+/// Adds one fault. Those without randomness are handled by the stage.
 fn add(faults: &mut Faults, fault: Fault, serial: Settings) {
     let chance = Chance::per_million;
     let same = |time| Span {

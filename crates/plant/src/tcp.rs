@@ -1,4 +1,4 @@
-//! Raw bytes over TCP: what a serial server does. Several clients share the line.
+//! Raw bytes over TCP, like a serial device server. Several clients share the line.
 
 use std::io;
 use std::net::SocketAddr;
@@ -9,21 +9,21 @@ use tokio::net::tcp::WriteHalf;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{broadcast, mpsc};
 
-/// More clients than this are turned away.
+/// Maximum number of clients; more are rejected.
 const CLIENTS_MAX: usize = 32;
-/// Reads of clients that wait for the line.
+/// Queued reads of clients.
 const REQUESTS_MAX: usize = 16;
-/// Pieces that a slow client may be behind before it is dropped.
+/// Number of chunks that a slow client may be behind before it is dropped.
 const BEHIND_MAX: usize = 4_096;
-/// A client that has closed its sending side still hears the reply for so long.
+/// How long a client that has closed its sending side still receives replies.
 const LINGER: Duration = Duration::from_secs(2);
 
-/// After a client could not be let in, so long until the next.
+/// Pause after a client could not be accepted.
 const PAUSE: Duration = Duration::from_millis(100);
 
 type Heard = broadcast::Receiver<Arc<[u8]>>;
 
-/// The clients, together.
+/// All clients.
 pub(super) struct Tcp {
     address: SocketAddr,
     heard: broadcast::Sender<Arc<[u8]>>,
@@ -31,7 +31,7 @@ pub(super) struct Tcp {
 }
 
 impl Tcp {
-    /// Listens, and lets clients in from now on.
+    /// Listens, and accepts clients from now on.
     pub(super) async fn listen(address: SocketAddr) -> io::Result<Tcp> {
         let listener = TcpListener::bind(address).await?;
         let address = listener.local_addr()?;
@@ -45,16 +45,16 @@ impl Tcp {
         })
     }
 
-    /// Where it listens.
+    /// The address it listens on.
     pub(super) const fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// What a client sends next.
+    /// The next data from a client.
     pub(super) async fn received(&mut self) -> Vec<u8> {
         match self.requests.recv().await {
             Some(bytes) => bytes,
-            // The listener holds the other end for as long as the program runs.
+            // The listener holds the other end as long as the program runs.
             None => std::future::pending().await,
         }
     }
@@ -74,7 +74,7 @@ async fn accept(
 ) {
     loop {
         let Ok((stream, _)) = listener.accept().await else {
-            // One client's own error, or a lack of file handles, which takes time to pass.
+            // An error of a single client, or a lack of file handles, which will pass.
             tokio::time::sleep(PAUSE).await;
             continue;
         };
@@ -84,7 +84,7 @@ async fn accept(
     }
 }
 
-/// Serves one client until it has gone. Whatever ends it is the client's business alone.
+/// Serves one client until it has gone. Its errors only affect that client.
 async fn serve_client(mut stream: TcpStream, requests: mpsc::Sender<Vec<u8>>, mut heard: Heard) {
     let _ = stream.set_nodelay(true);
     let (mut reader, mut writer) = stream.split();
@@ -107,7 +107,7 @@ async fn serve_client(mut stream: TcpStream, requests: mpsc::Sender<Vec<u8>>, mu
     let _ = tokio::time::timeout(LINGER, rest).await;
 }
 
-/// Hands on what was heard; nothing where the client has gone or is too far behind.
+/// Forwards received bytes; `None` if the client has gone or is too far behind.
 async fn forward(
     bytes: Result<Arc<[u8]>, broadcast::error::RecvError>,
     writer: &mut WriteHalf<'_>,

@@ -1,4 +1,4 @@
-//! What the simulated plant says.
+//! The texts of the simulated plant.
 
 use railbus_words::texts;
 
@@ -46,7 +46,7 @@ texts! {
         zh: "其中模块 \"{name}\" 的型号不同",
     }
 
-    // Orders and answers.
+    // Commands and answers.
     NoOrder { en: "unknown command \"{text}\"; try help", zh: "未知命令 \"{text}\"；可输入 help" }
     WriteSo { en: "write it as: {form}", zh: "应写为：{form}" }
     WhichLine { en: "which line? there are: {names}", zh: "哪条总线？现有：{names}" }

@@ -1,4 +1,4 @@
-//! A module of a stage, and what is done to it from outside.
+//! A module of a stage, and manual changes to it.
 
 use crate::standing::Standing;
 use railbus_device::{Eeprom, Point, PointKind, Setup};
@@ -7,27 +7,27 @@ use railbus_site::config::{Signal, Swing};
 use railbus_wire::{Address, Instant};
 use std::collections::BTreeMap;
 
-/// A module and what is done to it from outside.
+/// A module and the manual changes to it.
 #[derive(Clone, Debug)]
 pub(crate) struct Part {
     pub(crate) name: String,
     pub(crate) setup: Setup,
     pub(crate) faults: Standing,
     pub(super) id: ModuleId,
-    /// What lies at the inputs by itself.
+    /// The automatic signals at the inputs.
     pub(super) script: BTreeMap<Point, Signal>,
-    /// What somebody laid at some of them instead.
+    /// Manual values that replace some of them.
     pub(super) by_hand: BTreeMap<Point, Signal>,
     pub(super) levels: u32,
     pub(super) analogs: [i16; 2],
-    /// It looks at INIT* when its power comes, and not again.
+    /// It reads INIT* only at power-up.
     pub(super) init_at_power_up: bool,
-    /// The level of INIT* that it has not looked at yet.
+    /// The level of INIT* that it has not read yet.
     pub(super) init_unseen: Option<bool>,
-    /// It is to have power, unless a fault takes it away.
+    /// It is to be powered, unless a fault prevents it.
     pub(super) wanted_power: bool,
     pub(super) has_power: bool,
-    /// The address that it had before a fault gave it another.
+    /// Its address before a fault changed it.
     pub(super) own_address: Option<Address>,
 }
 
@@ -36,7 +36,7 @@ impl Part {
         self.id
     }
 
-    /// What the module keeps, but for the address that a fault gave it.
+    /// The module's stored settings, without the address given by a fault.
     pub(crate) fn kept(&self, line: &Line) -> Eeprom {
         let eeprom = *line.engine(self.id).eeprom();
         let address = self.own_address.unwrap_or(eeprom.address);
@@ -51,25 +51,25 @@ impl Part {
         self.analogs
     }
 
-    /// The power comes: what lies at INIT* counts from now on.
+    /// Power-up: the level at INIT* takes effect.
     pub(super) fn look_at_init(&mut self, now: Instant, line: &mut Line) {
         if let Some(grounded) = self.init_unseen.take() {
             line.handle(now, Input::Act(self.id, Act::Init(grounded)));
         }
     }
 
-    /// Whether an input moves by itself.
+    /// Whether an input changes automatically.
     pub(super) fn moves(&self) -> bool {
         let mut signals = self.signals();
         signals.any(|(_, signal)| !matches!(signal, Signal::Level(_) | Signal::Value(_)))
     }
 
-    /// Whether somebody laid something at this input.
+    /// Whether this input was set manually.
     pub(crate) fn is_by_hand(&self, point: Point) -> bool {
         self.by_hand.contains_key(&point)
     }
 
-    /// What lies at the inputs: by hand, or else by itself.
+    /// The value at the inputs: manual, otherwise automatic.
     fn signals(&self) -> impl Iterator<Item = (Point, Signal)> {
         let left = |(point, _): &(&Point, &Signal)| !self.by_hand.contains_key(point);
         let script = self.script.iter().filter(left);
@@ -78,9 +78,9 @@ impl Part {
             .map(|(point, signal)| (*point, *signal))
     }
 
-    /// Brings what lies at the inputs up to date.
+    /// Updates the inputs.
     pub(super) fn move_inputs(&mut self, at: Instant, line: &mut Line) {
-        // An input that nothing lies at is open.
+        // An unconnected input is open.
         let (mut levels, mut analogs) = (self.setup.input_mask(), [0; 2]);
         for (point, signal) in self.signals() {
             match (point.kind, signal_at(signal, at)) {
@@ -106,7 +106,7 @@ impl Part {
     }
 }
 
-/// What a signal is at a moment: hundredths, or 0 for low and 1 for high.
+/// The value of a signal at a moment: hundredths, or 0 for low and 1 for high.
 fn signal_at(signal: Signal, at: Instant) -> i16 {
     match signal {
         Signal::Level(high) => high.into(),
