@@ -1,4 +1,4 @@
-//! What the site tells, in the types of the API, and what those ask of it.
+//! Conversion between the site and the types of the API, in both directions.
 
 pub mod ask;
 pub mod config_words;

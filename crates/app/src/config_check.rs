@@ -1,4 +1,4 @@
-//! What is unwise in a configuration, for people and programs.
+//! Valid but unwise settings of a configuration, for people and programs.
 
 mod texts;
 
@@ -20,14 +20,14 @@ pub fn lints(machine: &Machine, config: &Config) -> Vec<Warning> {
     })
 }
 
-/// The same as the API tells them.
+/// The same in the types of the API.
 pub fn warnings(lang: Lang, file: &str, text: &str, config: &Config) -> Vec<Value> {
     let warnings = lints(&Machine::this(), config);
     let told = |warning| Shown::of(lang, text, warning).json(file);
     warnings.iter().map(told).collect()
 }
 
-/// How much of each line's time the polls take at least.
+/// The minimum share of each line's time that its polls take.
 pub fn loads(lang: Lang, config: &Config) -> String {
     let of_line = |name: &String| {
         let modules = config.modules_of(name).map(|(_, module)| module);
@@ -42,17 +42,17 @@ pub fn loads(lang: Lang, config: &Config) -> String {
 pub struct Shown {
     /// Its code, such as `L012`.
     pub code: &'static str,
-    /// Which setting of the configuration it is about.
+    /// The setting concerned.
     pub path: String,
     place: Option<(usize, usize)>,
-    /// What it is.
+    /// The problem.
     pub message: String,
     /// What to do.
     pub next: String,
 }
 
 impl Shown {
-    /// The warning in the language, with its place in the text.
+    /// The warning in this language, with its position in the text.
     pub fn of(lang: Lang, text: &str, warning: &Warning) -> Shown {
         let code = warning.kind.code();
         let page = findings::find(code).map(|finding| finding.page);
@@ -83,7 +83,7 @@ impl Shown {
         })
     }
 
-    /// The file, with line and column where they are known.
+    /// The file, with line and column if known.
     pub fn at(&self, file: &str) -> String {
         match self.place {
             Some((line, column)) => format!("{file}:{line}:{column}"),
@@ -92,7 +92,7 @@ impl Shown {
     }
 }
 
-/// The figures of a warning.
+/// The numbers in a warning.
 fn detail(lang: Lang, kind: &Unwise) -> String {
     let ms = |micros: railbus_wire::Micros| micros.0.div_ceil(1_000);
     let fill = |text: UnwiseText, values: &[(&str, &dyn Display)]| lang.fill(text, values);

@@ -1,4 +1,4 @@
-//! Where the configuration lies, and how it is read.
+//! Finding and reading the configuration.
 
 use crate::api::failures::bad_config;
 use crate::socket;
@@ -10,20 +10,20 @@ use std::path::{Path, PathBuf};
 
 /// The name of the file.
 pub const NAME: &str = "railbus.toml";
-/// The longest configuration.
+/// Maximum size of a configuration.
 const LEN_MAX: u64 = 1 << 20;
 
-/// A configuration and where it was found.
+/// A configuration and its path.
 #[derive(Debug)]
 pub struct Found {
     /// The file.
     pub path: PathBuf,
-    /// What it says.
+    /// Its content.
     pub config: Config,
 }
 
-/// Reads the configuration: the one named, or else the first of `$RAILBUS_CONFIG`,
-/// `railbus.toml` here or in a parent, the user's own, and the system's.
+/// Reads the configuration: the given one, or else the first of `$RAILBUS_CONFIG`, `railbus.toml`
+/// here or in a parent, the user's own, and the system's.
 pub fn read(lang: Lang, named: Option<&Path>) -> Result<Found, Problem> {
     let path = path(named)?;
     let text = text_of(&path)?;
@@ -32,7 +32,7 @@ pub fn read(lang: Lang, named: Option<&Path>) -> Result<Found, Problem> {
     Ok(Found { path, config })
 }
 
-/// Where the configuration lies that [`read`] reads.
+/// The path of the configuration that [`read`] reads.
 pub fn path(named: Option<&Path>) -> Result<PathBuf, Problem> {
     chosen(named).map(|(path, _)| path)
 }
@@ -54,16 +54,16 @@ pub fn text_of(path: &Path) -> Result<String, Problem> {
     Ok(text)
 }
 
-/// Why a configuration is the one that is used.
+/// Why this configuration is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Why {
-    /// A flag names it.
+    /// Given by a flag.
     Flag,
-    /// `RAILBUS_CONFIG` names it.
+    /// Given by `RAILBUS_CONFIG`.
     Environment,
-    /// It lies in the first of the usual places where there is one.
+    /// The first one found at the usual places.
     Place,
-    /// There is none here, and a daemon has it.
+    /// There is none here, but a daemon has one.
     Daemon,
 }
 
@@ -79,8 +79,8 @@ impl Why {
     }
 }
 
-/// The configuration to use: the one named, that of the environment, or the first of the usual
-/// places where there is a file.
+/// The configuration to use: the given one, that of the environment, or the first existing one of
+/// the usual places.
 pub fn chosen(named: Option<&Path>) -> Result<(PathBuf, Why), Problem> {
     if let Some(path) = named {
         return Ok((path.to_owned(), Why::Flag));
@@ -95,7 +95,7 @@ pub fn chosen(named: Option<&Path>) -> Result<(PathBuf, Why), Problem> {
             let looked: Vec<String> = places.iter().map(|p| p.display().to_string()).collect();
             let problem = Problem::new(codes::NO_CONFIG).with("looked", looked);
             let problem = match socket::answers() {
-                // What can be asked has no need of another.
+                // With a daemon that can be queried, no other is needed.
                 Some(socket) => {
                     problem.with_hint(format!("railbus --socket {} ls", socket.display()))
                 }
@@ -106,7 +106,7 @@ pub fn chosen(named: Option<&Path>) -> Result<(PathBuf, Why), Problem> {
     }
 }
 
-/// A file as every path leads to it, whether or not it is there yet: absolute, without links.
+/// The canonical path of a file, which need not exist yet: absolute, without links.
 pub fn real(file: &Path) -> PathBuf {
     let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     std::fs::canonicalize(&file).unwrap_or_else(|_| match (file.parent(), file.file_name()) {
@@ -118,8 +118,8 @@ pub fn real(file: &Path) -> PathBuf {
     })
 }
 
-/// Where what is to be remembered of a site lies: beside its configuration; without one, where the
-/// user's programs keep such things. `RAILBUS_STATE` goes before both.
+/// The state folder of a site: next to its configuration; without one, the usual place for the
+/// user's programs. `RAILBUS_STATE` takes precedence over both.
 pub fn state_folder(config: Option<&Path>) -> PathBuf {
     if let Some(named) = std::env::var_os("RAILBUS_STATE").filter(|path| !path.is_empty()) {
         return named.into();

@@ -1,4 +1,4 @@
-//! What is wrong with machine, ports, lines, modules and configuration, and how to mend it.
+//! Problems of the machine, ports, lines, modules and configuration, and how to fix them.
 
 mod daemon;
 mod finding;
@@ -19,7 +19,7 @@ use railbus_words::Lang;
 pub use served::told;
 pub use texts::FindingText;
 
-/// What a daemon finds, of its machine and of what it serves.
+/// The findings of a daemon about its machine and its site.
 pub fn of_daemon(
     lang: Lang,
     lines: Vec<LineInfo>,
@@ -43,7 +43,7 @@ pub fn of_daemon(
     found.iter().map(|finding| finding.json(lang)).collect()
 }
 
-/// What is to be said of a configuration without problems.
+/// The findings about a configuration without errors.
 pub fn of_config(lang: Lang, machine: &Machine, found: &config_file::Found) -> Vec<Finding> {
     let text = config_file::text_of(&found.path).unwrap_or_default();
     let warnings = config_check::lints(machine, &found.config);

@@ -1,4 +1,4 @@
-//! What went wrong: what happened, where, why, what to try, under a code that never changes.
+//! Failures: what happened, where, why, and what to try, under a code that never changes.
 
 #[cfg(test)]
 mod outlets;
@@ -13,10 +13,10 @@ use railbus_words::{reasons, width};
 use serde_json::{Map, Value, json};
 use std::process::ExitCode;
 
-/// The width of the labels of an error.
+/// The width of an error's labels.
 const LABEL: usize = 7;
 
-/// Why a command ended without doing what it was asked to.
+/// Why a command failed.
 #[derive(Debug)]
 pub struct Failure {
     code: Code,
@@ -27,11 +27,11 @@ pub struct Failure {
     facts: Map<String, Value>,
     /// What may still have taken effect, if anything.
     perhaps: Option<Box<Perhaps>>,
-    /// The result says it already: only the exit code is left to tell.
+    /// The output already says it: only the exit code is left.
     is_told: bool,
 }
 
-/// What of a command may still have taken effect.
+/// The part of a command that may still have taken effect.
 #[derive(Debug)]
 enum Perhaps {
     Whole,
@@ -39,7 +39,7 @@ enum Perhaps {
 }
 
 impl Failure {
-    /// A failure with a message of its own.
+    /// A failure with its own message.
     pub fn new(code: Code, message: String) -> Failure {
         Failure {
             code,
@@ -53,31 +53,31 @@ impl Failure {
         }
     }
 
-    /// Nothing is wrong, and the result says all: people are told no error. Programs that asked for
-    /// JSON get its document, as with every exit code.
+    /// Not an error, and the output says everything: people see no error message. Programs that
+    /// requested JSON get its document, as with every exit code.
     pub const fn told(mut self) -> Failure {
         self.is_told = true;
         self
     }
 
-    /// Whether the result says all, and only the exit code is left to tell.
+    /// Whether the output says everything, and only the exit code is left.
     pub const fn is_told(&self) -> bool {
         self.is_told
     }
 
-    /// With what the table says happened, what it usually comes from, and what to do next.
+    /// A failure with the title, usual causes and next steps of the table.
     pub fn of(lang: Lang, code: Code) -> Failure {
         let title = code.page().title(lang).to_owned();
         Failure::new(code, title).diagnosed()
     }
 
-    /// Adds what the table says it usually comes from.
+    /// Adds the usual causes of the table.
     pub const fn diagnosed(mut self) -> Failure {
         self.likely = true;
         self
     }
 
-    /// Adds the reason, as the system or the parser gives it, or what was seen of it.
+    /// Adds the reason, as given by the system or the parser, or as observed.
     pub fn because(mut self, why: impl ToString) -> Failure {
         self.why.push(why.to_string());
         self
@@ -95,7 +95,7 @@ impl Failure {
         self
     }
 
-    /// Says, where it is so, that the command may still have taken effect.
+    /// Marks, if so, that the command may still have taken effect.
     pub fn perhaps_acted(mut self, perhaps: bool) -> Failure {
         if perhaps && self.perhaps.is_none() {
             self.perhaps = Some(Box::new(Perhaps::Whole));
@@ -103,7 +103,7 @@ impl Failure {
         self
     }
 
-    /// The same of these parts of it, and of no others.
+    /// The same for these parts of it, and no others.
     pub fn perhaps_acted_on(mut self, parts: Vec<String>) -> Failure {
         self.perhaps = (!parts.is_empty()).then(|| Box::new(Perhaps::Parts(parts)));
         self
@@ -124,32 +124,32 @@ impl Failure {
         &self.message
     }
 
-    /// What the case at hand adds to it.
+    /// The details of this case.
     pub fn why(&self) -> &[String] {
         &self.why
     }
 
-    /// The exit code that goes with it.
+    /// Its exit code.
     pub fn exit_code(&self) -> ExitCode {
         ExitCode::from(self.code.exit())
     }
 
-    /// As the reader wants it, within so many columns, if they are limited.
+    /// In the requested form, within this many columns, if they are limited.
     pub fn tell(&self, lang: Lang, format: Format, paint: Paint, columns: Option<usize>) -> String {
         if format.is_json() {
             return json!({ "error": self.to_json(lang) }).to_string();
         }
         let text = self.render_within(lang, columns);
-        // What it is called, up to the code, stands out.
+        // The label and code are highlighted.
         match text.split_once(']') {
             Some((name, rest)) => paint.bad(&format!("{name}]")) + rest,
             None => text,
         }
     }
 
-    /// As programs read it.
+    /// For programs.
     pub fn to_json(&self, lang: Lang) -> Value {
-        // No fact may take the place of what every failure says.
+        // No fact may replace one of the standard fields.
         let mut error = self.facts.clone();
         error.remove("why");
         error.insert("code".to_owned(), self.code.name().into());
@@ -166,7 +166,7 @@ impl Failure {
         error.into()
     }
 
-    /// What the case at hand adds to it, and what may have come of it.
+    /// The details of this case, and what may have taken effect.
     fn reasons(&self, lang: Lang) -> Vec<String> {
         let sentence = lang.get(AppText::MayHaveActed);
         let of_part =
@@ -188,13 +188,13 @@ impl Failure {
         self.tries.clone()
     }
 
-    /// As people read it.
+    /// For people.
     pub fn render(&self, lang: Lang) -> String {
         self.render_within(lang, None)
     }
 
-    /// The same within so many columns, if they are limited. What does not fit goes on below its
-    /// own text, so that labels and codes stand out.
+    /// The same within this many columns, if they are limited. Long text wraps below its own
+    /// beginning, so that labels and codes stand out.
     pub fn render_within(&self, lang: Lang, columns: Option<usize>) -> String {
         let code = self.code.name();
         let head = lang.fill(AppText::Error, &[("code", &code), ("message", &"")]);

@@ -1,4 +1,4 @@
-//! Frames that were heard: what they say, in words, for programs and in capture files.
+//! Frames on the line: their meaning in words, for programs and in capture files.
 
 mod facts;
 mod json;

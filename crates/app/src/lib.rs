@@ -1,6 +1,6 @@
-//! What the command line, the gateway and the simulated plant share: failures as people and
-//! programs read them, results in their forms, what a site tells in the types of the API, what is
-//! wrong with it, how settings are changed, where files and sockets lie.
+//! Shared by the command line, the gateway and the simulated plant: failures for people and
+//! programs, results in all output formats, the state of a site in the types of the API, the
+//! doctor's findings, changes of settings, and the paths of files and sockets.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
@@ -20,10 +20,10 @@ pub mod texts;
 
 pub use failure::Failure;
 
-/// An address as manuals write it: `10`, `0x0A`, `0Ah`.
+/// An address as written in manuals: `10`, `0x0A`, `0Ah`.
 ///
 /// # Errors
-/// Why it is none, in the words of the parser of numbers.
+/// Why it is not valid, in the words of the number parser.
 pub fn address(text: &str) -> Result<u8, String> {
     let hexadecimal = text
         .strip_prefix("0x")

@@ -1,4 +1,4 @@
-//! The machine as its files tell it: ports, programs, users. Nothing here opens a port.
+//! The machine, as its files describe it: ports, programs, users. Nothing here opens a port.
 
 pub mod fixture;
 pub mod ports;
@@ -8,10 +8,10 @@ use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// The longest file that is read; those of the kernel are short.
+/// Maximum size of a file that is read; those of the kernel are short.
 const LEN_MAX: u64 = 1 << 20;
 
-/// A machine's tree of files; that of another one in tests.
+/// A machine's file tree; in tests, that of another one.
 #[derive(Clone, Debug)]
 pub struct Machine {
     root: PathBuf,
@@ -23,19 +23,19 @@ impl Machine {
         Machine::at("/")
     }
 
-    /// The machine whose files lie below a folder.
+    /// The machine whose files are below this folder.
     pub fn at(root: impl Into<PathBuf>) -> Machine {
         Machine { root: root.into() }
     }
 
-    /// Where a file of the machine lies.
+    /// The path of one of the machine's files.
     pub fn path(&self, absolute: impl AsRef<Path>) -> PathBuf {
         let absolute = absolute.as_ref();
         self.root
             .join(absolute.strip_prefix("/").unwrap_or(absolute))
     }
 
-    /// The text of a file; none where it can't be read.
+    /// The text of a file; `None` if it can't be read.
     pub fn text(&self, absolute: impl AsRef<Path>) -> Option<String> {
         let file = fs::File::open(self.path(absolute)).ok()?;
         let mut bytes = Vec::new();
@@ -43,7 +43,7 @@ impl Machine {
         Some(String::from_utf8_lossy(&bytes).into_owned())
     }
 
-    /// The names in a folder, sorted; none where it can't be read.
+    /// The sorted names in a folder; empty if it can't be read.
     pub fn names(&self, folder: impl AsRef<Path>) -> Vec<String> {
         let entries = fs::read_dir(self.path(folder))
             .into_iter()
@@ -56,12 +56,12 @@ impl Machine {
         names
     }
 
-    /// Where a link leads, as it is written.
+    /// The target of a link, as written.
     pub fn link(&self, absolute: impl AsRef<Path>) -> Option<PathBuf> {
         fs::read_link(self.path(absolute)).ok()
     }
 
-    /// The programs that run, by number and name.
+    /// The running programs, by process ID and name.
     pub fn programs(&self) -> impl Iterator<Item = (u32, String)> {
         let numbers = self.names("/proc").into_iter();
         numbers.filter_map(|name| {

@@ -1,4 +1,4 @@
-//! Results as people and programs read them.
+//! Output for people and programs.
 
 pub mod colour;
 pub mod csv;
@@ -10,7 +10,7 @@ pub mod wire_words;
 
 use std::ffi::OsString;
 
-/// The form of a result.
+/// The output format.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Format {
     /// For people.
@@ -18,7 +18,7 @@ pub enum Format {
     Table,
     /// One JSON document.
     Json,
-    /// One JSON document to a line.
+    /// One JSON document per line.
     Ndjson,
     /// Comma separated values with a header.
     Csv,
@@ -30,7 +30,7 @@ impl Format {
     /// The names in flags.
     pub const NAMES: [&str; 5] = ["table", "json", "ndjson", "csv", "value"];
 
-    /// The form of that name.
+    /// The format with that name.
     pub fn from_name(name: &str) -> Option<Format> {
         Some(match name {
             "table" => Format::Table,
@@ -42,13 +42,13 @@ impl Format {
         })
     }
 
-    /// Whether a failure is told as JSON, too.
+    /// Whether errors are printed as JSON, too.
     pub const fn is_json(self) -> bool {
         matches!(self, Format::Json | Format::Ndjson)
     }
 
-    /// The form that the arguments ask for, or else the environment. It is looked up before
-    /// anything else is parsed, since what the parser says is already said in that form.
+    /// The format given by the arguments, or else by the environment. It is read before anything
+    /// else is parsed, since the parser's own messages already depend on it.
     pub fn of_process(arguments: &[OsString]) -> Format {
         let asked = flag(arguments, "--output", Some("-o"), Format::from_name);
         let variable = || std::env::var("RAILBUS_OUTPUT").ok();
@@ -57,7 +57,7 @@ impl Format {
     }
 }
 
-/// The first value of a flag that says something, before the arguments are parsed.
+/// The first valid value of a flag, before the arguments are parsed.
 pub fn flag<T>(
     arguments: &[OsString],
     long: &str,

@@ -1,14 +1,14 @@
-//! What a scan is asked and what it finds, for the command line and the gateway.
+//! Parameters and results of a scan, for the command line and the gateway.
 
 use railbus_commission::scan::{Answer, Found, Question, Verdict};
 use railbus_device::{Family, Setup};
 use railbus_wire::{Frame, Protocol};
 use railbus_words::hex;
 
-/// Reads `1-32,0x40`; gives back the part that is none.
+/// Parses `1-32,0x40`; returns the invalid part.
 ///
 /// # Errors
-/// The part that is none.
+/// The invalid part.
 pub fn addresses(text: &str) -> Result<Vec<u8>, String> {
     let mut all = Vec::new();
     for part in text.split(',') {
@@ -40,13 +40,13 @@ pub fn ranges(addresses: &[u8]) -> String {
     told.collect::<Vec<_>>().join(",")
 }
 
-/// The models that it could be, as the configuration calls them.
+/// The models it could be, as named in the configuration.
 pub fn could_be(found: &Found) -> Vec<&'static str> {
     let families = found.identity.could_be.iter();
     families.map(|family| family.name()).collect()
 }
 
-/// What it was asked, and what came back.
+/// Its requests and responses.
 pub fn evidence(found: &Found) -> Vec<String> {
     let tried = |bytes: &Vec<u8>| question(found.asked, &(found.asked.ask, bytes.clone()));
     let garbled = found.garbled.iter().map(tried);
@@ -55,7 +55,7 @@ pub fn evidence(found: &Found) -> Vec<String> {
     garbled.chain(answers).collect()
 }
 
-/// A question and its answer.
+/// A request and its response.
 fn question(asked: Question, (ask, bytes): &Answer) -> String {
     let mut frame = Frame::new();
     if let Some(exchange) = asked.with(*ask).exchange() {
@@ -69,8 +69,8 @@ fn question(asked: Question, (ask, bytes): &Answer) -> String {
     format!("{} → {}", text(frame.bytes()), text(bytes))
 }
 
-/// What the configuration would say of it. What could be several is what the user says, if it could
-/// be that.
+/// Its entry in the configuration. If it could be several models, it is the one the user names, if
+/// that is among them.
 pub fn setup(found: &Found, model: Option<Family>) -> Option<Setup> {
     let identity = &found.identity;
     let family = match found.verdict() {

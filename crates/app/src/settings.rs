@@ -1,5 +1,5 @@
-//! Changing what modules keep, as commands and gateway do it: the module to work on, the port, what
-//! a change would write, and how it ended.
+//! Changes of module settings for commands and gateway: the module, the port, what a change would
+//! write, and its result.
 
 pub mod log;
 pub mod outcome;

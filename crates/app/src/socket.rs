@@ -1,4 +1,4 @@
-//! The Unix socket on which the daemon is found.
+//! The daemon's Unix socket.
 
 use railbus_words::Lang;
 use rustix::fs::{Mode, chmod};
@@ -11,9 +11,9 @@ use tokio::net::UnixListener;
 /// Only the user who runs the daemon may open it.
 const MODE: Mode = Mode::RUSR.union(Mode::WUSR);
 
-/// Where the daemon's socket lies, the user's own first. Who has no folder for such things, and
-/// may not make the system's, gets one among the temporary files, closed to everybody else.
-/// `RAILBUS_RUN` names a folder that takes the place of all of them.
+/// The possible paths of the daemon's socket, the user's own first. A user without a runtime
+/// folder, who may not create the system's, gets a private folder among the temporary files.
+/// `RAILBUS_RUN` replaces all of these folders.
 pub fn places() -> Vec<PathBuf> {
     let socket = |folder: PathBuf| folder.join("railbus.sock");
     if let Some(named) = std::env::var_os("RAILBUS_RUN").filter(|folder| !folder.is_empty()) {
@@ -28,13 +28,13 @@ pub fn places() -> Vec<PathBuf> {
     folders.into_iter().flatten().map(socket).collect()
 }
 
-/// The first of these places where a program answers.
+/// The first of these places at which a daemon answers.
 pub fn answers() -> Option<PathBuf> {
     let mut places = places().into_iter();
     places.find(|place| UnixStream::connect(place).is_ok())
 }
 
-/// The user's own folder for what lives as long as a program runs, made where it is missing.
+/// The user's own runtime folder, created if missing.
 pub fn own_folder() -> Option<PathBuf> {
     let of_user = std::env::var_os("XDG_RUNTIME_DIR").filter(|folder| !folder.is_empty());
     let folder = of_user.map(PathBuf::from).or_else(own_temporary_folder)?;
@@ -42,8 +42,8 @@ pub fn own_folder() -> Option<PathBuf> {
     Some(folder)
 }
 
-/// The user's own folder among the temporary files; none where somebody else made one of that
-/// name, who could put a socket of his own there.
+/// The user's own folder among the temporary files; `None` if another user owns a folder of that
+/// name, and could put a socket there.
 fn own_temporary_folder() -> Option<PathBuf> {
     let user = rustix::process::geteuid().as_raw();
     let folder = std::env::temp_dir().join(format!("railbus-{user}"));
@@ -56,17 +56,17 @@ fn own_temporary_folder() -> Option<PathBuf> {
     }
 }
 
-/// Makes the folder of a socket where it is missing and may be made.
+/// Creates the folder of a socket if it is missing and may be created.
 fn make_folder(path: &Path) {
     if let Some(folder) = path.parent().filter(|folder| !folder.exists()) {
         let shared = folder.starts_with("/run");
         let mode = if shared { 0o755 } else { 0o700 };
-        // Where this fails, listening does, and says why.
+        // If this fails, listening fails, too, and reports why.
         let _ = std::fs::DirBuilder::new().mode(mode).create(folder);
     }
 }
 
-/// A listening socket, which goes away with this.
+/// A listening socket, removed when this is dropped.
 #[derive(Debug)]
 pub struct Socket {
     /// Where clients are accepted.
@@ -76,8 +76,8 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// Listens. What a daemon that was killed left behind is replaced; where one answers, this
-    /// fails.
+    /// Listens. A socket left behind by a killed daemon is replaced; if a daemon answers there,
+    /// this fails.
     pub fn listen(lang: Lang, path: &Path) -> io::Result<Socket> {
         make_folder(path);
         if UnixStream::connect(path).is_ok() {
@@ -93,7 +93,7 @@ impl Socket {
                 lang.of(foreign),
             ));
         }
-        // It gets its name when its mode is right: nobody else can open it in between.
+        // It gets its name once its mode is right: nobody else can open it in between.
         let draft = path.with_extension(format!("{}.new", std::process::id()));
         let _ = std::fs::remove_file(&draft);
         let listener = UnixListener::bind(&draft)?;
@@ -113,14 +113,14 @@ impl Socket {
         })
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.path
     }
 }
 
 impl Drop for Socket {
-    /// Another daemon may have put its own here meanwhile.
+    /// Another daemon may have put its own socket here meanwhile.
     fn drop(&mut self) {
         if std::fs::symlink_metadata(&self.path).is_ok_and(|now| now.ino() == self.inode) {
             let _ = std::fs::remove_file(&self.path);

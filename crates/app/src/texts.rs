@@ -1,4 +1,4 @@
-//! What is said by this crate, and by those above it that share it, in both languages side by side.
+//! Texts of this crate, and of those above it that share them, in both languages side by side.
 
 railbus_words::texts! {
     pub AppText;

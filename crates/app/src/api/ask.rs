@@ -1,5 +1,5 @@
-//! What one can ask of a site, in the terms of the API: the server asks so for its clients, and
-//! a command without a server for itself.
+//! Queries and commands in terms of the API: for the server's clients, and for commands that run
+//! without a server.
 
 use super::{convert, failures, paths};
 use railbus_api::problem::{Problem, codes};
@@ -25,8 +25,7 @@ pub fn modules(service: &Service) -> Vec<ModuleInfo> {
         .collect()
 }
 
-/// All modules, each read now: see [`fresh_points`]. One that does not answer is listed as
-/// offline.
+/// All modules, each read now: see [`fresh_points`]. One that does not answer is listed as offline.
 pub async fn fresh_modules(service: &Service) -> Vec<ModuleInfo> {
     let mut modules = Vec::new();
     for name in service.config().modules.into_keys() {
@@ -37,7 +36,7 @@ pub async fn fresh_modules(service: &Service) -> Vec<ModuleInfo> {
     modules
 }
 
-/// The points that a selector names.
+/// The selected points.
 pub fn points(service: &Service, selectors: &[String]) -> Vec<PointInfo> {
     let modules = service.config().modules.into_keys();
     modules
@@ -45,7 +44,7 @@ pub fn points(service: &Service, selectors: &[String]) -> Vec<PointInfo> {
         .collect()
 }
 
-/// The same of one module.
+/// The same for one module.
 fn points_of(service: &Service, module: &str, selectors: &[String]) -> Vec<PointInfo> {
     let points = service.points(module).into_iter();
     points
@@ -54,11 +53,11 @@ fn points_of(service: &Service, module: &str, selectors: &[String]) -> Vec<Point
         .collect()
 }
 
-/// All points that one of the selectors names, asked for now. A module that does not answer
-/// leaves the others to be asked, and what is known of it from before counts as that of a module
-/// that does not answer; where none answers, it is told why. Each value is judged when its own
-/// module was read: however long the others take after that, their silence makes it older and is
-/// no fault of its module.
+/// All points matched by one of the selectors, read now. A module that does not answer does not
+/// prevent the others from being read, and its last known values count as those of an offline
+/// module; if none answers, the error is returned. Each value is rated at the time its own module
+/// was read: however long the others take after that, the value only gets older, which is not a
+/// fault of its module.
 pub async fn fresh_points(
     service: &Service,
     selectors: &[String],
@@ -89,7 +88,7 @@ pub async fn fresh_points(
     }
 }
 
-/// Points as they were then, with their age as it is now.
+/// Points as they were then, with their present age.
 fn aged((then, mut points): (Instant, Vec<PointInfo>)) -> Vec<PointInfo> {
     let since = u64::try_from(then.elapsed().as_millis()).unwrap_or(u64::MAX);
     for age in points.iter_mut().filter_map(|point| point.age_ms.as_mut()) {
@@ -98,7 +97,7 @@ fn aged((then, mut points): (Instant, Vec<PointInfo>)) -> Vec<PointInfo> {
     points
 }
 
-/// Refuses the name of a module or point that is not there; patterns may select nothing.
+/// Refuses the name of an unknown module or point; patterns may match nothing.
 pub fn check_selector(service: &Service, selector: &str) -> Result<(), Problem> {
     if selector.contains(['*', '?']) {
         return Ok(());
@@ -183,7 +182,7 @@ pub async fn outputs(
     })
 }
 
-/// Switches an output over.
+/// Toggles an output.
 pub async fn toggle(
     service: &Service,
     path: &str,
@@ -199,7 +198,7 @@ pub async fn toggle(
         .map_err(|failure| failures::problem(service, &module, Some(point), &failure))
 }
 
-/// Begins a pulse.
+/// Starts a pulse.
 pub async fn pulse(service: &Service, path: &str, wanted: PulseRequest) -> Result<Pulsed, Problem> {
     let (module, point) = find(service, path)?;
     let pulse = Pulse {
@@ -222,7 +221,7 @@ pub async fn pulse(service: &Service, path: &str, wanted: PulseRequest) -> Resul
     })
 }
 
-/// A command that was given lately.
+/// A recent command.
 pub fn command(service: &Service, id: &str) -> Result<CommandInfo, Problem> {
     let known = service.command(id).map(convert::command);
     known.ok_or_else(|| Problem::new(codes::NO_SUCH_COMMAND).with("name", id))
@@ -251,7 +250,7 @@ pub fn find(service: &Service, path: &str) -> Result<(String, Point), Problem> {
     Ok((module.to_owned(), point))
 }
 
-/// The one line there is.
+/// The only line.
 pub fn only_line(service: &Service) -> Result<String, Problem> {
     let mut names = service.config().lines.into_keys();
     match (names.next(), names.next()) {

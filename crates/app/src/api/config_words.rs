@@ -1,4 +1,4 @@
-//! What is wrong with a configuration, in words.
+//! The problems of a configuration, in words.
 
 use railbus_device::SetupError;
 use railbus_host::NameError;
@@ -141,7 +141,7 @@ pub fn reason(lang: Lang, kind: &Kind) -> String {
     }
 }
 
-/// Why words name no fault to simulate.
+/// Why this is not a fault that can be simulated.
 pub fn fault(lang: Lang, why: &FaultError) -> String {
     let [en, zh] = match why {
         FaultError::Unknown(word) => {
@@ -196,7 +196,7 @@ const fn port(why: NameError) -> [&'static str; 2] {
     }
 }
 
-/// Why a module can't be set up so.
+/// Why a module can't be configured like this.
 pub fn setup(lang: Lang, why: SetupError) -> String {
     match (lang, why) {
         (Lang::En, why) => why.to_string(),
@@ -215,7 +215,7 @@ mod tests {
     use super::*;
     use railbus_site::Config;
 
-    /// What people write wrong in the file of the configuration, by the parser that reads it.
+    /// Typical mistakes in the configuration file, run through its real parser.
     #[test]
     fn no_slip_in_toml_is_told_in_english() {
         let mut wrong = Vec::new();

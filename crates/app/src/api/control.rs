@@ -1,5 +1,4 @@
-//! What one can ask of several outputs at once, and of outputs that are held, in the terms of
-//! the API.
+//! Commands for several outputs at once, and leases, in terms of the API.
 
 use super::{ask, convert, failures};
 use railbus_api::control::{
@@ -121,7 +120,7 @@ pub fn outputs_of_scene(service: &Service, scene: &str) -> Result<Vec<String>, P
     Ok(places.collect())
 }
 
-/// Plays a scene.
+/// Runs a scene.
 pub async fn play(
     service: &Service,
     scene: &str,
@@ -138,7 +137,7 @@ pub async fn play(
     }
 }
 
-/// Takes an output, or holds it on.
+/// Takes or renews a lease.
 pub async fn lease(
     service: &Service,
     path: &str,
@@ -168,7 +167,7 @@ pub async fn lease(
     })
 }
 
-/// Gives an output back.
+/// Ends a lease.
 pub async fn end_lease(service: &Service, path: &str) -> Result<LeaseAnswer, Problem> {
     let (module, point) = ask::find(service, path)?;
     let ended = service.end_lease(&module, point).await;
@@ -240,7 +239,7 @@ fn paths(config: &Config, places: &[Place]) -> Vec<String> {
     places.iter().map(|place| config.path(place)).collect()
 }
 
-/// What people call it, by language.
+/// The display name, by language.
 pub fn names(name: &Name) -> BTreeMap<String, String> {
     let each = [("en", &name.en), ("zh", &name.zh)];
     let named = each

@@ -1,4 +1,4 @@
-//! From what the site knows to what the API says.
+//! From the site's types to those of the API.
 
 use jiff::{SignedDuration, Timestamp};
 use railbus_api::types::{
@@ -63,7 +63,7 @@ pub fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
         let of_kind = points.iter().filter(|status| status.point.kind == kind);
         of_kind
             .map(|status| match (status.quality, status.value) {
-                // What it was a while ago says nothing of what it is.
+                // Its state a while ago says nothing about its present one.
                 (railbus_site::Quality::Good, Some(railbus_site::Value::Bool(true))) => '1',
                 (railbus_site::Quality::Good, Some(railbus_site::Value::Bool(false))) => '0',
                 _ => '?',
@@ -158,21 +158,21 @@ pub fn point(status: PointStatus) -> PointInfo {
     }
 }
 
-/// What something is called, by the languages in which it is called anything.
+/// The display name, by the languages in which there is one.
 fn by_language(Name { en, zh }: Name) -> BTreeMap<String, String> {
     let names = [("en", en), ("zh", zh)].into_iter();
     let named = names.filter_map(|(lang, name)| Some((lang.to_owned(), name?)));
     named.collect()
 }
 
-/// The moment so long ago.
+/// The time this long ago.
 fn ago(age: Micros) -> Option<String> {
     let age = i64::try_from(age.0).ok()?;
     let then = Timestamp::now().checked_sub(SignedDuration::from_micros(age));
     then.ok().map(rfc3339)
 }
 
-/// The moment so long from now.
+/// The time this long from now.
 pub fn from_now(left: Duration) -> Option<String> {
     let left = SignedDuration::try_from(left).ok()?;
     Timestamp::now().checked_add(left).ok().map(rfc3339)
@@ -192,7 +192,7 @@ const fn reason(why: railbus_site::Reason) -> Reason {
     }
 }
 
-/// A command that was given.
+/// A recent command.
 pub fn command(command: railbus_site::Command) -> CommandInfo {
     CommandInfo {
         id: command.id,
@@ -216,7 +216,7 @@ pub const fn value(value: railbus_site::Value) -> Value {
     }
 }
 
-/// How far something is certain.
+/// How far a result is confirmed.
 pub const fn confirmed(confirmed: railbus_host::Confirmed) -> Confirmed {
     match confirmed {
         railbus_host::Confirmed::Readback => Confirmed::Readback,
@@ -225,7 +225,7 @@ pub const fn confirmed(confirmed: railbus_host::Confirmed) -> Confirmed {
     }
 }
 
-/// What a probe met.
+/// The result of a probe.
 pub const fn outcome(probed: Probed) -> Outcome {
     match probed {
         Probed::Answered => Outcome::Answered,
@@ -235,7 +235,7 @@ pub const fn outcome(probed: Probed) -> Outcome {
     }
 }
 
-/// Who keeps a pulse's time, as asked for.
+/// What times a pulse, as requested.
 pub const fn by(by: Timekeeper) -> By {
     match by {
         Timekeeper::Auto => By::Auto,
@@ -244,7 +244,7 @@ pub const fn by(by: Timekeeper) -> By {
     }
 }
 
-/// Who keeps a pulse's time, as it is.
+/// What times a pulse, in fact.
 pub const fn timekeeper(by: By) -> Timekeeper {
     match by {
         By::Auto => Timekeeper::Auto,
@@ -253,7 +253,7 @@ pub const fn timekeeper(by: By) -> Timekeeper {
     }
 }
 
-/// The moment at which a line's time began, in microseconds since 1970, when it is so late there.
+/// The start of a line's clock, in microseconds since 1970, if its present time is this.
 pub fn start_of(now: Instant) -> u64 {
     let epoch = Timestamp::now().as_microsecond();
     u64::try_from(epoch)
@@ -261,7 +261,7 @@ pub fn start_of(now: Instant) -> u64 {
         .saturating_sub(now.0)
 }
 
-/// What passed on a line whose time began then.
+/// The traffic on a line whose clock started then.
 pub fn passed(start: u64, passed: Result<TapFrame, u64>) -> FrameEvent {
     let TapFrame { at, sent, bytes } = match passed {
         Ok(passed) => passed,
@@ -281,7 +281,7 @@ pub fn passed(start: u64, passed: Result<TapFrame, u64>) -> FrameEvent {
     }
 }
 
-/// What came instead of a good reply.
+/// What was received instead of a valid reply.
 pub fn lost(met: Evidence) -> Lost {
     Lost {
         attempts: met.attempts,

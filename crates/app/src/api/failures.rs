@@ -1,4 +1,4 @@
-//! From what went wrong at the site to what the API says of it.
+//! From the site's failures to the problems of the API.
 
 use railbus_api::problem::{Kind, Problem, codes};
 use railbus_api::types::LineInfo;
@@ -11,7 +11,7 @@ use railbus_wire::Micros;
 use railbus_words::Lang;
 use serde_json::json;
 
-/// Why a command to a module was not done.
+/// Why a command to a module was not carried out.
 pub fn problem(
     service: &Service,
     module: &str,
@@ -86,8 +86,8 @@ pub fn problem(
     }
 }
 
-/// A board that does not report how many channels it has may not have the one that stays silent
-/// while the board answers.
+/// A board that does not report its number of channels may lack the one that does not respond while
+/// the board does.
 fn of_channel(service: &Service, module: &str, fault: &Fault, problem: Problem) -> Problem {
     let board = service
         .module(module)
@@ -98,7 +98,7 @@ fn of_channel(service: &Service, module: &str, fault: &Fault, problem: Problem) 
     }
 }
 
-/// Why a module could not be read. Nothing can have come of that.
+/// Why a module could not be read. A read has no effect.
 pub fn of_read(
     service: &Service,
     module: &str,
@@ -111,7 +111,7 @@ pub fn of_read(
     }
 }
 
-/// The ways out of a pulse that the module can't give.
+/// The alternatives to a pulse that the module does not support.
 fn pulse_hints(
     problem: Problem,
     path: &str,
@@ -124,7 +124,7 @@ fn pulse_hints(
     };
     let problem = problem.with("width_ms", own.0 / 1_000);
     match asked {
-        // Its own width was asked for, but the output is in level mode.
+        // The module's own width was requested, but the output is in level mode.
         None => problem.with_hint(by_host(500)),
         Some(asked) => problem
             .with_hint(format!("railbus pulse {path}"))
@@ -132,7 +132,7 @@ fn pulse_hints(
     }
 }
 
-/// There is no such module; the ones there are.
+/// There is no such module; these are the existing ones.
 pub fn no_such_module(service: &Service, name: &str) -> Problem {
     let known: Vec<String> = service.config().modules.into_keys().collect();
     Problem::new(codes::NO_SUCH_MODULE)
@@ -140,7 +140,7 @@ pub fn no_such_module(service: &Service, name: &str) -> Problem {
         .with("known", known)
 }
 
-/// The module has no such point; the ones it has.
+/// The module has no such point; these are the ones it has.
 pub fn no_such_point(service: &Service, module: &str, name: &str) -> Problem {
     let points = service.points(module);
     let known: Vec<String> = points.into_iter().map(|point| point.label).collect();
@@ -150,7 +150,7 @@ pub fn no_such_point(service: &Service, module: &str, name: &str) -> Problem {
         .with("known", known)
 }
 
-/// There is no such line; the ones there are.
+/// There is no such line; these are the existing ones.
 pub fn no_such_line(service: &Service, name: &str) -> Problem {
     let known: Vec<String> = service.config().lines.into_keys().collect();
     Problem::new(codes::NO_SUCH_LINE)
@@ -158,7 +158,7 @@ pub fn no_such_line(service: &Service, name: &str) -> Problem {
         .with("known", known)
 }
 
-/// What the line said of a command to a module.
+/// The line's error for a command to a module.
 fn of_fault(service: &Service, module: &str, fault: &Fault) -> Problem {
     if *fault == Fault::Closed {
         let line = service.module(module).map(|module| module.line);
@@ -195,7 +195,7 @@ fn of_fault(service: &Service, module: &str, fault: &Fault) -> Problem {
     }
 }
 
-/// Why a line takes nothing.
+/// Why a line accepts no commands.
 pub fn line_closed(service: &Service, line: &str) -> Problem {
     let mut problem = Problem::new(codes::LINE_CLOSED).with("line", line);
     let Some(status) = service.line(line) else {
@@ -224,8 +224,8 @@ pub fn line_closed(service: &Service, line: &str) -> Problem {
     }
 }
 
-/// How one gets the right to a port: by its group, or where that is nobody's to join, by a rule
-/// that gives the device to one that is.
+/// How to get access to a port: through its group, or, if users can't join that, with a rule that
+/// assigns the device to one they can.
 pub fn right_to(port: &str, access: &Access) -> String {
     if let Some(group) = access.group_to_join() {
         return format!("sudo usermod -aG {group} $USER");
@@ -243,7 +243,7 @@ pub fn right_to(port: &str, access: &Access) -> String {
     }
 }
 
-/// The same of a line as it is told.
+/// The same for a line as reported by the API.
 pub fn line_down(line: &LineInfo) -> Problem {
     let problem = Problem::new(codes::LINE_CLOSED)
         .with("line", line.line.as_str())
@@ -255,7 +255,7 @@ pub fn line_down(line: &LineInfo) -> Problem {
     }
 }
 
-/// What the line said of something that is no command to a module.
+/// The line's error for something other than a command to a module.
 pub fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
     let problem = match failure {
         Failure::NoSuchLine => no_such_line(service, line),
@@ -263,7 +263,7 @@ pub fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
         Failure::Line(fault) => Problem::new(kind_of(fault)).with("line", line),
         Failure::NotAudited => Problem::new(codes::NOT_AUDITED).with("line", line),
         Failure::Due { .. } => problem(service, line, None, failure),
-        // No frame of somebody's own ends like this.
+        // A raw frame never ends like this.
         _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
     };
     Problem {
@@ -298,7 +298,7 @@ fn with_evidence(problem: Problem, evidence: &Evidence) -> Problem {
     }
 }
 
-/// Adds who and where the module is.
+/// Adds the module and its place.
 fn about(service: &Service, problem: Problem, module: &str) -> Problem {
     let problem = problem.with("module", module);
     let Some(status) = service.module(module) else {
@@ -319,7 +319,7 @@ fn label(service: &Service, module: &str, point: Point) -> String {
     status.map(|status| status.label).unwrap_or_default()
 }
 
-/// A configuration that was refused.
+/// A rejected configuration.
 pub fn bad_config(lang: Lang, file: &str, problems: &[ConfigProblem]) -> Problem {
     let entry = |problem: &ConfigProblem| {
         json!({

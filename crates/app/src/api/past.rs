@@ -1,4 +1,4 @@
-//! What the stores hold, as the API tells it.
+//! The content of the stores, in the types of the API.
 
 use crate::render::csv::csv;
 use jiff::Timestamp;
@@ -12,13 +12,13 @@ use railbus_store::history::{
     Bucket, Chart, Event, HistoryError, Kept, Sample, Severity, Storage, millis,
 };
 
-/// A moment of the database as RFC 3339.
+/// A timestamp of the database as RFC 3339.
 pub fn moment(millis: i64) -> String {
     let moment = Timestamp::from_millisecond(millis);
     railbus_words::time::rfc3339(moment.unwrap_or(Timestamp::UNIX_EPOCH))
 }
 
-/// A chart of the point with this path, from when to when.
+/// A chart of the point with this path, over an interval.
 pub fn chart(
     point: &str,
     (from, to): (i64, i64),
@@ -61,7 +61,7 @@ fn of_bucket(bucket: Bucket) -> BucketInfo {
     }
 }
 
-/// An event as it is told while it happens.
+/// An event, as reported live.
 pub fn of_event(event: Event) -> EventInfo {
     let point = match (&event.module, event.point) {
         (Some(module), Some(label)) => Some(format!("{module}.{label}")),
@@ -87,7 +87,7 @@ pub fn of_event(event: Event) -> EventInfo {
     }
 }
 
-/// An event as it was kept.
+/// A stored event.
 pub fn of_kept(kept: Kept) -> EventInfo {
     EventInfo {
         acked: kept.acked.map(|ack| AckInfo {
@@ -124,7 +124,7 @@ pub const AUDIT_COLUMNS: [&str; 12] = [
     "seq", "at", "kind", "id", "who", "via", "module", "what", "before", "after", "end", "hash",
 ];
 
-/// What was found along the chain.
+/// The result of verifying the chain.
 pub fn verified(found: Verified) -> VerifiedInfo {
     VerifiedInfo {
         schema: SCHEMA,
@@ -136,7 +136,7 @@ pub fn verified(found: Verified) -> VerifiedInfo {
     }
 }
 
-/// What is kept can't be read.
+/// The store can't be read.
 pub fn unread(error: &std::io::Error) -> Problem {
     Problem::new(codes::HISTORY_FAILS).with("reason", error.to_string())
 }
@@ -194,7 +194,7 @@ pub fn audit_row(hash: &str, numbered: &Numbered) -> [String; AUDIT_COLUMNS.len(
     ]
 }
 
-/// What the log says of itself.
+/// The content of a record.
 fn system_row(kind: &str, what: String) -> [String; 9] {
     let mut row: [String; 9] = Default::default();
     row[0] = kind.to_owned();
@@ -202,7 +202,7 @@ fn system_row(kind: &str, what: String) -> [String; 9] {
     row
 }
 
-/// How much is kept, and how much at most: milliseconds and bytes.
+/// Size and limits: milliseconds and bytes.
 pub fn storage(storage: Storage, audit_failing: bool, keep: (i64, u64)) -> StorageInfo {
     StorageInfo {
         schema: SCHEMA,
@@ -220,7 +220,7 @@ pub fn storage(storage: Storage, audit_failing: bool, keep: (i64, u64)) -> Stora
     }
 }
 
-/// Why there is no answer about the past.
+/// Why the history gives no answer.
 pub fn problem(error: &HistoryError) -> Problem {
     match error {
         HistoryError::NoSuchPoint => Problem::new(codes::NO_SUCH_POINT),
@@ -233,7 +233,7 @@ pub fn problem(error: &HistoryError) -> Problem {
     }
 }
 
-/// Records of the audit log with their hashes: rows of CSV, or a JSON document to a line.
+/// Records of the audit log with their hashes: rows of CSV, or one JSON document per line.
 pub fn audit_text(records: &[(String, Numbered)], is_csv: bool) -> String {
     let lines = records.iter().map(|(hash, numbered)| {
         if is_csv {

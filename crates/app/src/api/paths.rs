@@ -1,12 +1,12 @@
-//! Paths of points (`pump.do0`) and what selects them.
+//! Paths of points (`pump.do0`) and their selectors.
 
 /// Module and label of a point's path.
 pub fn split(path: &str) -> Option<(&str, &str)> {
     path.split_once('.')
 }
 
-/// Whether a selector names a point: its path, its module's name, or either with `*` for any
-/// letters and `?` for one. All points where there are no selectors.
+/// Whether a selector matches a point: its path, its module's name, or either with `*` for any
+/// characters and `?` for one. Without selectors, all points match.
 pub fn selects(selectors: &[String], module: &str, label: &str) -> bool {
     selectors.is_empty()
         || selectors.iter().any(|selector| match split(selector) {
@@ -18,8 +18,8 @@ pub fn selects(selectors: &[String], module: &str, label: &str) -> bool {
         })
 }
 
-/// Whether the pattern fits the text. The longest way back that a `*` can make is remembered,
-/// so that no pattern takes more than the product of both lengths.
+/// Whether the pattern matches the text. Backtracking is limited to the last `*`, so the time is at
+/// most the product of both lengths.
 pub fn matches(pattern: &[u8], text: &[u8]) -> bool {
     let (mut at, mut read) = (0, 0);
     let mut star = None;

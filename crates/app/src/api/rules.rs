@@ -1,4 +1,4 @@
-//! The rules of a site, as the API tells them.
+//! The rules of a site, in the types of the API.
 
 use super::control::names;
 use super::convert::millis;
@@ -11,7 +11,7 @@ use railbus_site::config::{Action, When};
 use railbus_site::rules::{Phase, Tried};
 use railbus_site::{Config, RuleStatus};
 
-/// When a rule would have acted.
+/// When a rule would have triggered.
 pub fn tried(tried: Tried) -> TriedInfo {
     TriedInfo {
         schema: SCHEMA,
@@ -25,7 +25,7 @@ pub fn tried(tried: Tried) -> TriedInfo {
     }
 }
 
-/// A rule, as it stands.
+/// A rule, with its state.
 pub fn rule(config: &Config, status: RuleStatus) -> RuleInfo {
     let due = match status.left {
         Some(left) => {

@@ -1,6 +1,6 @@
-//! Frames of one's own: what one may do, and sending it. A read goes between the polls like any
-//! other. What may change something is sent only where its caller has said each of the words
-//! that name what it may do.
+//! Raw frames: what one may do, and sending it. A read is sent between the polls like any other. A
+//! frame that may change something is sent only if the caller has confirmed each of the words for
+//! what it may do.
 
 mod texts;
 
@@ -20,26 +20,26 @@ use railbus_words::hex;
 use std::fmt::Display;
 use texts::SendText;
 
-/// The longest frame of one's own, in bytes.
+/// Maximum length of a raw frame, in bytes.
 const FRAME_MAX: usize = 256;
-/// The word that sends a frame past what the configuration says of outputs.
+/// The word that lets a frame bypass the restrictions of outputs in the configuration.
 pub const OVERRIDE: &str = "override";
 
-/// A frame of one's own, and what it may do.
+/// A raw frame, and what it may do.
 #[derive(Debug)]
 pub struct Plan {
     line: String,
     bytes: Vec<u8>,
     asked: Exchange<'static>,
     terms: RawTerms,
-    /// The modules that it may concern.
+    /// The modules it may affect.
     pub modules: Vec<String>,
-    /// What the caller is told about it.
+    /// The answer to a dry run.
     pub told: SendPlan,
 }
 
 impl Plan {
-    /// The most that it may do.
+    /// Its greatest possible effect.
     pub fn risk(&self) -> Risk {
         Risk::of(&self.asked)
     }
@@ -50,7 +50,8 @@ impl Plan {
     }
 }
 
-/// The bytes with what the protocol ends a frame with. An ASCII line has a checksum, or none.
+/// The bytes, completed with the frame's checksum and terminator. All modules of an ASCII line use
+/// a checksum, or none does.
 pub fn completed(protocol: Protocol, checksum: bool, mut bytes: Vec<u8>) -> Vec<u8> {
     match protocol {
         Protocol::Rtu => bytes.extend(railbus_wire::crc16(&bytes).to_le_bytes()),
@@ -149,7 +150,7 @@ pub fn plan(
     })
 }
 
-/// Refuses a frame of which it was not said what it may do.
+/// Refuses a frame whose effects are not confirmed.
 pub fn check_meant(plan: &Plan, wanted: &SendRequest) -> Result<(), Problem> {
     let told = &plan.told;
     if told.needs.iter().all(|need| wanted.confirm.contains(need)) {
@@ -161,7 +162,7 @@ pub fn check_meant(plan: &Plan, wanted: &SendRequest) -> Result<(), Problem> {
     Err(problem.with("may", told.may.clone()))
 }
 
-/// Sends it, and says what came back.
+/// Sends it, and returns the result.
 pub async fn carry_out(service: &Service, lang: Lang, plan: Plan) -> Result<SendAnswer, Problem> {
     let (line, asked) = (plan.line.as_str(), plan.asked);
     let failed = |failure: Failure| Problem {
@@ -175,7 +176,7 @@ pub async fn carry_out(service: &Service, lang: Lang, plan: Plan) -> Result<Send
         (sent.met, Some(sent.audit))
     } else {
         let met = service.raw(line, asked, plan.terms).await;
-        // Nothing can have come of a read.
+        // A read has no effect.
         let met = met.map_err(|failure| match failure {
             Failure::Line(Fault::Unknown) => failed(Fault::Closed.into()),
             failure => failed(failure),
@@ -230,8 +231,7 @@ fn bytes(
     Ok(completed(protocol, checksum, bytes))
 }
 
-/// The line's own speed and format, or those of the one module that it is for, but for what is
-/// said otherwise.
+/// The line's own speed and format, or those of the only module addressed, unless given explicitly.
 fn settings(
     own: Settings,
     modules: &[String],
@@ -271,7 +271,7 @@ pub const fn word(risk: Risk) -> &'static str {
     }
 }
 
-/// What the configuration says of outputs of these modules that a frame does not heed.
+/// The restrictions of these modules' outputs in the configuration that a frame bypasses.
 fn overrides(config: &Config, modules: &[String]) -> Vec<Override> {
     let mut all = Vec::new();
     for (name, module) in modules

@@ -1,4 +1,4 @@
-//! What procedures ask and find, as the API tells it.
+//! Questions and results of procedures, in the types of the API.
 
 use railbus_api::settings::{Calibration, SettingsQuestion};
 use railbus_commission::{Calibrated, Question};
@@ -8,7 +8,7 @@ fn values(readings: [u16; 2]) -> [f64; 2] {
     readings.map(|hundredths| f64::from(hundredths) / 100.0)
 }
 
-/// A question of a procedure, and how long it may take to be answered.
+/// A question of a procedure, and the timeout of its answer.
 pub fn question(question: Question, wait: Duration) -> SettingsQuestion {
     let (step, voltage, readings) = match question {
         Question::ZeroReady(readings) => ("zero", None, readings),
@@ -22,7 +22,7 @@ pub fn question(question: Question, wait: Duration) -> SettingsQuestion {
     }
 }
 
-/// How far one came.
+/// How far a calibration got.
 pub fn calibration(done: &Calibrated) -> Calibration {
     Calibration {
         before: done.before.map(values),

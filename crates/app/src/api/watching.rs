@@ -1,4 +1,4 @@
-//! What happens on a site, event by event, for one watcher.
+//! The events of a site, one by one, for a subscriber.
 
 use super::{ask, convert, paths};
 use railbus_api::types::{PointInfo, Quality, Reason, Value, WatchEvent};
@@ -7,11 +7,12 @@ use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
-/// How often points are looked at for a quality that changes without anything being heard.
+/// Interval at which points are checked for a change of quality without a new reading.
 const LOOK: Duration = Duration::from_secs(1);
 
-/// One watcher of a site. What waits for it is bounded: the site keeps so many updates and drops
-/// the oldest, and here wait no more events than the site has points, modules and lines.
+/// A subscriber of a site. Its backlog is bounded: the site keeps a limited number of updates and
+/// drops the oldest, and here no more events are pending than the site has points, modules and
+/// lines.
 #[derive(Debug)]
 pub struct Watching {
     service: Service,
@@ -19,12 +20,12 @@ pub struct Watching {
     updates: Updates,
     look: Interval,
     waiting: VecDeque<WatchEvent>,
-    /// The value and quality last told, by path.
+    /// The value and quality last reported, by path.
     told: BTreeMap<String, (Option<Value>, Quality, Option<Reason>)>,
 }
 
 impl Watching {
-    /// Begins with every point as it is.
+    /// Starts with the state of every point.
     pub fn new(service: Service, selectors: &[String]) -> Watching {
         let mut look = interval(LOOK);
         look.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -40,8 +41,7 @@ impl Watching {
         watching
     }
 
-    /// The next event; none once the site has gone. Can be dropped and called again without
-    /// losing anything.
+    /// The next event; `None` once the site has gone. Cancel-safe.
     pub async fn next(&mut self) -> Option<WatchEvent> {
         loop {
             if let Some(event) = self.waiting.pop_front() {
@@ -93,7 +93,7 @@ impl Watching {
         }
     }
 
-    /// Tells of a point unless that was told already.
+    /// Reports a point unless nothing has changed.
     fn tell(&mut self, point: PointInfo) {
         if !paths::selects(&self.selectors, &point.module, &point.label) {
             return;

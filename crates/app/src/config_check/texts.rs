@@ -1,4 +1,4 @@
-//! What is said of settings that are unwise.
+//! The texts about unwise settings.
 
 railbus_words::texts! {
     pub UnwiseText;

@@ -4,10 +4,10 @@ use super::finding::{Finding, Section};
 use jiff::Timestamp;
 use railbus_words::time;
 
-/// So many days before its end a certificate is told of.
+/// How many days before its expiry a certificate is reported.
 const EXPIRY_DAYS: i64 = 30;
 
-/// What is to be said of the daemon's own certificate: nothing while it is good for long.
+/// The findings about the daemon's own certificate: none while it is valid for long enough.
 pub(super) fn certificate(path: &str, end: Timestamp, now: Timestamp) -> Option<Finding> {
     let days = end.duration_since(now).as_secs().div_euclid(86_400);
     let detail = format!("{path} ({})", time::rfc3339(end));

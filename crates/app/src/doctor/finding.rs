@@ -1,4 +1,4 @@
-//! What is found: a code of the table, the facts of this case, and the commands that mend it.
+//! A finding: a code of the table, the facts of this case, and the commands that fix it.
 
 use super::texts::FindingText;
 use crate::config_check::Shown;
@@ -9,7 +9,7 @@ use railbus_words::Lang;
 use railbus_words::findings;
 use serde_json::{Value, json};
 
-/// What a finding is about, in the order in which it is shown.
+/// The section of a finding, in display order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Section {
     /// The machine itself.
@@ -40,7 +40,7 @@ impl Section {
     }
 }
 
-/// How bad it is.
+/// The severity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
     /// All is well.
@@ -62,25 +62,25 @@ impl State {
     }
 }
 
-/// What is found.
+/// A finding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// What it is about.
+    /// Its section.
     pub section: Section,
-    /// How bad it is.
+    /// Its severity.
     pub state: State,
-    /// None where all is well.
+    /// Its code; `None` if all is well.
     pub code: Option<&'static str>,
-    /// The facts of this case; the whole text where all is well.
+    /// The facts of this case; the whole text if all is well.
     pub detail: String,
-    /// Commands of a shell that mend it.
+    /// Shell commands that fix it.
     pub fix: Vec<String>,
-    /// What only people can do, where it is more than the table says.
+    /// Manual steps, if there is more to say than the table does.
     pub advice: Option<String>,
 }
 
 impl Finding {
-    /// All is well, in these words.
+    /// All is well, with this text.
     pub fn good(section: Section, text: String) -> Finding {
         Finding {
             section,
@@ -109,8 +109,8 @@ impl Finding {
         }
     }
 
-    /// A module that gives no good reply, and what came instead of one. Where most of it was
-    /// garbled, it is not silent.
+    /// A module without valid replies, and what was received instead. If most of that was garbled,
+    /// it is not reported as silent.
     pub fn unanswered(lang: Lang, at: &str, lost: Option<&Lost>) -> Finding {
         let met = lost.filter(|lost| lost.garbled > 0);
         let code = match met {
@@ -127,7 +127,7 @@ impl Finding {
         Finding::error(Section::Modules, code, detail)
     }
 
-    /// What is unwise in the configuration.
+    /// An unwise setting of the configuration.
     pub fn of_lint(shown: &Shown) -> Finding {
         let detail = format!("{} ({})", shown.message, shown.path);
         Finding {
@@ -136,13 +136,13 @@ impl Finding {
         }
     }
 
-    /// With a command that mends it.
+    /// Adds a command that fixes it.
     pub fn with_fix(mut self, command: String) -> Finding {
         self.fix.push(command);
         self
     }
 
-    /// With what people can do.
+    /// Adds manual steps.
     pub fn with_advice(mut self, advice: String) -> Finding {
         self.advice = Some(advice);
         self
@@ -153,7 +153,7 @@ impl Finding {
         self.code.is_some_and(|own| own.eq_ignore_ascii_case(code))
     }
 
-    /// What it is, in words.
+    /// The problem, in words.
     pub fn message(&self, lang: Lang) -> String {
         let lint = self.code.is_some_and(|code| code.starts_with('L'));
         let page = self.code.and_then(findings::find).filter(|_| !lint);
@@ -164,13 +164,13 @@ impl Finding {
         }
     }
 
-    /// What it usually comes from.
+    /// Its usual causes.
     pub fn likely(&self, lang: Lang) -> Option<&'static str> {
         let page = self.code.and_then(findings::find)?;
         Some(page.page.likely(lang))
     }
 
-    /// What to do: the commands, or else what the table or the case says.
+    /// What to do: the commands, or else the text of the table or of this case.
     pub fn steps(&self, lang: Lang) -> Vec<String> {
         let page = self.code.and_then(findings::find);
         match (&self.advice, page) {

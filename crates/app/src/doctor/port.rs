@@ -1,4 +1,4 @@
-//! The ports: what the machine does with adapters, and why one can't be opened.
+//! The ports: how the machine treats adapters, and why one can't be opened.
 
 use super::finding::{Finding, Section};
 use crate::machine::Machine;
@@ -8,12 +8,12 @@ use railbus_host::{Access, PortError};
 
 /// A CH340, which brltty takes for a Braille display.
 const CH340: (u16, u16) = (0x1A86, 0x7523);
-/// Above this a latency timer is worth mentioning, in milliseconds.
+/// A latency timer above this is reported, in milliseconds.
 const LATENCY_MAX: u32 = 2;
-/// Where a rule of ours goes.
+/// The path for our own udev rule.
 const RULES: &str = "/etc/udev/rules.d/77-railbus.rules";
 
-/// What the machine does with its adapters.
+/// How the machine treats its adapters.
 pub fn adapters(machine: &Machine, user: &User) -> Vec<Finding> {
     let sudo = if user.is_root() { "" } else { "sudo " };
     let mut found = Vec::new();
@@ -39,7 +39,7 @@ pub fn adapters(machine: &Machine, user: &User) -> Vec<Finding> {
     found
 }
 
-/// A name that changes, and the one that does not.
+/// A name that may change, and the stable one.
 pub fn unstable(path: &str, stable: Option<&str>) -> Finding {
     let finding = Finding::warning(Section::Port, "D107", path.to_owned());
     match stable {
@@ -48,7 +48,7 @@ pub fn unstable(path: &str, stable: Option<&str>) -> Finding {
     }
 }
 
-/// What the rules say of a device stands where udev keeps it.
+/// The rules' settings for a device are stored where udev keeps its database.
 fn is_ignored(machine: &Machine, adapter: &Adapter) -> bool {
     let name = adapter.device.trim_start_matches("/dev/");
     let number = machine.text(format!("/sys/class/tty/{name}/dev"));
@@ -59,7 +59,7 @@ fn is_ignored(machine: &Machine, adapter: &Adapter) -> bool {
     noted.lines().any(|line| marks.contains(&line))
 }
 
-/// The rule that has ModemManager leave such an adapter alone.
+/// The rule that makes ModemManager ignore such an adapter.
 fn ignore(adapter: &Adapter, sudo: &str) -> Option<Finding> {
     let (vendor, product) = adapter.usb?;
     let rule = format!(
@@ -94,7 +94,7 @@ fn takes_ch340(machine: &Machine) -> bool {
     })
 }
 
-/// Whether such a device is plugged in, with a port or without.
+/// Whether such a device is plugged in, with or without a port.
 fn has_usb(machine: &Machine, (vendor, product): (u16, u16)) -> bool {
     let folder = "/sys/bus/usb/devices";
     machine.names(folder).into_iter().any(|name| {
@@ -133,7 +133,7 @@ pub fn closed(
     }
 }
 
-/// The group is that of the device, since it differs from one system to another.
+/// The group is that of the device, since it differs between systems.
 fn denied(machine: &Machine, user: &User, device: &str, access: &Access) -> Finding {
     let in_books = group(machine, access.group, &user.name);
     let name = access.group_name.clone();
@@ -234,14 +234,14 @@ mod tests {
         tree.file("/etc/group", "dialout:x:20:li\n");
         let found = told(&tree.machine(), &li());
         assert_eq!((found.code, found.fix.len()), (Some("D109"), 0));
-        // In the group, and still not let in: no group helps.
+        // In the group, and still no access: no group helps.
         let inside = User {
             groups: vec![20],
             ..li()
         };
         let found = told(&tree.machine(), &inside);
         assert_eq!((found.code, found.fix.len()), (Some("D102"), 0));
-        // No rights for the group: nor does it help to join it.
+        // The group has no access: joining it does not help.
         let closed_to_group = Access {
             mode: 0o600,
             ..access

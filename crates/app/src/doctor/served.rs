@@ -1,4 +1,4 @@
-//! The lines and modules of a daemon, as it sees them: nobody else may open them.
+//! The lines and modules of a daemon, as it reports them: no other program may open them.
 
 use super::finding::{Finding, Section};
 use super::texts::FindingText;
@@ -7,7 +7,7 @@ use railbus_api::types::{LineInfo, ModuleInfo, ModuleState, PointInfo, PortState
 use railbus_words::Lang;
 use railbus_words::time;
 
-/// What is to be said of these lines and modules.
+/// The findings about these lines and modules.
 pub fn told(
     lang: Lang,
     lines: Vec<LineInfo>,
@@ -18,7 +18,7 @@ pub fn told(
         .iter()
         .flat_map(|line| line_at_daemon(lang, line))
         .collect();
-    // Of a line that is not open nobody can be asked.
+    // On a line that is not open no module can be read.
     let is_open = |module: &ModuleInfo| {
         let line = lines.iter().find(|line| line.line == module.line);
         line.is_some_and(|line| line.state == PortState::Up)
@@ -37,7 +37,7 @@ fn line_at_daemon(lang: Lang, line: &LineInfo) -> Vec<Finding> {
         |text: FindingText| Finding::good(Section::Port, lang.fill(text, &[("line", &line.line)]));
     found.push(match (line.state, line.reason.as_deref()) {
         (PortState::Up, _) => good(FindingText::LineUp),
-        // Not open, and nothing is wrong with it so far.
+        // Not open yet, and no problem so far.
         (PortState::Opening, _) => good(FindingText::LineOpening),
         (PortState::Busy, _) => Finding::error(Section::Port, "D104", detail),
         (_, Some("permission")) => Finding::error(Section::Port, "D102", detail),
@@ -52,10 +52,10 @@ fn line_at_daemon(lang: Lang, line: &LineInfo) -> Vec<Finding> {
     found
 }
 
-/// So many late replies in an hour are what a busy machine makes of a good line.
+/// A busy machine causes this many late replies per hour on a good line.
 const LATE_MAX: u32 = 5;
 
-/// Who answers it, who does not, and since when.
+/// Which modules answer, which do not, and since when.
 fn modules_at_daemon(
     lang: Lang,
     modules: impl Iterator<Item = ModuleInfo>,
@@ -147,7 +147,7 @@ mod tests {
             said(Lang::En, "up"),
             ["main is open (daemon)", "not asked yet: oven"]
         );
-        // Of its modules nothing is said, either.
+        // Nothing is reported about its modules, either.
         assert_eq!(
             said(Lang::En, "opening"),
             ["main is still being opened (daemon): nothing is known of it yet"]

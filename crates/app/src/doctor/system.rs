@@ -1,4 +1,4 @@
-//! The clock and the words of the machine.
+//! The clock and the locale of the machine.
 
 use super::finding::{Finding, Section};
 use super::texts::FindingText;
@@ -8,7 +8,7 @@ use railbus_words::Lang;
 /// 2026-01-01: this program is not older.
 const BUILT: i64 = 1_767_225_600;
 
-/// Looks at the clock and at the locale that the variables name.
+/// Checks the clock, and the locale set by the variables.
 pub fn check(
     lang: Lang,
     variable: impl Fn(&str) -> Option<String>,

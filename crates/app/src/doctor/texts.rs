@@ -1,4 +1,4 @@
-//! What findings say beside the table of their codes.
+//! The texts of findings beyond the table of their codes.
 
 railbus_words::texts! {
     pub FindingText;

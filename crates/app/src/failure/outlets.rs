@@ -1,5 +1,5 @@
-//! Every way in which a command can fail, at every place where somebody is told of it: whether it
-//! may have acted is the same everywhere.
+//! Every way in which a command can fail, at every place where it is reported: all of them must
+//! agree on whether it may have acted.
 
 use super::{Code, Failure};
 use crate::api::failures;
@@ -23,7 +23,7 @@ const POINT: Point = Point {
     index: 0,
 };
 
-/// All faults, and what each of them means.
+/// All faults, and the meaning of each.
 fn faults() -> Vec<(Fault, bool)> {
     let evidence = Evidence::default();
     let all = [
@@ -41,7 +41,7 @@ fn faults() -> Vec<(Fault, bool)> {
         Fault::Unknown,
     ];
     let each = all.map(|fault| {
-        // A new fault has no arm here: it joins the list above, too.
+        // A new fault needs an arm here, and an entry in the list above.
         let acted = match fault {
             Fault::Unsupported
             | Fault::Overloaded
@@ -61,7 +61,7 @@ fn faults() -> Vec<(Fault, bool)> {
     each.to_vec()
 }
 
-/// All failures, and what each of them means.
+/// All failures, and the meaning of each.
 fn failures() -> Vec<(SiteFailure, bool)> {
     let point = POINT;
     let mut all = vec![
@@ -115,7 +115,7 @@ fn failures() -> Vec<(SiteFailure, bool)> {
             .map(|(fault, _)| SiteFailure::Line(fault)),
     );
     let each = all.into_iter().map(|failure| {
-        // A new failure has no arm here: it joins the list above, too.
+        // A new failure needs an arm here, and an entry in the list above.
         let acted = match &failure {
             SiteFailure::NoSuchLine
             | SiteFailure::NoSuchModule
@@ -151,11 +151,11 @@ fn failures() -> Vec<(SiteFailure, bool)> {
     each.collect()
 }
 
-/// Everything that is made of a problem says the same.
+/// Everything made from a problem says the same.
 fn said_everywhere(name: &str, problem: &Problem, acted: bool) {
     let body = serde_json::to_value(problem).expect("JSON");
     assert_eq!(body["may_have_acted"] == true, acted, "{name}: the API");
-    // A client of the API reads it back; the command line says it in words.
+    // A client of the API parses it; the command line puts it into words.
     let back: Problem = serde_json::from_value(body).expect("a problem");
     assert_eq!(back.may_have_acted, acted, "{name}: read back");
     for lang in [Lang::En, Lang::Zh] {
@@ -172,7 +172,7 @@ fn said_everywhere(name: &str, problem: &Problem, acted: bool) {
         for text in [failure.render(lang), json["error"]["why"].to_string()] {
             assert_eq!(text.matches(sentence).count(), count, "{name}: {text}");
         }
-        // What the procedures of the gateway tell is made of such a failure again.
+        // Errors of the gateway's procedures are made from such a failure again.
         assert_eq!(failure.to_problem().may_have_acted, acted, "{name}: again");
         let parts = ["oven.k1", "pump.do0"].map(str::to_owned);
         let parts = parts.into_iter().filter(|_| acted).collect();

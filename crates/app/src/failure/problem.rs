@@ -1,4 +1,4 @@
-//! A problem of the API as a failure of the command, in words.
+//! Converts a problem of the API to a failure of the command, in words.
 
 use super::{Code, Failure};
 use crate::render::wire_words;
@@ -12,7 +12,7 @@ use railbus_words::Lang;
 use railbus_words::reasons;
 
 impl Failure {
-    /// The failure that a problem is.
+    /// The failure for a problem.
     pub fn of_problem(lang: Lang, problem: &Problem) -> Failure {
         let code = code_of(problem);
         let mut failure = Failure::new(code, message(lang, code, problem)).diagnosed();
@@ -30,7 +30,7 @@ impl Failure {
         failure.perhaps_acted(problem.may_have_acted)
     }
 
-    /// The problem that it is to those who asked over HTTP.
+    /// The problem to report over HTTP.
     pub fn to_problem(&self) -> Problem {
         let mut problem = Problem {
             code: self.code.name().to_owned(),
@@ -47,7 +47,7 @@ impl Failure {
     }
 }
 
-/// The HTTP status of a failure: as its exit code says.
+/// The HTTP status of a failure, by its exit code.
 fn status(code: Code) -> u16 {
     match (code, code.exit()) {
         (Code::NoChange, _) => 404,
@@ -60,8 +60,8 @@ fn status(code: Code) -> u16 {
     }
 }
 
-/// The code: of a line that is not open, the one that says why; of a configuration, that of its
-/// first problem.
+/// The code: for a line that is not open, that of the cause; for a configuration, that of its first
+/// problem.
 fn code_of(problem: &Problem) -> Code {
     let code = Code::from_name(&problem.code).unwrap_or(Code::System);
     match code {
@@ -82,7 +82,7 @@ fn code_of(problem: &Problem) -> Code {
     }
 }
 
-/// What happened, and to whom.
+/// What happened, and to what.
 fn message(lang: Lang, code: Code, problem: &Problem) -> String {
     let text = |key: &str| problem.text(key);
     let title = code.page().title(lang);
@@ -135,7 +135,7 @@ fn with_name(lang: Lang, title: &str, name: &str) -> String {
     lang.fill(AppText::Named, &[("title", &title), ("name", &name)])
 }
 
-/// Address, protocol, speed and line of a module, as far as they are told.
+/// Address, protocol, speed and line of a module, as far as given.
 fn place(lang: Lang, problem: &Problem) -> String {
     let text = |key: &str| problem.text(key);
     let address = problem
@@ -162,7 +162,7 @@ fn place(lang: Lang, problem: &Problem) -> String {
     parts.join(lang.get(AppText::Comma))
 }
 
-/// What was seen of it.
+/// What was observed.
 fn reasons(lang: Lang, code: Code, problem: &Problem) -> Vec<String> {
     let number = |key: &str| problem.with.get(key).and_then(serde_json::Value::as_u64);
     let mut told = Vec::new();
@@ -243,7 +243,7 @@ fn plain(list: &str) -> String {
     }
 }
 
-/// Where in the configuration each problem is.
+/// The position of each problem in the configuration.
 fn places_in_config(problem: &Problem) -> Vec<String> {
     let file = problem.text("file");
     let all = problem.with.get("problems").and_then(|all| all.as_array());

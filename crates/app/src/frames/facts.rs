@@ -1,16 +1,16 @@
-//! What can be said of something heard without reading its bytes: what filters ask for.
+//! Properties of a frame other than its bytes, for use in filters.
 
 use railbus_api::types::ModuleInfo;
 use railbus_commission::Risk;
 use railbus_sniff::{Asked, Heard, Role, Verdict};
 use railbus_wire::{Address, Exchange, Micros, Protocol};
 
-/// A module by what tells it apart on a line.
+/// A module, by what identifies it on a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Named {
     /// Its name.
     pub name: String,
-    /// The protocol that it speaks.
+    /// Its protocol.
     pub protocol: Protocol,
     /// Its address.
     pub address: u8,
@@ -31,31 +31,31 @@ impl Named {
     }
 }
 
-/// What can be said of something heard.
+/// The properties of a frame.
 #[derive(Debug)]
 pub struct Facts<'a> {
-    /// The protocols that it may be of, the likeliest first.
+    /// The possible protocols, likeliest first.
     pub protocols: Vec<Protocol>,
-    /// Whom it is for, or of.
+    /// The address it is sent to, or comes from.
     pub address: Option<u8>,
-    /// The module of that protocol and address, where one is known.
+    /// The module with that protocol and address, if there is one.
     pub module: Option<&'a str>,
-    /// Whether it is a request or a reply, where that can be told.
+    /// Whether it is a request or a reply, if that can be decided.
     pub role: Option<Role>,
-    /// None for a request that nobody answered.
+    /// `None` for a request without a reply.
     pub verdict: Option<Verdict>,
-    /// It is a write, or belongs to one; nothing where that can't be told.
+    /// It is a write, or belongs to one; `None` if that can't be decided.
     pub write: Option<bool>,
     /// It is a reply to an earlier request.
     pub late: bool,
-    /// From the request to its reply, or to the end of the waiting.
+    /// From the request to its reply, or to its timeout.
     pub after: Option<Micros>,
-    /// The silence before it.
+    /// The idle time before it.
     pub gap: Option<Micros>,
 }
 
 impl<'a> Facts<'a> {
-    /// What can be said of this, where these are the modules of the line.
+    /// The properties, if these are the modules of the line.
     pub fn of(heard: &Heard, modules: &'a [Named]) -> Facts<'a> {
         let mut facts = match heard {
             Heard::Missing(missing) => Facts {
@@ -101,7 +101,7 @@ impl<'a> Facts<'a> {
     }
 }
 
-/// Whom a request is for.
+/// The address of a request.
 pub fn addressee(asked: &Asked) -> Option<u8> {
     let exchange = asked.exchange()?;
     let all = matches!(exchange, Exchange::Ascii(e) if e.request.is_broadcast());

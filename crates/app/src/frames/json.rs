@@ -1,4 +1,4 @@
-//! What was heard, for programs.
+//! Frames on the line, for programs.
 
 use super::facts::Facts;
 use super::words;
@@ -9,7 +9,7 @@ use railbus_words::Lang;
 use railbus_words::{hex, time};
 use serde_json::{Value, json};
 
-/// When it was heard.
+/// When it was received.
 pub fn at(heard: &Heard) -> Instant {
     match heard {
         Heard::Frame(frame) => frame.at,
@@ -17,18 +17,18 @@ pub fn at(heard: &Heard) -> Instant {
     }
 }
 
-/// A moment for programs.
+/// A timestamp for programs.
 pub fn rfc3339(at: Instant) -> String {
     time::rfc3339(timestamp(at))
 }
 
-/// The moment of a line whose time began in 1970.
+/// The timestamp on a line whose clock started in 1970.
 pub fn timestamp(at: Instant) -> Timestamp {
     let micros = i64::try_from(at.0).unwrap_or(i64::MAX);
     Timestamp::from_microsecond(micros).unwrap_or(Timestamp::MAX)
 }
 
-/// One thing heard, for programs.
+/// A frame or other event, for programs.
 pub fn as_json(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Value {
     let millis = |time: Option<Micros>| time.map(|time| time.0 as f64 / 1_000.0);
     let mut json = json!({

@@ -1,12 +1,12 @@
-//! What requests and replies say, in words. Channels are those of the protocol: what a module
-//! calls its coils, only its model knows.
+//! The meanings of requests and replies, in words. Channels are numbered as in the protocol: the
+//! terminals they belong to depend on the model.
 
 use crate::render::{values, wire_words};
 use railbus_wire::{Bits, Exchange, PulseWidth, Response, ascii, lc02, r55, rtu};
 use railbus_words::hex;
 use railbus_words::{Lang, say};
 
-/// What a request asks for.
+/// The meaning of a request.
 pub fn request(lang: Lang, exchange: &Exchange<'_>) -> String {
     match exchange {
         Exchange::Rtu(exchange) => of_rtu(lang, &exchange.request),
@@ -23,7 +23,7 @@ pub fn request(lang: Lang, exchange: &Exchange<'_>) -> String {
     }
 }
 
-/// What a reply says.
+/// The meaning of a reply.
 pub fn response(lang: Lang, exchange: &Exchange<'_>, response: &Response<'_>) -> String {
     match (exchange, response) {
         (Exchange::Rtu(asked), Response::Rtu(response)) => by_rtu(lang, &asked.request, response),

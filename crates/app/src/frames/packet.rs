@@ -1,11 +1,11 @@
-//! What was heard, as capture files keep it.
+//! Frames as stored in capture files.
 
 use super::words;
 use railbus_sniff::capture::{self, Direction};
 use railbus_sniff::{Frame, Heard, Role, Verdict};
 use railbus_words::Lang;
 
-/// A frame as a capture file keeps it; none of what has no bytes.
+/// A frame as stored in a capture file; `None` for events without bytes.
 pub fn packet(lang: Lang, line: u32, heard: &Heard) -> Option<Vec<u8>> {
     let Heard::Frame(frame) = heard else {
         return None;
@@ -21,7 +21,7 @@ pub fn packet(lang: Lang, line: u32, heard: &Heard) -> Option<Vec<u8>> {
     ))
 }
 
-/// Whose a frame was. Of a broken one that is a guess, and no reader is to rely on it.
+/// The sender of a frame. For a broken one this is a guess, on which no reader should rely.
 fn direction(frame: &Frame) -> Option<Direction> {
     if let Verdict::Bad(_) = frame.verdict {
         return None;

@@ -1,4 +1,5 @@
-//! What bytes mean in each protocol: as they are, or as they would be with the right checksum.
+//! The meanings of bytes in each protocol: as they are, or as they would be with the right
+//! checksum.
 
 use super::meaning;
 use railbus_wire::{
@@ -6,16 +7,16 @@ use railbus_wire::{
 };
 use railbus_words::{Lang, say};
 
-/// One way to read the bytes.
+/// One way to decode the bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reading {
     /// The name of the protocol.
     pub protocol: &'static str,
     /// It is a reply, not a request.
     pub reply: bool,
-    /// Whom it is for, or of.
+    /// The address it is sent to, or comes from.
     pub address: Option<Address>,
-    /// What it says.
+    /// Its meaning.
     pub meaning: String,
     /// Its checksum.
     pub check: Check,
@@ -30,9 +31,9 @@ pub enum Check {
     Right(String),
     /// It is wrong.
     Wrong {
-        /// What it is.
+        /// The checksum found.
         is: String,
-        /// What it should be.
+        /// The right one.
         should: String,
     },
 }
@@ -83,13 +84,13 @@ pub fn of(lang: Lang, bytes: &[u8]) -> Vec<Reading> {
     seen
 }
 
-/// A frame of Modbus RTU has nothing but its CRC to know it by: with a wrong one, others that
-/// also have marks at their ends are likelier.
+/// A Modbus RTU frame is recognised by nothing but its CRC: with a wrong one, protocols that also
+/// have start and end markers are likelier.
 fn unlikely(reading: &Reading) -> bool {
     reading.protocol == Protocol::Rtu.name() && !reading.is_good()
 }
 
-/// The bytes with a right checksum, and what was to be said of theirs.
+/// The bytes with the right checksum, and the notes about the original.
 pub fn checked(protocol: Protocol, bytes: &[u8]) -> Vec<(Vec<u8>, Check)> {
     let verdict = |at: std::ops::Range<usize>, should: Vec<u8>| {
         let is = bytes.get(at.clone())?;
@@ -179,7 +180,7 @@ fn in_protocol(lang: Lang, protocol: Protocol, frame: &[u8], check: &Check) -> V
     readings
 }
 
-/// The request that a whole frame is, or a function that is not known.
+/// The request that a whole frame is, or an unknown function.
 fn request<'a>(
     protocol: Protocol,
     frame: &'a [u8],
@@ -222,7 +223,7 @@ fn hex(bytes: &[u8]) -> String {
     railbus_words::hex::spaced(bytes)
 }
 
-/// The checksum of a frame of that protocol and what it should be, where it is wrong.
+/// The checksum of a frame of that protocol and the right one, if it is wrong.
 pub fn wrong_check(protocol: Protocol, bytes: &[u8]) -> Option<(String, String)> {
     let checks = checked(protocol, bytes).into_iter();
     checks

@@ -1,4 +1,4 @@
-//! What is said of frames.
+//! The texts about frames.
 
 railbus_words::texts! {
     pub(crate) FrameText;

@@ -1,4 +1,4 @@
-//! What was heard, in words.
+//! Frames on the line, in words.
 
 use super::texts::FrameText;
 use super::{meaning, readings};
@@ -6,7 +6,7 @@ use railbus_sniff::{Asked, Flaw, Frame, Heard, Reading, Role, Verdict};
 use railbus_wire::{Micros, Protocol};
 use railbus_words::Lang;
 
-/// The meaning of something heard; where it can be read in several ways, each of them.
+/// The meaning of a frame; if it can be decoded in several ways, each of them.
 pub fn of(lang: Lang, heard: &Heard) -> String {
     match heard {
         Heard::Missing(missing) => {
@@ -42,7 +42,7 @@ fn of_frame(lang: Lang, frame: &Frame) -> String {
     text
 }
 
-/// What a right frame says by one of its readings.
+/// The meaning of a valid frame in one of its readings.
 fn said(lang: Lang, frame: &Frame, reading: &Reading) -> String {
     let bytes = frame.bytes.as_slice();
     if reading.role == Some(Role::Request) {

@@ -1,4 +1,4 @@
-//! A machine made of files, which are gone at the end of a test: for the tests of every crate.
+//! A machine made of files, removed at the end of a test: for the tests of all crates.
 
 use super::Machine;
 use std::fs;
@@ -19,7 +19,7 @@ impl Fixture {
     /// An empty one, under this name, which no other test may use.
     ///
     /// # Panics
-    /// Where it can't be made.
+    /// If it can't be created.
     pub fn new(name: &str) -> Fixture {
         let unique = format!("railbus-machine-{}-{name}", std::process::id());
         let folder = std::env::temp_dir().join(unique);
@@ -27,15 +27,15 @@ impl Fixture {
         Fixture(folder)
     }
 
-    /// The machine that these files are.
+    /// The machine made of these files.
     pub fn machine(&self) -> Machine {
         Machine::at(&self.0)
     }
 
-    /// Writes a file and the folders above it.
+    /// Writes a file and its parent folders.
     ///
     /// # Panics
-    /// Where that fails.
+    /// If that fails.
     pub fn file(&self, path: &str, text: &str) -> &Fixture {
         let path = self.machine().path(path);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -43,10 +43,10 @@ impl Fixture {
         self
     }
 
-    /// Makes a link and the folders above it.
+    /// Creates a link and its parent folders.
     ///
     /// # Panics
-    /// Where that fails.
+    /// If that fails.
     pub fn link(&self, path: &str, target: &str) -> &Fixture {
         let path = self.machine().path(path);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -54,7 +54,7 @@ impl Fixture {
         self
     }
 
-    /// An FTDI adapter as Linux shows it, plugged in 90 s after the start.
+    /// An FTDI adapter as shown by Linux, plugged in 90 s after boot.
     pub fn ftdi(&self) -> &Fixture {
         let device = "/sys/devices/usb1/1-1/1-1:1.0/ttyUSB0";
         self.file("/sys/devices/usb1/1-1/idVendor", "0403\n")

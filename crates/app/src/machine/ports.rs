@@ -11,19 +11,19 @@ const KINDS: [&str; 5] = ["ttyUSB", "ttyACM", "ttyAMA", "ttySC", "ttyAP"];
 pub struct Adapter {
     /// Its device, such as `/dev/ttyUSB0`.
     pub device: String,
-    /// The kernel's driver of it, where it is known.
+    /// Its kernel driver, if known.
     pub driver: Option<String>,
-    /// How long it keeps what it hears, in milliseconds (FTDI).
+    /// How long it buffers received data, in milliseconds (FTDI).
     pub latency_ms: Option<u32>,
-    /// Vendor and product on USB.
+    /// Its USB vendor and product IDs.
     pub usb: Option<(u16, u16)>,
-    /// What it calls itself on USB.
+    /// Its USB name.
     pub product: Option<String>,
-    /// The name that stays the same wherever it is plugged in.
+    /// The name that stays the same in whichever socket it is plugged.
     pub stable: Option<String>,
-    /// The name of the socket it is plugged into: for adapters without a serial number.
+    /// The name of its socket: for adapters without a serial number.
     pub socket: Option<String>,
-    /// The programs that have it open, as far as this user may see.
+    /// The programs that have it open, as far as this user can see.
     pub holders: Vec<(u32, String)>,
     /// For how long it has been plugged in, in seconds.
     pub plugged_s: Option<u64>,
@@ -61,7 +61,7 @@ pub fn adapters(machine: &Machine) -> Vec<Adapter> {
     names.into_iter().map(adapter).collect()
 }
 
-/// The other names of devices, which udev makes.
+/// The symbolic links to devices that udev creates.
 fn links(machine: &Machine, kind: &str) -> BTreeMap<String, String> {
     let folder = format!("/dev/serial/{kind}");
     let pair = |name: String| {
@@ -91,7 +91,7 @@ fn usb(machine: &Machine, name: &str) -> Option<(u16, u16)> {
     Some((number("idVendor")?, number("idProduct")?))
 }
 
-/// What its maker wrote into it.
+/// The name stored by its manufacturer.
 fn product(machine: &Machine, name: &str) -> Option<String> {
     let product = of_usb(machine, name, "product")?;
     // It may be anything; the longest that USB allows is 126 characters.
@@ -99,7 +99,8 @@ fn product(machine: &Machine, name: &str) -> Option<String> {
     Some(shown.collect())
 }
 
-/// What the USB device says: it stands some folders above the port, how many differs by driver.
+/// The attributes of the USB device: they are some folders above the port, how many depends on the
+/// driver.
 fn of_usb(machine: &Machine, name: &str, key: &str) -> Option<String> {
     let device = machine.path(format!("/sys/class/tty/{name}/device"));
     let device = device.canonicalize().ok()?;
@@ -109,7 +110,7 @@ fn of_usb(machine: &Machine, name: &str, key: &str) -> Option<String> {
     Some(text.trim().to_owned())
 }
 
-/// Who has which terminal open.
+/// Which program has which terminal open.
 fn holders(machine: &Machine) -> BTreeMap<String, Vec<(u32, String)>> {
     let mut found: BTreeMap<String, Vec<(u32, String)>> = BTreeMap::new();
     for (pid, name) in machine.programs() {
@@ -130,8 +131,8 @@ fn holders(machine: &Machine) -> BTreeMap<String, Vec<(u32, String)>> {
     found
 }
 
-/// For how long it has been there: udev notes when it met a device, in microseconds since the
-/// start.
+/// How long it has been plugged in: udev records when it saw a device first, in microseconds since
+/// boot.
 fn plugged(machine: &Machine, name: &str) -> Option<u64> {
     let number = machine.text(format!("/sys/class/tty/{name}/dev"))?;
     let noted = machine.text(format!("/run/udev/data/c{}", number.trim()))?;

@@ -1,4 +1,4 @@
-//! Who runs this, and to which groups they belong: by the login, and by the books.
+//! The user of this process, and their groups: of the login session, and in the user database.
 
 use super::Machine;
 use rustix::process::{geteuid, getgroups};
@@ -10,12 +10,12 @@ pub struct User {
     pub number: u32,
     /// Its name.
     pub name: String,
-    /// The groups of this login. It does not change when the books do.
+    /// The groups of this login session. They do not change with the database.
     pub groups: Vec<u32>,
 }
 
 impl User {
-    /// Whoever runs this.
+    /// The user of this process.
     pub fn this(machine: &Machine) -> User {
         let number = geteuid().as_raw();
         let mut groups: Vec<u32> = getgroups()
@@ -47,7 +47,7 @@ fn name_of(machine: &Machine, number: u32) -> Option<String> {
     })
 }
 
-/// The name of a group, and whether the books count a user among its members.
+/// The name of a group, and whether a user is a member according to the database.
 pub fn group(machine: &Machine, number: u32, user: &str) -> Option<(String, bool)> {
     let number = number.to_string();
     machine.text("/etc/group")?.lines().find_map(|line| {

@@ -1,5 +1,5 @@
-//! Colour, where a terminal shows it. It is never the only sign of anything: words carry the
-//! state.
+//! Colour, where a terminal supports it. It never carries information on its own: there are always
+//! words, too.
 
 use std::ffi::OsString;
 use std::io::IsTerminal;
@@ -7,7 +7,7 @@ use std::io::IsTerminal;
 /// When to use colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Colour {
-    /// On terminals, unless the environment says otherwise.
+    /// On terminals, unless the environment forbids it.
     #[default]
     Auto,
     /// Always.
@@ -20,7 +20,7 @@ impl Colour {
     /// The names in flags.
     pub const NAMES: [&str; 3] = ["auto", "always", "never"];
 
-    /// The one of this name.
+    /// The one with this name.
     pub fn from_name(name: &str) -> Option<Colour> {
         Some(match name {
             "auto" => Colour::Auto,
@@ -30,7 +30,7 @@ impl Colour {
         })
     }
 
-    /// What the arguments ask for, or else the environment, before anything is parsed.
+    /// The choice given by the arguments, or else by the environment, before anything is parsed.
     pub fn of_process(arguments: &[OsString]) -> Colour {
         let variable = || std::env::var("RAILBUS_COLOR").ok();
         super::flag(arguments, "--color", None, Colour::from_name)
@@ -38,7 +38,7 @@ impl Colour {
             .unwrap_or_default()
     }
 
-    /// Whether a stream is to be coloured, by what the environment says (no-color.org and
+    /// Whether a stream is coloured, according to the environment (no-color.org and
     /// bixense.com/clicolors).
     fn shows(self, terminal: bool, variable: impl Fn(&str) -> Option<String>) -> bool {
         let set = |name: &str| variable(name).filter(|value| !value.is_empty());
@@ -52,17 +52,17 @@ impl Colour {
     }
 }
 
-/// How a stream is coloured.
+/// The colouring of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Paint {
-    /// None: a file, or a terminal that should not have any.
+    /// None: a file, or a terminal without colours.
     Plain,
     /// With escape sequences.
     Coloured,
 }
 
 impl Paint {
-    /// What goes to this stream.
+    /// The colouring of this stream.
     pub fn of(colour: Colour, stream: &impl IsTerminal) -> Paint {
         match colour.shows(stream.is_terminal(), |name| std::env::var(name).ok()) {
             true => Paint::Coloured,

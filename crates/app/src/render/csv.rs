@@ -1,7 +1,7 @@
-//! Rows of CSV as the API and the commands write them.
+//! CSV rows of the API and the commands.
 
-/// A row with its end [RFC 4180]. A cell that a spreadsheet would take for a formula is made
-/// text.
+/// A row with its line ending [RFC 4180]. A cell that a spreadsheet would take for a formula is
+/// written as text.
 pub fn csv(cells: &[&str]) -> String {
     let mut row = String::new();
     for (index, cell) in cells.iter().enumerate() {

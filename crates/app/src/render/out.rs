@@ -6,8 +6,7 @@ use railbus_words::Lang;
 use std::io::{ErrorKind, Write};
 use std::ops::ControlFlow;
 
-/// Writes a part of the result. `Break` where the reader has heard enough and closed the pipe,
-/// which is no fault of anyone.
+/// Writes a part of the result. `Break` if the reader has closed the pipe, which is not an error.
 pub fn put(lang: Lang, text: &str) -> Result<ControlFlow<()>, Failure> {
     let mut stdout = std::io::stdout();
     match stdout
@@ -25,7 +24,7 @@ pub fn result(lang: Lang, text: &str) -> Result<(), Failure> {
     put(lang, text).map(|_| ())
 }
 
-/// Says something beside the result. Where even stderr is gone there is nobody left to tell.
+/// Prints a message besides the result. If even stderr is closed, nobody can be told.
 pub fn note(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -1,4 +1,4 @@
-//! A list of like things in any of the forms.
+//! A list of similar records, in any format.
 
 use super::Format;
 use super::table::Table;
@@ -10,18 +10,18 @@ use serde_json::{Map, Value, json};
 pub struct Records {
     /// The key of the list in JSON.
     pub key: &'static str,
-    /// Each of them for programs.
+    /// The records for programs.
     pub rows: Vec<Value>,
-    /// The keys that CSV shows, in this order.
+    /// The keys that CSV contains, in this order.
     pub columns: &'static [&'static str],
-    /// The key whose bare value is shown by `-o value`.
+    /// The key whose bare value `-o value` prints.
     pub value: &'static str,
     /// For people.
     pub table: Table,
 }
 
 impl Records {
-    /// The whole result in a form.
+    /// The whole result in this format.
     pub fn render(&self, format: Format) -> String {
         match format {
             Format::Table => self.table.render_within(width::terminal()),
@@ -42,7 +42,7 @@ impl Records {
         if format == Format::Csv {
             return self.rows.iter().map(|row| csv(row, self.columns)).collect();
         }
-        // Bare, a value has no room for how good it is, nor for why there is none.
+        // A bare value can't show its quality, nor the reason for a missing one.
         let doubtful = |row: &Value| {
             let quality = row.get("quality").and_then(Value::as_str);
             quality.is_some_and(|quality| quality != "good")
@@ -81,7 +81,7 @@ fn plain(value: &Value) -> String {
     }
 }
 
-/// A cell of CSV, quoted where it must be.
+/// A cell of CSV, quoted if necessary.
 fn cell(value: &Value) -> String {
     let text = plain(value);
     if text.contains([',', '"', '\n']) {

@@ -1,4 +1,4 @@
-//! Tables without lines, their columns as wide as what stands in them.
+//! Tables without borders, with columns as wide as their content.
 
 use railbus_words::width;
 
@@ -22,15 +22,13 @@ impl Table {
         }
     }
 
-    /// Which column is what people call it, by its number from 0: where nothing has a name, it is
-    /// left out.
+    /// Which column is the display name, by its index: if no row has one, the column is left out.
     pub const fn names(mut self, column: usize) -> Table {
         self.names = Some(column);
         self
     }
 
-    /// Which columns can be done without on a narrow terminal, by their number from 0, the first
-    /// to go first.
+    /// Which columns can be left out on a narrow terminal, by their index, the first to go first.
     pub const fn spare(mut self, columns: &'static [usize]) -> Table {
         self.spare = columns;
         self
@@ -46,9 +44,9 @@ impl Table {
         self.rows.push(row.into_iter().collect());
     }
 
-    /// All of it within so many columns, if they are limited. A table that is wider does without
-    /// what it can spare, one column after the other. Where even that is too wide, it is told one
-    /// row after the other, since lines that the terminal breaks can't be read.
+    /// The whole table within this many columns, if they are limited. A wider table leaves out its
+    /// optional columns one by one. If it still is too wide, it is printed row by row, since tables
+    /// wrapped by the terminal are unreadable.
     pub fn render_within(&self, columns: Option<usize>) -> String {
         let Some(columns) = columns else {
             return self.render();
@@ -62,8 +60,7 @@ impl Table {
         }
     }
 
-    /// The table without the first so many of the columns that it can spare, and without names
-    /// where there are none.
+    /// The table without this many of its optional columns, and without names if there are none.
     fn without(&self, gone: usize) -> Table {
         let (gone, _) = self.spare.split_at(gone.min(self.spare.len()));
         let nameless = self.names.filter(|names| {
@@ -83,7 +80,7 @@ impl Table {
         }
     }
 
-    /// Each row as a block of lines, one for each cell under its heading.
+    /// Each row as a block of lines, one for each cell with its heading.
     fn stacked(&self) -> String {
         let labels = self.head.iter().map(|head| width::of(head));
         let label = labels.max().unwrap_or_default();
@@ -100,7 +97,7 @@ impl Table {
         blocks.join("\n")
     }
 
-    /// All of it, each line ended.
+    /// The whole table, each line with its newline.
     pub fn render(&self) -> String {
         self.without(0).aligned()
     }

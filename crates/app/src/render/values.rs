@@ -5,7 +5,7 @@ use railbus_api::types::{Confirmed, ModuleState, PointInfo, Quality, Reason, Val
 use railbus_words::Lang;
 use std::collections::BTreeMap;
 
-/// `on`, `off`; `8.71 V`; `–` where nothing is known.
+/// `on`, `off`; `8.71 V`; `–` if unknown.
 pub fn point(lang: Lang, point: &PointInfo) -> String {
     match point.value {
         None => "–".to_owned(),
@@ -36,7 +36,7 @@ pub fn state(lang: Lang, on: bool) -> &'static str {
     lang.get(if on { AppText::On } else { AppText::Off })
 }
 
-/// How good the value of a point is, in a word, and why.
+/// The quality of a point's value, in a word, and its reason.
 pub fn quality(lang: Lang, point: &PointInfo) -> &'static str {
     lang.get(match (point.quality, point.reason) {
         (Quality::Good, _) => AppText::Good,
@@ -52,14 +52,13 @@ pub fn quality(lang: Lang, point: &PointInfo) -> &'static str {
     })
 }
 
-/// What something is called: in the language asked for, else in the one it has a name in; nothing
-/// where it has none.
+/// The display name: in the requested language, otherwise in the other one; empty if there is none.
 pub fn called(lang: Lang, names: &BTreeMap<String, String>) -> String {
     let name = names.get(lang.name()).or_else(|| names.values().next());
     name.cloned().unwrap_or_default()
 }
 
-/// How certain a write is, in words.
+/// How far a write is confirmed, in words.
 pub fn confirmed(lang: Lang, confirmed: Confirmed) -> &'static str {
     lang.get(match confirmed {
         Confirmed::Readback => AppText::ReadBack,
@@ -68,7 +67,7 @@ pub fn confirmed(lang: Lang, confirmed: Confirmed) -> &'static str {
     })
 }
 
-/// Whether a module is heard, in a word.
+/// The state of a module, in a word.
 pub fn presence(lang: Lang, state: ModuleState) -> &'static str {
     lang.get(match state {
         ModuleState::Online => AppText::Online,

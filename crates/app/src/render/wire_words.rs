@@ -1,4 +1,4 @@
-//! Words of the wire in the user's language. The core speaks English only, and so do logs and JSON.
+//! Protocol terms in the user's language. The core speaks only English, and so do logs and JSON.
 
 use crate::texts::AppText;
 use railbus_api::types::Lost;
@@ -26,7 +26,7 @@ pub fn exception(lang: Lang, why: Exception) -> String {
     }
 }
 
-/// Why a reply is no good one, by the core's words for it; other words stay as they are.
+/// Why a reply is not valid, by the core's words for it; other words are left unchanged.
 pub fn malformed(lang: Lang, why: &str) -> String {
     let known = MALFORMED.iter().find(|known| known.to_string() == why);
     match (lang, known) {
@@ -35,7 +35,7 @@ pub fn malformed(lang: Lang, why: &str) -> String {
     }
 }
 
-/// What came of the last requests to a module that gives no good reply.
+/// The results of the last requests to a module without valid replies.
 pub fn lost(lang: Lang, lost: &Lost) -> String {
     let why = malformed(lang, lost.why.as_deref().unwrap_or_default());
     let values: &[(&str, &dyn std::fmt::Display)] = &[
@@ -47,7 +47,7 @@ pub fn lost(lang: Lang, lost: &Lost) -> String {
     lang.fill(AppText::Lost, values)
 }
 
-/// All of them: whoever adds one to the match below adds it here.
+/// All of them: an addition to the match below must be added here, too.
 const MALFORMED: [Malformed; 9] = [
     Malformed::Start,
     Malformed::Address,

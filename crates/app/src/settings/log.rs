@@ -1,4 +1,4 @@
-//! What the journal says of a change, and how modules are found again.
+//! The journal's entries about a change, and the search for lost modules.
 
 use super::outcome;
 use super::target::Target;
@@ -11,7 +11,7 @@ use railbus_wire::Protocol;
 use railbus_words::Code;
 use railbus_words::Lang;
 
-/// What is known of a change, in words.
+/// The state of a change, in words.
 pub fn state(log: &Log, last: &Record) -> SettingsText {
     match last.state {
         State::Done | State::Filed if log.is_rolled_back(last.change) => {
@@ -27,10 +27,10 @@ pub fn state(log: &Log, last: &Record) -> SettingsText {
     }
 }
 
-/// What takes a change back, of which this is the last word.
+/// The change that undoes the one with this last record.
 ///
 /// # Errors
-/// Where its end is not known, or an old value is not.
+/// If its result is not known, or an old value is not.
 pub fn taking_back(
     lang: Lang,
     log: &Log,
@@ -56,7 +56,8 @@ pub fn taking_back(
     Ok(wanted)
 }
 
-/// Not found at all, or two at once: then how to part them, which differs from family to family.
+/// Not found at all, or two modules at once: then how to separate them, which depends on the
+/// family.
 pub fn not_found(lang: Lang, target: &Target, garbled: bool) -> Failure {
     let setup = &target.setup;
     let code = if garbled {
@@ -78,7 +79,7 @@ pub fn not_found(lang: Lang, target: &Target, garbled: bool) -> Failure {
     failure.with_try(format!("railbus scan -l {}", target.line))
 }
 
-/// How two modules on one address are parted: its name, and the steps.
+/// How to separate two modules at one address: its name, and the steps.
 pub const fn parting(setup: &Setup) -> (&'static str, SettingsText) {
     match (setup.family, setup.protocol) {
         (Family::R55, _) => ("boards", SettingsText::PartBoards),

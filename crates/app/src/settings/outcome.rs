@@ -1,4 +1,4 @@
-//! How procedures ended, as failures in words.
+//! Results of procedures, as failures in words.
 
 use super::target::Target;
 use super::texts::SettingsText;
@@ -13,7 +13,7 @@ use railbus_words::Lang;
 use std::io::ErrorKind;
 use std::path::Path;
 
-/// Why a procedure could not do what it was to.
+/// Why a procedure failed.
 pub fn trouble(lang: Lang, target: &Target, trouble: &Trouble) -> Failure {
     let about = |code: Code| {
         Failure::of(lang, code)
@@ -101,7 +101,7 @@ fn place(lang: Lang, target: &Target, at: Place) -> String {
     )
 }
 
-/// Why a change did not end as it should; nothing where it did.
+/// Succeeds if the change did.
 ///
 /// # Errors
 /// Why it did not.
@@ -161,7 +161,7 @@ fn because(lang: Lang, failure: Failure, why: Why) -> Failure {
     }
 }
 
-/// Why a word is no setting of the module.
+/// Why a word is not a valid setting of the module.
 pub fn wrong(lang: Lang, target: &Target, wrong: &Wrong) -> Failure {
     let show = format!("railbus config show {}", target.name);
     match wrong {
@@ -193,7 +193,7 @@ pub fn wrong(lang: Lang, target: &Target, wrong: &Wrong) -> Failure {
     }
 }
 
-/// Why a calibration came no further.
+/// Why a calibration stopped early.
 pub fn hindered(lang: Lang, target: &Target, why: Hindrance) -> Failure {
     let of = |code: Code| Failure::of(lang, code).with_fact("module", target.name.as_str());
     match why {
@@ -207,7 +207,7 @@ pub fn hindered(lang: Lang, target: &Target, why: Hindrance) -> Failure {
     }
 }
 
-/// Why the journal can't be held.
+/// Why the journal can't be locked.
 pub fn store_failure(lang: Lang, folder: &Path, error: &std::io::Error) -> Failure {
     let code = match error.kind() {
         ErrorKind::WouldBlock => Code::JournalBusy,
@@ -220,7 +220,7 @@ pub fn store_failure(lang: Lang, folder: &Path, error: &std::io::Error) -> Failu
     }
 }
 
-/// The module is where it was to go, and its file could not be changed.
+/// The module has moved, and the configuration file could not be updated.
 pub fn not_followed(lang: Lang, file: &Path, module: &str, place: Place, why: &str) -> Failure {
     let place = placed(lang, place);
     let by_hand = lang.fill(

@@ -1,4 +1,4 @@
-//! What a change would write, and what is known of a setting.
+//! What a change would write, and where settings come from.
 
 use super::target::Target;
 use super::texts::SettingsText;
@@ -9,7 +9,7 @@ use railbus_wire::{Frame, Protocol};
 use railbus_words::Lang;
 use railbus_words::hex;
 
-/// The frame of a write, as the manual prints it.
+/// The frame of a write, as in the manual.
 pub fn frame(target: &Target, stage: &Stage) -> String {
     let mut frame = Frame::new();
     if let Some(request) = target.request(stage) {
@@ -21,7 +21,7 @@ pub fn frame(target: &Target, stage: &Stage) -> String {
     }
 }
 
-/// What the change does to the line.
+/// What the change means for the line.
 pub fn warnings(lang: Lang, target: &Target, stages: &[Stage]) -> Vec<String> {
     let (Some(first), Some(last)) = (stages.first(), stages.last()) else {
         return Vec::new();
@@ -62,7 +62,7 @@ pub fn warnings(lang: Lang, target: &Target, stages: &[Stage]) -> Vec<String> {
     warnings
 }
 
-/// Whether the module said it, or it is plain from where it answers.
+/// Whether the module reported it, or it follows from where it answers.
 pub fn source(target: &Target, found: &Found, key: Key) -> &'static str {
     if key == Key::Protocol {
         "place"
@@ -84,7 +84,7 @@ pub fn known(target: &Target, found: &Found) -> Kept {
     kept
 }
 
-/// When a setting acts, or why no command changes it.
+/// When a setting takes effect, or why no command can change it.
 pub fn note(lang: Lang, access: Access) -> &'static str {
     lang.get(match access {
         Access::Written => SettingsText::NoteWritten,

@@ -1,4 +1,4 @@
-//! A port that is ours alone: what a procedure asks is sent, and what comes back is heard.
+//! A port opened exclusively: sends the requests of a procedure, and receives the replies.
 
 use jiff::Timestamp;
 use railbus_commission::{Ask, Heard, Record};
@@ -9,20 +9,20 @@ use railbus_words::time;
 use std::time::Duration;
 use tokio::time::{Instant as Moment, timeout_at};
 
-/// After so long no late reply comes any more.
+/// After this long no late reply arrives any more.
 const LATE: Duration = Duration::from_millis(500);
-/// Something that never stops talking is not listened to for ever.
+/// Babble is not listened to for ever.
 const BYTES_MAX: usize = 600;
 
-/// A port that is ours alone, and what is known of it.
+/// An exclusively opened port, and what is known about it.
 #[derive(Debug)]
 pub struct Talk {
     port: AnyPort,
     started: Moment,
-    /// What is sent comes back; nothing while that is not known.
+    /// Whether the adapter echoes; `None` while that is not known.
     echoes: Option<bool>,
-    /// So long a reply may come to a request of somebody who was killed, or to one of ours that
-    /// was given up.
+    /// Until when a reply may arrive to a request of a killed process, or to one of ours that timed
+    /// out.
     late_replies_until: Moment,
     has_asked: bool,
 }
@@ -31,6 +31,7 @@ impl Talk {
     /// Opens a port.
     ///
     /// # Errors
+    /// Why it can't be opened.
     /// Why it can't be opened.
     pub async fn open(name: &LineName, settings: Settings) -> Result<Talk, PortError> {
         let options = SerialOptions {
@@ -53,14 +54,13 @@ impl Talk {
         })
     }
 
-    /// The time since then.
+    /// The time since the start.
     pub fn now(&self) -> Instant {
         let micros = self.started.elapsed().as_micros();
         Instant(u64::try_from(micros).unwrap_or(u64::MAX))
     }
 
-    /// Whether the port can talk one way now and another way later. A serial server keeps its own
-    /// speed.
+    /// Whether the port can change its speed. A serial server keeps its own.
     pub fn follows(&self, from: Settings, to: Settings) -> bool {
         match (&self.port, self.port.medium()) {
             (AnyPort::Tcp(_) | AnyPort::ModbusTcp(_), _) => from == to,
@@ -70,7 +70,7 @@ impl Talk {
         }
     }
 
-    /// Sends what is asked, and hears what comes.
+    /// Sends the request, and receives the reply.
     pub async fn ask(&mut self, ask: &Ask) -> Heard {
         let lost = Heard {
             lost: true,
@@ -114,14 +114,14 @@ impl Talk {
         }
     }
 
-    /// Waits until nothing that was asked can be answered any more, so that neither who asks next
-    /// nor who opens the port next takes a late reply for his own.
+    /// Waits until no request can be answered any more, so that neither the next request nor the
+    /// next program to open the port gets a late reply.
     pub async fn settle(&mut self) {
         tokio::time::sleep_until(self.late_replies_until).await;
         self.port.settle();
     }
 
-    /// Hears until the moment comes, or until what was heard is enough.
+    /// Receives until the given time, or until enough has been received.
     async fn hear(
         &mut self,
         end: Moment,
@@ -139,17 +139,17 @@ impl Talk {
     }
 }
 
-/// Writes a record down, with the time.
+/// Writes a record, with the time.
 ///
 /// # Errors
-/// Where the disk refuses it.
+/// If it can't be written to disk.
 pub fn keep(store: &mut Store, mut record: Record) -> std::io::Result<()> {
     record.at = time::rfc3339(Timestamp::now());
     store.append(record)
 }
 
-/// Some replies repeat the request: only where an echo is known, or more follows, is the first an
-/// echo.
+/// Some replies repeat the request: only if the adapter is known to echo, or if more follows, is
+/// the first copy an echo.
 fn without_echo<'h>(heard: &'h [u8], sent: &[u8], echoes: Option<bool>) -> &'h [u8] {
     match heard.strip_prefix(sent) {
         Some(rest) if echoes == Some(true) || !rest.is_empty() && echoes.is_none() => rest,
@@ -165,8 +165,8 @@ const fn micros(micros: Micros) -> Duration {
 mod tests {
     use super::without_echo;
 
-    /// The acknowledgement of a setting repeats the request: on an adapter that echoes it comes
-    /// twice, and the first one is nobody's.
+    /// The acknowledgement of a setting repeats the request: on an adapter that echoes it arrives
+    /// twice, and the first copy is the echo.
     #[test]
     fn an_echo_is_no_acknowledgement() {
         let sent = [1, 6, 0, 0, 0, 9];

@@ -1,4 +1,4 @@
-//! A module to work on, as the configuration has it.
+//! A module to work on, as configured.
 
 use railbus_commission::settings::Wanted;
 use railbus_commission::{Found, Neighbour, Place, Refused, Stage, Trouble, stages};
@@ -12,11 +12,11 @@ use railbus_wire::Exchange;
 pub struct Target {
     /// Its name.
     pub name: String,
-    /// The line that it is on.
+    /// Its line.
     pub line: String,
     /// The port of that line.
     pub port: LineName,
-    /// What it is and how it is asked.
+    /// Its model and how to talk to it.
     pub setup: Setup,
     /// The other modules of the line.
     pub neighbours: Vec<Neighbour>,
@@ -32,10 +32,10 @@ pub enum NoTarget {
 }
 
 impl Target {
-    /// The module of that name.
+    /// The module with that name.
     ///
     /// # Errors
-    /// Where there is no such module, or its line has no port.
+    /// If there is no such module, or its line has no port.
     pub fn of(config: &Config, name: &str) -> Result<Target, NoTarget> {
         let module = config.modules.get(name).ok_or(NoTarget::Module)?;
         let line = config.lines.get(&module.line);
@@ -58,7 +58,7 @@ impl Target {
         })
     }
 
-    /// The same module where it was found.
+    /// The same module at the place where it was found.
     pub fn found(&self, found: &Found) -> Target {
         Target {
             setup: found.place.setup(&self.setup),
@@ -66,16 +66,16 @@ impl Target {
         }
     }
 
-    /// What a write sends.
+    /// The values that a write sends.
     pub fn request(&self, stage: &Stage) -> Option<Exchange<'static>> {
         let module = Module::new(stage.from.setup(&self.setup)).ok()?;
         module.exchange(&Op::Configure(stage.change)).ok()
     }
 
-    /// The writes that bring it from what it keeps to what is wanted.
+    /// The writes from its present settings to the requested ones.
     ///
     /// # Errors
-    /// What is wanted can't be written, or what is kept can't be read.
+    /// If the requested settings are not possible, or the present ones can't be read.
     pub fn writes(&self, found: &Found, wanted: &Wanted) -> Result<Vec<Stage>, Trouble> {
         let known = found.kept();
         let kept = wanted.over(&known).ok_or(Refused::NotReadable)?;

@@ -1,4 +1,4 @@
-//! What is said of a change of settings, by commands and by the gateway.
+//! Texts about changes of settings, for commands and gateway.
 
 railbus_words::texts! {
     pub SettingsText;

@@ -1,4 +1,4 @@
-//! What a frame of one's own may do, in words.
+//! What a raw frame may do, in words.
 
 use railbus_words::texts;
 
