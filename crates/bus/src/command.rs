@@ -1,4 +1,4 @@
-//! Commands: what a caller wants done, until it has ended.
+//! Commands: what a caller asked for, from submission to its end.
 
 use crate::event::Events;
 use crate::module_state::ModuleState;
@@ -7,14 +7,14 @@ use alloc::collections::VecDeque;
 use railbus_device::{Bank, Op};
 use railbus_wire::{Instant, Micros};
 
-/// How often a command's own exchange is tried, where repeating does no harm.
+/// How often a command's exchange is tried, where it is safe to repeat.
 pub(crate) const TRIES_MAX: u8 = 3;
-/// How often its outputs are read back before that counts as failed.
+/// How often its outputs are read back before the read-back counts as failed.
 pub(crate) const READS_MAX: u8 = 2;
-/// How long after its expiry a command that was sent still waits to be read back.
+/// How long after its expiry a command that was sent still waits for its read-back.
 const READ_BACK_PATIENCE: Micros = Micros::from_secs(5);
 
-/// A command under way.
+/// A pending command.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Command {
     pub(crate) ticket: Ticket,
@@ -24,38 +24,38 @@ pub(crate) struct Command {
     pub(crate) submitted: Instant,
     pub(crate) expires: Instant,
     pub(crate) stage: Stage,
-    /// Of a write: the outputs that no frame has carried yet.
+    /// For a write: the outputs that no frame has carried yet.
     pub(crate) left: u32,
     /// Every frame so far was acknowledged.
     pub(crate) acknowledged: bool,
-    /// One of its acknowledgements was its request once more, as an echo is.
+    /// One of its acknowledgements equals the request, as an echo would.
     pub(crate) echoed: bool,
-    /// A reply of its own denies it: it shows another state than it wants, or says no.
+    /// One of its replies contradicts it: it shows another state, or it is a refusal.
     pub(crate) denied: bool,
-    /// Another model may have acknowledged it: who did had not said what it is.
+    /// Another model may have acknowledged it: the module had not identified itself.
     pub(crate) unidentified: bool,
-    /// The outputs that were otherwise than it wants when they were last read after its frame,
-    /// but for those that are known to give pulses, whose pulse may be over.
+    /// The outputs that did not match when they were last read after its frame, except for those
+    /// known to give pulses, whose pulse may have ended.
     pub(crate) wrong: u32,
-    /// Which outputs give pulses is to be asked before its outputs are read once more.
+    /// Ask which outputs give pulses before reading its outputs again.
     pub(crate) asks_pulses: bool,
-    /// When the last of its own replies had come in.
+    /// When the last of its own replies was complete.
     pub(crate) replied: Option<Instant>,
     pub(crate) evidence: Evidence,
 }
 
-/// Where a command is.
+/// The stage a command has reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Stage {
-    /// Waits for its turn.
+    /// Waiting for its turn.
     Queued,
     /// Its frame is on the line.
     Sent,
-    /// Its frame was sent; its outputs are to be read back. So often was that tried.
+    /// Its frame was sent; its outputs are still to be read back. The number counts the attempts.
     ReadBack(u8),
 }
 
-/// What a command wants of outputs, where it is a plain write.
+/// The outputs a plain write asks for; none for any other op.
 pub(crate) const fn bank_of(op: &Op) -> Option<Bank> {
     match op {
         Op::Write(bank) => Some(*bank),
@@ -63,7 +63,7 @@ pub(crate) const fn bank_of(op: &Op) -> Option<Bank> {
     }
 }
 
-/// The outputs that an op touches: nothing may be done to them by another one until it ended.
+/// The outputs that an op affects: other commands for them wait until it has ended.
 pub(crate) const fn touched(op: &Op) -> u32 {
     match op {
         Op::Write(bank) | Op::WriteSilent(bank) => bank.mask,
@@ -111,13 +111,13 @@ impl Command {
         }
     }
 
-    /// Whether it was never put on the line.
+    /// Whether none of its frames has been sent.
     pub(crate) const fn is_unsent(&self) -> bool {
         matches!(self.stage, Stage::Queued) && self.evidence.attempts == 0
     }
 
-    /// What the outputs, read after its frame, make of it: its end, or nothing yet. Who read
-    /// something else, such as the inputs, has not read it back.
+    /// Compares the outputs read after its frame; gives the end, or none yet. A reply without its
+    /// outputs, such as an input read, does not count as a read-back.
     pub(crate) fn judge(
         &mut self,
         state: &ModuleState,
@@ -129,7 +129,7 @@ impl Command {
         if outputs.mask == 0 {
             return None;
         }
-        // Who is there was asked what it is.
+        // The module has identified itself.
         self.unidentified = false;
         let Some(want) = bank_of(&self.op) else {
             return Some(self.end_by_reply());
@@ -141,13 +141,14 @@ impl Command {
         }
         let pulses = state.pulses();
         self.wrong = wrong & !(pulses.unwrap_or(0) & want.on);
-        // A pulse may be over before it is looked for: then only its reply is left.
+        // A pulse may have ended before the read-back: then only the reply confirms it.
         let may_be_over = pulses.unwrap_or(u32::MAX) & want.on;
         if wrong & !may_be_over == 0 && seen == want.mask {
             if pulses.is_some() || !self.acknowledged {
                 return Some(self.end_by_reply());
             }
-            // Whether it is one is asked once. A module that does not say has none.
+            // Whether the output gives pulses is asked once. A module that does not answer has
+            // none.
             if state.pulse_question().is_some() && (reads == 0 || self.asks_pulses) {
                 self.asks_pulses = true;
                 self.stage = Stage::ReadBack(1);
@@ -172,26 +173,26 @@ impl Command {
         }))
     }
 
-    /// The line may echo: what was taken for its acknowledgement may have been its echo.
+    /// The line may echo: what looked like an acknowledgement may have been the echo.
     pub(crate) const fn suspect_echo(&mut self) {
         self.acknowledged &= !self.echoed;
     }
 
-    /// The module was asked which outputs give pulses, and said so unless it was silent: what was
-    /// read otherwise may be a pulse that is over, and then only its reply is left.
+    /// The module was asked which outputs give pulses, and answered unless it was silent: a
+    /// mismatch may be a pulse that has ended, and then only the reply confirms the command.
     pub(crate) fn pulses_known(&mut self, pulses: u32) -> Option<Result<Confirmed, Fault>> {
         let want = bank_of(&self.op).filter(|_| core::mem::take(&mut self.asks_pulses))?;
         self.wrong &= !(pulses & want.on);
         (self.wrong == 0).then(|| self.end_by_reply())
     }
 
-    /// The end where another model answers than it was meant for.
+    /// The end when another model answers at the address.
     pub(crate) const fn end_by_other_model(&self) -> Result<Confirmed, Fault> {
         let sent = !self.is_unsent() && !self.op.is_read();
         Err(Fault::OtherModel { sent })
     }
 
-    /// When it ends because its time is up; a frame on the line is waited for.
+    /// When it times out; a frame on the line is waited for.
     pub(crate) fn time_is_up_at(&self) -> Option<Instant> {
         match self.stage {
             Stage::Queued => Some(self.expires),
@@ -200,8 +201,8 @@ impl Command {
         }
     }
 
-    /// The end where its time is up: what was never sent did nothing, what waits to be sent
-    /// again may have.
+    /// The end when it times out: a command never sent did nothing, one waiting to be resent may
+    /// have acted.
     pub(crate) fn end_by_time(&self) -> Result<Confirmed, Fault> {
         match self.stage {
             Stage::Queued if self.is_unsent() => Err(Fault::Expired),
@@ -210,7 +211,7 @@ impl Command {
         }
     }
 
-    /// The end where nothing more can be read back. What was read otherwise before is not done.
+    /// The end when nothing more can be read back. A mismatch read before means not verified.
     pub(crate) fn end_by_reply(&self) -> Result<Confirmed, Fault> {
         match (
             self.acknowledged,
@@ -222,8 +223,8 @@ impl Command {
         }
     }
 
-    /// Its last frame was refused. One before it may have acted, another one of several or the
-    /// same with its reply lost: then the outputs say what became of it.
+    /// Its last frame was refused. An earlier one (one of several, or the same with its reply lost)
+    /// may have acted: then the outputs are read back.
     pub(crate) fn refused(
         &mut self,
         refused: Fault,
@@ -246,7 +247,7 @@ impl Command {
     }
 }
 
-/// Goes through the commands in their order; those for which `end` gives one, end.
+/// Ends every command for which `end` returns a result, in order.
 pub(crate) fn end_commands(
     commands: &mut VecDeque<Command>,
     events: &mut Events,

@@ -1,68 +1,67 @@
-//! How a line is to be treated.
+//! How a line is operated.
 
 use railbus_wire::{Instant, Micros};
 
-/// Whether the adapter gives back what is sent. Whatever is said, the line goes on looking
+/// Whether the adapter echoes what is sent. The line keeps checking whatever is set here
 /// (docs/decisions/0014).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum EchoMode {
-    /// Found out by the first read after the opening: until then nothing is written.
+    /// Detected by the first read after opening: nothing is written before that.
     #[default]
     Auto,
-    /// It does.
+    /// It echoes.
     On,
-    /// It does not.
+    /// It does not echo.
     Off,
 }
 
 /// What lies between the driver and the wire.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Medium {
-    /// A serial port: what is sent takes its time, and no reply can come before it has left.
+    /// A serial port: sending takes time, and no reply can come before the frame has left.
     #[default]
     Wire,
-    /// A pseudo-terminal or a network: nobody knows when the bytes are on the wire, so a reply
-    /// may come at once.
+    /// A pseudo-terminal or a network: when the bytes reach the wire is unknown, so a reply may
+    /// come at once.
     Buffered,
 }
 
-/// What is known of those who had the port before it was opened.
+/// What is known of earlier users of the port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Past {
-    /// Nothing: what somebody asked lately may still be answered.
+    /// Nothing: replies to their recent requests may still arrive.
     #[default]
     Unknown,
-    /// Nobody has sent anything lately: there is nothing to wait for, neither late replies nor the
+    /// Nobody has sent anything recently: there is no need to wait for late replies, nor for the
     /// silence before a request.
     Rested,
-    /// Whoever had it last was killed while a reply might still come.
+    /// The previous user was killed while a reply might still come.
     Abandoned,
 }
 
-/// How a line is to be treated.
+/// How a line is operated.
 #[derive(Clone, Copy, Debug)]
 pub struct Config {
     /// Whether the adapter echoes.
     pub echo: EchoMode,
     /// What lies between the driver and the wire.
     pub medium: Medium,
-    /// After the opening nothing is asked for so long: replies to someone's earlier requests
-    /// may still come.
+    /// How long to wait after opening before the first request: replies to someone's earlier
+    /// requests may still come.
     pub settle: Micros,
-    /// How long a line that has shown duplicated replies waits before it asks the like again.
+    /// How long a line that has duplicated replies waits before it repeats a similar request.
     pub duplicate_window: Micros,
-    /// After the opening a line counts as one that may duplicate until so many requests were
+    /// A line is treated as possibly duplicating until this many requests after opening were
     /// answered once.
     pub probation: u8,
-    /// Unanswered requests are remembered, so that their late replies are not taken for
-    /// others. Off only to show that a simulation notices when they are not.
+    /// Remember unanswered requests, so that their late replies are not taken for others. Off only
+    /// to show that a simulation notices when they are not.
     pub ghosts: bool,
-    /// After a miss something is asked whose reply shows that nothing older can come
-    /// (docs/decisions/0015). Off only where the rules are to be seen by which a module is treated
-    /// that answers nothing of the kind.
+    /// After a miss, send a request whose reply shows that nothing older can come
+    /// (docs/decisions/0015). Off only to test the rules for modules that have no such request.
     pub fences: bool,
-    /// A module that can say what it is is asked for that when it is heard anew
-    /// (docs/decisions/0031). Off only where nothing but the rest is to be seen.
+    /// Ask modules that can identify themselves for their model when they come online
+    /// (docs/decisions/0031). Off only to test everything else alone.
     pub identify: bool,
 }
 
@@ -81,17 +80,17 @@ impl Default for Config {
     }
 }
 
-/// How often a module is to be read.
+/// How often a module is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
     /// Whether it is polled at all.
     pub enabled: bool,
-    /// From one reading of a point to the next, where the line has the time.
+    /// The interval between two readings of a point, if the line has the time.
     pub interval: Micros,
-    /// A reading that becomes older than this goes before commands.
+    /// A reading about to become older than this goes before commands.
     pub max_age: Micros,
-    /// Whether it is asked for its model, where [`Config::identify`] holds. If not, whatever
-    /// answers at its address is taken for the model that it should be (docs/decisions/0031).
+    /// Ask it for its model, if [`Config::identify`] is set. If not, whatever answers at its
+    /// address is taken for the configured model (docs/decisions/0031).
     pub identify: bool,
 }
 
@@ -116,12 +115,12 @@ impl Plan {
     };
 }
 
-/// On what terms a command is taken.
+/// The terms of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Terms {
     /// Read the outputs back and compare, where the module can.
     pub verify: bool,
-    /// Not sent any more from then on; none is five seconds from now.
+    /// When it is dropped if it was not sent; the default is five seconds from now.
     pub expires: Option<Instant>,
 }
 

@@ -1,4 +1,4 @@
-//! What a line tells: what was seen, how commands ended, and how the line itself is.
+//! The events of a line: readings, ends of commands, and changes of the line itself.
 
 use crate::ModuleId;
 use alloc::collections::VecDeque;
@@ -10,32 +10,32 @@ use railbus_wire::{Exchange, Instant, Malformed, Micros};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Ticket(pub u64);
 
-/// How far it is certain that a command was carried out.
+/// How a command was confirmed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Confirmed {
-    /// The state was read again afterwards and is as commanded.
+    /// The state was read back and matches.
     Readback,
     /// The module acknowledged.
     Reply,
-    /// The frame was sent; nobody answers it, so nobody can know.
+    /// The frame was sent; it gets no reply, so nothing more can be known.
     Sent,
 }
 
-/// What was heard instead of a good reply, at all tries together.
+/// What was received instead of a good reply, over all attempts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Evidence {
-    /// How often it was tried.
+    /// The number of attempts.
     pub attempts: u8,
-    /// How often something came that is no reply.
+    /// How many attempts got something that is not a valid reply.
     pub garbled: u8,
-    /// How many bytes came back in all, echo apart.
+    /// How many bytes came back in all, without echoes.
     pub bytes: u16,
-    /// Why the first of them were no reply.
+    /// Why the first of them were not a valid reply.
     pub why: Option<Malformed>,
 }
 
 impl Evidence {
-    /// What one try met: so many bytes, and why they are no reply.
+    /// The evidence of one attempt: how many bytes, and why they are not a valid reply.
     pub(crate) const fn of_try(bytes: u16, why: Option<Malformed>) -> Evidence {
         Evidence {
             attempts: 1,
@@ -45,14 +45,14 @@ impl Evidence {
         }
     }
 
-    /// With what another try met, which was counted when it was sent.
+    /// Adds the evidence of another attempt, which was counted when it was sent.
     pub(crate) fn add(&mut self, other: Evidence) {
         self.garbled = self.garbled.saturating_add(other.garbled);
         self.bytes = self.bytes.saturating_add(other.bytes);
         self.why = self.why.or(other.why);
     }
 
-    /// The fault of an exchange without a good reply: silence only where nothing else ever came.
+    /// The fault of an exchange without a good reply: silence only if nothing was ever received.
     pub(crate) const fn fault(self) -> Fault {
         match self.why {
             Some(_) => Fault::Garbled(self),
@@ -61,33 +61,33 @@ impl Evidence {
     }
 }
 
-/// Why a command was not confirmed, and whether the module may have acted all the same.
+/// Why a command was not confirmed, and whether the module may have acted anyway.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// Not sent: the model has no such command.
     Unsupported,
-    /// Not sent: too much is waiting already.
+    /// Not sent: the queue is full.
     Overloaded,
-    /// Not sent: its time to live ran out.
+    /// Not sent: it expired.
     Expired,
     /// Not sent: the point is locked.
     Locked,
     /// Not sent: the line is closed.
     Closed,
-    /// What answers there says that it is another model.
+    /// The module at the address identifies itself as another model.
     OtherModel {
         /// It was sent before that was known.
         sent: bool,
     },
-    /// The module answered no.
+    /// The module refused it.
     Refused(Refusal),
-    /// Nothing came back that could be a reply to it.
+    /// Nothing came back that could be its reply.
     NoReply(Evidence),
-    /// Something came back that is no reply to this.
+    /// Something came back that is not its reply.
     Garbled(Evidence),
-    /// Acknowledged, but read back otherwise.
+    /// Acknowledged, but the read-back does not match.
     NotVerified,
-    /// It was cut short: the port vanished while it was under way.
+    /// Interrupted: the port was lost while it was pending.
     Unknown,
 }
 
@@ -134,115 +134,116 @@ impl fmt::Display for Fault {
 
 impl core::error::Error for Fault {}
 
-/// Whether a module is heard.
+/// Whether a module answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Presence {
-    /// It was never heard since the line was opened.
+    /// It has not answered since the line was opened.
     #[default]
     Unheard,
     /// It answers.
     Online,
-    /// It answered before and does not now.
+    /// It answered before and no longer does.
     Silent,
-    /// Something answers that says it is another model. What it reads is not told, and it gets no
-    /// commands.
+    /// The module at the address identifies itself as another model. Its readings are withheld, and
+    /// it gets no commands.
     OtherModel,
 }
 
 /// Something that happened on a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
-    /// A module said something. It was true at some moment between `asked` and `heard`.
+    /// A module reported something. It was true at some moment between `asked` and `heard`.
     Seen {
-        /// Who.
+        /// Which module.
         module: ModuleId,
-        /// What it was asked.
+        /// The request.
         op: Op,
-        /// What it said.
+        /// Its answer.
         seen: Observation,
         /// When the request began.
         asked: Instant,
-        /// When the reply had come in.
+        /// When the reply was complete.
         heard: Instant,
     },
-    /// An exchange with a module failed. Not told of commands, whose end says so.
+    /// An exchange with a module failed. Commands report this in their end instead.
     Missed {
-        /// Who.
+        /// Which module.
         module: ModuleId,
-        /// What it was asked.
+        /// The request.
         op: Op,
-        /// What happened instead.
+        /// What happened.
         fault: Fault,
     },
     /// A command ended. Every command does, exactly once.
     Done {
-        /// Which.
+        /// Which command.
         ticket: Ticket,
-        /// How.
+        /// How it ended.
         end: Result<Confirmed, Fault>,
-        /// From handing it in to the last byte of its own reply, the read-back apart.
+        /// From submission to the last byte of its own reply, without the read-back.
         took: Micros,
     },
-    /// A module is heard, or no longer.
+    /// A module came online, or stopped answering.
     Presence {
-        /// Who.
+        /// Which module.
         module: ModuleId,
-        /// From now on.
+        /// Its new state.
         presence: Presence,
     },
-    /// A reply came so late that it was no longer waited for. It was not taken for another.
+    /// A reply came after its timeout. It was not taken for another.
     Late {
-        /// Whose.
+        /// Whose reply.
         module: ModuleId,
-        /// From the end of its request to its end.
+        /// From the end of the request to the end of the reply.
         after: Micros,
     },
-    /// What was sent comes back: the adapter echoes. The echo is taken out from now on.
+    /// Requests come back: the adapter echoes. The echo is removed from now on.
     Echo,
     /// Several replies in a row came without an echo: there is none any more.
     EchoGone,
-    /// A reply came twice. From now on the line waits a little before it asks the like again.
+    /// A reply came twice. From now on the line waits a little before it repeats a similar request.
     Duplicates,
-    /// The line is never silent.
+    /// A babble: the line is never silent.
     Babble,
     /// The line is silent again after a babble.
     Quiet,
-    /// What a probe met.
+    /// The result of a probe.
     Probed {
         /// What came back.
         outcome: Probed,
         /// From the end of the request to the end of what came back.
         after: Micros,
     },
-    /// A reply came to a probe that was over. It was not taken for another.
+    /// A late reply to a probe. It was not taken for another.
     ProbedLate {
-        /// What was asked.
+        /// The request.
         exchange: Exchange<'static>,
         /// From the end of the request to the end of the reply.
         after: Micros,
-        /// The probe had been answered: this is a second reply to it.
+        /// The probe was answered before: this is a second reply.
         again: bool,
     },
 }
 
-/// A reply to a probe that was over.
+/// A late reply to a probe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LateReply {
-    /// What was asked.
+    /// The request.
     pub exchange: Exchange<'static>,
     /// From the end of the request to the end of the reply.
     pub after: Micros,
-    /// The probe had been answered: two modules have the address, or the line doubles.
+    /// The probe was answered before: two modules share the address, or the line duplicates
+    /// replies.
     pub again: bool,
 }
 
-/// What a probe met.
+/// The result of a probe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Probed {
-    /// A good reply, or a refusal, which is a sign of life too. Its bytes are in
+    /// A good reply, or a refusal, which also shows that a module is there. Its bytes are in
     /// [`Bus::heard`](crate::Bus::heard) until the next event.
     Answered,
-    /// Bytes that are no good reply.
+    /// Bytes that are not a valid reply.
     Garbled,
     /// Nothing.
     Silent,
@@ -250,8 +251,8 @@ pub enum Probed {
     Unsafe,
 }
 
-/// The most events that wait for the driver, who fetches all of them after each input; no input
-/// makes so many but a closing with a full queue of commands.
+/// The most events that wait for the driver, which fetches all of them after each input; only
+/// closing with a full queue of commands makes this many.
 const EVENTS_MAX: usize = 512;
 
 /// The events that the driver has not fetched yet.

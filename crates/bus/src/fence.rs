@@ -1,10 +1,10 @@
-//! The fence after a miss: what shows that nothing older can come any more
+//! The fence after a miss: a request whose reply shows that no older reply can come
 //! (docs/decisions/0015).
 //!
 //! A module answers in the order in which it was asked, and neither a line nor a network lets one
-//! reply overtake another. So after a request that was not answered the module is asked something
-//! whose reply can't be taken for the one that is missing: once it has answered that, the other
-//! one came or never will.
+//! reply overtake another. So after an unanswered request the module is sent one whose reply can't
+//! be taken for the missing reply: once it has answered that, the missing reply has come or never
+//! will.
 
 use crate::ghost::{Ghost, names};
 use crate::in_flight::{InFlight, Job};
@@ -14,15 +14,16 @@ use railbus_device::Op;
 use railbus_wire::{Exchange, Instant, Reply, Response, ascii};
 
 impl Bus {
-    /// What to ask, so that this exchange for a module need not wait until all ghosts are gone by
-    /// their time; otherwise when to look again.
+    /// What to ask so that this exchange need not wait until all ghosts time out; otherwise when to
+    /// look again.
     pub(crate) fn fence_for(
         &self,
         wanted: ModuleId,
         exchange: &Exchange<'_>,
     ) -> Result<Job, Option<Instant>> {
         let ghost = self.ghosts.in_the_way(exchange).ok_or(None)?;
-        // Who does not answer its greeting may answer no fence either: its reply is waited for.
+        // A module that does not answer what it is asked on coming online may not answer a fence
+        // either: wait for its reply.
         let asked = ghost.module.and_then(|id| self.modules.get(id.0));
         let is_short = ghost.until <= ghost.late;
         if is_short && asked.is_some_and(|state| state.may_be_mute_to(&ghost.exchange)) {
@@ -32,7 +33,7 @@ impl Bus {
             let state = self.modules.get(id.0);
             state.is_some_and(|state| !state.retired && !state.is_silent())
         };
-        // One that was not heard yet may be dead.
+        // A module that has never answered may be dead.
         let is_heard = |id: &ModuleId| {
             let state = self.modules.get(id.0);
             state.is_some_and(|state| state.presence != Presence::Unheard)
@@ -41,8 +42,8 @@ impl Bus {
         let owner = ghost.module.filter(is_up);
         let asked = match owner.filter(|id| is_heard(id) || !by_others) {
             Some(owner) => owner,
-            // A module that does not answer is given its time; then a reply of any other one, asked
-            // after that, shows that nothing is held back on its way.
+            // A module that does not answer is given its time; after that, a reply of any other
+            // module shows that nothing is held back on its way.
             None if ghost.late > self.now => return Err(Some(ghost.late)),
             None if !self.ghosts.ends_by_others(ghost) => return Err(None),
             None => Some(wanted).filter(is_up).ok_or(None)?,
@@ -51,17 +52,17 @@ impl Bus {
         fence.ok_or_else(|| self.ghosts.next_late(self.now))
     }
 
-    /// What to ask a module to have a reply that ends a ghost of its. Such a reply may be to the
-    /// first ghost of its like, and ends what is older than that. So of several the one is asked
-    /// whose first ghost is the youngest, be it the like of this ghost, and be it waited for:
-    /// with another one in its place two kinds of reads would take turns for ever.
+    /// What to ask a module to get a reply that ends one of its ghosts. That reply may belong to
+    /// the first ghost like it, and ends everything older. So of several candidates choose the one
+    /// whose first ghost is the youngest, even if it is like this ghost and even if it has to wait:
+    /// otherwise two kinds of reads would alternate for ever.
     pub(crate) fn fence_of(&self, module: ModuleId, ghost: Option<&Ghost>) -> Option<Job> {
         let state = self
             .modules
             .get(module.0)
             .filter(|state| state.has_fence())?;
         let mut best: Option<((Instant, bool), Job)> = None;
-        // What was asked like a fence is over as soon as a poll is answered.
+        // A ghost that is a fence ends as soon as a poll is answered.
         let by_polls = ghost.is_some_and(|ghost| ghost.fence && state.is_fence(&ghost.exchange));
         for op in state.fences(by_polls) {
             let Ok(exchange) = state.module.exchange(&op) else {
@@ -74,10 +75,10 @@ impl Bus {
             }
             let (since, job) = match self.ghosts.first_like(&exchange) {
                 Some(_) if by_polls => continue,
-                // Another module, which may answer later than this one.
+                // A ghost of another module, which may answer later than this one.
                 Some(first) if first.module != Some(module) && first.late > self.now => continue,
                 Some(first) => (first.sent, job),
-                // Nothing to be confused with: what it reads is read.
+                // Nothing it could be confused with: it counts as a normal read.
                 None if op != Op::Fence => (Instant(u64::MAX), Job::Poll { module, op }),
                 None => (Instant(u64::MAX), job),
             };
@@ -90,14 +91,14 @@ impl Bus {
         best.map(|(_, job)| job)
     }
 
-    /// A good reply came: whether it is certainly to this request, and not to one before it that
-    /// could be confused with it. With `in_order` it shows that what was asked before is over.
+    /// Whether a good reply certainly belongs to this request, and not to an earlier one that could
+    /// be confused with it. With `in_order` it shows that older requests are done.
     pub(crate) fn is_own(&mut self, flight: &InFlight, in_order: bool) -> bool {
         let Some(module) = flight.job.module() else {
             return true;
         };
         let is_refused = flight.is_fence() && !in_order;
-        // Another module, asked before, may answer after this one as long as its time is not over.
+        // Another module, asked earlier, may answer later until its time is over.
         let like = self.ghosts.first_like(&flight.exchange);
         let in_order = in_order
             && like.is_none_or(|like| like.module == Some(module) || like.late <= flight.asked);
@@ -116,9 +117,9 @@ impl Bus {
         }
         match (first, in_order) {
             (None, true) => self.ghosts.end_before(module, flight.asked),
-            // A reply that names no module is enough to forget what was itself asked only to know.
+            // A reply that names no module is enough to end fences.
             (None, false) => self.ghosts.end_fences_before(module, flight.asked),
-            // Then the reply to this one is still to come.
+            // The reply to this request is still to come.
             (Some(first), true) => {
                 self.ghosts.end_before(module, first.sent);
                 self.add_ghost(flight);
@@ -133,7 +134,7 @@ impl Bus {
         let module = flight.job.module();
         let state = module.and_then(|id| self.modules.get(id.0));
         let late = flight.sent + state.map_or(LATE_MIN, ModuleState::late_max);
-        // Where nothing can end it before its time, it must not keep the line waiting for long.
+        // If nothing can end it early, it must not block the line for long.
         let on_online = matches!(flight.job, Job::OnOnline { .. }) || flight.job.identifies();
         let ends_by_fence = |state: &ModuleState| match on_online {
             true => state.knows_fence(),
@@ -154,7 +155,8 @@ impl Bus {
         });
     }
 
-    /// The module said no. Where that may be of something before, the reply to this may still come.
+    /// The module refused. If that may be the reply to an older request, the reply to this one may
+    /// still come.
     #[cold]
     fn refused_fence(&mut self, flight: &InFlight, module: ModuleId) {
         if self.ghosts.in_the_way(&flight.exchange).is_some() {
@@ -165,7 +167,7 @@ impl Bus {
         }
     }
 
-    /// Ghosts of a module that has left are those of the one that stands at its address now.
+    /// Ghosts of a module that was removed go to the module now at its address.
     pub(crate) fn reassign_ghosts(&mut self) {
         let modules = &self.modules;
         self.ghosts.reassign(|ghost| {
@@ -182,7 +184,7 @@ impl Bus {
         });
     }
 
-    /// The module has the fence of its own.
+    /// The module answers [`Op::Fence`].
     pub(crate) fn answered_fence(&mut self, module: ModuleId) {
         if let Some(state) = self.modules.get_mut(module.0) {
             state.answered_fence();
@@ -190,8 +192,9 @@ impl Bus {
     }
 }
 
-/// Whether a reply shows that what the module was asked before is over. One that names no module
-/// may be any module's, again; a refusal that does not say of what, one of something before.
+/// Whether a reply shows that older requests to the module are done. A reply that names no module
+/// may be a repeated one of any module; a refusal that does not name its request may belong to an
+/// older one.
 pub(crate) fn shows_order(flight: &InFlight, reply: &Reply<Response<'_>>) -> bool {
     let refuses = matches!(
         reply.response,

@@ -1,22 +1,22 @@
-//! Ghosts: requests whose reply may still come.
+//! A *ghost* is a request whose reply may still come.
 //!
-//! A request that was not answered in time stays a ghost until no late reply can arrive: until
-//! something that was asked after it is answered (docs/decisions/0015), or its time is over. No
-//! request that could be confused with a ghost is sent meanwhile: so a late reply is never taken
-//! for another module's, or for another moment's.
+//! A request that was not answered in time stays a ghost until no late reply can arrive: until the
+//! module has answered something it was asked later (docs/decisions/0015), or until its time is
+//! over. Meanwhile no request is sent that could be confused with a ghost, so a late reply is never
+//! taken for another module's, nor for a newer one.
 
 use crate::ModuleId;
 use core::ops::Range;
 use railbus_wire::{Decoded, Exchange, Instant, Micros, Reply, Response};
 
-/// How many ghosts a line holds; with that many, it asks nothing until one is gone.
+/// The most ghosts of a line; with that many, it sends nothing until one is gone.
 const GHOSTS_MAX: usize = 192;
 
-/// So long after its request a reply may come to who opens the port after us: what is waited for
-/// where nothing is known of a module.
+/// How long after its request a late reply may reach the next user of the port, if nothing is known
+/// of the module.
 const LATE_UNKNOWN: Micros = Micros::from_millis(900);
 
-/// So many bytes of a reply say whose it is, and of what kind.
+/// This many bytes of a reply tell whose it is, and of what kind.
 const HEAD: usize = 3;
 
 /// A request whose reply may still come.
@@ -24,20 +24,20 @@ const HEAD: usize = 3;
 pub(crate) struct Ghost {
     pub(crate) exchange: Exchange<'static>,
     pub(crate) module: Option<ModuleId>,
-    /// When its request had left.
+    /// When its request had been sent.
     pub(crate) sent: Instant,
     /// Until when the module itself may answer it.
     pub(crate) late: Instant,
-    /// Until when the reply may arrive, held back on its way.
+    /// Until when the reply may arrive, if it is held back on its way.
     pub(crate) until: Instant,
-    /// The request was answered: what may come is the same reply again.
+    /// The request was answered: only a duplicate may still come.
     pub(crate) answered: bool,
     /// It was a fence: only a good reply counts ([`Exchange::stands_apart`]).
     pub(crate) fence: bool,
 }
 
 impl Ghost {
-    /// Whether its reply could be taken for a reply to this.
+    /// Whether its reply could be taken for a reply to this exchange.
     fn is_confusable(&self, exchange: &Exchange<'_>) -> bool {
         if self.fence {
             !self.exchange.stands_apart(exchange)
@@ -46,14 +46,14 @@ impl Ghost {
         }
     }
 
-    /// Until when it is to be reckoned with by who opens the port next. The fence has taught the
-    /// line how fast the module is, which says nothing of the reply that did not come.
+    /// Until when the next user of the port has to expect it. The fence showed how fast the module
+    /// is, which says nothing about the missing reply.
     fn late_reply_until(&self) -> Instant {
         self.late.max((self.sent + LATE_UNKNOWN).min(self.until))
     }
 
-    /// Whether it may keep other modules waiting than its own. ASCII data may look like a reply
-    /// that begins with an address.
+    /// Whether it may block other modules than its own. ASCII data may look like a reply that
+    /// begins with an address.
     const fn is_common(&self) -> bool {
         matches!(self.exchange, Exchange::Ascii(_))
     }
@@ -63,12 +63,12 @@ impl Ghost {
 #[derive(Debug)]
 pub(crate) struct Ghosts {
     slots: [Option<Ghost>; GHOSTS_MAX],
-    /// How many slots are taken: none on a good line, which then spends no time here.
+    /// The number of ghosts: zero on a good line, which then spends no time here.
     count: usize,
-    /// Until when modules may answer what a fence has shown to be over: who opens the port after
-    /// us relies on no order.
+    /// Until when modules may still answer what a fence has ended: the next user of the port can't
+    /// rely on the order of replies.
     ended: Option<Instant>,
-    /// Whether any are kept at all.
+    /// Whether ghosts are kept at all.
     kept: bool,
 }
 
@@ -82,7 +82,7 @@ impl Ghosts {
         }
     }
 
-    /// Adds one. There is always room, since nothing is sent while there is none.
+    /// Adds one. There is always room, since nothing is sent when there is none.
     pub(crate) fn add(&mut self, ghost: Ghost) {
         if let Some(slot) = self.slots.iter_mut().find(|slot| slot.is_none())
             && self.kept
@@ -103,10 +103,10 @@ impl Ghosts {
         self.ended = self.ended.filter(|late| *late > now);
     }
 
-    /// A module answered what it was asked at this moment. What it was asked before is answered or
-    /// lost. What others were asked so long before that they can't answer it any more is lost,
-    /// too, where nothing is late but what lies between: that is believed of what would keep all
-    /// others waiting, and where there is little room left.
+    /// A module answered a request of this moment. Its earlier requests are answered or lost.
+    /// Requests to other modules are lost too if their time to answer was over by then, unless
+    /// their reply is held back on its way: this is assumed only for ghosts that would block all
+    /// others, and when there is little room left.
     pub(crate) fn end_before(&mut self, module: ModuleId, asked: Instant) {
         let is_crowded = self.is_crowded();
         let mut ended = self.ended;
@@ -123,7 +123,7 @@ impl Ghosts {
         self.ended = ended;
     }
 
-    /// Whether a reply of another module can show that this one is over.
+    /// Whether a reply of another module can end this one.
     pub(crate) fn ends_by_others(&self, ghost: &Ghost) -> bool {
         ghost.is_common() || self.is_crowded()
     }
@@ -132,16 +132,14 @@ impl Ghosts {
         self.count > GHOSTS_MAX / 2
     }
 
-    /// What modules were asked that are not there any more is from now on another one's, where
-    /// `successor` knows one.
+    /// Reassigns ghosts of removed modules to the modules that `successor` gives.
     pub(crate) fn reassign(&mut self, successor: impl Fn(&Ghost) -> Option<ModuleId>) {
         for ghost in self.slots.iter_mut().flatten() {
             ghost.module = successor(ghost).or(ghost.module);
         }
     }
 
-    /// A module answered what it was asked at this moment, and only its own fences before that are
-    /// over.
+    /// A module answered a request of this moment; only its own earlier fences are over.
     pub(crate) fn end_fences_before(&mut self, module: ModuleId, asked: Instant) {
         self.retain(|ghost| {
             let is_own = ghost.module == Some(module) && ghost.sent <= asked;
@@ -164,8 +162,8 @@ impl Ghosts {
         self.slots.iter().flatten()
     }
 
-    /// Until when this exchange must not be sent: the end of the last ghost it could be
-    /// confused with, or of the first one where there is no room for more.
+    /// Until when this exchange must not be sent: the end of the last ghost it could be confused
+    /// with, or of the first one if there is no room for more.
     pub(crate) fn blocked_until(&self, exchange: &Exchange<'_>) -> Option<Instant> {
         if self.count == 0 {
             return None;
@@ -174,15 +172,15 @@ impl Ghosts {
         confusable.map(|ghost| ghost.until).max().max(self.room())
     }
 
-    /// The same where only what modules may still answer is waited for, not what may be held back
-    /// on its way.
+    /// The same, but waits only for what modules may still answer, not for replies held back on
+    /// their way.
     pub(crate) fn late_until(&self, exchange: &Exchange<'_>, now: Instant) -> Option<Instant> {
         let late = self.iter().filter(|ghost| ghost.late > now);
         let confusable = late.filter(|ghost| ghost.is_confusable(exchange));
         confusable.map(|ghost| ghost.late).max().max(self.room())
     }
 
-    /// The same of a fence, which may be asked again while it is a ghost.
+    /// The same for a fence, which may be repeated while it is a ghost.
     pub(crate) fn fence_blocked_until(&self, exchange: &Exchange<'_>) -> Option<Instant> {
         let answered = self.iter().filter(|ghost| ghost.answered);
         let confusable = answered.filter(|ghost| ghost.is_confusable(exchange));
@@ -194,21 +192,20 @@ impl Ghosts {
         self.count == GHOSTS_MAX
     }
 
-    /// When there is room for one more, where there is none now.
+    /// When there will be room for one more, if there is none now.
     fn room(&self) -> Option<Instant> {
         let full = self.count == GHOSTS_MAX;
         self.iter().map(|ghost| ghost.until).min().filter(|_| full)
     }
 
-    /// The last request that was given up and that this exchange could be confused with.
+    /// The last unanswered request that this exchange could be confused with.
     pub(crate) fn in_the_way(&self, exchange: &Exchange<'_>) -> Option<&Ghost> {
         let given_up = self.iter().filter(|ghost| !ghost.answered);
         let confusable = given_up.filter(|ghost| ghost.is_confusable(exchange));
         confusable.max_by_key(|ghost| ghost.sent)
     }
 
-    /// The first request that was given up and whose reply could be taken for a good one to this
-    /// fence.
+    /// The first unanswered request whose reply could be taken for a good reply to this fence.
     pub(crate) fn first_like(&self, fence: &Exchange<'_>) -> Option<&Ghost> {
         if self.count == 0 {
             return None;
@@ -218,7 +215,7 @@ impl Ghosts {
         alike.min_by_key(|ghost| ghost.sent)
     }
 
-    /// Takes that one.
+    /// Removes and returns that one.
     pub(crate) fn take_first_like(&mut self, fence: &Exchange<'_>) -> Option<Ghost> {
         let first = *self.first_like(fence)?;
         let is_it = |ghost: &mut Ghost| {
@@ -229,7 +226,7 @@ impl Ghosts {
         taken
     }
 
-    /// When the next module can't answer any more what was given up.
+    /// When the next ghost can no longer be answered by its module.
     pub(crate) fn next_late(&self, now: Instant) -> Option<Instant> {
         let late = self.iter().filter(|ghost| ghost.late > now);
         late.map(|ghost| ghost.late).min()
@@ -241,9 +238,9 @@ impl Ghosts {
         given_up.map(Ghost::late_reply_until).max().max(self.ended)
     }
 
-    /// Whether a reply found there in these bytes shares some of them with what is, or may become,
-    /// a ghost's: LC-02 data may hold what an ASCII module says, and where a late reply runs into
-    /// another one, the sum of both may come out right.
+    /// Whether the reply found at this place shares bytes with a reply that is, or may become, a
+    /// ghost's: LC-02 data may contain what an ASCII module says, and where a late reply runs into
+    /// another one, the checksum of both may match.
     pub(crate) fn overlaps(&self, bytes: &[u8], reply: Range<usize>) -> bool {
         self.count > 0
             && self
@@ -252,7 +249,7 @@ impl Ghosts {
                     (at, Decoded::Whole { len, .. }) => {
                         at != reply.start && at < reply.end && reply.start < at + len
                     }
-                    // Of less than a head it can't be told.
+                    // Fewer bytes than a head can't be told apart.
                     (at, Decoded::Partial { .. }) => {
                         at < reply.start || at > reply.start && at + HEAD < reply.end
                     }
@@ -260,7 +257,7 @@ impl Ghosts {
                 })
     }
 
-    /// What these bytes hold of a ghost's.
+    /// Removes the ghost whose reply is in these bytes.
     pub(crate) fn take_reply(&mut self, bytes: &[u8]) -> Option<GhostReply> {
         if self.count == 0 {
             return None;
@@ -275,7 +272,7 @@ impl Ghosts {
             let Some((at, len, reply)) = reply_of(ghost) else {
                 continue;
             };
-            // A reply that names no module may be any module's, again.
+            // A reply that names no module may be a duplicate of any module's.
             if !ghost.answered && !names(&reply) {
                 unnamed = Some((at, len));
             } else if first.is_none_or(|(_, sent, ..)| ghost.sent < sent) {
@@ -300,13 +297,13 @@ pub(crate) const fn names(reply: &Reply<Response<'_>>) -> bool {
     reply.from.is_some()
 }
 
-/// A reply that belongs to a request of before.
+/// A late reply.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GhostReply {
-    /// Whose it is, and gone with that; nothing where the reply names no module, so that it may be
-    /// any one's.
+    /// The ghost it belongs to, which is removed; none if the reply names no module, so that it may
+    /// be anyone's.
     pub(crate) ghost: Option<Ghost>,
-    /// Where it stands.
+    /// Its offset.
     pub(crate) at: usize,
     /// Its length.
     pub(crate) len: usize,
@@ -323,7 +320,7 @@ mod tests {
         Exchange::rtu(Address(address), rtu::Request::ReadCoils(span))
     }
 
-    /// Where all slots are taken nothing is asked until the first ghost is gone, by its time or by
+    /// When all slots are taken nothing is sent until the first ghost is gone, by its timeout or by
     /// its late reply.
     #[test]
     fn a_line_full_of_ghosts_waits_for_the_first_to_go() {

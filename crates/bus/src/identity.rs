@@ -1,5 +1,5 @@
-//! What a module says that it is, and what that means for its being heard and for the commands
-//! to it (docs/decisions/0031).
+//! The model a module reports, and what that means for its presence and for its commands
+//! (docs/decisions/0031).
 
 use crate::command::{Stage, end_commands};
 use crate::in_flight::InFlight;
@@ -8,47 +8,47 @@ use crate::{Bus, Confirmed, Event, Evidence, ModuleId};
 use railbus_device::{Observation, Op};
 use railbus_wire::Instant;
 
-/// How often a module is asked for its model, each time it is heard anew, if it does not answer.
+/// How often a module is asked for its model each time it comes online, if it does not answer.
 const TRIES: u8 = 4;
-/// How many of these have to fail before its values are told and commands are sent to it.
+/// How many of these must fail before its values are published and commands are sent to it.
 const TRIES_FIRST: u8 = 2;
 
-/// What a module is, as far as it has said.
+/// What a module has said about its model.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Identity {
-    /// It can say it, and is to be asked.
+    /// It can report its model, and is to be asked.
     can: bool,
-    /// So often it is still to be asked, where it does not answer.
+    /// How many attempts are left if it does not answer.
     tries: u8,
-    /// Not before this moment.
+    /// Not to be asked before this moment.
     at: Instant,
-    /// It has said that it is what it should be since it was heard anew: so it can, and is asked
-    /// again after a miss.
+    /// It has named the configured model since it came online: so it can, and is asked again after
+    /// a miss.
     named: bool,
     claim: Claim,
 }
 
-/// The other model that a module says that it is.
+/// The other model that a module reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Claim {
     /// None.
     No,
-    /// This one stood in its place before it was silent.
+    /// This model was there before the module went silent.
     Past(Observation),
-    /// Said once: without a checksum the reply may have been spoilt.
+    /// Reported once: without a checksum the reply may have been corrupted.
     Once(Observation),
-    /// Said again in the same words: another model stands in its place.
+    /// Reported twice in the same words: another model is there.
     Confirmed(Observation),
 }
 
-/// What came of asking a module what it is.
+/// The result of asking a module for its model.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum IdentityReply {
-    /// What it should be.
+    /// The configured model.
     Itself,
     /// Another model.
     Other(Observation),
-    /// That it does not say it.
+    /// A refusal.
     Refusal,
 }
 
@@ -63,9 +63,9 @@ impl Identity {
         }
     }
 
-    /// The module is heard anew, or was changed: it is asked again from the beginning. Another
-    /// model that was there before needs to say it once only, and all questions have to be in vain
-    /// until it counts as gone.
+    /// The module came online again, or may have changed: it is asked from the beginning. Another
+    /// model known from before needs to report itself only once, and counts as gone only after all
+    /// attempts have failed.
     pub(crate) const fn invalidate(&mut self) {
         self.claim = match self.claim {
             Claim::Confirmed(other) | Claim::Past(other) => Claim::Past(other),
@@ -76,20 +76,20 @@ impl Identity {
         self.named = false;
     }
 
-    /// An exchange failed: the module may just be being replaced.
+    /// An exchange failed: someone may be replacing the module right now.
     pub(crate) const fn suspect(&mut self) {
         if self.named && self.tries == 0 {
             self.tries = 1;
         }
     }
 
-    /// Whether it may be asked, where nothing waits for that.
+    /// Whether to ask it, when nothing waits for the answer.
     #[inline]
     pub(crate) fn is_suspected(&self, now: Instant) -> bool {
         self.tries > 0 && self.claim == Claim::No && self.at <= now
     }
 
-    /// Whether it has answered the question, and so is able to.
+    /// Whether it has answered the question, so that it can.
     pub(crate) const fn has_answered(&self) -> bool {
         self.named || self.claims_other_model()
     }
@@ -100,13 +100,13 @@ impl Identity {
         self.tries > 0
     }
 
-    /// From when on.
+    /// When to ask it.
     pub(crate) const fn at(&self) -> Instant {
         self.at
     }
 
-    /// Whether it is to be asked before anything else is done with the module: it was not yet, or
-    /// may be another model and does not count as one.
+    /// Whether it must be asked before anything else: it has not been asked yet, or it may be
+    /// another model but does not count as one.
     pub(crate) const fn comes_first(&self) -> bool {
         match self.claim {
             Claim::No => self.tries > TRIES - TRIES_FIRST,
@@ -115,12 +115,12 @@ impl Identity {
         }
     }
 
-    /// Whether another model is known to stand in its place.
+    /// Whether another model is confirmed.
     pub(crate) const fn is_other_model(&self) -> bool {
         matches!(self.claim, Claim::Confirmed(_))
     }
 
-    /// Whether what answers there has said that it is another model.
+    /// Whether it has reported another model at least once.
     pub(crate) const fn claims_other_model(&self) -> bool {
         matches!(self.claim, Claim::Once(_) | Claim::Confirmed(_))
     }
@@ -143,13 +143,13 @@ impl Identity {
                 self.claim(Claim::Confirmed(other));
             }
             (IdentityReply::Other(other), before) => {
-                // Whether it was spoilt is known at once.
+                // Ask again at once to see whether the reply was corrupted.
                 if !matches!(before, Claim::Once(_)) {
                     self.at = now;
                 }
                 self.claim(Claim::Once(other));
             }
-            // A question may come spoilt as well, and is refused then.
+            // The request may have been corrupted too, and is refused then.
             (IdentityReply::Refusal, _) => self.lost(now),
         }
     }
@@ -160,10 +160,10 @@ impl Identity {
         self.claim = claim;
     }
 
-    /// It did not answer what was sent then.
+    /// It did not answer the request sent at this moment.
     pub(crate) const fn lost(&mut self, sent: Instant) {
         self.attempt_failed();
-        // At once, but for what may still come: everything else waits for it.
+        // Ask again at once, except for late replies: everything else waits for the answer.
         self.at = match self.claim {
             Claim::No if self.comes_first() => sent,
             _ => Instant(sent.0 + LATE_MIN.0),
@@ -179,9 +179,9 @@ impl Identity {
         }
     }
 
-    /// A question failed. A module that has said that it is another model is asked until it says so
-    /// again; any other one counts after the last question as what it should be. One that has named
-    /// itself starts again as if it were heard anew.
+    /// An attempt failed. A module that has reported another model is asked until it does so again;
+    /// any other counts as the configured model after the last attempt. One that had named itself
+    /// starts again as if it had just come online.
     const fn attempt_failed(&mut self) {
         match (self.claim, self.tries) {
             (Claim::Once(_) | Claim::Confirmed(_), _) => {}
@@ -194,7 +194,7 @@ impl Identity {
         }
     }
 
-    /// Nothing that it says contradicts what it should be.
+    /// Nothing it reports contradicts the configured model.
     pub(crate) const fn settle(&mut self) {
         self.tries = 0;
         self.claim = Claim::No;
@@ -202,7 +202,7 @@ impl Identity {
 }
 
 impl Bus {
-    /// Tells how a module is heard, where that is news.
+    /// Publishes a module's presence if it has changed.
     #[cold]
     pub(crate) fn publish_presence(&mut self, module: ModuleId) {
         let Some(state) = self.modules.get_mut(module.0) else {
@@ -221,7 +221,7 @@ impl Bus {
             asked: reading.asked,
             heard: reading.heard,
         });
-        // Who waits for just that need not have it read once more.
+        // A queued command for just that reading ends with it.
         end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             let waits = command.module == module && command.stage == Stage::Queued;
             let is_it = command.op == reading.op && command.submitted <= reading.asked;
@@ -229,7 +229,7 @@ impl Bus {
         });
     }
 
-    /// A module said what it is. What was on its way to another one ends.
+    /// A module reported its model. If it is another one, commands for the module end.
     #[cold]
     pub(crate) fn identified(&mut self, module: ModuleId, seen: &Observation) {
         let now = self.now;
@@ -245,7 +245,7 @@ impl Bus {
                 return None;
             }
             match command.op {
-                // Who asks just that has his answer.
+                // A command for just that has its answer.
                 Op::Identify => {
                     (is_settled && command.stage == Stage::Queued).then_some(Ok(Confirmed::Reply))
                 }
@@ -254,7 +254,7 @@ impl Bus {
         });
     }
 
-    /// A module did not say what it is. A command that asks for it ends with the last question.
+    /// A module did not report its model. A command that asks for it ends with the last attempt.
     #[cold]
     pub(crate) fn not_identified(&mut self, module: ModuleId, flight: &InFlight, met: Evidence) {
         let mut is_asked_again = false;
@@ -275,7 +275,7 @@ impl Bus {
         });
     }
 
-    /// A greeting must not be put on this line.
+    /// This on-online request must not be sent on this line.
     #[cold]
     pub(crate) fn skip_on_online(&mut self, module: ModuleId, op: &Op) {
         let Some(state) = self.modules.get_mut(module.0) else {

@@ -1,37 +1,37 @@
-//! An exchange under way, and on whose account.
+//! The exchange in flight, and what it is for.
 
 use crate::ModuleId;
 use railbus_device::Op;
 use railbus_wire::{Exchange, Frame, Instant, Micros, Settings, ascii};
 
-/// The longest pause inside a reply, as adapters hand it over in pieces.
+/// The longest pause inside a reply that an adapter delivers in pieces.
 pub const PIECE_PAUSE: Micros = Micros::from_millis(50);
-/// The longest that pauses inside a reply put off its deadline, in all.
+/// The most that such pauses extend a reply's deadline, in all.
 const PIECES_MAX: Micros = Micros::from_millis(300);
 
-/// On whose account an exchange is made.
+/// What an exchange is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Job {
-    /// A read of the poll plan, or a look whether a silent module is back.
+    /// A read of the poll plan, or a check whether a silent module is back.
     Poll { module: ModuleId, op: Op },
-    /// A read that a module is greeted with.
+    /// A read that a module is asked when it comes online.
     OnOnline { module: ModuleId, op: Op },
     /// The frame of one or more commands.
     Command { module: ModuleId, op: Op },
-    /// What was asked before and not answered is to be over: something whose reply is of another
-    /// shape.
+    /// A fence: its reply has another shape than the missing one and shows that older requests are
+    /// done.
     Fence { module: ModuleId, op: Op },
-    /// The outputs are read for commands that wait for it.
+    /// The outputs are read for commands that wait for their read-back.
     ReadBack { module: ModuleId },
     /// A probe of a scan.
     Probe {
-        /// A lone CR goes before it.
+        /// A lone CR is sent before it.
         clear: bool,
     },
 }
 
 impl Job {
-    /// The module it is for; a probe is for none.
+    /// Its module; a probe has none.
     pub(crate) const fn module(&self) -> Option<ModuleId> {
         match self {
             Job::Poll { module, .. }
@@ -43,12 +43,12 @@ impl Job {
         }
     }
 
-    /// Whether it looks how a module is: what one costs that is silent is paid for.
+    /// Whether it only checks the state of a module: for silent modules these are throttled.
     pub(crate) const fn is_status_check(&self) -> bool {
         matches!(self, Job::Poll { .. } | Job::Fence { .. })
     }
 
-    /// Whether it asks a module what it is.
+    /// Whether it asks a module for its model.
     pub(crate) const fn identifies(&self) -> bool {
         matches!(
             self,
@@ -62,7 +62,7 @@ impl Job {
         )
     }
 
-    /// The op of its exchange, where it has one.
+    /// The op of its exchange.
     pub(crate) const fn op(&self) -> Op {
         match self {
             Job::Poll { op, .. }
@@ -74,16 +74,16 @@ impl Job {
     }
 }
 
-/// An exchange under way.
+/// An exchange in flight.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InFlight {
     pub(crate) job: Job,
     pub(crate) exchange: Exchange<'static>,
     /// When the request began.
     pub(crate) asked: Instant,
-    /// When the request has left.
+    /// When the request has been sent.
     pub(crate) sent: Instant,
-    /// When the reply is given up.
+    /// When the reply times out.
     pub(crate) deadline: Instant,
     /// The latest that `deadline` may become.
     pub(crate) limit: Instant,
@@ -105,7 +105,7 @@ impl InFlight {
         }
     }
 
-    /// Whether its reply is wanted for nothing but what it shows of requests before it.
+    /// Whether its reply only serves to end older requests.
     pub(crate) const fn is_fence(&self) -> bool {
         matches!(self.job, Job::Fence { .. })
     }
@@ -116,8 +116,8 @@ impl InFlight {
     }
 }
 
-/// An exchange of somebody's own between the line's: a read of a scan, or a frame that somebody
-/// composed. It is sent once at most, and nothing is made of its reply here.
+/// A raw exchange between those of the line: a read of a scan, or a frame that somebody composed.
+/// It is sent at most once, and its reply is not interpreted here.
 #[derive(Clone, Copy, Debug)]
 pub struct Probe {
     /// What to ask.
@@ -128,14 +128,14 @@ pub struct Probe {
     pub gap: Micros,
     /// How long to wait for the reply to begin, from the end of the request.
     pub timeout: Micros,
-    /// A lone CR goes before it, in the same breath: an ASCII module that has taken bytes of other
-    /// protocols for the beginning of a command drops them.
+    /// Send a lone CR right before it: an ASCII module that has taken bytes of other protocols for
+    /// the beginning of a command drops them.
     pub clear: bool,
-    /// It may change something: whatever was learned of the modules is asked for anew after it.
+    /// It may change something: everything known of the modules is read again after it.
     pub changes: bool,
 }
 
-/// Writes the frame of an exchange as it goes out for a job.
+/// Writes the frame of an exchange as it is sent for a job.
 pub(crate) fn write_frame(job: &Job, exchange: &Exchange<'_>, out: &mut Frame) {
     exchange.encode(out);
     if let Job::Probe { clear: true } = job {

@@ -1,10 +1,13 @@
-//! One half-duplex line as a state machine. It tells the truth about its modules: a late reply
-//! is never taken for another, "done" means that the module said so, and a command that may or
-//! may not have acted is reported as just that.
+//! One half-duplex line as a state machine. It tells the truth about its modules: a late reply is
+//! never taken for another, "done" means that the module said so, and a command that may or may not
+//! have acted is reported as such.
 //!
-//! The driver hands in what happens ([`Bus::handle`]) and then drains what the line does
-//! ([`Bus::poll`]) until it says [`Output::Wait`]; each `Wait` replaces the deadline before it.
-//! The crate knows no clock and no port.
+//! The driver passes in what happens ([`Bus::handle`]) and then drains [`Bus::poll`] until it
+//! returns [`Output::Wait`]; each `Wait` replaces the previous deadline. The crate uses no clock
+//! and no port.
+//!
+//! Two words are our own: a *ghost* is a request that timed out and whose reply may still come; a
+//! *babble* is a line that somebody else never lets fall silent.
 
 #![no_std]
 #![forbid(unsafe_code)]
@@ -63,7 +66,7 @@ pub enum Input<'a> {
     Opened,
     /// The port is gone, or was closed.
     Closed,
-    /// Characters were heard; the last one ended now.
+    /// Characters were received; the last one ended now.
     Bytes(&'a [u8]),
     /// The deadline of [`Output::Wait`] has come.
     Timeout,
@@ -72,7 +75,7 @@ pub enum Input<'a> {
 /// What the driver has to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Output<'a> {
-    /// Send these bytes now, in this way.
+    /// Send these bytes now, with these settings.
     Transmit {
         /// The frame.
         bytes: &'a [u8],
@@ -81,7 +84,7 @@ pub enum Output<'a> {
     },
     /// Something happened.
     Event(Event),
-    /// Nothing more until the deadline, or until something happens.
+    /// Nothing more to do until the deadline, or until something happens.
     Wait(Option<Instant>),
 }
 
@@ -99,22 +102,22 @@ pub struct Bus {
     state: State,
     probe: Option<Probe>,
     last: Last,
-    /// The frame being sent, kept for the driver and to know its echo.
+    /// The frame being sent, kept for the driver and to recognise its echo.
     outgoing: Frame,
     outgoing_taken: bool,
     settings: Settings,
-    /// When the line was last busy: a character heard, or the end of what was sent.
+    /// When the line was last busy: a received character, or the end of what was sent.
     busy_until: Instant,
-    /// Nobody had sent anything lately when it was opened, nor since.
+    /// Nobody had sent anything recently when it was opened, nor since.
     at_rest: bool,
-    /// What is known of those who had the port before, as long as it matters.
+    /// What is known of earlier users of the port, as long as it matters.
     past: Past,
     /// When it was opened.
     opened: Instant,
-    /// The time that one silent module may be probed again.
+    /// When the next silent module may be probed.
     probe_silent_at: Instant,
     next_silent: usize,
-    /// What reading everything once takes, about.
+    /// Roughly how long reading everything once takes.
     cycle: Micros,
     next_ticket: u64,
     now: Instant,
@@ -124,7 +127,7 @@ pub struct Bus {
 #[derive(Clone, Copy, Debug)]
 enum State {
     Closed,
-    /// Nothing before this moment: replies asked for before the opening may still come.
+    /// Waiting until this moment: replies to requests from before the opening may still come.
     Settling(Instant),
     Idle,
     Waiting(InFlight),
@@ -160,13 +163,13 @@ impl Bus {
         }
     }
 
-    /// The module of this number.
+    /// The module with this number.
     #[must_use]
     pub fn module(&self, id: ModuleId) -> Option<&Module> {
         self.modules.get(id.0).map(|state| &state.module)
     }
 
-    /// Whether a module is heard.
+    /// Whether a module answers.
     #[must_use]
     pub fn presence(&self, id: ModuleId) -> Presence {
         self.modules
@@ -175,27 +178,27 @@ impl Bus {
             .unwrap_or_default()
     }
 
-    /// The bytes heard since the last request, echo taken out. Meant for the driver right after
+    /// The bytes received since the last request, without the echo. For the driver, right after
     /// [`Event::Probed`].
     #[must_use]
     pub fn heard(&self) -> &[u8] {
         self.rx.heard()
     }
 
-    /// Whether the adapter echoes; nothing while that is not known.
+    /// Whether the adapter echoes; none while that is unknown.
     #[must_use]
     pub const fn echoes(&self) -> Option<bool> {
         self.rx.echoes()
     }
 
-    /// Whether the echo of the last request was heard, and taken out.
+    /// Whether the echo of the last request was received and removed.
     #[must_use]
     pub const fn took_echo(&self) -> bool {
         self.rx.took_echo()
     }
 
-    /// Until when a reply may still come to a request that was given up, or that is under way:
-    /// whoever uses the port next could take it for a reply to a request of his.
+    /// Until when a reply may still come to a request that timed out or is in flight: the next user
+    /// of the port could take it for a reply to a request of its own.
     #[must_use]
     pub fn late_replies_until(&self) -> Option<Instant> {
         let under_way = match &self.state {
@@ -207,13 +210,13 @@ impl Bus {
         self.ghosts.late_replies_until().max(under_way)
     }
 
-    /// What is known of those who had the port before, at the opening that follows.
+    /// Sets what is known of earlier users of the port, before it is opened.
     pub const fn found(&mut self, past: Past) {
         self.at_rest = matches!(past, Past::Rested);
         self.past = past;
     }
 
-    /// Tells the line what happened, and when. Time never runs backwards.
+    /// Passes in what happened, and when. Time never runs backwards.
     pub fn handle(&mut self, now: Instant, input: Input<'_>) {
         self.now = now;
         self.ghosts.expire(now);
@@ -316,7 +319,7 @@ impl Bus {
         }
     }
 
-    /// Bytes that nobody asked for: late replies, replies once more, noise.
+    /// Unsolicited bytes: late or duplicated replies, or noise.
     fn overhear(&mut self, bytes: &[u8]) {
         let babbles = self.rx.overhear(self.now, self.busy_until, bytes);
         self.busy_until = self.now;
@@ -327,7 +330,7 @@ impl Bus {
         self.take_late_replies();
     }
 
-    /// Looks among the bytes heard for replies of ghosts, and forgets those bytes.
+    /// Looks for late replies among the received bytes, and drops those bytes.
     fn take_late_replies(&mut self) {
         if self.rx.heard().is_empty() {
             return;
@@ -341,7 +344,7 @@ impl Bus {
         }
     }
 
-    /// A reply came that was no longer waited for. One that names no module is only dropped.
+    /// A late reply came. One that names no module is only dropped.
     fn on_late_reply(&mut self, met: GhostReply) {
         let Some(ghost) = met.ghost else { return };
         let after = self.now.since(ghost.sent);
@@ -378,7 +381,7 @@ impl Bus {
                 state.identified_late(after, self.now);
             }
         } else {
-            // It says nothing of how fast the module is, nor of how it is now: that is asked.
+            // It says nothing about how fast the module is, nor about its state now: ask it.
             if self
                 .modules
                 .get(module.0)
@@ -429,7 +432,7 @@ impl Bus {
             }
             (_, Decoded::Partial { more }) => more,
             _ if heard.is_empty() => return,
-            // Someone else, or noise: the reply may still follow it.
+            // Another module, or noise: the reply may still follow.
             (_, Decoded::Malformed(_) | Decoded::Whole { .. }) => {
                 if let Some(met) = self.ghosts.take_reply(heard) {
                     self.rx.cut(met.at, met.len);
@@ -453,7 +456,7 @@ impl Bus {
         }
     }
 
-    /// The deadline has come: the last look at what was heard, then the fault.
+    /// The reply timed out: a last look at what was received, then the fault.
     fn give_up(&mut self, flight: InFlight) {
         if !flight.exchange.expects_reply() {
             return self.sent(flight);
@@ -462,7 +465,7 @@ impl Bus {
             .end_of_listening(&flight.exchange, self.outgoing.bytes());
         for skip in 0..self.rx.reply().len() {
             let rest = self.rx.reply().get(skip..).unwrap_or_default();
-            // What has not followed by now does not follow: what looked like the head of another
+            // Bytes that have not come by now will not come: what looked like the head of another
             // reply was none.
             if let Decoded::Whole { len, value } = flight.exchange.decode_response(rest)
                 && !self.ghosts.overlaps(self.rx.reply(), skip..skip)
@@ -489,8 +492,8 @@ impl Bus {
         }
     }
 
-    /// A good reply came, `len` bytes after `skip` others. With `in_order` it shows that what was
-    /// asked before is over.
+    /// A good reply came, `len` bytes after `skip` others. With `in_order` it shows that older
+    /// requests are done.
     fn answered(
         &mut self,
         flight: &InFlight,
@@ -500,7 +503,7 @@ impl Bus {
     ) {
         self.state = State::Idle;
         let reply_time = self.settings.frame_time(len);
-        // What is only understood at the deadline came before it.
+        // A reply recognised only at the deadline came before it.
         let turnaround = self.busy_until.since(flight.sent) - reply_time;
         let echo_is_gone = self
             .rx
@@ -520,7 +523,7 @@ impl Bus {
         }
         let is_own = self.is_own(flight, in_order);
         self.take_late_replies();
-        // Two modules on one address both answer a probe.
+        // Two modules with the same address both answer a probe.
         if self.rx.is_cautious() || matches!(flight.job, Job::Probe { .. }) {
             let until = self.now + self.config.duplicate_window;
             let module = flight.job.module();
@@ -539,7 +542,7 @@ impl Bus {
             self.note_answer(module, turnaround);
         }
         match outcome {
-            // It may be the reply to one before it: its own may as well have been lost.
+            // It may be the reply to an older request; the reply to this one may have been lost.
             _ if !is_own => self.fail(flight, len, None),
             Outcome::Probed => {
                 self.events.push(Event::Probed {
@@ -558,8 +561,8 @@ impl Bus {
         self.end_if_left(flight);
     }
 
-    /// Whether the reply just taken may be to a request of the process that had the port before and
-    /// was killed: replies to it that were held back arrive together.
+    /// Whether the reply just received may belong to a killed process that had the port before:
+    /// replies held back for it arrive together.
     #[cold]
     fn is_inherited(&mut self) -> bool {
         if self.now > self.opened + HELD_BACK_MAX {
@@ -575,7 +578,7 @@ impl Bus {
         if self.rx.missed(self.now, self.busy_until) {
             self.events.push(Event::Babble);
         }
-        // Perhaps what was heard is a reply to something before.
+        // What was received may be the reply to an older request.
         let late = self.ghosts.take_reply(self.rx.heard());
         let why = match late {
             Some(_) => None,
@@ -590,7 +593,8 @@ impl Bus {
         {
             let was_silent = state.is_silent();
             let gap = state.module.setup().request_gap();
-            // That it has no fence, or does not say what it is, says nothing of how it is.
+            // A module without a fence, or one that does not report its model, is not counted as
+            // silent for that.
             let has_none = match flight.job {
                 Job::Fence { .. } => state.missed_fence(),
                 job => job.identifies() && state.may_be_mute(),
@@ -599,7 +603,7 @@ impl Bus {
                 state.not_identified(flight.sent);
             }
             if flight.is_fence() && !has_none {
-                // The next look is as far off as after a poll.
+                // The next check is as far off as after a poll.
                 state.put_off(flight.asked + state.plan.interval);
             }
             if !has_none {
@@ -614,7 +618,7 @@ impl Bus {
         self.end_if_left(&flight);
     }
 
-    /// A frame that nobody answers has left.
+    /// A frame that gets no reply was sent.
     fn sent(&mut self, flight: InFlight) {
         self.state = State::Idle;
         match flight.job {
@@ -629,11 +633,11 @@ impl Bus {
         }
     }
 
-    /// Puts an exchange on the line; says when its reply will be given up.
+    /// Starts an exchange; returns when its reply times out.
     fn start(&mut self, job: Job, exchange: Exchange<'static>, timeout: Micros) -> Instant {
         write_frame(&job, &exchange, &mut self.outgoing);
         self.outgoing_taken = false;
-        // What is not answered has to be given its time, wherever it is buffered.
+        // A frame that gets no reply must be given its time on the wire, even where it is buffered.
         let sent = match self.config.medium {
             Medium::Buffered if exchange.expects_reply() => self.now,
             _ => self.now + self.settings.frame_time(self.outgoing.bytes().len()),
@@ -653,7 +657,8 @@ impl Bus {
         deadline
     }
 
-    /// What request (where it is buffered) and reply take on the wire beside the turnaround.
+    /// How long the request (if it is buffered) and the reply take on the wire, in addition to the
+    /// turnaround.
     fn wire_time(&self, exchange: &Exchange<'_>) -> Micros {
         let reply = self.settings.frame_time(exchange.response_len_max());
         match self.config.medium {
@@ -663,7 +668,7 @@ impl Bus {
     }
 }
 
-/// How much of a reply may be another one's: a CRC over all of it leaves no room for that.
+/// How many bytes of a reply may belong to another one: a CRC over all of it rules that out.
 const fn doubtful(exchange: &Exchange<'_>, len: usize) -> usize {
     match exchange {
         Exchange::Rtu(_) => 0,
@@ -671,18 +676,18 @@ const fn doubtful(exchange: &Exchange<'_>, len: usize) -> usize {
     }
 }
 
-/// What was put on the line last.
+/// What was sent last.
 #[derive(Clone, Copy, Debug, Default)]
 struct Last {
     /// A probe of a scan.
     probe: bool,
-    /// A poll that could not wait any more.
+    /// A poll that could not wait any longer.
     urgent: bool,
     /// A frame that another may follow without a gap.
     chain: bool,
 }
 
-/// What a reply says, free of the bytes it was read from.
+/// The meaning of a reply, without its bytes.
 #[derive(Clone, Copy, Debug)]
 enum Outcome {
     Seen(Observation),

@@ -1,4 +1,4 @@
-//! What a line knows of each of its modules: how fast it answers, and when to ask it next.
+//! The state of each module on a line: how fast it answers, and when to ask it next.
 
 use crate::command::bank_of;
 use crate::identity::{Identity, IdentityReply};
@@ -7,30 +7,30 @@ use alloc::vec::Vec;
 use railbus_device::{Module, Observation, Op};
 use railbus_wire::{Exchange, Frame, Instant, Micros};
 
-/// How long a module that never answered is waited for, on top of the wire's own time.
+/// The reply timeout of a module that has never answered, in addition to the time on the wire.
 const TIMEOUT_UNKNOWN: Micros = Micros::from_millis(300);
 /// The shortest and longest that a learned reply timeout becomes.
 const TIMEOUT_MIN: Micros = Micros::from_millis(20);
 const TIMEOUT_MAX: Micros = Micros::from_millis(300);
-/// The least time after which no late reply can arrive any more.
+/// The shortest time that late replies are waited for after a request.
 pub const LATE_MIN: Micros = Micros::from_millis(500);
-/// The longest that a reply is held back on its way, by an adapter or a network, without overtaking
-/// any other.
+/// The longest that an adapter or a network holds a reply back without changing the order of
+/// replies.
 pub(crate) const HELD_BACK_MAX: Micros = Micros::from_secs(5);
-/// So often a fence is tried in vain before a module counts as one that has none.
+/// After this many failed attempts a module counts as having no fence.
 const FENCE_TRIES: u8 = 8;
-/// So often until the line no longer relies on it.
+/// After this many failed attempts the line no longer relies on it.
 const FENCE_DOUBTS: u8 = 2;
-/// After so many misses in a row a module counts as silent and is only probed.
+/// After this many misses in a row a module counts as silent and is only probed.
 pub const MISSES_SILENT: u8 = 3;
-/// What asking a silent module costs in all, gap and wire included: little, so that its turn
-/// comes soon again. A reply that comes later is known by its ghost and wakes the module all the
-/// same.
+/// What probing a silent module costs in all, gap and time on the wire included: little, so that
+/// its turn comes soon again. A later reply is recognised as a ghost's and still brings the module
+/// online.
 const PROBE_KNOWN: Micros = Micros::from_millis(98);
 const PROBE_UNHEARD: Micros = Micros::from_millis(290);
-/// How long a module takes to answer, where nothing better is known.
+/// The assumed turnaround where nothing is known.
 const TURNAROUND_GUESS: Micros = Micros::from_millis(10);
-/// How many turnarounds make a window of the slowest ones.
+/// The number of turnarounds in a window.
 const WINDOW: u16 = 1000;
 
 /// A module on the line.
@@ -38,33 +38,33 @@ const WINDOW: u16 = 1000;
 pub(crate) struct ModuleState {
     pub(crate) module: Module,
     pub(crate) presence: Presence,
-    /// What was told of that: until it is known what it is, it does not count as heard.
+    /// The presence as published: a module does not count as online before its model is known.
     published: Presence,
     misses: u8,
     turnaround: Turnaround,
     pub(crate) polls: Vec<Poll>,
-    /// Which outputs give pulses is still to be asked ([`Module::on_online_op`]).
+    /// It is still to be asked which outputs give pulses ([`Module::on_online_op`]).
     asks_pulses: bool,
-    /// When it may be greeted again that did not answer the greeting.
+    /// When to ask that again if it did not answer.
     pub(crate) on_online_at: Instant,
     identity: Identity,
-    /// What it said before it was known what it is.
+    /// A reading from before its model was known.
     withheld: Option<Reading>,
     fence: Fence,
     pub(crate) plan: Plan,
-    /// It was taken off the line; only its number is left.
+    /// It was removed from the line; only its number is left.
     pub(crate) retired: bool,
 }
 
-/// What shows that a module is through with what it was asked before (docs/decisions/0015).
+/// What shows that older requests to a module are done (docs/decisions/0015).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fence {
     /// Nothing.
     None,
-    /// Its polls: a reply to one of them is no reply to another.
+    /// Its polls: a reply to one of them can't be a reply to another.
     Polls,
-    /// [`Op::Fence`], where the module answers it; so often it did not, and answered what it was
-    /// asked next.
+    /// [`Op::Fence`], if the module answers it: `tries` counts how often it did not and then
+    /// answered the next request.
     Untried { tries: u8, missed: bool },
     /// [`Op::Fence`]: the module answered it.
     Known,
@@ -75,11 +75,11 @@ enum Fence {
 pub(crate) struct Poll {
     pub(crate) op: Op,
     pub(crate) due: Instant,
-    /// When the last good answer was asked for.
+    /// When the request of the last good reply began.
     pub(crate) asked: Instant,
 }
 
-/// What a module said.
+/// A reading.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reading {
     pub(crate) op: Op,
@@ -88,7 +88,7 @@ pub(crate) struct Reading {
     pub(crate) heard: Instant,
 }
 
-/// The slowest turnarounds lately: of this window of a thousand and of the one before.
+/// The slowest recent turnarounds: of the current window and of the one before.
 #[derive(Clone, Copy, Debug, Default)]
 struct Turnaround {
     now: Micros,
@@ -170,7 +170,7 @@ impl ModuleState {
         }
     }
 
-    /// It is not asked any more.
+    /// It is no longer asked anything.
     pub(crate) fn retire(&mut self) {
         self.retired = true;
         self.plan = Plan::NEVER;
@@ -178,7 +178,7 @@ impl ModuleState {
         self.misses = 0;
     }
 
-    /// Spreads the polls over the plan's interval, this module being the `nth` of `count`.
+    /// Spreads the polls over the plan's interval; this module is the `nth` of `count`.
     pub(crate) fn start(&mut self, now: Instant, nth: usize, count: usize) {
         let phase = self.plan.interval.0 / (count.max(1) as u64) * nth as u64;
         for poll in &mut self.polls {
@@ -197,7 +197,7 @@ impl ModuleState {
         }
     }
 
-    /// What reading everything once takes, about.
+    /// Roughly how long reading everything once takes.
     pub(crate) fn cycle(&self) -> Micros {
         let setup = self.module.setup();
         let mut frame = Frame::new();
@@ -213,14 +213,14 @@ impl ModuleState {
         times.fold(Micros::ZERO, |sum, time| sum + time)
     }
 
-    /// A poll goes out.
+    /// A poll is sent.
     pub(crate) fn poll_started(&mut self, op: &Op, now: Instant) {
         for poll in self.polls.iter_mut().filter(|poll| poll.op == *op) {
             poll.due = now + self.plan.interval;
         }
     }
 
-    /// Not asked before this moment; a fence takes a poll's turn.
+    /// Postpones its polls until this moment; a fence takes the place of a poll.
     pub(crate) fn put_off(&mut self, until: Instant) {
         for poll in &mut self.polls {
             poll.due = poll.due.max(until);
@@ -235,14 +235,14 @@ impl ModuleState {
         }
     }
 
-    /// From when on a poll goes before commands, so that no reading becomes too old where
-    /// reading everything once takes `cycle`.
+    /// From when on a poll goes before commands, so that no reading becomes too old if reading
+    /// everything once takes `cycle`.
     pub(crate) fn urgent_at(&self, poll: &Poll, cycle: Micros) -> Instant {
         let reserve = cycle * 2 + self.timeout();
         poll.due.max(poll.asked + (self.plan.max_age - reserve))
     }
 
-    /// How long to wait for a reply to begin, from the end of the request.
+    /// How long to wait for the beginning of a reply, from the end of the request.
     pub(crate) fn timeout(&self) -> Micros {
         match self.turnaround.slowest() {
             Micros::ZERO => TIMEOUT_UNKNOWN,
@@ -250,7 +250,7 @@ impl ModuleState {
         }
     }
 
-    /// The same for a probe of a module that is silent.
+    /// The same for a probe of a silent module.
     pub(crate) fn probe_timeout(&self, exchange: &Exchange<'_>) -> Micros {
         let setup = self.module.setup();
         let mut frame = Frame::new();
@@ -279,18 +279,18 @@ impl ModuleState {
         }
     }
 
-    /// What it was asked with its greeting may not be so any more.
+    /// Everything it was asked on coming online may have changed.
     pub(crate) fn invalidate(&mut self) {
         self.asks_pulses = self.module.on_online_op().is_some();
         self.identity.invalidate();
     }
 
-    /// Whether it is heard, and as what, as far as was told.
+    /// Whether it answers, and as what, as far as published.
     pub(crate) const fn published_presence(&self) -> Presence {
         self.published
     }
 
-    /// Whether it is heard, and as what, where that is to be told.
+    /// Its presence, if there is a change to publish.
     #[inline]
     pub(crate) fn take_change(&mut self) -> Option<Presence> {
         let is = match self.presence {
@@ -304,8 +304,8 @@ impl ModuleState {
         })
     }
 
-    /// Whether a reading is not told: that of another model is read by the wrong datasheet. Of one
-    /// that is still to say what it is the last waits for that.
+    /// Whether to withhold a reading: another model's would be decoded by the wrong datasheet.
+    /// While a module has not identified itself, its last reading waits for that.
     #[cold]
     pub(crate) fn withholds(&mut self, reading: Reading) -> bool {
         let is_withholding = self.is_withholding();
@@ -320,7 +320,7 @@ impl ModuleState {
         withholds
     }
 
-    /// The reading that may be told now. The others were not, and are due.
+    /// The reading that may be published now. The other polls are due again.
     pub(crate) fn release_withheld(&mut self, now: Instant) -> Option<Reading> {
         if self.is_online() && !self.is_settled() {
             return None;
@@ -332,30 +332,31 @@ impl ModuleState {
         (self.published == Presence::Online).then_some(reading)
     }
 
-    /// Whether it is heard.
+    /// Whether it answers.
     pub(crate) const fn is_online(&self) -> bool {
         matches!(self.presence, Presence::Online)
     }
 
-    /// Whether its values are held back until it has named its model, or was asked in vain.
+    /// Whether its values are withheld until it has reported its model, or all attempts have
+    /// failed.
     pub(crate) fn is_withholding(&self) -> bool {
         self.identify_first().is_some()
     }
 
-    /// Its line is closed.
+    /// Its line was closed.
     pub(crate) fn close(&mut self) {
         if self.published != Presence::Unheard {
             self.presence = Presence::Silent;
         }
     }
 
-    /// Whether it says that it is another model.
+    /// Whether it reports another model.
     pub(crate) const fn is_other_model(&self) -> bool {
         self.identity.is_other_model() && self.is_online()
     }
 
-    /// It answered something else than [`Op::Fence`]: if it did not answer that before, it may
-    /// have no such thing.
+    /// It answered something other than [`Op::Fence`]: if it did not answer that before, it may not
+    /// support it.
     pub(crate) const fn answered_no_fence(&mut self) {
         if let Fence::Untried { tries, missed } = &mut self.fence
             && core::mem::replace(missed, false)
@@ -371,14 +372,14 @@ impl ModuleState {
         }
     }
 
-    /// It refused [`Op::Fence`], or something before it, or must not be asked it on this line.
+    /// It refused [`Op::Fence`] or an older request, or must not be asked on this line.
     pub(crate) const fn refused_fence(&mut self) {
         if let Fence::Untried { tries, .. } = &mut self.fence {
             *tries = tries.saturating_add(1);
         }
     }
 
-    /// It did not answer [`Op::Fence`]; true where that may be because it has no such thing.
+    /// It did not answer [`Op::Fence`]; true if that may be because it does not support it.
     pub(crate) const fn missed_fence(&mut self) -> bool {
         let Fence::Untried { missed, .. } = &mut self.fence else {
             return false;
@@ -387,7 +388,7 @@ impl ModuleState {
         is_first && matches!(self.presence, Presence::Online)
     }
 
-    /// Whether it is still to be found out if the module answers [`Op::Fence`].
+    /// Whether it is still to be tested for [`Op::Fence`].
     pub(crate) const fn tries_fence(&self) -> bool {
         let is_untried = matches!(
             self.fence,
@@ -399,8 +400,7 @@ impl ModuleState {
         is_untried && matches!(self.presence, Presence::Online)
     }
 
-    /// Whether an answer can be had, as far as is known, that shows what was asked before to be
-    /// over.
+    /// Whether, as far as is known, it can give an answer that shows that older requests are done.
     pub(crate) const fn has_fence(&self) -> bool {
         match self.fence {
             Fence::None
@@ -412,13 +412,13 @@ impl ModuleState {
         }
     }
 
-    /// Whether it has shown that it has one.
+    /// Whether it has shown that it has a fence.
     pub(crate) const fn knows_fence(&self) -> bool {
         matches!(self.fence, Fence::Polls | Fence::Known)
     }
 
-    /// Whether what was given up is to be remembered until a fence ends it, however long that
-    /// takes: not of a module that did not answer one when it was tried, and then tried again.
+    /// Whether ghosts are kept until a fence ends them, however long that takes: not for a module
+    /// that did not answer one when it was tested and tested again.
     pub(crate) const fn relies_on_fence(&self) -> bool {
         matches!(
             self.fence,
@@ -431,7 +431,7 @@ impl ModuleState {
         )
     }
 
-    /// What may be asked for that, the best first where nothing is known of the line.
+    /// The requests that serve as fence, the best first where nothing is known of the line.
     pub(crate) fn fences(&self, by_polls: bool) -> impl Iterator<Item = Op> + '_ {
         let by_polls = by_polls || self.fence == Fence::Polls;
         let polls = self.polls.iter().map(|poll| poll.op);
@@ -440,7 +440,7 @@ impl ModuleState {
             .chain((!by_polls).then_some(Op::Fence))
     }
 
-    /// Whether this is what [`Op::Fence`] asks, where that is this module's fence.
+    /// Whether this is [`Op::Fence`], if that is this module's fence.
     pub(crate) fn is_fence(&self, exchange: &Exchange<'_>) -> bool {
         !matches!(self.fence, Fence::None | Fence::Polls)
             && self.module.exchange(&Op::Fence).as_ref() == Ok(exchange)
@@ -455,12 +455,12 @@ impl ModuleState {
         }
     }
 
-    /// Whether it is only probed, in turn with the other silent ones.
+    /// Whether it is only probed, in turn with the other silent modules.
     pub(crate) const fn is_silent(&self) -> bool {
         self.misses >= MISSES_SILENT
     }
 
-    /// What to probe it with: something whose reply can't be another module's, where there is.
+    /// What to probe it with: preferably something whose reply can't be another module's.
     pub(crate) fn probe_op(&self) -> Option<Op> {
         let addressed = |op: &Op| match self.module.exchange(op) {
             Ok(Exchange::Ascii(_)) => matches!(op, Op::ReadConfig),
@@ -471,8 +471,8 @@ impl ModuleState {
         polls.chain([Op::ReadConfig]).find(addressed)
     }
 
-    /// Whether it was asked which outputs give pulses since it was heard anew. Until
-    /// then what it does with commands may have changed.
+    /// Whether it has answered since it came online which outputs give pulses. Until then its
+    /// reaction to commands may have changed.
     const fn is_known(&self) -> bool {
         !self.asks_pulses
     }
@@ -483,18 +483,18 @@ impl ModuleState {
         self.module.repeatable(op) && (self.is_known() || !switches_on)
     }
 
-    /// Which outputs give pulses, where that is known.
+    /// Which outputs give pulses, if known.
     pub(crate) fn pulses(&self) -> Option<u32> {
         self.module.pulses().filter(|_| self.is_known())
     }
 
-    /// Whether anything is to be asked with its greeting.
+    /// Whether there is anything left to ask on coming online.
     #[inline]
     pub(crate) fn has_on_online_ops(&self) -> bool {
         (self.asks_pulses || self.identity.is_to_be_asked()) && self.is_online()
     }
 
-    /// What is to be asked with its greeting, and from when on.
+    /// What is left to ask on coming online, and from when on.
     pub(crate) fn on_online_ops(&self) -> impl Iterator<Item = (Op, Instant)> + use<> {
         let identity = self.identity.is_to_be_asked();
         let identity = identity.then_some((Op::Identify, self.identity.at()));
@@ -504,17 +504,17 @@ impl ModuleState {
         identity.into_iter().chain(pulses)
     }
 
-    /// Whether it is to be asked what it is, now or later.
+    /// Whether it is to be asked for its model, now or later.
     pub(crate) const fn is_to_be_identified(&self) -> bool {
         self.identity.is_to_be_asked()
     }
 
-    /// Whether it has said that it is another model: it is asked for nothing but that then.
+    /// Whether it has reported another model: then it is asked for nothing else.
     pub(crate) const fn claims_other_model(&self) -> bool {
         self.identity.claims_other_model()
     }
 
-    /// What asks which outputs give pulses, where that is still to be asked.
+    /// The request for the outputs that give pulses, if it is still to be asked.
     #[inline]
     pub(crate) const fn pulse_question(&self) -> Option<Op> {
         match self.presence {
@@ -528,15 +528,15 @@ impl ModuleState {
         self.asks_pulses = false;
     }
 
-    /// When its model may be asked for, if that has to come before anything else. Of a stranger it
-    /// has to only where the module is not polled, since its polls ask for it otherwise.
+    /// When to ask for its model, if that has to come before anything else. Once another model is
+    /// confirmed, only if the module is not polled; otherwise its polls ask for it.
     #[inline]
     pub(crate) fn identify_first(&self) -> Option<Instant> {
         let is_first = !self.is_settled() || self.identity.is_other_model() && !self.plan.enabled;
         (is_first && self.is_online()).then_some(self.identity.at())
     }
 
-    /// Whether it is known, as far as it can be, what it is.
+    /// Whether its model is known as far as it can be.
     pub(crate) const fn is_settled(&self) -> bool {
         !self.identity.comes_first()
     }
@@ -547,7 +547,7 @@ impl ModuleState {
         self.is_online() && self.identity.is_suspected(now)
     }
 
-    /// It said what it is, or refused to.
+    /// It reported its model, or refused to.
     pub(crate) fn identified(&mut self, seen: &Observation, now: Instant) {
         let said = match seen {
             Observation::Refused(_) => IdentityReply::Refusal,
@@ -560,20 +560,20 @@ impl ModuleState {
         self.identity.said(said, now);
     }
 
-    /// It did not say what it is.
+    /// It did not report its model.
     pub(crate) fn not_identified(&mut self, sent: Instant) {
         self.drop_withheld(sent);
         self.identity.lost(sent);
     }
 
-    /// It said what it is after the timeout, which is longer now.
+    /// It reported its model after the timeout, which is longer now.
     pub(crate) fn identified_late(&mut self, after: Micros, now: Instant) {
         if after <= TIMEOUT_MAX {
             self.identity.said_late(now);
         }
     }
 
-    /// Drops the withheld reading, which may be another module's, and has it read again.
+    /// Drops the withheld reading, which may be another module's, and reads it again.
     fn drop_withheld(&mut self, now: Instant) {
         if self.withheld.take().is_some() {
             for poll in &mut self.polls {
@@ -582,25 +582,26 @@ impl ModuleState {
         }
     }
 
-    /// It must not be asked on this line what it is.
+    /// It must not be asked for its model on this line.
     pub(crate) const fn skip_identity(&mut self) {
         self.identity.settle();
     }
 
-    /// Whether it says nothing of how the module is that it did not say what it is: as long as it
-    /// is not known to say it.
+    /// Whether a missing answer to that question says nothing about the module's state: true until
+    /// it has answered it.
     pub(crate) const fn may_be_mute(&self) -> bool {
         !self.identity.has_answered()
     }
 
-    /// Whether this is a question of its greeting, and it may answer neither that nor a fence.
+    /// Whether this is asked on coming online, by a module that may answer neither that nor a
+    /// fence.
     pub(crate) fn may_be_mute_to(&self, exchange: &Exchange<'_>) -> bool {
         let is = |op: Op| self.module.exchange(&op).as_ref() == Ok(exchange);
         let is_pulses = || self.asks_pulses && self.module.on_online_op().is_some_and(is);
         !self.knows_fence() && (self.may_be_mute() && self.identifies(exchange) || is_pulses())
     }
 
-    /// Whether this is what asks it what it is.
+    /// Whether this asks for its model.
     pub(crate) fn identifies(&self, exchange: &Exchange<'_>) -> bool {
         self.module.exchange(&Op::Identify).as_ref() == Ok(exchange)
     }

@@ -1,4 +1,4 @@
-//! Which modules are on the line: they may join and leave while it is at work.
+//! The modules of a line: they may join and leave while it is in use.
 
 use crate::command::{Stage, end_commands};
 use crate::in_flight::InFlight;
@@ -8,7 +8,7 @@ use railbus_device::Module;
 use railbus_wire::{Instant, Micros};
 
 impl Bus {
-    /// Adds a module to the line; it is polled as the plan says, unless the plan says never.
+    /// Adds a module to the line; it is polled as the plan says.
     pub fn add(&mut self, module: Module, plan: Plan) -> ModuleId {
         let id = ModuleId(self.modules.len());
         let mut state = ModuleState::new(module, plan, &self.config);
@@ -22,7 +22,7 @@ impl Bus {
         id
     }
 
-    /// Adds a module to a line at work: its polls begin now, those of the others go on.
+    /// Adds a module to a line in use: its polls begin now, those of the others continue.
     pub fn join(&mut self, now: Instant, module: Module, plan: Plan) -> ModuleId {
         self.now = now;
         let id = self.add(module, plan);
@@ -31,8 +31,8 @@ impl Bus {
         id
     }
 
-    /// Takes a module off a line at work. Commands for it that wait end now, one on the wire when
-    /// its reply has come; its number is not given again.
+    /// Removes a module from a line in use. Its queued commands end now, one in flight when its
+    /// reply has come; its number is not reused.
     pub fn leave(&mut self, now: Instant, id: ModuleId) {
         self.now = now;
         let Some(state) = self.modules.get_mut(id.0) else {
@@ -44,7 +44,7 @@ impl Bus {
         self.reassign_ghosts();
     }
 
-    /// Ends the commands for a module that has left, but for those on the wire.
+    /// Ends the commands for a removed module, except those in flight.
     fn end_commands_of(&mut self, id: ModuleId) {
         end_commands(&mut self.commands, &mut self.events, self.now, |command| {
             let waits = command.module == id && command.stage != Stage::Sent;
@@ -55,7 +55,7 @@ impl Bus {
         });
     }
 
-    /// An exchange has ended: what it was for may have left meanwhile, and gets no other one.
+    /// An exchange has ended: a module removed meanwhile gets no other one.
     pub(crate) fn end_if_left(&mut self, flight: &InFlight) {
         if let Some(id) = flight.job.module()
             && self.modules.get(id.0).is_some_and(|state| state.retired)
@@ -64,7 +64,7 @@ impl Bus {
         }
     }
 
-    /// What the modules that are there make of the line.
+    /// Updates what depends on the set of modules.
     pub(crate) fn measure(&mut self) {
         let there = self.modules.iter().filter(|state| !state.retired);
         let mut protocols = there.map(|state| state.module.setup().protocol);

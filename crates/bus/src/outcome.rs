@@ -1,4 +1,4 @@
-//! What the end of an exchange means for whoever asked: readings, and the ends of commands.
+//! The result of an exchange: readings, and the ends of commands.
 
 use crate::command::{self, Command, Stage, bank_of, end_commands};
 use crate::in_flight::{InFlight, Job};
@@ -9,13 +9,13 @@ use railbus_device::{Bank, Observation, Op};
 use railbus_wire::Malformed;
 
 impl Bus {
-    /// What a good reply means for whoever asked.
+    /// A good reply: updates what is known and ends commands.
     pub(crate) fn learn(&mut self, flight: &InFlight, seen: Observation) {
         let Some(module) = flight.job.module() else {
             return;
         };
         if flight.is_fence() {
-            // Some say by it what they are.
+            // Some models report themselves in it.
             if let Observation::Model(_) = seen {
                 self.identified(module, &seen);
             }
@@ -88,12 +88,12 @@ impl Bus {
         let carried = bank_of(op).map(|bank| bank.mask);
         let state = self.modules.get(module.0);
         let asks_again = *op == Op::Identify && state.is_some_and(|state| !state.is_settled());
-        // A change of settings makes that so itself, and its module may be found no more.
+        // A change of settings does so itself, and its module may not be found afterwards.
         let acts = !op.is_read() && !matches!(op, Op::Configure(_));
         let is_unknown = acts && state.is_some_and(ModuleState::is_to_be_identified);
         self.end_sent_commands(module, |command| {
             if asks_again {
-                // It may have come spoilt: it is asked again.
+                // It may have been corrupted: it is asked again.
                 command.stage = Stage::Queued;
                 return None;
             }
@@ -103,7 +103,7 @@ impl Bus {
             if let Observation::Refused(refusal) = seen {
                 return command.refused(Fault::Refused(refusal), reads_back);
             }
-            // What may be an echo is no reply.
+            // What may be an echo is not a reply.
             let to_be_read = reads_back && (command.verify || parrots);
             command.denied = is_denied(&command.op, op, &seen);
             if !to_be_read && command.denied {
@@ -116,7 +116,7 @@ impl Bus {
                     return None;
                 }
             }
-            // What may be another model's reply is none: it is to say first what it is.
+            // A reply that may be another model's does not count: it has to report its model first.
             if to_be_read || is_unknown {
                 command.stage = Stage::ReadBack(0);
                 return None;
@@ -125,8 +125,8 @@ impl Bus {
         });
     }
 
-    /// An exchange failed: no reply, or none that is good. `taken` bytes of what was heard were
-    /// taken out of the buffer already.
+    /// An exchange failed: no reply, or no good one. `taken` bytes of what was received have
+    /// already been removed from the buffer.
     pub(crate) fn fail(&mut self, flight: &InFlight, taken: usize, why: Option<Malformed>) {
         let left = self.rx.heard().len();
         let bytes = u16::try_from(taken + left).unwrap_or(u16::MAX);
@@ -142,7 +142,7 @@ impl Bus {
                     fault,
                 });
             }
-            // That it does not say what it is says nothing of how it is.
+            // A module that does not report its model is not counted as silent for that.
             Job::OnOnline {
                 module,
                 op: Op::Identify,
@@ -158,7 +158,7 @@ impl Bus {
                 self.events.push(Event::Missed { module, op, fault });
             }
             Job::Fence { module, op } => {
-                // One that is only tried says nothing of the module by its silence.
+                // A request that is only a test says nothing about the module by getting no reply.
                 if self
                     .modules
                     .get(module.0)
@@ -179,8 +179,8 @@ impl Bus {
         }
     }
 
-    /// The reply to a command was lost. What can be read back is; what can be repeated is;
-    /// nothing else is sent a second time.
+    /// The reply to a command was lost. Read back what can be read back; repeat what can be
+    /// repeated; send nothing else a second time.
     fn lose(&mut self, module: ModuleId, op: &Op, evidence: Evidence) {
         let Some(state) = self.modules.get(module.0) else {
             return;
@@ -193,7 +193,7 @@ impl Bus {
             command.evidence.add(evidence);
             let attempts = command.evidence.attempts;
             if silent {
-                // More of the same would only keep the line from the others.
+                // More attempts would only keep other modules waiting.
                 return Some(Err(command.lost()));
             }
             if reads_back {
@@ -208,12 +208,12 @@ impl Bus {
         });
     }
 
-    /// Hands the outputs just read to every command that waits for them.
+    /// Passes the outputs just read to every command that waits for them.
     fn judge(&mut self, id: ModuleId, outputs: Bank) {
         if self.commands.is_empty() {
             return;
         }
-        // What may be another one's outputs confirms nothing.
+        // Outputs that may be another model's confirm nothing.
         let Some(state) = self.modules.get(id.0).filter(|state| state.is_settled()) else {
             return;
         };
@@ -226,8 +226,7 @@ impl Bus {
         });
     }
 
-    /// The commands that waited for it learn which outputs of their module give pulses, as far as
-    /// the module has said.
+    /// Tells the waiting commands which outputs of their module give pulses, as far as it has said.
     pub(crate) fn publish_pulses(&mut self, module: ModuleId) {
         let pulses = self.modules.get(module.0).and_then(ModuleState::pulses);
         end_commands(&mut self.commands, &mut self.events, self.now, |command| {
@@ -236,8 +235,8 @@ impl Bus {
         });
     }
 
-    /// A read-back failed: after a few, the command ends by what its own reply said. Who does not
-    /// want it verified does not wait for a second: this one did not come back as an echo either.
+    /// A read-back failed: after a few attempts, the command ends with its own reply. Without
+    /// `verify` it does not wait for a second one: this reply was not an echo either.
     pub(crate) fn miss_read_back(&mut self, module: ModuleId) {
         end_commands(
             &mut self.commands,
@@ -254,7 +253,7 @@ impl Bus {
         );
     }
 
-    /// Changes or ends the commands whose frame is on the line.
+    /// Updates or ends the commands in flight.
     pub(crate) fn end_sent_commands(
         &mut self,
         module: ModuleId,
@@ -267,13 +266,14 @@ impl Bus {
     }
 }
 
-/// Whether the reply to a frame itself shows another state than its command wants.
+/// Whether the reply to a frame itself shows another state than its command asked for.
 fn is_denied(command: &Op, frame: &Op, seen: &Observation) -> bool {
     match (command, frame, seen) {
         (Op::Write(want), Op::Write(sent), Observation::Channels { outputs, .. }) => {
             (outputs.on ^ want.on) & want.mask & sent.mask & outputs.mask != 0
         }
-        // A board answers with its state after it has begun; only a jog of no time is over then.
+        // A board replies with its state after it has begun; only a jog of zero duration has ended
+        // by then.
         (
             Op::Jog {
                 channel,

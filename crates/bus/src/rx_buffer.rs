@@ -1,63 +1,63 @@
-//! What is heard: echo taken out, replies kept apart from what comes unasked.
+//! The received bytes: the echo is removed, and replies are kept apart from unsolicited bytes.
 
 use crate::EchoMode;
 use railbus_wire::{Decoded, Exchange, Instant, Malformed, Micros};
 
-/// The most bytes kept of what is heard after one request.
+/// The most bytes kept after one request.
 const HEARD_MAX: usize = 300;
-/// A silence so long ends what was overheard before it.
+/// This much silence ends what was overheard before it.
 const SILENCE: Micros = Micros::from_millis(50);
-/// A line that was not silent for so long babbles.
+/// A line without silence for this long babbles.
 const BABBLE: Micros = Micros::from_millis(500);
-/// So many requests in a row have to come back before a line that gave replies without an echo
-/// counts as one that echoes: one may be a second master's, who asks the same.
+/// This many requests in a row have to come back before a line that gave replies without an echo
+/// counts as echoing: one may be from a second master that sends the same.
 const SIGHTS: u8 = 2;
-/// After so many replies in a row without an echo there is none any more.
+/// After this many replies in a row without an echo there is no echo any more.
 const BARE_MAX: u8 = 3;
 
-/// What is known of the adapter's echo. Whatever was found out or said by hand, the line goes on
-/// looking: adapters are exchanged and jumpers are set while it is at work.
+/// What is known of the adapter's echo. The line keeps checking, whatever was detected or
+/// configured: adapters are exchanged and jumpers are set while it runs.
 #[derive(Clone, Copy, Debug)]
 enum Echo {
     Unknown,
-    /// There is none, unless it is seen so many times more in a row: [`SIGHTS`] after a reply
-    /// without one, fewer where only silence spoke against it or it was seen since.
+    /// No echo, unless it is seen this many more times in a row: [`SIGHTS`] after a reply without
+    /// one, fewer if only silence spoke against it or it was seen since.
     No {
         sights: u8,
     },
-    /// There is one, though so many replies in a row came without.
+    /// There is an echo, though this many replies in a row came without one.
     Yes {
         bare: u8,
     },
 }
 
-/// What was learned of the echo.
+/// A change in what is known of the echo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum EchoChange {
     /// A request came back on a line that is not known to echo.
     Seen,
-    /// The same, and from now on it is.
+    /// The same, and from now on the line counts as echoing.
     Found,
 }
 
-/// What was heard since the last request.
+/// The bytes received since the last request.
 #[derive(Debug)]
 pub(crate) struct RxBuffer {
     buffer: [u8; HEARD_MAX],
     len: usize,
     echo: Echo,
-    /// The wait is over, and a reply came without the echo that should be before it.
+    /// The wait is over, and a reply came without its echo.
     is_bare: bool,
     /// Where the echo ends and a reply may begin.
     reply_at: usize,
-    /// So many bytes were heard before the request can have left: they are no reply.
+    /// How many bytes were received before the request can have been sent: they are not a reply.
     early: usize,
-    /// The last request that was answered, to know its reply when it comes again.
+    /// The last request that was answered, to recognise a duplicate of its reply.
     last_answered: Option<Exchange<'static>>,
     duplicates: bool,
-    /// So many answered requests until the line is trusted not to duplicate.
+    /// How many more answered requests until the line is trusted not to duplicate.
     probation: u8,
-    /// Since when somebody else was never silent, nor any reply good.
+    /// Since when others have not been silent, without any good reply.
     busy_since: Option<Instant>,
     babbles: bool,
 }
@@ -83,7 +83,7 @@ impl RxBuffer {
         }
     }
 
-    /// Whether the adapter echoes; nothing while that is not known.
+    /// Whether the adapter echoes; none while that is unknown.
     pub(crate) const fn echoes(&self) -> Option<bool> {
         match self.echo {
             Echo::Unknown => None,
@@ -92,19 +92,19 @@ impl RxBuffer {
         }
     }
 
-    /// Whether the last request came back, and was taken out of what was heard.
+    /// Whether the echo of the last request came and was removed.
     pub(crate) const fn took_echo(&self) -> bool {
         self.reply_at > 0
     }
 
-    /// Everything heard since the last request that was neither echo nor a good reply.
+    /// Everything received since the last request that was neither echo nor a good reply.
     pub(crate) fn heard(&self) -> &[u8] {
         self.buffer
             .get(self.reply_at.min(self.len)..self.len)
             .unwrap_or_default()
     }
 
-    /// What may be the reply: nothing as long as a known echo has not come back whole.
+    /// What may be the reply: empty while a known echo is incomplete.
     pub(crate) fn reply(&self) -> &[u8] {
         if self.lacks_echo() {
             &[]
@@ -130,20 +130,20 @@ impl RxBuffer {
         self.is_bare = false;
     }
 
-    /// A request goes out: what was heard before it is no reply to it. True when the silence
-    /// before it ends a babble; one that leaves room for requests goes on.
+    /// A request is sent: bytes received before are not its reply. True when the silence before it
+    /// ends a babble; a babble that leaves room for requests goes on.
     pub(crate) fn prepare(&mut self, now: Instant, busy_until: Instant) -> bool {
         self.forget();
         self.babbles && now.since(busy_until) > SILENCE && self.fell_silent()
     }
 
-    /// It is no babble, or none any more: true when it was one.
+    /// Not a babble, or no longer: true when it was one.
     pub(crate) const fn fell_silent(&mut self) -> bool {
         self.busy_since = None;
         core::mem::replace(&mut self.babbles, false)
     }
 
-    /// A request was not answered; true when what was heard instead makes a babble.
+    /// A request was not answered; true when what was received instead makes a babble.
     pub(crate) fn missed(&mut self, now: Instant, busy_until: Instant) -> bool {
         let is_silent = now.since(busy_until) > SILENCE;
         if is_silent {
@@ -152,7 +152,7 @@ impl RxBuffer {
         !is_silent && !self.heard().is_empty() && self.goes_on(now)
     }
 
-    /// Somebody else is still heard; true when that makes a babble of it.
+    /// Others are still sending; true when that makes it a babble.
     fn goes_on(&mut self, now: Instant) -> bool {
         let since = *self.busy_since.get_or_insert(now);
         let news = !self.babbles && now.since(since) > BABBLE;
@@ -160,8 +160,8 @@ impl RxBuffer {
         news
     }
 
-    /// Takes bytes heard after a request. `too_early` are those heard before it can have left:
-    /// echo or collision, but no reply.
+    /// Takes bytes received after a request. `too_early` are those received before it can have been
+    /// sent: echo or collision, but not a reply.
     pub(crate) fn listen(
         &mut self,
         bytes: &[u8],
@@ -181,7 +181,7 @@ impl RxBuffer {
         }
         let heard = self.buffer.get(..self.len).unwrap_or_default();
         let at = match self.echo {
-            // It was silent when it was looked for, as a slow network may be.
+            // No echo came when it was looked for, but a slow network may have delayed it.
             Echo::No { .. } => heard.starts_with(sent).then_some(0),
             // A glitch may stand before it.
             Echo::Yes { .. } | Echo::Unknown => {
@@ -190,8 +190,8 @@ impl RxBuffer {
         }?;
         let news = match &mut self.echo {
             Echo::Yes { .. } => None,
-            // What is its own acknowledgement says nothing; but once there may be an echo, it is no
-            // acknowledgement either.
+            // A request that is its own acknowledgement says nothing; but once there may be an
+            // echo, it is not an acknowledgement either.
             Echo::No { sights } if is_own_reply(exchange, sent) => {
                 if *sights == SIGHTS {
                     return None;
@@ -211,8 +211,8 @@ impl RxBuffer {
         news
     }
 
-    /// The wait for a reply is over: a line that gave nothing back has no echo. A reply that came
-    /// without the echo is one all the same, unless it may be the echo of its own request.
+    /// The wait for a reply is over: if nothing came back there is no echo. A reply without its
+    /// echo still counts, unless it may be the echo of its own request.
     pub(crate) fn end_of_listening(&mut self, exchange: &Exchange<'_>, sent: &[u8]) {
         match self.echo {
             Echo::Unknown if self.len == 0 => self.echo = Echo::No { sights: 1 },
@@ -234,7 +234,7 @@ impl RxBuffer {
         len: usize,
     ) -> bool {
         let from = (self.reply_from() + skip).min(self.len);
-        // Where more was heard than has room for an echo, one may be in it, disturbed.
+        // If more bytes came than an echo has room for, a corrupted echo may be among them.
         let is_bare = self.reply_at == 0 && from < sent.len();
         let mut is_gone = false;
         match &mut self.echo {
@@ -266,7 +266,7 @@ impl RxBuffer {
         self.len -= to - from;
     }
 
-    /// Takes bytes that nobody asked for; true when they make a babble.
+    /// Takes unsolicited bytes; true when they make a babble.
     pub(crate) fn overhear(&mut self, now: Instant, busy_until: Instant, bytes: &[u8]) -> bool {
         if now.since(busy_until) > SILENCE {
             self.forget();
@@ -279,7 +279,7 @@ impl RxBuffer {
         self.goes_on(now)
     }
 
-    /// Whether the last good reply stands among the bytes overheard once more.
+    /// Whether the last good reply is among the overheard bytes again.
     pub(crate) fn holds_duplicate(&self) -> bool {
         self.last_answered.is_some_and(|exchange| {
             matches!(
@@ -294,12 +294,12 @@ impl RxBuffer {
         self.duplicates || self.probation > 0
     }
 
-    /// A reply came twice; true when that is news.
+    /// A reply came twice; true for the first time.
     pub(crate) const fn become_cautious(&mut self) -> bool {
         !core::mem::replace(&mut self.duplicates, true)
     }
 
-    /// Why what was heard is no reply; nothing where nothing was heard.
+    /// Why the received bytes are not a reply; none if there were none.
     pub(crate) fn why(&self, exchange: &Exchange<'_>) -> Option<Malformed> {
         if self.lacks_echo() && self.len > 0 {
             return Some(Malformed::Start);

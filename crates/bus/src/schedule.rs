@@ -1,4 +1,4 @@
-//! Whose turn it is: commands first, but no reading becomes too old; silent modules share one
+//! What is sent next: commands first, but no reading becomes too old; silent modules share one
 //! twentieth of the time.
 
 use crate::command::{Command, Stage, bank_of, end_commands, touched};
@@ -12,14 +12,14 @@ use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, carries_comman
 pub const COMMANDS_MAX: usize = 64;
 /// How long a command waits for its turn before it expires.
 const TIME_TO_LIVE: Micros = Micros::from_secs(5);
-/// All silent modules together are asked for one part in so many of the time.
+/// All silent modules together get one part in this many of the time.
 const SILENT_SHARE: u64 = 20;
-/// So long a poll in another speed waits for polls in the present one.
+/// How long a poll at another speed waits for polls at the current one.
 const SPEED_PATIENCE: Micros = Micros::from_millis(250);
-/// So long after its request a silent module gives way to a command.
+/// How long after its request a silent module is preempted by a command.
 const PREEMPT_AFTER: Micros = Micros::from_millis(60);
 
-/// An exchange that could be put on the line.
+/// An exchange that could be sent.
 #[derive(Clone, Copy, Debug)]
 struct Work {
     job: Job,
@@ -31,7 +31,7 @@ struct Work {
     urgent: bool,
 }
 
-/// What looking for work found.
+/// The result of looking for work.
 #[derive(Clone, Copy, Debug, Default)]
 struct Search {
     work: Option<Work>,
@@ -49,8 +49,8 @@ impl Bus {
     /// Takes a command. It ends with exactly one [`Event::Done`].
     ///
     /// # Errors
-    /// [`Fault::Closed`], [`Fault::Unsupported`] or [`Fault::Overloaded`]: it was not taken and
-    /// nothing was sent.
+    /// [`Fault::Closed`], [`Fault::Unsupported`], [`Fault::Overloaded`] or [`Fault::OtherModel`]:
+    /// it was not taken and nothing was sent.
     pub fn submit(
         &mut self,
         now: Instant,
@@ -95,8 +95,8 @@ impl Bus {
         Ok(ticket)
     }
 
-    /// Takes an exchange of somebody's own; one at a time. It ends with one [`Event::Probed`].
-    /// False when the line is closed or has one already.
+    /// Takes a raw exchange; one at a time. It ends with one [`Event::Probed`]. False when the line
+    /// is closed or has one already.
     pub fn submit_probe(&mut self, now: Instant, probe: Probe) -> bool {
         self.now = now;
         if matches!(self.state, State::Closed) || self.probe.is_some() {
@@ -106,12 +106,12 @@ impl Bus {
         true
     }
 
-    /// Takes back a probe that was not sent yet; false where there is none. It has no end then.
+    /// Withdraws a probe that was not sent yet, which then gets no result; false if there is none.
     pub const fn withdraw_probe(&mut self) -> bool {
         self.probe.take().is_some()
     }
 
-    /// A silent module that is being asked gives way to a command for another one.
+    /// A request to a silent module is cut short by a command for another one.
     fn preempt_silent(&mut self, wanted: ModuleId) {
         if let State::Waiting(flight) = &mut self.state
             && flight.job.is_status_check()
@@ -127,7 +127,7 @@ impl Bus {
         }
     }
 
-    /// Puts the next exchange on the line, if its time has come; says when to come back.
+    /// Starts the next exchange, if its time has come; returns when to look again.
     pub(crate) fn start_next(&mut self) -> Option<Instant> {
         loop {
             let mut search = Search::default();
@@ -148,7 +148,7 @@ impl Bus {
         }
     }
 
-    /// Ends what must not be put on this line.
+    /// Ends what must not be sent on this line.
     fn refuse(&mut self, job: Job) {
         let fault = Fault::Unsupported;
         match job {
@@ -191,7 +191,7 @@ impl Bus {
         self.busy_until + gap
     }
 
-    /// Notes that this exchange is on the line.
+    /// Records that this exchange was started.
     fn mark(&mut self, work: &Work) {
         match work.job {
             Job::Command { module, op } => {
@@ -227,7 +227,7 @@ impl Bus {
         };
     }
 
-    /// Somebody else's frame may change any of the modules: each is greeted and read anew.
+    /// A raw frame may change any of the modules: everything known of them is read again.
     #[cold]
     fn invalidate_all(&mut self) {
         for state in self.modules.iter_mut().filter(|state| !state.retired) {
@@ -259,9 +259,9 @@ impl Bus {
         }
     }
 
-    /// Whose turn it is. Reads that can't wait and commands take turns where both press.
+    /// What is sent next. If both urgent reads and commands wait, they alternate.
     fn search(&self, search: &mut Search) {
-        // Before the polls that can wait come silent modules: a full line must not keep a module
+        // Silent modules come before polls that can wait: a full line must not keep a module
         // silent.
         let found = self.polls_have_rivals()
             && (!self.last.urgent || self.commands.is_empty())
@@ -274,8 +274,8 @@ impl Bus {
         debug_assert_eq!(found, search.work.is_some());
     }
 
-    /// Whether anything but polls wants the line. Among themselves the one due longest goes first,
-    /// so that those that can't wait need not be looked for.
+    /// Whether anything but polls waits. Among polls alone the most overdue goes first, so urgent
+    /// ones need no search.
     fn polls_have_rivals(&self) -> bool {
         let has_other_reads = |state: &ModuleState| state.is_silent() || state.has_on_online_ops();
         !self.commands.is_empty()
@@ -295,7 +295,7 @@ impl Bus {
         }
         let blocked_until = match work.job {
             Job::Probe { .. } => self.ghosts.late_until(&work.exchange, self.now),
-            // Commands for a module that is silent do not wait for what it may never answer.
+            // Commands for a silent module do not wait for what it may never answer.
             Job::Command { module, .. } | Job::ReadBack { module } if self.is_silent(module) => {
                 self.ghosts.late_until(&work.exchange, self.now)
             }
@@ -314,8 +314,8 @@ impl Bus {
         }
     }
 
-    /// Where a fence asks what the module is, that is asked again at once, and not when nothing is
-    /// left that could be confused with it.
+    /// If a fence asks for the model, ask again at once instead of waiting until nothing is left
+    /// that it could be confused with.
     #[cold]
     fn ask_as_fence(&self, module: ModuleId, work: &mut Work) {
         let state = self.modules.get(module.0);
@@ -333,7 +333,7 @@ impl Bus {
             .is_some_and(ModuleState::is_silent)
     }
 
-    /// Takes the fence that this work waits for, where there is one.
+    /// Takes the fence that this work waits for, if there is one.
     #[cold]
     fn offer_fence(&self, search: &mut Search, blocked: &Work) -> bool {
         let (Some(module), false) = (blocked.job.module(), self.ghosts.are_full()) else {
@@ -391,7 +391,7 @@ impl Bus {
             if command.stage != Stage::Sent && state.is_suspected(self.now) {
                 let op = Op::Identify;
                 let work = self.work(module, Job::OnOnline { module, op }, state.timeout());
-                // Where it has to wait for something else, the command does not.
+                // If it has to wait for something else, the command does not.
                 if work.is_some_and(|work| self.offer(search, work)) {
                     return true;
                 }
@@ -422,8 +422,8 @@ impl Bus {
         false
     }
 
-    /// The exchange that a waiting command is after. Until it is known whether the adapter
-    /// echoes, that is a read: the echo of a write can look like its acknowledgement.
+    /// The exchange that a waiting command needs. Until it is known whether the adapter echoes,
+    /// that is a read: the echo of a write can look like its acknowledgement.
     fn job_of(&self, index: usize, command: &Command, state: &ModuleState) -> Job {
         let module = command.module;
         let first_read = state.polls.first().map(|poll| poll.op);
@@ -433,7 +433,7 @@ impl Bus {
             }
             (Some(bank), _) => {
                 let together = self.gather(index, &state.module);
-                // What other modules could take for a command is sent in smaller portions.
+                // A frame that other modules could take for a command is split into smaller ones.
                 let is_unsafe = self.mixed
                     && state
                         .module
@@ -457,7 +457,7 @@ impl Bus {
         })
     }
 
-    /// One frame for as many waiting writes to the module as it can carry, this one included.
+    /// One frame for as many waiting writes to the module as fit, this one included.
     fn gather(&self, index: usize, module: &Module) -> Op {
         let mut want = Bank::default();
         let mut wanted_by = None;
@@ -474,7 +474,7 @@ impl Bus {
         Op::Write(module.group(want))
     }
 
-    /// The read that is due longest; with `urgent` only those that must not wait any more.
+    /// The most overdue read; with `urgent` only those that can't wait any longer.
     fn search_polls(&self, search: &mut Search, urgent: bool) -> bool {
         let mut best = None;
         for (index, state) in self.modules.iter().enumerate() {
@@ -561,7 +561,7 @@ impl Bus {
             {
                 return true;
             }
-            // What it would be read by waits for its ghost; a fence need not.
+            // Its read has to wait for its ghost; a fence need not.
             let fence = self.fence_of(module, None).and_then(|job| {
                 let exchange = state.module.exchange(&job.op()).ok()?;
                 self.work(module, job, state.probe_timeout(&exchange))
@@ -575,7 +575,7 @@ impl Bus {
         false
     }
 
-    /// A silent module was asked in vain: the others have the line to themselves for a while.
+    /// A silent module did not answer: the others have the line to themselves for a while.
     pub(crate) fn throttle_silent(&mut self, asked: Instant, gap: Micros) {
         let cost = self.now.since(asked) + gap;
         self.probe_silent_at = asked + cost * SILENT_SHARE;
@@ -585,8 +585,8 @@ impl Bus {
         let Some(probe) = self.probe else {
             return false;
         };
-        // The echo of a write can look like its acknowledgement: a poll finds out first whether
-        // the adapter echoes.
+        // The echo of a write can look like its acknowledgement: poll first to find out whether the
+        // adapter echoes.
         let polled = |state: &ModuleState| state.plan.enabled && !state.is_silent();
         if probe.changes && self.rx.echoes().is_none() && self.modules.iter().any(polled) {
             return false;
@@ -607,7 +607,7 @@ impl Bus {
         self.is_unsafe_for(Job::Probe { clear: false }, exchange)
     }
 
-    /// The same of the frame as it goes out for a job.
+    /// The same for the frame as it is sent for a job.
     pub(crate) fn is_unsafe_for(&self, job: Job, exchange: &Exchange<'_>) -> bool {
         if !self.mixed {
             return false;
@@ -625,7 +625,7 @@ impl Bus {
         })
     }
 
-    /// Ends commands that waited too long for their turn, the first or a later one.
+    /// Ends commands that have timed out.
     pub(crate) fn expire_commands(&mut self) {
         let now = self.now;
         if self.next_expiry().is_none_or(|at| at > now) {
@@ -637,7 +637,7 @@ impl Bus {
         });
     }
 
-    /// When the next waiting command expires.
+    /// When the next waiting command times out.
     pub(crate) fn next_expiry(&self) -> Option<Instant> {
         if self.commands.is_empty() {
             return None;
