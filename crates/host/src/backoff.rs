@@ -1,15 +1,15 @@
-//! How long to wait until a port is looked for again.
+//! How long to wait before a lost port is tried again.
 
 use railbus_wire::Micros;
 use std::hash::{BuildHasher, Hasher, RandomState};
 
-/// The first pause and the longest one. With the longest, a port that comes back is found well
+/// The first and the longest pause. Even with the longest, a port that comes back is found well
 /// within two seconds.
 const FIRST: Micros = Micros::from_millis(100);
 const LONGEST: Micros = Micros::from_millis(1000);
 
-/// Pauses that double, each shortened by up to a quarter, so that many lines whose ports came
-/// and went together do not all look at the same moments.
+/// Pauses that double, each shortened by up to a quarter, so that many ports lost at the same time
+/// are not all tried at the same moments.
 #[derive(Debug)]
 pub(crate) struct Backoff {
     pause: Micros,
@@ -26,7 +26,7 @@ impl Backoff {
         }
     }
 
-    /// The port was found: the next pause is the first again.
+    /// The port was found: start again with the first pause.
     pub(crate) fn reset(&mut self) {
         self.pause = FIRST;
     }

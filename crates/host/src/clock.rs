@@ -17,7 +17,7 @@ use std::task::{Context, Poll, ready};
 use std::time;
 use tokio::io::unix::AsyncFd;
 
-/// Microseconds since the line's start; can be copied to wherever the line's time is needed.
+/// Microseconds since the line was started. A copyable handle for whoever needs the line's time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Clock {
     origin: time::Instant,
@@ -37,8 +37,8 @@ pub(crate) struct Alarm {
     clock: Clock,
     timer: AsyncFd<OwnedFd>,
     deadline: Option<Instant>,
-    /// What the kernel was told: never later than the deadline. An earlier one is let go off in
-    /// vain, because most deadlines are put off long before they come.
+    /// What the kernel timer is set to: never later than the deadline. A timer that is too early
+    /// just expires, because most deadlines are postponed long before they are reached.
     armed: Option<Instant>,
 }
 
@@ -76,11 +76,11 @@ impl Alarm {
     }
 
     fn arm(&mut self, at: Instant) -> io::Result<()> {
-        // From now on, which here is a little earlier than when the kernel begins to count.
+        // Computed slightly before the kernel starts counting, so never early.
         let left = at.since(self.now()).0;
         let left = Timespec {
             tv_sec: i64::try_from(left / 1_000_000).unwrap_or(i64::MAX),
-            // A deadline that has come already: nothing at all would switch the timer off.
+            // For a deadline that has passed: zero would disarm the timer.
             tv_nsec: i64::from((left % 1_000_000) as u32 * 1000).max(1),
         };
         let value = Itimerspec {
@@ -92,11 +92,11 @@ impl Alarm {
         Ok(())
     }
 
-    /// The moment at which the deadline was seen to have come; never before it.
+    /// The moment at which the deadline was seen to be over; never before it.
     pub(crate) fn poll(&mut self, cx: &mut Context<'_>) -> Poll<io::Result<Instant>> {
         loop {
-            // The timer is not read: being armed anew empties it, and only another expiry
-            // makes it ready again.
+            // The timer is not read: rearming clears it, and only another expiry makes it ready
+            // again.
             ready!(self.timer.poll_read_ready(cx))?.clear_ready();
             let now = self.now();
             if self.armed.is_some_and(|armed| armed <= now) {
@@ -113,14 +113,14 @@ impl Alarm {
         }
     }
 
-    /// Waits so long.
+    /// Waits this long.
     pub(crate) async fn sleep(&mut self, span: Micros) -> io::Result<()> {
         self.set(Some(self.now() + span))?;
         poll_fn(|cx| self.poll(cx)).await.map(drop)
     }
 }
 
-/// What a future brings, or nothing when it takes longer than this.
+/// The result of a future, or none if it takes longer than this.
 pub(crate) async fn within<T>(
     limit: Micros,
     work: impl Future<Output = T>,
@@ -151,7 +151,7 @@ mod tests {
             lateness.push(fired.since(at));
         }
         lateness.sort();
-        // Of the better ones the worst, because other programs may keep the processor from us.
+        // The worst of the better ones, because other programs may keep the processor busy.
         assert!(lateness[5] < Micros(1000), "{lateness:?}");
     }
 

@@ -1,4 +1,4 @@
-//! Why a port can't be used. Data without sentences, so that others can word it in any language.
+//! Why a port can't be used. Data without sentences, so that callers can phrase it in any language.
 
 use rustix::io::Errno;
 use std::fmt;
@@ -7,62 +7,62 @@ use std::io;
 /// Why a port can't be opened, or was lost.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PortError {
-    /// There is nothing of that name.
+    /// There is no such device or path.
     Missing,
-    /// Someone else has it.
+    /// Another program is using it.
     Busy {
-        /// Who, where that can be seen.
+        /// Which one, if that can be found out.
         holder: Option<Holder>,
     },
-    /// This user may not open it.
+    /// The user has no permission to open it.
     Permission(Access),
-    /// There is something of that name, but no terminal.
+    /// It exists, but is not a terminal.
     NotATty,
-    /// The other end takes no connection.
+    /// The other end refuses the connection.
     Refused,
     /// The other end does not answer.
     Unreachable,
-    /// It was open and is gone: pulled out, or closed at the other end.
+    /// It was open and is gone: unplugged, or closed at the other end.
     Gone,
-    /// Nobody takes what is sent: it piles up, and would reach the modules much too late.
+    /// Sent data is not taken: it piles up, and would reach the modules much too late.
     Stuck,
     /// The other end does not speak Modbus TCP.
     Garbled,
-    /// It is left to a command of ours for a while, which has the line for itself.
+    /// Another part of this program has exclusive access for a while.
     Exclusive,
-    /// Anything else, as the system's error number; 0 where it gave none.
+    /// Anything else, as the system's error number; 0 if there is none.
     Io(i32),
 }
 
-/// A program that has a port open.
+/// The program that has a port open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Holder {
-    /// Its process number.
+    /// Its process ID.
     pub pid: u32,
     /// Its name.
     pub name: String,
 }
 
-/// Who may open a port.
+/// The permissions of a port.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Access {
-    /// The number of the owner.
+    /// The user ID of the owner.
     pub owner: u32,
-    /// The number of the group.
+    /// The group ID.
     pub group: u32,
-    /// The group's name, where `/etc/group` has one: `dialout` on Debian.
+    /// The group's name, if `/etc/group` has one: `dialout` on Debian.
     pub group_name: Option<String>,
     /// The permission bits, such as `0o660`.
     pub mode: u32,
 }
 
-/// Groups whose members may do far more than use a port: nobody is told to join one of them.
+/// Groups whose members may do far more than use a port: joining one is never suggested.
 const POWERFUL: [&str; 10] = [
     "root", "adm", "admin", "disk", "docker", "kmem", "lxd", "shadow", "sudo", "wheel",
 ];
 
 impl Access {
-    /// The group whose members may use the device, where it is one to join for that.
+    /// The group to join for access to the device, if joining it is reasonable.
     #[must_use]
     pub fn group_to_join(&self) -> Option<&str> {
         let opens = self.mode & 0o060 == 0o060 && self.group != 0;
@@ -90,7 +90,7 @@ impl PortError {
         }
     }
 
-    /// What an error while sending or receiving means: the port is no longer what it was.
+    /// The error for a failure while sending or receiving: the port is lost.
     #[must_use]
     pub fn of_loss(error: &io::Error) -> PortError {
         match error.kind() {

@@ -1,4 +1,4 @@
-//! What a line tells everyone.
+//! The events of a line, for all its subscribers.
 
 use crate::{Granted, PortError};
 use railbus_bus::Event;
@@ -9,36 +9,35 @@ use tokio::sync::{broadcast, watch};
 /// How many events wait for a receiver before the oldest are dropped.
 const EVENTS_MAX: usize = 256;
 
-/// How a line's port is.
+/// The state of a line's port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LineState {
     /// It is being opened for the first time.
     Opening,
     /// It is open.
     Up,
-    /// It can't be opened, or was lost. It is looked for until it is there.
+    /// It can't be opened, or was lost. The line keeps trying to open it.
     Absent(Arc<PortError>),
     /// The line was closed for good.
     Closed,
 }
 
-/// Something that happened on a line, or to it.
+/// Something that happened on a line, or to its port.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LineEvent {
     /// Its port changed.
     State(LineState),
-    /// Its state machine told something.
+    /// An event of its state machine.
     Bus(Event),
-    /// This receiver was too slow: so many events before the next one are lost to it.
+    /// This receiver was too slow and lost this many events before the next one.
     Lagged(u64),
 }
 
-/// Sees every event, in the line's task, before the next thing happens and before a caller is
-/// answered: what it writes down, a caller whose command has ended finds written. It must not
-/// wait.
+/// Called with every event, in the line's task, before anything else happens and before a caller
+/// gets its result: what it stores is in place when a command ends. It must not block.
 pub type Observer = Box<dyn FnMut(&LineEvent) + Send>;
 
-/// A receiver of a line's events, from its making on.
+/// A receiver of a line's events from its creation on.
 #[derive(Debug)]
 pub struct Events(Option<broadcast::Receiver<LineEvent>>);
 
@@ -57,7 +56,7 @@ impl Events {
     }
 }
 
-/// The line's end of all that.
+/// The sending side: publishes events and state.
 pub(crate) struct Publisher {
     observer: Option<Observer>,
     events: broadcast::Sender<LineEvent>,
@@ -87,7 +86,7 @@ impl Publisher {
         self.granted.subscribe()
     }
 
-    /// Notes what the port's driver granted.
+    /// Sets what the port's driver granted.
     pub(crate) fn set_granted(&self, granted: Option<Granted>) {
         self.granted.send_replace(granted);
     }
@@ -98,7 +97,7 @@ impl Publisher {
         }
     }
 
-    /// Tells a change of state; one that is none is not told.
+    /// Publishes a state if it differs from the current one.
     pub(crate) fn set_state(&mut self, state: LineState) {
         if *self.state.borrow() != state {
             self.send(LineEvent::State(state.clone()));
@@ -111,7 +110,7 @@ impl Publisher {
             observer(&event);
         }
         if self.events.receiver_count() > 0 {
-            // Fails where the last one has just gone.
+            // Fails if the last receiver has just gone.
             let _ = self.events.send(event);
         }
     }

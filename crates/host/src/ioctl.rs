@@ -1,5 +1,5 @@
-//! The requests to a serial port that no library wraps, and the waiting for descriptors. The
-//! only file with `unsafe`.
+//! Serial port requests that no library wraps, and waiting on descriptors. The only file with
+//! `unsafe`.
 #![allow(
     unsafe_code,
     reason = "the kernel reads and writes what these requests point to"
@@ -12,7 +12,7 @@ use std::ffi::{c_int, c_uchar, c_uint, c_ulong, c_ushort};
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 
-/// The numbers of the kernel's `asm-generic/ioctls.h`, which these architectures share.
+/// Numbers from the kernel's `asm-generic/ioctls.h`, which these architectures share.
 #[cfg(not(any(
     target_arch = "x86",
     target_arch = "x86_64",
@@ -64,7 +64,7 @@ pub(crate) struct SerialRs485 {
     pub(crate) flags: u32,
     pub(crate) delay_rts_before_send: u32,
     pub(crate) delay_rts_after_send: u32,
-    /// Addresses that some controllers know, and room for later.
+    /// Addresses for some controllers, and padding.
     pub(crate) rest: [u32; 5],
 }
 
@@ -75,27 +75,27 @@ pub(crate) const RS485_RTS_AFTER_SEND: u32 = 1 << 2;
 pub(crate) const RS485_RX_DURING_TX: u32 = 1 << 4;
 pub(crate) const RS485_TERMINATE_BUS: u32 = 1 << 5;
 
-/// Has the runtime wait for bytes at a descriptor.
+/// Registers a descriptor with the runtime for reading.
 pub(crate) fn watch(fd: OwnedFd) -> std::io::Result<AsyncFd<OwnedFd>> {
     // SAFETY: an `OwnedFd` is open as long as it lives, and always the same.
     Ok(unsafe { AsyncFd::register_with_interest(fd, Interest::READABLE) }?)
 }
 
-/// Whether someone has forbidden further opening (TIOCGEXCL).
+/// Whether further opening is forbidden (TIOCGEXCL).
 pub(crate) fn is_exclusive(port: impl AsFd) -> io::Result<bool> {
     // SAFETY: the request writes one int.
     let exclusive = unsafe { ioctl(port, Getter::<TIOCGEXCL, c_int>::new()) }?;
     Ok(exclusive != 0)
 }
 
-/// Lowers RTS, by which some adapters drive the line (TIOCMBIC).
+/// Lowers RTS, with which some adapters drive the line (TIOCMBIC).
 pub(crate) fn lower_rts(port: impl AsFd) -> io::Result<()> {
     // SAFETY: the request reads one int.
     unsafe { ioctl(port, Setter::<TIOCMBIC, c_int>::new(TIOCM_RTS)) }
 }
 
-/// Asks the driver to hand bytes over at once (ASYNC_LOW_LATENCY); whether it says that it does.
-/// FTDI adapters otherwise hold them back for up to 16 ms.
+/// Asks the driver to pass bytes on at once (ASYNC_LOW_LATENCY); whether it confirms that. FTDI
+/// adapters otherwise hold them back for up to 16 ms.
 pub(crate) fn set_low_latency(port: impl AsFd) -> io::Result<bool> {
     let mut serial = serial_struct(&port)?;
     if serial.flags & ASYNC_LOW_LATENCY != 0 {
@@ -113,19 +113,19 @@ fn serial_struct(port: impl AsFd) -> io::Result<SerialStruct> {
     unsafe { ioctl(port, Getter::<TIOCGSERIAL, SerialStruct>::new()) }
 }
 
-/// How the driver switches the transceiver's direction now (TIOCGRS485).
+/// How the driver currently switches the transceiver's direction (TIOCGRS485).
 pub(crate) fn rs485(port: impl AsFd) -> io::Result<SerialRs485> {
     // SAFETY: the request writes one `serial_rs485`.
     unsafe { ioctl(port, Getter::<TIOCGRS485, SerialRs485>::new()) }
 }
 
-/// Has the driver switch the transceiver's direction by RTS (TIOCSRS485).
+/// Makes the driver switch the transceiver's direction by RTS (TIOCSRS485).
 pub(crate) fn set_rs485(port: impl AsFd, wanted: SerialRs485) -> io::Result<()> {
     // SAFETY: the request reads and writes one `serial_rs485`, of which `Setter` owns a copy.
     unsafe { ioctl(port, Rs485Request(wanted)) }
 }
 
-/// The kernel writes back what it made of the wish, so this is no plain `Setter`.
+/// The kernel writes back what it applied, so a plain `Setter` does not do.
 struct Rs485Request(SerialRs485);
 
 // SAFETY: the pointer is to a whole `serial_rs485` that lives as long as the request.

@@ -1,10 +1,10 @@
-//! Serial and TCP ports on tokio, and [`Line`]: the handle of one RS-485 line of I/O modules.
-//! This is the crate that a Rust program adds.
+//! Serial and TCP ports on tokio, and [`Line`]: the handle of one RS-485 line of I/O modules. This
+//! is the crate to add to a Rust program.
 //!
-//! A line is opened by the name of its port and a list of modules. One task per line does what
-//! the line's state machine ([`railbus_bus::Bus`]) says; the handle hands commands in and
-//! events out. A port that vanishes is a state of the line, not its end: the task goes on
-//! looking for the port under the same name.
+//! A line is opened with the name of its port and a list of modules. One task per line runs the
+//! line's state machine ([`railbus_bus::Bus`]); the handle takes commands and provides events. A
+//! lost port is a state of the line, not its end: the task keeps trying to open it under the same
+//! name.
 //!
 //! ```no_run
 //! use railbus_host::{Line, LineConfig, LineName, Op, Plan, Terms};

@@ -17,26 +17,26 @@ use std::fmt;
 use std::sync::Arc;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
-/// How many jobs may wait for the line's task. Those that the task has taken wait in the
-/// state machine's own queue, which is as long.
+/// How many jobs may wait for the line's task. Jobs that the task has taken wait in the state
+/// machine's own queue, which has the same length.
 pub const JOBS_MAX: usize = 64;
 
-/// Everything about a line.
+/// The configuration of a line.
 pub struct LineConfig {
-    /// Where its port is.
+    /// Its port.
     pub name: LineName,
-    /// How a serial port is to be used.
+    /// Options for a serial port.
     pub serial: SerialOptions,
-    /// How the line is to be treated. A medium that the port shows to be buffered is.
+    /// How the line is operated. If the port turns out to be buffered, the medium is, too.
     pub bus: Config,
     /// Its modules; their [`ModuleId`]s count from 0 in this order.
     pub modules: Vec<(Module, Plan)>,
-    /// Sees every event first.
+    /// Called first with every event.
     pub observer: Option<Observer>,
 }
 
 impl LineConfig {
-    /// A line without modules, and everything else as usual.
+    /// A line without modules, with defaults for everything else.
     #[must_use]
     pub fn new(name: LineName) -> LineConfig {
         LineConfig {
@@ -48,7 +48,7 @@ impl LineConfig {
         }
     }
 
-    /// The same with one module more.
+    /// Adds a module.
     #[must_use]
     pub fn with(mut self, module: Module, plan: Plan) -> LineConfig {
         self.modules.push((module, plan));
@@ -67,34 +67,33 @@ impl fmt::Debug for LineConfig {
     }
 }
 
-/// How a command ended well.
+/// The result of a successful command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Done {
-    /// How far that is certain.
+    /// How it was confirmed.
     pub confirmed: Confirmed,
-    /// From handing it in to the last byte of its own reply, the read-back apart.
+    /// From submission to the last byte of its own reply, without the read-back.
     pub took: Micros,
-    /// What was read: for a read what was asked for; for a write the outputs as they were last
-    /// read after its reply, where they were.
+    /// For a read, what was read; for a write, the outputs as last read after its reply, if they
+    /// were.
     pub seen: Option<Observation>,
 }
 
-/// What a probe met.
+/// The result of a probe.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProbeResult {
-    /// In one word.
+    /// What kind of answer came.
     pub outcome: Probed,
-    /// What came back, echo taken out.
+    /// What came back, without the echo.
     pub bytes: Vec<u8>,
     /// From the end of the request to the end of what came back.
     pub after: Micros,
-    /// Replies to probes before it that were no longer waited for, oldest first; at most
-    /// [`LATE_MAX`].
+    /// Late replies to earlier probes, oldest first; at most [`LATE_MAX`].
     pub late: Vec<LateReply>,
 }
 
 impl ProbeResult {
-    /// The bytes of the reply to what was asked; none where no good one came. See [`reply_in`].
+    /// The bytes of the reply to what was asked; none if there was no good one. See [`reply_in`].
     #[must_use]
     pub fn reply(&self, asked: &Exchange<'_>) -> Option<&[u8]> {
         let is_answered = self.outcome == Probed::Answered;
@@ -102,8 +101,8 @@ impl ProbeResult {
     }
 }
 
-/// The bytes of the reply among all that was heard of a probe that was answered. The line takes it
-/// as soon as it is whole: what stands before it is another module's late reply, or noise.
+/// The bytes of the reply within everything received for an answered probe. The line accepts it as
+/// soon as it is complete: whatever precedes it is another module's late reply, or noise.
 #[must_use]
 pub fn reply_in<'h>(asked: &Exchange<'_>, heard: &'h [u8]) -> Option<&'h [u8]> {
     let whole = |skip: usize| {
@@ -113,7 +112,7 @@ pub fn reply_in<'h>(asked: &Exchange<'_>, heard: &'h [u8]) -> Option<&'h [u8]> {
             _ => None,
         }
     };
-    // Of those with the same end the longest.
+    // Of those with the same end, the longest.
     let each = (0..heard.len()).rev().filter_map(whole);
     each.max_by_key(|(end, _)| *end).map(|(_, reply)| reply)
 }
@@ -121,16 +120,16 @@ pub fn reply_in<'h>(asked: &Exchange<'_>, heard: &'h [u8]) -> Option<&'h [u8]> {
 /// The most late replies that are kept for the next probe.
 pub const LATE_MAX: usize = 16;
 
-/// Other modules for a line at work.
+/// Modules to add to a line in use, and to remove from it.
 #[derive(Debug, Default)]
 pub struct ModuleChanges {
-    /// These are not asked any more. Their numbers are not given again.
+    /// These are removed. Their numbers are not reused.
     pub leave: Vec<ModuleId>,
-    /// These are asked from now on; their numbers follow the highest one given.
+    /// These are added; their numbers follow the highest one so far.
     pub join: Vec<(Module, Plan)>,
 }
 
-/// What the line's task is asked for.
+/// A request to the line's task.
 #[derive(Debug)]
 pub(crate) enum Job {
     Run {
@@ -152,11 +151,12 @@ pub(crate) enum Job {
     },
 }
 
-/// A line of modules. Clones are handles of the same line; when the last one is dropped, the
-/// line is closed as by [`Line::close`].
+/// A line of modules. Clones are handles of the same line; when the last one is dropped, the line
+/// is closed as by [`Line::close`].
 ///
-/// There is no way to send arbitrary bytes: the state machine must know what may answer, or a
-/// reply could be taken for another one. What is no [`Op`] can be asked with [`Line::probe`].
+/// There is no way to send arbitrary bytes: the state machine must know what may answer, or a reply
+/// could be taken for another one. Requests that are not an [`Op`] can be sent with
+/// [`Line::probe`].
 #[derive(Clone, Debug)]
 pub struct Line {
     name: Arc<str>,
@@ -168,25 +168,25 @@ pub struct Line {
 }
 
 impl Line {
-    /// Starts a line's task, which opens the port. Whether that succeeds, [`Line::opened`] says.
-    /// To be called inside a tokio runtime with I/O enabled.
+    /// Starts a line's task, which opens the port; [`Line::opened`] tells whether that succeeds.
+    /// Call it inside a tokio runtime with I/O enabled.
     ///
     /// # Errors
-    /// Where the system gives no timer.
+    /// If the system provides no timer.
     pub fn open(config: LineConfig) -> Result<Line, PortError> {
         let mut serial = config.serial;
         if let Some((first, _)) = config.modules.first() {
-            // One switch of speed less.
+            // Saves one change of speed.
             serial.settings = first.setup().serial;
         }
         let port = AnyPort::new(&config.name, serial);
         Line::over(port, config.bus, config.modules, config.observer)
     }
 
-    /// The same over a port of one's own.
+    /// The same over any [`Port`].
     ///
     /// # Errors
-    /// Where the system gives no timer.
+    /// If the system provides no timer.
     pub fn over(
         port: impl Port,
         bus: Config,
@@ -215,22 +215,22 @@ impl Line {
         &self.name
     }
 
-    /// How its port is.
+    /// The state of its port.
     #[must_use]
     pub fn state(&self) -> LineState {
         self.state.borrow().clone()
     }
 
-    /// What the port's driver granted at the last opening, such as low latency.
+    /// What the port's driver granted when it was last opened, such as low latency.
     #[must_use]
     pub fn granted(&self) -> Option<Granted> {
         *self.granted.borrow()
     }
 
-    /// Waits until the port is open, or could not be opened once.
+    /// Waits until the port is open, or the first attempt has failed.
     ///
     /// # Errors
-    /// Why it could not. The line goes on trying.
+    /// Why it failed. The line keeps trying.
     pub async fn opened(&self) -> Result<(), PortError> {
         let mut state = self.state.clone();
         let settled = state.wait_for(|state| *state != LineState::Opening).await;
@@ -247,15 +247,14 @@ impl Line {
         Events::of(&self.events)
     }
 
-    /// The line's time, in which [`Terms::expires`] and events are told: microseconds since
-    /// its start.
+    /// The line's time, used in [`Terms::expires`] and in events: microseconds since its start.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.clock.now()
     }
 
-    /// Does an op with a module and waits for its end. To drop the future does not take the
-    /// command back.
+    /// Runs an op on a module and waits for its end. Dropping the future does not cancel the
+    /// command.
     ///
     /// # Errors
     /// How it failed, and whether the module may have acted ([`Fault::may_have_acted`]).
@@ -267,24 +266,24 @@ impl Line {
             terms,
             reply,
         })?;
-        // Nobody answers only when the line's task broke down.
+        // There is no answer only if the line's task has panicked.
         end.await.unwrap_or(Err(Fault::Unknown))
     }
 
-    /// Makes an exchange of one's own between the line's, one after the other. To drop the future
-    /// takes it back as long as it was not sent.
+    /// Makes a raw exchange between the line's own; probes run one after the other. Dropping the
+    /// future cancels it as long as it was not sent.
     ///
     /// # Errors
-    /// [`Fault::Closed`], or [`Fault::Overloaded`] while too many wait; [`Fault::Unknown`] where
-    /// the port was lost behind one that may change something.
+    /// [`Fault::Closed`], or [`Fault::Overloaded`] if too many wait; [`Fault::Unknown`] if the port
+    /// was lost during one that may change something.
     pub async fn probe(&self, probe: Probe) -> Result<ProbeResult, Fault> {
         let (reply, end) = oneshot::channel();
         self.enqueue(Job::Probe { probe, reply })?;
-        // Nobody answers only when the line's task broke down, or had no port.
+        // There is no answer only if the line's task has panicked, or had no port.
         end.await.unwrap_or(Err(Fault::Unknown))
     }
 
-    /// Looks on at what passes from now on. It goes on when the port was lost and is found again.
+    /// Taps the line's traffic from now on. The tap survives a loss of the port.
     ///
     /// # Errors
     /// [`Fault::Closed`] while there is no port, or [`Fault::Overloaded`].
@@ -294,11 +293,11 @@ impl Line {
         tap.await.map_err(|_| Fault::Closed)
     }
 
-    /// Changes the modules of the line, between its exchanges: those that stay are asked on as if
-    /// nothing had been. What is handed in after this meets the modules that joined.
+    /// Changes the modules of the line between two exchanges; polling of the others is not
+    /// interrupted. Anything submitted afterwards sees the new modules.
     ///
     /// # Errors
-    /// [`Fault::Closed`]: the line is no more.
+    /// [`Fault::Closed`]: the line was closed.
     pub async fn change(&self, change: ModuleChanges) -> Result<(), Fault> {
         let handed = self.jobs.send(Job::Change(change)).await;
         handed.map_err(|_| Fault::Closed)
@@ -311,15 +310,15 @@ impl Line {
         })
     }
 
-    /// Closes the line: takes no more commands, gives those it has up to a second to end, lets
-    /// the frame on the wire leave, and releases the port. All clones are closed with it.
+    /// Closes the line: takes no more commands, gives pending ones up to a second to end, lets the
+    /// frame on the wire finish, and releases the port. Closes it for all clones.
     pub async fn close(&self) {
         let (reply, closed) = oneshot::channel();
         if self.jobs.send(Job::Close { reply }).await.is_ok() {
             let _ = closed.await;
         }
         let mut state = self.state.clone();
-        // Fails where the task is gone already.
+        // Fails if the task has already ended.
         let _ = state.wait_for(|state| *state == LineState::Closed).await;
     }
 }

@@ -1,26 +1,26 @@
-//! Modbus RTU frames in the envelope of Modbus TCP, and out of it.
+//! Converts Modbus RTU frames to Modbus TCP and back.
 //!
-//! The envelope is a transaction number, a protocol number (0), and the length of what follows:
-//! the module's address and the frame's inside. The CRC is left out.
+//! Modbus TCP puts a header before each message: a transaction number, a protocol number (0), and
+//! the length of what follows, which is the module's address and the PDU. There is no CRC.
 
 use railbus_wire::crc16;
 use std::io;
 
 /// Transaction, protocol and length.
 const HEADER: usize = 6;
-/// Address and inside are 2 to 254 bytes.
+/// Address and PDU are 2 to 254 bytes.
 const INSIDE_MIN: usize = 2;
 const INSIDE_MAX: usize = 254;
-/// The longest envelope.
+/// The longest message.
 pub(crate) const ENVELOPE_MAX: usize = HEADER + INSIDE_MAX;
 /// The longest RTU frame.
 const FRAME_MAX: usize = INSIDE_MAX + 2;
 
-/// Both directions of one connection. One request is under way at a time.
+/// Both directions of one connection. One request is in flight at a time.
 #[derive(Debug)]
 pub(crate) struct Mbap {
     transaction: u16,
-    /// The transaction whose reply is waited for.
+    /// The transaction whose reply is pending.
     awaited: Option<u16>,
     request: [u8; ENVELOPE_MAX],
     received: [u8; 2 * ENVELOPE_MAX],
@@ -28,8 +28,8 @@ pub(crate) struct Mbap {
 }
 
 impl Mbap {
-    /// `first` is the number of the first transaction. It should differ from one connection to
-    /// the next, for gateways that keep a queue beyond a connection's end.
+    /// `first` is the number of the first transaction. It should differ between connections, for
+    /// gateways whose queue outlives a connection.
     pub(crate) const fn new(first: u16) -> Mbap {
         Mbap {
             transaction: first,
@@ -40,7 +40,7 @@ impl Mbap {
         }
     }
 
-    /// The envelope of a request; nothing for bytes that are no RTU frame, since a gateway can't
+    /// The message for a request; none for bytes that are not an RTU frame, since a gateway can't
     /// send those.
     pub(crate) fn wrap(&mut self, frame: &[u8]) -> Option<&[u8]> {
         let inside = frame.get(..frame.len().checked_sub(2)?)?;
@@ -59,21 +59,21 @@ impl Mbap {
         Some(envelope)
     }
 
-    /// Where the next bytes received go.
+    /// The buffer for the next bytes received.
     pub(crate) fn room(&mut self) -> &mut [u8] {
         self.received.get_mut(self.len..).unwrap_or_default()
     }
 
-    /// So many bytes were received.
+    /// This many bytes were received.
     pub(crate) fn received(&mut self, count: usize) {
         self.len = (self.len + count).min(self.received.len());
     }
 
-    /// Writes the next reply as an RTU frame and gives its length, or nothing when none is
-    /// whole. Replies to other transactions are dropped.
+    /// Writes the next reply as an RTU frame and returns its length, or none if no reply is
+    /// complete. Replies to other transactions are dropped.
     ///
     /// # Errors
-    /// Where the bytes are no Modbus TCP: nobody knows where the next envelope begins.
+    /// If the bytes are not Modbus TCP: the start of the next message is unknown.
     pub(crate) fn unwrap(&mut self, out: &mut [u8]) -> io::Result<Option<usize>> {
         while let Some((transaction, inside)) = self.envelope()? {
             let (start, end) = (HEADER, HEADER + inside);
@@ -92,7 +92,7 @@ impl Mbap {
         Ok(None)
     }
 
-    /// Transaction and inner length of the first envelope, once it is whole.
+    /// Transaction and length of the first message, once it is complete.
     fn envelope(&self) -> io::Result<Option<(u16, usize)>> {
         let received = self.received.get(..self.len).unwrap_or_default();
         let Some(&[t1, t0, p1, p0, l1, l0]) = received.first_chunk::<HEADER>() else {
@@ -107,7 +107,7 @@ impl Mbap {
     }
 }
 
-/// Address and inside with the CRC that the line expects.
+/// Writes address and PDU with the CRC that the line expects.
 fn write_frame(inside: &[u8], out: &mut [u8]) -> io::Result<usize> {
     let len = inside.len() + 2;
     debug_assert!(len <= FRAME_MAX);
@@ -164,7 +164,7 @@ mod tests {
         let own = [0, 1, 0, 0, 0, 4, 1, 1, 1, 1];
         let both = [stale, own].concat();
         assert_eq!(hear(&mut mbap, &both).unwrap().as_deref(), Some(&REPLY[..]));
-        // The same reply again answers nothing.
+        // A duplicate of the reply answers nothing.
         assert_eq!(hear(&mut mbap, &own).unwrap(), None);
     }
 

@@ -1,4 +1,4 @@
-//! A line behind a gateway that speaks Modbus TCP: RTU frames on our side.
+//! A line behind a Modbus TCP gateway: RTU frames on our side.
 
 use crate::mbap::Mbap;
 use crate::{LineName, Port, PortError, tcp};
@@ -9,18 +9,18 @@ use std::io;
 use std::task::{Context, Poll, ready};
 use tokio::net::TcpStream;
 
-/// A connection to a Modbus TCP gateway. Speed and format are the gateway's affair, and it
-/// carries Modbus only: frames of other protocols go nowhere, as if no module answered.
+/// A connection to a Modbus TCP gateway. The gateway sets speed and format, and it carries Modbus
+/// only: frames of other protocols are dropped, as if no module answered.
 #[derive(Debug)]
 pub struct ModbusTcpPort {
     host: String,
     port: u16,
-    /// Boxed because its buffers are large beside other ports.
+    /// Boxed because its buffers are larger than other ports.
     connection: Option<Box<(TcpStream, Mbap)>>,
 }
 
 impl ModbusTcpPort {
-    /// The gateway there, not connected.
+    /// The port of a gateway, not connected.
     #[must_use]
     pub const fn new(host: String, port: u16) -> ModbusTcpPort {
         ModbusTcpPort {

@@ -1,27 +1,27 @@
-//! The names of lines' ports, as users write them.
+//! The names of ports, as users write them.
 
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// The TCP port of Modbus TCP, where the name says none.
+/// The TCP port of Modbus TCP if the name has none.
 const MODBUS_TCP: u16 = 502;
 
-/// Where a line's port is. Its text form is what [`FromStr`] reads.
+/// The port of a line. Its text form is what [`FromStr`] reads.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum LineName {
     /// `/dev/ttyUSB0`, `/dev/serial/by-id/…`: a serial port.
     Serial(PathBuf),
-    /// `pty:/tmp/v0`: a terminal without a wire behind it, so that its bytes take no time.
+    /// `pty:/tmp/v0`: a terminal without a wire behind it, whose bytes take no time.
     Pty(PathBuf),
-    /// `tcp:10.0.0.5:4001`: a serial server that passes bytes on as they are.
+    /// `tcp:10.0.0.5:4001`: a serial server that passes bytes through.
     Tcp {
         /// Name or address.
         host: String,
         /// TCP port.
         port: u16,
     },
-    /// `mbtcp:10.0.0.5:502`: a gateway that speaks Modbus TCP. Without a port it is 502.
+    /// `mbtcp:10.0.0.5:502`: a Modbus TCP gateway. The default port is 502.
     ModbusTcp {
         /// Name or address.
         host: String,
@@ -30,7 +30,7 @@ pub enum LineName {
     },
 }
 
-/// Why a text names no port.
+/// Why a text is not the name of a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NameError {
     /// It is neither an absolute path nor begins with `tcp:`, `mbtcp:` or `pty:`.
@@ -119,7 +119,7 @@ impl fmt::Display for LineName {
     }
 }
 
-/// A host as it stands before a colon.
+/// A host as written before a colon.
 struct Bracketed<'a>(&'a str);
 
 impl fmt::Display for Bracketed<'_> {

@@ -1,4 +1,4 @@
-//! The callers who wait for the end of something.
+//! The calls that wait for a result.
 
 use crate::clock::Clock;
 use crate::line::{Done, LATE_MAX, ProbeResult};
@@ -10,41 +10,41 @@ use railbus_wire::{Instant, Micros, Settings};
 use std::collections::VecDeque;
 use tokio::sync::oneshot;
 
-/// The most bytes kept of what a probe meets.
+/// The most bytes kept of the answer to a probe.
 const RX_LOG_MAX: usize = 300;
-/// The most probes that wait for their turn.
+/// The most probes in the queue.
 const PROBES_MAX: usize = 16;
 
-/// Whom the end of a probe is told.
+/// Where the result of a probe is sent.
 pub(crate) type ProbeReply = oneshot::Sender<Result<ProbeResult, Fault>>;
 
-/// Everyone who waits.
+/// All pending calls.
 #[derive(Debug)]
 pub(crate) struct PendingCalls {
     runs: Vec<PendingRun>,
     probe: Option<PendingProbe>,
-    /// Probes that wait for the end of that one.
+    /// Probes that wait for that one to end.
     probes: VecDeque<(Probe, ProbeReply)>,
     late: Vec<LateReply>,
     tap: Option<TapSender>,
-    /// There is a probe or a tap: one question for both, in the way of every byte.
+    /// There is a probe or a tap: a single check for both, since it is made for every byte.
     records: bool,
 }
 
-/// A caller who waits for a command's end.
+/// A caller that waits for a command's end.
 #[derive(Debug)]
 pub(crate) struct PendingRun {
     pub(crate) ticket: Ticket,
     pub(crate) module: ModuleId,
     pub(crate) op: Op,
     pub(crate) submitted: Instant,
-    /// The last thing seen that may be the answer, and when it was asked for.
+    /// The last observation that may be the answer, and when its request began.
     pub(crate) seen: Option<(Observation, Instant)>,
     pub(crate) reply: oneshot::Sender<Result<Done, Fault>>,
 }
 
-/// A caller who waits for a probe's end. What comes back is recorded here, because the state
-/// machine keeps no reply that it has understood.
+/// A caller that waits for a probe's end. What comes back is recorded here, because the state
+/// machine does not keep replies it has understood.
 #[derive(Debug)]
 struct PendingProbe {
     sent: Vec<u8>,
@@ -65,13 +65,13 @@ impl PendingCalls {
         }
     }
 
-    /// Lets one more look on.
+    /// Adds a tap.
     pub(crate) fn tap(&mut self, clock: Clock) -> Tap {
         self.records = true;
         self.tap.get_or_insert_with(|| TapSender::new(clock)).tap()
     }
 
-    /// Whether nobody waits.
+    /// Whether no call is pending.
     pub(crate) fn is_idle(&self) -> bool {
         self.runs.is_empty() && self.probe.is_none() && self.probes.is_empty()
     }
@@ -80,7 +80,7 @@ impl PendingCalls {
         self.runs.push(run);
     }
 
-    /// Lets a probe wait for its turn. Whoever went away meanwhile has left his place.
+    /// Queues a probe, after dropping those whose caller is gone.
     pub(crate) fn queue_probe(&mut self, probe: Probe, reply: ProbeReply) {
         self.probes.retain(|(_, reply)| !reply.is_closed());
         if self.probes.len() >= PROBES_MAX {
@@ -90,12 +90,12 @@ impl PendingCalls {
         self.probes.push_back((probe, reply));
     }
 
-    /// Whether there is a probe, under way or waiting: asked at every step of the line.
+    /// Whether a probe is in flight or queued: checked at every step of the line.
     pub(crate) fn has_probes(&self) -> bool {
         self.probe.is_some() || !self.probes.is_empty()
     }
 
-    /// The next probe for which somebody still waits, unless one is under way.
+    /// The next probe whose caller still waits, unless one is in flight.
     pub(crate) fn next_probe(&mut self) -> Option<(Probe, ProbeReply)> {
         if self.probe.is_some() {
             return None;
@@ -104,13 +104,13 @@ impl PendingCalls {
         waiting.find(|(_, reply)| !reply.is_closed())
     }
 
-    /// Whether nobody waits any more for the probe under way.
+    /// Whether the caller of the probe in flight is gone.
     pub(crate) fn is_abandoned(&self) -> bool {
         let probe = self.probe.as_ref();
         probe.is_some_and(|probe| probe.reply.is_closed())
     }
 
-    /// The line has a probe. Its end is told with what came back.
+    /// The line has taken a probe. Its result includes what comes back.
     pub(crate) fn add_probe(&mut self, changes: bool, reply: ProbeReply) {
         self.records = true;
         self.probe = Some(PendingProbe {
@@ -121,19 +121,19 @@ impl PendingCalls {
         });
     }
 
-    /// The line has no probe any more, and sent none.
+    /// The line has dropped the probe without sending it.
     pub(crate) fn forget_probe(&mut self) {
         self.probe = None;
     }
 
-    /// A frame goes out.
+    /// A frame was sent.
     pub(crate) fn sent(&mut self, bytes: &[u8], settings: Settings) {
         if self.records {
             self.record_sent(bytes, settings);
         }
     }
 
-    /// Bytes came in.
+    /// Bytes were received.
     pub(crate) fn heard(&mut self, bytes: &[u8], echoes: impl FnOnce() -> bool) {
         if self.records {
             self.record_heard(bytes, echoes());
@@ -159,7 +159,7 @@ impl PendingCalls {
         self.tell(|tap| tap.heard(bytes, echoes));
     }
 
-    /// Tells those who look on; the last of them may have gone.
+    /// Passes something to the taps; the last of them may have gone.
     fn tell(&mut self, what: impl FnOnce(&mut TapSender) -> bool) {
         if let Some(tap) = &mut self.tap
             && !what(tap)
@@ -169,7 +169,7 @@ impl PendingCalls {
         self.records = self.probe.is_some() || self.tap.is_some();
     }
 
-    /// A module said something.
+    /// A module reported something.
     pub(crate) fn seen(&mut self, module: ModuleId, op: &Op, seen: Observation, asked: Instant) {
         for run in self.runs.iter_mut().filter(|run| run.module == module) {
             let answers = if run.op.is_read() {
@@ -193,7 +193,7 @@ impl PendingCalls {
             confirmed,
             took,
             seen: run.seen.and_then(|(seen, asked)| {
-                // Outputs asked for before a write was answered say nothing of it.
+                // Outputs requested before the write was answered say nothing about it.
                 let is_after = match confirmed {
                     Confirmed::Readback => true,
                     Confirmed::Reply => asked >= run.submitted + took,
@@ -202,11 +202,11 @@ impl PendingCalls {
                 (run.op.is_read() || is_after).then_some(seen)
             }),
         });
-        // Fails where the caller has gone away.
+        // Fails if the caller is gone.
         let _ = run.reply.send(done);
     }
 
-    /// A reply came to a probe that was over: whoever probes next is told.
+    /// A late reply to a probe: kept for the result of the next probe.
     pub(crate) fn late(&mut self, reply: LateReply) {
         if self.late.len() < LATE_MAX {
             self.late.push(reply);
@@ -229,8 +229,8 @@ impl PendingCalls {
         }
     }
 
-    /// The line is closed: who still waits is told so. Of a probe that was sent and may change
-    /// something nobody knows how it ended.
+    /// The line is closed: all pending calls end. How a probe ended that was sent and may change
+    /// something is unknown.
     pub(crate) fn clear(&mut self, probe_was_sent: bool) {
         for run in self.runs.drain(..) {
             let _ = run.reply.send(Err(Fault::Unknown));

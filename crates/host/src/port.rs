@@ -1,4 +1,4 @@
-//! The border between the line and what carries its bytes.
+//! The interface between the line and what carries its bytes.
 
 use crate::{Granted, LineName, ModbusTcpPort, PortError, SerialOptions, SerialPort, TcpPort};
 use railbus_bus::{Medium, Past};
@@ -7,71 +7,71 @@ use std::future::{Future, poll_fn};
 use std::io;
 use std::task::{Context, Poll};
 
-/// What carries a line's bytes. It is opened again and again under the same name; between a
-/// failure and the next [`Port::open`] nothing else is asked of it.
+/// What carries a line's bytes. It is opened again and again under the same name; between a failure
+/// and the next [`Port::open`] nothing else is called.
 pub trait Port: Send + 'static {
-    /// The name it is opened by.
+    /// The name of the port.
     fn name(&self) -> String;
 
-    /// What lies behind it; asked after it was opened.
+    /// What lies behind it; called after it was opened.
     fn medium(&self) -> Medium;
 
-    /// What its driver granted of what it was asked for; nothing where there is no driver.
+    /// What its driver granted; none if there is no driver.
     fn granted(&self) -> Option<Granted> {
         None
     }
 
-    /// What is known of those who had it before it was opened, whose replies may still come.
+    /// What is known of earlier users, to whom replies may still come.
     fn past(&self) -> Past {
         Past::Unknown
     }
 
-    /// Nothing that was sent through it can be answered any more: whoever opens it next need not
-    /// fear for that. To be said before it is closed; where it was not, and something was sent
-    /// lately, the next one listens for as long as a reply can be late.
+    /// Marks the port as settled: no reply can come any more to what was sent, so the next user
+    /// need not wait for late replies. Called before closing; if it was not called and something
+    /// was sent recently, the next user waits for as long as a reply can be late.
     fn settle(&mut self) {}
 
-    /// Opens it, or opens it anew. To drop the future ends the attempt.
+    /// Opens or reopens it. Dropping the future cancels the attempt.
     fn open(&mut self) -> impl Future<Output = Result<(), PortError>> + Send;
 
-    /// The next bytes, as many as there are; until there are any, the task is woken for them.
+    /// Reads the bytes that are available; if there are none, the task is woken when some arrive.
     ///
     /// # Errors
-    /// Where the port is lost. Never `Ok(0)`: an end is an error, too.
+    /// If the port is lost. Never `Ok(0)`: end of file is an error, too.
     fn poll_read(&mut self, cx: &mut Context<'_>, buffer: &mut [u8]) -> Poll<io::Result<usize>>;
 
-    /// The same as a future. To drop it loses no bytes.
+    /// The same as a future, which is cancel-safe.
     ///
     /// # Errors
-    /// As of [`Port::poll_read`].
+    /// As for [`Port::poll_read`].
     fn read(&mut self, buffer: &mut [u8]) -> impl Future<Output = io::Result<usize>> + Send {
         poll_fn(|cx| self.poll_read(cx, buffer))
     }
 
-    /// Hands one frame to the system, at this speed and in this format. It does not wait: what
-    /// can't leave now must not leave later, when the line's time for it is over.
+    /// Passes one frame to the system, with these settings. It does not wait: what can't be sent
+    /// now must not be sent later, when the line's time for it is over.
     ///
     /// # Errors
-    /// Where the port is lost, or does not take the whole frame at once.
+    /// If the port is lost, or does not take the whole frame at once.
     fn send(&mut self, bytes: &[u8], settings: Settings) -> io::Result<()>;
 
-    /// Gives it up. What has not left yet is lost.
+    /// Closes it. What has not been sent yet is lost.
     fn close(&mut self);
 }
 
-/// Any of the ports that a [`LineName`] names.
+/// Any port that a [`LineName`] can name.
 #[derive(Debug)]
 pub enum AnyPort {
     /// A serial port or pseudo-terminal.
     Serial(SerialPort),
-    /// A serial server that passes bytes on as they are.
+    /// A serial server that passes bytes through.
     Tcp(TcpPort),
-    /// A gateway that speaks Modbus TCP.
+    /// A Modbus TCP gateway.
     ModbusTcp(ModbusTcpPort),
 }
 
 impl AnyPort {
-    /// The port of that name, closed. `options` are for serial ports.
+    /// The port with this name, closed. `options` apply to serial ports.
     #[must_use]
     pub fn new(name: &LineName, options: SerialOptions) -> AnyPort {
         match name {

@@ -16,17 +16,17 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 use tty::Tty;
 
-/// How a serial port is to be used.
+/// How a serial port is used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SerialOptions {
-    /// Speed and character format at the opening; each frame brings its own.
+    /// Speed and character format when it is opened; each frame brings its own.
     pub settings: Settings,
-    /// Have the driver switch the transceiver by RTS; none for adapters that need no help.
+    /// Let the driver switch the transceiver by RTS; none for adapters that do it themselves.
     pub rs485: Option<Rs485>,
-    /// Ask the driver to hand bytes over at once.
+    /// Ask the driver to pass bytes on at once.
     pub low_latency: bool,
-    /// Only listen: the port is opened for reading alone, so that nothing can be sent through
-    /// it, and RTS is lowered at once, so that a transceiver switched by it listens, too.
+    /// Listen only: the port is opened for reading alone, so that nothing can be sent, and RTS is
+    /// lowered at once, so that a transceiver switched by it listens, too.
     pub listen_only: bool,
 }
 
@@ -41,17 +41,17 @@ impl Default for SerialOptions {
     }
 }
 
-/// How RTS switches the transceiver from listening to talking, in the words of the kernel's
+/// How RTS switches the transceiver between receiving and sending, in the terms of the kernel's
 /// `serial_rs485`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rs485 {
-    /// RTS is high while talking and low while listening, or the reverse.
+    /// RTS is high while sending and low while receiving, or the reverse.
     pub rts_high_on_send: bool,
-    /// Listen to what is sent: the line has an echo then.
+    /// Receive while sending: the line then has an echo.
     pub listen_on_send: bool,
-    /// Switch on the termination, where the board has one to switch.
+    /// Switch the termination on, if the board has a switchable one.
     pub terminate: bool,
-    /// From RTS to the first bit; whole milliseconds, which drivers limit to about 100.
+    /// From RTS to the first bit; whole milliseconds, limited by drivers to about 100.
     pub delay_before_send: Duration,
     /// From the last bit to RTS.
     pub delay_after_send: Duration,
@@ -69,10 +69,10 @@ impl Default for Rs485 {
     }
 }
 
-/// What a driver granted of what it was asked for.
+/// What a driver granted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Granted {
-    /// It hands bytes over at once. Without that, an FTDI adapter may add 16 ms to each reply.
+    /// It passes bytes on at once. Without that, an FTDI adapter may add 16 ms to each reply.
     pub low_latency: bool,
     /// It switches the transceiver by RTS.
     pub rs485: bool,
@@ -83,7 +83,7 @@ pub struct Granted {
 pub struct SerialPort {
     path: PathBuf,
     options: SerialOptions,
-    /// Treated as a pseudo-terminal, whatever it is.
+    /// Treated as a pseudo-terminal even if it is not one.
     pseudo: bool,
     tty: Option<Box<Tty>>,
 }
@@ -100,7 +100,7 @@ impl SerialPort {
         }
     }
 
-    /// The same for a terminal that has no wire behind it, even where that can't be seen.
+    /// The same for a terminal without a wire behind it, even where that can't be detected.
     #[must_use]
     pub fn pseudo(path: PathBuf, options: SerialOptions) -> SerialPort {
         SerialPort {
@@ -109,8 +109,8 @@ impl SerialPort {
         }
     }
 
-    /// Speed and format last asked for. A pseudo-terminal takes no parity, so that this can't be
-    /// read from the port itself.
+    /// The settings last requested. A pseudo-terminal has no parity, so they can't be read from the
+    /// port itself.
     #[must_use]
     pub fn settings(&self) -> Option<Settings> {
         self.tty.as_ref().map(|tty| tty.settings())
@@ -153,8 +153,8 @@ impl Port for SerialPort {
     async fn open(&mut self) -> Result<(), PortError> {
         self.close();
         let (path, options) = (self.path.clone(), self.options);
-        // Drivers may take long to open, and to find the holder of a busy port takes a walk
-        // through all processes: the other lines are not to wait for that.
+        // Opening may be slow in a driver, and finding the holder of a busy port walks all
+        // processes: other lines must not wait for that.
         let tty = tokio::task::spawn_blocking(move || Tty::open(&path, options).map(Box::new));
         self.tty = Some(tty.await.map_err(|_| PortError::Io(0))??);
         Ok(())

@@ -1,40 +1,40 @@
-//! What passes on a line, for those who look on. It is the line's own view: nothing is sent for
-//! it, and while nobody looks it costs nothing.
+//! A tap of a line's traffic. It is the line's own view: nothing is sent for it, and without a tap
+//! it costs nothing.
 
 use crate::clock::Clock;
 use railbus_wire::{Instant, Micros, Settings};
 use std::sync::Arc;
 use tokio::sync::broadcast;
 
-/// How many pieces wait for one who looks on before the oldest are dropped.
+/// How many frames wait for a tap before the oldest are dropped.
 const PIECES_MAX: usize = 256;
 
-/// Bytes that passed.
+/// Bytes sent or received.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TapFrame {
-    /// When they were handed to the port, or came from it; as [`crate::Line::now`] counts.
+    /// When they were passed to the port or came from it, in the time of [`crate::Line::now`].
     pub at: Instant,
-    /// A frame that was sent, at this speed and in this format; or else bytes that were heard.
+    /// The settings of a frame that was sent; none for received bytes.
     pub sent: Option<Settings>,
     /// All of them.
     pub bytes: Arc<[u8]>,
 }
 
-/// What is heard so soon after a tap began, and before a frame was sent, may be the rest of a
-/// reply to an earlier one: half a frame, which would be told as a bad one.
+/// Bytes received this soon after a tap was opened, before a frame was sent, may be the rest of an
+/// earlier reply: half a frame, which would be shown as a bad one.
 const BEGINNING: Micros = Micros::from_millis(500);
 
-/// The end of one who looks on.
+/// The receiving end.
 #[derive(Debug)]
 pub struct Tap {
     pieces: broadcast::Receiver<TapFrame>,
-    /// Until a frame is sent, what is heard before this is passed over.
+    /// Until a frame is sent, bytes received before this moment are skipped.
     begins: Option<Instant>,
 }
 
 impl Tap {
-    /// What passes next, or how many pieces before that were lost because this receiver was too
-    /// slow; none after the line was closed. To drop the future loses nothing.
+    /// The next bytes, or how many frames were lost because this receiver was too slow; none after
+    /// the line was closed. Cancel-safe.
     pub async fn next(&mut self) -> Option<Result<TapFrame, u64>> {
         loop {
             match self.pieces.recv().await {
@@ -56,7 +56,7 @@ impl Tap {
     }
 }
 
-/// The line's end of it.
+/// The sending end.
 #[derive(Debug)]
 pub(crate) struct TapSender {
     sender: broadcast::Sender<TapFrame>,
@@ -81,21 +81,21 @@ impl TapSender {
         }
     }
 
-    /// Tells a frame that is sent; false once nobody looks on any more.
+    /// Passes on a frame that is sent; false once there is no tap left.
     pub(crate) fn sent(&mut self, bytes: &[u8], settings: Settings) -> bool {
         self.echo.clear();
         self.echo.extend_from_slice(bytes);
         self.tell(Some(settings), bytes)
     }
 
-    /// Tells what came, without the adapter's echo where it has one; false as above.
+    /// Passes on received bytes, without the adapter's echo; false as above.
     pub(crate) fn heard(&mut self, bytes: &[u8], echoes: bool) -> bool {
         if !echoes {
             return self.tell(None, bytes);
         }
         let same = self.echo.iter().zip(bytes).take_while(|(a, b)| a == b);
         let count = same.count();
-        // What differs is no echo any more, nor is anything behind it.
+        // From the first difference on, it is not an echo.
         match count == bytes.len() {
             true => drop(self.echo.drain(..count)),
             false => self.echo.clear(),
@@ -153,7 +153,7 @@ mod tests {
         tapped.heard(&[2], false);
         assert_eq!(rest(&mut tap).await, [1]);
         assert_eq!(rest(&mut tap).await, [2]);
-        // On a line where nothing is sent, noise is shown all the same.
+        // On a line where nothing is sent, noise is shown anyway.
         let mut tap = tapped.tap();
         tap.begins = Some(Instant(0));
         tapped.heard(&[9], false);

@@ -1,4 +1,4 @@
-//! The task of a line: does what the state machine says, and looks for the port when it is gone.
+//! The task of a line: runs the state machine, and reopens the port when it was lost.
 
 use crate::backoff::Backoff;
 use crate::clock::Alarm;
@@ -17,9 +17,9 @@ use std::sync::Arc;
 use std::task::Poll;
 use tokio::sync::{mpsc, oneshot};
 
-/// How long commands are given to end when the line is closed.
+/// How long pending commands may take to end when the line is closed.
 const CLOSING_MAX: Micros = Micros::from_secs(1);
-/// More than any frame, and more than any chunk that adapters hand over at once.
+/// More than any frame, and more than any chunk that adapters deliver at once.
 const BUFFER: usize = 512;
 
 /// A line's port, state machine and callers.
@@ -33,11 +33,12 @@ pub(crate) struct Task<P> {
     pending: PendingCalls,
     publisher: Publisher,
     alarm: Alarm,
-    /// The last moment told to the state machine.
+    /// The last moment passed to the state machine.
     told: Instant,
-    /// How far its time lies behind the clock. It takes a frame to leave at the moment told
-    /// last. A task that was held up sends later, and so counts the silence after the frame
-    /// from too early on: its time stands still meanwhile, until something is heard again.
+    /// How far its time lags behind the clock. The state machine assumes that a frame is sent at
+    /// the last moment passed to it. A task that was delayed sends later, and would count the
+    /// silence after the frame from too early on: so the state machine's time stands still until
+    /// something is received.
     lag: Micros,
     last: LastFrame,
     closing: Option<Closing>,
@@ -47,7 +48,7 @@ pub(crate) struct Task<P> {
 #[derive(Debug)]
 struct Members {
     modules: Vec<(Module, Plan)>,
-    /// Those that left.
+    /// Those that were removed.
     left: Vec<ModuleId>,
 }
 
@@ -75,7 +76,7 @@ impl Members {
     }
 }
 
-/// When the frame sent last was sent, and what is needed to say when it will have left.
+/// When the last frame was sent, and what is needed to compute when it is complete on the wire.
 #[derive(Clone, Copy, Debug)]
 struct LastFrame {
     at: Instant,
@@ -88,11 +89,11 @@ struct LastFrame {
 struct Closing {
     /// Commands may end until then.
     until: Instant,
-    /// Who asked for it; nobody where all handles were dropped.
+    /// Who asked for it; none if all handles were dropped.
     reply: Option<oneshot::Sender<()>>,
 }
 
-/// What a line waits for.
+/// What wakes the line's task.
 #[derive(Debug)]
 enum Wakeup {
     Bytes(io::Result<usize>),
@@ -100,7 +101,7 @@ enum Wakeup {
     Job(Option<Job>),
 }
 
-/// Why the line does not go on as it did.
+/// Why the line stops.
 #[derive(Debug)]
 enum Stop {
     Lost(io::Error),
@@ -146,7 +147,7 @@ impl<P: Port> Task<P> {
         }
     }
 
-    /// The line's life, until it is closed or nobody has a handle of it any more.
+    /// Runs the line until it is closed or all its handles are dropped.
     pub(crate) async fn run(mut self) {
         let mut backoff = Backoff::new();
         while self.closing.is_none() {
@@ -171,7 +172,7 @@ impl<P: Port> Task<P> {
         }
     }
 
-    /// Opens the port; nothing when the line was closed meanwhile.
+    /// Opens the port; none if the line was closed meanwhile.
     async fn open(&mut self) -> Option<Result<(), PortError>> {
         let (members, bus, told) = (&mut self.members, &mut self.bus, self.told);
         let change = |change| members.change(bus, told, change);
@@ -184,7 +185,7 @@ impl<P: Port> Task<P> {
         }
     }
 
-    /// Waits until it is worth while to look for the port again.
+    /// Waits before the next attempt to open the port.
     async fn pause(&mut self, pause: Micros) {
         let (members, bus, told) = (&mut self.members, &mut self.bus, self.told);
         let change = |change| members.change(bus, told, change);
@@ -198,7 +199,7 @@ impl<P: Port> Task<P> {
     async fn be_up(&mut self) -> Option<PortError> {
         let config = with_medium(self.config, self.port.medium());
         if config.medium != self.config.medium {
-            // What the port is shows only now. No command was taken yet.
+            // The medium is known only once the port is open. No command was taken yet.
             self.config = config;
             self.bus = self.members.build(config);
         }
@@ -255,7 +256,7 @@ impl<P: Port> Task<P> {
         Ok(())
     }
 
-    /// Does what the state machine says until it waits; the clock's time until which it does.
+    /// Runs the state machine until it waits; returns the deadline in the clock's time.
     fn drain(&mut self) -> Result<Option<Instant>, Stop> {
         loop {
             if self.is_drained() {
@@ -282,7 +283,7 @@ impl<P: Port> Task<P> {
         }
     }
 
-    /// The state machine's deadline as the clock counts, and no later than the closing.
+    /// The state machine's deadline in the clock's time, at most the deadline for closing.
     fn wake_at(&self, deadline: Option<Instant>) -> Option<Instant> {
         let deadline = deadline.map(|at| at + self.lag);
         let Some(closing) = &self.closing else {
@@ -296,7 +297,7 @@ impl<P: Port> Task<P> {
     }
 
     /// Bytes go first: they decide what a deadline means. Jobs go last, so that a flood of them
-    /// holds up nothing.
+    /// delays nothing.
     async fn next(&mut self, buffer: &mut [u8; BUFFER]) -> Wakeup {
         let takes_jobs = self.closing.is_none();
         poll_fn(|cx| {
@@ -323,7 +324,7 @@ impl<P: Port> Task<P> {
         Instant(now.0.saturating_sub(self.lag.0)).max(self.told)
     }
 
-    /// The event is told before the caller is answered: who reads after a write sees the write.
+    /// Events are published before the caller gets its result: a read after a write sees the write.
     fn on_event(&mut self, event: Event) {
         self.publisher.publish(event);
         match event {
@@ -351,7 +352,7 @@ impl<P: Port> Task<P> {
         }
     }
 
-    /// Takes all jobs that wait, so that writes handed in together can share a frame.
+    /// Takes all waiting jobs, so that writes submitted together can share a frame.
     fn take_all(&mut self, first: Option<Job>) {
         self.take(first);
         while self.closing.is_none()
@@ -392,8 +393,8 @@ impl<P: Port> Task<P> {
         }
     }
 
-    /// Probes go one after the other. One that was not sent yet goes no more when nobody waits
-    /// for it; one that was is heard to its end, so that the next one gets no foreign reply.
+    /// Probes run one after the other. One that was not sent yet is dropped when its caller is
+    /// gone; one that was sent is waited for, so that the next one does not get its reply.
     #[cold]
     fn turn_to_next_probe(&mut self) {
         if self.pending.is_abandoned() && self.bus.withdraw_probe() {
@@ -418,7 +419,7 @@ impl<P: Port> Task<P> {
         self.closing = Some(Closing { until, reply });
     }
 
-    /// Whether nothing keeps a line any more that is being closed.
+    /// Whether nothing is pending on a line that is being closed.
     fn is_drained(&self) -> bool {
         let Some(closing) = &self.closing else {
             return false;
@@ -428,12 +429,12 @@ impl<P: Port> Task<P> {
         closing.until <= now || self.pending.is_idle() && !awaits_late
     }
 
-    /// Until when a late reply may come that would meet whoever opens the port next.
+    /// Until when a late reply may come that would reach the next user of the port.
     fn late_replies_until(&self) -> Option<Instant> {
         self.bus.late_replies_until().map(|until| until + self.lag)
     }
 
-    /// A frame cut off could be taken for another one.
+    /// A truncated frame could be taken for another one.
     async fn let_frame_leave(&mut self) {
         let LastFrame {
             at,
@@ -448,12 +449,12 @@ impl<P: Port> Task<P> {
 }
 
 impl Job {
-    /// Ends what can't be done without a port.
+    /// Ends a job that needs a port.
     fn refuse(self) {
         match self {
             Job::Run { reply, .. } => drop(reply.send(Err(Fault::Closed))),
             Job::Probe { reply, .. } => drop(reply.send(Err(Fault::Closed))),
-            // Who waits for it is told by its end.
+            // The caller sees that the channel is closed.
             Job::Tap { reply } => drop(reply),
             Job::Change(_) => {}
             Job::Close { reply } => drop(reply.send(())),
@@ -461,8 +462,8 @@ impl Job {
     }
 }
 
-/// Waits for something while there is no port: modules can change, other jobs can't be done.
-/// Where the line is closed meanwhile, the error says who did it.
+/// Waits for something while there is no port: modules can change, other jobs are refused. If the
+/// line is closed meanwhile, the error says by whom.
 async fn without_port<T>(
     jobs: &mut mpsc::Receiver<Job>,
     mut change: impl FnMut(ModuleChanges),
@@ -483,7 +484,8 @@ async fn without_port<T>(
     .await
 }
 
-/// A port that buffers makes the line buffered; one that does not, may stand before one that does.
+/// A buffered port makes the line buffered; one that is not may still have a buffered one behind
+/// it.
 const fn with_medium(config: Config, medium: Medium) -> Config {
     Config {
         medium: match medium {

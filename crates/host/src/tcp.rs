@@ -1,4 +1,4 @@
-//! Serial servers that pass bytes on as they are.
+//! Serial servers that pass bytes through.
 
 use crate::clock::within;
 use crate::{LineName, Port, PortError};
@@ -10,10 +10,10 @@ use std::task::{Context, Poll, ready};
 use std::time::Duration;
 use tokio::net::TcpStream;
 
-/// The longest that a connection may take to come about.
+/// The longest that connecting may take.
 const CONNECT_MAX: Micros = Micros::from_secs(3);
-/// A server that acknowledges nothing for so long is gone. Without this, a server that lost its
-/// power would look like a line of silent modules for a quarter of an hour.
+/// A server that acknowledges nothing for this long is gone. Otherwise a server without power would
+/// look like a line of silent modules for a quarter of an hour.
 const SILENT_MAX: Duration = Duration::from_secs(5);
 
 /// A connection to a serial server.
@@ -25,7 +25,7 @@ pub struct TcpPort {
 }
 
 impl TcpPort {
-    /// The port there, closed.
+    /// The port of a server, closed.
     #[must_use]
     pub const fn new(host: String, port: u16) -> TcpPort {
         TcpPort {
@@ -68,7 +68,7 @@ impl Port for TcpPort {
     }
 }
 
-/// A connection that sends small frames at once and notices when nobody is there any more.
+/// A connection that sends small frames at once and notices when the other end is gone.
 pub(crate) async fn connect(host: &str, port: u16) -> Result<TcpStream, PortError> {
     let attempt = within(CONNECT_MAX, TcpStream::connect((host, port))).await;
     let attempt = attempt.map_err(|error| PortError::of_loss(&error))?;
@@ -106,8 +106,8 @@ pub(crate) fn poll_read(
     }
 }
 
-/// Hands over a frame whole; where that fails the connection can't be used any more, because
-/// nobody knows where in a frame the other end is.
+/// Sends a whole frame; if that fails the connection can't be used any more, because the other
+/// end's position in a frame is unknown.
 pub(crate) fn send(stream: Option<&TcpStream>, bytes: &[u8]) -> io::Result<()> {
     let stream = stream.ok_or(io::ErrorKind::NotConnected)?;
     match stream.try_write(bytes)? {
@@ -116,11 +116,11 @@ pub(crate) fn send(stream: Option<&TcpStream>, bytes: &[u8]) -> io::Result<()> {
     }
 }
 
-/// Why no connection came about.
+/// Why connecting failed.
 fn refused(error: &io::Error) -> PortError {
     match error.kind() {
         io::ErrorKind::ConnectionRefused => PortError::Refused,
-        // The resolver's errors have no number of the system: there is no such host.
+        // Errors of the resolver have no system error number: there is no such host.
         _ if error.raw_os_error().is_none() => PortError::Missing,
         _ => PortError::of_loss(error),
     }

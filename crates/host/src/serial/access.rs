@@ -1,12 +1,12 @@
-//! Who may open a port: told to those who may not.
+//! The permissions of a port, for the error when they are missing.
 
 use crate::Access;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-/// The rights to a device. It is asked of the device itself, because the group differs from one
-/// system to another.
+/// The permissions of a device. Read from the device itself, because the group differs between
+/// systems.
 pub(crate) fn of(path: &Path) -> Access {
     match fs::metadata(path) {
         Ok(device) => Access {

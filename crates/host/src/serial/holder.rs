@@ -1,4 +1,4 @@
-//! Who has a port open, as far as this user may see.
+//! Finds the program that has a port open, as far as this user may see.
 
 use crate::Holder;
 use std::fs::{self, Metadata};
@@ -6,8 +6,8 @@ use std::os::fd::RawFd;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::Path;
 
-/// The first process that has this terminal open, but for our own descriptor `own`. Another
-/// line of this very process counts.
+/// The first process that has this terminal open, other than through our own descriptor `own`.
+/// Another line of this process counts.
 pub(crate) fn find(tty: &Metadata, own: Option<RawFd>) -> Option<Holder> {
     let me = std::process::id();
     for process in fs::read_dir("/proc").ok()?.flatten() {
@@ -27,7 +27,7 @@ pub(crate) fn find(tty: &Metadata, own: Option<RawFd>) -> Option<Holder> {
 
 fn holds(process: &Path, tty: &Metadata, own: Option<RawFd>) -> bool {
     let Ok(descriptors) = fs::read_dir(process.join("fd")) else {
-        // Another user's process, or one that has ended meanwhile.
+        // Another user's process, or one that has just ended.
         return false;
     };
     descriptors.flatten().any(|entry| {
@@ -38,7 +38,7 @@ fn holds(process: &Path, tty: &Metadata, own: Option<RawFd>) -> bool {
     })
 }
 
-/// Names and mounts may differ, the device behind them is the same.
+/// Names and mounts may differ; the device is the same.
 fn is_same(a: &Metadata, b: &Metadata) -> bool {
     a.file_type().is_char_device() && a.rdev() == b.rdev() && a.dev() == b.dev()
 }

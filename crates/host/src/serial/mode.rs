@@ -1,17 +1,17 @@
-//! How a terminal is to treat its bytes, for each speed and character format.
+//! Terminal modes for each speed and character format.
 
 use railbus_wire::{Character, Settings};
 use rustix::termios::{ControlModes, InputModes, SpecialCodeIndex, Termios};
 
-/// Makes of a terminal's modes those in which it passes bytes on as they are, in this speed and
-/// format. Pseudo-terminals have no parity: to ask for one fails, or is dropped in silence.
+/// Sets a terminal's modes to pass bytes through at this speed and in this format. Pseudo-terminals
+/// have no parity: requesting it fails or is ignored.
 pub(crate) fn set(mode: &mut Termios, settings: Settings, pts: bool) -> rustix::io::Result<()> {
     mode.make_raw();
-    // A read waits for the first byte, and says "would block" until there is one. With 0 an
-    // empty port would look like one that is gone.
+    // A read returns "would block" until there is a byte. With 0 an empty port would look like one
+    // that is gone.
     mode.special_codes[SpecialCodeIndex::VMIN] = 1;
     mode.special_codes[SpecialCodeIndex::VTIME] = 0;
-    // A break is an open or unbiased line, not a byte.
+    // A break comes from an open or unbiased line and is not a byte.
     mode.input_modes |= InputModes::IGNBRK;
     mode.input_modes
         .remove(InputModes::INPCK | InputModes::IGNPAR | InputModes::PARMRK);
@@ -31,7 +31,7 @@ pub(crate) fn set(mode: &mut Termios, settings: Settings, pts: bool) -> rustix::
     if !pts {
         mode.control_modes |= parity;
         if parity.contains(ControlModes::PARENB) {
-            // A byte with wrong parity becomes 00, which spoils the frame, as it should.
+            // A byte with wrong parity becomes 00, which invalidates the frame, as it should.
             mode.input_modes |= InputModes::INPCK;
         }
     }
@@ -45,7 +45,7 @@ mod tests {
     use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
     use rustix::termios::{LocalModes, tcgetattr};
 
-    /// Any terminal's modes to begin with.
+    /// Arbitrary terminal modes to start from.
     fn some_mode() -> Termios {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
         grantpt(&master).unwrap();

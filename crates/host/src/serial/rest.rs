@@ -1,20 +1,20 @@
-//! Whether a terminal has rested: nobody has sent anything through it for so long that no reply
-//! to it can still come.
+//! Whether a terminal is at rest: nothing was sent through it for so long that no reply can still
+//! come.
 //!
-//! Linux notes in the time stamp of a terminal's device when it was written to last, but so that
-//! nobody can watch somebody type: the stamp moves only with the first write of each block of
-//! eight seconds. So the last write lies before the end of the stamp's block, and where that end
-//! is long ago, so is the write. Reading and opening leave the stamp alone.
+//! Linux updates the time stamp of a terminal's device when it is written to, but coarsely, so that
+//! nobody can watch somebody type: the stamp changes only with the first write in each block of
+//! eight seconds. So the last write was before the end of the stamp's block, and if that end is
+//! long ago, so is the write. Reading and opening do not change the stamp.
 
 use std::time::{Duration, SystemTime};
 
-/// The stamp moves once in so many seconds, counted from the epoch; a power of two.
+/// The stamp changes once in this many seconds, counted from the epoch; a power of two.
 const BLOCK_SECS: i64 = 8;
-/// After so long no late reply comes any more.
+/// After this time no late reply can come.
 pub(super) const REST: Duration = Duration::from_millis(500);
 
-/// Whether a terminal with this time stamp, in whole seconds, has rested by now. A stamp of the
-/// future, after the clock was set back, tells nothing.
+/// Whether a terminal with this time stamp, in whole seconds, is at rest by now. A stamp in the
+/// future, after the clock was set back, says nothing.
 pub(super) fn is_rested(now: SystemTime, stamp: i64) -> bool {
     let Some(end) = (stamp & !(BLOCK_SECS - 1)).checked_add(BLOCK_SECS) else {
         return false;
@@ -36,7 +36,7 @@ mod tests {
 
     #[test]
     fn a_write_at_any_time_is_noticed_for_as_long_as_a_reply_may_come() {
-        // The kernel's rule: a write moves the stamp only into another block.
+        // The kernel's rule: a write changes the stamp only in another block.
         let mut stamp = 0;
         let writes = [100, 7_999, 8_000, 8_700, 15_999, 40_100, 47_900];
         for write in writes {

@@ -1,4 +1,4 @@
-//! An open terminal that is ours alone, and that is left as it was found.
+//! An open terminal with exclusive access, which is restored when it is closed.
 
 use super::{Granted, Rs485, SerialOptions, access, holder, mark, mode, rest};
 use crate::{PortError, ioctl};
@@ -19,33 +19,33 @@ use std::task::{Context, Poll, ready};
 use std::time::{Instant, SystemTime};
 use tokio::io::unix::AsyncFd;
 
-/// Pseudo-terminals have these major device numbers.
+/// The major device numbers of pseudo-terminals.
 const PTS_MAJORS: std::ops::RangeInclusive<u32> = 136..=143;
 
 /// A terminal, locked and in raw mode.
 #[derive(Debug)]
 pub(crate) struct Tty {
     fd: Locked,
-    /// As it was found.
+    /// The modes it had.
     before: Termios,
-    /// How the driver switched the transceiver, where that was changed.
+    /// How the driver switched the transceiver before, if that was changed.
     rs485_before: Option<ioctl::SerialRs485>,
-    /// As it is now.
+    /// The modes it has now.
     mode: Termios,
     settings: Settings,
     pts: bool,
     granted: Granted,
     past: Past,
     opened: Instant,
-    /// When something was sent last to which a reply may come.
+    /// When a request was last sent that may get a reply.
     sent: Option<Instant>,
-    /// Nothing can be sent through it: what it was found with is not ours to change.
+    /// Nothing can be sent: its previous state is not ours to change.
     listens_only: bool,
 }
 
 impl Tty {
-    /// Opens, locks and sets up the terminal at a path. Nothing of it is changed before it is
-    /// certain that nobody else uses it. May block; needs the runtime all the same.
+    /// Opens, locks and sets up the terminal at a path. Nothing is changed before it is certain
+    /// that nobody else uses it. May block, and still needs the runtime.
     pub(crate) fn open(path: &Path, options: SerialOptions) -> Result<Tty, PortError> {
         let access = match options.listen_only {
             true => OFlags::RDONLY,
@@ -90,12 +90,12 @@ impl Tty {
             fd,
         };
         if options.listen_only {
-            // The opening raised it. A port without such a wire refuses; so be it.
+            // Opening has raised it. A port without RTS refuses; that is fine.
             let _ = ioctl::lower_rts(&tty.fd);
         }
         tty.set(options.settings)?;
         tty.ask_driver(options);
-        // What came before is no reply to anything of ours.
+        // Bytes from before are not replies to us.
         tcflush(&tty.fd, QueueSelector::IOFlush)?;
         Ok(tty)
     }
@@ -113,23 +113,23 @@ impl Tty {
         self.pts
     }
 
-    /// What is known of those who had it before.
+    /// What is known of earlier users.
     pub(crate) const fn past(&self) -> Past {
         self.past
     }
 
-    /// Nothing that was sent can be answered any more.
+    /// No reply can come any more to what was sent.
     pub(crate) const fn settle(&mut self) {
         self.sent = None;
     }
 
-    /// Whether a reply may still come, to something sent here or by him who had it before.
+    /// Whether a reply may still come, to us or to the previous user.
     fn is_haunted(&self) -> bool {
         let lately = |since: Instant| since.elapsed() < rest::REST;
         self.sent.is_some_and(lately) || self.past == Past::Abandoned && lately(self.opened)
     }
 
-    /// The next bytes. A terminal that was hung up has an end.
+    /// Reads the next bytes. A terminal that was hung up is at end of file.
     pub(crate) fn poll_read(
         &self,
         cx: &mut Context<'_>,
@@ -141,7 +141,7 @@ impl Tty {
                 Ok(0) => return Poll::Ready(Err(io::ErrorKind::UnexpectedEof.into())),
                 Ok(count) => {
                     if count < buffer.len() {
-                        // It was emptied. What comes from now on makes it ready anew.
+                        // It is empty. New bytes make it ready again.
                         ready.clear_ready();
                     }
                     return Poll::Ready(Ok(count));
@@ -153,8 +153,8 @@ impl Tty {
         }
     }
 
-    /// Hands a frame to the driver. One that is not taken whole is withdrawn: the rest would
-    /// leave who knows when, and meet modules that have something else to do by then.
+    /// Passes a frame to the driver. If it is not taken whole it is withdrawn: the rest would be
+    /// sent at an unknown time, when modules may be doing something else.
     pub(crate) fn send(&mut self, bytes: &[u8], settings: Settings) -> io::Result<()> {
         if settings != self.settings {
             self.set(settings)?;
@@ -169,8 +169,8 @@ impl Tty {
         Err(end)
     }
 
-    /// Changes speed and format at once, without waiting for output to drain, which may take
-    /// for ever: the line has waited long enough for the last frame to have left.
+    /// Changes speed and format at once, without waiting for output to drain, which may take for
+    /// ever: the line has already waited for the last frame to be sent.
     fn set(&mut self, settings: Settings) -> rustix::io::Result<()> {
         mode::set(&mut self.mode, settings, self.pts)?;
         tcsetattr(&self.fd, OptionalActions::Now, &self.mode)?;
@@ -178,7 +178,7 @@ impl Tty {
         Ok(())
     }
 
-    /// What would be good to have, but not every driver has.
+    /// Options that help, but that not every driver supports.
     fn ask_driver(&mut self, options: SerialOptions) {
         if options.low_latency {
             self.granted.low_latency = ioctl::set_low_latency(&self.fd).unwrap_or(false);
@@ -192,9 +192,9 @@ impl Tty {
 }
 
 impl Drop for Tty {
-    /// RTS low, so that nobody holds the line, and everything as it was but for low latency,
-    /// which harms no one and stalls some adapters when it is changed. It must not wait, so
-    /// what has not left yet is dropped. All this fails on a port that is gone; so be it.
+    /// Lowers RTS, so that the line is not driven, and restores everything except low latency,
+    /// which does no harm and whose change stalls some adapters. It must not wait, so unsent output
+    /// is dropped. All of this fails on a port that is gone, which is fine.
     fn drop(&mut self) {
         let _ = tcflush(&self.fd, QueueSelector::IOFlush);
         let _ = ioctl::lower_rts(&self.fd);
@@ -211,8 +211,8 @@ impl Drop for Tty {
     }
 }
 
-/// A terminal that nobody else uses. Both locks are needed: `flock` keeps out programs that ask
-/// for it, even those of root; TIOCEXCL keeps out those that do not ask, but not root.
+/// A terminal with exclusive access. Both locks are needed: `flock` keeps out programs that check
+/// it, even as root; TIOCEXCL keeps out those that do not check, but not root.
 #[derive(Debug)]
 struct Locked(AsyncFd<OwnedFd>);
 
@@ -229,7 +229,7 @@ impl Locked {
         }
         if ioctl::is_exclusive(&fd)? {
             let holder = holder::find(about, own);
-            // A pseudo-terminal stays forbidden when the program that had it was killed.
+            // A pseudo-terminal stays exclusive after the program that had it was killed.
             if holder.is_some() || !pts {
                 return Err(PortError::Busy { holder });
             }
@@ -253,11 +253,11 @@ impl AsFd for Locked {
     }
 }
 
-/// Why the system does not open a terminal.
+/// Why a terminal could not be opened.
 fn refused(path: &Path, errno: Errno) -> PortError {
     match errno {
-        // A pseudo-terminal whose other end is closed gives IO, a driver without its device
-        // one of the others.
+        // A pseudo-terminal whose other end is closed gives IO, a driver without its device one of
+        // the others.
         Errno::NOENT | Errno::NOTDIR | Errno::LOOP => PortError::Missing,
         Errno::NXIO | Errno::NODEV | Errno::IO => PortError::Missing,
         Errno::ACCESS | Errno::PERM => PortError::Permission(access::of(path)),
@@ -271,7 +271,7 @@ fn refused(path: &Path, errno: Errno) -> PortError {
     }
 }
 
-/// The wish in the kernel's form.
+/// The options in the kernel's form.
 fn request(rs485: Rs485) -> ioctl::SerialRs485 {
     let bits = [
         (true, ioctl::RS485_ENABLED),
