@@ -1,7 +1,7 @@
 //! What the two EDA modules share: three protocols over the same few functions.
 //!
-//! [`host`] turns ops into frames of any of the three; [`answer`] is the module. Whatever the
-//! protocol, outputs follow the same rules [EDA9060A §3.11].
+//! [`host`] turns ops into frames of any of the three; [`answer`] is the device side. Outputs
+//! follow the same rules in every protocol [EDA9060A §3.11].
 
 mod answer;
 mod host;
@@ -12,7 +12,7 @@ pub(crate) use host::{exchange, group, interpret, recognises};
 use crate::Family;
 use railbus_wire::Baud;
 
-/// The speeds and their codes, the same in all three protocols [EDA §1.2].
+/// The baud rates and their codes, the same in all three protocols [EDA §1.2].
 pub(crate) static BAUDS: [(u8, Baud); 5] = [
     (0x03, Baud::B1200),
     (0x04, Baud::B2400),
@@ -44,7 +44,7 @@ const fn has_pulses(family: Family) -> bool {
     matches!(family, Family::Eda9060a)
 }
 
-/// The name a module tells: not the one on its front [EDA9060A §1.2].
+/// The name a module reports: not the one on its front [EDA9060A §1.2].
 const fn name(family: Family) -> &'static [u8; 4] {
     if has_pulses(family) { b"9060" } else { b"9050" }
 }

@@ -1,5 +1,5 @@
-//! EDA9050: eight open-collector outputs and seven inputs. What it shares with the EDA9060A is
-//! in [`crate::eda`].
+//! EDA9050: eight open-collector outputs and seven inputs. What it shares with the EDA9060A is in
+//! [`crate::eda`].
 
 use crate::{Profile, eda};
 use railbus_wire::{Character, Protocol, rtu::Function};
@@ -20,7 +20,7 @@ pub(crate) static PROFILE: Profile = Profile {
     input_label: ("di", 0),
 };
 
-/// Functions that the codec reads and the module does not have [EDA9050 §5.1].
+/// Functions that the codec knows and the module lacks [EDA9050 §5.1].
 pub(crate) const ABSENT: &[Function] = &[
     Function::ReadHoldingRegisters,
     Function::ReadInputRegisters,
@@ -36,7 +36,7 @@ pub(crate) const fn protocol_by_pin(init_grounded: bool) -> Protocol {
     }
 }
 
-/// The LED is lit, and dark while the module sends [EDA9050 §1.8].
+/// The LED is on, and off while the module sends [EDA9050 §1.8].
 pub(crate) const fn led(sending: bool) -> bool {
     !sending
 }

@@ -1,5 +1,5 @@
-//! EDA9060A: four relays, which may give pulses, and four inputs. What it shares with the
-//! EDA9050 is in [`crate::eda`].
+//! EDA9060A: four relays, which may give pulses, and four inputs. What it shares with the EDA9050
+//! is in [`crate::eda`].
 
 use crate::{Profile, eda};
 use railbus_wire::{Character, Micros, Protocol, rtu::Function};
@@ -20,19 +20,19 @@ pub(crate) static PROFILE: Profile = Profile {
     input_label: ("di", 0),
 };
 
-/// Functions that the codec reads and the module does not have [EDA9060A §6.1].
+/// Functions that the codec knows and the module lacks [EDA9060A §6.1].
 pub(crate) const ABSENT: &[Function] = &[Function::ReadInputRegisters, Function::WriteRegister];
 
-/// Half of the LED's blinking, once a second [EDA9060A §1.6].
+/// Half a blink period; the LED blinks once a second [EDA9060A §1.6].
 const HALF_BLINK: u32 = 500_000;
 
-/// The LED blinks, and is lit while the module sends.
+/// The LED blinks, and is on while the module sends.
 pub(crate) const fn led(since_start: Micros, sending: bool) -> bool {
     let (_, into_blink) = since_start.seconds();
     sending || into_blink < HALF_BLINK
 }
 
-/// How long the LED stays as it is.
+/// How long until the LED changes.
 pub(crate) const fn led_holds(since_start: Micros) -> Micros {
     let (_, into_blink) = since_start.seconds();
     let left = HALF_BLINK - into_blink % HALF_BLINK;

@@ -1,7 +1,7 @@
 //! EMD-2A2Q: two analog inputs and two relays on Modbus RTU.
 //!
-//! Its registers are the ERC-8's shifted by one, with other speed codes: what sets the speed
-//! of the one sets the address of the other [EMD-2A2Q §4.2, ERC-8 §4.2].
+//! Its registers are the ERC-8's shifted by one, with other baud rate codes: what sets the speed of
+//! one sets the address of the other [EMD-2A2Q §4.2, ERC-8 §4.2].
 
 use crate::engine::{Calibration, DeviceState, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
@@ -46,11 +46,11 @@ const COMMAND: u16 = 5;
 const ANALOGS: u16 = 6;
 const REGISTERS: u16 = 8;
 
-/// Functions that the codec reads and the module does not have [EMD-2A2Q §2.2].
+/// Functions that the codec knows and the module lacks [EMD-2A2Q §2.2].
 pub(crate) const ABSENT: &[Function] =
     &[Function::ReadDiscreteInputs, Function::ReadInputRegisters];
 
-/// What register 0 of the simulated module says.
+/// Register 0 of the simulated module.
 const VERSION: u16 = 12;
 
 /// The bits of the command register [EMD-2A2Q §5.1].
@@ -61,7 +61,7 @@ const RESTORE: u16 = 1 << 2;
 /// How long a calibration takes in the simulated module [EMD-2A2Q §5.5].
 const CALIBRATION_TIME: Micros = Micros::from_millis(500);
 
-/// What it is known by: relays at 8 and 9 and nowhere else, and eight registers that hold its own
+/// What identifies it: relays at 8 and 9 and nowhere else, and eight registers that hold its own
 /// address and codes [EMD-2A2Q §3.1, §3.2, §3.6, §4.2, §4.3, §4.4, §4.7].
 pub(crate) const SIGNS: [Option<Sign>; 6] = [
     Sign::coils(0, 8, Reply::Refusal(Exception::ADDRESS)),
@@ -72,7 +72,7 @@ pub(crate) const SIGNS: [Option<Sign>; 6] = [
     Sign::coils(FIRST_COIL + RELAYS, 1, Reply::Refusal(Exception::ADDRESS)),
 ];
 
-/// Whether these can be the registers of a module at that address.
+/// Whether these registers can be those of a module at that address.
 fn could_be_own(at: Address, words: &Words<'_>) -> bool {
     let code = |at: u16| words.get(at).and_then(|word| u8::try_from(word).ok());
     code(ADDRESS) == Some(at.0)
@@ -82,7 +82,7 @@ fn could_be_own(at: Address, words: &Words<'_>) -> bool {
             .is_some()
 }
 
-/// The host's half: the one exchange of an op.
+/// Host side: the single exchange for an op.
 pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
     let read = |at, count| Some(Request::ReadHoldingRegisters(WordSpan::new(at, count)?));
     let register = |at, value| Some(Request::WriteRegister { at, value });
@@ -106,7 +106,7 @@ pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
     Some(Exchange::rtu(setup.address, request?))
 }
 
-/// The host's half: what a reply says.
+/// Host side: decodes a reply.
 pub(crate) fn interpret(op: &Op, response: &Response<'_>) -> Option<Observation> {
     let Response::Rtu(response) = response else {
         return None;
@@ -136,8 +136,8 @@ fn seen_config(words: &Words<'_>) -> Observation {
     }
 }
 
-/// The module's half: carries out a request and writes the reply. Every write to address 0 is
-/// carried out [EMD-2A2Q §6.1].
+/// Device side: executes a request and writes the reply. Every write to address 0 is executed
+/// [EMD-2A2Q §6.1].
 pub(crate) fn answer(
     state: &mut DeviceState,
     now: Instant,
@@ -204,7 +204,7 @@ fn reading(state: &DeviceState, channel: usize) -> u16 {
     let measured = state.analogs.get(channel).copied().unwrap_or_default();
     let zero = calibration.zero.get(channel).copied().unwrap_or_default();
     let (at_span, voltage) = calibration.span.get(channel).copied().unwrap_or((1, 1));
-    // At most 65535, and so the product fits; what lies below zero reads 0.
+    // At most 65535, so the product fits; negative values read 0.
     let above_zero = (i32::from(measured) - i32::from(zero))
         .max(0)
         .unsigned_abs();
@@ -239,11 +239,11 @@ fn write_registers(
     Ok(Answer::Done)
 }
 
-/// Keeps the settings and begins what the command register asks for: restore before zero
-/// before span, and only the first [EMD-2A2Q §5.6].
+/// Stores the settings and starts what the command register asks for: restore before zero before
+/// span, and only the first [EMD-2A2Q §5.6].
 fn start(state: &mut DeviceState, now: Instant, command: u16, eeprom: Eeprom) {
     if command & RESTORE != 0 {
-        // A calibration under way would undo its part of the restore [EMD-2A2Q §5.8].
+        // A calibration in progress would undo its part of the restore [EMD-2A2Q §5.8].
         state.calibrating = None;
         *state.keep() = Eeprom {
             address: Address(1),
@@ -266,7 +266,7 @@ fn start(state: &mut DeviceState, now: Instant, command: u16, eeprom: Eeprom) {
     }
 }
 
-/// Ends a calibration whose time has come.
+/// Ends a calibration whose time is over.
 pub(crate) fn run_calibration(state: &mut DeviceState, now: Instant) {
     let Some((bit, _)) = state.calibrating.take_if(|(_, at)| *at <= now) else {
         return;

@@ -1,8 +1,8 @@
-//! The module itself, as one state machine: the simulated module and the firmware alike.
+//! The module itself as a state machine: both the simulated module and the firmware.
 //!
-//! The driver hands in what happens ([`Engine::handle`]) and then drains what the module does
-//! ([`Engine::poll`]) until it says [`Output::Wait`]; each `Wait` replaces the deadline before
-//! it. What all families share is here; each family's own behaviour is in its room.
+//! The driver passes in what happens ([`Engine::handle`]) and then drains [`Engine::poll`] until it
+//! returns [`Output::Wait`]; each `Wait` replaces the previous deadline. What all families share is
+//! here; each family's own behaviour is in its module.
 
 mod receiver;
 mod state;
@@ -16,14 +16,14 @@ use railbus_wire::{
 use receiver::Receiver;
 pub(crate) use state::DeviceState;
 
-/// What a module keeps while it has no power. Outputs are not kept [EDA §1.6].
+/// What a module stores in non-volatile memory. Outputs are not stored [EDA §1.6].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Eeprom {
     /// Its address.
     pub address: Address,
     /// Speed and character format.
     pub serial: Settings,
-    /// The protocol it speaks. Not on any wire: the maker's software writes it.
+    /// The protocol it uses. No frame can set it: the maker's software does.
     pub protocol: Protocol,
     /// Its ASCII frames carry a checksum.
     pub checksum: bool,
@@ -31,26 +31,26 @@ pub struct Eeprom {
     pub pulse_mask: u8,
     /// The width of all pulses (EDA9060A).
     pub pulse_width: PulseWidth,
-    /// How the analog inputs are calibrated (EMD-2A2Q).
+    /// The calibration of the analog inputs (EMD-2A2Q).
     pub calibration: Calibration,
     /// What it does beyond its datasheet.
     pub extensions: Extensions,
 }
 
-/// How an EMD-2A2Q turns what it measures into what it reports.
+/// How an EMD-2A2Q converts measured into reported values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Calibration {
     /// Register 4: the voltage applied for the span step, in hundredths.
     pub voltage: u16,
     /// What each input measured at the zero step, in hundredths.
     pub zero: [i16; 2],
-    /// What each input measured above zero at the span step, in hundredths, and the voltage
-    /// that then was applied; equal numbers change nothing.
+    /// What each input measured above zero at the span step, in hundredths, and the voltage applied
+    /// then; equal numbers change nothing.
     pub span: [(u16, u16); 2],
 }
 
 impl Calibration {
-    /// As the module leaves the factory: 5.00 V, and readings as measured.
+    /// The factory state: 5.00 V, and readings as measured.
     pub const NEUTRAL: Calibration = Calibration {
         voltage: 500,
         zero: [0; 2],
@@ -59,7 +59,7 @@ impl Calibration {
 }
 
 impl Eeprom {
-    /// The settings that make a module be as described.
+    /// The settings of a module with this setup.
     #[must_use]
     pub const fn of(setup: &Setup) -> Eeprom {
         Eeprom {
@@ -78,7 +78,7 @@ impl Eeprom {
 /// When a change of address, speed, parity or checksum takes effect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Applies {
-    /// After the last stop bit of the reply, which is still sent in the old way.
+    /// After the last stop bit of the reply, which is still sent with the old settings.
     #[default]
     AfterReply,
     /// At the next power-up.
@@ -87,64 +87,64 @@ pub enum Applies {
     AddressAfterReply,
 }
 
-/// Switches for what the datasheets leave open. The defaults are the choices of
-/// `docs/datasheets`.
+/// Options for what the datasheets leave open. The defaults are the choices in `docs/datasheets`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Options {
-    /// From the end of a request to the reply, on top of what recognising the end of a frame
-    /// takes.
+    /// From the end of a request to the reply, in addition to the time to recognise the end of a
+    /// frame.
     pub turnaround: Micros,
     /// When changed settings take effect.
     pub applies: Applies,
-    /// EDA modules answer Modbus exceptions, and `?AA` in ASCII, instead of staying silent.
+    /// EDA modules reply with Modbus exceptions, and with `?AA` in ASCII, instead of staying
+    /// silent.
     pub refuse_aloud: bool,
-    /// ASCII hexadecimal digits a to f are taken.
+    /// ASCII hexadecimal digits a to f are accepted.
     pub lower_case: bool,
-    /// ERC-8 and EMD-2A2Q answer exception 08 to a wrong CRC, and 04 to a bad character.
+    /// ERC-8 and EMD-2A2Q reply with exception 08 to a wrong CRC, and with 04 to a bad character.
     pub answer_bad_frames: bool,
-    /// Requests that follow earlier traffic sooner than the family's gap are not heard.
+    /// Requests that follow earlier traffic sooner than the family's gap are ignored.
     pub insist_on_gap: bool,
-    /// The module does what is beyond its datasheet: all of `docs/datasheets/beyond.md`.
+    /// The extensions are on: all of `docs/datasheets/beyond.md`.
     pub extensions: bool,
 }
 
-/// What happens to a module.
+/// An input of a module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input<'a> {
-    /// Characters heard on the line; the last one ended now.
+    /// Characters were received; the last one ended now.
     Bytes(&'a [u8]),
     /// A character with a wrong stop bit or parity ended now.
     BadByte,
-    /// A character was lost, since the one before it was not fetched in time; it ended now.
+    /// A character was lost because the one before it was not read in time; it ended now.
     Overrun,
     /// The deadline of [`Output::Wait`] has come.
     Timeout,
-    /// The last stop bit of the reply has left.
+    /// The last stop bit of the reply has been sent.
     Sent,
     /// The levels at the digital inputs: bit n = input n is high or open.
     Levels(u32),
-    /// What lies at an analog input, in hundredths of its unit.
+    /// The value at an analog input, in hundredths of its unit.
     Analog(u8, i16),
     /// The INIT* pin of an EDA9050 is grounded.
     Init(bool),
-    /// The DIP switch of a 0x55 board; 0 leaves the address to the EEPROM.
+    /// The DIP switch of a 0x55 board; 0 means that the address comes from the EEPROM.
     Dip(u8),
-    /// Outputs that stay as they are whatever the module is told: bit n = output n.
+    /// Outputs that are stuck, whatever the commands: bit n = output n.
     Stuck(u32),
 }
 
 /// What the driver has to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output<'a> {
-    /// Send these bytes now, and say [`Input::Sent`] when they have left.
+    /// Send these bytes now, and pass in [`Input::Sent`] when they have been sent.
     Transmit(&'a [u8]),
-    /// Change something outside.
+    /// Change something outside the module.
     Effect(Effect),
-    /// Nothing more until the deadline, or until something happens.
+    /// Nothing more to do until the deadline, or until something happens.
     Wait(Option<Instant>),
 }
 
-/// A change outside the module.
+/// An effect outside the module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effect {
     /// Output `channel`, 0-based, is now on or off.
@@ -154,11 +154,11 @@ pub enum Effect {
         /// Pulled in or conducting.
         on: bool,
     },
-    /// The LED is now lit or dark.
+    /// The LED is now on or off.
     Led(bool),
-    /// Listen and send this way from now on.
+    /// Use these settings from now on.
     Serial(Settings),
-    /// Keep this over a loss of power.
+    /// Store this in non-volatile memory.
     Save(Eeprom),
 }
 
@@ -168,17 +168,17 @@ pub struct Engine {
     state: DeviceState,
     receiver: Receiver,
     reply: Frame,
-    /// When the reply goes out.
+    /// When the reply is sent.
     reply_at: Option<Instant>,
-    /// The reply is on its way, and nothing is heard or written into its frame until it has left.
+    /// The reply is being sent; until it has been, nothing is received or written into its frame.
     sending: bool,
-    /// It is on its way, and the driver has not got it yet.
+    /// It is being sent, and the driver has not fetched it yet.
     unsent: bool,
     reported: Reported,
     now: Instant,
 }
 
-/// What the driver was told last.
+/// The last state passed to the driver.
 #[derive(Clone, Copy, Debug)]
 struct Reported {
     outputs: u32,
@@ -188,11 +188,10 @@ struct Reported {
 }
 
 impl Engine {
-    /// A module that is powered up now with these settings. All outputs are off
-    /// [EDA §1.6].
+    /// A module powered up now with these settings. All outputs are off [EDA §1.6].
     ///
     /// # Errors
-    /// Where no module of the family can be as described.
+    /// If the setup is not possible for the family.
     pub fn new(
         setup: &Setup,
         eeprom: Eeprom,
@@ -217,10 +216,10 @@ impl Engine {
         })
     }
 
-    /// Tells the module what happened, and when. Time never runs backwards.
+    /// Passes in what happened, and when. Time never runs backwards.
     pub fn handle(&mut self, now: Instant, input: Input<'_>) {
         self.now = now;
-        // A driver that is late hands in what happened after a pulse had ended.
+        // A late driver passes in what happened after a pulse had ended.
         self.state.run_timers(now);
         match input {
             Input::Bytes(bytes) if !self.sending => self.hear(bytes),
@@ -253,7 +252,7 @@ impl Engine {
         if self.reply_at.is_some_and(|at| at <= self.now) && !self.sending {
             self.reply_at = None;
             (self.sending, self.unsent) = (true, true);
-            // Half duplex: what is being heard while it begins to talk is lost.
+            // Half duplex: what is being received when it starts to send is lost.
             self.receiver.clear();
         }
         if let Some(lit) = self.led_change() {
@@ -265,31 +264,31 @@ impl Engine {
         Output::Wait(self.deadline())
     }
 
-    /// The outputs as they are: bit n = output n is on.
+    /// The present outputs: bit n = output n is on.
     #[must_use]
     pub const fn outputs(&self) -> u32 {
         self.state.outputs
     }
 
-    /// The settings in force, which may differ from those kept.
+    /// The active settings, which may differ from the stored ones.
     #[must_use]
     pub const fn active(&self) -> &Eeprom {
         &self.state.active
     }
 
-    /// The address in force: that of the DIP switch, where one gives it.
+    /// The active address: the DIP switch's, if it sets one.
     #[must_use]
     pub const fn address(&self) -> Address {
         self.state.address()
     }
 
-    /// The protocol in force: that of the INIT* pin, where it chooses.
+    /// The active protocol: the one that the INIT* pin selects, if it selects one.
     #[must_use]
     pub const fn protocol(&self) -> Protocol {
         self.state.protocol()
     }
 
-    /// The settings kept.
+    /// The stored settings.
     #[must_use]
     pub const fn eeprom(&self) -> &Eeprom {
         &self.state.eeprom
@@ -332,7 +331,7 @@ impl Engine {
         Instant::earliest(&[reply_at, led, frame_end, self.state.timer_deadline()])
     }
 
-    /// When silence will have ended the frame being heard.
+    /// When silence will end the frame being received.
     fn frame_end(&self) -> Option<Instant> {
         let silence = self.state.active.serial.t3_5();
         let open = self.state.protocol() == Protocol::Rtu && self.receiver.has_frame();
@@ -345,16 +344,16 @@ impl Engine {
         }
     }
 
-    /// So many characters end now. The frame before them ends first if they began after its
-    /// silence: a driver that is late hands in both at once.
+    /// This many characters end now. The previous frame ends first if they began after its silence:
+    /// a late driver passes in both at once.
     fn begin_hearing(&mut self, characters: usize) {
         let took = self.state.active.serial.frame_time(characters);
         let began = Instant(self.now.0.saturating_sub(took.0));
         if self.frame_end().is_some_and(|end| end <= began) {
             self.end_frame();
         }
-        // The INIT* pin acts between frames [EDA9050 §2.3]: when none is open, or the one that
-        // is was given up by its sender.
+        // The INIT* pin takes effect between frames [EDA9050 §2.3]: when no frame is open, or when
+        // its sender has abandoned it.
         let silence = self.receiver.silence_before(self.now, took);
         if !self.receiver.has_frame() || silence >= self.state.request_gap() {
             self.state.follow_init_pin();
@@ -432,8 +431,8 @@ impl Engine {
             }
         }
         if answered {
-            // Requests need no gap between them, so that only silence shows which was the last,
-            // and only that one is answered [R55 §3.12].
+            // Requests need no gap between them, so only silence shows which was the last, and only
+            // that one is answered [R55 §3.12].
             let silence = self.state.active.serial.t1_5();
             self.reply_at = Some(self.now + silence + self.state.options.turnaround);
         } else {
@@ -477,7 +476,7 @@ impl Engine {
         self.schedule_reply();
     }
 
-    /// A new request was heard: a reply that has not left yet is dropped.
+    /// A new request was received: a reply that has not been sent yet is dropped.
     fn begin_reply(&mut self) {
         self.reply.clear();
         self.reply_at = None;
@@ -485,7 +484,7 @@ impl Engine {
 
     fn schedule_reply(&mut self) {
         if self.reply.bytes().is_empty() {
-            // Nobody is answered, so there is no last stop bit to wait for.
+            // There is no reply, so there is no last stop bit to wait for.
             self.state.apply();
         } else {
             self.reply_at = Some(self.now + self.state.options.turnaround);
@@ -493,7 +492,7 @@ impl Engine {
     }
 }
 
-/// Carries out a Modbus request, beyond the datasheet or as the family does.
+/// Executes a Modbus request, as an extension or as the family does.
 fn answer_rtu(
     state: &mut DeviceState,
     now: Instant,

@@ -1,8 +1,7 @@
 //! ERC-8: eight relays on Modbus RTU.
 //!
-//! Coils 60 to 67 (decimal) are the relays; three holding registers keep address, speed and
-//! parity. The manual lists functions 01, 05 and 0F and writes registers with 06
-//! [ERC-8 §2, §3].
+//! Coils 60 to 67 (decimal) are the relays; three holding registers hold address, speed and parity.
+//! The manual lists functions 01, 05 and 0F, and 06 for writing registers [ERC-8 §2, §3].
 
 use crate::engine::{DeviceState, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
@@ -42,15 +41,14 @@ const BAUD: u16 = 1;
 const CHARACTER: u16 = 2;
 const REGISTERS: u16 = 3;
 
-/// Functions that the codec reads and the module does not have [ERC-8 §2.4].
+/// Functions that the codec knows and the module lacks [ERC-8 §2.4].
 pub(crate) const ABSENT: &[Function] = &[
     Function::ReadDiscreteInputs,
     Function::ReadInputRegisters,
     Function::WriteRegisters,
 ];
 
-/// What it is known by: relays at 60 to 67 and nowhere else, and no inputs
-/// [ERC-8 §2.4, §3.1, §3.3].
+/// What identifies it: relays at 60 to 67 and nowhere else, no inputs [ERC-8 §2.4, §3.1, §3.3].
 pub(crate) const SIGNS: [Option<Sign>; 4] = [
     Sign::coils(0, 8, Reply::Refusal(Exception::ADDRESS)),
     Sign::coils(FIRST_COIL, RELAYS, Reply::Answer),
@@ -58,7 +56,7 @@ pub(crate) const SIGNS: [Option<Sign>; 4] = [
     Sign::inputs(0, 1, Reply::Refusal(Exception::FUNCTION)),
 ];
 
-/// The host's half: the one exchange of an op.
+/// Host side: the single exchange for an op.
 pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
     let register = |at, value| Some(Request::WriteRegister { at, value });
     let request = match *op {
@@ -77,7 +75,7 @@ pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
     Some(Exchange::rtu(setup.address, request?))
 }
 
-/// The host's half: what a reply says.
+/// Host side: decodes a reply.
 pub(crate) fn interpret(op: &Op, response: &Response<'_>) -> Option<Observation> {
     let Response::Rtu(response) = response else {
         return None;
@@ -101,8 +99,8 @@ pub(crate) fn interpret(op: &Op, response: &Response<'_>) -> Option<Observation>
     })
 }
 
-/// The module's half: carries out a request and writes the reply. Address 0 is only for
-/// changing the address [ERC-8 §4.10, §4.11].
+/// Device side: executes a request and writes the reply. Address 0 is only for changing the address
+/// [ERC-8 §4.10, §4.11].
 pub(crate) fn answer(state: &mut DeviceState, exchange: &rtu::Exchange<'_>, reply: &mut Frame) {
     let broadcast = exchange.address == rtu::BROADCAST;
     let readdresses = matches!(exchange.request, Request::WriteRegister { at: ADDRESS, .. });

@@ -1,9 +1,10 @@
-//! What our own modules do beyond the datasheets: nothing, unless [`crate::Options::extensions`]
-//! is on.
+//! What our own modules do beyond the datasheets: nothing, unless [`crate::Options::extensions`] is
+//! on.
 //!
-//! The host watchdog works on the [`DeviceState`] of any family; ASCII sets it by the commands that
-//! DCON modules have, Modbus by registers and 0x55 boards by variables, which are the same few
-//! numbers. Modbus modules tell besides what they are and how well they hear.
+//! The host watchdog works on the [`DeviceState`] of any family. It is set in ASCII by the commands
+//! of DCON modules, in Modbus by registers and on 0x55 boards by variables; registers and variables
+//! are the same few numbers. Modbus modules also report their identification and diagnostic
+//! counters.
 
 mod ascii;
 mod counters;
@@ -17,23 +18,23 @@ use crate::engine::{DeviceState, Options};
 use railbus_wire::r55::{self, Request, Response, U24};
 use railbus_wire::{Address, Instant, Micros};
 
-/// The version that a module tells.
+/// The version that a module reports.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// What a module keeps for it over a loss of power [BEYOND §1.3].
+/// What a module stores for its extensions [BEYOND §1.3].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Extensions {
-    /// The host watchdog in tenths of a second, 0.1 s to 25.5 s; 0 does not watch.
+    /// The host watchdog in tenths of a second, 0.1 s to 25.5 s; 0 disables it.
     pub watchdog: u8,
     /// Outputs at power-up: bit n = output n is on.
     pub power_on: u32,
     /// Outputs when the host watchdog trips: bit n = output n is on.
     pub safe: u32,
-    /// The host watchdog has tripped, and nobody has cleared that yet.
+    /// The host watchdog has tripped and was not cleared yet.
     pub tripped: bool,
 }
 
-/// The settings as numbers, in Modbus from [`rtu::FIRST`] on and on 0x55 boards from
+/// The settings as numbers: Modbus registers from [`rtu::FIRST`] on, variables of 0x55 boards from
 /// [`FIRST_VARIABLE`] on [BEYOND §3.1, §3.6].
 mod number {
     pub(super) const STATUS: u16 = 0;
@@ -42,15 +43,15 @@ mod number {
     pub(super) const POWER_ON_HIGH: u16 = 3;
     pub(super) const SAFE: u16 = 4;
     pub(super) const SAFE_HIGH: u16 = 5;
-    /// How many there are.
+    /// How many numbers there are.
     pub(super) const COUNT: u16 = 6;
 }
 
-/// The variable of a 0x55 board that is number 0 [BEYOND §3.6].
+/// The variable of a 0x55 board for number 0 [BEYOND §3.6].
 const FIRST_VARIABLE: u8 = 0xE0;
 
 impl Extensions {
-    /// Nothing is watched, and all outputs are off at power-up: as the makers' modules are.
+    /// The watchdog is disabled, and all outputs are off at power-up, as in the makers' modules.
     pub const NEUTRAL: Extensions = Extensions {
         watchdog: 0,
         power_on: 0,
@@ -58,15 +59,15 @@ impl Extensions {
         tripped: false,
     };
 
-    /// The status: 04 it has tripped, 80h it watches [BEYOND §1.8].
+    /// The status: 04h it has tripped, 80h it is enabled [BEYOND §1.8].
     const fn status(self) -> u8 {
         let tripped = if self.tripped { 0x04 } else { 0 };
         let watches = if self.watchdog > 0 { 0x80 } else { 0 };
         tripped | watches
     }
 
-    /// The outputs at power-up: as kept for that, or safe where nobody has cleared the watchdog
-    /// [BEYOND §1.5].
+    /// The outputs at power-up: as stored for that, or safe if the watchdog has tripped and was not
+    /// cleared [BEYOND §1.5].
     pub(crate) const fn outputs_at_power_up(&self, options: Options) -> u32 {
         match (options.extensions, self.tripped) {
             (false, _) => 0,
@@ -75,8 +76,8 @@ impl Extensions {
         }
     }
 
-    /// When the watchdog trips if the host is not heard after now, where it watches.
-    // Out of line: every protocol begins here.
+    /// When the watchdog trips if the host is not heard after now, if it is enabled.
+    // Not inlined: called by every protocol.
     #[inline(never)]
     pub(crate) fn watched_until(&self, options: Options, now: Instant) -> Option<Instant> {
         let watches = options.extensions && self.watchdog > 0 && !self.tripped;
@@ -96,8 +97,8 @@ impl Extensions {
         }
     }
 
-    /// With one number written; nothing where it does not take that value. To the status only 0
-    /// is written, which clears it [BEYOND §3.2].
+    /// With one number written; none if it does not accept the value. Only 0 can be written to the
+    /// status, which clears it [BEYOND §3.2].
     fn with(mut self, number: u16, value: u16) -> Option<Extensions> {
         let low = |of: u32| of & 0xFFFF_0000 | u32::from(value);
         let high = |of: u32| of & 0x0000_FFFF | u32::from(value) << 16;
@@ -115,13 +116,13 @@ impl Extensions {
 }
 
 impl DeviceState {
-    /// The host lives: the watchdog begins anew, where it watches [BEYOND §1.1].
+    /// The host is alive: restarts the watchdog, if it is enabled [BEYOND §1.1].
     pub(crate) fn feed(&mut self, now: Instant) {
         self.watched_until = self.eeprom.extensions.watched_until(self.options, now);
     }
 
-    /// Brings the outputs into their safe states when the host was silent for too long. Pulses
-    /// and jogs end [BEYOND §1.2, §1.6].
+    /// Sets the outputs to their safe states when the host was silent for too long. Pulses and jogs
+    /// end [BEYOND §1.2, §1.6].
     pub(crate) fn run_watchdog(&mut self, now: Instant) {
         if self.watched_until.take_if(|at| *at <= now).is_some() {
             self.set_outputs(u32::MAX, self.eeprom.extensions.safe);
@@ -129,13 +130,13 @@ impl DeviceState {
         }
     }
 
-    /// The watchdog has tripped, and no output moves until that is cleared [BEYOND §1.4].
+    /// The watchdog has tripped: outputs are locked until that is cleared [BEYOND §1.4].
     pub(crate) const fn is_locked(&self) -> bool {
         self.options.extensions && self.eeprom.extensions.tripped
     }
 
-    /// Keeps new settings, if this module has the outputs that they name; whether it has.
-    // Out of line: two protocols end here, whose code is large as it is.
+    /// Stores new settings if the module has the outputs they name; returns whether it has.
+    // Not inlined: called by two protocols whose code is large already.
     #[inline(never)]
     fn store_extensions(&mut self, now: Instant, extensions: Extensions) -> bool {
         let fits = (extensions.power_on | extensions.safe) & !self.setup.output_mask() == 0;
@@ -147,8 +148,8 @@ impl DeviceState {
     }
 }
 
-/// A 0x55 board: the variables that hold the settings. Nothing where the request is for none of
-/// them; the inner nothing stays unanswered [BEYOND §3.6, §3.7].
+/// A 0x55 board: the variables that hold the settings. None if the request is for another variable;
+/// the inner none means no reply [BEYOND §3.6, §3.7].
 pub(crate) fn variable(
     state: &mut DeviceState,
     now: Instant,

@@ -1,4 +1,4 @@
-//! What a kind of module is: its datasheet as data, and a module as the user describes it.
+//! Families of modules: the datasheet as data, and a module as configured.
 
 use crate::{eda9050, eda9060a, emd2a2q, erc8, r55};
 use core::fmt;
@@ -29,7 +29,7 @@ impl Family {
         Family::Emd2a2q,
     ];
 
-    /// The family whose own half alone is built, where it is only one.
+    /// The only family whose device side is built; none if there are several.
     pub(crate) const ONLY: Option<Family> = match (
         cfg!(feature = "eda9060a"),
         cfg!(feature = "eda9050"),
@@ -63,7 +63,7 @@ impl Family {
         self.profile().name
     }
 
-    /// The family of that name.
+    /// The family with that name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Family> {
         Family::ALL.into_iter().find(|family| family.name() == name)
@@ -76,28 +76,28 @@ impl fmt::Display for Family {
     }
 }
 
-/// A datasheet as data: everything about a family that is a number or a name.
+/// A datasheet as data: all numbers and names of a family.
 #[derive(Debug)]
 pub struct Profile {
     /// The name in flags and configuration.
     pub name: &'static str,
     /// The model as the maker writes it.
     pub model: &'static str,
-    /// Outputs of a module; the most one may have where that varies.
+    /// Outputs of a module; the maximum where that varies.
     pub outputs: u8,
-    /// Digital inputs of a module; the most one may have where that varies.
+    /// Digital inputs of a module; the maximum where that varies.
     pub inputs: u8,
     /// Analog inputs of a module.
     pub analogs: u8,
-    /// The protocols, the factory's own first.
+    /// The protocols, the factory setting first.
     pub protocols: &'static [Protocol],
-    /// The speeds and their codes in configuration frames.
+    /// The baud rates and their codes in configuration frames.
     pub bauds: &'static [(u8, Baud)],
     /// The character formats and their codes in configuration registers.
     pub characters: &'static [(u8, Character)],
-    /// The lowest and the highest address a module may have.
+    /// The lowest and the highest address.
     pub addresses: (u8, u8),
-    /// The silence that must lie before a request; none means 3.5 characters.
+    /// The silence required before a request; none means 3.5 characters.
     pub gap: Option<Micros>,
     /// The letters before an output's number, and the number of the first.
     pub output_label: (&'static str, u8),
@@ -106,7 +106,7 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// The code of a speed in configuration frames.
+    /// The code of a baud rate in configuration frames.
     #[must_use]
     pub fn baud_code(&self, baud: Baud) -> Option<u8> {
         self.bauds
@@ -115,7 +115,7 @@ impl Profile {
             .map(|(code, _)| *code)
     }
 
-    /// The speed of a code.
+    /// The baud rate with a code.
     #[must_use]
     pub fn baud_of(&self, code: u8) -> Option<Baud> {
         self.bauds
@@ -133,7 +133,7 @@ impl Profile {
             .map(|(code, _)| *code)
     }
 
-    /// The character format of a code.
+    /// The character format with a code.
     #[must_use]
     pub fn character_of(&self, code: u8) -> Option<Character> {
         self.characters
@@ -153,7 +153,7 @@ impl Profile {
     }
 }
 
-/// What a point is.
+/// The kind of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PointKind {
     /// A relay or transistor.
@@ -169,13 +169,13 @@ pub enum PointKind {
 /// One channel or value of a module, by 0-based index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Point {
-    /// What it is.
+    /// Its kind.
     pub kind: PointKind,
-    /// Which one, from 0, whatever its label counts from.
+    /// Its index from 0, whatever its label counts from.
     pub index: u8,
 }
 
-/// Which way round a 0x55 board uses the 32 bits of its state [R55 §3.4].
+/// How a 0x55 board uses the 32 bits of its state [R55 §3.4].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Layout {
     /// All 32 are outputs.
@@ -187,14 +187,14 @@ pub enum Layout {
     Mixed,
 }
 
-/// A module as the user describes it: what the wire can't tell, or has not told yet.
+/// A module as the user describes it: what can't be read from it, or has not been read yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Setup {
-    /// Its kind.
+    /// Its family.
     pub family: Family,
     /// Its address.
     pub address: Address,
-    /// The protocol it speaks.
+    /// The protocol it uses.
     pub protocol: Protocol,
     /// Speed and character format.
     pub serial: Settings,
@@ -208,28 +208,28 @@ pub struct Setup {
     pub variables: u8,
     /// How a 0x55 board uses the bits of its state.
     pub layout: Layout,
-    /// A 0x55 board whose 11 and 12 are swapped [R55 §3.9].
+    /// A 0x55 board with 11 and 12 swapped [R55 §3.9].
     pub invert_on_off: bool,
-    /// The silence before a request, where it is not the profile's.
+    /// The silence before a request, if it differs from the profile's.
     pub gap: Option<Micros>,
 }
 
-/// Why a module can't be as described.
+/// Why a setup is not possible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SetupError {
-    /// The family has no such address; the lowest and highest it has.
+    /// The family has no such address; its lowest and highest.
     Address(u8, u8),
-    /// The family does not speak that protocol.
+    /// The family does not support that protocol.
     Protocol,
-    /// The family does not have that speed.
+    /// The family does not support that baud rate.
     Baud,
-    /// The family does not have that character format.
+    /// The family does not support that character format.
     Character,
-    /// More channels than the family has, or a layout that has no room for them.
+    /// More channels than the family has, or than the layout has room for.
     Channels,
-    /// Only ASCII has a checksum that can be on or off.
+    /// Only ASCII has an optional checksum.
     Checksum,
-    /// The module's own half was built for another family.
+    /// The device side was built for another family.
     Family,
 }
 
@@ -252,7 +252,7 @@ impl fmt::Display for SetupError {
 impl core::error::Error for SetupError {}
 
 impl Setup {
-    /// A module as it leaves the factory, but for its address.
+    /// A module in its factory state, at an address.
     #[must_use]
     pub fn new(family: Family, address: Address) -> Setup {
         let profile = family.profile();
@@ -283,14 +283,14 @@ impl Setup {
         self.check_by(self.family.profile())
     }
 
-    /// Checks, too, that the family's own half is built here.
+    /// Also checks that the family's device side is built.
     ///
     /// # Errors
     /// The first [`SetupError`] found.
     pub fn check_built(&self) -> Result<(), SetupError> {
         match Family::ONLY {
             Some(only) if only != self.family => Err(SetupError::Family),
-            // By name, so that the other families' data are left out.
+            // By name, so that the other families' data is not linked.
             Some(only) => self.check_by(only.profile()),
             None => self.check(),
         }
@@ -400,13 +400,13 @@ impl Setup {
         mask(self.inputs)
     }
 
-    /// The silence that must lie before a request to this module.
+    /// The silence required before a request to this module.
     #[must_use]
     pub fn request_gap(&self) -> Micros {
         self.gap_of(self.family.profile(), self.protocol, self.serial)
     }
 
-    /// The same while the module talks otherwise than described.
+    /// The same for other settings than the configured ones.
     #[inline]
     pub(crate) const fn gap_of(
         &self,

@@ -1,11 +1,11 @@
-//! What the families that speak Modbus share: coils, runs of them, and replies.
+//! What the Modbus families share: coils, runs of coils, and replies.
 
 use crate::engine::DeviceState;
 use crate::{Bank, Profile, Setup};
 use railbus_wire::rtu::{self, BitBlock, Exception, Request, Response, WordSpan};
 use railbus_wire::{Address, Bits, Exchange, Frame, Words};
 
-/// The first run of neighbouring channels, which a Modbus coil write takes.
+/// The first run of adjacent channels, which one Modbus coil write can carry.
 pub(crate) const fn run_of(want: Bank) -> Bank {
     if want.mask == 0 {
         return want;
@@ -15,7 +15,7 @@ pub(crate) const fn run_of(want: Bank) -> Bank {
     Bank::new(run, want.on)
 }
 
-/// A coil write for one output or a run of them; output 0 has the coil `first_coil`.
+/// A coil write for one output or a run of them; output 0 is the coil `first_coil`.
 pub(crate) fn write_run(setup: &Setup, first_coil: u16, bank: Bank) -> Option<Exchange<'static>> {
     if run_of(bank) != bank {
         return None;
@@ -35,26 +35,26 @@ pub(crate) fn write_run(setup: &Setup, first_coil: u16, bank: Bank) -> Option<Ex
     Some(Exchange::rtu(setup.address, request))
 }
 
-/// What a module's half made of a request, before it is a frame.
+/// The result of a request on the device side, not encoded yet.
 pub(crate) enum Answer {
-    /// That many of the lowest bits.
+    /// This many of the lowest bits.
     Bits(u32, u16),
     /// Registers, packed, and how many bytes of them.
     Words([u8; 16], usize),
-    /// What a diagnosis says.
+    /// The data of a diagnosis.
     Diagnosis(u16),
     /// A write was carried out.
     Done,
 }
 
 impl Answer {
-    /// The registers of a span, of a map that begins at 0 and holds the span.
+    /// The registers of a span; the map begins at 0 and contains the span.
     pub(crate) fn span(map: &[u16], span: WordSpan) -> Answer {
         let words = map.get(usize::from(span.start())..);
         Answer::words(words.unwrap_or_default(), span.count())
     }
 
-    /// The first of these registers, of which there are as many.
+    /// The first `count` of these registers.
     pub(crate) fn words(words: &[u16], count: u16) -> Answer {
         let mut packed = [0; 16];
         let (pairs, _) = packed.as_chunks_mut::<2>();
@@ -65,7 +65,7 @@ impl Answer {
     }
 }
 
-/// The module's half: reads or writes outputs that are coils from `first_coil` on.
+/// Device side: reads or writes outputs that are coils from `first_coil` on.
 pub(crate) fn coils(
     state: &mut DeviceState,
     first_coil: u16,
@@ -81,7 +81,7 @@ pub(crate) fn coils(
             ))
         }
         Request::WriteCoil { at, value } => {
-            // The value is looked at before the address [MODBUS §3.5].
+            // The value is checked before the address [MODBUS §3.5].
             let on = value.state().ok_or(Exception::VALUE)?;
             let mask = 1u32.wrapping_shl(run_in(first_coil, outputs, at, 1)?);
             state.switch(mask, if on { mask } else { 0 });
@@ -98,7 +98,7 @@ pub(crate) fn coils(
     }
 }
 
-/// Writes the reply of the module at `from`. Nobody answers a request to all.
+/// Writes the reply of the module at `from`. A broadcast gets none.
 pub(crate) fn respond(
     exchange: &rtu::Exchange<'_>,
     from: Address,
@@ -126,8 +126,8 @@ pub(crate) fn respond(
     }
 }
 
-/// Where a run of coils or registers begins inside a map that has `len` of them from `first`
-/// on, or the exception of a run that leaves it.
+/// The offset of a run of coils or registers in a map that has `len` of them from `first` on, or
+/// the exception if the run leaves it.
 pub(crate) fn run_in(first: u16, len: u16, at: u16, count: u16) -> Result<u32, Exception> {
     let offset = at.checked_sub(first).ok_or(Exception::ADDRESS)?;
     let inside = offset.checked_add(count).is_some_and(|end| end <= len);
@@ -138,7 +138,7 @@ pub(crate) fn run_in(first: u16, len: u16, at: u16, count: u16) -> Result<u32, E
     }
 }
 
-/// An address as a register holds it.
+/// An address in a register.
 pub(crate) fn address(profile: &Profile, value: u16) -> Result<Address, Exception> {
     let (low, high) = profile.addresses;
     let in_range = u8::try_from(value)

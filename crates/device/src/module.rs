@@ -1,4 +1,4 @@
-//! A module as the host sees it: ops become exchanges, replies become what was seen.
+//! A module as the host sees it: ops become exchanges, replies become observations.
 
 use crate::{Bank, Family, Observation, Op, Refusal, Setup, SetupError, Unsupported};
 use crate::{eda, emd2a2q, erc8, modbus, r55};
@@ -8,15 +8,15 @@ use railbus_wire::{Exchange, Protocol, Response, ascii, rtu};
 #[derive(Clone, Debug)]
 pub struct Module {
     setup: Setup,
-    /// Which outputs give pulses; unknown until the module was asked.
+    /// Which outputs give pulses; unknown until the module has been asked.
     pulse_mask: Option<u8>,
 }
 
 impl Module {
-    /// The module of this description.
+    /// A module with this setup.
     ///
     /// # Errors
-    /// Where no module of the family can be as described.
+    /// If the setup is not possible for the family.
     pub fn new(setup: Setup) -> Result<Module, SetupError> {
         setup.check()?;
         let pulse_mask = match setup.family {
@@ -26,16 +26,16 @@ impl Module {
         Ok(Module { setup, pulse_mask })
     }
 
-    /// Its description.
+    /// Its setup.
     #[must_use]
     pub const fn setup(&self) -> &Setup {
         &self.setup
     }
 
-    /// The one exchange of an op.
+    /// The single exchange for an op.
     ///
     /// # Errors
-    /// [`Unsupported`] where the model has no single frame for it, or not in this protocol.
+    /// [`Unsupported`] if the model has no single frame for it, or not in this protocol.
     pub fn exchange(&self, op: &Op) -> Result<Exchange<'static>, Unsupported> {
         let setup = &self.setup;
         match (setup.family, op) {
@@ -52,7 +52,7 @@ impl Module {
         .ok_or(Unsupported)
     }
 
-    /// What the reply to an op says, in channel terms.
+    /// Decodes the reply to an op into channel terms.
     #[must_use]
     pub fn interpret(&self, op: &Op, response: &Response<'_>) -> Observation {
         let seen = match (response, self.setup.family) {
@@ -65,7 +65,7 @@ impl Module {
             (Response::Ascii(ascii::Response::Ignored), _) => {
                 Some(Observation::Refused(Refusal::WatchdogTripped))
             }
-            // That it answered is all that is wanted.
+            // Only the fact that it answered matters.
             _ if matches!(op, Op::Fence) => Some(Observation::Done),
             (_, Family::Eda9060a | Family::Eda9050) => eda::interpret(&self.setup, op, response),
             (_, Family::Erc8) => erc8::interpret(op, response),
@@ -75,8 +75,8 @@ impl Module {
         seen.unwrap_or(Observation::Unexpected)
     }
 
-    /// Whether what [`Op::Identify`] brought is what this model says of itself. A module that
-    /// names no model is not contradicted.
+    /// Whether the answer to [`Op::Identify`] fits this model. A module that does not name its
+    /// model is never contradicted.
     #[must_use]
     pub fn recognises(&self, seen: &Observation) -> bool {
         match self.setup.family {
@@ -92,16 +92,16 @@ impl Module {
         says_so && self.exchange(&Op::Identify).is_ok()
     }
 
-    /// Takes note of what changes how later ops are to be treated.
+    /// Remembers what affects later ops.
     pub fn learn(&mut self, seen: &Observation) {
         if let Observation::Pulse { mask, .. } = seen {
             self.pulse_mask = Some(*mask);
         }
     }
 
-    /// Whether doing the op twice is the same as doing it once. Toggling and jogging are not,
-    /// and neither is switching on an output that gives pulses: the second one makes the pulse
-    /// longer [EDA9060A §3.7].
+    /// Whether doing the op twice is the same as doing it once. Toggles and jogs are not, nor is
+    /// switching on an output that gives pulses: the second command extends the pulse
+    /// [EDA9060A §3.7].
     #[must_use]
     pub fn repeatable(&self, op: &Op) -> bool {
         match op {
@@ -114,7 +114,7 @@ impl Module {
         }
     }
 
-    /// Which outputs give pulses; nothing as long as the module has not said so.
+    /// Which outputs give pulses; none as long as the module has not reported it.
     #[must_use]
     pub fn pulses(&self) -> Option<u32> {
         let mask = self.pulse_mask.map(u32::from);
@@ -141,8 +141,8 @@ impl Module {
             .chain((0..setup.variables).map(Op::ReadVariable))
     }
 
-    /// The op to do once when the module is first heard, or heard again: what it does with
-    /// commands may have been changed meanwhile. None where that can't change.
+    /// The op to run once whenever the module comes online, because its reaction to commands may
+    /// have been changed. None if that can't change.
     #[must_use]
     pub const fn on_online_op(&self) -> Option<Op> {
         match self.setup.family {
@@ -151,8 +151,7 @@ impl Module {
         }
     }
 
-    /// As much of these states as one frame can bring about, as an op. Never empty for a bank
-    /// that is not.
+    /// As much of these states as one frame can carry. Never empty unless the bank is.
     #[must_use]
     pub fn group(&self, want: Bank) -> Bank {
         match self.setup.family {
@@ -162,7 +161,7 @@ impl Module {
         }
     }
 
-    /// The op that reads back what an op changed, where one does.
+    /// The op that reads back what an op changed, if there is one.
     #[must_use]
     pub const fn read_back(&self, op: &Op) -> Option<Op> {
         match op {

@@ -1,18 +1,18 @@
-//! What one wants of a module, in channel terms, and what one learns from it.
+//! Operations on a module and what they return, in channel terms.
 
 use railbus_wire::{Address, Baud, Channel, Character, PulseWidth, ascii::Text, r55::U24, rtu};
 
 /// Channels and their states. Bit n is channel n.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Bank {
-    /// Which channels are meant.
+    /// The channels.
     pub mask: u32,
     /// Their states; bits outside the mask are 0.
     pub on: u32,
 }
 
 impl Bank {
-    /// The channels of the mask with these states.
+    /// These channels with these states.
     #[must_use]
     pub const fn new(mask: u32, on: u32) -> Bank {
         Bank {
@@ -30,7 +30,7 @@ impl Bank {
         }
     }
 
-    /// The state of one channel, where it is known.
+    /// The state of one channel, if it is known.
     #[must_use]
     pub const fn get(self, channel: Channel) -> Option<bool> {
         if self.mask & channel.mask() == 0 {
@@ -41,58 +41,58 @@ impl Bank {
     }
 }
 
-/// What one wants of a module. One op is exactly one exchange.
+/// An operation on a module. One op is exactly one exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Op {
-    /// Read outputs, and inputs where one frame holds both.
+    /// Read outputs, and inputs if one frame holds both.
     ReadOutputs,
-    /// Read digital inputs, and outputs where one frame holds both.
+    /// Read digital inputs, and outputs if one frame holds both.
     ReadInputs,
     /// Read the analog inputs.
     ReadAnalogs,
     /// Read an internal variable.
     ReadVariable(u8),
-    /// Read which outputs give pulses, and how long.
+    /// Read which outputs give pulses, and their width.
     ReadPulse,
-    /// Read the name or version by which the module tells what it is.
+    /// Read the name or version with which the module identifies itself.
     Identify,
     /// Read address, speed, parity, checksum.
     ReadConfig,
-    /// Ask something harmless whose reply can be none to the other reads and writes of the module:
-    /// once it is answered, whatever was asked before is answered or lost. Only where a poll has
-    /// no two such reads anyway.
+    /// A harmless request whose reply can't be taken for the reply to any other read or write of
+    /// the module: once it is answered, every earlier request is answered or lost. Only for modules
+    /// whose polls do not already contain two such reads.
     Fence,
-    /// Bring outputs into these states, and leave the others alone.
+    /// Switch these outputs, and leave the others alone.
     Write(Bank),
-    /// The same in a form that no module answers.
+    /// The same in a form that gets no reply.
     WriteSilent(Bank),
     /// Toggle the outputs of the mask.
     Toggle(u32),
-    /// Pull in now (`close`) or release now, and go back after a time in milliseconds.
+    /// Switch on (`close`) or off now, and back after a time in milliseconds.
     Jog {
         /// Which output.
         channel: Channel,
-        /// Pull in first and release later, or the reverse.
+        /// On first and off later, or the reverse.
         close: bool,
-        /// Until it goes back, in milliseconds.
+        /// The time until it switches back, in milliseconds.
         millis: U24,
     },
     /// Write an internal variable.
     WriteVariable(u8, U24),
-    /// Change a setting that the module keeps.
+    /// Change a stored setting.
     Configure(Change),
 }
 
-/// A change to what a module keeps in its EEPROM.
+/// A change to the settings in a module's EEPROM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Change {
-    /// Address, speed and checksum at once, as EDA modules take them.
+    /// Address, speed and checksum together, as EDA modules take them.
     Serial {
-        /// The address from now on.
+        /// The new address.
         address: Address,
-        /// The speed from now on.
+        /// The new speed.
         baud: Baud,
-        /// ASCII frames carry a checksum from now on.
+        /// Whether ASCII frames carry a checksum.
         checksum: bool,
     },
     /// The address alone.
@@ -101,7 +101,7 @@ pub enum Change {
     Baud(Baud),
     /// The character format alone.
     Character(Character),
-    /// Which outputs give pulses, and how long.
+    /// Which outputs give pulses, and their width.
     Pulse {
         /// Bit n = output n gives pulses.
         mask: u8,
@@ -110,15 +110,15 @@ pub enum Change {
     },
     /// The calibration voltage in hundredths of a volt.
     CalibrationVoltage(u16),
-    /// Take the present inputs for zero.
+    /// Calibrate zero with the present inputs.
     CalibrateZero,
-    /// Take the present inputs for the calibration voltage.
+    /// Calibrate the calibration voltage with the present inputs.
     CalibrateSpan,
-    /// Back to the factory settings.
+    /// Restore the factory settings.
     Restore,
 }
 
-/// What a reply says.
+/// The decoded reply to an op.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Observation {
     /// The states of outputs and inputs. A bank with an empty mask says nothing.
@@ -132,7 +132,7 @@ pub enum Observation {
     Analogs([u16; 2]),
     /// An internal variable.
     Variable(u8, U24),
-    /// Which outputs give pulses, and how long.
+    /// Which outputs give pulses, and their width.
     Pulse {
         /// Bit n = output n gives pulses.
         mask: u8,
@@ -145,9 +145,9 @@ pub enum Observation {
     Model(u16),
     /// A product version.
     Version(u16),
-    /// Settings as the module keeps them; none where the reply does not say.
+    /// Stored settings; none where the reply does not say.
     Config {
-        /// The address it believes to have.
+        /// The address the module reports.
         address: Option<Address>,
         /// The speed.
         baud: Option<Baud>,
@@ -156,15 +156,15 @@ pub enum Observation {
         /// ASCII frames carry a checksum.
         checksum: Option<bool>,
     },
-    /// The write was acknowledged, which says nothing of the outputs' states.
+    /// The write was acknowledged, which says nothing about the outputs' states.
     Done,
-    /// The module answered no.
+    /// The module refused.
     Refused(Refusal),
-    /// The reply is well formed but can't be the answer to this op.
+    /// A well-formed reply that can't be the answer to this op.
     Unexpected,
 }
 
-/// How a module said no.
+/// How a module refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
     /// A Modbus exception.

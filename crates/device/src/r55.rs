@@ -26,18 +26,18 @@ pub(crate) static PROFILE: Profile = Profile {
 
 /// How long after power-up an address can be written [R55 §4.6].
 const ADDRESS_WINDOW: Micros = Micros::from_secs(10);
-/// The variables of a programmable board in the simulator [R55 §5.3].
+/// The number of variables of a programmable board in the simulator [R55 §5.3].
 pub(crate) const VARIABLES: usize = match Family::ONLY {
     None | Some(Family::R55) => 32,
     Some(_) => 0,
 };
 
-/// The host's half: the one exchange of an op. Every op but `WriteSilent` takes the form that
-/// is answered.
+/// Host side: the single exchange for an op. Every op except `WriteSilent` uses the form with a
+/// reply.
 pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<railbus_wire::Exchange<'static>> {
     let request = match *op {
         Op::ReadOutputs | Op::ReadInputs => Request::ReadState,
-        // A board with variables has two reads that are told apart, and is polled for both.
+        // A board with variables has two distinguishable reads, and is polled for both.
         Op::Fence if setup.variables == 0 => Request::ReadAddress,
         Op::Write(bank) | Op::WriteSilent(bank) => write(setup, bank)?,
         Op::Toggle(mask) if mask == 0 || mask & !setup.output_mask() != 0 => return None,
@@ -69,8 +69,8 @@ pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<railbus_wire::Exchange<
     Some(railbus_wire::Exchange::R55(exchange))
 }
 
-/// The request that brings these outputs into these states, where one does: one relay, a group
-/// with one state, or all.
+/// The request that switches these outputs, if there is one: one relay, a group with one state, or
+/// all.
 fn write(setup: &Setup, bank: Bank) -> Option<Request> {
     let on = if setup.invert_on_off {
         !bank.on & bank.mask
@@ -95,8 +95,8 @@ const fn single(mask: u32) -> Option<Channel> {
     }
 }
 
-/// The host's half: as much as one frame can bring about. All outputs at once, or those that
-/// get the state of the lowest one.
+/// Host side: as much of a write as one frame can carry. All outputs, or those with the state of
+/// the lowest one.
 pub(crate) const fn group(setup: &Setup, want: Bank) -> Bank {
     let lowest = want.mask & want.mask.wrapping_neg();
     if want.mask == setup.output_mask() {
@@ -108,7 +108,7 @@ pub(crate) const fn group(setup: &Setup, want: Bank) -> Bank {
     }
 }
 
-/// The host's half: what a reply says. Commands are answered with the state after execution.
+/// Host side: decodes a reply. Commands are answered with the state after execution.
 pub(crate) fn interpret(
     setup: &Setup,
     op: &Op,
@@ -146,8 +146,8 @@ pub(crate) fn interpret(
     })
 }
 
-/// The address of the board that answered an address read: in D4, or in the address byte of
-/// a board that leaves D4 empty [R55 §4.4].
+/// The address of the board that answered an address read: in D4, or in the address byte of a board
+/// that leaves D4 empty [R55 §4.4].
 #[must_use]
 pub fn board_address(reply: &Reply<Response>) -> Option<Address> {
     let [.., low] = reply.response.data;
@@ -157,8 +157,8 @@ pub fn board_address(reply: &Reply<Response>) -> Option<Address> {
     }
 }
 
-/// The module's half: the frame that begins what was heard. One with a good sum that asks for
-/// nothing known is a frame all the same, and nothing is looked for inside it [R55 §1.8].
+/// Device side: the frame at the start of the received bytes. An unknown request with a good
+/// checksum is still a frame, and nothing is searched for inside it [R55 §1.8].
 pub(crate) fn decode_frame(heard: &[u8]) -> Decoded<Option<Exchange>> {
     match Exchange::decode_request(heard) {
         Decoded::Malformed(Malformed::Function | Malformed::Value) => Decoded::Whole {
@@ -169,7 +169,7 @@ pub(crate) fn decode_frame(heard: &[u8]) -> Decoded<Option<Exchange>> {
     }
 }
 
-/// The module's half: carries out a request, and writes the reply. Whether there is one.
+/// Device side: executes a request and writes the reply; returns whether there is one.
 pub(crate) fn answer(
     state: &mut DeviceState,
     now: Instant,
@@ -194,7 +194,7 @@ pub(crate) fn answer(
     answers
 }
 
-/// Does what a request asks for; nothing where the board stays silent.
+/// Executes a request; none if the board does not reply.
 fn carry_out(state: &mut DeviceState, now: Instant, request: Request) -> Option<Response> {
     let all = state.setup.output_mask();
     let has = |channel: Channel| (channel.index() < state.setup.outputs).then_some(channel);
@@ -228,7 +228,7 @@ fn carry_out(state: &mut DeviceState, now: Instant, request: Request) -> Option<
     Some(state_response(state))
 }
 
-/// The state as this board's layout has it.
+/// The state in this board's layout.
 const fn state_response(state: &DeviceState) -> Response {
     Response::word(match state.setup.layout {
         Layout::Outputs => state.outputs,
@@ -237,7 +237,7 @@ const fn state_response(state: &DeviceState) -> Response {
     })
 }
 
-/// Writes the address: only soon after power-up, and only where no DIP switch gives it
+/// Writes the address: only soon after power-up, and only if no DIP switch sets it
 /// [R55 §4.6, §4.8].
 fn readdress(state: &mut DeviceState, now: Instant, new: Address) -> Option<Response> {
     let in_window = now.since(state.started) <= ADDRESS_WINDOW;
@@ -249,7 +249,7 @@ fn readdress(state: &mut DeviceState, now: Instant, new: Address) -> Option<Resp
     Some(Response::word(new.0.into()))
 }
 
-/// A variable, on boards that have any.
+/// A variable, on boards that have variables.
 fn variable(state: &mut DeviceState, index: u8) -> Option<&mut u32> {
     let programmable = state.setup.variables > 0;
     let variable = state.variables.get_mut(usize::from(index));

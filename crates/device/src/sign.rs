@@ -1,15 +1,15 @@
-//! What a module is known by: the name it gives itself, and where it gives none over Modbus, reads
-//! of which its datasheet says what comes of them.
+//! What identifies a module: the name it reports, and for modules that report none over Modbus,
+//! reads whose outcome the datasheet describes.
 //!
-//! That somebody answers what a family answers proves nothing: many boards have eight coils there.
-//! A family is known only by what it *refuses*, too.
+//! That a module answers what a family answers proves nothing: many boards have eight coils there.
+//! A family is only identified if its *refusals* match, too.
 
 use crate::{Family, emd2a2q, erc8};
 use railbus_wire::rtu::{self, BitSpan, Exception, Request, WordSpan};
 use railbus_wire::{Address, Response};
 
-/// The names that modules give themselves, whole: they have them with or without the letter
-/// [EDA9060A §1.2, EDA9050 §1.2]. Many DCON modules have one that begins alike.
+/// The complete names that modules report, with or without the letter
+/// [EDA9060A §1.2, EDA9050 §1.2]. Many DCON modules have names that begin the same.
 const NAMES: [(&[u8], Family); 3] = [
     (b"9060", Family::Eda9060a),
     (b"9060A", Family::Eda9060a),
@@ -24,30 +24,30 @@ const NUMBERS: [(u16, Family); 4] = [
     (9050, Family::Eda9050),
 ];
 
-/// A read, and what the datasheet says that comes of it.
+/// A read, and its outcome according to the datasheet.
 #[derive(Clone, Copy, Debug)]
 pub struct Sign {
-    /// What is asked.
+    /// The request.
     pub request: Request<'static>,
-    /// What comes.
+    /// The expected outcome.
     pub reply: Reply,
 }
 
-/// What comes of a read.
+/// The outcome of a read.
 #[derive(Clone, Copy, Debug)]
 pub enum Reply {
     /// It is answered.
     Answer,
-    /// It is answered with registers that can be those of a module at that address.
+    /// Registers that can be those of a module at that address.
     Registers(fn(Address, &railbus_wire::Words<'_>) -> bool),
-    /// It is refused, with this exception and no other.
+    /// A refusal with exactly this exception.
     Refusal(Exception),
-    /// Nothing.
+    /// No reply.
     Silence,
 }
 
 impl Sign {
-    /// `count` coils from `start`, and what comes of it.
+    /// `count` coils from `start`, and the outcome.
     pub(crate) const fn coils(start: u16, count: u16, reply: Reply) -> Option<Sign> {
         match BitSpan::new(start, count) {
             Some(span) => Some(Sign {
@@ -58,7 +58,7 @@ impl Sign {
         }
     }
 
-    /// The same of discrete inputs.
+    /// The same for discrete inputs.
     pub(crate) const fn inputs(start: u16, count: u16, reply: Reply) -> Option<Sign> {
         match BitSpan::new(start, count) {
             Some(span) => Some(Sign {
@@ -69,7 +69,7 @@ impl Sign {
         }
     }
 
-    /// The same of holding registers.
+    /// The same for holding registers.
     pub(crate) const fn registers(start: u16, count: u16, reply: Reply) -> Option<Sign> {
         match WordSpan::new(start, count) {
             Some(span) => Some(Sign {
@@ -80,8 +80,8 @@ impl Sign {
         }
     }
 
-    /// Whether what came is what the datasheet says; none where nothing came that shows anything:
-    /// a reply may be lost, and exception 08 is a spoilt request [ERC-8 §5.5, EMD-2A2Q §6.7].
+    /// Whether the result is what the datasheet says; none if the result proves nothing: a reply
+    /// may be lost, and exception 08 means a corrupted request [ERC-8 §5.5, EMD-2A2Q §6.7].
     #[must_use]
     pub fn shown_by(&self, address: Address, response: Option<&Response<'_>>) -> Option<bool> {
         let refused = match response {
@@ -103,7 +103,7 @@ impl Sign {
         }
     }
 
-    /// Whether nobody who merely has more than the module would show it.
+    /// Whether no superset of the module would show it.
     #[must_use]
     pub const fn is_refusal(&self) -> bool {
         matches!(self.reply, Reply::Refusal(_))
@@ -111,7 +111,7 @@ impl Sign {
 }
 
 impl Family {
-    /// The family whose modules give themselves this name.
+    /// The family whose modules report this name.
     #[must_use]
     pub fn of_name(name: &[u8]) -> Option<Family> {
         let mut names = NAMES.into_iter();
@@ -125,8 +125,8 @@ impl Family {
         numbers.find_map(|(known, family)| (known == number).then_some(family))
     }
 
-    /// What a module of the family shows over Modbus that gives itself no name; nothing of those
-    /// that do.
+    /// How a module of the family behaves over Modbus if it reports no name; empty for those that
+    /// do.
     pub fn signs(self) -> impl Iterator<Item = Sign> {
         let signs: &[Option<Sign>] = match self {
             Family::Erc8 => &erc8::SIGNS,
@@ -138,7 +138,7 @@ impl Family {
     }
 }
 
-/// An EDA9050 refuses nothing, and is silent to what it lacks, as many a board is: nothing that it
+/// An EDA9050 refuses nothing and does not answer what it lacks, like many other boards: nothing it
 /// shows proves it [EDA9050 §5.1, §5.2, §5.3, §5.7].
 const EDA9050: [Option<Sign>; 5] = [
     Sign::coils(0, 8, Reply::Answer),
@@ -166,7 +166,7 @@ mod tests {
     fn only_what_is_refused_proves_a_family() {
         let proven = Family::ALL.map(|family| family.signs().any(|sign| sign.is_refusal()));
         assert_eq!(proven, [false, false, true, false, true]);
-        // None of the tables' reads is out of range.
+        // None of the reads in the tables is out of range.
         assert_eq!(Family::Erc8.signs().count(), erc8::SIGNS.len());
         assert_eq!(Family::Emd2a2q.signs().count(), emd2a2q::SIGNS.len());
         assert_eq!(Family::Eda9050.signs().count(), EDA9050.len());

@@ -1,5 +1,5 @@
-//! The module's half. An error is answered with silence in all three protocols, unless the
-//! switch for it is on [EDA §2.22, §3.15, §4.2].
+//! The device side. Errors get no reply in all three protocols, unless an option enables one
+//! [EDA §2.22, §3.15, §4.2].
 
 use super::{PROTOCOL_CHECKSUM, has_pulses, model, name, read_map, write_map};
 use crate::Family;
@@ -55,7 +55,7 @@ pub(crate) fn ascii(
         }
         _ => None,
     };
-    // The EDA9050's sheet prints the new address in this one reply [EDA9050 §3.4].
+    // The EDA9050's datasheet prints the new address in this one reply [EDA9050 §3.4].
     let readdressed = match (exchange.request, state.family()) {
         (ascii::Request::WriteConfig { new_address, .. }, Family::Eda9050) => new_address,
         _ => from,
@@ -69,7 +69,7 @@ pub(crate) fn ascii(
     }
 }
 
-/// Answers a well-framed request that is none, where the switch for it is on [EDA §2.23].
+/// Answers a well-framed but invalid request, if the option is on [EDA §2.23].
 pub(crate) fn refuse_ascii(state: &DeviceState, address: Option<Address>, reply: &mut Frame) {
     if state.options.refuse_aloud && address == Some(state.address()) {
         let exchange = ascii::Exchange {
@@ -106,7 +106,7 @@ pub(crate) fn lc02(
             outputs: state.outputs as u8,
             inputs: state.levels as u8,
         }),
-        // Locked outputs: silence is how LC-02 says no [BEYOND §1.4].
+        // Outputs are locked: LC-02 refuses by not replying [BEYOND §1.4].
         lc02::Request::WriteOutputs(_) if state.is_locked() => None,
         lc02::Request::WriteOutputs(outputs) => {
             switch(state, now, outputs).map(|()| lc02::Response::Done)
@@ -168,7 +168,7 @@ fn carry_out(
             Ok(Answer::Bits(state.levels.wrapping_shr(first), span.count()))
         }
         rtu::Request::WriteCoil { at, value } => {
-            // The value is looked at before the address [MODBUS §3.5].
+            // The value is checked before the address [MODBUS §3.5].
             let on = value.state().ok_or(Exception::VALUE)?;
             let channel = run_in(0, state.setup.outputs.into(), *at, 1)?;
             switch_bits(
@@ -256,7 +256,7 @@ fn ascii_config(state: &DeviceState) -> Option<ascii::Response> {
     })
 }
 
-/// Takes new serial settings; none for a checksum leaves it as it is.
+/// Takes new serial settings; no checksum means that it stays as it is.
 fn reconfigure(
     state: &mut DeviceState,
     address: Address,
@@ -271,7 +271,7 @@ fn reconfigure(
     Some(())
 }
 
-/// Mode mask and width, where the module has pulses.
+/// Pulse mask and width, if the module has pulses.
 fn pulse(state: &DeviceState) -> Option<(u8, PulseWidth)> {
     let Eeprom {
         pulse_mask,
@@ -291,7 +291,7 @@ fn set_pulse(state: &mut DeviceState, mask: u8, width: PulseWidth) -> Option<()>
     Some(())
 }
 
-/// A `#AAoodd` [EDA §2.18, §2.19].
+/// `#AAoodd` [EDA §2.18, §2.19].
 fn switch_by_order(state: &mut DeviceState, now: Instant, order: u8, data: u8) -> Option<()> {
     let outputs = match (order, data) {
         (ascii::ALL_OUTPUTS, value) => lc02::Outputs::All(value),
@@ -316,8 +316,8 @@ fn switch(state: &mut DeviceState, now: Instant, outputs: lc02::Outputs) -> Opti
     Some(())
 }
 
-/// Switches outputs, each by its own mode: level outputs follow their bit, a pulse output
-/// begins a pulse at 1 and ignores 0 [EDA9060A §3.1, §3.2, §3.3, §3.9].
+/// Switches outputs, each by its own mode: a level output follows its bit, a pulse output starts a
+/// pulse on 1 and ignores 0 [EDA9060A §3.1, §3.2, §3.3, §3.9].
 fn switch_bits(state: &mut DeviceState, now: Instant, mask: u32, on: u32) {
     let pulses = u32::from(state.eeprom.pulse_mask);
     let width = Micros::from_millis(100) * u64::from(state.eeprom.pulse_width.tenths());

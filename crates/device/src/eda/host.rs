@@ -1,4 +1,4 @@
-//! The host's half.
+//! The host side.
 
 use super::{PROTOCOL_CHECKSUM, has_pulses, read_map, write_map};
 use crate::{Bank, Change, Family, Observation, Op, Profile, Setup, modbus};
@@ -6,7 +6,7 @@ use railbus_wire::rtu::{self, BitSpan, WordBlock, WordSpan};
 use railbus_wire::{Address, Channel, Exchange, Protocol, PulseWidth, Response, Words};
 use railbus_wire::{ascii, lc02};
 
-/// The one exchange of an op.
+/// The single exchange for an op.
 pub(crate) fn exchange(setup: &Setup, op: &Op) -> Option<Exchange<'static>> {
     let pulses = matches!(op, Op::ReadPulse | Op::Configure(Change::Pulse { .. }));
     if pulses && !has_pulses(setup.family) {
@@ -113,7 +113,7 @@ fn in_rtu(setup: &Setup, op: &Op) -> Option<rtu::Request<'static>> {
     }
 }
 
-/// The outputs of a write, where one frame has them: one, or all.
+/// The outputs of a write, if one frame can carry them: one, or all.
 fn outputs(setup: &Setup, bank: Bank) -> Option<lc02::Outputs> {
     let on = bank.on as u8;
     if bank.mask == setup.output_mask() {
@@ -126,7 +126,7 @@ fn outputs(setup: &Setup, bank: Bank) -> Option<lc02::Outputs> {
     }
 }
 
-/// As much as one frame can bring about: in Modbus a run, otherwise all outputs or one.
+/// As much of a write as one frame can carry: in Modbus a run, otherwise all outputs or one.
 pub(crate) const fn group(setup: &Setup, want: Bank) -> Bank {
     match setup.protocol {
         Protocol::Rtu => modbus::run_of(want),
@@ -135,7 +135,7 @@ pub(crate) const fn group(setup: &Setup, want: Bank) -> Bank {
     }
 }
 
-/// What a reply says.
+/// Decodes a reply.
 pub(crate) fn interpret(setup: &Setup, op: &Op, response: &Response<'_>) -> Option<Observation> {
     match response {
         Response::Ascii(response) => of_ascii(setup, response),
@@ -148,7 +148,7 @@ pub(crate) fn interpret(setup: &Setup, op: &Op, response: &Response<'_>) -> Opti
 fn of_ascii(setup: &Setup, response: &ascii::Response) -> Option<Observation> {
     Some(match *response {
         ascii::Response::Data { outputs, inputs } => channels(setup, outputs, inputs),
-        // A name that comes late has bits that no mask has: `!019060`.
+        // A late name has bits that no mask has: `!019060`.
         ascii::Response::Pulse { mask, .. } if u32::from(mask) & !setup.output_mask() != 0 => {
             return None;
         }
@@ -194,7 +194,7 @@ fn of_rtu(setup: &Setup, op: &Op, response: &rtu::Response<'_>) -> Option<Observ
             outputs: Bank::default(),
             inputs: Bank::new(setup.input_mask(), bits.to_mask()),
         },
-        // Another module may have answered whose address was changed: it tells the new one.
+        // Another module may have answered after its address was changed: it reports the new one.
         (Op::Identify, rtu::Response::Words(words)) => {
             let [address, _] = words.get(read_map::SERIAL)?.to_be_bytes();
             if Address(address) != setup.address {
@@ -233,7 +233,7 @@ pub(crate) fn recognises(setup: &Setup, seen: &Observation) -> bool {
     }
 }
 
-/// Outputs and inputs of one frame, without the bits that the model does not have.
+/// Outputs and inputs of one frame, without bits that the model does not have.
 fn channels(setup: &Setup, outputs: u8, inputs: u8) -> Observation {
     Observation::Channels {
         outputs: Bank::new(setup.output_mask(), outputs.into()),

@@ -1,21 +1,21 @@
-//! How characters become frames.
+//! Assembles characters into frames.
 
 use railbus_wire::{Address, Decoded, FRAME_MAX, Frame, Instant, Micros, Protocol, ascii};
 
-/// What a module has heard of a frame so far.
+/// The part of a frame received so far.
 #[derive(Clone, Debug)]
 pub(super) struct Receiver {
     heard: Frame,
-    /// More than fits was heard: no frame of this protocol is so long.
+    /// More was received than fits: no frame of this protocol is that long.
     overflow: bool,
     bad_byte: bool,
-    /// The frame began too soon after what came before it.
+    /// The frame began too soon after earlier traffic.
     too_early: bool,
-    /// When the last character ended, of whomever.
+    /// When the last character ended, whoever sent it.
     pub(super) last: Instant,
 }
 
-/// What silence ended.
+/// The frame that a silence has ended.
 pub(super) struct Ended {
     /// It began late enough and is not too long.
     pub(super) heard_rightly: bool,
@@ -44,9 +44,8 @@ impl Receiver {
         self.heard.bytes()
     }
 
-    /// Characters that took so long begin a frame, unless one is open: did they keep the gap?
-    /// What is open may be no frame but another protocol's bytes, so a gap that was kept counts
-    /// in any case.
+    /// Characters of this duration begin a frame, unless one is open: was the gap kept? An open
+    /// frame may be bytes of another protocol, so a gap that was kept counts in any case.
     pub(super) fn begin(&mut self, now: Instant, took: Micros, gap: Micros) {
         let kept = self.silence_before(now, took) >= gap;
         if kept || !self.has_frame() {
@@ -54,20 +53,20 @@ impl Receiver {
         }
     }
 
-    /// How long the line was silent before characters that took so long and end now.
+    /// How long the line was silent before characters of this duration that end now.
     pub(super) fn silence_before(&self, now: Instant, took: Micros) -> Micros {
         now.since(self.last) - took
     }
 
     pub(super) fn push(&mut self, byte: u8) {
-        // Behind a bad character nobody knows which byte of the frame this is.
+        // After a bad character the position in the frame is unknown.
         if !self.bad_byte && !self.heard.extend(&[byte]) {
             self.overflow = true;
         }
     }
 
-    /// Takes a character of the ASCII protocol: a request, or the address of a bad one, when it
-    /// ends one [EDA §2.8, §2.9].
+    /// Takes a character of the ASCII protocol; returns a request, or the address of a bad one,
+    /// when the character ends one [EDA §2.8, §2.9].
     pub(super) fn push_ascii(
         &mut self,
         byte: u8,
@@ -91,7 +90,7 @@ impl Receiver {
         heard_rightly.then_some(result)
     }
 
-    /// Takes the first frame out of what was heard, dropping one character after another until
+    /// Removes the first frame from the received bytes, dropping one character after another until
     /// one decodes [R55 §1.8].
     pub(super) fn take<T>(&mut self, decode: impl Fn(&[u8]) -> Decoded<T>) -> Option<T> {
         loop {

@@ -1,4 +1,4 @@
-//! What a module consists of besides its ears and mouth, and what any family does with it.
+//! The state of a module apart from receiving and sending, and what every family does with it.
 
 use super::timers::Timers;
 use super::{Applies, Eeprom, Options};
@@ -6,38 +6,38 @@ use crate::extensions::Counters;
 use crate::{Family, Setup, eda9050, eda9060a, emd2a2q, erc8, r55};
 use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, rtu};
 
-/// The state that the families' behaviour works on.
+/// The state that all families work on.
 #[derive(Clone, Debug)]
 pub(crate) struct DeviceState {
     pub(crate) setup: Setup,
     pub(crate) options: Options,
-    /// What is kept.
+    /// The stored settings.
     pub(crate) eeprom: Eeprom,
-    /// What is in force: as kept at power-up, and as [`DeviceState::apply`] brings it up to date.
+    /// The active settings: as stored at power-up, updated by [`DeviceState::apply`].
     pub(crate) active: Eeprom,
     /// Bit n = output n is on.
     pub(crate) outputs: u32,
-    /// Bit n = output n stays as it is.
+    /// Bit n = output n is stuck.
     pub(crate) stuck: u32,
     /// Bit n = input n is high or open. An open input reads high
     /// [EDA9060A §1.5, EDA9050 §1.4].
     pub(crate) levels: u32,
-    /// What lies at the analog inputs, in hundredths.
+    /// The values at the analog inputs, in hundredths.
     pub(crate) analogs: [i16; 2],
     /// Internal variables of a programmable board.
     pub(crate) variables: [u32; r55::VARIABLES],
     /// The level of the INIT* pin.
     pub(crate) init_pin: bool,
-    /// The level that the protocol in force goes by.
+    /// The level that determines the active protocol.
     init_grounded: bool,
     pub(crate) dip: u8,
     pub(crate) started: Instant,
-    /// A calibration step of an EMD-2A2Q: the bits of register 5, and when they are done.
+    /// A calibration step of an EMD-2A2Q: the bits of register 5, and when it ends.
     pub(crate) calibrating: Option<(u16, Instant)>,
-    /// When the host watchdog trips, where it watches.
+    /// When the host watchdog trips, if it is enabled.
     pub(crate) watched_until: Option<Instant>,
     pub(crate) counters: Counters,
-    /// A change that waits for the reply's last stop bit.
+    /// A change waits for the reply's last stop bit.
     changed: bool,
     timers: Timers,
 }
@@ -71,8 +71,8 @@ impl DeviceState {
         }
     }
 
-    /// Its family: a constant where only one is built, so that the compiler leaves out what
-    /// the others do.
+    /// Its family: a constant if only one is built, so that the compiler removes the code of the
+    /// others.
     pub(crate) const fn family(&self) -> Family {
         match Family::ONLY {
             Some(only) => only,
@@ -80,7 +80,7 @@ impl DeviceState {
         }
     }
 
-    /// The address in force.
+    /// The active address.
     pub(crate) const fn address(&self) -> Address {
         match (self.family(), self.dip) {
             (Family::R55, 1..) => Address(self.dip),
@@ -88,7 +88,7 @@ impl DeviceState {
         }
     }
 
-    /// The protocol in force: on an EDA9050 the INIT* pin chooses between two of the three.
+    /// The active protocol: on an EDA9050 the INIT* pin chooses between two of the three.
     pub(crate) const fn protocol(&self) -> Protocol {
         match (self.family(), self.active.protocol) {
             (Family::Erc8 | Family::Emd2a2q, _) => Protocol::Rtu,
@@ -98,7 +98,7 @@ impl DeviceState {
             }
             (_, Protocol::Ascii) => Protocol::Ascii,
             (_, Protocol::Lc02) => Protocol::Lc02,
-            // No EDA module keeps the last: only its own requests change what it keeps.
+            // No EDA module stores the last: only its own requests change what it stores.
             (_, Protocol::Rtu | Protocol::R55) => Protocol::Rtu,
         }
     }
@@ -113,13 +113,13 @@ impl DeviceState {
         }
     }
 
-    /// The settings that are kept, to be changed; they come into force after the reply.
+    /// The stored settings, for a change; they become active after the reply.
     pub(crate) const fn keep(&mut self) -> &mut Eeprom {
         self.changed = true;
         &mut self.eeprom
     }
 
-    /// Brings kept settings into force, as far as they act without a restart.
+    /// Activates stored settings, as far as they do not need a restart.
     pub(super) fn apply(&mut self) {
         if !core::mem::take(&mut self.changed) {
             return;
@@ -142,23 +142,22 @@ impl DeviceState {
         }
     }
 
-    /// Brings outputs of the mask into these states, unless the host watchdog has tripped; their
-    /// timers are forgotten.
+    /// Switches the outputs of the mask, unless the host watchdog has tripped, and cancels their
+    /// timers.
     pub(crate) fn switch(&mut self, mask: u32, on: u32) {
         if !self.is_locked() {
             self.set_outputs(mask, on);
         }
     }
 
-    /// Brings outputs of the mask into these states, whatever has tripped.
+    /// Switches the outputs of the mask even if the watchdog has tripped.
     pub(crate) fn set_outputs(&mut self, mask: u32, on: u32) {
         let mask = mask & self.setup.output_mask();
         self.drive(mask, on);
         self.timers.stop(mask);
     }
 
-    /// Brings one output into a state now and into the other one after `time`; no time at all
-    /// is the end state at once.
+    /// Switches an output now and back after `time`; a time of zero means the end state at once.
     pub(crate) fn switch_for(&mut self, now: Instant, channel: Channel, on: bool, time: Micros) {
         let instant = if time == Micros::ZERO { !on } else { on };
         self.switch(channel.mask(), if instant { channel.mask() } else { 0 });
@@ -177,7 +176,7 @@ impl DeviceState {
         }
     }
 
-    /// Brings outputs into these states, but for those that are stuck.
+    /// Switches outputs, except those that are stuck.
     const fn drive(&mut self, mask: u32, on: u32) {
         let mask = mask & !self.stuck;
         self.outputs = self.outputs & !mask | on & mask;
@@ -191,7 +190,7 @@ impl DeviceState {
         Instant::earliest(&[self.timers.next(), calibrated_at, self.watched_until])
     }
 
-    /// The LED: the two EDA modules describe theirs, the others are just on
+    /// The LED: the datasheets of the two EDA modules describe it, the others' is always on
     /// [EDA9060A §1.6, EDA9050 §1.8].
     pub(super) const fn led(&self, now: Instant, sending: bool) -> bool {
         match self.family() {
@@ -208,7 +207,7 @@ impl DeviceState {
         }
     }
 
-    /// The gap before a request that this module insists on.
+    /// The gap before a request that this module enforces.
     pub(super) fn insisted_gap(&self) -> Micros {
         match self.options.insist_on_gap {
             true if self.family() != Family::R55 => self.request_gap(),
@@ -216,19 +215,19 @@ impl DeviceState {
         }
     }
 
-    /// The gap that a host leaves before a request, in the settings in force.
+    /// The gap that a host leaves before a request, with the active settings.
     pub(super) fn request_gap(&self) -> Micros {
         let (protocol, serial) = (self.protocol(), self.active.serial);
         self.setup.gap_of(self.family().profile(), protocol, serial)
     }
 
-    /// Goes by what the INIT* pin says now.
+    /// Applies the present level of the INIT* pin.
     pub(super) const fn follow_init_pin(&mut self) {
         self.init_grounded = self.init_pin;
     }
 
-    /// Refuses a Modbus request with an exception, where the family has exceptions and the
-    /// request is for this module alone.
+    /// Refuses a Modbus request with an exception, if the family has exceptions and the request is
+    /// addressed to this module alone.
     pub(crate) fn refuse_rtu(
         &self,
         refusal: Option<(Address, u8, rtu::Exception)>,
@@ -236,7 +235,7 @@ impl DeviceState {
     ) {
         let aloud = match self.family() {
             Family::Erc8 | Family::Emd2a2q => true,
-            // What is beyond the datasheet is refused as in the standard [BEYOND §3.4].
+            // Extensions are refused as in the standard [BEYOND §3.4].
             _ if self.options.extensions && refusal.is_some_and(|(_, code, _)| is_beyond(code)) => {
                 true
             }
@@ -254,7 +253,7 @@ impl DeviceState {
                 Family::Eda9050 => eda9050::ABSENT,
                 Family::R55 => &[],
             };
-            // A function that is not there is refused before its quantity [MODBUS §3.5].
+            // An unsupported function is refused before its quantity is checked [MODBUS §3.5].
             let is_absent = absent.iter().any(|function| function.code() == code)
                 || is_beyond(code) && !self.options.extensions;
             let why = if is_absent {
@@ -266,8 +265,8 @@ impl DeviceState {
         }
     }
 
-    /// Answers a frame that did not arrive whole: with silence, or with an exception where that
-    /// switch is on and the frame names this module [ERC-8 §5.8, §5.9].
+    /// Answers a corrupted frame: with silence, or with an exception if that option is on and the
+    /// frame names this module [ERC-8 §5.8, §5.9].
     pub(super) fn answer_bad_frame(&self, frame: &[u8], why: rtu::Exception, reply: &mut Frame) {
         let listed = matches!(self.family(), Family::Erc8 | Family::Emd2a2q);
         if let &[address, code, ..] = frame
@@ -279,7 +278,7 @@ impl DeviceState {
         }
     }
 
-    /// Whether a request with this address is for this module, or for all.
+    /// Whether a request with this address is for this module, or a broadcast.
     pub(crate) fn hears(&self, address: Address) -> bool {
         let broadcast = match self.protocol() {
             Protocol::Rtu => address == rtu::BROADCAST,
@@ -289,13 +288,13 @@ impl DeviceState {
         address == self.address() || broadcast
     }
 
-    /// The code of the speed that is kept.
+    /// The code of the stored baud rate.
     pub(crate) fn baud_code(&self) -> Option<u8> {
         self.family().profile().baud_code(self.eeprom.serial.baud)
     }
 }
 
-/// A function that no datasheet has, and our own modules do [MODBUS §2.10].
+/// A function that is in no datasheet, but that our own modules have [MODBUS §2.10].
 const fn is_beyond(code: u8) -> bool {
     matches!(
         rtu::Function::from_code(code),

@@ -1,35 +1,35 @@
-//! Outputs that go to another state by themselves: pulses and jogs.
+//! Outputs that change by themselves: pulses and jogs.
 
 use crate::Family;
 use railbus_wire::{Channel, Instant};
 
-/// How many outputs of a module may have one.
+/// How many outputs of a module may have a timer.
 const COUNT: usize = match Family::ONLY {
     None | Some(Family::R55) => 32,
     Some(Family::Eda9060a) => 4,
     Some(Family::Eda9050 | Family::Erc8 | Family::Emd2a2q) => 0,
 };
 
-/// One for each output, of which some run.
+/// One timer for each output.
 #[derive(Clone, Debug)]
 pub(super) struct Timers {
-    /// When each that runs is over.
+    /// When each running timer ends.
     at: [Instant; COUNT],
-    /// Bit n = that of output n runs.
+    /// Bit n = the timer of output n is running.
     running: u32,
     /// Bit n = output n will be on.
     on: u32,
 }
 
 impl Timers {
-    /// None runs.
+    /// No timer is running.
     pub(super) const NONE: Timers = Timers {
         at: [Instant(0); COUNT],
         running: 0,
         on: 0,
     };
 
-    /// The output will be on or off at that time. Its timer before is forgotten.
+    /// The output will be on or off at that time. Replaces its previous timer.
     pub(super) fn start(&mut self, channel: Channel, at: Instant, on: bool) {
         if let Some(slot) = self.at.get_mut(usize::from(channel.index())) {
             *slot = at;
@@ -38,12 +38,12 @@ impl Timers {
         }
     }
 
-    /// Forgets those of the mask.
+    /// Stops the timers of the mask.
     pub(super) const fn stop(&mut self, mask: u32) {
         self.running &= !mask;
     }
 
-    /// Stops those that are over: their outputs, and which of them are on now.
+    /// Stops the timers that have ended: their outputs, and which of them are on now.
     pub(super) fn over(&mut self, now: Instant) -> (u32, u32) {
         if self.running == 0 {
             return (0, 0);
@@ -58,7 +58,7 @@ impl Timers {
         (over, self.on & over)
     }
 
-    /// When the next one is over.
+    /// When the next timer ends.
     pub(super) fn next(&self) -> Option<Instant> {
         if self.running == 0 {
             return None;

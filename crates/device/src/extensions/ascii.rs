@@ -1,11 +1,11 @@
-//! The commands of DCON modules that the EDA modules do not have [BEYOND §2].
+//! The DCON commands that EDA modules lack [BEYOND §2].
 
 use super::Extensions;
 use crate::engine::DeviceState;
 use railbus_wire::ascii::{Exchange, Request, Response, Text};
 use railbus_wire::{Frame, Instant};
 
-/// Carries out a request that is beyond the datasheet, and writes the reply. Whether it is one.
+/// Executes a request that is an extension and writes the reply; returns whether it is one.
 pub(crate) fn answer(
     state: &mut DeviceState,
     now: Instant,
@@ -25,7 +25,7 @@ pub(crate) fn answer(
     true
 }
 
-/// Nothing where the request is in the datasheet.
+/// None if the request is in the datasheet.
 fn carry_out(state: &mut DeviceState, now: Instant, request: Request) -> Option<Response> {
     let extensions = state.eeprom.extensions;
     let kept = match request {
@@ -48,7 +48,7 @@ fn carry_out(state: &mut DeviceState, now: Instant, request: Request) -> Option<
             tripped: false,
             ..extensions
         },
-        // To watch for no time at all is not to be had [BEYOND §2.4].
+        // A watchdog time of zero is not possible [BEYOND §2.4].
         Request::WriteWatchdog {
             enabled: true,
             tenths: 0,
@@ -70,7 +70,7 @@ fn carry_out(state: &mut DeviceState, now: Instant, request: Request) -> Option<
     })
 }
 
-/// Whose firmware it is, and its version [BEYOND §2.1].
+/// The maker of the firmware, and its version [BEYOND §2.1].
 fn firmware() -> Option<Text> {
     const FIRMWARE: &[u8] = concat!("railbus ", env!("CARGO_PKG_VERSION")).as_bytes();
     Text::new(FIRMWARE.get(..Text::MAX).unwrap_or(FIRMWARE))

@@ -1,30 +1,29 @@
-//! How well a module hears: the eight counters of the Modbus standard.
+//! The eight diagnostic counters of the Modbus standard.
 
 use crate::engine::DeviceState;
 use railbus_wire::rtu::diagnosis;
 use railbus_wire::{Address, Frame, Instant};
 
-/// What is counted since power-up, or since it was set to 0. A counter stays at FFFF
-/// [BEYOND §4.4].
+/// Counts since power-up, or since they were cleared. A counter stays at FFFF [BEYOND §4.4].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Counters {
-    /// Frames with a right CRC, to whomever.
+    /// Frames with a correct CRC, for any module.
     pub(crate) messages: u16,
-    /// Frames that did not arrive whole.
+    /// Corrupted frames.
     pub(crate) errors: u16,
-    /// Exceptions answered.
+    /// Exception replies.
     pub(crate) exceptions: u16,
-    /// Frames for this module, or for all.
+    /// Frames for this module, and broadcasts.
     pub(crate) own: u16,
-    /// Those of them that were not answered.
+    /// Those of them without a reply.
     pub(crate) unanswered: u16,
     /// Characters that the driver lost.
     pub(crate) overruns: u16,
 }
 
 impl Counters {
-    /// The counter of a sub-function. Nothing here is ever refused as too early or busy, so that
-    /// two of the eight stay 0.
+    /// The counter of a sub-function. No request is ever refused as too early or busy, so two of
+    /// the eight stay 0.
     pub(super) const fn get(&self, sub: u16) -> u16 {
         match sub.wrapping_sub(diagnosis::FIRST_COUNTER) {
             0 => self.messages,
@@ -39,8 +38,8 @@ impl Counters {
 }
 
 impl DeviceState {
-    /// A frame with a right CRC was heard. Whether it is for this module, or for all: then the
-    /// host lives.
+    /// A frame with a correct CRC was received. Returns whether it is for this module or a
+    /// broadcast: then the host is alive.
     pub(crate) fn begin_message(&mut self, now: Instant, address: Address) -> bool {
         count(&mut self.counters.messages);
         let own = self.hears(address);
@@ -51,7 +50,7 @@ impl DeviceState {
         own
     }
 
-    /// What came of it [BEYOND §4.3].
+    /// The reply to it [BEYOND §4.3].
     pub(crate) fn end_message(&mut self, own: bool, reply: &Frame) {
         match reply.bytes() {
             [] if own => count(&mut self.counters.unanswered),
@@ -60,7 +59,7 @@ impl DeviceState {
         }
     }
 
-    /// A frame did not arrive whole, where that is so.
+    /// Counts a corrupted frame, if `so`.
     pub(crate) const fn count_error(&mut self, so: bool) {
         if so {
             count(&mut self.counters.errors);

@@ -1,4 +1,4 @@
-//! What Modbus modules have beyond their datasheets: registers, diagnosis, identification.
+//! The extensions of Modbus modules: registers, diagnosis, identification.
 
 use super::{Counters, VERSION, number};
 use crate::engine::DeviceState;
@@ -8,14 +8,14 @@ use railbus_wire::rtu::{
 };
 use railbus_wire::{Frame, Instant, Words};
 
-/// The register that is number 0. No datasheet has any near it [BEYOND §3.1].
+/// The register for number 0. No datasheet has any near it [BEYOND §3.1].
 const FIRST: u16 = 0xBE00;
 
-/// Where to read about it.
+/// Where to find its documentation.
 const URL: &str = env!("CARGO_PKG_REPOSITORY");
 
-/// Carries out a request that is beyond the datasheet, and writes the reply. Whether it is one.
-/// A request to all is none: it moves nothing here [BEYOND §3.5].
+/// Executes a request that is an extension and writes the reply; returns whether it is one. A
+/// broadcast is not: it has no effect here [BEYOND §3.5].
 pub(crate) fn answer(
     state: &mut DeviceState,
     now: Instant,
@@ -123,7 +123,7 @@ fn identify(state: &DeviceState, code: u8, object: u8, reply: &mut Frame) -> Res
     Ok(())
 }
 
-/// From an object on; one that does not exist begins at the first [BEYOND §5.3].
+/// The objects from one on; one that does not exist means the first [BEYOND §5.3].
 fn stream<T>(objects: &[T], from: usize) -> &[T] {
     let rest = objects.get(from..).filter(|rest| !rest.is_empty());
     rest.unwrap_or(objects)
