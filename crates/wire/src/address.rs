@@ -1,16 +1,16 @@
-//! Small numbers that are checked once, where they enter.
+//! Small numbers that are range-checked once, when they are created.
 
 use core::fmt;
 
 /// The address byte of a module, 0 to 255 (00 to FF).
 ///
-/// Which addresses a family may have, and which one means "all modules" (0 in Modbus, 245 on
-/// 0x55 boards), is the family's business; the wire carries any byte.
+/// Which addresses a family allows, and which one is the broadcast address (0 in Modbus, 245 on
+/// 0x55 boards), is defined by the family; on the wire any byte is possible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Address(pub u8);
 
-/// Decimal with hexadecimal beside it, as `10 (0Ah)`: Modbus manuals count in the one, DCON
-/// manuals in the other.
+/// Decimal with hexadecimal in parentheses, as `10 (0Ah)`: Modbus manuals use the one, DCON manuals
+/// the other.
 impl fmt::Display for Address {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} ({:02X}h)", self.0, self.0)
@@ -26,7 +26,7 @@ impl Channel {
     /// The largest index, that of relay 32 of a 0x55 board.
     pub const MAX: Channel = Channel(31);
 
-    /// The channel with this 0-based index, or nothing above 31.
+    /// The channel with this 0-based index; none above 31.
     #[must_use]
     pub const fn new(index: u8) -> Option<Channel> {
         if index <= Self::MAX.0 {
@@ -45,7 +45,7 @@ impl Channel {
     /// The mask with only this channel's bit set: bit 0 is index 0.
     #[must_use]
     pub const fn mask(self) -> u32 {
-        // No index is above 31: so the compiler sees it, too.
+        // The index is never above 31; the mask tells the compiler.
         1 << (self.0 & 31)
     }
 }
@@ -59,7 +59,7 @@ impl PulseWidth {
     /// The factory setting, 1.0 s.
     pub const DEFAULT: PulseWidth = PulseWidth(10);
 
-    /// The width of so many tenths of a second, or nothing outside 1 to 200.
+    /// The width in tenths of a second; none outside 1 to 200.
     #[must_use]
     pub const fn from_tenths(tenths: u8) -> Option<PulseWidth> {
         if tenths >= 1 && tenths <= 200 {

@@ -1,8 +1,8 @@
-//! The ASCII protocol of the EDA modules, a part of the ADAM/DCON base set spoken here.
+//! The ASCII protocol of the EDA modules, a part of the ADAM/DCON command set.
 //!
-//! `delimiter address body [checksum] CR`, the delimiters being `$ % # @ ~` in requests and
-//! `! > ?` in replies [EDA §2.1]. The reply with data and the `>` carry no address, so they can
-//! only be read with their request.
+//! `delimiter address body [checksum] CR`, with the delimiters `$ % # @ ~` in requests and `! > ?`
+//! in replies [EDA §2.1]. The data reply and `>` carry no address, so they can only be decoded with
+//! their request.
 
 use crate::{Address, Frame, Malformed, PulseWidth};
 
@@ -15,29 +15,29 @@ pub use text::Text;
 
 /// The end of every frame.
 pub const CR: u8 = 0x0D;
-/// The longest frame in characters, CR included; a module forgets a longer one [EDA §2.9].
+/// The longest frame in characters, including CR; a module drops a longer one [EDA §2.9].
 pub const FRAME_MAX: usize = 33;
-/// The order of [`Request::WriteOutputs`] that is for all outputs.
+/// The order of [`Request::WriteOutputs`] for all outputs.
 pub const ALL_OUTPUTS: u8 = 0x00;
 /// Bit 6 of the data format: the checksum is on [EDA §2.12].
 pub const FORMAT_CHECKSUM: u8 = 0x40;
 /// The type code of a digital module [EDA §2.11].
 pub const TYPE_DIGITAL: u8 = 0x40;
 
-/// A request to one module, and the reply that belongs to it.
+/// A request to one module, and its reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Exchange {
-    /// The module asked, 00 to FF. [`Request::SampleAll`] and [`Request::HostOk`] are for all
-    /// modules and carry none.
+    /// The module, 00 to FF. [`Request::SampleAll`] and [`Request::HostOk`] are broadcasts and
+    /// carry none.
     pub address: Address,
     /// Whether frames carry a checksum; module and host must agree.
     pub checksum: bool,
-    /// What is asked.
+    /// The request.
     pub request: Request,
 }
 
-/// What one asks of a module. The EDA modules know those marked so; the others are of the
-/// ADAM, ICP DAS and NuDAM modules [ADAM §2].
+/// A request. EDA modules support those marked so; the others are those of ADAM, ICP DAS and NuDAM
+/// modules [ADAM §2].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// `$AAM`: the model's name (EDA).
@@ -48,7 +48,7 @@ pub enum Request {
     ReadConfig,
     /// `%AANNTTCCFF`: new address, type, speed and format (EDA).
     WriteConfig {
-        /// The address from now on.
+        /// The new address.
         new_address: Address,
         /// 40 for a digital module.
         type_code: u8,
@@ -67,9 +67,9 @@ pub enum Request {
         /// All outputs (bit n = channel n), or 00 or 01 for one.
         data: u8,
     },
-    /// `$AA3`: which outputs give pulses, and how long (EDA9060A).
+    /// `$AA3`: which outputs give pulses, and their width (EDA9060A).
     ReadPulse,
-    /// `#AA4mmww`: set what `$AA3` reads (EDA9060A). It is told from `#AAoodd` by its length.
+    /// `#AA4mmww`: set what `$AA3` reads (EDA9060A). Its length distinguishes it from `#AAoodd`.
     WritePulse {
         /// Bit n = channel n gives pulses.
         mask: u8,
@@ -78,15 +78,15 @@ pub enum Request {
     },
     /// `$AA4`: the sample that [`Request::SampleAll`] latched.
     ReadLatched,
-    /// `#**`: latch the inputs of all modules. Nobody answers.
+    /// `#**`: latch the inputs of all modules. Gets no reply.
     SampleAll,
-    /// `$AA5`: has it restarted since it was last asked?
+    /// `$AA5`: has it restarted since this was last read?
     ReadReset,
     /// `$AAI`: is INIT* grounded?
     ReadInit,
     /// `@AA`: outputs and inputs as four digits.
     ReadAll,
-    /// `~**`: the host lives. Nobody answers.
+    /// `~**`: the host is alive. Gets no reply.
     HostOk,
     /// `~AA0`: has the host watchdog tripped?
     ReadWatchdogStatus,
@@ -94,9 +94,9 @@ pub enum Request {
     ClearWatchdog,
     /// `~AA2`: read the host watchdog's time.
     ReadWatchdog,
-    /// `~AA3EVV`: set the host watchdog. NuDAM means something else by `~AA3`.
+    /// `~AA3EVV`: set the host watchdog. For NuDAM modules `~AA3` means something else.
     WriteWatchdog {
-        /// Watch, or do not.
+        /// Enable or disable it.
         enabled: bool,
         /// The time in tenths of a second, 0 to 255.
         tenths: u8,
@@ -114,7 +114,7 @@ pub enum Request {
     Rename(Text),
 }
 
-/// What a module answers.
+/// A response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Response {
     /// `!AA…` to [`Request::ReadName`] and [`Request::ReadFirmware`].
@@ -128,8 +128,8 @@ pub enum Response {
         /// Compare only bit 6, [`FORMAT_CHECKSUM`]: others use more bits.
         format: u8,
     },
-    /// `!OOII00` to [`Request::ReadData`]; on modules with one kind of channel the two bytes
-    /// are what their manual says.
+    /// `!OOII00` to [`Request::ReadData`]; for modules with one kind of channel the meaning of the
+    /// two bytes is in their manual.
     Data {
         /// Bit n = output n is on.
         outputs: u8,
@@ -145,7 +145,7 @@ pub enum Response {
     },
     /// `!SOOII00` to [`Request::ReadLatched`].
     Latched {
-        /// This sample is read for the first time.
+        /// Whether this sample is read for the first time.
         first: bool,
         /// Bit n = output n was on.
         outputs: u8,
@@ -158,7 +158,7 @@ pub enum Response {
     Status(u8),
     /// `!AAEVV` to [`Request::ReadWatchdog`].
     Watchdog {
-        /// The module watches.
+        /// Whether it is enabled.
         enabled: bool,
         /// The time in tenths of a second.
         tenths: u8,
@@ -176,12 +176,12 @@ pub enum Response {
     Done,
     /// `?AA`, or `?` alone: refused. EDA modules are silent instead.
     Invalid,
-    /// `!` to an output write: the module's host watchdog has tripped and it obeys nobody.
+    /// `!` to an output write: the module's host watchdog has tripped and it ignores writes.
     Ignored,
 }
 
 impl Request {
-    /// Whether it is for all modules at once, and answered by none.
+    /// Whether it is a broadcast, which gets no reply.
     #[must_use]
     pub const fn is_broadcast(&self) -> bool {
         matches!(self, Request::SampleAll | Request::HostOk)
@@ -255,7 +255,7 @@ impl Request {
 }
 
 impl Exchange {
-    /// Writes the request frame, in upper case.
+    /// Writes the request frame in upper case.
     #[inline]
     pub fn encode(&self, out: &mut Frame) {
         let [high, low] = if self.request.is_broadcast() {
@@ -268,14 +268,14 @@ impl Exchange {
         close(self.checksum, out);
     }
 
-    /// Whether a module answers.
+    /// Whether the request gets a reply.
     #[must_use]
     pub const fn expects_reply(&self) -> bool {
         !self.request.is_broadcast()
     }
 }
 
-/// Appends bytes as digits.
+/// Appends bytes as hexadecimal digits.
 #[cfg_attr(feature = "small", inline(never))]
 #[cfg_attr(not(feature = "small"), inline)]
 fn put(out: &mut Frame, bytes: &[u8]) {
@@ -284,7 +284,7 @@ fn put(out: &mut Frame, bytes: &[u8]) {
     }
 }
 
-/// Appends the checksum, where there is one, and the CR. The sum is of the codes of all
+/// Appends the checksum, if there is one, and the CR. The checksum is the sum of the codes of all
 /// characters before it [EDA §2.5].
 #[inline]
 fn close(checksum: bool, out: &mut Frame) {
@@ -304,7 +304,7 @@ struct Line<'a> {
 }
 
 impl<'a> Line<'a> {
-    /// The frame at the beginning of `rx`, where it ends.
+    /// The frame at the beginning of `rx`, if it is complete.
     #[inline]
     fn first(rx: &'a [u8]) -> Option<Line<'a>> {
         let longest = rx.get(..FRAME_MAX).unwrap_or(rx);
@@ -325,7 +325,7 @@ impl<'a> Line<'a> {
         self.characters.len() + 1
     }
 
-    /// The characters before the checksum, if that is right.
+    /// The characters before the checksum, if the checksum is correct.
     #[inline]
     fn unsealed(self, checksum: bool, lower_case: bool) -> Result<&'a [u8], Malformed> {
         if !checksum {

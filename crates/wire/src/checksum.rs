@@ -1,11 +1,11 @@
-//! The two checksums: CRC-16 of Modbus and the 8-bit sum of everything else.
+//! The two checksums: the CRC-16 of Modbus and the 8-bit sum of all other protocols.
 
-/// Entries of the table: 256 take a byte a step, 16 half a byte.
+/// Entries of the table: 256 process a byte per step, 16 half a byte.
 const ENTRIES: usize = if cfg!(feature = "small") { 16 } else { 256 };
 
 static CRC_TABLE: [u16; ENTRIES] = crc_table();
 
-/// What the lowest bits of a CRC become, as many as count the table's entries.
+/// The CRC contribution of the lowest bits, for every value the table has.
 const fn crc_table<const N: usize>() -> [u16; N] {
     let mut table = [0u16; N];
     let mut low = 0;

@@ -1,24 +1,24 @@
-//! What received bytes turned out to be: three outcomes, never two.
+//! The result of decoding received bytes: always one of three outcomes.
 
 use crate::Address;
 use core::fmt;
 
-/// What the beginning of a run of bytes is.
+/// The result of decoding the beginning of some bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decoded<T> {
-    /// A good beginning; at least `more` bytes are missing.
+    /// A valid beginning; at least `more` bytes are missing.
     Partial {
-        /// How many bytes at least are missing, 1 or more.
+        /// The least number of missing bytes, 1 or more.
         more: usize,
     },
-    /// The first `len` bytes are a whole frame with this meaning.
+    /// The first `len` bytes are a complete frame.
     Whole {
         /// The frame's length in bytes.
         len: usize,
-        /// What it says.
+        /// Its content.
         value: T,
     },
-    /// These bytes can't be the frame looked for, however many follow.
+    /// These bytes can't be the expected frame, whatever follows.
     Malformed(Malformed),
 }
 
@@ -36,7 +36,7 @@ impl<T> Decoded<T> {
         }
     }
 
-    /// The outcome of a further step on the value of a whole frame.
+    /// Applies a fallible step to the value of a complete frame.
     #[inline]
     pub(crate) fn and_then<U>(self, step: impl FnOnce(T) -> Result<U, Malformed>) -> Decoded<U> {
         match self {
@@ -49,7 +49,7 @@ impl<T> Decoded<T> {
         }
     }
 
-    /// The value of a whole frame.
+    /// The value of a complete frame.
     #[inline]
     pub fn whole(self) -> Option<T> {
         match self {
@@ -59,26 +59,26 @@ impl<T> Decoded<T> {
     }
 }
 
-/// Why bytes are not the frame that was looked for.
+/// Why bytes are not the expected frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Malformed {
-    /// They don't begin as this kind of frame does.
+    /// They do not begin like this kind of frame.
     Start,
     /// They come from, or are meant for, another module.
     Address,
     /// They name another function or command, or one that does not exist.
     Function,
-    /// They end early, or hold more or fewer values than were asked for.
+    /// They end early, or contain more or fewer values than requested.
     Length,
     /// The checksum is wrong.
     Checksum,
-    /// They acknowledge something else than was commanded.
+    /// They acknowledge something other than what was sent.
     Echo,
-    /// A character stands where it may not.
+    /// A character is not allowed at its position.
     Syntax,
-    /// A number is outside its range.
+    /// A number is out of range.
     Value,
-    /// The end mark is not where the frame should end.
+    /// The end mark is not at the end of the frame.
     End,
 }
 
@@ -98,13 +98,13 @@ impl fmt::Display for Malformed {
     }
 }
 
-/// A reply as decoded: what it says and who says it.
+/// A decoded reply: its sender and its content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reply<R> {
     /// The address the reply carries. Replies of the ASCII protocol with data, and its `>`,
     /// carry none.
     pub from: Option<Address>,
-    /// What it says.
+    /// Its content.
     pub response: R,
 }
 
@@ -121,7 +121,7 @@ impl<R> Reply<R> {
     }
 }
 
-/// Needs `needed` bytes: the first of them, or how many are missing.
+/// The first `needed` bytes, or how many are missing.
 #[inline]
 pub(crate) fn need<const N: usize>(rx: &[u8]) -> Result<&[u8; N], usize> {
     rx.first_chunk::<N>()

@@ -43,7 +43,7 @@ impl fmt::Display for Protocol {
     }
 }
 
-/// A request to one module, and the reply that belongs to it, in any of the four protocols.
+/// A request to one module and its reply, in any of the four protocols.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exchange<'a> {
     /// In Modbus RTU.
@@ -56,7 +56,7 @@ pub enum Exchange<'a> {
     R55(r55::Exchange),
 }
 
-/// What a module answers, in any of the four protocols.
+/// A response in any of the four protocols.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Response<'a> {
     /// In Modbus RTU.
@@ -95,7 +95,7 @@ impl<'a> Exchange<'a> {
         Exchange::Lc02(lc02::Exchange { address, request })
     }
 
-    /// An exchange with a 0x55 board, in the form that is answered.
+    /// An exchange with a 0x55 board, in the form with a reply.
     #[must_use]
     #[inline]
     pub const fn r55(address: Address, request: r55::Request) -> Exchange<'a> {
@@ -113,7 +113,7 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// The module asked.
+    /// The module.
     #[must_use]
     pub const fn address(&self) -> Address {
         match self {
@@ -135,7 +135,7 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// Whether a module answers at all.
+    /// Whether the request gets a reply.
     #[must_use]
     pub const fn expects_reply(&self) -> bool {
         match self {
@@ -146,7 +146,7 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// How many bytes the good reply has; the most where that varies, 0 where there is none.
+    /// How many bytes the good reply has; the maximum where that varies, 0 if there is none.
     #[must_use]
     pub const fn response_len_max(&self) -> usize {
         match self {
@@ -158,7 +158,7 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// Reads the beginning of `rx` as the reply to this request. Total on any bytes.
+    /// Decodes the beginning of `rx` as the reply to this request. Total for any bytes.
     #[inline]
     pub fn decode_response<'r>(&self, rx: &'r [u8]) -> Decoded<Reply<Response<'r>>> {
         match self {
@@ -171,12 +171,12 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// Looks for the reply anywhere in `rx`: at the first place that could be its beginning.
-    /// The number is how many bytes stand before that place.
+    /// Looks for the reply anywhere in `rx`: at the first position where it could begin. The number
+    /// is how many bytes precede that position.
     ///
-    /// A glitch before the reply is skipped so [MODBUS §4.3]. A place where a reply has only
-    /// begun hides what follows it until more bytes come; the caller decides when to stop
-    /// waiting, drops the first byte and looks again.
+    /// This skips a glitch before the reply [MODBUS §4.3]. A position where a reply has only begun
+    /// hides what follows it until more bytes come; the caller decides when to stop waiting, drops
+    /// the first byte and looks again.
     pub fn find_response<'r>(&self, rx: &'r [u8]) -> (usize, Decoded<Reply<Response<'r>>>) {
         let mut why = Malformed::Start;
         for skip in 0..rx.len() {
@@ -189,8 +189,8 @@ impl<'a> Exchange<'a> {
         (rx.len(), Decoded::Malformed(why))
     }
 
-    /// Whether one frame could be a reply to both, so that a late reply to the one could be
-    /// taken for a reply to the other.
+    /// Whether one frame could be a reply to both, so that a late reply to one could be taken for a
+    /// reply to the other.
     #[must_use]
     pub fn confusable(&self, other: &Exchange<'_>) -> bool {
         match (self, other) {
@@ -204,11 +204,11 @@ impl<'a> Exchange<'a> {
 }
 
 impl Exchange<'_> {
-    /// Whether a good reply to this request, no refusal, can be no reply to the other one, and no
-    /// reply to the other one a good reply to this.
+    /// Whether a good reply to this request can't be a reply to the other one, and no reply to the
+    /// other one a good reply to this. A refusal is not a good reply.
     ///
-    /// Modules answer in the order in which they were asked. So where this was asked after the
-    /// other, and is answered, no reply to the other can come any more.
+    /// Modules answer in the order in which they were asked. So if this was sent after the other
+    /// and is answered, no reply to the other can come any more.
     #[must_use]
     pub fn stands_apart(&self, other: &Exchange<'_>) -> bool {
         match (self, other) {

@@ -1,11 +1,11 @@
-//! What other protocols on the same line would make of a frame.
+//! What modules of other protocols on the same line would make of a frame.
 
 use crate::{Decoded, Protocol, ascii, lc02, r55, rtu};
 
-/// Whether modules that speak `protocol` could take these bytes, sent in one go, for a command.
+/// Whether modules that use `protocol` could take these bytes, sent in one go, for a command.
 ///
-/// A 0x55 board, an LC-02 and an ASCII module look for their frames at every byte; a Modbus
-/// module takes only what silence delimits, so only the whole of it.
+/// 0x55 boards, LC-02 and ASCII modules look for a frame at every byte; a Modbus module only takes
+/// what silence delimits, so only all of it.
 #[must_use]
 pub fn carries_command(bytes: &[u8], protocol: Protocol) -> bool {
     let found = |is_whole: &dyn Fn(&[u8]) -> bool| {

@@ -1,9 +1,9 @@
-//! A fixed buffer for one frame to send.
+//! A fixed buffer for one frame to be sent.
 
 /// The longest frame of all four protocols in bytes, that of Modbus RTU [MODBUS §1.3].
 pub const FRAME_MAX: usize = 256;
 
-/// One frame to send: at most [`FRAME_MAX`] bytes, without allocation.
+/// One frame to be sent: at most [`FRAME_MAX`] bytes, without allocation.
 #[derive(Clone)]
 pub struct Frame {
     len: usize,
@@ -27,13 +27,13 @@ impl Frame {
         self.buffer.get(..self.len).unwrap_or_default()
     }
 
-    /// Forgets the bytes.
+    /// Removes all bytes.
     #[inline]
     pub fn clear(&mut self) {
         self.len = 0;
     }
 
-    /// Adds bytes at the end; false, and nothing added, when they do not fit.
+    /// Appends bytes; false, without appending any, if they do not fit.
     #[cfg_attr(feature = "small", inline(never))]
     #[cfg_attr(not(feature = "small"), inline)]
     pub fn extend(&mut self, bytes: &[u8]) -> bool {
@@ -48,7 +48,7 @@ impl Frame {
         }
     }
 
-    /// Forgets the first bytes; the others move up.
+    /// Removes the first bytes; the others move up.
     pub fn drop_front(&mut self, count: usize) {
         let rest = self.len.saturating_sub(count);
         for at in 0..rest {

@@ -1,11 +1,11 @@
 //! Hexadecimal digits of the ASCII protocol.
 
-/// Set in [`VALUES`] for a digit in lower case.
+/// Set in [`VALUES`] for a lower-case digit.
 const LOWER: u8 = 0x10;
-/// Stands in [`VALUES`] for what is no digit.
+/// The entry in [`VALUES`] for a character that is not a digit.
 const NONE: u8 = 0x80;
 
-/// What each character is worth as a digit.
+/// The value of each character as a digit.
 const VALUES: [u8; 256] = values();
 
 const fn values() -> [u8; 256] {
@@ -24,7 +24,7 @@ const fn values() -> [u8; 256] {
     values
 }
 
-/// What a character is worth as a digit, with [`LOWER`], or [`NONE`].
+/// The value of a character as a digit, with [`LOWER`], or [`NONE`].
 #[cfg_attr(feature = "small", inline(never))]
 const fn worth(character: u8) -> u8 {
     match character {
@@ -69,7 +69,7 @@ pub(crate) const fn digits(byte: u8) -> [u8; 2] {
     DIGITS[byte as usize]
 }
 
-/// One upper-case digit of a number 0 to 15.
+/// One upper-case digit for a number from 0 to 15.
 #[inline]
 pub(crate) const fn digit(nibble: u8) -> u8 {
     if nibble < 10 {
@@ -79,7 +79,7 @@ pub(crate) const fn digit(nibble: u8) -> u8 {
     }
 }
 
-/// The byte that two digits spell, in upper case or in either.
+/// The byte written as two digits, in upper case or in either case.
 #[cfg_attr(feature = "small", inline(never))]
 #[cfg_attr(not(feature = "small"), inline)]
 pub(crate) const fn byte(high: u8, low: u8, lower_case: bool) -> Option<u8> {

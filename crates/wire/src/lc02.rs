@@ -4,22 +4,22 @@
 //! request  4C 57 address command [data] sum 0D
 //! reply    6C 63 address         [data] sum 0D
 //! ```
-//! The frame is binary: 0D may be an address, a datum or the sum, so frames are parsed by
-//! length and never by their end byte [EDA §3.2]. Other meters of the vendor use the same
-//! [`envelope`] with other commands.
+//! The frame is binary: 0D may be an address, data or the sum, so frames are parsed by length and
+//! never by their end byte [EDA §3.2]. Other meters of the vendor use the same [`envelope`] with
+//! other commands.
 
 use crate::{Address, Channel, Decoded, Frame, Malformed, PulseWidth, Reply};
 
-/// A request to one module, and the reply that belongs to it.
+/// A request to one module, and its reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Exchange {
-    /// The module asked, 00 to FF. There is no broadcast.
+    /// The module, 00 to FF. There is no broadcast.
     pub address: Address,
-    /// What is asked.
+    /// The request.
     pub request: Request,
 }
 
-/// Which outputs a write is for.
+/// The outputs of a write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outputs {
     /// All of them: bit n is channel n.
@@ -28,42 +28,42 @@ pub enum Outputs {
     One(Channel, bool),
 }
 
-/// What one asks of a module.
+/// A request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// 01: address, speed, model.
     ReadConfig,
     /// 02: new address and speed.
     WriteConfig {
-        /// The address from now on, 00 to FF.
+        /// The new address, 00 to FF.
         new_address: Address,
-        /// The code of the speed from now on, 03 to 07 on EDA modules.
+        /// The code of the new speed, 03 to 07 on EDA modules.
         baud_code: u8,
     },
     /// 03: outputs and inputs.
     ReadData,
     /// 04: switch outputs.
     WriteOutputs(Outputs),
-    /// 05: which outputs give pulses, and how long (EDA9060A).
+    /// 05: which outputs give pulses, and their width (EDA9060A).
     WritePulse {
         /// Bit n = channel n gives pulses.
         mask: u8,
         /// The width of all pulses.
         width: PulseWidth,
     },
-    /// 06: read what 05 wrote (EDA9060A).
+    /// 06: read what 05 has written (EDA9060A).
     ReadPulse,
 }
 
-/// What a module answers.
+/// A response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Response {
     /// To [`Request::ReadConfig`].
     Config {
         /// The code of the speed, 03 to 07.
         baud_code: u8,
-        /// The model in two bytes as they stand in the frame: 9060h in BCD, or 2364h where a
-        /// module counts in binary [EDA §3.7].
+        /// The model in two bytes as they are in the frame: 9060h in BCD, or 2364h if a module
+        /// counts in binary [EDA §3.7].
         model: u16,
         /// 00.
         type_code: u8,
@@ -111,7 +111,7 @@ impl Request {
         }
     }
 
-    /// The request of a command byte and its data.
+    /// The request for a command byte and its data.
     #[inline]
     fn parse(command: u8, data: &[u8]) -> Result<Request, Malformed> {
         Ok(match (command, data) {
@@ -162,7 +162,7 @@ impl Exchange {
         envelope::seal(envelope::REQUEST_START, self.address, body, out);
     }
 
-    /// Reads the beginning of `rx` as a request. The command gives the length.
+    /// Decodes the beginning of `rx` as a request. The command determines the length.
     #[inline]
     pub fn decode_request(rx: &[u8]) -> Decoded<Exchange> {
         let len = match rx.get(3) {
@@ -183,11 +183,10 @@ impl Exchange {
         })
     }
 
-    /// Reads the beginning of `rx` as the reply to this request: start, address, the length
-    /// that the request leads to, sum and end byte are checked.
+    /// Decodes the beginning of `rx` as the reply to this request: start, address, the length that
+    /// the request implies, sum and end byte are checked.
     ///
-    /// The reply to a configuration write may carry the old address or the new one
-    /// [EDA §3.8].
+    /// The reply to a configuration write may carry the old address or the new one [EDA §3.8].
     #[inline]
     pub fn decode_response(&self, rx: &[u8]) -> Decoded<Reply<Response>> {
         match rx.get(2) {
@@ -237,9 +236,9 @@ impl Exchange {
         envelope::seal(envelope::RESPONSE_START, from, data, out);
     }
 
-    /// Whether one frame could be a reply to both. A reply names neither command nor length,
-    /// and may begin with what reads as a shorter one (data that repeat the sum, then 0D), so
-    /// the same module is enough.
+    /// Whether one frame could be a reply to both. A reply carries neither command nor length, and
+    /// its beginning may look like a shorter one (data that repeat the sum, then 0D), so the same
+    /// module is enough.
     #[must_use]
     pub fn confusable(&self, other: &Exchange) -> bool {
         self.answerers()
@@ -247,17 +246,17 @@ impl Exchange {
             .any(|address| other.answerers().contains(address))
     }
 
-    /// Whether a good reply to this request can't be one to the other, nor the reverse: replies of
-    /// other modules, and the configuration, which is longer than any other reply and does not
-    /// begin with one: where a shorter one ends, it has the model's high byte or the type, and
-    /// neither is 0D [EDA §3.4].
+    /// Whether a good reply to this request can't be one to the other, nor the reverse. That holds
+    /// for replies of other modules, and for the configuration, which is longer than any other
+    /// reply and does not begin like one: where a shorter reply ends, it has the model's high byte
+    /// or the type, and neither is 0D [EDA §3.4].
     #[must_use]
     pub fn stands_apart(&self, other: &Exchange) -> bool {
         let asks_config = |exchange: &Exchange| matches!(exchange.request, Request::ReadConfig);
         !self.confusable(other) || asks_config(self) != asks_config(other)
     }
 
-    /// The addresses that a reply may carry.
+    /// The addresses that the reply may carry.
     #[inline]
     const fn answerers(&self) -> [Address; 2] {
         match self.request {
@@ -267,7 +266,7 @@ impl Exchange {
     }
 }
 
-/// The frame around address and data, which other meters of the vendor share.
+/// The frame around address and data, which other meters of the vendor use, too.
 pub mod envelope {
     use crate::{Address, Decoded, Frame, Malformed, sum8};
 
@@ -275,11 +274,11 @@ pub mod envelope {
     pub const REQUEST_START: [u8; 2] = [0x4C, 0x57];
     /// The two bytes that open a reply, `lc`.
     pub const RESPONSE_START: [u8; 2] = [0x6C, 0x63];
-    /// The byte that ends every frame; it may also stand anywhere inside.
+    /// The byte that ends every frame; it may also occur inside.
     pub const END: u8 = 0x0D;
 
-    /// Writes `body` (the command and its data, or a reply's data) into an envelope. The sum
-    /// runs from the address to the last byte of the body [EDA §3.3].
+    /// Writes `body` (the command and its data, or a reply's data) into an envelope. The sum covers
+    /// everything from the address to the last byte of the body [EDA §3.3].
     #[inline]
     pub fn seal(start: [u8; 2], address: Address, body: &[u8], out: &mut Frame) {
         out.set([start[0], start[1], address.0]);

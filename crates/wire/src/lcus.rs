@@ -1,13 +1,13 @@
 //! The LCUS USB relay boards: `A0 channel state sum`, four bytes, mostly without a reply.
 //!
-//! Not one of railbus's line protocols; here so that a frame of theirs is recognised.
+//! Not one of the line protocols of railbus; here so that these frames are recognised.
 
 use crate::{Decoded, Frame, Malformed, decoded::need, sum8};
 
 /// Switches one relay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Request {
-    /// Which relay, as on the wire: 1-based.
+    /// The relay, as on the wire: 1-based.
     pub channel: u8,
     /// On or off.
     pub on: bool,
@@ -21,7 +21,7 @@ impl Request {
         out.set([start, channel, on, sum8(&head)]);
     }
 
-    /// Reads the beginning of `rx` as such a frame.
+    /// Decodes the beginning of `rx` as such a frame.
     pub fn decode(rx: &[u8]) -> Decoded<Request> {
         match need::<4>(rx) {
             Err(more) => Decoded::Partial { more },

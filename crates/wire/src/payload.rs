@@ -1,9 +1,9 @@
-//! Runs of coils and registers as Modbus packs them.
+//! Runs of coils and registers in Modbus encoding.
 
 use core::fmt;
 
-/// Where the packed bytes are: with the caller, or here when they are few. The few are what
-/// commands to modules need, so that such a request borrows from nobody.
+/// The packed bytes: borrowed, or stored inline if there are few. Commands to modules need only a
+/// few, so that such a request borrows nothing.
 #[derive(Clone, Copy)]
 enum Store<'a> {
     Here([u8; 4]),
@@ -29,10 +29,10 @@ pub struct Bits<'a> {
 }
 
 impl<'a> Bits<'a> {
-    /// The most that one Modbus reply carries.
+    /// The most in one Modbus reply.
     pub const MAX: u16 = 2000;
 
-    /// The lowest `count` bits of a mask, bit 0 first; nothing outside 1 to 32.
+    /// The lowest `count` bits of a mask, bit 0 first; none outside 1 to 32.
     #[must_use]
     #[inline]
     pub const fn from_mask(mask: u32, count: u16) -> Option<Bits<'static>> {
@@ -52,7 +52,7 @@ impl<'a> Bits<'a> {
         }
     }
 
-    /// `count` bits packed in exactly as many bytes as they need; nothing outside 1 to 2000.
+    /// `count` bits packed in exactly as many bytes as they need; none outside 1 to 2000.
     #[must_use]
     #[inline]
     pub const fn from_packed(bytes: &'a [u8], count: u16) -> Option<Bits<'a>> {
@@ -67,7 +67,7 @@ impl<'a> Bits<'a> {
         }
     }
 
-    /// How many bits.
+    /// The number of bits.
     #[must_use]
     #[allow(clippy::len_without_is_empty, reason = "there is always at least one")]
     #[inline]
@@ -75,7 +75,7 @@ impl<'a> Bits<'a> {
         self.count
     }
 
-    /// The packed bytes. Bits above the last one are whatever the sender put there.
+    /// The packed bytes. Bits above the last one are as received.
     #[must_use]
     #[inline]
     pub fn bytes(&self) -> &[u8] {
@@ -93,7 +93,7 @@ impl<'a> Bits<'a> {
             .map(|byte| byte >> (index % 8) & 1 == 1)
     }
 
-    /// All bits in turn.
+    /// All bits in order.
     pub fn iter(&self) -> impl Iterator<Item = bool> {
         (0..self.count).map_while(|index| self.get(index))
     }
@@ -138,7 +138,7 @@ pub struct Words<'a> {
 }
 
 impl<'a> Words<'a> {
-    /// The most that one Modbus reply carries.
+    /// The most in one Modbus reply.
     pub const MAX: u16 = 125;
 
     /// One register.
@@ -163,7 +163,7 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// Registers in two bytes each, high byte first; nothing outside 1 to 125 registers.
+    /// Registers in two bytes each, high byte first; none outside 1 to 125 registers.
     #[must_use]
     #[inline]
     pub const fn from_packed(bytes: &'a [u8]) -> Option<Words<'a>> {
@@ -178,7 +178,7 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// How many registers.
+    /// The number of registers.
     #[must_use]
     #[allow(clippy::len_without_is_empty, reason = "there is always at least one")]
     #[inline]
@@ -199,7 +199,7 @@ impl<'a> Words<'a> {
         self.iter().nth(usize::from(index))
     }
 
-    /// All registers in turn.
+    /// All registers in order.
     pub fn iter(&self) -> impl Iterator<Item = u16> {
         let (pairs, _) = self.bytes().as_chunks::<2>();
         pairs.iter().map(|pair| u16::from_be_bytes(*pair))

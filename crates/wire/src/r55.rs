@@ -1,8 +1,9 @@
-//! The relay boards that ask with 55h and answer with 22h: eight bytes, always.
+//! The relay boards whose requests begin with 55h and whose replies begin with 22h: always eight
+//! bytes.
 //!
-//! `start address function D1 D2 D3 D4 sum`; D1 to D4 are one big-endian word, bit 0 of D4
-//! being channel 1 and bit 7 of D1 channel 32 [R55 §1]. Frames need no gap between them, so a
-//! board looks for them at every byte.
+//! `start address function D1 D2 D3 D4 sum`; D1 to D4 are one big-endian word, where bit 0 of D4 is
+//! channel 1 and bit 7 of D1 is channel 32 [R55 §1]. Frames need no gap between them, so a board
+//! looks for a frame at every byte.
 
 use crate::decoded::need;
 use crate::{Address, Channel, Decoded, Frame, Malformed, Reply, sum8};
@@ -21,7 +22,7 @@ pub const BROADCAST: Address = Address(245);
 pub struct U24(u32);
 
 impl U24 {
-    /// The number, or nothing above 16 777 215.
+    /// The number; none above 16 777 215.
     #[must_use]
     #[inline]
     pub const fn new(value: u32) -> Option<U24> {
@@ -39,30 +40,30 @@ impl U24 {
     }
 }
 
-/// What one asks of a board. Masks and states have bit 0 for channel 1.
+/// A request. In masks and states bit 0 is channel 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request {
     /// 10: read the state.
     ReadState,
-    /// 11, 31: release one relay.
+    /// 11, 31: switch one relay off.
     Open(Channel),
-    /// 12, 32: pull in one relay.
+    /// 12, 32: switch one relay on.
     Close(Channel),
     /// 13, 33: set all outputs to this state.
     SetAll(u32),
-    /// 14, 34: release the relays of the mask, keep the others.
+    /// 14, 34: switch the relays of the mask off, leave the others.
     GroupOff(u32),
-    /// 15, 35: pull in the relays of the mask, keep the others.
+    /// 15, 35: switch the relays of the mask on, leave the others.
     GroupOn(u32),
-    /// 16, 36: toggle the relays of the mask, keep the others.
+    /// 16, 36: toggle the relays of the mask, leave the others.
     GroupToggle(u32),
     /// 20, 30: toggle one relay.
     Toggle(Channel),
-    /// 21, 37: pull in now, release after so many milliseconds.
+    /// 21, 37: switch on now, off after so many milliseconds.
     JogClose(Channel, U24),
-    /// 22, 38: release now, pull in after so many milliseconds.
+    /// 22, 38: switch off now, on after so many milliseconds.
     JogOpen(Channel, U24),
-    /// 40: read the address; sent to 245 where one board is on the line.
+    /// 40: read the address; sent to 245 if only one board is on the line.
     ReadAddress,
     /// 41: write the address, within 10 s of power-up.
     WriteAddress(Address),
@@ -73,7 +74,7 @@ pub enum Request {
 }
 
 impl Request {
-    /// The function code of the form that is answered.
+    /// The function code of the form with a reply.
     #[inline]
     const fn code(&self) -> u8 {
         match self {
@@ -94,7 +95,7 @@ impl Request {
         }
     }
 
-    /// The function code of the twin that is not answered: a table, not an offset [R55 §2.2].
+    /// The function code of the form without a reply: a table, not an offset [R55 §2.2].
     const fn silent_code(&self) -> Option<u8> {
         Some(match self {
             Request::Open(_) => 0x31,
@@ -134,7 +135,7 @@ impl Request {
         }
     }
 
-    /// The request of a function code and its data, and whether it is answered.
+    /// The request for a function code and its data, and whether it gets a reply.
     #[inline]
     fn parse(code: u8, data: [u8; 4]) -> Result<(Request, bool), Malformed> {
         let word = u32::from_be_bytes(data);
@@ -166,12 +167,12 @@ impl Request {
     }
 }
 
-/// A word whose low byte D4 is given apart from the 24 bits above it.
+/// A word from its low byte D4 and the 24 bits above it.
 const fn low_byte(high: U24, low: u8) -> [u8; 4] {
     (high.0 << 8 | low as u32).to_be_bytes()
 }
 
-/// What a board answers: D1 to D4 as they stand in the frame.
+/// A response: D1 to D4 as they are in the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Response {
     /// D1 to D4, D1 first.
@@ -214,7 +215,7 @@ impl Response {
     }
 }
 
-/// A request to one board, and the reply that belongs to it.
+/// A request to one board, and its reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Exchange {
     address: Address,
@@ -223,7 +224,7 @@ pub struct Exchange {
 }
 
 impl Exchange {
-    /// The exchange in the form that is answered.
+    /// The exchange in the form with a reply.
     #[must_use]
     #[inline]
     pub const fn new(address: Address, request: Request) -> Exchange {
@@ -234,7 +235,7 @@ impl Exchange {
         }
     }
 
-    /// The twin that is not answered; there is none for 10, 40, 41, 70 and 71.
+    /// The form without a reply; 10, 40, 41, 70 and 71 have none.
     #[must_use]
     pub const fn without_reply(self) -> Option<Exchange> {
         match self.request.silent_code() {
@@ -246,19 +247,19 @@ impl Exchange {
         }
     }
 
-    /// The board asked; 245 is all of them.
+    /// The board; 245 is the broadcast address.
     #[must_use]
     pub const fn address(&self) -> Address {
         self.address
     }
 
-    /// What is asked.
+    /// The request.
     #[must_use]
     pub const fn request(&self) -> Request {
         self.request
     }
 
-    /// Whether a board answers this form.
+    /// Whether this form gets a reply.
     #[must_use]
     pub const fn expects_reply(&self) -> bool {
         self.answered
@@ -285,7 +286,7 @@ impl Exchange {
         ));
     }
 
-    /// Reads the beginning of `rx` as a request; a sum that is wrong makes it none.
+    /// Decodes the beginning of `rx` as a request; a wrong sum makes it malformed.
     #[inline]
     pub fn decode_request(rx: &[u8]) -> Decoded<Exchange> {
         open(rx, REQUEST_START, |_, _| true).and_then(|(address, code, data)| {
@@ -298,8 +299,8 @@ impl Exchange {
         })
     }
 
-    /// Reads the beginning of `rx` as the reply to this request: start, address, function and
-    /// sum are checked. An address read is answered by whoever hears it.
+    /// Decodes the beginning of `rx` as the reply to this request: start, address, function and sum
+    /// are checked. An address read may be answered by any board.
     #[inline]
     pub fn decode_response(&self, rx: &[u8]) -> Decoded<Reply<Response>> {
         let anyone = matches!(self.request, Request::ReadAddress) && self.address == BROADCAST;
@@ -339,8 +340,8 @@ fn frame(start: u8, address: Address, code: u8, [d1, d2, d3, d4]: [u8; 4]) -> [u
     [start, address.0, code, d1, d2, d3, d4, sum8(&head)]
 }
 
-/// Address, function and data of a frame. `ours` is asked as soon as the address is there, and
-/// again with the function, so that foreign frames are known early.
+/// Address, function and data of a frame. `ours` is called as soon as the address is known, and
+/// again with the function, so that foreign frames are recognised early.
 #[inline]
 fn open(
     rx: &[u8],

@@ -1,8 +1,8 @@
 //! Modbus RTU: functions 01 02 03 04 05 06 08 0F 10 2B and their exceptions.
 //!
 //! A frame is `address function data crc`, the CRC low byte first, and ends with silence
-//! [MODBUS §1]. A reply's length follows from its request, so nothing here waits for silence;
-//! only a *request* heard by a module is delimited by it.
+//! [MODBUS §1]. The length of a reply follows from its request, so nothing here waits for silence;
+//! only *requests* on the device side are delimited by it.
 
 use crate::decoded::need;
 use crate::{Address, Bits, Decoded, Frame, Malformed, Reply, Words, crc16};
@@ -13,7 +13,7 @@ mod identity;
 pub use device::{RequestError, encode_exception};
 pub use identity::{Identification, encode_identification};
 
-/// The address that all modules listen to and none answers [MODBUS §1.6].
+/// The broadcast address, which gets no reply [MODBUS §1.6].
 pub const BROADCAST: Address = Address(0);
 
 /// A function code.
@@ -59,7 +59,7 @@ impl Function {
     }
 }
 
-/// Why a module refused: the code of an exception reply, as it stands on the wire.
+/// Why a module refused: the code of an exception reply, as on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Exception(pub u8);
 
@@ -70,7 +70,7 @@ impl Exception {
     pub const ADDRESS: Exception = Exception(2);
     /// A quantity or value is not allowed.
     pub const VALUE: Exception = Exception(3);
-    /// The module tried and failed.
+    /// The module failed to execute it.
     pub const FAILURE: Exception = Exception(4);
     /// In the standard a memory parity error; ERC-8 and EMD-2A2Q list it as "CRC error"
     /// [ERC-8 §5.5].
@@ -95,7 +95,7 @@ impl fmt::Display for Exception {
     }
 }
 
-/// The value of a coil write, as it stands on the wire. The standard knows [`CoilValue::ON`] and
+/// The value of a coil write, as on the wire. The standard defines [`CoilValue::ON`] and
 /// [`CoilValue::OFF`]; boards of other makers toggle with 5500h or switch on with 0100h.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct CoilValue(pub u16);
@@ -106,7 +106,7 @@ impl CoilValue {
     /// 0000h.
     pub const OFF: CoilValue = CoilValue(0x0000);
 
-    /// The state this value stands for, or nothing for a value the standard does not know.
+    /// The state for this value; none for values the standard does not define.
     #[must_use]
     pub const fn state(self) -> Option<bool> {
         match self {
@@ -123,7 +123,7 @@ impl From<bool> for CoilValue {
     }
 }
 
-/// A run of 1 to `MAX` coils or registers that lies inside the 65536 there are.
+/// A run of 1 to `MAX` coils or registers within the 65536 possible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Span<const MAX: u16> {
     start: u16,
@@ -136,8 +136,7 @@ pub type BitSpan = Span<{ Bits::MAX }>;
 pub type WordSpan = Span<{ Words::MAX }>;
 
 impl<const MAX: u16> Span<MAX> {
-    /// The run from `start`, 0-based, or nothing where the count is out of range or the run
-    /// passes 65535.
+    /// The run from `start`, 0-based; none if the count is out of range or the run passes 65535.
     #[must_use]
     pub const fn new(start: u16, count: u16) -> Option<Span<MAX>> {
         let in_range = count >= 1 && count <= MAX;
@@ -154,14 +153,14 @@ impl<const MAX: u16> Span<MAX> {
         self.start
     }
 
-    /// How many.
+    /// The number of coils or registers.
     #[must_use]
     pub const fn count(self) -> u16 {
         self.count
     }
 }
 
-/// Coils to write: where they start and their 1 to 1968 values [MODBUS §3.3].
+/// Coils to write: their start and their 1 to 1968 values [MODBUS §3.3].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BitBlock<'a> {
     start: u16,
@@ -169,10 +168,10 @@ pub struct BitBlock<'a> {
 }
 
 impl<'a> BitBlock<'a> {
-    /// The most that one request carries.
+    /// The most in one request.
     pub const MAX: u16 = 1968;
 
-    /// The block from `start`, 0-based, or nothing where it is too long or passes 65535.
+    /// The block from `start`, 0-based; none if it is too long or passes 65535.
     #[must_use]
     pub const fn new(start: u16, values: Bits<'a>) -> Option<BitBlock<'a>> {
         match Span::<{ BitBlock::MAX }>::new(start, values.len()) {
@@ -194,7 +193,7 @@ impl<'a> BitBlock<'a> {
     }
 }
 
-/// Registers to write: where they start and their 1 to 123 values [MODBUS §3.4].
+/// Registers to write: their start and their 1 to 123 values [MODBUS §3.4].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WordBlock<'a> {
     start: u16,
@@ -202,10 +201,10 @@ pub struct WordBlock<'a> {
 }
 
 impl<'a> WordBlock<'a> {
-    /// The most that one request carries.
+    /// The most in one request.
     pub const MAX: u16 = 123;
 
-    /// The block from `start`, 0-based, or nothing where it is too long or passes 65535.
+    /// The block from `start`, 0-based; none if it is too long or passes 65535.
     #[must_use]
     pub const fn new(start: u16, values: Words<'a>) -> Option<WordBlock<'a>> {
         match Span::<{ WordBlock::MAX }>::new(start, values.len()) {
@@ -226,9 +225,9 @@ impl<'a> WordBlock<'a> {
         &self.values
     }
 
-    /// Each register that is written, 0-based, and its value.
+    /// Each written register, 0-based, with its value.
     pub fn words(&self) -> impl Iterator<Item = (u16, u16)> {
-        // The block ends with 65535 at the latest, and only behind it a count goes round.
+        // The block ends with 65535 at the latest, so only a count after it wraps around.
         let mut next = self.start;
         self.values.iter().map(move |word| {
             let at = next;
@@ -238,7 +237,7 @@ impl<'a> WordBlock<'a> {
     }
 }
 
-/// What one asks of a module. Starts are 0-based, as on the wire.
+/// A request. Starts are 0-based, as on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Request<'a> {
     /// Function 01.
@@ -251,56 +250,56 @@ pub enum Request<'a> {
     ReadInputRegisters(WordSpan),
     /// Function 05.
     WriteCoil {
-        /// Which coil, 0-based.
+        /// The coil, 0-based.
         at: u16,
-        /// What to write.
+        /// The value.
         value: CoilValue,
     },
     /// Function 06.
     WriteRegister {
-        /// Which register, 0-based.
+        /// The register, 0-based.
         at: u16,
-        /// What to write.
+        /// The value.
         value: u16,
     },
     /// Function 0F.
     WriteCoils(BitBlock<'a>),
     /// Function 10.
     WriteRegisters(WordBlock<'a>),
-    /// Function 08, of which only forms with one word of data are spoken.
+    /// Function 08, only the forms with one word of data.
     Diagnose {
-        /// Which sub-function; see [`diagnosis`].
+        /// The sub-function; see [`diagnosis`].
         sub: u16,
-        /// What goes with it.
+        /// Its data.
         data: u16,
     },
-    /// Function 2B, kind 0E: what are you?
+    /// Function 2B, kind 0E: device identification.
     Identify {
         /// 1 basic, 2 regular, 3 extended objects, 4 one object.
         code: u8,
-        /// The first object wanted, or the one.
+        /// The first object, or the only one.
         object: u8,
     },
 }
 
 /// The sub-functions of [`Request::Diagnose`] [BEYOND §4].
 pub mod diagnosis {
-    /// Says the same again.
+    /// Returns the data.
     pub const ECHO: u16 = 0x00;
     /// The diagnostic register.
     pub const REGISTER: u16 = 0x02;
-    /// Sets all counters to 0.
+    /// Clears all counters.
     pub const CLEAR: u16 = 0x0A;
     /// The first of the eight counters.
     pub const FIRST_COUNTER: u16 = 0x0B;
     /// The last of them.
     pub const LAST_COUNTER: u16 = 0x12;
-    /// Sets the counter of lost characters to 0.
+    /// Clears the counter of lost characters.
     pub const CLEAR_OVERRUN: u16 = 0x14;
 }
 
 impl Request<'_> {
-    /// The function this is a request of.
+    /// Its function.
     #[must_use]
     #[inline]
     pub const fn function(&self) -> Function {
@@ -318,7 +317,7 @@ impl Request<'_> {
         }
     }
 
-    /// The two numbers after the function code: start and count, or place and value.
+    /// The two numbers after the function code: start and count, or address and value.
     #[inline]
     const fn head(&self) -> (u16, u16) {
         match self {
@@ -333,7 +332,7 @@ impl Request<'_> {
             Request::WriteCoils(block) => (block.start, block.values.len()),
             Request::WriteRegisters(block) => (block.start, block.values.len()),
             Request::Diagnose { sub, data } => (*sub, *data),
-            // The last of the four bytes does not go out.
+            // The last of the four bytes is not sent.
             Request::Identify { code, object } => (
                 u16::from_be_bytes([identity::KIND, *code]),
                 u16::from_be_bytes([*object, 0]),
@@ -375,29 +374,29 @@ impl Request<'_> {
     }
 }
 
-/// What a module answers.
+/// A response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Response<'a> {
-    /// The coils or inputs asked for.
+    /// The requested coils or inputs.
     Bits(Bits<'a>),
-    /// The registers asked for.
+    /// The requested registers.
     Words(Words<'a>),
-    /// The write was done; place and value (or count) were repeated rightly.
+    /// The write was executed; address and value (or count) were repeated correctly.
     Done,
-    /// What a sub-function of 08 brought.
+    /// The data of a sub-function of 08.
     Diagnosis(u16),
-    /// What the module says of itself.
+    /// The identification of the module.
     Identification(Identification<'a>),
     /// The module refused.
     Exception(Exception),
 }
 
-/// A request to one module, and the reply that belongs to it.
+/// A request to one module, and its reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Exchange<'a> {
-    /// The module asked; 0 is all of them.
+    /// The module; 0 is the broadcast address.
     pub address: Address,
-    /// What is asked.
+    /// The request.
     pub request: Request<'a>,
 }
 
@@ -422,13 +421,13 @@ impl<'a> Exchange<'a> {
         close(out);
     }
 
-    /// Whether a module answers at all. Nobody answers a write to address 0.
+    /// Whether the request gets a reply. A write to address 0 gets none.
     #[must_use]
     pub const fn expects_reply(&self) -> bool {
         self.address.0 != BROADCAST.0 || self.request.is_read()
     }
 
-    /// How many bytes the reply has when it is no exception; the most where that varies.
+    /// How many bytes the reply has if it is not an exception; the maximum where that varies.
     #[must_use]
     pub const fn response_len(&self) -> usize {
         match (self.request.read_bytes(), &self.request) {
@@ -438,10 +437,10 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// Reads the beginning of `rx` as the reply to this request.
+    /// Decodes the beginning of `rx` as the reply to this request.
     ///
-    /// Checks address, function, byte count or repeated values, and CRC. A read sent to address
-    /// 0 may be answered under the module's own address.
+    /// Checks address, function, byte count or repeated values, and CRC. A read sent to address 0
+    /// may be answered with the module's own address.
     #[inline]
     pub fn decode_response<'r>(&self, rx: &'r [u8]) -> Decoded<Reply<Response<'r>>> {
         let &[from, code] = match need::<2>(rx) {
@@ -465,8 +464,8 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// Reads a reply of three bytes as an exception without its CRC, as the ERC-8 and EMD-2A2Q
-    /// manuals print them [ERC-8 §5.2]. Only for modules known to send them so, and only when
+    /// Decodes a reply of three bytes as an exception without CRC, as the manuals of ERC-8 and
+    /// EMD-2A2Q print them [ERC-8 §5.2]. Only for modules known to send them like that, and only if
     /// silence followed.
     #[must_use]
     pub fn decode_bare_exception(&self, rx: &[u8]) -> Option<Exception> {
@@ -480,8 +479,8 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// Whether one frame could be a reply to both: same module, same function. An exception
-    /// reply names nothing else, and a read's reply does not say what was read.
+    /// Whether one frame could be a reply to both: same module, same function. An exception reply
+    /// says nothing else, and the reply to a read does not say what was read.
     #[must_use]
     pub fn confusable(&self, other: &Exchange<'_>) -> bool {
         let anyone = |e: &Exchange<'_>| e.address == BROADCAST;
@@ -494,7 +493,7 @@ impl<'a> Exchange<'a> {
         from == self.address.0 || self.address == BROADCAST
     }
 
-    /// Whether a sub-function of 08 says again what it was told.
+    /// Whether a sub-function of 08 returns its data.
     #[inline]
     const fn wants_echo(&self) -> bool {
         match self.request {
@@ -506,7 +505,7 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// The six bytes that open a request and make the reply to a write.
+    /// The six bytes that begin a request and make up the reply to a write.
     #[inline]
     const fn echo(&self) -> [u8; 6] {
         let (at, value) = self.request.head();
@@ -579,7 +578,7 @@ impl<'a> Exchange<'a> {
             }
             _ => Response::Done,
         };
-        // What is asked by 08 comes in place of what was sent, unless that is to come back.
+        // The answer to 08 replaces the data sent, unless that data is to be returned.
         let answers = matches!(response, Response::Diagnosis(_)) && !self.wants_echo();
         if [a, b, c, d] != echo && !answers {
             return Decoded::Malformed(Malformed::Echo);

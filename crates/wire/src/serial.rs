@@ -1,9 +1,9 @@
-//! Speeds, character formats, and how long characters and frames take on the wire.
+//! Baud rates, character formats, and how long characters and frames take on the wire.
 
 use crate::Micros;
 use core::fmt;
 
-/// A speed that the serial ports of this field have, 1200 to 115200 baud.
+/// A baud rate in common use on serial lines, 1200 to 115200.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[allow(missing_docs)]
 pub enum Baud {
@@ -18,7 +18,7 @@ pub enum Baud {
 }
 
 impl Baud {
-    /// Every speed, slowest first.
+    /// All baud rates, slowest first.
     pub const ALL: [Baud; 8] = [
         Baud::B1200,
         Baud::B2400,
@@ -45,7 +45,7 @@ impl Baud {
         }
     }
 
-    /// The speed of so many bits per second, or nothing for one that no port has.
+    /// The baud rate with this many bits per second, if there is one.
     #[must_use]
     pub fn from_rate(rate: u32) -> Option<Baud> {
         Baud::ALL.into_iter().find(|baud| baud.rate() == rate)
@@ -61,19 +61,19 @@ impl fmt::Display for Baud {
 /// Parity and stop bits of a character; there are always eight data bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Character {
-    /// No parity, one stop bit: 10 bits. What all five families leave the factory with.
+    /// No parity, one stop bit: 10 bits. The factory setting of all five families.
     #[default]
     N1,
     /// Even parity, one stop bit: 11 bits.
     E1,
     /// Odd parity, one stop bit: 11 bits.
     O1,
-    /// No parity, two stop bits: 11 bits, what the Modbus standard wants without parity.
+    /// No parity, two stop bits: 11 bits, required by the Modbus standard without parity.
     N2,
 }
 
 impl Character {
-    /// How many bits one character takes, start and stop bits included: 10 or 11.
+    /// How many bits a character takes, including start and stop bits: 10 or 11.
     #[must_use]
     pub const fn bits(self) -> u32 {
         match self {
@@ -100,7 +100,7 @@ impl fmt::Display for Character {
     }
 }
 
-/// How a line talks at one moment: its speed and its character format.
+/// The serial settings: speed and character format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Settings {
     /// The speed.
@@ -116,14 +116,14 @@ impl Settings {
         character: Character::N1,
     };
 
-    /// The time that so many characters take on the wire, rounded up to the microsecond.
+    /// How long this many characters take on the wire, rounded up to the microsecond.
     #[must_use]
     pub const fn frame_time(self, characters: usize) -> Micros {
         self.times(characters, self.character.bits() * 1_000_000)
     }
 
-    /// The silence that ends a Modbus RTU frame: 3.5 characters of this line's own length up to
-    /// 19200 baud, 1.75 ms above [MODBUS §1.4].
+    /// The silence that ends a Modbus RTU frame: 3.5 characters of the format in use up to 19200
+    /// baud, 1.75 ms above [MODBUS §1.4].
     #[must_use]
     #[cfg_attr(feature = "small", inline(never))]
     pub const fn t3_5(self) -> Micros {
@@ -149,9 +149,9 @@ impl Settings {
         self.times(tenths, self.character.bits() * 100_000)
     }
 
-    /// `count` times so many millionths of a bit, rounded up. Every speed and both lengths are
-    /// multiples of 400; and as many times as there are bits in a second of it take whole
-    /// microseconds, so that only what is beyond that is divided, and in 32 bits.
+    /// `count` times this many millionths of a bit, rounded up. Every speed and both lengths are
+    /// multiples of 400, and the time of as many units as there are bits in a second is a whole
+    /// number of microseconds; so only the rest has to be divided, in 32 bits.
     #[cfg_attr(feature = "small", inline(never))]
     const fn times(self, count: usize, millionths: u32) -> Micros {
         let (each, rate) = (millionths / 400, self.baud.rate() / 400);

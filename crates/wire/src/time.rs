@@ -1,20 +1,20 @@
-//! Time as the core sees it: numbers handed in from outside. There is no clock here.
+//! Time in the core: numbers passed in from outside. There is no clock here.
 
 use core::ops::{Add, AddAssign, Mul, Sub};
 
-/// A moment, in microseconds since an origin that the driver chose (usually its start).
+/// A moment, in microseconds since an origin chosen by the driver (usually its start).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Instant(pub u64);
 
 impl Instant {
-    /// The time from `earlier` to here; zero when `earlier` is later.
+    /// The time since `earlier`; zero if `earlier` is later.
     #[must_use]
     #[cfg_attr(feature = "small", inline(never))]
     pub const fn since(self, earlier: Instant) -> Micros {
         Micros(self.0.saturating_sub(earlier.0))
     }
 
-    /// The earliest of some moments, of which any may be none.
+    /// The earliest of some moments, each of which may be none.
     #[must_use]
     #[cfg_attr(feature = "small", inline(never))]
     pub fn earliest(all: &[Option<Instant>]) -> Option<Instant> {
@@ -35,23 +35,23 @@ impl Add<Micros> for Instant {
 pub struct Micros(pub u64);
 
 impl Micros {
-    /// No time at all.
+    /// Zero.
     pub const ZERO: Micros = Micros(0);
 
-    /// So many milliseconds.
+    /// This many milliseconds.
     #[must_use]
     pub const fn from_millis(millis: u64) -> Micros {
         Micros(millis.saturating_mul(1000))
     }
 
-    /// So many seconds.
+    /// This many seconds.
     #[must_use]
     pub const fn from_secs(secs: u64) -> Micros {
         Micros(secs.saturating_mul(1_000_000))
     }
 
-    /// Reads a length of time with its unit: `200ms`, `1.5s`, `2m`. A bare number is refused, its
-    /// unit being anyone's guess.
+    /// Parses a duration with its unit: `200ms`, `1.5s`, `2m`. A bare number is refused, since its
+    /// unit would be a guess.
     #[must_use]
     pub fn parse(text: &str) -> Option<Micros> {
         let at = text.find(|c: char| c.is_ascii_alphabetic())?;
@@ -75,10 +75,10 @@ impl Micros {
         Some(Micros(micros))
     }
 
-    /// Whole seconds, and the microseconds beyond them.
+    /// Whole seconds, and the remaining microseconds.
     ///
-    /// In steps of 16 bits, as a small processor divides 32 bits by 32, and dividing 64 by a
-    /// function takes half a KiB there.
+    /// In steps of 16 bits: a small processor divides 32 bits by 32, and a function to divide 64
+    /// bits takes half a KiB there.
     #[must_use]
     #[cfg_attr(feature = "small", inline(never))]
     pub const fn seconds(self) -> (u64, u32) {
@@ -111,7 +111,7 @@ impl AddAssign for Micros {
 
 impl Sub for Micros {
     type Output = Micros;
-    /// Zero where the other span is longer.
+    /// Zero if the other duration is longer.
     fn sub(self, other: Micros) -> Micros {
         Micros(self.0.saturating_sub(other.0))
     }

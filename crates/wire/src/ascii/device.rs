@@ -1,20 +1,20 @@
-//! The module's end: requests read.
+//! The device side: decodes requests.
 
 use super::{Exchange, FRAME_MAX, Line, Request, Text};
 use crate::hex::byte;
 use crate::{Address, Decoded, Malformed, PulseWidth};
 
-/// How strictly a module reads.
+/// How strictly a module decodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rules {
     /// Frames must carry a checksum.
     pub checksum: bool,
-    /// Hexadecimal digits a to f are taken too. Off by default [EDA §2.8].
+    /// Hexadecimal digits a to f are accepted too. Off by default [EDA §2.8].
     pub lower_case: bool,
 }
 
 impl Exchange {
-    /// Reads the beginning of `rx`, which starts with a delimiter, as a request.
+    /// Decodes the beginning of `rx`, which starts with a delimiter, as a request.
     #[inline]
     pub fn decode_request(rx: &[u8], rules: Rules) -> Decoded<Exchange> {
         match rx.first() {
@@ -38,7 +38,7 @@ impl Exchange {
     }
 }
 
-/// Reads a request.
+/// Decodes a request.
 #[inline]
 fn parse(line: Line<'_>, rules: Rules) -> Result<Exchange, Malformed> {
     let text = line.unsealed(rules.checksum, rules.lower_case)?;
@@ -120,7 +120,7 @@ fn parse_body(delimiter: u8, body: &[u8], lower_case: bool) -> Result<Request, M
     })
 }
 
-/// The bytes that up to eight digits spell; 0 where there are none.
+/// The bytes written as up to eight digits; 0 where there are none.
 #[cfg_attr(feature = "small", inline(never))]
 fn bytes(digits: &[u8], lower_case: bool) -> Result<[u8; 4], Malformed> {
     let mut bytes = [0; 4];
@@ -131,8 +131,8 @@ fn bytes(digits: &[u8], lower_case: bool) -> Result<[u8; 4], Malformed> {
     Ok(bytes)
 }
 
-/// The address in a frame that ends with CR but is no request, where its checksum is right: so
-/// that a module can say `?AA` to it.
+/// The address in a frame that ends with CR but is not a request, if its checksum is correct: so
+/// that a module can answer `?AA`.
 #[must_use]
 pub fn address_of(frame: &[u8], rules: Rules) -> Option<Address> {
     let line = Line::first(frame)?;

@@ -1,25 +1,25 @@
-//! Replies: read by the host with their request, written by the module.
+//! Replies: decoded by the host together with their request, written by the module.
 
 use super::{Exchange, Line, Request, Response, Text, close, put};
 use crate::hex::{byte, digit, digits};
 use crate::{Address, Decoded, Frame, Malformed, PulseWidth, Reply};
 
-/// One form that a reply may take, seen from the outside.
+/// The outer form of a reply.
 #[derive(Clone, Copy)]
 struct Form {
     lead: u8,
     /// Whether the address follows the first character.
     addressed: bool,
-    /// How many characters follow that at least, checksum apart.
+    /// The least number of characters after that, without the checksum.
     shortest: usize,
-    /// How many at most.
+    /// The greatest number.
     longest: usize,
 }
 
 impl Form {
-    /// `?AA`: any request may be refused so [ADAM §1.2].
+    /// `?AA`: refuses any request [ADAM §1.2].
     const REFUSED: Form = Form::fixed(b'?', true, 0);
-    /// `?`: refuses a write of outputs, and nothing else.
+    /// `?`: refuses a write of outputs only.
     const REFUSED_BARE: Form = Form::fixed(b'?', false, 0);
     /// `!`: ignores a write of outputs [ADAM §1.4].
     const IGNORED: Form = Form::fixed(b'!', false, 0);
@@ -33,7 +33,7 @@ impl Form {
         }
     }
 
-    /// How many characters stand around the body, CR included.
+    /// How many characters surround the body, including CR.
     const fn around(&self, checksum: bool) -> usize {
         2 + if self.addressed { 2 } else { 0 } + if checksum { 2 } else { 0 }
     }
@@ -46,7 +46,7 @@ impl Form {
 }
 
 impl Request {
-    /// The form of a good reply; none where nobody answers.
+    /// The form of a good reply; none if there is no reply.
     #[inline]
     const fn good_form(&self) -> Option<Form> {
         Some(match self {
@@ -75,13 +75,13 @@ impl Request {
         })
     }
 
-    /// Whether it may be refused by a bare `?` and ignored by a bare `!`.
+    /// Whether a bare `?` may refuse it and a bare `!` may ignore it.
     #[inline]
     const fn writes_outputs(&self) -> bool {
         matches!(self, Request::WriteOutputs { .. })
     }
 
-    /// Every form that a reply may take.
+    /// All forms of its reply.
     fn forms(&self) -> impl Iterator<Item = Form> {
         let good = self.good_form();
         let bare = good.filter(|_| self.writes_outputs());
@@ -97,12 +97,11 @@ impl Request {
 }
 
 impl Exchange {
-    /// Reads the beginning of `rx` as the reply to this request: first character, address,
-    /// length, digits, checksum and CR are checked. Digits may be of either case, but not those of
-    /// the checksum: it guards every bit only if each sum has one spelling.
+    /// Decodes the beginning of `rx` as the reply to this request: first character, address,
+    /// length, digits, checksum and CR are checked. Digits may be of either case, except those of
+    /// the checksum: it protects every bit only if each sum has a single spelling.
     ///
-    /// The reply to a configuration write may carry the old address or the new one
-    /// [EDA §2.14].
+    /// The reply to a configuration write may carry the old address or the new one [EDA §2.14].
     #[inline]
     pub fn decode_response(&self, rx: &[u8]) -> Decoded<Reply<Response>> {
         let Some(good) = self.request.good_form() else {
@@ -120,7 +119,7 @@ impl Exchange {
         }
     }
 
-    /// How many characters the good reply has at most, CR included; 0 where nobody answers.
+    /// The most characters of the good reply, including CR; 0 if there is no reply.
     #[must_use]
     pub const fn response_len_max(&self) -> usize {
         match self.request.good_form() {
@@ -152,7 +151,7 @@ impl Exchange {
 
     /// Whether one frame could be a reply to both.
     ///
-    /// Two forms are told apart by first character, address and length. Replies that carry no
+    /// Two forms are distinguished by first character, address and length. Replies without an
     /// address fit any module; a refusal `?AA` fits every request to its module.
     #[must_use]
     pub fn confusable(&self, other: &Exchange) -> bool {
@@ -160,19 +159,19 @@ impl Exchange {
         forms.any(|mine| self.fits(mine, other))
     }
 
-    /// Whether a good reply to this request, no refusal, can't be any reply to the other one, nor
-    /// the reverse.
+    /// Whether a good reply to this request can't be any reply to the other one, nor the reverse. A
+    /// refusal is not a good reply.
     #[must_use]
     pub fn stands_apart(&self, other: &Exchange) -> bool {
         use Request::{ReadConfig, ReadName};
-        // Told apart by what they hold, too.
+        // Also distinguished by their content.
         let pair = (self.request, other.request);
         let by_body = matches!(pair, (ReadConfig, ReadName) | (ReadName, ReadConfig));
         let good = self.request.good_form();
         by_body || good.is_some_and(|mine| !self.fits(mine, other))
     }
 
-    /// Whether a reply of this form could be one to another request.
+    /// Whether a reply of this form could be the reply to another request.
     fn fits(&self, mine: Form, other: &Exchange) -> bool {
         let same_module = self
             .answerers()
@@ -189,7 +188,7 @@ impl Exchange {
         })
     }
 
-    /// The addresses that a reply may carry.
+    /// The addresses that the reply may carry.
     #[inline]
     fn answerers(&self) -> [Address; 2] {
         match self.request {
@@ -198,7 +197,7 @@ impl Exchange {
         }
     }
 
-    /// Reads a reply.
+    /// Decodes a reply.
     #[inline]
     fn read(&self, line: Line<'_>, good: Form) -> Result<Reply<Response>, Malformed> {
         let text = line.unsealed(self.checksum, false)?;
@@ -250,7 +249,7 @@ impl Exchange {
             _ => Err(Malformed::Value),
         };
         Ok(match (&self.request, body) {
-            // So a late configuration is never taken for a name.
+            // So that a late configuration is never taken for a name.
             (Request::ReadName, body) if looks_like_config(body) => return Err(Malformed::Value),
             (Request::ReadName | Request::ReadFirmware, _) => Response::Text(Text::parse(body)?),
             (Request::ReadConfig, [a, b, c, d, e, f]) => Response::Config {
@@ -301,7 +300,7 @@ impl Exchange {
         })
     }
 
-    /// What a beginning without a CR can still become.
+    /// What a beginning without a CR may still become.
     fn unfinished(&self, rx: &[u8]) -> Decoded<Reply<Response>> {
         let mut why = Malformed::Start;
         let mut least: Option<usize> = None;
@@ -318,7 +317,7 @@ impl Exchange {
         }
     }
 
-    /// How many characters are missing at least, if this is the beginning of that form.
+    /// The least number of missing characters, if this is the beginning of that form.
     fn missing(&self, rx: &[u8], form: Form) -> Result<usize, Malformed> {
         match *rx {
             [lead, ..] if lead != form.lead => return Err(Malformed::Start),
@@ -336,7 +335,7 @@ impl Exchange {
     }
 }
 
-/// Whether it is the configuration of a digital module, `40CCFF`: no module has such a name.
+/// Whether it is the configuration of a digital module, `40CCFF`: no module has a name like that.
 fn looks_like_config(body: &[u8]) -> bool {
     matches!(body, [b'4', b'0', b'0', _, _, _]) && body.iter().all(u8::is_ascii_hexdigit)
 }

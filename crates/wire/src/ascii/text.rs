@@ -1,4 +1,4 @@
-//! Names and versions, held in place.
+//! Names and versions, stored inline.
 
 use crate::Malformed;
 
@@ -13,7 +13,7 @@ impl Text {
     /// The most characters.
     pub const MAX: usize = 16;
 
-    /// The text of these characters, printable ASCII only.
+    /// The text of these characters; printable ASCII only.
     #[must_use]
     pub fn new(characters: &[u8]) -> Option<Text> {
         let printable = characters.iter().all(|c| (0x20..0x7F).contains(c));

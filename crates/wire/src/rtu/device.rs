@@ -1,4 +1,4 @@
-//! The module's end: requests read, replies written.
+//! The device side: decodes requests, writes replies.
 
 use super::{
     BitBlock, BitSpan, CoilValue, Exception, Exchange, Function, Request, Response, WordBlock,
@@ -6,39 +6,39 @@ use super::{
 };
 use crate::{Address, Bits, Decoded, Frame, Malformed, Words, crc16};
 
-/// Why a frame is no request that can be carried out.
+/// Why a frame is not a valid request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RequestError {
-    /// Fewer than four bytes, more than 256, or a wrong CRC. A module never answers
+    /// Fewer than four bytes, more than 256, or a wrong CRC. Never answered by a module
     /// [MODBUS §1.7].
     Garbled,
     /// A function that this codec does not know; exception 01.
     Function {
-        /// The module asked.
+        /// The module.
         address: Address,
         /// The code on the wire.
         code: u8,
     },
-    /// A quantity outside the standard's limits, or a byte count or length that disagrees with
-    /// it; exception 03.
+    /// A quantity outside the standard's limits, or a byte count or length that contradicts it;
+    /// exception 03.
     Quantity {
-        /// The module asked.
+        /// The module.
         address: Address,
-        /// The function asked for.
+        /// The requested function.
         function: Function,
     },
     /// The run passes the last of the 65536 coils or registers; exception 02.
     Range {
-        /// The module asked.
+        /// The module.
         address: Address,
-        /// The function asked for.
+        /// The requested function.
         function: Function,
     },
 }
 
 impl RequestError {
-    /// The module asked, the function code, and the exception the standard wants, where the
-    /// frame arrived whole [MODBUS §3.5].
+    /// The module, the function code, and the exception required by the standard, if the frame was
+    /// not corrupted [MODBUS §3.5].
     #[must_use]
     pub const fn exception(&self) -> Option<(Address, u8, Exception)> {
         match *self {
@@ -55,7 +55,7 @@ impl RequestError {
 }
 
 impl<'a> Exchange<'a> {
-    /// Reads one whole frame, as silence delimited it, as a request.
+    /// Decodes a complete frame, as delimited by silence, as a request.
     ///
     /// # Errors
     /// [`RequestError`] in the standard's order: CRC, function, quantity, range.
@@ -109,7 +109,7 @@ impl<'a> Exchange<'a> {
         }
     }
 
-    /// Reads the beginning of `rx` as a request, for who hears a line without its silences.
+    /// Decodes the beginning of `rx` as a request, for a listener that does not know the silences.
     pub fn decode_request(rx: &'a [u8]) -> Decoded<Exchange<'a>> {
         let Some(&code) = rx.get(1) else {
             return Decoded::Partial { more: 4 - rx.len() };
@@ -146,8 +146,7 @@ impl<'a> Exchange<'a> {
 
     /// Writes the reply of the module at `from` to this request.
     ///
-    /// The response must be of the request's kind and length; the module's own address stands
-    /// in for 0.
+    /// The response must have the request's kind and length; the module's own address replaces 0.
     #[inline]
     pub fn encode_response(&self, from: Address, response: &Response<'_>, out: &mut Frame) {
         let function = self.request.function().code();
@@ -179,13 +178,13 @@ impl<'a> Exchange<'a> {
     }
 }
 
-/// Writes an exception reply to a function code, which need not be one that exists here.
+/// Writes an exception reply to a function code, which need not be a known one.
 pub fn encode_exception(from: Address, code: u8, why: Exception, out: &mut Frame) {
     out.set([from.0, code | 0x80, why.0]);
     close(out);
 }
 
-/// The request of these numbers, or nothing where one of them is out of its range.
+/// The request with these numbers; none if one of them is out of range.
 #[inline]
 fn parse(function: Function, at: u16, value: u16, data: &[u8]) -> Option<Request<'_>> {
     Some(match function {

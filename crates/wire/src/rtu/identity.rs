@@ -4,31 +4,31 @@ use super::{Exchange, close};
 use crate::decoded::need;
 use crate::{Address, Decoded, FRAME_MAX, Frame, Malformed, Reply, crc16, rtu};
 
-/// What function 2B carries here: device identification.
+/// The kind of function 2B used here: device identification.
 pub(super) const KIND: u8 = 0x0E;
-/// Basic and regular objects, as a stream and one by one.
+/// Conformity: basic and regular objects, as a stream and individually.
 const CONFORMITY: u8 = 0x82;
-/// Code, conformity, more, next and count stand before the objects.
+/// Code, conformity, more, next and count precede the objects.
 const HEAD: usize = 5;
 
-/// What a module says of itself: objects, each a number and a text.
+/// The identification of a module: objects, each a number and a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identification<'a>(&'a [u8]);
 
 impl<'a> Identification<'a> {
     /// The maker.
     pub const VENDOR: u8 = 0;
-    /// What the maker calls it.
+    /// The maker's product code.
     pub const PRODUCT: u8 = 1;
     /// The version of its firmware.
     pub const REVISION: u8 = 2;
-    /// Where to read about it.
+    /// Where to find its documentation.
     pub const URL: u8 = 3;
-    /// Its name for people.
+    /// Its product name.
     pub const NAME: u8 = 4;
 
-    /// From its code on: code, conformity, more, next, count, objects; nothing where the objects
-    /// are not as many, or not as long, as is said.
+    /// From the code on: code, conformity, more, next, count, objects; none if the number or length
+    /// of the objects is wrong.
     #[must_use]
     pub fn from_packed(bytes: &'a [u8]) -> Option<Identification<'a>> {
         match measure(bytes) {
@@ -43,7 +43,7 @@ impl<'a> Identification<'a> {
         self.0
     }
 
-    /// The objects in turn: number and bytes, which should be ASCII.
+    /// The objects in order: number and bytes, which should be ASCII.
     pub fn objects(&self) -> impl Iterator<Item = (u8, &'a [u8])> + use<'a> {
         let mut rest = self.0.get(HEAD..).unwrap_or_default();
         core::iter::from_fn(move || {
@@ -54,14 +54,14 @@ impl<'a> Identification<'a> {
         })
     }
 
-    /// The object of that number.
+    /// The object with that number.
     #[must_use]
     pub fn object(&self, number: u8) -> Option<&'a [u8]> {
         self.objects().find(|(n, _)| *n == number).map(|(_, o)| o)
     }
 }
 
-/// How many bytes the whole takes from its code on, or how many are missing at least.
+/// How many bytes it has from the code on, or the least number of missing bytes.
 fn measure(bytes: &[u8]) -> Result<usize, usize> {
     let &[_, _, _, _, count] = need::<HEAD>(bytes)?;
     let mut len = HEAD;
@@ -76,7 +76,7 @@ fn measure(bytes: &[u8]) -> Result<usize, usize> {
         .map_or(Ok(len), Err)
 }
 
-/// Writes the reply of the module at `from`: these objects, and no more.
+/// Writes the reply of the module at `from` with all these objects.
 pub fn encode_identification(from: Address, code: u8, objects: &[(u8, &str)], out: &mut Frame) {
     let function = rtu::Function::Identify.code();
     out.set([from.0, function, KIND, code, CONFORMITY, 0, 0]);
@@ -89,7 +89,7 @@ pub fn encode_identification(from: Address, code: u8, objects: &[(u8, &str)], ou
 }
 
 impl Exchange<'_> {
-    /// Reads a reply to function 2B with this code, address and function being right.
+    /// Decodes a reply to function 2B with this code, after address and function were checked.
     pub(super) fn decode_identification<'r>(
         &self,
         asked: u8,
