@@ -1,4 +1,4 @@
-//! A few bytes of a varying number, and reading and writing them from the front.
+//! A short byte buffer, with a reader and a writer.
 
 /// Up to 128 bytes.
 #[derive(Clone, Copy, Debug)]
@@ -8,10 +8,10 @@ pub struct Bytes {
 }
 
 impl Bytes {
-    /// The most there can be.
+    /// The maximum length.
     pub const MAX: usize = 128;
 
-    /// None at all.
+    /// An empty buffer.
     #[must_use]
     pub const fn new() -> Bytes {
         Bytes {
@@ -20,7 +20,7 @@ impl Bytes {
         }
     }
 
-    /// These bytes, or nothing where they are too many.
+    /// These bytes; none if there are too many.
     #[must_use]
     pub fn of(bytes: &[u8]) -> Option<Bytes> {
         let mut all = Bytes::new();
@@ -33,12 +33,12 @@ impl Bytes {
         self.buffer.get(..self.len).unwrap_or_default()
     }
 
-    /// Forgets all.
+    /// Removes all bytes.
     pub(crate) const fn clear(&mut self) {
         self.len = 0;
     }
 
-    /// Appends all of these bytes, or none where they are too many.
+    /// Appends all of these bytes, or none if there are too many.
     pub(crate) fn push(&mut self, bytes: &[u8]) -> bool {
         let end = self.len.saturating_add(bytes.len());
         let Some(room) = self.buffer.get_mut(self.len..end) else {
@@ -49,7 +49,7 @@ impl Bytes {
         true
     }
 
-    /// Room for so many bytes, which are to be filled in; nothing where they are too many.
+    /// Space for this many bytes, to be filled in; none if there are too many.
     pub(crate) fn room(&mut self, len: usize) -> Option<&mut [u8]> {
         let room = self.buffer.get_mut(..len)?;
         self.len = len;
@@ -71,11 +71,11 @@ impl PartialEq for Bytes {
 
 impl Eq for Bytes {}
 
-/// What is left of some bytes. Who reads has seen before that they are as many.
+/// Reads from the front. The caller has checked the length.
 pub(crate) struct Reader<'a>(pub(crate) &'a [u8]);
 
 impl Reader<'_> {
-    /// The next `N` bytes; zeros, and none taken, where there are fewer.
+    /// The next `N` bytes; if there are fewer, zeros, and none is consumed.
     pub(crate) fn take<const N: usize>(&mut self) -> [u8; N] {
         let Some((taken, rest)) = self.0.split_first_chunk() else {
             return [0; N];
@@ -101,11 +101,11 @@ impl Reader<'_> {
     }
 }
 
-/// Room to write into from the front.
+/// Writes from the front.
 pub(crate) struct Writer<'a>(pub(crate) &'a mut [u8]);
 
 impl Writer<'_> {
-    /// Writes these bytes, or nothing where there is no room for all.
+    /// Writes these bytes, or none if they do not all fit.
     pub(crate) fn put<const N: usize>(&mut self, bytes: [u8; N]) {
         if let Some((room, rest)) = core::mem::take(&mut self.0).split_first_chunk_mut() {
             *room = bytes;

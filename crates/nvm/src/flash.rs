@@ -1,9 +1,10 @@
-//! Slots in NOR flash, one behind the other through some sectors in turn, so that all wear alike.
+//! Slots in NOR flash, written one after the other through all sectors in turn, so that they wear
+//! evenly.
 //!
-//! What counts is found by its sequence, wherever it lies. The next slot is the first blank one
-//! behind it in its sector, else the first of the next sector, which is erased before. So the
-//! sector that holds what counts is never erased, and nothing is asked of a sector whose erasure
-//! was cut short: what it still seems to hold is older, and it is erased again before it is used.
+//! The newest slot is found by its sequence, wherever it is. The next slot is the first blank one
+//! after it in its sector, or else the first of the next sector, which is erased first. So the
+//! sector with the newest slot is never erased, and a sector whose erasure was interrupted does no
+//! harm: anything it still seems to hold is older, and it is erased again before it is used.
 
 use crate::bytes::Bytes;
 use crate::keeper::Store;
@@ -11,28 +12,28 @@ use crate::slot::{SLOT, Slot, kept, slot_image};
 use core::ops::Range;
 use embedded_storage::nor_flash::NorFlash;
 
-/// A slot with all that is behind its bytes.
+/// A slot with everything after its bytes.
 type Image = [u8; SLOT as usize];
 
 const BLANK: Image = [0xFF; SLOT as usize];
 
-/// Keeps bytes in some sectors of a NOR flash.
+/// Stores bytes in some sectors of a NOR flash.
 #[derive(Clone, Debug)]
 pub struct Flash<F> {
     flash: F,
     range: Range<u32>,
 }
 
-/// The sectors can't be used: they are fewer than two, do not begin and end at sectors, or lie
-/// outside the flash; or slots do not fit its sectors and words.
+/// The sectors can't be used: there are fewer than two, the range is not aligned to sectors or
+/// outside the flash, or slots do not fit its sectors and words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BadRange;
 
 impl<F: NorFlash> Flash<F> {
-    /// In this range of addresses, which nothing else uses: two sectors or more.
+    /// A store in this range of addresses, which nothing else uses: two sectors or more.
     ///
     /// # Errors
-    /// Where the range can't be used.
+    /// If the range can't be used.
     pub fn new(flash: F, range: Range<u32>) -> Result<Flash<F>, BadRange> {
         let whole = |len: u32, of: usize| of > 0 && (len as usize).is_multiple_of(of);
         let sectors = whole(range.start, F::ERASE_SIZE) && whole(range.end, F::ERASE_SIZE);
@@ -56,7 +57,7 @@ impl<F: NorFlash> Flash<F> {
         Ok(image)
     }
 
-    /// The slot that counts, read into `room`.
+    /// The newest slot, read into `room`.
     fn newest(&mut self, room: &mut Bytes) -> Result<Option<Slot>, F::Error> {
         let mut newest: Option<Slot> = None;
         for at in self.range.clone().step_by(SLOT as usize) {
@@ -72,7 +73,7 @@ impl<F: NorFlash> Flash<F> {
         Ok(newest)
     }
 
-    /// A place behind this slot, made blank.
+    /// The position after this slot, made blank.
     fn blank_after(&mut self, newest: Option<Slot>) -> Result<u32, F::Error> {
         let sector = F::ERASE_SIZE as u32;
         let mut at = newest.map_or(self.range.start, |newest| newest.at + SLOT);

@@ -1,72 +1,71 @@
-//! The one who decides whether anything is written at all.
+//! Decides whether and when anything is written.
 
 use crate::budget::Budget;
 use crate::{Bytes, Record, Unreadable};
 use railbus_wire::{Instant, Micros};
 
-/// Something that holds a few bytes over a loss of power: what was written last, or, where the
-/// power failed meanwhile, what was before it.
+/// Stores a few bytes over a loss of power: those written last, or, if the power failed during the
+/// write, those from before it.
 pub trait Store {
-    /// What the chip or its bus can fail with.
+    /// The error of the chip or its bus.
     type Error;
 
-    /// The bytes that are held, where there are any. The store reads them into `room`, and hands
-    /// out that part of it.
+    /// Reads the stored bytes, if there are any, into `room` and returns that part of it.
     ///
     /// # Errors
-    /// Where the chip can't be read.
+    /// If the chip can't be read.
     fn read<'a>(&mut self, room: &'a mut Bytes) -> Result<Option<&'a [u8]>, Self::Error>;
 
-    /// Holds these bytes, 1 to 119, instead.
+    /// Replaces the stored bytes by these, 1 to 119.
     ///
     /// # Errors
-    /// Where the chip can't be read or written; it then holds the old or the new bytes.
+    /// If the chip can't be read or written; it then holds the old or the new bytes.
     fn write(&mut self, bytes: &[u8]) -> Result<(), Self::Error>;
 }
 
-/// How long to wait after a write that failed.
+/// How long to wait after a failed write.
 pub const RETRY: Micros = Micros::from_secs(1);
 
-/// What a store holds.
+/// The content of a store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Held {
-    /// Nothing, or nothing that any firmware wrote: the module is as it left the factory.
+    /// Nothing, or nothing written by any firmware: the module is in its factory state.
     Nothing,
-    /// This.
+    /// This record.
     Record(Record),
-    /// A module of a family whose own half is not built here. It is overwritten.
+    /// A module of a family whose device side is not built here. It is overwritten.
     OtherFamily,
-    /// What a newer firmware wrote, in a layout of this version. It is neither used nor
-    /// overwritten; who wants the older firmware to keep anything erases the chip.
+    /// A record of a newer firmware, with this version of the layout. It is neither used nor
+    /// overwritten; to use the older firmware, erase the chip.
     Newer(u8),
 }
 
-/// What became of what was to be kept. Each stays at its highest number.
+/// Counts of what happened to records to be saved. They saturate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Written, and read back as written.
+    /// Written, and verified by reading back.
     pub written: u16,
-    /// Was held already; nothing was written.
+    /// Already stored; nothing was written.
     pub unchanged: u16,
-    /// Could not be written at once: there were too many before it, or the chip failed.
+    /// Could not be written at once: there were too many writes before it, or the chip failed.
     pub deferred: u16,
-    /// The chip failed, or did not hold what was written. It is tried again.
+    /// The chip failed, or did not hold what was written. It is retried.
     pub failed: u16,
-    /// Not written, as a newer firmware's settings lie there.
+    /// Not written, because the settings of a newer firmware are stored.
     pub refused: u16,
 }
 
-/// A record as bytes: half of what it takes as a [`Record`], and compared as quickly.
+/// A record as bytes: half the size of a [`Record`], and compared as quickly.
 type Packed = [u8; Record::LEN];
 
-/// What a keeper knows of what its store holds.
+/// What is known of the content of the store.
 #[derive(Clone, Copy, Debug)]
 enum Known {
-    /// Nothing that could be what is to be kept.
+    /// Anything else than what is to be saved.
     Other,
     /// These bytes.
     Packed(Packed),
-    /// What a newer firmware wrote.
+    /// A record of a newer firmware.
     Newer,
 }
 
@@ -83,22 +82,22 @@ impl Known {
     }
 }
 
-/// Keeps the settings of one module.
+/// Saves the settings of one module.
 #[derive(Clone, Debug)]
 pub struct Keeper<S> {
     store: S,
     budget: Budget,
-    /// What the store is known to hold.
+    /// The known content of the store.
     held: Option<Known>,
-    /// What it does not hold yet.
+    /// What is still to be written.
     wanted: Option<Packed>,
-    /// Not before then.
+    /// Not to be written before this moment.
     due: Instant,
     counters: Counters,
 }
 
 impl<S> Keeper<S> {
-    /// A keeper of a module that is powered up now.
+    /// A keeper for a module that is powered up now.
     pub const fn new(store: S) -> Keeper<S> {
         Keeper {
             store,
@@ -116,12 +115,12 @@ impl<S> Keeper<S> {
         }
     }
 
-    /// What became of everything that was to be kept.
+    /// What happened to everything that was to be saved.
     pub const fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// Whether a loss of power now would bring back settings that are not in force any more.
+    /// Whether a loss of power now would bring back settings that are no longer active.
     pub const fn is_waiting(&self) -> bool {
         self.wanted.is_some()
     }
@@ -133,10 +132,10 @@ impl<S> Keeper<S> {
 }
 
 impl<S: Store> Keeper<S> {
-    /// What is held.
+    /// Reads the store.
     ///
     /// # Errors
-    /// Where the chip can't be read: what it holds is not known then.
+    /// If the chip can't be read: its content is then unknown.
     pub fn load(&mut self) -> Result<Held, S::Error> {
         let mut room = Bytes::new();
         Ok(match self.look(&mut room)?.map(Record::decode) {
@@ -147,8 +146,8 @@ impl<S: Store> Keeper<S> {
         })
     }
 
-    /// Keeps this: at once where that may be, else as soon as [`Keeper::poll`] is asked when it
-    /// may. What was still waiting is forgotten.
+    /// Saves this record: at once if that is allowed, otherwise as soon as [`Keeper::poll`] is
+    /// called when it is. Replaces a record that was still waiting.
     pub fn save(&mut self, now: Instant, record: &Record) {
         self.wanted = Some(record.encode());
         if self.poll(now).is_some() {
@@ -156,7 +155,7 @@ impl<S: Store> Keeper<S> {
         }
     }
 
-    /// Writes what is waiting, where its time has come; when to ask again.
+    /// Writes the waiting record if its time has come; returns when to call again.
     pub fn poll(&mut self, now: Instant) -> Option<Instant> {
         if self.is_held() {
             self.end(|counters| &mut counters.unchanged);
@@ -166,14 +165,14 @@ impl<S: Store> Keeper<S> {
         self.is_waiting().then_some(self.due)
     }
 
-    /// The bytes that are held, in their room; they are known from now on.
+    /// Reads the stored bytes into `room`, and remembers them.
     fn look<'a>(&mut self, room: &'a mut Bytes) -> Result<Option<&'a [u8]>, S::Error> {
         let bytes = self.store.read(room)?;
         self.held = Some(Known::of(bytes));
         Ok(bytes)
     }
 
-    /// Whether what is to be kept is known to be held already.
+    /// Whether the record to be saved is known to be stored already.
     fn is_held(&self) -> bool {
         matches!(
             (&self.held, &self.wanted),
@@ -198,7 +197,7 @@ impl<S: Store> Keeper<S> {
             self.due = later;
             return;
         }
-        // Until it is read back, nobody knows what is held.
+        // Until it is read back, the content is unknown.
         self.held = None;
         let bytes = self.wanted.as_ref().map_or(&[][..], |wanted| wanted);
         let written = self.store.write(bytes);
@@ -210,7 +209,7 @@ impl<S: Store> Keeper<S> {
         }
     }
 
-    /// Nothing waits any more, and this is how it ended.
+    /// Nothing is waiting any more; counts how it ended.
     fn end(&mut self, how: fn(&mut Counters) -> &mut u16) {
         self.wanted = None;
         count(how(&mut self.counters));

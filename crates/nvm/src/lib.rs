@@ -1,12 +1,12 @@
-//! What a module keeps while it has no power.
+//! The non-volatile memory of a module.
 //!
-//! A [`Record`] is everything that makes a module the module it is: its family, how it is built
-//! and behaves, and its settings. It becomes bytes ([`Record::encode`]) in a layout with a version.
-//! A [`Store`] holds such bytes so that a loss of power at any moment leaves either the old ones
-//! or the new ones: [`Slots`] in a byte EEPROM, [`Flash`] in NOR flash. A [`Keeper`] stands before
-//! either: it writes nothing that is there already, and never so often that the chip wears out.
+//! A [`Record`] is everything that defines a module: its family, how it is built and behaves, and
+//! its settings. It is encoded ([`Record::encode`]) in a versioned layout. A [`Store`] holds such
+//! bytes so that a loss of power at any moment leaves either the old ones or the new ones:
+//! [`Slots`] in a byte EEPROM, [`Flash`] in NOR flash. A [`Keeper`] in front of either writes
+//! nothing that is already stored, and never so often that the chip wears out.
 //!
-//! The image of a module as it leaves the factory, for a programmer or an emulator:
+//! The image of a module in its factory state, for a programmer or an emulator:
 //!
 //! ```
 //! use railbus_device::{Family, Setup};

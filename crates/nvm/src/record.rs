@@ -1,6 +1,6 @@
-//! What is kept, and how it looks as bytes.
+//! The stored record and its encoding.
 //!
-//! Numbers go low byte first. The first byte is the version of the layout; this is version 1:
+//! Numbers are little-endian. The first byte is the version of the layout; this is version 1:
 //!
 //! | at | bytes | what |
 //! |---|---|---|
@@ -35,7 +35,7 @@
 //! | 46 | 4 | outputs when the watchdog trips |
 //! | 50 | 1 | it has tripped: 0 no, 1 yes |
 //!
-//! A version never changes once a firmware with it was given away. What comes later has a higher
+//! A version never changes once a firmware with it was released. Later layouts have a higher
 //! version, and may be longer, up to 119 bytes. A firmware reads every version up to its own, and
 //! refuses a higher one ([`Unreadable::Newer`]).
 
@@ -45,7 +45,7 @@ use railbus_device::{Applies, Calibration, Eeprom, Extensions, Family, Layout, O
 use railbus_device::{Setup, SetupError};
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth, Settings};
 
-/// The version of the layout that is written.
+/// The version of the layout written.
 const VERSION: u8 = 1;
 
 const PROTOCOLS: [Protocol; 4] = [
@@ -62,7 +62,7 @@ const APPLIES: [Applies; 3] = [
     Applies::AddressAfterReply,
 ];
 
-/// A module as it is kept. It is a possible module, always.
+/// A module as stored. It is always a possible module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Record {
     setup: Setup,
@@ -70,12 +70,12 @@ pub struct Record {
     eeprom: Eeprom,
 }
 
-/// Why a module can't be kept.
+/// Why a module can't be stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordError {
-    /// There is no such module.
+    /// The setup is not possible.
     Setup(SetupError),
-    /// The silence before a request, or the turnaround, does not fit: it is above 4,294 s.
+    /// The silence before a request, or the turnaround, is above 4,294 s, the maximum.
     Long,
 }
 
@@ -96,33 +96,33 @@ impl From<SetupError> for RecordError {
     }
 }
 
-/// Why bytes are no record.
+/// Why bytes are not a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unreadable {
-    /// A firmware newer than this one wrote them, in this version.
+    /// Written by a newer firmware, in this version.
     Newer(u8),
-    /// They are a module of a family whose own half is not built here.
+    /// A module of a family whose device side is not built here.
     OtherFamily,
-    /// They are nothing that any version writes.
+    /// Not written by any version.
     Malformed,
 }
 
 impl Record {
-    /// How many bytes a record takes.
+    /// The length of a record in bytes.
     pub const LEN: usize = 51;
 
-    /// A module that is built like this, behaves like this, and has these settings. Where two
-    /// name a thing (the address, the protocol, speed and characters, the checksum), the
-    /// settings count.
+    /// A module with this setup, these options and these settings. Where two of them define the
+    /// same thing (the address, the protocol, speed and characters, the checksum), the settings
+    /// count.
     ///
     /// # Errors
-    /// Where there is no such module.
+    /// If there is no such module.
     pub fn new(setup: &Setup, options: Options, eeprom: Eeprom) -> Result<Record, RecordError> {
         let setup = Setup {
             address: eeprom.address,
             protocol: eeprom.protocol,
             serial: eeprom.serial,
-            // An EDA9050 whose pin has chosen ASCII keeps a checksum beside LC-02.
+            // An EDA9050 whose pin has selected ASCII has a checksum as well as LC-02.
             checksum: eeprom.checksum && eeprom.protocol == Protocol::Ascii,
             ..*setup
         };
@@ -138,10 +138,10 @@ impl Record {
         })
     }
 
-    /// A module as this setup describes it, with everything else as it leaves the factory.
+    /// A module with this setup, and everything else in its factory state.
     ///
     /// # Errors
-    /// Where there is no such module.
+    /// If there is no such module.
     pub fn factory(setup: &Setup) -> Result<Record, RecordError> {
         setup.check_built()?;
         Record::new(setup, Options::default(), Eeprom::of(setup))
@@ -150,18 +150,18 @@ impl Record {
     /// The same module with other settings.
     ///
     /// # Errors
-    /// Where there is no such module.
+    /// If there is no such module.
     pub fn with(&self, eeprom: Eeprom) -> Result<Record, RecordError> {
         Record::new(&self.setup, self.options, eeprom)
     }
 
-    /// How the module is built, with its settings.
+    /// The setup, with its settings.
     #[must_use]
     pub const fn setup(&self) -> &Setup {
         &self.setup
     }
 
-    /// How it does what the datasheets leave open.
+    /// The options.
     #[must_use]
     pub const fn options(&self) -> Options {
         self.options
@@ -186,11 +186,11 @@ impl Record {
         bytes
     }
 
-    /// The record that these bytes are.
+    /// Decodes a record.
     ///
     /// # Errors
-    /// Where a newer firmware wrote them, where they are another family's, and where nobody wrote
-    /// them.
+    /// If a newer firmware wrote the bytes, if they are another family's, or if they are not a
+    /// record.
     pub fn decode(bytes: &[u8]) -> Result<Record, Unreadable> {
         match bytes.split_first() {
             Some((&VERSION, _)) => decode_1(bytes.try_into().map_err(|_| Unreadable::Malformed)?),
@@ -205,7 +205,7 @@ impl Record {
     }
 }
 
-/// The record that bytes of version 1 are.
+/// Decodes version 1.
 fn decode_1(bytes: &[u8; Record::LEN]) -> Result<Record, Unreadable> {
     let mut from = Reader(bytes);
     from.u8();
@@ -227,7 +227,7 @@ fn encode_setup(setup: &Setup, bytes: &mut Writer<'_>) {
         layout,
         invert_on_off,
         gap,
-        // The settings say these.
+        // These are in the settings.
         address: _,
         protocol: _,
         serial: _,
@@ -256,7 +256,7 @@ fn decode_setup(from: &mut Reader<'_>) -> Option<Setup> {
         layout: find(LAYOUTS, layout_code, layout)?,
         invert_on_off,
         gap: has_gap.then_some(gap),
-        // These come with the settings.
+        // These come from the settings.
         address: Address(0),
         protocol: Protocol::Rtu,
         serial: Settings::FACTORY,
@@ -305,7 +305,7 @@ fn decode_options(from: &mut Reader<'_>) -> Option<Options> {
     })
 }
 
-/// The settings, with what is beyond the datasheet.
+/// The settings, with those of the extensions.
 fn encode_eeprom(eeprom: &Eeprom, bytes: &mut Writer<'_>) {
     let Eeprom {
         address,
@@ -397,7 +397,7 @@ fn decode_calibration(from: &mut Reader<'_>) -> Calibration {
     }
 }
 
-/// A time that [`Record::new`] has found to fit.
+/// Encodes a time that [`Record::new`] has checked.
 fn encode_time(time: Micros, bytes: &mut Writer<'_>) {
     bytes.put((time.0 as u32).to_le_bytes());
 }
@@ -406,19 +406,19 @@ fn decode_time(from: &mut Reader<'_>) -> Micros {
     Micros(from.u32().into())
 }
 
-/// Bit n = the n-th is on.
+/// Bit n = the n-th is true.
 fn switches(switches: &[bool]) -> u8 {
     let bits = switches.iter().rev();
     bits.fold(0, |bits, on| bits << 1 | u8::from(*on))
 }
 
-/// The lowest `N` bits; nothing where a higher one is on.
+/// The lowest `N` bits; none if a higher one is set.
 fn switches_of<const N: usize>(bits: u8) -> Option<[bool; N]> {
     let known = bits.checked_shr(N as u32).unwrap_or(0) == 0;
     known.then(|| core::array::from_fn(|at| bits >> at & 1 == 1))
 }
 
-/// The one with this code.
+/// The value with this code.
 fn find<T: Copy, const N: usize>(all: [T; N], code_of: fn(T) -> u8, code: u8) -> Option<T> {
     all.into_iter().find(|one| code_of(*one) == code)
 }

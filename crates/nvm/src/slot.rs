@@ -1,41 +1,42 @@
-//! One slot: a few bytes, their sequence, and whether they are whole. Both stores are made of
-//! slots, of which the whole one with the highest sequence counts.
+//! One slot: a few bytes, their sequence, and a checksum. Both stores consist of slots; of the
+//! intact ones the one with the highest sequence is the current one.
 //!
 //! | at | bytes | what |
 //! |---|---|---|
-//! | 0 | 4 | sequence: the higher one counts, round the end of the numbers |
-//! | 4 | 1 | how many bytes are kept, 1 to 119 |
+//! | 0 | 4 | sequence: the higher one is newer, with wrap-around |
+//! | 4 | 1 | number of bytes stored, 1 to 119 |
 //! | 5 | n | those bytes |
 //! | 5 + n | 4 | CRC-32 (ISO-HDLC) of all before it |
 //!
-//! Numbers go low byte first. Slots begin every [`SLOT`] bytes. A chip as it leaves its factory,
-//! all FF, or all 00, holds nothing. This framing has no version of its own: it stays.
+//! Numbers are little-endian. Slots begin every [`SLOT`] bytes. A blank chip, all FF or all 00,
+//! holds nothing. This framing has no version of its own: it never changes.
 
 use crate::bytes::Bytes;
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 
-/// The distance of slots: a whole number of pages of any 24C chip, and of words of any flash.
+/// The distance between slots: a multiple of the pages of any 24C chip, and of the words of any
+/// flash.
 pub const SLOT: u32 = 128;
 
-/// Bytes before those that are kept.
+/// Bytes before the stored ones.
 pub(crate) const HEADER: usize = 5;
 
-/// Bytes behind those that are kept.
+/// Bytes after the stored ones.
 pub(crate) const CHECK: usize = 4;
 
-/// Without a table: it is computed over some sixty bytes, and the table takes 1 KiB.
+/// Without a table: it covers some sixty bytes, and the table takes 1 KiB.
 const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
-/// A whole slot.
+/// An intact slot.
 #[derive(Clone, Copy)]
 pub(crate) struct Slot {
-    /// Where it lies.
+    /// Its position.
     pub(crate) at: u32,
     pub(crate) sequence: u32,
 }
 
 impl Slot {
-    /// The slot that this image begins with, where it is whole.
+    /// The slot at the beginning of this image, if it is intact.
     pub(crate) fn of(at: u32, image: &[u8]) -> Option<Slot> {
         let sequence = u32::from_le_bytes(*image.first_chunk()?);
         let whole = image.get(..HEADER + kept(image)?.len() + CHECK)?;
@@ -44,7 +45,7 @@ impl Slot {
         right.then_some(Slot { at, sequence })
     }
 
-    /// The one of two that counts; the first where neither does more.
+    /// The newer one of two; the first if neither is.
     pub(crate) fn later(one: Option<Slot>, other: Option<Slot>) -> Option<Slot> {
         match (one, other) {
             (Some(one), Some(other)) => {
@@ -55,14 +56,14 @@ impl Slot {
         }
     }
 
-    /// The sequence of what comes after this.
+    /// The sequence of the slot after this one.
     pub(crate) fn next(slot: Option<Slot>) -> u32 {
         slot.map_or(1, |slot| slot.sequence.wrapping_add(1))
     }
 }
 
-/// The bytes that the slot keeps which this image begins with; nothing where they can't be so
-/// few or so many.
+/// The stored bytes of the slot at the beginning of this image; none if their number is not
+/// possible.
 pub(crate) fn kept(image: &[u8]) -> Option<&[u8]> {
     let (&[.., len], rest) = image.split_first_chunk::<HEADER>()?;
     let kept = rest.get(..usize::from(len))?;
@@ -70,7 +71,7 @@ pub(crate) fn kept(image: &[u8]) -> Option<&[u8]> {
     fits.then_some(kept)
 }
 
-/// A slot as it lies in the chip; empty where the bytes are none, or more than 119.
+/// The image of a slot in the chip; empty if there are no bytes, or more than 119.
 #[must_use]
 pub fn slot_image(bytes: &[u8], sequence: u32) -> Bytes {
     let mut image = Bytes::new();
@@ -78,7 +79,7 @@ pub fn slot_image(bytes: &[u8], sequence: u32) -> Bytes {
     image
 }
 
-/// Makes [`slot_image`] where something else lay.
+/// Writes [`slot_image`] over another one.
 pub(crate) fn make_slot(bytes: &[u8], sequence: u32, image: &mut Bytes) {
     image.clear();
     let fits = (1..=Bytes::MAX - HEADER - CHECK).contains(&bytes.len());

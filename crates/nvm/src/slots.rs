@@ -1,19 +1,19 @@
 //! Two slots in a byte EEPROM, the first at 0, the second at [`SLOT`].
 //!
-//! A slot is written only while the other one holds what counts, so whatever a loss of power
-//! makes of it, the other one is whole. Both begin at a page of their own, as a chip may spoil
-//! the whole page that it was writing.
+//! A slot is written only while the other one is the current one, so whatever a loss of power does
+//! to it, the other one is intact. Each begins at its own page, because a chip may corrupt the
+//! whole page that it was writing.
 
 use crate::bytes::Bytes;
 use crate::keeper::Store;
 use crate::slot::{CHECK, HEADER, SLOT, Slot, kept, make_slot};
 use embedded_storage::Storage;
 
-/// How often a slot is read that seems broken, so that a disturbed I²C does not make a module
-/// go by its settings before last.
+/// How often a slot that seems corrupted is read, so that a disturbed I²C bus does not make a
+/// module use its previous settings.
 const READS: usize = 3;
 
-/// Keeps bytes in an EEPROM of 256 bytes or more.
+/// Stores bytes in an EEPROM of 256 bytes or more.
 #[derive(Clone, Copy, Debug)]
 pub struct Slots<S> {
     storage: S,
@@ -32,7 +32,7 @@ impl<S> Slots<S> {
 }
 
 impl<S: Storage> Slots<S> {
-    /// The slot at this place, read into `image`.
+    /// The slot at this position, read into `image`.
     fn slot(&mut self, at: u32, image: &mut Bytes) -> Result<Option<Slot>, S::Error> {
         for _ in 0..READS {
             self.read_slot(at, image)?;
@@ -44,7 +44,7 @@ impl<S: Storage> Slots<S> {
         Ok(None)
     }
 
-    /// Reads as much of a slot as it says that it has; nothing where that is too much.
+    /// Reads as much of a slot as its length says; nothing if that is too much.
     fn read_slot(&mut self, at: u32, image: &mut Bytes) -> Result<(), S::Error> {
         let mut header = [0; HEADER];
         self.storage.read(at, &mut header)?;
@@ -76,7 +76,7 @@ impl<S: Storage> Store for Slots<S> {
         let mut image = Bytes::new();
         let first = self.slot(0, &mut image)?;
         let newest = Slot::later(first, self.slot(SLOT, &mut image)?);
-        // The other one.
+        // The other slot.
         let at = match newest {
             Some(Slot { at: 0, .. }) => SLOT,
             _ => 0,
