@@ -1,16 +1,16 @@
-//! What runs a case, whatever the module is made of.
+//! Runs a case on any kind of module.
 
 use crate::read::{Case, Step};
 use railbus_device::{Family, Setup};
 use railbus_wire::Protocol;
 use std::fmt;
 
-/// What lies around a module and is none of its doing; no loss of power changes it.
+/// The surroundings of a module; a loss of power does not change them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outside {
     /// The levels at the digital inputs: bit n = input n is high or open.
     pub levels: u32,
-    /// What lies at the analog inputs, in hundredths of their unit.
+    /// The values at the analog inputs, in hundredths of their unit.
     pub analogs: [i16; 2],
     /// The INIT* pin is grounded.
     pub init: bool,
@@ -19,8 +19,8 @@ pub struct Outside {
 }
 
 impl Outside {
-    /// Nothing is connected; but an EDA9050 that speaks LC-02 does so because its INIT* pin is
-    /// grounded [EDA9050 §2.1].
+    /// Nothing is connected; but an EDA9050 that uses LC-02 has its INIT* pin grounded
+    /// [EDA9050 §2.1].
     #[must_use]
     pub fn of(setup: &Setup) -> Outside {
         Outside {
@@ -34,43 +34,43 @@ impl Outside {
 
 /// A module on a bench.
 pub trait Bench {
-    /// Why the bench itself does not work.
+    /// Why the bench itself failed.
     type Error: fmt::Display;
 
-    /// Sends bytes after a silence, and gives back what is answered. So many bytes are worth
-    /// waiting for with patience; what comes beyond them shortly after is given back, too.
+    /// Sends bytes after a silence, and returns the reply. Waits patiently for the first `worth`
+    /// bytes; bytes that follow shortly after are returned, too.
     ///
     /// # Errors
-    /// Where the bench does not work. Silence is no error.
+    /// If the bench fails. Silence is not an error.
     fn ask(&mut self, request: &[u8], worth: usize) -> Result<Vec<u8>, Self::Error>;
 
-    /// The outputs as seen from outside: bit n = output n is on. They may take a moment to become
-    /// what is `expected`.
+    /// The outputs as seen from outside: bit n = output n is on. They may take a moment to reach
+    /// `expected`.
     ///
     /// # Errors
     /// As above.
     fn outputs(&mut self, expected: u32) -> Result<u32, Self::Error>;
 
-    /// Changes what lies around the module; it has noticed when this returns.
+    /// Changes the surroundings of the module, which has noticed when this returns.
     ///
     /// # Errors
     /// As above.
     fn surround(&mut self, outside: &Outside) -> Result<(), Self::Error>;
 
-    /// Power off and on again.
+    /// Switches the power off and on again.
     ///
     /// # Errors
     /// As above.
     fn power_cycle(&mut self) -> Result<(), Self::Error>;
 
-    /// Lets time pass, and gives back what the module says meanwhile.
+    /// Lets time pass, and returns what the module sends meanwhile.
     ///
     /// # Errors
     /// As above.
     fn wait(&mut self, millis: u64) -> Result<Vec<u8>, Self::Error>;
 }
 
-/// A case that a module did not pass.
+/// A failed case.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Failure {
     /// `erc8.txt:12`
@@ -79,7 +79,7 @@ pub struct Failure {
     pub case: String,
     /// The module.
     pub setup: Setup,
-    /// What is different.
+    /// What differs.
     pub what: String,
 }
 
@@ -97,16 +97,16 @@ impl fmt::Display for Failure {
     }
 }
 
-/// Runs a case with one of its modules, which has just been put on the bench.
+/// Runs a case on one of its modules, which has just been put on the bench.
 ///
 /// # Errors
-/// What is not as the case says.
+/// What differs from the case.
 pub fn run<B: Bench>(case: &Case, setup: &Setup, bench: &mut B) -> Result<(), Failure> {
     let mut outside = Outside::of(setup);
     for (line, step) in &case.steps {
         perform(step, &mut outside, bench).map_err(|what| failure(case, *line, setup, what))?;
     }
-    // Nothing comes behind the last reply.
+    // Nothing follows the last reply.
     let end = case.steps.last().map_or(case.line, |(line, _)| *line);
     said_nothing(bench, 50).map_err(|what| failure(case, end, setup, what))
 }
@@ -157,7 +157,7 @@ fn said_nothing<B: Bench>(bench: &mut B, millis: u64) -> Result<(), String> {
     }
 }
 
-/// Bytes as people read them.
+/// Bytes in readable form.
 struct Said<'a>(&'a [u8]);
 
 impl fmt::Display for Said<'_> {

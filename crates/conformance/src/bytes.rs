@@ -1,13 +1,12 @@
-//! How the bytes of a frame are written: hexadecimal, texts in quotation marks, and words for
-//! what is computed.
+//! The notation for the bytes of a frame: hexadecimal, quoted texts, and words for computed bytes.
 
 use railbus_wire::{crc16, sum8};
 
-/// The bytes of a line, as of `01 05 003C FF00 crc`: hexadecimal, texts in quotation marks, and
-/// `crc`, `sum` and `cr` for what ends a frame.
+/// Parses the bytes of a line such as `01 05 003C FF00 crc`: hexadecimal, quoted texts, and `crc`,
+/// `sum` and `cr` for the end of a frame.
 ///
 /// # Errors
-/// Why it has none, where it can't be read.
+/// Why it can't be parsed.
 pub fn bytes(line: &str) -> Result<Vec<u8>, String> {
     let mut frame = Frame::default();
     let mut rest = line.trim();
@@ -28,7 +27,7 @@ pub fn bytes(line: &str) -> Result<Vec<u8>, String> {
 #[derive(Default)]
 struct Frame {
     bytes: Vec<u8>,
-    /// Where the last frame of a chain of them begins.
+    /// Where the last of several frames begins.
     start: usize,
 }
 
@@ -50,11 +49,11 @@ impl Frame {
         Ok(())
     }
 
-    /// The sum of the frame's protocol, which its first byte tells.
+    /// Appends the sum of the frame's protocol, which its first byte determines.
     fn sum(&mut self) {
         let frame = &self.bytes[self.start..];
         match frame.first() {
-            // LC-02: the two bytes of the start do not count [EDA §3.1].
+            // LC-02: the two start bytes are not included [EDA §3.1].
             Some(0x4C | 0x6C) => self.bytes.push(sum8(frame.get(2..).unwrap_or_default())),
             Some(0x55 | 0x22) => {
                 self.bytes.push(sum8(frame));

@@ -1,10 +1,10 @@
-//! The datasheets as cases: what is sent to a module, what it answers, and what its outputs then
-//! are. The simulated module and the firmware pass the same list, `vectors/cases`, so that neither
-//! can come to differ from the sheets, or from the other, unseen.
+//! The datasheets as conformance cases: what is sent to a module, what it replies, and the state of
+//! its outputs afterwards. The simulated module and the firmware pass the same list,
+//! `vectors/cases`, so that neither can deviate from the datasheets, or from the other, unnoticed.
 //!
-//! A case needs a [`Bench`]: a module of which the inputs can be set, the outputs be seen and the
-//! power be cut. [`Simulated`] is one in virtual time. How a case is written stands in
-//! `vectors/cases/README.md`.
+//! A case needs a [`Bench`]: a module whose inputs can be set, whose outputs can be observed and
+//! whose power can be switched. [`Simulated`] is one in virtual time. The format of the cases is
+//! described in `vectors/cases/README.md`.
 
 mod bench;
 mod bytes;
@@ -18,7 +18,7 @@ pub use simulated::Simulated;
 
 use std::path::{Path, PathBuf};
 
-/// The folder of the lists, in a checkout.
+/// The folder of the cases in a checkout.
 #[must_use]
 pub fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../vectors/cases")
@@ -27,7 +27,7 @@ pub fn folder() -> PathBuf {
 /// Every case of every list, in the order of file names.
 ///
 /// # Errors
-/// What can't be read, as text with file and line.
+/// What can't be parsed, as text with file and line.
 pub fn all() -> Result<Vec<Case>, String> {
     let folder = folder();
     let listed = std::fs::read_dir(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;

@@ -1,4 +1,4 @@
-//! Cases as text become cases as data.
+//! Parses the text of cases.
 
 use crate::bytes::bytes;
 use railbus_device::{Family, Layout, Options, Setup};
@@ -8,49 +8,49 @@ use std::fmt;
 /// One case.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Case {
-    /// The list it stands in, as `erc8.txt`.
+    /// Its file, such as `erc8.txt`.
     pub file: String,
-    /// Where it begins, from 1.
+    /// Its first line, from 1.
     pub line: usize,
-    /// What holds, with the facts that say so.
+    /// What it checks, with the facts it relies on.
     pub name: String,
-    /// The modules of which it holds; each goes through it fresh from the factory.
+    /// The modules it applies to; each runs it from the factory state.
     pub modules: Vec<Subject>,
-    /// What is done and seen, each with its line.
+    /// Its steps, each with its line.
     pub steps: Vec<(usize, Step)>,
 }
 
-/// A module that a case is about.
+/// A module that a case applies to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Subject {
-    /// What it is.
+    /// Its setup.
     pub setup: Setup,
-    /// Its switches.
+    /// Its options.
     pub options: Options,
 }
 
-/// One thing that is done or seen.
+/// A step of a case.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
-    /// These bytes are sent; the module answers those, which may be none.
+    /// Send these bytes; the module replies with those, which may be none.
     Ask(Vec<u8>, Vec<u8>),
-    /// The outputs are these: bit n = output n is on.
+    /// The outputs must be these: bit n = output n is on.
     Outputs(u32),
-    /// The levels at the digital inputs are these from now on: bit n = input n is high or open.
+    /// Set the levels at the digital inputs: bit n = input n is high or open.
     Inputs(u32),
-    /// This lies at an analog input from now on, in hundredths.
+    /// Set an analog input, in hundredths.
     Analog(u8, i16),
-    /// The DIP switch is set.
+    /// Set the DIP switch.
     Dip(u8),
-    /// The INIT* pin is grounded, or let go.
+    /// Ground or release the INIT* pin.
     Init(bool),
-    /// The power goes off and on again.
+    /// Switch the power off and on again.
     Power,
-    /// So many milliseconds pass, in which the module says nothing.
+    /// Let this many milliseconds pass; the module must send nothing.
     Wait(u64),
 }
 
-/// A line that can't be read.
+/// A line that can't be parsed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flaw {
     file: String,
@@ -67,7 +67,7 @@ impl fmt::Display for Flaw {
 /// The cases of one list.
 ///
 /// # Errors
-/// The first line that can't be read.
+/// The first line that can't be parsed.
 pub fn read(file: &str, text: &str) -> Result<Vec<Case>, Flaw> {
     let mut cases: Vec<Case> = Vec::new();
     for (line, content) in (1..).zip(text.lines().map(str::trim)) {
@@ -118,7 +118,7 @@ fn add(case: &mut Case, line: usize, content: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// What the module answers to the request above.
+/// The module's reply to the request above.
 fn answer(case: &mut Case, text: &str) -> Result<(), String> {
     match case.steps.last_mut() {
         Some((_, Step::Ask(request, reply))) if reply.is_empty() => {
@@ -155,7 +155,7 @@ fn step(word: &str, rest: &str) -> Result<Step, String> {
     })
 }
 
-/// `eda9050 lc02 address=8`: a module as shipped, but for what is said.
+/// `eda9050 lc02 address=8`: a module in its factory state, except for what is listed.
 fn module(text: &str) -> Result<Subject, String> {
     let mut words = text.split_whitespace();
     let family = words.next().and_then(Family::from_name);

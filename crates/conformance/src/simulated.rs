@@ -1,4 +1,4 @@
-//! The engine in virtual time.
+//! The simulated module in virtual time.
 
 use crate::{Bench, Outside};
 use railbus_device::{Eeprom, Engine, Input, Options, Output, Setup, SetupError};
@@ -13,17 +13,17 @@ pub struct Simulated {
     engine: Engine,
     now: Instant,
     outside: Outside,
-    /// Shown to the world by effects, as a relay's terminals are.
+    /// Set by effects only, like a relay's terminals.
     outputs: u32,
-    /// What it said and nobody was told yet.
+    /// What it has sent and was not returned yet.
     said: Vec<u8>,
 }
 
 impl Simulated {
-    /// A module fresh from the factory, but for what `setup` and `options` say.
+    /// A module in its factory state, except for `setup` and `options`.
     ///
     /// # Errors
-    /// Where there can be no such module.
+    /// If there can't be such a module.
     pub fn new(setup: Setup, options: Options) -> Result<Simulated, SetupError> {
         let now = Instant(1_000_000);
         let engine = Engine::new(&setup, Eeprom::of(&setup), options, now)?;
@@ -38,7 +38,7 @@ impl Simulated {
         })
     }
 
-    /// Runs the module up to a moment, and until it has said what it then has begun to say.
+    /// Runs the module up to a moment, and until a reply begun by then is complete.
     fn run_until(&mut self, end: Instant) {
         loop {
             match self.engine.poll() {
@@ -110,7 +110,7 @@ impl Bench for Simulated {
 
     fn power_cycle(&mut self) -> Result<(), Infallible> {
         let eeprom = *self.engine.eeprom();
-        // The description was good enough for the first time.
+        // The setup was valid the first time.
         if let Ok(engine) = Engine::new(&self.setup, eeprom, self.options, self.now) {
             self.engine = engine;
         }
