@@ -86,13 +86,6 @@ export const patch = <T>(path: string, body: unknown, more?: HeadersInit): Promi
   json(request("PATCH", path, body, more));
 export const remove = <T>(path: string): Promise<T> => json(request("DELETE", path));
 
-/** The reasons of a problem, a sentence each. For a configuration: without the positions in the file. */
-export function reasons(problem: Problem): string[] {
-  const told = problem["problems"] as { reason?: string }[] | undefined;
-  const each = told?.flatMap(({ reason }) => reason ?? []) ?? [];
-  return each.length ? each : [problem.detail ?? problem.title];
-}
-
 /** The problem behind whatever was thrown. */
 export function problemOf(thrown: unknown): Problem {
   if (thrown instanceof ApiError) return thrown.problem;

@@ -1,7 +1,7 @@
 // A long-running operation, followed until it ends.
 import { get, problemOf, remove } from "./client";
 import { subscribe } from "./live.svelte";
-import { showProblem } from "../ui/toasts.svelte";
+import { showProblem } from "./problems";
 import type { Operation } from "./types";
 
 /** How often progress is polled, for where no WebSocket reports it. */

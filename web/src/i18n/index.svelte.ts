@@ -41,6 +41,9 @@ export function language(): Lang {
   return lang;
 }
 
+/** All languages, the page's own first. */
+export const languages = (): Lang[] => (lang === "zh" ? ["zh", "en"] : ["en", "zh"]);
+
 /** Switches to another language, and stores it. */
 export function setLanguage(next: Lang): void {
   lang = next;

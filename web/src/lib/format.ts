@@ -1,6 +1,5 @@
 // Numbers and times as people read them.
-import { language, t } from "../i18n/index.svelte";
-import type { PointInfo } from "../api/types";
+import { language } from "../i18n/index.svelte";
 
 const two = (n: number): string => String(n).padStart(2, "0");
 
@@ -46,15 +45,6 @@ export function round(n: number, decimals: number): string {
 
 export function percent(n: number): string {
   return `${round(n, n < 10 ? 1 : 0)} %`;
-}
-
-/** A value as text, without its unit. */
-export function valueText(point: PointInfo): string {
-  const { value, kind } = point;
-  if (value === null || value === undefined) return "–";
-  if (typeof value === "number") return value.toFixed(point.decimals ?? 0);
-  if (kind === "output") return value ? t("on") : t("off");
-  return value ? t("high") : t("low");
 }
 
 /** `10 (0Ah)`: manuals write addresses either way. */

@@ -3,7 +3,7 @@ import { SvelteMap } from "svelte/reactivity";
 import { t } from "../i18n/index.svelte";
 import { post, problemOf, put } from "../api/client";
 import { points, refresh } from "../api/live.svelte";
-import { showProblem } from "../ui/toasts.svelte";
+import { showProblem } from "../api/problems";
 import type { PointInfo, Problem, Written } from "../api/types";
 
 export type Command =

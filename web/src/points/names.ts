@@ -1,5 +1,5 @@
 // Display names of lines, modules and points, and their ids in the configuration.
-import { language, named, t } from "../i18n/index.svelte";
+import { named, t } from "../i18n/index.svelte";
 import { lines, modules, points } from "../api/live.svelte";
 import { BOARD } from "./points";
 
@@ -27,9 +27,6 @@ export const moduleText = (module: string): string => both(moduleName(module), m
 export const lineText = (line: string): string => both(lineName(line), line);
 
 const both = (name: string, id: string): string => (name === id ? id : `${name} (${id})`);
-
-/** The languages of names, the page's own first. */
-export const nameLanguages = (): ("en" | "zh")[] => (language() === "zh" ? ["zh", "en"] : ["en", "zh"]);
 
 /** Names as they are written to the configuration: empty ones are left out. */
 export function namesOf(en: string, zh: string): { en?: string; zh?: string } | null {

@@ -2,7 +2,7 @@
 // every page asks here.
 import { t } from "../i18n/index.svelte";
 import { clock } from "../lib/clock.svelte";
-import { secondTime, span, valueText } from "../lib/format";
+import { secondTime, span } from "../lib/format";
 import { lines, lostAt, pointsOf } from "../api/live.svelte";
 import { showsHidden } from "../app/prefs.svelte";
 import type { ModuleInfo, PointInfo } from "../api/types";
@@ -13,6 +13,15 @@ export const BOARD = "r55";
 /** The value is good, and the page is still connected. */
 export function isFresh(point: PointInfo): boolean {
   return point.quality === "good" && lostAt() === null;
+}
+
+/** A value as text, without its unit. */
+function valueText(point: PointInfo): string {
+  const { value, kind } = point;
+  if (value === null || value === undefined) return "–";
+  if (typeof value === "number") return value.toFixed(point.decimals ?? 0);
+  if (kind === "output") return value ? t("on") : t("off");
+  return value ? t("high") : t("low");
 }
 
 /** The value as text: as it is, as it was, or unknown. */

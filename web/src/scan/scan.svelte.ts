@@ -2,7 +2,7 @@
 import { language } from "../i18n/index.svelte";
 import { patch, post } from "../api/client";
 import { OperationTracker } from "../api/operation.svelte";
-import { showProblem } from "../ui/toasts.svelte";
+import { showProblem } from "../api/problems";
 import type { Found } from "../api/types";
 
 export interface ScanRequest {

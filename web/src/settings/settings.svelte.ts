@@ -2,7 +2,7 @@
 import { t } from "../i18n/index.svelte";
 import { patch, post } from "../api/client";
 import { OperationTracker } from "../api/operation.svelte";
-import { showProblem } from "../ui/toasts.svelte";
+import { showProblem } from "../api/problems";
 import type { Operation, SettingsPlan } from "../api/types";
 
 /** The name of a setting. */

@@ -2,7 +2,7 @@
 import { SvelteMap } from "svelte/reactivity";
 import { get } from "../api/client";
 import { subscribe } from "../api/live.svelte";
-import { showProblem } from "../ui/toasts.svelte";
+import { showProblem } from "../api/problems";
 
 export interface SimFault {
   fault: string;

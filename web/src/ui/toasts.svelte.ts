@@ -1,12 +1,11 @@
 // The toasts. A failure stays until it is dismissed.
-import { problemOf, onResponse } from "../api/client";
-import type { Problem } from "../api/types";
+import type { Failure } from "./failure";
 
 export interface Toast {
   id: number;
   kind: "good" | "bad";
   text: string;
-  problem?: Problem;
+  failure?: Failure;
   /** The state of the output now, after a failed command. */
   verdict?: string;
   action?: { label: string; run: () => void };
@@ -41,28 +40,27 @@ export function notify(text: string, action?: Toast["action"]): void {
   setTimeout(() => dismiss(id), action ? LASTS_MS * 2 : LASTS_MS);
 }
 
-/** The open dialogs, the topmost last: it shows problems itself, as a toast would be behind it. */
-const dialogs: ((problem: Problem) => void)[] = [];
+/** The open dialogs, the topmost last: it shows failures itself, as a toast would be behind it. */
+const dialogs: ((failure: Failure) => void)[] = [];
 
-/** Sends problems to a dialog, until the returned function is called. */
-export function catchProblems(take: (problem: Problem) => void): () => void {
+/** Sends failures to a dialog, until the returned function is called. */
+export function catchFailures(take: (failure: Failure) => void): () => void {
   dialogs.push(take);
   return () => void dialogs.splice(dialogs.indexOf(take), 1);
 }
 
 /** Shows why something failed, and for a command the state of the output now. */
-export function showProblem(thrown: unknown, verdict?: string): void {
-  const found = problemOf(thrown);
+export function showFailure(failure: Failure, verdict?: string): void {
   const dialog = dialogs.at(-1);
-  if (dialog && !verdict) return dialog(found);
-  const text = found.detail ?? found.title;
+  if (dialog && !verdict) return dialog(failure);
+  const text = failure.detail ?? failure.title;
   // The same text is shown once.
   const same = list.find((toast) => toast.text === text);
   if (same) dismiss(same.id);
-  add({ kind: "bad", text, problem: found, ...(verdict && { verdict }) });
+  add({ kind: "bad", text, failure, ...(verdict && { verdict }) });
 }
 
-// "The daemon does not answer" is dismissed when it does.
-onResponse(() => {
-  for (const { id, problem } of [...list]) if (problem?.status === 0) dismiss(id);
-});
+/** Dismisses failures that are over. */
+export function dismissFailures(over: (failure: Failure) => boolean): void {
+  for (const { id, failure } of [...list]) if (failure && over(failure)) dismiss(id);
+}
