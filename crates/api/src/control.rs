@@ -189,6 +189,7 @@ pub struct LeaseRequest {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LeaseAnswer {
     /// Its state now; null if it can't be known.
+    #[schema(required)]
     pub value: Option<bool>,
     /// Until when it is held, as RFC 3339 in UTC; null if it is no longer held.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -15,3 +15,4 @@ pub mod settings;
 pub mod sim;
 pub mod types;
 pub mod webhooks;
+pub mod words;

@@ -2,6 +2,7 @@
 
 use super::problem::Problem;
 use super::settings::SettingsRun;
+use super::words::ScanVerdict;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -134,6 +135,7 @@ pub struct ScanModule {
     /// Its protocol: `rtu`, `ascii`, `lc02`, `r55`.
     pub protocol: String,
     /// Its model as in the configuration; null if not known.
+    #[schema(required)]
     pub model: Option<String>,
     /// The name it reports, or by which it was identified.
     pub title: String,
@@ -146,11 +148,13 @@ pub struct ScanModule {
     /// Its character format, as `8N1`.
     pub format: String,
     /// Whether its ASCII frames carry a checksum; null in other protocols.
+    #[schema(required)]
     pub checksum: Option<bool>,
     /// From the end of a request to the beginning of its reply.
     pub rtt_ms: f64,
     /// The verdict on its replies: `ok`, `could_be` one of several models, `refused`, `odd` (no
     /// known model), `garbled`.
+    #[schema(value_type = ScanVerdict)]
     pub verdict: String,
     /// Requests and responses.
     pub evidence: Vec<String>,

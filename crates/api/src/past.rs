@@ -1,5 +1,7 @@
 //! The past: samples, events and the audit log.
 
+use super::types::Quality;
+use super::words::{EventKindWord, SeverityWord};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -33,8 +35,10 @@ pub struct SampleInfo {
     /// Milliseconds since 1970.
     pub t: i64,
     /// The value; null if unknown.
+    #[schema(required)]
     pub v: Option<f64>,
     /// Its quality.
+    #[schema(value_type = Quality)]
     pub q: String,
 }
 
@@ -44,14 +48,18 @@ pub struct BucketInfo {
     /// When it begins, in milliseconds since 1970.
     pub t: i64,
     /// Minimum, maximum and mean over time; null if unknown.
+    #[schema(required)]
     pub min: Option<f64>,
     /// The maximum.
+    #[schema(required)]
     pub max: Option<f64>,
     /// The mean over time.
+    #[schema(required)]
     pub mean: Option<f64>,
     /// Number of samples in it.
     pub n: u32,
     /// The worst quality in it.
+    #[schema(value_type = Quality)]
     pub q: String,
 }
 
@@ -63,8 +71,10 @@ pub struct EventInfo {
     /// When, as RFC 3339 in UTC.
     pub at: String,
     /// What kind of event: `write`, `module`, `line`, ...
+    #[schema(value_type = EventKindWord)]
     pub kind: String,
     /// Its severity: `info`, `warning`, `error`.
+    #[schema(value_type = SeverityWord)]
     pub severity: String,
     /// The module.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -135,6 +145,7 @@ pub struct AuditInfo {
     /// The known state after it.
     pub after: String,
     /// Its result; null while it is in progress.
+    #[schema(required)]
     pub end: Option<String>,
     /// The hash of its first record.
     pub hash: String,
@@ -148,6 +159,7 @@ pub struct EventPage {
     /// Newest first.
     pub items: Vec<EventInfo>,
     /// The cursor of the next page; null on the last one.
+    #[schema(required)]
     pub next: Option<String>,
 }
 
@@ -159,6 +171,7 @@ pub struct AuditPage {
     /// Newest first.
     pub items: Vec<AuditInfo>,
     /// The cursor of the next page; null on the last one.
+    #[schema(required)]
     pub next: Option<String>,
 }
 
@@ -202,6 +215,7 @@ pub struct StorageInfo {
     /// How many samples there are.
     pub samples: u64,
     /// The time of the oldest sample.
+    #[schema(required)]
     pub oldest: Option<String>,
     /// Samples and events that were dropped.
     pub dropped: u64,

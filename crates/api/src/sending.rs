@@ -1,6 +1,7 @@
 //! The types of the API for raw frames.
 
 use super::types::Outcome;
+use super::words::{SendNeed, SendRisk};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -50,6 +51,7 @@ pub struct SendPlan {
     pub meaning: String,
     /// What it may do: `read` nothing, `output` switch outputs, `settings` change stored settings,
     /// `broadcast` whatever it does, in all modules at once.
+    #[schema(value_type = SendRisk)]
     pub risk: String,
     /// It has a reply.
     pub answered: bool,
@@ -60,6 +62,7 @@ pub struct SendPlan {
     /// Restrictions of the configuration that it bypasses.
     pub overrides: Vec<Override>,
     /// The words that `confirm` must contain: that of `risk`, and `override`.
+    #[schema(value_type = Vec<SendNeed>)]
     pub needs: Vec<String>,
 }
 

@@ -1,5 +1,8 @@
 //! The types of the API for module settings.
 
+use super::words::{
+    CalibrationStep, ChangeState, Parting, SettingAccess, SettingSource, SettingsStage,
+};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
@@ -26,6 +29,7 @@ pub struct Setting {
     /// Its name: `address`, `do3.mode`.
     pub setting: String,
     /// Its value; null if not known.
+    #[schema(required)]
     pub value: Option<String>,
     /// Its possible values, for people: `1-32`.
     pub range: String,
@@ -45,9 +49,11 @@ pub struct Setting {
     pub writable: bool,
     /// When a change takes effect, or what prevents it: `written`, `at_power_up`,
     /// `makers_software`, `init_pin`, `in_ascii`, `fixed`.
+    #[schema(value_type = SettingAccess)]
     pub access: String,
     /// Where the value comes from: `module`, `place` if it follows from where it answers,
     /// `unknown`.
+    #[schema(value_type = SettingSource)]
     pub source: String,
 }
 
@@ -97,8 +103,9 @@ pub struct SettingsRun {
     pub module: String,
     /// The number of the change in the journal; 0 if nothing had to be written.
     pub change: u64,
-    /// The current step: `reading`, `vacancy`, `writing`, `looking`, `power_cycle`, `filing`,
+    /// The current step: `reading`, `vacancy`, `writing`, `looking`, `power_cycle`,
     /// `calibrating`.
+    #[schema(value_type = SettingsStage)]
     pub stage: String,
     /// Time left to power-cycle the module.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -119,6 +126,7 @@ pub struct SettingsRun {
     /// How to separate two modules at one address, if a recovery found them: `plug`, `pin`,
     /// `boards`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Parting>)]
     pub parting: Option<String>,
     /// The current question, to be answered by `POST /api/v1/ops/{op}/answer`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -132,8 +140,10 @@ pub struct SettingsRun {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SettingsQuestion {
     /// `zero`: are all inputs disconnected; `span`: is the voltage applied to all of them.
+    #[schema(value_type = CalibrationStep)]
     pub step: String,
     /// The current readings of the inputs, in volts or milliamperes, depending on the module.
+    #[schema(min_items = 2, max_items = 2)]
     pub readings: [f64; 2],
     /// The voltage to be applied to the inputs, in volts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -146,10 +156,13 @@ pub struct SettingsQuestion {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Calibration {
     /// Before it.
+    #[schema(required, min_items = 2, max_items = 2)]
     pub before: Option<[f64; 2]>,
     /// After the zero step; null if it was not done.
+    #[schema(required, min_items = 2, max_items = 2)]
     pub zero: Option<[f64; 2]>,
     /// After the span step; null if it was not done.
+    #[schema(required, min_items = 2, max_items = 2)]
     pub span: Option<[f64; 2]>,
 }
 
@@ -180,6 +193,7 @@ pub struct LoggedChange {
     pub at: String,
     /// Its state: `done`, `filed` if the configuration was updated, `intent` while its result is
     /// not known, `pending`, `unchanged`, `elsewhere`, `lost`, `untold`.
+    #[schema(value_type = ChangeState)]
     pub state: String,
     /// The kind of change: `set`, `undo`, `restore`, `apply`, `calibrate`, ...
     pub by: String,

@@ -1,6 +1,7 @@
 //! The types of the API for simulated lines: the true state of the modules, whatever was read over
 //! the line.
 
+use super::types::Kind;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
@@ -78,6 +79,7 @@ pub struct SimPointInfo {
     /// As printed at the terminal.
     pub label: String,
     /// `output`, `input` or `analog`.
+    #[schema(value_type = Kind)]
     pub kind: String,
     /// Its state: whether an output is on, whether an input is high or open, or an analog value.
     pub value: SimValue,
@@ -86,6 +88,7 @@ pub struct SimPointInfo {
     pub unit: Option<String>,
     /// The range of an analog input.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(min_items = 2, max_items = 2)]
     pub range: Option<[f64; 2]>,
     /// Set manually; otherwise this input changes automatically.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]

@@ -1,6 +1,7 @@
 //! The types of the API, version 1. Fields are only ever added; clients must ignore unknown ones.
 
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt;
 use utoipa::openapi::schema::SchemaType;
@@ -169,6 +170,7 @@ pub struct PointInfo {
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub name: BTreeMap<String, String>,
     /// Its last value; null if it was never read.
+    #[schema(required, value_type = Option<PointValue>)]
     pub value: Option<Value>,
     /// The register of an analog value.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -283,7 +285,14 @@ impl PartialSchema for Value {
     }
 }
 
-impl ToSchema for Value {}
+impl ToSchema for Value {
+    fn name() -> Cow<'static, str> {
+        Cow::Borrowed("PointValue")
+    }
+}
+
+/// The name by which the document refers to it: utoipa takes any `Value` for arbitrary JSON.
+type PointValue = Value;
 
 impl Quality {
     /// The name in JSON and tables.
@@ -387,8 +396,10 @@ const fn yes() -> bool {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Written {
     /// Its state now; null if it can't be known.
+    #[schema(required)]
     pub value: Option<bool>,
     /// Its state before, if known.
+    #[schema(required)]
     pub before: Option<bool>,
     /// How far the result is confirmed.
     pub confirmed: Confirmed,
@@ -430,6 +441,7 @@ pub struct CommandInfo {
     pub at: String,
     /// Its result: `readback`, `reply`, `sent`, or the name of the error; null while it is in
     /// progress.
+    #[schema(required)]
     pub end: Option<String>,
 }
 
@@ -466,8 +478,10 @@ pub struct OutputsWritten {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OutputWritten {
     /// Its state now; null if it can't be known.
+    #[schema(required)]
     pub value: Option<bool>,
     /// Its state before, if known.
+    #[schema(required)]
     pub before: Option<bool>,
 }
 
@@ -518,10 +532,12 @@ pub struct Pulsed {
     /// The state during the pulse.
     pub value: bool,
     /// Its state before, if known.
+    #[schema(required)]
     pub before: Option<bool>,
     /// What times it; never `auto`.
     pub by: Timekeeper,
     /// Its width; null if only the module knows.
+    #[schema(required)]
     pub ms: Option<u64>,
     /// How far its start is confirmed.
     pub confirmed: Confirmed,
@@ -556,6 +572,7 @@ pub enum WatchEvent {
         point: PointInfo,
         /// Its value before, if known.
         #[serde(default, skip_serializing_if = "Option::is_none")]
+        #[schema(value_type = Option<PointValue>)]
         before: Option<Value>,
     },
     /// A module came online or went offline.

@@ -1,6 +1,7 @@
 //! The types of the API for webhooks.
 
 use super::problem::Problem;
+use super::words::{SeverityWord, WebhookState};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -46,6 +47,7 @@ pub struct WebhookInfo {
     /// The kinds of events sent; all if empty.
     pub events: Vec<String>,
     /// The minimum severity.
+    #[schema(value_type = SeverityWord)]
     pub severity: String,
     /// Together with `modules`: only events about these are sent; all if empty.
     pub lines: Vec<String>,
@@ -56,6 +58,7 @@ pub struct WebhookInfo {
     /// Whether requests are signed. The secret itself is never shown.
     pub secret: bool,
     /// `off`, `idle` before the first event, `ok`, or `failing` since the last attempt.
+    #[schema(value_type = WebhookState)]
     pub state: String,
     /// Number of queued events, including the one being sent.
     pub queue: usize,

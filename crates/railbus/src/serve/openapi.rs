@@ -17,8 +17,8 @@ use utoipa::openapi::security::{
 };
 use utoipa::openapi::{
     ComponentsBuilder, ContentBuilder, HttpMethod, InfoBuilder, LicenseBuilder, ObjectBuilder,
-    OpenApi, OpenApiBuilder, PathItem, PathsBuilder, Ref, RefOr, Required, ResponseBuilder, Schema,
-    ServerBuilder, Type,
+    OneOfBuilder, OpenApi, OpenApiBuilder, PathItem, PathsBuilder, Ref, RefOr, Required,
+    ResponseBuilder, Schema, ServerBuilder, Type,
 };
 use utoipa::{PartialSchema, ToSchema};
 
@@ -109,6 +109,11 @@ fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
     if let Some(shape) = doc.answer {
         content = content.schema(Some(shape(shapes)));
     }
+    // With one status for both, it is one or the other.
+    if let (Some(shape), Some(plan), "200") = (doc.answer, doc.plan, doc.status) {
+        let either = OneOfBuilder::new().item(shape(shapes)).item(plan(shapes));
+        content = content.schema(Some(either));
+    }
     let done = ResponseBuilder::new().description(doc.summary);
     let done = match doc.status {
         "101" | "204" => done.build(),
@@ -127,7 +132,7 @@ fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
         .description(Some(role(route.need)))
         .response(doc.status, done)
         .response("default", Ref::from_response_name("Problem"));
-    if let Some(shape) = doc.plan {
+    if let Some(shape) = doc.plan.filter(|_| doc.status != "200") {
         let content = ContentBuilder::new().schema(Some(shape(shapes))).build();
         let plan = ResponseBuilder::new().description("What it would do. Nothing was done");
         let plan = plan.content("application/json", content).build();

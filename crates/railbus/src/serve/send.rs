@@ -8,7 +8,7 @@ use super::{answer, language};
 use axum::extract::Path;
 use axum::routing::post;
 use railbus_api::problem::{Problem, codes};
-use railbus_api::sending::{SendAnswer, SendRequest};
+use railbus_api::sending::{SendAnswer, SendPlan, SendRequest};
 use railbus_app::api::sending::{self, Plan};
 use railbus_commission::Risk;
 use railbus_device::PointKind;
@@ -23,7 +23,8 @@ pub(super) const ROUTES: &[Route] =
                 Doc::new("Send a frame of one's own, or say what it may do")
                     .query(&[DRY_RUN])
                     .takes::<SendRequest>()
-                    .answers::<SendAnswer>(),
+                    .answers::<SendAnswer>()
+                    .plans::<SendPlan>(),
             ),
     ];
 

@@ -82,15 +82,18 @@ struct PasswordRequest {
 #[derive(Serialize, ToSchema)]
 struct SessionTold {
     /// None for somebody unknown.
+    #[schema(required)]
     user: Option<WhoTold>,
     /// There is no user yet.
     setup: bool,
     /// What mutating requests of this session carry as `X-CSRF-Token`.
+    #[schema(required)]
     csrf: Option<String>,
     demo: bool,
     /// Some of its lines are simulated here, and take orders.
     simulated: bool,
     version: &'static str,
+    #[schema(value_type = railbus_api::words::Language)]
     lang: String,
     site: String,
 }

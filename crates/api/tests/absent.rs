@@ -1,0 +1,62 @@
+//! What is unknown is either left out or null, and the document says which: a field that need not
+//! be there is never null. The types of the web pages are made by this rule.
+
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use std::path::Path;
+
+/// Bodies of requests by another name. They may say null: nobody has to.
+const ASKED: [&str; 1] = ["SettingsUndo "];
+
+/// The fields of answers that may be null and are not said to be there always.
+fn unsaid(text: &str) -> Vec<&str> {
+    let mut found = Vec::new();
+    let (mut is_answer, mut attributes) = (false, String::new());
+    for line in text.lines().map(str::trim) {
+        if let Some(name) = line.strip_prefix("pub struct ") {
+            is_answer = !name.contains("Request") && !ASKED.iter().any(|one| name.starts_with(one));
+        }
+        if line.starts_with("#[") {
+            attributes.push_str(line);
+        } else if !line.starts_with("///") {
+            let is_said = ["Option::is_none", "schema(required"]
+                .iter()
+                .any(|said| attributes.contains(said));
+            if is_answer && line.contains(": Option<") && !is_said {
+                found.push(line);
+            }
+            attributes.clear();
+        }
+    }
+    found
+}
+
+#[test]
+fn a_field_that_need_not_be_there_is_never_null() {
+    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut fields = 0;
+    for file in std::fs::read_dir(src).unwrap() {
+        let path = file.unwrap().path();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let text = text.split("#[cfg(test)]").next().unwrap();
+        fields += text.matches(": Option<").count();
+        assert_eq!(unsaid(text), Vec::<&str>::new(), "{}", path.display());
+    }
+    assert!(fields > 80, "{fields} are found");
+}
+
+#[test]
+fn one_that_is_unsaid_is_found() {
+    let good = "pub struct A {
+        #[serde(default, skip_serializing_if = \"Option::is_none\")]
+        pub a: Option<u8>,
+        /// Null where it is not known.
+        #[schema(required)]
+        pub b: Option<u8>,
+    }";
+    assert_eq!(unsaid(good), Vec::<&str>::new());
+    let bad = format!("{good}\npub struct B {{\n pub a: u8,\n pub b: Option<u8>,\n}}");
+    assert_eq!(unsaid(&bad), ["pub b: Option<u8>,"]);
+    let asked = "pub struct AskRequest {\n pub b: Option<u8>,\n}";
+    assert_eq!(unsaid(asked), Vec::<&str>::new());
+}
