@@ -60,7 +60,7 @@ const COMMANDS: &[Command] = &[
     },
     Command {
         name: "web",
-        help: "check and build the web pages that the program has inside",
+        help: "build and check the web pages that the program has inside",
         run: web::run,
     },
     Command {

@@ -60,7 +60,7 @@ const STEPS: &[Step] = &[
         name: "web",
         needs_peers: false,
         skip: always,
-        run: |root| web::run(root, &[]),
+        run: web::pages,
     },
     CLIPPY,
     Step {
@@ -80,6 +80,12 @@ const STEPS: &[Step] = &[
         needs_peers: false,
         skip: always,
         run: |root| run::run(&mut cargo(root, &["test", "--doc", "--workspace"])),
+    },
+    Step {
+        name: "web types",
+        needs_peers: false,
+        skip: always,
+        run: web::check,
     },
     Step {
         name: "browser",

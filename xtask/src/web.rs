@@ -1,5 +1,8 @@
-//! The web pages: `cargo xtask web` checks and builds them, so that the program built afterwards
+//! The web pages: `cargo xtask web` builds and checks them, so that the program built afterwards
 //! has them inside. Cargo itself never starts npm.
+//!
+//! Building them needs no program; checking them does, since the types of the API are made of its
+//! document (docs/decisions/0032).
 //!
 //! Node comes from the system where it is new enough, or else as a Python package, so that
 //! nobody has to install it by hand.
@@ -15,7 +18,7 @@ use crate::run::{self, Error, Result};
 const WEB: &str = "web";
 
 /// What the pages are not made of.
-const NO_SOURCES: [&str; 3] = ["dist", "node_modules", "tests"];
+const NO_SOURCES: [&str; 4] = ["dist", "generated", "node_modules", "tests"];
 
 /// Its time is when the pages were built last.
 const BUILT: &str = "target/web-built";
@@ -124,13 +127,24 @@ fn package_folder(root: &Path) -> Result<PathBuf> {
     Ok(PathBuf::from(told.trim()))
 }
 
-/// `cargo xtask web`: checks the pages and builds them.
+/// `cargo xtask web`: builds the pages and checks them.
 pub(crate) fn run(root: &Path, args: &[String]) -> Result<()> {
     crate::no_arguments(args)?;
+    pages(root)?;
+    check(root)
+}
+
+/// The pages themselves, and their texts: what needs no program.
+pub(crate) fn pages(root: &Path) -> Result<()> {
     let node = Node::find(root)?;
     node.packages(root)?;
-    node.npm(root, &["run", "check"])?;
+    node.npm(root, &["run", "check:texts"])?;
     build(root, &node)
+}
+
+/// Their types, those of the API by the document of the program.
+pub(crate) fn check(root: &Path) -> Result<()> {
+    with_the_program(root, "check")
 }
 
 /// Builds the pages, unless nothing that they are made of has changed since: the program has them
@@ -182,17 +196,17 @@ pub(crate) fn build_or_tell(root: &Path) {
 
 /// The pages in a browser, against the real daemon.
 pub(crate) fn test(root: &Path) -> Result<()> {
-    against_the_daemon(root, "test")
+    with_the_program(root, "test")
 }
 
 /// `cargo xtask screenshots`: the README's pictures, of the program as it is.
 pub(crate) fn screenshots(root: &Path, args: &[String]) -> Result<()> {
     crate::no_arguments(args)?;
     build_or_tell(root);
-    against_the_daemon(root, "screenshots")
+    with_the_program(root, "screenshots")
 }
 
-fn against_the_daemon(root: &Path, script: &str) -> Result<()> {
+fn with_the_program(root: &Path, script: &str) -> Result<()> {
     run::run(&mut run::cargo(root, &["build", "-p", "railbus"]))?;
     let node = Node::find(root)?;
     node.packages(root)?;
@@ -215,6 +229,7 @@ mod tests {
         };
         let far = 10_000_000_000;
         set("dist/index.html", far);
+        set("generated/openapi.d.ts", far);
         set("node_modules/a/index.js", far);
         set("tests/a.test.js", far);
         let at = |second| SystemTime::UNIX_EPOCH + Duration::from_secs(second);

@@ -1,6 +1,6 @@
 // A long list, loaded page by page, newest first.
 import { get, problemOf } from "./client";
-import type { Page } from "../history/events";
+import type { Page } from "./types";
 import type { Problem } from "./types";
 
 /** How many items the page keeps. For older ones there are the filter and the export. */

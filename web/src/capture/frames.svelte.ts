@@ -1,5 +1,5 @@
 // The frames of a line: the last 100,000, those that match a filter, and the filter's syntax.
-import type { FrameRecord } from "../api/types";
+import type { FrameRecord } from "../api/untyped";
 
 export interface Numbered extends FrameRecord {
   n: number;

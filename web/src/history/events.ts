@@ -1,50 +1,11 @@
 // Events and audit entries in words.
 import { joinList, named, t, withDetail, textOr } from "../i18n/index.svelte";
+import type { EventKind, SiteEvent } from "../api/types";
 import { span } from "../lib/format";
 import { points } from "../api/live.svelte";
 import { lineText, moduleText, pointText } from "../points/names";
 
-export const KINDS = ["write", "alarm", "module", "line", "config", "login", "rule", "system"] as const;
-export type Kind = (typeof KINDS)[number];
-
-export interface SiteEvent {
-  id: string;
-  at: string;
-  kind: Kind;
-  severity: "info" | "warning" | "error";
-  module?: string;
-  /** Its path: `pump.do0`. */
-  point?: string;
-  line?: string;
-  who?: string;
-  via?: string;
-  what?: string;
-  before?: string;
-  after?: string;
-  end?: string;
-  code?: string;
-  text?: string;
-  acked?: { who: string; at: string; comment: string };
-}
-
-/** An entry of the audit log. */
-export interface AuditEntry {
-  id: string;
-  at: string;
-  who: string;
-  via: string;
-  module: string;
-  what: string;
-  before?: string;
-  after?: string;
-  end?: string | null;
-  hash: string;
-}
-
-export interface Page<T> {
-  items: T[];
-  next: string | null;
-}
+export const KINDS: EventKind[] = ["write", "alarm", "module", "line", "config", "login", "rule", "system"];
 
 /** How a command ended, in words. */
 export const endText = (end: string): string => textOr(`end_${end}`, end);

@@ -71,7 +71,10 @@ export function textOr(key: string, otherwise: string): string {
 export const joinList = (all: readonly string[]): string => all.join(lang === "zh" ? "、" : ", ");
 export const withDetail = (what: string, more: string): string => `${what}${lang === "zh" ? "：" : ": "}${more}`;
 
+/** Names by language. */
+export type Names = Partial<Record<string, string>>;
+
 /** The name to show, of those in several languages. */
-export function named(names: Partial<Record<string, string>> | undefined): string | undefined {
+export function named(names: Names | undefined): string | undefined {
   return names?.[lang] ?? names?.["en"] ?? names?.["zh"];
 }

@@ -1,43 +1,9 @@
 // Rules in words.
 import { language, named, t } from "../i18n/index.svelte";
+import type { ActionText, Rule, WhenText } from "../api/types";
 import { span } from "../lib/format";
 import { points } from "../api/live.svelte";
 import { lineText, moduleText, pointText } from "../points/names";
-
-export interface When {
-  point?: string;
-  is?: boolean;
-  above?: number;
-  below?: number;
-  hysteresis?: number;
-  unit?: string;
-  time?: string;
-  days?: string[];
-  module_offline?: string;
-  line_offline?: string;
-}
-
-export interface Action {
-  set?: string;
-  to?: boolean;
-  pulse?: string;
-  width_ms?: number;
-  notify?: string;
-}
-
-export interface Rule {
-  rule: string;
-  name?: Partial<Record<string, string>>;
-  when: When;
-  for_ms: number;
-  then: Action[];
-  armed: boolean;
-  tried: boolean;
-  state: "disarmed" | "unknown" | "waiting" | "holding" | "acted" | "stopped";
-  due?: string;
-  last?: string;
-  count: number;
-}
 
 export const DAYS = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"];
 /** A Monday. */
@@ -63,7 +29,7 @@ export function whenText({ when, for_ms }: Rule): string {
   return for_ms ? t("rule_says_for", { when: said, time: span(for_ms) }) : said;
 }
 
-function condition(when: When): string {
+function condition(when: WhenText): string {
   const { point = "", above, below } = when;
   const unit = points.get(point)?.unit ?? "";
   if (above !== undefined) return t("rule_says_above", { point: pointText(point), value: `${above} ${unit}`.trim() });
@@ -78,7 +44,7 @@ function condition(when: When): string {
 }
 
 /** What a rule does, in a few words. */
-export function actionText({ set, to, pulse, width_ms, notify }: Action): string {
+export function actionText({ set, to, pulse, width_ms, notify }: ActionText): string {
   if (set) return t("rule_says_set", { point: pointText(set), state: stateText(set, to) });
   if (pulse) return t("rule_says_pulse", { point: pointText(pulse), time: width_ms ? span(width_ms) : "" });
   return t("rule_says_notify", { text: notify ?? "" });

@@ -3,14 +3,7 @@ import { language } from "../i18n/index.svelte";
 import { patch, post } from "../api/client";
 import { OperationTracker } from "../api/operation.svelte";
 import { showProblem } from "../api/problems";
-import type { Found } from "../api/types";
-
-export interface ScanRequest {
-  lines: string[];
-  depth: "quick" | "full" | "deep";
-  protocols?: string[];
-  addresses?: string;
-}
+import type { Found, ScanRequest } from "../api/types";
 
 /** A module's id in the configuration. */
 export const NAME = /^[a-z][a-z0-9_]{0,31}$/;

@@ -2,51 +2,13 @@
 import { SvelteMap } from "svelte/reactivity";
 import { get } from "../api/client";
 import { subscribe } from "../api/live.svelte";
+import type { SimFaultInfo, SimLineInfo, SimModuleInfo } from "../api/types";
 import { showProblem } from "../api/problems";
 
-export interface SimFault {
-  fault: string;
-  left_ms?: number;
-  left_replies?: number;
-  /** When it ends, by the clock of this page. */
-  ends?: number;
-}
-
-export interface SimPoint {
-  label: string;
-  kind: "output" | "input" | "analog";
-  value: boolean | number;
-  unit?: string;
-  range?: [number, number];
-  by_hand?: boolean;
-  stuck?: boolean;
-}
-
-export interface SimModule {
-  module: string;
-  model: string;
-  title: string;
-  address: number;
-  protocol: string;
-  baud: number;
-  format: string;
-  dip?: number;
-  init?: boolean;
-  powered: boolean;
-  lit: boolean;
-  replies: number;
-  points: SimPoint[];
-  faults: SimFault[];
-}
-
-export interface SimLine {
-  line: string;
-  baud: number;
-  format: string;
-  plugged: boolean;
-  faults: SimFault[];
-  modules: SimModule[];
-}
+/** A fault, and when it ends by the clock of this page. */
+export type SimFault = SimFaultInfo & { ends?: number };
+export type SimModule = SimModuleInfo & { faults: SimFault[] };
+export type SimLine = SimLineInfo & { faults: SimFault[]; modules: SimModule[] };
 
 const timed = (faults: SimFault[]): SimFault[] =>
   faults.map((one) => (one.left_ms === undefined ? one : { ...one, ends: Date.now() + one.left_ms }));

@@ -140,7 +140,7 @@ export function write(text) {
 }
 
 export const system = {
-  schema: 1, version: "0.1.0", commit: "1a99d3f", uptime_ms: 93_000_000, started: iso(93_000_000),
+  schema: 1, version: "0.1.0", uptime_ms: 93_000_000, started: iso(93_000_000),
   rss_bytes: 23_400_000, lines: 1, modules: 2, points: 5,
 };
 export const storage = { schema: 1, history_bytes: 48_200_000, samples: 910_000, oldest: iso(86_400_000 * 12), disk_full: false };

@@ -1,7 +1,7 @@
 // The course of a point over time: consecutive stretches, each with the minimum, maximum and mean
 // of its values. A sample holds until the next one.
 
-export type Quality = "good" | "stale" | "bad";
+import type { HistoryInfo } from "../../api/types";
 
 /** From `t` to before `end`. Without values there is no data for that time. */
 export interface Stretch {
@@ -21,26 +21,15 @@ export interface Course {
   exact: boolean;
 }
 
-/** What `/history` answers. */
-export interface History {
-  point: string;
-  unit?: string | null;
-  raw?: boolean;
-  samples?: { t: number; v: number | boolean | null; q?: Quality }[] | null;
-  buckets?:
-    | { t: number; min: number | null; max: number | null; mean: number | null; n: number; q?: Quality }[]
-    | null;
-}
-
 export const NOTHING: Course = { stretches: [], exact: true };
 
 /** The course in an answer; `until` is the present. */
-export function courseOf(history: History, until: number): Course {
+export function courseOf(history: HistoryInfo, until: number): Course {
   if (history.samples) return { stretches: fromSamples(history.samples, until), exact: true };
   return { stretches: fromBuckets(history.buckets ?? [], until), exact: false };
 }
 
-function fromSamples(samples: NonNullable<History["samples"]>, until: number): Stretch[] {
+function fromSamples(samples: NonNullable<HistoryInfo["samples"]>, until: number): Stretch[] {
   const found: Stretch[] = [];
   for (const [i, { t, v, q }] of samples.entries()) {
     const end = samples[i + 1]?.t ?? until;
@@ -51,7 +40,7 @@ function fromSamples(samples: NonNullable<History["samples"]>, until: number): S
   return found;
 }
 
-function fromBuckets(buckets: NonNullable<History["buckets"]>, until: number): Stretch[] {
+function fromBuckets(buckets: NonNullable<HistoryInfo["buckets"]>, until: number): Stretch[] {
   const found: Stretch[] = [];
   for (const [i, { t, min, max, mean, n, q }] of buckets.entries()) {
     // The last bucket is as wide as the one before it.
