@@ -1,11 +1,10 @@
-//! Capture files in the pcapng format, as Wireshark writes and reads them: one interface per
-//! line, each frame a packet, with what was thought of it as its comment.
+//! Capture files in the pcapng format, as Wireshark writes and reads them: one interface per line,
+//! each frame a packet, with its verdict as a comment.
 //!
-//! The link type is [`LINK_TYPE`], the first of those that everybody may use for himself: there
-//! is a registered one for RTU alone (RTAC serial) but none for a wire that four protocols
-//! share. A packet's bytes are the frame's and nothing else. Its time is when its first byte
-//! began, in microseconds since 1970, and its direction is seen from the master: requests go
-//! out.
+//! The link type is [`LINK_TYPE`], the first one reserved for private use: there is a registered
+//! one for RTU alone (RTAC serial) but none for a line shared by four protocols. A packet contains
+//! the bytes of the frame and nothing else. Its time is the beginning of its first byte, in
+//! microseconds since 1970, and its direction is that of the master: requests are outbound.
 
 mod read;
 mod write;
@@ -13,10 +12,10 @@ mod write;
 pub use read::{Broken, Interface, Packet, Reader, Step, Why};
 pub use write::{header, interface, packet};
 
-/// LINKTYPE_USER0: bytes whose meaning the two ends of a capture agree on.
+/// LINKTYPE_USER0: the meaning of the bytes is private to the programs at both ends.
 pub const LINK_TYPE: u16 = 147;
 
-/// Which way a frame went, seen from the master.
+/// The direction of a frame, seen from the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// To the master.

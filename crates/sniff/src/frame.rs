@@ -1,22 +1,22 @@
-//! What was heard.
+//! What a listener reports.
 
 use railbus_wire::{Address, Decoded, Exchange, Instant, Micros, Protocol, ascii, lc02, r55, rtu};
 
-/// Something that a listener tells.
+/// An event of a listener.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Heard {
     /// Bytes that belong together.
     Frame(Frame),
-    /// A request that nobody answered.
+    /// A request without a reply.
     Missing(Missing),
 }
 
-/// A request that nobody answered.
+/// A request without a reply.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Missing {
     /// The request.
     pub asked: Asked,
-    /// When the waiting ended.
+    /// When the timeout ended.
     pub at: Instant,
     /// How long nothing came.
     pub after: Micros,
@@ -31,18 +31,18 @@ pub struct Frame {
     pub end: Instant,
     /// The silence before it; none before the first one.
     pub gap: Option<Micros>,
-    /// All of it, at most [`Frame::LEN_MAX`] bytes.
+    /// Its bytes, at most [`Frame::LEN_MAX`].
     pub bytes: Vec<u8>,
-    /// The ways to read it, likeliest first; several where it is a right frame of each. None
-    /// where no protocol fits.
+    /// The possible readings, likeliest first; several if it is a valid frame of each. Empty if no
+    /// protocol matches.
     pub readings: Vec<Reading>,
-    /// The request that it answers.
+    /// The request it answers.
     pub asked: Option<Asked>,
-    /// How long after that request's end it began.
+    /// The time from the end of that request to its beginning.
     pub after: Option<Micros>,
-    /// Whether it came after its request was told to be unanswered.
+    /// Whether it came after its request had been reported as unanswered.
     pub late: bool,
-    /// What is to be thought of it.
+    /// The verdict.
     pub verdict: Verdict,
 }
 
@@ -51,43 +51,43 @@ impl Frame {
     pub const LEN_MAX: usize = 512;
 }
 
-/// One way to read a frame.
+/// One reading of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reading {
-    /// In which protocol.
+    /// The protocol.
     pub protocol: Protocol,
-    /// As what; unknown for functions that are not known here.
+    /// Request or reply; none for unknown functions.
     pub role: Option<Role>,
-    /// An ASCII frame with a checksum. The others always have one.
+    /// Whether an ASCII frame has a checksum. The others always have one.
     pub checksum: bool,
     /// The address it carries, or that of the request it answers.
     pub address: Option<Address>,
 }
 
-/// Who speaks.
+/// The role of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// The master.
+    /// Sent by the master.
     Request,
-    /// A module.
+    /// Sent by a module.
     Reply,
 }
 
-/// What is to be thought of a frame.
+/// The verdict on a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// A right frame.
+    /// A valid frame.
     Good,
-    /// A right reply that says no.
+    /// A valid reply that is a refusal.
     Refused,
-    /// A right frame whose function or command is not known here.
+    /// A valid frame with an unknown function or command.
     Unknown,
-    /// No right frame.
+    /// Not a valid frame.
     Bad(Flaw),
 }
 
 impl Verdict {
-    /// In one or two words for programs: `ok`, `refused`, `unknown`, `bad checksum`, …
+    /// A short word for programs: `ok`, `refused`, `unknown`, `bad checksum`, …
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -102,20 +102,20 @@ impl Verdict {
     }
 }
 
-/// Why bytes are no right frame.
+/// Why bytes are not a valid frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flaw {
     /// The checksum is wrong.
     Checksum,
     /// Its end is missing.
     Short,
-    /// It is not what such a frame looks like, or not what was asked for.
+    /// It has the wrong form for such a frame, or does not match the request.
     Form,
-    /// It begins like no frame of the four protocols.
+    /// It does not begin like any frame of the four protocols.
     Foreign,
 }
 
-/// A request that was heard.
+/// A request on the line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Asked {
     protocol: Protocol,
@@ -124,7 +124,7 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// The request that a frame is by one of its readings.
+    /// The request in a frame, by one of its readings.
     pub(crate) fn new(reading: Reading, bytes: &[u8]) -> Option<Asked> {
         let asked = Asked {
             protocol: reading.protocol,
@@ -146,7 +146,7 @@ impl Asked {
         self.protocol
     }
 
-    /// What it asks, and of whom. There is one: only what can be read is kept.
+    /// The exchange. There always is one: only requests that can be decoded are kept.
     #[must_use]
     pub fn exchange(&self) -> Option<Exchange<'_>> {
         read_request(self.protocol, self.checksum, &self.bytes)
@@ -154,7 +154,7 @@ impl Asked {
 }
 
 impl Reading {
-    /// What a frame asks by this reading, where it is a request.
+    /// The exchange of a frame by this reading, if it is a request.
     #[must_use]
     pub fn request<'a>(&self, bytes: &'a [u8]) -> Option<Exchange<'a>> {
         read_request(self.protocol, self.checksum, bytes)

@@ -1,9 +1,9 @@
-//! What is left between right frames: why it is none.
+//! Judges bytes between valid frames.
 
 use crate::frame::{Flaw, Reading, Role, Verdict};
 use railbus_wire::{Address, Decoded, Exchange, Malformed, Protocol, crc16, lc02, r55, rtu};
 
-/// What bytes that no protocol takes seem to have been.
+/// What bytes that match no protocol probably were.
 pub(crate) fn judge(bytes: &[u8], pending: Option<&Exchange<'_>>) -> (Vec<Reading>, Verdict) {
     let found = whole_but_unknown(bytes)
         .or_else(|| bare_exception(bytes, pending))
@@ -27,7 +27,7 @@ fn reading(protocol: Protocol, role: Option<Role>, address: Option<u8>) -> Readi
     }
 }
 
-/// A right CRC around a function that is not known here, whose length only silence tells.
+/// A correct CRC around an unknown function, whose length only silence determines.
 fn whole_but_unknown(bytes: &[u8]) -> Found {
     let &[address, code, .., _, _] = bytes else {
         return None;
@@ -45,7 +45,7 @@ fn whole_but_unknown(bytes: &[u8]) -> Found {
     ))
 }
 
-/// Some modules refuse without a CRC [ERC-8 §5.2].
+/// Some modules send exceptions without CRC [ERC-8 §5.2].
 fn bare_exception(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
     let Some(Exchange::Rtu(asked)) = pending else {
         return None;
@@ -55,7 +55,7 @@ fn bare_exception(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
     Some((reply, Verdict::Refused))
 }
 
-/// What begins as the reply waited for.
+/// Bytes that begin like the pending reply.
 fn broken_reply(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
     let asked = pending?;
     let marked = matches!(bytes.first(), Some(b'!' | b'>' | b'?'));
@@ -70,7 +70,7 @@ fn broken_reply(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
         }
         Decoded::Malformed(_) | Decoded::Whole { .. } => Flaw::Form,
     };
-    // More than a reply may have: its end alone says nothing.
+    // Longer than the reply can be: the end alone says nothing.
     if bytes.len() > asked.response_len_max().max(8) + 2 {
         return None;
     }
@@ -79,7 +79,7 @@ fn broken_reply(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
     Some((reply, Verdict::Bad(flaw)))
 }
 
-/// What carries the marks of a protocol.
+/// Bytes with the marks of a protocol.
 fn marked(bytes: &[u8]) -> Found {
     let bad = |reading, flaw| Some((reading, Verdict::Bad(flaw)));
     let address = |at: usize| bytes.get(at).copied();
@@ -95,7 +95,7 @@ fn marked(bytes: &[u8]) -> Found {
                 r55::FRAME_LEN => Flaw::Checksum,
                 _ => Flaw::Short,
             };
-            // A byte alone is noise rather than a board.
+            // A single byte is more likely noise than a board.
             (bytes.len() > 1).then_some(())?;
             bad(reading(Protocol::R55, Some(role), address(1)), flaw)
         }
@@ -130,7 +130,7 @@ fn marked(bytes: &[u8]) -> Found {
     }
 }
 
-/// A frame of Modbus RTU by its function and its length alone.
+/// A Modbus RTU frame, judged by its function and its length alone.
 fn broken_rtu(bytes: &[u8]) -> Found {
     let &[address, code, third, ..] = bytes else {
         return None;

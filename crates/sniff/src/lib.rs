@@ -1,10 +1,9 @@
-//! What passes on an RS-485 line, seen by one who only listens: frames of the four protocols
-//! found among bytes, judged, and replies paired with their requests. And the capture files in
-//! which that is kept.
+//! A passive listener on an RS-485 line: finds the frames of the four protocols among the bytes,
+//! judges them, and pairs replies with their requests. Also the capture files to store them.
 //!
-//! There is no port here and nothing that could send: a listener can't disturb what it can't
-//! reach. Like the line master it has no clock; the same code runs on a live line, on a
-//! daemon's own frames and on a file.
+//! There is no port here and nothing that could send: the listener can't disturb the line. Like the
+//! line master it has no clock; the same code runs on a live line, on the daemon's own frames and
+//! on a file.
 //!
 //! ```
 //! use railbus_sniff::{Heard, Input, Listener, Output};

@@ -1,8 +1,8 @@
-//! The listener: bytes and their times in, frames out.
+//! The listener: bytes with their times in, frames out.
 //!
-//! Adapters hand bytes over in pieces, so that a pause between them need not be one on the wire,
-//! and two frames may come as one piece. Frames are therefore found by what they are, at every
-//! place in turn; pauses only decide when to stop waiting for the rest of one.
+//! Adapters deliver bytes in pieces, so a pause between them need not be a pause on the wire, and
+//! two frames may come as one piece. So frames are recognised by their content, at every position
+//! in turn; pauses only decide when to stop waiting for the rest of one.
 
 use crate::frame::{Asked, Frame, Heard, Missing, Reading, Role, Verdict};
 use crate::judge::judge;
@@ -10,43 +10,43 @@ use crate::look::{Find, Look, Trust, look};
 use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, r55};
 use std::collections::VecDeque;
 
-/// How long a request waits for its reply, unless said otherwise.
+/// The default reply timeout.
 pub const PATIENCE: Micros = Micros::from_millis(300);
-/// A reply that comes later than this after its request is not taken for it any more.
+/// A reply later than this after its request is no longer paired with it.
 const LATE_MAX: Micros = Micros::from_secs(2);
-/// Adapters may be silent for so long inside a frame: FTDI's timer is 16 ms.
+/// How long adapters may pause inside a frame: FTDI's timer is 16 ms.
 const SILENCE_MIN: Micros = Micros::from_millis(20);
-/// The same where a frame is whole, and only another reading of it would be longer.
+/// The same if a frame is complete, and only another reading of it would be longer.
 const SETTLED_MIN: Micros = Micros::from_millis(5);
-/// Bytes are taken in such pieces, so that the buffer has a bound whatever comes at once.
+/// Bytes are processed in pieces of this size, so that the buffer is bounded.
 const PIECE: usize = 256;
-/// What is no frame is told when it is as long as this.
+/// Bytes that are not a frame are reported when there are this many.
 const NOISE_MAX: usize = 256;
 
-/// Something for a listener.
+/// An input of the listener.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input<'a> {
-    /// Bytes that have just come, the last of them ending now.
+    /// Bytes just received; the last one ends now.
     Bytes(&'a [u8]),
-    /// A whole frame that the master was seen to send, its last byte ending now.
+    /// A complete frame that the master was seen to send; its last byte ends now.
     Sent(&'a [u8]),
-    /// It is known that a frame, or what there is of it, has ended.
+    /// The frame, or what there is of it, is known to have ended.
     Silence,
     /// Time has passed.
     Timeout,
 }
 
-/// Something from a listener.
+/// An output of the listener.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Output {
-    /// This was heard.
+    /// Something was heard.
     Heard(Heard),
-    /// Nothing now; at this moment [`Input::Timeout`] is due, or never.
+    /// Nothing now; [`Input::Timeout`] is due at this moment, or never.
     Wait(Option<Instant>),
 }
 
-/// Finds frames among bytes. After each input, drain [`Listener::poll`] until it waits: what is
-/// told waits inside and is bounded by the input.
+/// Finds frames among bytes. After each input, drain [`Listener::poll`] until it waits: the outputs
+/// are queued, and their number is bounded by the input.
 #[derive(Debug)]
 pub struct Listener {
     settings: Settings,
@@ -54,19 +54,19 @@ pub struct Listener {
     silence: Micros,
     bytes: Vec<u8>,
     marks: VecDeque<Mark>,
-    /// No frame begins before this place.
+    /// No frame begins before this position.
     tried: usize,
     /// When the last byte ended.
     last: Option<Instant>,
     /// When the last frame ended.
     told: Option<Instant>,
     pending: Option<Pending>,
-    /// Something whole waits only for a longer reading to fail.
+    /// A complete frame only waits for a longer reading to fail.
     settling: bool,
     out: VecDeque<Heard>,
 }
 
-/// Where a piece begins in the buffer, and when.
+/// Where in the buffer a piece begins, and when.
 #[derive(Clone, Copy, Debug)]
 struct Mark {
     at: usize,
@@ -75,30 +75,30 @@ struct Mark {
     gap: bool,
 }
 
-/// What is known of the end of what was heard last.
+/// What is known about the end of the last frame.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Ended {
     /// Nothing.
     No,
-    /// What is whole needs no more bytes.
+    /// A complete frame needs no more bytes.
     Settled,
     /// No more bytes belong to it.
     Yes,
 }
 
-/// A request that waits.
+/// A pending request.
 #[derive(Debug)]
 struct Pending {
     asked: Asked,
     end: Instant,
-    /// Its time is over.
+    /// It has timed out.
     over: bool,
-    /// Something came that may have been its reply, so that it is not told to be unanswered.
+    /// Something came that may have been its reply, so it is not reported as unanswered.
     spoiled: bool,
 }
 
 impl Listener {
-    /// A listener to a line of this speed and format.
+    /// A listener for a line with these settings.
     #[must_use]
     pub fn new(settings: Settings) -> Listener {
         Listener {
@@ -116,21 +116,21 @@ impl Listener {
         }
     }
 
-    /// The same, which takes a request for unanswered after so long.
+    /// Sets the reply timeout.
     #[must_use]
     pub const fn with_patience(mut self, patience: Micros) -> Listener {
         self.patience = patience;
         self
     }
 
-    /// The same for a line behind a network, which may hold bytes back for so long inside a frame.
+    /// Sets the longest pause inside a frame, for a line behind a network that may hold bytes back.
     #[must_use]
     pub const fn with_silence(mut self, silence: Micros) -> Listener {
         self.silence = silence;
         self
     }
 
-    /// Takes what happened.
+    /// Takes an input.
     pub fn handle(&mut self, now: Instant, input: Input<'_>) {
         match input {
             Input::Bytes(bytes) => {
@@ -161,7 +161,7 @@ impl Listener {
         }
     }
 
-    /// What was heard, or when to come again.
+    /// The next output, or when to call again.
     pub fn poll(&mut self) -> Output {
         match self.out.pop_front() {
             Some(heard) => Output::Heard(heard),
@@ -199,7 +199,7 @@ impl Listener {
         self.last = Some(now.max(begins));
     }
 
-    /// Tells every frame that is whole; everything where it is known to have ended.
+    /// Reports every complete frame; everything if it is known to have ended.
     fn find(&mut self, ended: Ended) {
         self.settling = false;
         while self.tried < self.bytes.len() {
@@ -229,20 +229,20 @@ impl Listener {
         }
     }
 
-    /// What only looks like an envelope is believed at the beginning, never amid other bytes.
+    /// What only looks like an envelope is accepted at the beginning, never among other bytes.
     fn may_be(&self, best: &Find) -> bool {
         best.trust > Trust::Envelope || self.tried == 0 || self.gap_at(self.tried)
     }
 
-    /// Whether a longer frame may still come of bytes that are also a whole one: a sum of eight
-    /// bits is right by chance once in 256 times. Silence behind it speaks against that.
+    /// Whether bytes that are a complete frame may also be the beginning of a longer one: a sum of
+    /// eight bits matches by chance once in 256 times. Silence after it speaks against that.
     fn is_rivalled(&self, look: &Look, best: &Find) -> bool {
         let end = self.tried + best.len;
         look.partial_rtu && best.trust <= Trust::Sum && !self.gap_at(end)
     }
 
-    /// Whether something whole begins after a silence, so that what has only begun before that
-    /// is never to be whole.
+    /// Whether a complete frame begins after a silence, so that what only began before it can't be
+    /// completed.
     fn is_refuted(&self) -> bool {
         let after = |mark: &&Mark| mark.gap && mark.at > self.tried;
         self.marks.iter().filter(after).any(|mark| {
@@ -267,7 +267,7 @@ impl Listener {
         paced.min(next.or(self.last).unwrap_or(paced))
     }
 
-    /// When the bytes before a place ended.
+    /// When the bytes before a position ended.
     fn end(&self, len: usize) -> Instant {
         let last = len.saturating_sub(1);
         let paced = self.time(last) + self.settings.frame_time(1);
@@ -276,7 +276,7 @@ impl Listener {
         paced.min(limit.unwrap_or(paced))
     }
 
-    /// Tells the first bytes as what they are not, cut where there was silence.
+    /// Reports the first bytes as noise, split where there was silence.
     fn noise(&mut self, len: usize) {
         let mut left = len.min(self.bytes.len());
         while left > 0 {
@@ -291,13 +291,13 @@ impl Listener {
             });
             let asks = readings.first().and_then(|reading| reading.role) == Some(Role::Request);
             if asks && verdict == Verdict::Unknown {
-                // The master asks something else: it waits no longer.
+                // The master sends another request: it no longer waits.
                 self.give_up(self.time(0));
                 self.pending = None;
             }
             self.tell(len, readings, verdict, answers);
             match &mut self.pending {
-                // A refusal without its CRC is an answer all the same.
+                // A refusal without CRC is still an answer.
                 Some(_) if answers && verdict == Verdict::Refused => self.pending = None,
                 Some(pending) => pending.spoiled = true,
                 None => {}
@@ -334,7 +334,7 @@ impl Listener {
         };
     }
 
-    /// Takes bytes from the buffer and tells them; says when they ended.
+    /// Removes bytes from the buffer and reports them; returns when they ended.
     fn tell(
         &mut self,
         len: usize,
@@ -398,7 +398,7 @@ impl Listener {
         }
     }
 
-    /// The request that waits is not going to be answered.
+    /// The pending request will not be answered.
     fn give_up(&mut self, at: Instant) {
         let Some(pending) = self.pending.as_mut().filter(|pending| !pending.over) else {
             return;
@@ -414,7 +414,7 @@ impl Listener {
     }
 }
 
-/// Whether somebody answers.
+/// Whether the request expects a reply.
 fn waits(asked: &Asked) -> bool {
     asked.exchange().is_some_and(|asked| match asked {
         Exchange::R55(e) => {

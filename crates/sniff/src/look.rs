@@ -1,4 +1,4 @@
-//! What begins at a place among bytes: every protocol is asked.
+//! Finds what begins at a position, in any protocol.
 
 use crate::frame::{Reading, Role, Verdict};
 use crate::replies;
@@ -7,25 +7,25 @@ use railbus_wire::{
 };
 
 /// The longest line of printable characters that is taken for an ASCII frame. Modules of other
-/// makers give eight analog values in one.
+/// makers send eight analog values in one.
 const LINE_MAX: usize = 128;
 
-/// How sure it is that bytes are what they were read as, least first.
+/// How certain a reading is, least certain first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Trust {
-    /// The envelope of a protocol around something that is not known here.
+    /// The envelope of a protocol around unknown content.
     Envelope,
-    /// Marks at both ends.
+    /// Start and end marks.
     Marks,
-    /// A sum of eight bits.
+    /// An 8-bit sum.
     Sum,
-    /// A CRC of sixteen.
+    /// A 16-bit CRC.
     Crc,
-    /// The reply to the request before it.
+    /// The reply to the previous request.
     Paired,
 }
 
-/// A frame found.
+/// A frame that was found.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Find {
     pub(crate) len: usize,
@@ -34,22 +34,22 @@ pub(crate) struct Find {
     pub(crate) verdict: Verdict,
 }
 
-/// All that begins at one place.
+/// All frames that begin at one position.
 #[derive(Debug, Default)]
 pub(crate) struct Look {
     pub(crate) finds: Vec<Find>,
     /// Something may have begun that needs more bytes.
     pub(crate) partial: bool,
-    /// That something is a frame of Modbus RTU.
+    /// That is a Modbus RTU frame.
     pub(crate) partial_rtu: bool,
 }
 
 impl Look {
-    /// The likeliest find. Some replies repeat their request: once nobody waits any more
-    /// (`late`), such bytes are the request again.
+    /// The likeliest frame. Some replies repeat their request: after its timeout (`late`), such
+    /// bytes are the request again.
     pub(crate) fn best(&self, late: bool) -> Option<Find> {
         let key = |find: &&Find| (find.trust, find.len);
-        // Of equals the first one.
+        // The first of equals.
         let best = self.finds.iter().rev().max_by_key(key).copied()?;
         let again = |find: &&Find| {
             find.len == best.len
@@ -60,7 +60,7 @@ impl Look {
         Some(again.filter(|_| late).unwrap_or(best))
     }
 
-    /// Every reading of the bytes of the best find, that first: one for each protocol and role.
+    /// All readings of the best frame's bytes, the best first: one for each protocol and role.
     pub(crate) fn readings(&self, best: Find) -> Vec<Reading> {
         let mut readings = vec![best.reading];
         let paired = best.trust == Trust::Paired;
@@ -113,7 +113,7 @@ pub(crate) fn look(rx: &[u8], pending: Option<&Exchange<'_>>) -> Look {
     look
 }
 
-/// Adds a reply to a request known or supposed.
+/// Adds a reply to a known or assumed request.
 fn reply(
     look: &mut Look,
     asked: &Exchange<'_>,
@@ -209,7 +209,7 @@ fn of_rtu(look: &mut Look, rx: &[u8]) {
             look.partial_rtu |= matches!(decoded, Decoded::Partial { .. });
             reply(look, &asked, decoded, Trust::Crc);
         }
-        // An exception or a reply of which too little is there to say what it answers.
+        // An exception or reply, too short yet to tell its request.
         None if rx.len() < 6 && function(rx).is_some() => {
             look.partial = true;
             look.partial_rtu = true;
@@ -218,7 +218,7 @@ fn of_rtu(look: &mut Look, rx: &[u8]) {
     }
 }
 
-/// The Modbus function that the second byte names.
+/// The Modbus function in the second byte.
 fn function(rx: &[u8]) -> Option<rtu::Function> {
     rtu::Function::from_code(rx.get(1)? & 0x7F)
 }
@@ -269,8 +269,8 @@ fn of_ascii(look: &mut Look, rx: &[u8], line: Line, pending: Option<&Exchange<'_
         });
         look.add(&decoded, by_sum(checksum), Verdict::Good);
     }
-    // A reply in ASCII names nothing that it answers: where a request waits, only that can say
-    // whether it is right, unless another module's address stands in it.
+    // An ASCII reply does not say what it answers: if a request is pending, only that can tell
+    // whether it is valid, unless it contains another module's address.
     let judged = match pending {
         Some(asked @ Exchange::Ascii(_)) => !matches!(
             asked.decode_response(rx),

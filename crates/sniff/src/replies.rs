@@ -1,13 +1,13 @@
-//! Replies without their requests: every request that bytes could be the reply to is tried.
+//! Replies without their requests: tries every request that the bytes could answer.
 
 use railbus_wire::{
     Address, Bits, Channel, Decoded, Exchange, Response, Words, ascii, lc02, r55, rtu,
 };
 
-/// Registers or coils of a write whose values are not told by its reply.
+/// The values of a write, which its reply does not contain.
 static UNTOLD: [u8; 256] = [0; 256];
 
-/// The ways to read whole bytes as a reply: to what, and from whom.
+/// The ways to decode complete bytes as a reply: to which request, and from which module.
 pub fn replies(bytes: &[u8]) -> Vec<(Exchange<'static>, Response<'_>, Option<Address>)> {
     let mut found = Vec::new();
     for exchange in candidates(bytes) {
@@ -20,7 +20,7 @@ pub fn replies(bytes: &[u8]) -> Vec<(Exchange<'static>, Response<'_>, Option<Add
     found
 }
 
-/// The requests that bytes which begin so could answer; likelier ones first.
+/// The requests that these bytes could answer; likelier ones first.
 fn candidates(bytes: &[u8]) -> impl Iterator<Item = Exchange<'static>> {
     let marked = candidate_r55(bytes)
         .into_iter()
@@ -77,7 +77,7 @@ fn r55_request(code: u8) -> Option<r55::Request> {
     all.into_iter().find(is_it)
 }
 
-/// The likelier ones first: a data reply also reads as a name.
+/// Likelier ones first: a data reply can also be decoded as a name.
 pub(crate) fn candidates_ascii(bytes: &[u8]) -> impl Iterator<Item = Exchange<'static>> + use<> {
     let begins = matches!(bytes.first(), Some(b'!' | b'>' | b'?'));
     let digits = bytes
@@ -102,7 +102,7 @@ pub(crate) fn candidates_ascii(bytes: &[u8]) -> impl Iterator<Item = Exchange<'s
     all.filter(move |_| begins)
 }
 
-/// What a Modbus reply must have been asked by: its own length says how much.
+/// The request of a Modbus reply, whose length tells how much was read.
 pub(crate) fn candidate_rtu(bytes: &[u8]) -> Option<Exchange<'static>> {
     let &[address, code, third, ..] = bytes else {
         return None;
@@ -152,7 +152,7 @@ pub(crate) fn candidate_rtu(bytes: &[u8]) -> Option<Exchange<'static>> {
     Some(Exchange::rtu(Address(address), request))
 }
 
-/// A write that these bytes acknowledge.
+/// The write that these bytes acknowledge.
 fn write_request(bytes: &[u8], function: rtu::Function, at: Address) -> Option<Exchange<'static>> {
     let word = |from: usize| {
         let pair = bytes.get(from..from + 2)?;
@@ -173,7 +173,7 @@ fn write_request(bytes: &[u8], function: rtu::Function, at: Address) -> Option<E
             at: first,
             value: second,
         },
-        // How many were written is told, not what.
+        // The reply tells how many were written, not which values.
         rtu::Function::WriteCoils => {
             let none = UNTOLD.get(..usize::from(second.div_ceil(8)))?;
             rtu::Request::WriteCoils(rtu::BitBlock::new(first, Bits::from_packed(none, second)?)?)

@@ -1,16 +1,16 @@
-//! Blocks read. A file is whatever somebody sends: every number in it is doubted.
+//! Reads blocks. A file comes from anywhere: every number in it is checked.
 
 use super::{Direction, ENHANCED_PACKET, INTERFACE, MAGIC, SECTION, option};
 use railbus_wire::Instant;
 
-/// The longest block. Wireshark's own limit for a packet is a quarter of that.
+/// The longest block. Wireshark's own limit for a packet is a quarter of this.
 const BLOCK_MAX: usize = 1 << 20;
-/// The most lines of one file.
+/// The most lines in a file.
 const INTERFACES_MAX: usize = 1_024;
-/// The longest text kept of a line.
+/// The longest text kept for a line.
 const TEXT_MAX: usize = 256;
 
-/// Reads a file block by block, from whatever of it is there.
+/// Reads a file block by block, from as much of it as there is.
 #[derive(Debug, Default)]
 pub struct Reader {
     big_endian: Option<bool>,
@@ -18,49 +18,49 @@ pub struct Reader {
     offset: u64,
 }
 
-/// A line of a file.
+/// A line in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Interface {
-    /// What it is called; may be empty.
+    /// Its name; may be empty.
     pub name: String,
-    /// What else is said of it; of our own files the speed and format, as `9600 8N1`.
+    /// Its description; in our own files the speed and format, as `9600 8N1`.
     pub description: String,
-    /// What its bytes are; [`super::LINK_TYPE`] for frames.
+    /// Its link type; [`super::LINK_TYPE`] for frames.
     pub link_type: u16,
-    /// Of its times, in a second.
+    /// The resolution of its times, per second.
     ticks: u128,
 }
 
-/// A frame of a file.
+/// A frame in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Packet<'a> {
     /// The number of its line.
     pub line: usize,
     /// When it began.
     pub at: Instant,
-    /// All of it.
+    /// The whole frame.
     pub bytes: &'a [u8],
-    /// Which way it went, where that is told.
+    /// Its direction, if the file has it.
     pub direction: Option<Direction>,
-    /// What was thought of it, where that is told.
+    /// Its comment, if the file has one.
     pub comment: Option<&'a str>,
 }
 
-/// What the beginning of the bytes at hand is.
+/// What the available bytes begin with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step<'a> {
-    /// At least so many bytes are missing. At the end of a file there must be none left.
+    /// At least this many bytes are missing. At the end of a file there must be none left.
     More(usize),
-    /// A frame, in so many bytes.
+    /// A frame, with the length of its block.
     Packet(usize, Packet<'a>),
-    /// So many bytes of something else.
+    /// A block of this length with something else.
     Other(usize),
 }
 
-/// Where and why a file can't be read on.
+/// Where and why a file can't be read any further.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Broken {
-    /// How many bytes into the file the block begins.
+    /// The offset of the block in the file.
     pub at: u64,
     /// What is wrong with it.
     pub why: Why,
@@ -69,13 +69,13 @@ pub struct Broken {
 /// What is wrong with a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Why {
-    /// The file does not begin as such a file does.
+    /// The file does not begin like a capture file.
     NoCapture,
-    /// Its length is none that a block can have, or not the same at both ends.
+    /// Its length is impossible, or differs between its two ends.
     Length,
     /// It is too long, or the file has too many lines.
     TooMuch,
-    /// A packet of a line that the file does not have.
+    /// A packet of a line that is not in the file.
     Interface,
     /// A packet that is longer than its block.
     Packet,
@@ -88,16 +88,16 @@ impl Reader {
         Reader::default()
     }
 
-    /// The lines met so far, by their numbers.
+    /// The lines found so far, by number.
     #[must_use]
     pub fn interfaces(&self) -> &[Interface] {
         &self.interfaces
     }
 
-    /// Reads the block at the beginning of `rx`. The caller takes away the bytes that are done.
+    /// Reads the block at the beginning of `rx`. The caller removes the bytes that were read.
     ///
     /// # Errors
-    /// [`Broken`]: there is no way on, since nobody knows where the next block begins.
+    /// [`Broken`]: reading can't continue, because the start of the next block is unknown.
     pub fn next<'a>(&mut self, rx: &'a [u8]) -> Result<Step<'a>, Broken> {
         let at = self.offset;
         let step = self.step(rx).map_err(|why| Broken { at, why })?;
@@ -118,7 +118,7 @@ impl Reader {
         };
         let [kind, len, magic] = words(head);
         if kind(true) == SECTION {
-            // Whatever the numbers looked like before: a section says so itself.
+            // Whatever the byte order was before: each section defines its own.
             self.big_endian = Some(match magic(false) {
                 MAGIC => false,
                 _ if magic(true) == MAGIC => true,
@@ -215,13 +215,13 @@ impl Reader {
     }
 }
 
-/// 64 bits of ticks times a million fit into 128 with ease.
+/// 64 bits of ticks times a million fit into 128 bits.
 fn micros(ticks: u128, per_second: u128) -> Instant {
     let micros = ticks * 1_000_000 / per_second.max(1);
     Instant(u64::try_from(micros).unwrap_or(u64::MAX))
 }
 
-/// Numbers in one order of bytes or the other.
+/// Decodes numbers in either byte order.
 #[derive(Clone, Copy)]
 struct Fields<'a> {
     big: bool,
@@ -245,7 +245,7 @@ impl<'a> Fields<'a> {
         })
     }
 
-    /// The options from a place on, until their end or the first that is cut off.
+    /// The options from an offset on, up to their end or the first truncated one.
     fn options(self, mut at: usize) -> impl Iterator<Item = (u16, &'a [u8])> {
         std::iter::from_fn(move || {
             let code = self.half(at)?;
@@ -257,7 +257,7 @@ impl<'a> Fields<'a> {
     }
 }
 
-/// The first three numbers of a block, in the order that one asks for.
+/// The first three numbers of a block, in either byte order.
 fn words(head: &[u8; 12]) -> [impl Fn(bool) -> u32 + use<>; 3] {
     let head = *head;
     [0, 4, 8].map(|at| {

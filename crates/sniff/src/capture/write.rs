@@ -1,14 +1,14 @@
-//! Blocks written.
+//! Writes blocks.
 
 use super::{Direction, ENHANCED_PACKET, INTERFACE, LINK_TYPE, MAGIC, SECTION, option};
 use railbus_wire::Instant;
 
-/// The longest text of an option; what is more is cut off.
+/// The longest text of an option; longer ones are truncated.
 const TEXT_MAX: usize = 4_096;
 /// Times count microseconds: ten to the power of minus this.
 const MICROSECONDS: u8 = 6;
 
-/// The beginning of a file, written by this program.
+/// The beginning of a file written by this program.
 #[must_use]
 pub fn header(program: &str) -> Vec<u8> {
     let mut body = MAGIC.to_le_bytes().to_vec();
@@ -18,7 +18,7 @@ pub fn header(program: &str) -> Vec<u8> {
     block(SECTION, body)
 }
 
-/// A line, before its packets; lines are numbered from 0 in the order in which they stand.
+/// A line, written before its packets; lines are numbered from 0 in this order.
 #[must_use]
 pub fn interface(name: &str, description: &str) -> Vec<u8> {
     let mut body = LINK_TYPE.to_le_bytes().to_vec();
@@ -54,7 +54,7 @@ pub fn packet(
     block(ENHANCED_PACKET, body)
 }
 
-/// The frame around a block; its options get their end.
+/// Wraps a block, and ends its options.
 fn block(kind: u32, mut body: Vec<u8>) -> Vec<u8> {
     body.extend(option::END.to_le_bytes());
     body.extend([0, 0]);
@@ -85,7 +85,7 @@ fn add(body: &mut Vec<u8>, code: u16, value: &[u8]) {
     pad(body);
 }
 
-/// Everything stands at a multiple of four.
+/// Pads to a multiple of four.
 fn pad(body: &mut Vec<u8>) {
     body.resize(body.len().next_multiple_of(4), 0);
 }
