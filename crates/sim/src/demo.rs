@@ -1,5 +1,5 @@
-//! The demo line: five modules, one of each family, at 9600 8N1. The README, the tutorials and
-//! many tests speak of it.
+//! The demo line: five modules, one of each family, at 9600 8N1. Used in the README, the tutorials
+//! and many tests.
 //!
 //! | module | model | address | protocol |
 //! |---|---|---|---|
@@ -9,7 +9,7 @@
 //! | `yard` | 0x55 board, 8 relays | 4 | 0x55 |
 //! | `tank` | EMD-2A2Q-V | 5 | Modbus RTU |
 //!
-//! Its inputs move by themselves, as [`pump_inputs`], [`gate_inputs`] and [`tank_analogs`] say.
+//! Its inputs move by themselves: see [`pump_inputs`], [`gate_inputs`] and [`tank_analogs`].
 
 use crate::{Act, Input, Line, LineConfig, ModuleId, Output};
 use railbus_device::{Eeprom, Family, Options, Setup, SetupError};
@@ -18,7 +18,7 @@ use railbus_wire::{Address, Instant, Micros, Protocol};
 /// From the end of a request to a module's reply.
 const TURNAROUND: Micros = Micros::from_millis(5);
 
-/// How often the inputs are moved on.
+/// How often the inputs are updated.
 const STEP: Micros = Micros::from_millis(100);
 
 /// The five modules, by name, in the order of their addresses.
@@ -52,8 +52,8 @@ pub const fn pump_inputs(now: Instant) -> u32 {
     (now.0 / 10_000_000 % 16) as u32
 }
 
-/// The levels at the inputs of `gate`: one low input wanders along the seven, one step every
-/// 3 s, and all are high in between.
+/// The levels at the inputs of `gate`: one low input moves along the seven, one step every 3 s, and
+/// all are high in between.
 #[must_use]
 pub const fn gate_inputs(now: Instant) -> u32 {
     let step = now.0 / 3_000_000 % 14;
@@ -65,9 +65,9 @@ pub const fn gate_inputs(now: Instant) -> u32 {
     }
 }
 
-/// What lies at the analog inputs of `tank`, in hundredths of a volt: a level that fills from
-/// 1.20 V to 8.80 V and drains again within 4 minutes, and a pressure that sways softly around
-/// 5.00 V every 20 s.
+/// The values at the analog inputs of `tank`, in hundredths of a volt: a level that rises from 1.20
+/// V to 8.80 V and falls again within 4 minutes, and a pressure that swings around 5.00 V every 20
+/// s.
 #[must_use]
 pub const fn tank_analogs(now: Instant) -> [i16; 2] {
     let millis = (now.0 / 1_000) as i64;
@@ -84,12 +84,12 @@ const fn triangle(millis: i64, period: i64) -> i64 {
     up * 1_000 / half
 }
 
-/// Rounds the corners of a triangle off, as a sine has none: 3 x^2 - 2 x^3.
+/// Rounds the corners of a triangle, similar to a sine: 3 x^2 - 2 x^3.
 const fn soft(x: i64) -> i64 {
     (3_000 - 2 * x) * x * x / 1_000_000
 }
 
-/// The demo line, whose inputs move. Same shape as [`Line`].
+/// The demo line, whose inputs move. Used like [`Line`].
 #[derive(Clone, Debug)]
 pub struct Demo {
     line: Line,
@@ -100,7 +100,7 @@ pub struct Demo {
     shown: Shown,
 }
 
-/// The inputs as they were moved last.
+/// The inputs as last set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Shown {
     pump: u32,
@@ -122,7 +122,7 @@ impl Demo {
     /// The demo line, powered up now.
     ///
     /// # Errors
-    /// None: the five modules are possible ones, and a test says so.
+    /// None: the setups of the five modules are valid, which a test checks.
     pub fn new(now: Instant, config: LineConfig) -> Result<Demo, SetupError> {
         let mut line = Line::new(config);
         let options = Options {
@@ -151,13 +151,13 @@ impl Demo {
         Ok(demo)
     }
 
-    /// Tells the line what happened, and when.
+    /// Passes in what happened, and when.
     pub fn handle(&mut self, now: Instant, input: Input<'_>) {
         self.move_inputs(now);
         self.line.handle(now, input);
     }
 
-    /// The next thing that comes of it.
+    /// The next output.
     pub fn poll(&mut self) -> Output<'_> {
         match self.line.poll() {
             Output::Wait(at) => {
@@ -168,18 +168,18 @@ impl Demo {
         }
     }
 
-    /// The line itself.
+    /// The line.
     #[must_use]
     pub const fn line(&self) -> &Line {
         &self.line
     }
 
-    /// The line itself, for faults and for what a person does at a module.
+    /// The line, for faults and for actions at a module.
     pub const fn line_mut(&mut self) -> &mut Line {
         &mut self.line
     }
 
-    /// Moves the inputs on as far as the time has come.
+    /// Updates the inputs that are due.
     fn move_inputs(&mut self, now: Instant) {
         while self.step_at <= now {
             let at = self.step_at;

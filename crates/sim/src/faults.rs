@@ -1,18 +1,18 @@
-//! What can go wrong on a line, how often, and how often it did.
+//! The faults of a line, how often they occur, and how often they did.
 
 use railbus_wire::Micros;
 
-/// How likely something is each time, in millionths.
+/// A probability, in millionths.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Chance(u32);
 
 impl Chance {
-    /// It never happens.
+    /// Never.
     pub const NEVER: Chance = Chance(0);
-    /// It happens every time.
+    /// Always.
     pub const ALWAYS: Chance = Chance(1_000_000);
 
-    /// So many times of a million; more than that is every time.
+    /// This many times in a million; more is always.
     #[must_use]
     pub const fn per_million(millionths: u32) -> Chance {
         if millionths > Chance::ALWAYS.0 {
@@ -22,26 +22,26 @@ impl Chance {
         }
     }
 
-    /// So many times of a hundred.
+    /// This many times in a hundred.
     #[must_use]
     pub const fn percent(percent: u32) -> Chance {
         Chance::per_million(percent.saturating_mul(10_000))
     }
 
-    /// The likelihood in millionths.
+    /// The probability in millionths.
     #[must_use]
     pub const fn millionths(self) -> u32 {
         self.0
     }
 
-    /// The likelihood that either of two happens.
+    /// The probability of either of two.
     const fn either(self, other: Chance) -> Chance {
         let both = self.0 as u64 * other.0 as u64 / Chance::ALWAYS.0 as u64;
         Chance(self.0 + other.0 - both as u32)
     }
 }
 
-/// A time to draw from, both ends included.
+/// A range of durations to draw from, inclusive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Span {
     /// The shortest.
@@ -51,7 +51,7 @@ pub struct Span {
 }
 
 impl Span {
-    /// So many milliseconds, from and to.
+    /// A range in milliseconds.
     #[must_use]
     pub const fn millis(from: u64, to: u64) -> Span {
         Span {
@@ -61,52 +61,51 @@ impl Span {
     }
 }
 
-/// What goes wrong with a module, or, set for the line, with each module and the line itself.
+/// The faults of a module or, set for the line, of every module and of the line itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Faults {
-    /// Of each character: one bit, now and then two, turn over. Parity finds one, a stop bit
-    /// may be the one. On the line: requests too.
+    /// Per character: one bit, occasionally two, are flipped. Parity detects one; it may be the
+    /// stop bit. On the line: requests, too.
     pub flip: Chance,
-    /// Of each character: nobody hears it. On the line: requests too.
+    /// Per character: it is lost. On the line: requests, too.
     pub lose_character: Chance,
-    /// Of each request: the module that it is for does not hear it.
+    /// Per request: its module does not receive it.
     pub lose_request: Chance,
-    /// Of each reply: it is not sent, though the module believes so.
+    /// Per reply: it is not sent, though the module believes so.
     pub lose_reply: Chance,
-    /// Of each reply: its last character is another, so that no protocol takes it for a good
-    /// one.
+    /// Per reply: its last character is changed, so that no protocol accepts it.
     pub spoil: Chance,
-    /// Of each reply: a 00 comes before it, as drivers make it that switch on slowly.
+    /// Per reply: preceded by a 00, as from drivers that switch on slowly.
     pub glitch_before: Chance,
-    /// Of each reply: an FF comes after it.
+    /// Per reply: followed by an FF.
     pub glitch_after: Chance,
-    /// Of each reply: it comes late, and the module hears nothing until it has left.
+    /// Per reply: sent late, and the module receives nothing until it has been sent.
     pub late: Chance,
-    /// How much later.
+    /// The delay.
     pub late_by: Span,
-    /// Of each reply: it comes a second time.
+    /// Per reply: sent twice.
     pub again: Chance,
-    /// How long after the end of the first time.
+    /// The time from the end of the first one to the second.
     pub again_after: Span,
-    /// Of each reply: it comes in two to four pieces.
+    /// Per reply: sent in two to four pieces.
     pub pieces: Chance,
-    /// The pause between two pieces.
+    /// The pause between pieces.
     pub pause: Span,
-    /// Of each reply: garbage comes in its place.
+    /// Per reply: garbage is sent instead.
     pub babble: Chance,
-    /// How long the garbage lasts.
+    /// The duration of the garbage.
     pub babble_for: Span,
-    /// The mean time between two loss-of-power events.
+    /// The mean time between losses of power.
     pub cut_every: Option<Micros>,
-    /// How long the power stays away.
+    /// The duration of a loss of power.
     pub cut_for: Span,
-    /// The mean time between noise of one to three characters; only where the line is idle,
-    /// and only when set for the line.
+    /// The mean time between bursts of noise of one to three characters; only while the line is
+    /// idle, and only when set for the line.
     pub noise_every: Option<Micros>,
 }
 
 impl Faults {
-    /// Nothing goes wrong.
+    /// No faults.
     pub const NONE: Faults = Faults {
         flip: Chance::NEVER,
         lose_character: Chance::NEVER,
@@ -128,20 +127,20 @@ impl Faults {
         noise_every: None,
     };
 
-    /// The module hears and obeys, and never answers.
+    /// The module receives and obeys, but never replies.
     pub const MUTE: Faults = Faults {
         lose_reply: Chance::ALWAYS,
         ..Faults::NONE
     };
 
-    /// The module hears nothing.
+    /// The module receives nothing.
     pub const DEAF: Faults = Faults {
         lose_request: Chance::ALWAYS,
         ..Faults::NONE
     };
 
-    /// What goes wrong with a module on a line: either's faults, with the times of the module
-    /// where it has that fault itself.
+    /// The faults of a module on a line: both combined, with the module's own durations where it
+    /// has that fault itself.
     pub(crate) const fn on(self, line: Faults) -> Faults {
         const fn times(own: Chance, module: Span, line: Span) -> Span {
             if own.0 == 0 { line } else { module }
@@ -173,37 +172,37 @@ impl Faults {
     }
 }
 
-/// How often what went wrong, since the line was made.
+/// Counts of faults since the line was created.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Injected {
-    /// Characters with a bit turned over.
+    /// Characters with flipped bits.
     pub flips: u64,
-    /// Characters that nobody heard.
+    /// Lost characters.
     pub lost_characters: u64,
-    /// Requests that the module they were for did not hear.
+    /// Requests that their module did not receive.
     pub lost_requests: u64,
     /// Replies that were not sent.
     pub lost_replies: u64,
-    /// Replies whose last character became another.
+    /// Replies with a changed last character.
     pub spoilt: u64,
     /// Characters added before or after a reply.
     pub glitches: u64,
-    /// Replies that came late.
+    /// Late replies.
     pub late: u64,
-    /// Replies that came a second time.
+    /// Duplicated replies.
     pub again: u64,
-    /// Replies that came in pieces.
+    /// Replies in pieces.
     pub pieces: u64,
-    /// Times that a module or the line babbled.
+    /// Babbles of a module or the line.
     pub babble: u64,
     /// Losses of power.
     pub cuts: u64,
-    /// Times that noise came.
+    /// Bursts of noise.
     pub noise: u64,
 }
 
 impl Injected {
-    /// All of them.
+    /// The sum of all.
     #[must_use]
     pub const fn total(&self) -> u64 {
         self.flips

@@ -1,11 +1,11 @@
 //! A half-duplex line of I/O modules in virtual time.
 //!
-//! [`Line`] joins modules, a host and faults: characters take their time, two talkers at once
-//! collide, a module at another speed hears garbage, and what goes wrong is drawn from one
-//! seed, so that a run is its seed. It has the shape of everything in railbus: the driver hands
-//! in what happens ([`Line::handle`]) and drains what comes of it ([`Line::poll`]) until it
-//! says [`Output::Wait`]; each `Wait` replaces the deadline before it. There is no clock here:
-//! the driver may jump from deadline to deadline, or wait for a real clock to reach them.
+//! [`Line`] connects modules, a host and faults: characters take their time, two simultaneous
+//! senders collide, a module at another speed receives garbage, and faults are drawn from one seed,
+//! so a seed reproduces a run. Like all state machines in railbus it is driven by [`Line::handle`],
+//! which takes what happens, and [`Line::poll`], which is drained until it returns
+//! [`Output::Wait`]; each `Wait` replaces the previous deadline. There is no clock here: the driver
+//! may jump from deadline to deadline, or wait for a real clock to reach them.
 //!
 //! ```
 //! use railbus_sim::{Input, Line, LineConfig, Output};

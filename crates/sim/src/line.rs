@@ -1,4 +1,4 @@
-//! The line itself: one event after another, in the order of virtual time.
+//! The line: processes events in the order of virtual time.
 
 mod hearing;
 mod power;
@@ -12,26 +12,26 @@ use railbus_device::{Eeprom, Effect, Engine, Options, Setup, SetupError};
 use railbus_wire::{Instant, Micros, Settings};
 use std::collections::VecDeque;
 
-/// What the host may have waiting to be sent; more is dropped.
+/// How much the host may have queued to send; more is dropped.
 const BACKLOG_MAX: Micros = Micros::from_secs(60);
 
-/// What a line is like.
+/// The configuration of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LineConfig {
-    /// All chance comes from here.
+    /// The seed of everything random.
     pub seed: u64,
-    /// What goes wrong.
+    /// The faults.
     pub faults: Faults,
-    /// The host hears what it sends, as adapters do whose receiver stays on.
+    /// The host receives what it sends, as with adapters whose receiver stays on.
     pub echo: bool,
-    /// In which pieces characters are handed out.
+    /// In which pieces characters are delivered.
     pub chunks: Chunks,
-    /// How many entries the trace keeps; 0 is none, and costs nothing.
+    /// How many entries the trace keeps; 0 disables it, at no cost.
     pub trace: usize,
 }
 
 impl Default for LineConfig {
-    /// Nothing goes wrong, no echo, whole frames, no trace.
+    /// No faults, no echo, whole frames, no trace.
     fn default() -> LineConfig {
         LineConfig {
             seed: 0,
@@ -43,11 +43,11 @@ impl Default for LineConfig {
     }
 }
 
-/// In which pieces characters are handed to those who hear them. Never is one handed out before
-/// it has ended, nor held back when anything may depend on it.
+/// In which pieces characters are delivered to receivers. A character is never delivered before it
+/// has ended, nor held back when anything may depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Chunks {
-    /// As many as can be, up to a whole frame.
+    /// As many as possible, up to a whole frame.
     #[default]
     Whole,
     /// One by one.
@@ -56,34 +56,34 @@ pub enum Chunks {
     Random,
 }
 
-/// What happens to the line.
+/// An input of the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input<'a> {
-    /// The host begins to send now, or as soon as it has sent what it was told before. It
-    /// listens with these settings from now on.
+    /// The host sends now, or as soon as everything before has been sent. It receives with these
+    /// settings from now on.
     Send {
         /// The characters.
         bytes: &'a [u8],
         /// Speed and character format.
         settings: Settings,
     },
-    /// Somebody does something at a module.
+    /// An action at a module.
     Act(ModuleId, Act),
     /// The deadline of [`Output::Wait`] has come.
     Timeout,
 }
 
-/// What comes of it.
+/// An output of the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output<'a> {
-    /// The host hears these characters.
+    /// The host receives these characters.
     Heard {
         /// When the last of them ended: now, unless the driver is late.
         at: Instant,
-        /// The characters; what a receiver makes of a spoilt one is a random byte.
+        /// The characters; a corrupted one is received as a random byte.
         bytes: &'a [u8],
     },
-    /// A module changed something outside itself.
+    /// An effect of a module.
     Effect {
         /// When.
         at: Instant,
@@ -92,11 +92,11 @@ pub enum Output<'a> {
         /// What.
         effect: Effect,
     },
-    /// Nothing more until the deadline, or until something happens.
+    /// Nothing more to do until the deadline, or until something happens.
     Wait(Option<Instant>),
 }
 
-/// What is to be handed to the driver; heard characters lie in [`Line::heard`].
+/// An output for the driver; received characters are in [`Line::heard`].
 #[derive(Clone, Copy, Debug)]
 enum Outgoing {
     Heard {
@@ -115,13 +115,13 @@ enum Outgoing {
 #[derive(Clone, Debug)]
 pub struct Line {
     config: LineConfig,
-    /// What the driver said last; what was due by then happens in [`Line::poll`].
+    /// The driver's last moment; what was due by then happens in [`Line::poll`].
     now: Instant,
     slots: Vec<Slot>,
-    /// When each module is to be woken, kept apart so that a look at all of them is short.
+    /// When each module is woken, in one place so that scanning them is fast.
     wakes: Vec<Instant>,
     talks: Vec<Talk>,
-    /// Talks that are over, for their memory.
+    /// Finished talks, kept to reuse their memory.
     spare: Vec<Talk>,
     acts: VecDeque<(Instant, ModuleId, Act)>,
     noise_at: Instant,
@@ -137,7 +137,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// A line with nothing on it.
+    /// A line without modules.
     #[must_use]
     pub fn new(config: LineConfig) -> Line {
         let mut line = Line {
@@ -166,7 +166,7 @@ impl Line {
     /// Adds a module that is powered up now.
     ///
     /// # Errors
-    /// Where no module of the family can be as described.
+    /// If the setup is not possible for the family.
     pub fn add(
         &mut self,
         now: Instant,
@@ -183,7 +183,7 @@ impl Line {
         Ok(id)
     }
 
-    /// Tells the line what happened, and when. Time never runs backwards.
+    /// Passes in what happened, and when. Time never runs backwards.
     pub fn handle(&mut self, now: Instant, input: Input<'_>) {
         self.now = self.now.max(now);
         match input {
@@ -193,7 +193,7 @@ impl Line {
         }
     }
 
-    /// The next thing that comes of it; [`Output::Wait`] when there is nothing more.
+    /// The next output; [`Output::Wait`] when there is nothing more.
     pub fn poll(&mut self) -> Output<'_> {
         while self.outbox.is_empty() {
             self.heard.clear();
@@ -213,7 +213,7 @@ impl Line {
         }
     }
 
-    /// Changes what goes wrong on the line, with all modules.
+    /// Sets the faults of the line and all its modules.
     pub fn set_faults(&mut self, faults: Faults) {
         self.config.faults = faults;
         self.noise_at = match faults.noise_every {
@@ -226,7 +226,7 @@ impl Line {
         }
     }
 
-    /// Changes what goes wrong with one module, on top of what goes wrong on the line.
+    /// Sets the faults of one module, in addition to those of the line.
     pub fn set_module_faults(&mut self, module: ModuleId, faults: Faults) {
         let slot = &mut self.slots[module.0];
         slot.own_faults = faults;
@@ -236,17 +236,17 @@ impl Line {
         }
     }
 
-    /// Whether the host hears what it sends, from now on.
+    /// Sets whether the host receives what it sends.
     pub const fn set_echo(&mut self, echo: bool) {
         self.config.echo = echo;
     }
 
-    /// The line itself carries garbage from now on for a time.
+    /// Puts garbage on the line for a time.
     pub fn babble(&mut self, time: Micros) {
         self.talk_garbage(Talker::Noise, self.host_settings, self.now, time);
     }
 
-    /// Ends the garbage that a module sends, or, where none is named, the line itself.
+    /// Ends the garbage of a module or, if none is given, of the line.
     pub fn hush(&mut self, module: Option<ModuleId>) {
         let who = module.map_or(Talker::Noise, Talker::Module);
         for talk in &mut self.talks {
@@ -261,14 +261,14 @@ impl Line {
         (0..self.slots.len()).map(ModuleId)
     }
 
-    /// The name a module was added by.
+    /// The name of a module.
     #[must_use]
     pub fn name(&self, module: ModuleId) -> &str {
         &self.slots[module.0].name
     }
 
-    /// The module itself, as it is once [`Line::poll`] says `Wait`. Without power it is as it
-    /// would start.
+    /// The module, valid when [`Line::poll`] has returned `Wait`. Without power it is in the state
+    /// in which it would start.
     #[must_use]
     pub fn engine(&self, module: ModuleId) -> &Engine {
         &self.slots[module.0].engine
@@ -280,13 +280,13 @@ impl Line {
         self.slots[module.0].powered
     }
 
-    /// Whether the module's LED shines.
+    /// Whether the module's LED is on.
     #[must_use]
     pub fn is_lit(&self, module: ModuleId) -> bool {
         self.slots[module.0].powered && self.slots[module.0].lit
     }
 
-    /// Where the module's DIP switch stands; 0 leaves the address to the EEPROM.
+    /// The position of the module's DIP switch; 0 means that the address comes from the EEPROM.
     #[must_use]
     pub fn dip(&self, module: ModuleId) -> u8 {
         self.slots[module.0].dip()
@@ -298,45 +298,45 @@ impl Line {
         self.slots[module.0].init_grounded()
     }
 
-    /// What the module did so far.
+    /// Counts for the module so far.
     #[must_use]
     pub fn counts(&self, module: ModuleId) -> Counts {
         self.slots[module.0].counts
     }
 
-    /// The modules with power that take these characters for the beginning of a request to them
-    /// or to all.
+    /// The powered modules that take these characters for the beginning of a request to them, or of
+    /// a broadcast.
     pub fn addressed<'a>(&'a self, bytes: &'a [u8]) -> impl Iterator<Item = ModuleId> + 'a {
         let is_meant = |slot: &Slot| slot.powered && slot.is_addressed(bytes);
         let slots = self.slots.iter().enumerate();
         slots.filter_map(move |(index, slot)| is_meant(slot).then_some(ModuleId(index)))
     }
 
-    /// When the host will have sent all that it was told to.
+    /// When the host will have sent everything in its queue.
     #[must_use]
     pub const fn host_free_at(&self) -> Instant {
         self.host_free_at
     }
 
-    /// How often what went wrong so far.
+    /// Counts of faults so far.
     #[must_use]
     pub const fn injected(&self) -> &Injected {
         &self.injected
     }
 
-    /// How many characters so far were spoilt because two talked at once.
+    /// How many characters were corrupted by collisions so far.
     #[must_use]
     pub const fn collisions(&self) -> u64 {
         self.collisions
     }
 
-    /// What happened, where the line keeps a trace.
+    /// The trace, if it is enabled.
     #[must_use]
     pub const fn trace(&self) -> Option<&Trace> {
         self.trace.as_ref()
     }
 
-    /// What happened, to be taken out entry by entry.
+    /// The trace, to take entries out of it.
     pub const fn trace_mut(&mut self) -> Option<&mut Trace> {
         self.trace.as_mut()
     }
@@ -349,9 +349,9 @@ impl Line {
         talks.chain(wakes).fold(first, Ord::min)
     }
 
-    /// Does all that is due at one moment. Characters end before others begin, so that a talk
-    /// does not collide with one that begins where it ends; and a module that is woken has
-    /// heard everything up to that moment.
+    /// Processes everything due at one moment. Characters end before others begin, so that a talk
+    /// does not collide with one that begins where it ends; and a module that is woken has received
+    /// everything up to that moment.
     fn run(&mut self, at: Instant) {
         self.hand_out_chunks(at);
         self.start_talks(at);
@@ -376,7 +376,7 @@ impl Line {
         }
     }
 
-    /// Forgets talks that no running one can have collided with.
+    /// Drops talks that can't have collided with a running one.
     fn forget_old_talks(&mut self) {
         if self.talks.iter().all(|talk| talk.state != State::Over) {
             return;

@@ -1,4 +1,4 @@
-//! The one source of chance: a run is its seed.
+//! The only source of randomness: a seed reproduces a run.
 
 use crate::{Chance, Span};
 use railbus_wire::Micros;
@@ -43,13 +43,13 @@ impl Random {
         (self.next() >> 56) as u8
     }
 
-    /// A time of the span, both ends included.
+    /// A duration within the range, inclusive.
     pub(crate) fn within(&mut self, span: Span) -> Micros {
         let width = (span.to - span.from).0.saturating_add(1);
         span.from + Micros(self.below(width))
     }
 
-    /// A time that is `mean` on average: 0 to twice that.
+    /// A duration that is `mean` on average: 0 to twice that.
     pub(crate) fn around(&mut self, mean: Micros) -> Micros {
         self.within(Span {
             from: Micros(1),
@@ -57,8 +57,8 @@ impl Random {
         })
     }
 
-    /// Whether it happens this time. What never happens takes no number, so that switching a
-    /// fault off leaves the rest of a run as it was.
+    /// Whether it happens this time. What never happens draws no number, so disabling a fault does
+    /// not change the rest of a run.
     pub(crate) fn happens(&mut self, chance: Chance) -> bool {
         chance != Chance::NEVER && self.below(1_000_000) < u64::from(chance.millionths())
     }

@@ -1,93 +1,93 @@
-//! A module's place on the line: the engine, and what stays when its power goes.
+//! A module on the line: its engine, and what survives a loss of power.
 
 use crate::Faults;
 use crate::talk::NEVER;
 use railbus_device::{Eeprom, Engine, Input, Options, Setup, SetupError};
 use railbus_wire::{Address, Instant, Micros, Protocol};
 
-/// Which module of a line.
+/// The number of a module on a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ModuleId(pub(crate) usize);
 
 impl ModuleId {
-    /// Its place among the modules of the line, from 0, in the order they were added.
+    /// Its index among the modules of the line, from 0, in the order they were added.
     #[must_use]
     pub const fn index(self) -> usize {
         self.0
     }
 }
 
-/// What a person does at a module.
+/// An action at a module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Act {
-    /// Brings the digital inputs to these levels: bit n = input n is high or open.
+    /// Sets the levels at the digital inputs: bit n = input n is high or open.
     Levels(u32),
-    /// Lays so many hundredths at an analog input.
+    /// Sets an analog input, in hundredths.
     Analog(u8, i16),
-    /// Grounds the INIT* pin, or opens it.
+    /// Grounds or opens the INIT* pin.
     Init(bool),
     /// Sets the DIP switch.
     Dip(u8),
-    /// Cuts the power or brings it back.
+    /// Switches the power.
     Power(Power),
-    /// Writes the EEPROM out of band, as the maker's software does, and restarts the module.
+    /// Writes the EEPROM directly, as the maker's software does, and restarts the module.
     Rewrite(Eeprom),
-    /// Restarts the module with the settings it left the factory with.
+    /// Restarts the module with its factory settings.
     FactoryReset,
     /// Makes the module send garbage for a time.
     Babble(Micros),
-    /// These outputs no longer do what the module is told, and no others: bit n = output n. They
-    /// stay as they are, but drop with the power.
+    /// These outputs, and no others, ignore all commands: bit n = output n. They keep their state,
+    /// but drop with the power.
     Stuck(u32),
 }
 
-/// What is done to a module's power.
+/// A change of a module's power.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Power {
-    /// It goes away; outputs drop at once.
+    /// Off; outputs drop at once.
     Off,
-    /// It comes back; the module starts with what its EEPROM kept.
+    /// On; the module starts with the settings in its EEPROM.
     On,
-    /// It goes away and comes back at once.
+    /// Off and on again.
     Cycle,
 }
 
-/// What a module did since it was added.
+/// Counts for a module since it was added.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Replies, also those that a fault kept from the line.
+    /// Replies, including those suppressed by a fault.
     pub replies: u64,
     /// Writes to its EEPROM over the line.
     pub saves: u64,
-    /// Times that it started with its power, but for the first.
+    /// Starts after the first.
     pub restarts: u64,
 }
 
-/// A module's place on the line.
+/// A module on the line.
 #[derive(Clone, Debug)]
 pub(crate) struct Slot {
     pub(crate) name: String,
     pub(crate) engine: Engine,
     pub(crate) powered: bool,
-    /// When the engine last heard anything: it is never told of an earlier moment.
+    /// When the engine last received anything: it is never passed an earlier moment.
     pub(crate) clock: Instant,
-    /// When the reply being sent will have left.
+    /// When the current reply will have been sent.
     pub(crate) sent_at: Instant,
-    /// When chance cuts the power or brings it back.
+    /// When the power is next switched at random.
     pub(crate) power_at: Instant,
-    /// What was set for this module alone.
+    /// The faults set for this module alone.
     pub(crate) own_faults: Faults,
-    /// That together with the line's.
+    /// Combined with those of the line.
     pub(crate) faults: Faults,
     pub(crate) counts: Counts,
-    /// Its LED shines.
+    /// Its LED is on.
     pub(crate) lit: bool,
     setup: Setup,
     options: Options,
     panel: Panel,
 }
 
-/// What lies at a module from outside; it stays when the power goes.
+/// The surroundings of a module; they survive a loss of power.
 #[derive(Clone, Copy, Debug)]
 struct Panel {
     levels: u32,
@@ -128,14 +128,14 @@ impl Slot {
         })
     }
 
-    /// Tells the engine what happened.
+    /// Passes an input to the engine.
     pub(crate) fn handle(&mut self, at: Instant, input: Input<'_>) {
         self.clock = self.clock.max(at);
         self.engine.handle(self.clock, input);
     }
 
-    /// Starts the engine anew with these settings. Without power it stays as it is then, with
-    /// all outputs off.
+    /// Restarts the engine with these settings. Without power it then stays in that state, with all
+    /// outputs off.
     pub(crate) fn restart(&mut self, at: Instant, eeprom: Eeprom) {
         self.clock = self.clock.max(at);
         self.sent_at = NEVER;
@@ -158,7 +158,7 @@ impl Slot {
         self.handle(at, Input::Stuck(stuck));
     }
 
-    /// Where its DIP switch stands.
+    /// The position of its DIP switch.
     pub(crate) const fn dip(&self) -> u8 {
         self.panel.dip
     }
@@ -168,12 +168,12 @@ impl Slot {
         self.panel.init_grounded
     }
 
-    /// The settings of the factory.
+    /// The factory settings.
     pub(crate) fn factory(&self) -> Eeprom {
         Eeprom::of(&Setup::new(self.setup.family, Address(1)))
     }
 
-    /// Changes what lies at the module; nothing but an [`Act`] of that kind does anything.
+    /// Applies an action to the surroundings; other actions are ignored.
     pub(crate) fn touch(&mut self, act: Act) -> Option<Input<'static>> {
         let panel = &mut self.panel;
         match act {
@@ -201,7 +201,7 @@ impl Slot {
         }
     }
 
-    /// Whether these characters begin a request to this module, or to all.
+    /// Whether these characters begin a request to this module, or a broadcast.
     pub(crate) fn is_addressed(&self, bytes: &[u8]) -> bool {
         let Address(own) = self.engine.active().address;
         let digit = |at: usize| char::from(*bytes.get(at)?).to_digit(16);
@@ -215,7 +215,7 @@ impl Slot {
                 };
                 matches!(bytes.get(1), Some(to) if [own, 245].contains(to))
             }
-            // A pin of the EDA9050 chooses between the two.
+            // A pin of the EDA9050 selects one of the two.
             Protocol::Lc02 | Protocol::Ascii if bytes.first() == Some(&b'L') => {
                 bytes.get(2) == Some(&own)
             }

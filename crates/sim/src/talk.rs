@@ -1,26 +1,26 @@
-//! Characters on the wire: what one talker sends without a pause.
+//! Characters on the wire: what one sender sends without a pause.
 
 use crate::ModuleId;
 use railbus_wire::{Character, Instant, Settings};
 
-/// A moment that never comes.
+/// Never.
 pub(crate) const NEVER: Instant = Instant(u64::MAX);
 
-/// Who talks.
+/// The sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Talker {
     Host,
     Module(ModuleId),
-    /// Nobody: every receiver takes it for characters of its own speed.
+    /// Noise: every receiver takes it for characters at its own speed.
     Noise,
 }
 
-/// A character that is not heard as sent.
+/// How a character is not received as sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Mark {
-    /// With a wrong stop bit or parity.
+    /// Received with a wrong stop bit or parity.
     Bad,
-    /// Not at all.
+    /// Not received.
     Lost,
 }
 
@@ -31,8 +31,8 @@ pub(crate) enum State {
     Over,
 }
 
-/// What one talker sends without a pause. All that is known from the start: a collision may
-/// spoil characters later, and a loss of power cut them off.
+/// What one sender sends without a pause. It is complete from the start: a collision may corrupt
+/// later characters, and a loss of power truncate them.
 #[derive(Clone, Debug)]
 pub(crate) struct Talk {
     pub(crate) who: Talker,
@@ -41,14 +41,14 @@ pub(crate) struct Talk {
     pub(crate) start: Instant,
     pub(crate) bytes: Vec<u8>,
     pub(crate) marks: Vec<(usize, Mark)>,
-    /// The modules that do not hear it.
+    /// The modules that do not receive it.
     pub(crate) unheard_by: Vec<ModuleId>,
     pub(crate) state: State,
-    /// Others talked meanwhile.
+    /// Others sent at the same time.
     pub(crate) clashes: bool,
-    /// The first character that was not handed out yet.
+    /// The first character not delivered yet.
     pub(crate) next: usize,
-    /// The end of the characters to be handed out together.
+    /// The end of the characters to be delivered together.
     pub(crate) chunk: usize,
     /// When to look at this again: its start, or the end of the chunk.
     pub(crate) due: Instant,
@@ -74,7 +74,7 @@ impl Talk {
         }
     }
 
-    /// Begins anew, keeping the memory.
+    /// Reuses it for a new talk, keeping the memory.
     pub(crate) fn reset(&mut self, who: Talker, settings: Settings, start: Instant) {
         self.bytes.clear();
         self.marks.clear();
@@ -91,7 +91,7 @@ impl Talk {
         };
     }
 
-    /// When so many characters have ended.
+    /// When this many characters have ended.
     pub(crate) fn end_of(&self, characters: usize) -> Instant {
         self.start + self.settings.frame_time(characters)
     }
@@ -114,8 +114,8 @@ impl Talk {
         marked.map(|(_, mark)| *mark)
     }
 
-    /// Plans to hand out the next characters together, at most up to the next one that may end
-    /// a request: a module may answer from there on.
+    /// Plans to deliver the next characters together, at most up to the next one that may end a
+    /// request: a module may reply from there on.
     pub(crate) fn plan(&mut self, most: usize) {
         let rest = self.bytes.len() - self.next;
         let most = most.clamp(1, rest.max(1)).min(rest);
@@ -124,14 +124,14 @@ impl Talk {
         self.due = self.end_of(self.chunk);
     }
 
-    /// ASCII and LC-02 requests end with 0D, 0x55 requests are eight long; Modbus ones end with
-    /// silence, which is not part of a talk.
+    /// ASCII and LC-02 requests end with 0D, 0x55 requests have eight bytes; Modbus requests end
+    /// with silence, which is not part of a talk.
     fn may_end_request(&self, index: usize) -> bool {
         let start = index.checked_sub(7).and_then(|at| self.bytes.get(at));
         self.bytes.get(index) == Some(&0x0D) || start == Some(&0x55)
     }
 
-    /// Cuts off what has not ended by now; a character in the middle of being sent is bad.
+    /// Truncates it now; a character that is being sent becomes bad.
     pub(crate) fn cut(&mut self, now: Instant) {
         self.babble_until = None;
         let ended = self.ended_by(now);
@@ -147,7 +147,7 @@ impl Talk {
         }
     }
 
-    /// Cuts it off now, and hands out what is left of it.
+    /// Truncates it now, and delivers the rest of it.
     pub(crate) fn end_early(&mut self, now: Instant) {
         self.cut(now);
         if self.state == State::Running {
@@ -161,9 +161,9 @@ impl Talk {
     }
 }
 
-/// Whether a receiver set one way understands a talker set the other way.
+/// Whether a receiver with some settings understands a sender with others.
 pub(crate) fn understands(receiver: Settings, talker: Settings) -> bool {
-    // A second stop bit is a longer idle line; receivers look at the first one only.
+    // A second stop bit is a longer idle time; receivers check the first one only.
     const fn parity(character: Character) -> Character {
         match character {
             Character::N2 => Character::N1,

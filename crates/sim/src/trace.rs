@@ -1,21 +1,21 @@
-//! What happened, in fixed columns: what one pastes into an issue.
+//! A trace in fixed columns, to be pasted into an issue.
 
 use core::fmt;
 use railbus_wire::Instant;
 use std::collections::VecDeque;
 
-/// Which way something went, seen from the host.
+/// The direction of an entry, seen from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// From the host to the line.
     Out,
     /// From the line to the host.
     In,
-    /// From a module, or from nowhere, to the line.
+    /// From a module, or from noise, to the line.
     Talk,
-    /// Not on the line at all: power, inputs, outputs.
+    /// Not on the line: power, inputs, outputs.
     Panel,
-    /// Something was made to go wrong.
+    /// A fault was injected.
     Fault,
 }
 
@@ -31,7 +31,7 @@ impl Direction {
     }
 }
 
-/// One line of a trace.
+/// An entry of a trace.
 #[derive(Clone, Debug)]
 pub struct Entry {
     at: Instant,
@@ -50,13 +50,13 @@ impl Entry {
         self.at
     }
 
-    /// Who did it, or to whom it happened: `host`, `line`, or a module's name.
+    /// The subject: `host`, `line`, or a module's name.
     #[must_use]
     pub fn who(&self) -> &str {
         &self.who
     }
 
-    /// Which way it went.
+    /// The direction.
     #[must_use]
     pub const fn direction(&self) -> Direction {
         self.direction
@@ -68,7 +68,7 @@ impl Entry {
         self.event
     }
 
-    /// The characters, where it is about characters.
+    /// The characters, if it is about characters.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
@@ -102,18 +102,18 @@ impl fmt::Display for Entry {
     }
 }
 
-/// The last so many things that happened on a line.
+/// The most recent events of a line.
 #[derive(Clone, Debug)]
 pub struct Trace {
     entries: VecDeque<Entry>,
     limit: usize,
     last: Instant,
-    /// How many were dropped for newer ones.
+    /// How many entries were dropped for newer ones.
     dropped: u64,
 }
 
 impl Trace {
-    /// A trace that keeps so many entries.
+    /// A trace of this many entries.
     pub(crate) const fn new(limit: usize) -> Trace {
         Trace {
             entries: VecDeque::new(),
@@ -123,12 +123,12 @@ impl Trace {
         }
     }
 
-    /// What is kept, oldest first.
+    /// The entries, oldest first.
     pub fn entries(&self) -> impl Iterator<Item = &Entry> {
         self.entries.iter()
     }
 
-    /// Takes the oldest entry out.
+    /// Removes and returns the oldest entry.
     pub fn take(&mut self) -> Option<Entry> {
         self.entries.pop_front()
     }
@@ -159,7 +159,7 @@ impl Trace {
     }
 }
 
-/// A heading and one line for each entry.
+/// A heading, and one line per entry.
 impl fmt::Display for Trace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(

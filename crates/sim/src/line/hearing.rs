@@ -1,4 +1,4 @@
-//! Who hears what of the characters on the wire.
+//! Delivers the characters on the wire to their receivers.
 
 use super::{Chunks, Line, Outgoing};
 use crate::talk::{Mark, State, Talk, Talker, understands};
@@ -6,7 +6,7 @@ use crate::{Direction, ModuleId};
 use railbus_device::{Effect, Input, Output};
 use railbus_wire::{Instant, Settings};
 
-/// A character as it arrives.
+/// A character as received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Arrives {
     AsSent,
@@ -15,7 +15,7 @@ enum Arrives {
     Not,
 }
 
-/// Characters that follow each other, and whose they are.
+/// Consecutive characters and their sender.
 #[derive(Clone, Copy)]
 struct Heard<'a> {
     who: Talker,
@@ -26,7 +26,7 @@ struct Heard<'a> {
 }
 
 impl Line {
-    /// Hands out the chunks that end now.
+    /// Delivers the chunks that end now.
     pub(super) fn hand_out_chunks(&mut self, at: Instant) {
         for index in 0..self.talks.len() {
             let talk = &self.talks[index];
@@ -38,8 +38,7 @@ impl Line {
         }
     }
 
-    /// Hands out everything that has ended by now, for something is about to happen that may
-    /// depend on it.
+    /// Delivers everything that has ended by now, before an event that may depend on it.
     pub(super) fn hand_out_ended(&mut self, at: Instant) {
         for index in 0..self.talks.len() {
             let talk = &self.talks[index];
@@ -83,7 +82,7 @@ impl Line {
         self.talks[index].plan(most);
     }
 
-    /// Hands out the characters of a talk up to `end`.
+    /// Delivers the characters of a talk up to `end`.
     fn hand_out(&mut self, index: usize, end: usize) {
         let talk = &mut self.talks[index];
         let from = core::mem::replace(&mut talk.next, end);
@@ -106,8 +105,8 @@ impl Line {
         (talk.bytes, talk.unheard_by) = (bytes, unheard_by);
     }
 
-    /// Hands out characters of which some may be spoilt: runs of good ones, and the others one
-    /// by one.
+    /// Delivers characters of which some may be corrupted: good ones in runs, the others one by
+    /// one.
     fn hand_out_spoilt(&mut self, index: usize, mut heard: Heard<'_>, from: usize, bytes: &[u8]) {
         let mut run = from;
         for at in from..bytes.len() {
@@ -133,7 +132,8 @@ impl Line {
         let talk = &self.talks[index];
         let (begin, end) = (talk.end_of(character), talk.end_of(character + 1));
         let others = self.talks.iter().enumerate().filter(|(at, _)| *at != index);
-        // The bytes of the talk at hand are out of it just now, but not those of the others.
+        // The bytes of the current talk are taken out of it at this point, but not those of the
+        // others.
         let clash = others
             .filter(|(_, other)| other.state != State::Waiting)
             .any(|(_, other)| other.start < end && other.end() > begin);
@@ -179,7 +179,7 @@ impl Line {
         self.host_hears(heard, &[garbage]);
     }
 
-    /// Whether a module hears these characters at all, and whether it understands them.
+    /// Whether a module receives these characters at all, and whether it understands them.
     fn reaches(&self, module: ModuleId, heard: Heard<'_>) -> Option<bool> {
         let slot = &self.slots[module.0];
         let is_itself = heard.who == Talker::Module(module);
@@ -224,7 +224,7 @@ impl Line {
         host.any(|talk| talk.state != State::Waiting && talk.start < at && talk.end() >= at)
     }
 
-    /// Tells a module what happened, and does what it wants done.
+    /// Passes an input to a module, and does what it asks for.
     pub(super) fn tell(&mut self, module: ModuleId, at: Instant, input: Input<'_>) {
         self.slots[module.0].handle(at, input);
         self.drain(module, at);
@@ -270,7 +270,7 @@ impl Line {
             Effect::Output { channel, on: false } => ("output off", Some(channel.into())),
             Effect::Serial(settings) => ("speed", Some(settings.baud.rate().into())),
             Effect::Save(_) => ("saves", None),
-            // It blinks twice a second: more noise than news.
+            // It blinks twice a second, which would flood the trace.
             Effect::Led(_) => return,
         };
         let who = Talker::Module(module);

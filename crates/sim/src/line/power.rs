@@ -1,4 +1,4 @@
-//! What a person does at a module, and what chance does to its power.
+//! Actions at a module, and random losses of power.
 
 use super::Line;
 use crate::slot::Slot;
@@ -30,8 +30,8 @@ impl Line {
         }
     }
 
-    /// A module's own deadline has come: its reply has left, its power comes or goes, or the
-    /// engine asked for it.
+    /// A module's deadline: its reply has been sent, its power changes, or its engine has asked for
+    /// it.
     pub(super) fn wake(&mut self, module: ModuleId, at: Instant) {
         let slot = &mut self.slots[module.0];
         if slot.power_at <= at {
@@ -58,8 +58,8 @@ impl Line {
         self.power_on(module, at);
     }
 
-    /// The power goes: outputs drop, a character being sent is cut short, and what the EEPROM
-    /// does not hold is gone.
+    /// Switches the power off: outputs drop, a character being sent is truncated, and everything
+    /// not in the EEPROM is lost.
     fn power_off(&mut self, module: ModuleId, at: Instant, eeprom: Eeprom) {
         self.note(
             at,
@@ -104,7 +104,7 @@ impl Line {
         self.drain(module, at);
     }
 
-    /// Chance cuts the power of a module, or brings it back.
+    /// Switches a module's power off or on at random.
     fn chance_of_power(&mut self, module: ModuleId, at: Instant) {
         let Slot {
             powered,

@@ -1,15 +1,15 @@
-//! Who begins to talk, and what chance makes of it.
+//! Sending, and random faults in what is sent.
 
 use super::{BACKLOG_MAX, Line};
 use crate::talk::{Mark, NEVER, State, Talk, Talker};
 use crate::{Direction, Faults, ModuleId};
 use railbus_wire::{Character, Instant, Micros, Settings};
 
-/// Babble is made in bursts of so many characters.
+/// Babble consists of bursts of this many characters.
 const BURST: usize = 64;
 
 impl Line {
-    /// The host sends, once it has sent what it was told before.
+    /// The host sends, after everything queued before.
     pub(super) fn send(&mut self, bytes: &[u8], settings: Settings) {
         self.host_settings = settings;
         let start = self.now.max(self.host_free_at);
@@ -37,7 +37,7 @@ impl Line {
         self.talks.push(talk);
     }
 
-    /// A module begins to send its reply, which lies in the scratch buffer.
+    /// A module starts to send its reply, which is in the scratch buffer.
     pub(super) fn reply(&mut self, module: ModuleId, at: Instant) {
         let slot = &self.slots[module.0];
         let (faults, settings) = (slot.faults, slot.engine.active().serial);
@@ -64,8 +64,8 @@ impl Line {
         self.scratch = reply;
     }
 
-    /// Sends a reply late, between glitches, in pieces, or twice, as chance has it; gives back
-    /// when its first time will have left.
+    /// Sends a reply late, with glitches, in pieces, or twice, as drawn at random; returns when its
+    /// first copy will have been sent.
     fn talk_with_faults(
         &mut self,
         who: Talker,
@@ -126,7 +126,7 @@ impl Line {
         end
     }
 
-    /// Sends characters without a pause; gives back when they will have left.
+    /// Sends characters without a pause; returns when they will have been sent.
     fn talk(
         &mut self,
         who: Talker,
@@ -153,7 +153,7 @@ impl Line {
         end
     }
 
-    /// Garbage for a time, in bursts that follow each other.
+    /// Garbage for a time, in consecutive bursts.
     pub(super) fn talk_garbage(
         &mut self,
         who: Talker,
@@ -178,7 +178,7 @@ impl Line {
         self.talks.push(talk);
     }
 
-    /// One to three characters out of nowhere, where the line is idle.
+    /// One to three characters of noise, if the line is idle.
     pub(super) fn make_noise(&mut self, at: Instant) {
         let Some(mean) = self.config.faults.noise_every else {
             self.noise_at = NEVER;
@@ -196,7 +196,7 @@ impl Line {
         self.talks.push(talk);
     }
 
-    /// Begins the talks that are due. All that was said before then was heard by all.
+    /// Starts the talks that are due. Everything sent before has been delivered.
     pub(super) fn start_talks(&mut self, at: Instant) {
         for index in 0..self.talks.len() {
             let talk = &self.talks[index];
@@ -246,7 +246,7 @@ impl Line {
         talk
     }
 
-    /// Lets chance spoil single characters.
+    /// Corrupts single characters at random.
     fn spoil(&mut self, talk: &mut Talk, faults: Faults) {
         for index in 0..talk.bytes.len() {
             if self.random.happens(faults.flip) {
@@ -260,7 +260,7 @@ impl Line {
         }
     }
 
-    /// Turns over one bit of a character, or two: data bits, parity or the stop bit.
+    /// Flips one bit of a character, or two: data bits, parity or the stop bit.
     fn flip(&mut self, talk: &mut Talk, index: usize) {
         self.injected.flips += 1;
         let at = talk.start;
@@ -286,8 +286,8 @@ impl Line {
     }
 }
 
-/// Whether a receiver notices that these bits of a character were turned over: bits 0 to 7 are
-/// the data, then come parity, where there is one, and the stop bit.
+/// Whether a receiver detects these flipped bits of a character: bits 0 to 7 are the data, followed
+/// by parity, if there is one, and the stop bit.
 const fn is_noticed(character: Character, turned: u32) -> bool {
     let (under_parity, stop) = match character {
         Character::N1 | Character::N2 => (0, !0xFF),
