@@ -11,37 +11,36 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How many bytes the EEPROM has.
+/// The size of the EEPROM in bytes.
 const EEPROM: usize = 4096;
 
-/// So often [`PAUSE`] may pass before a reply comes that must. While the machine holds QEMU up the
-/// board's clock goes on, so that one long pause counts as one.
+/// How many times [`PAUSE`] may pass before an expected reply comes. While a busy machine delays
+/// QEMU the board's clock goes on, so one long pause counts once.
 const PAUSES: usize = 80;
 
-/// So long it may take until the board shows something, however busy the machine is.
+/// How long the board may take to show something, however busy the machine is.
 const PATIENCE: Duration = Duration::from_secs(40);
 
-/// So long nothing may come for it to be silence, by the board's clock, as all times below. A
-/// reply that is later than this is not lost: it comes instead of the next one, or at the end of
-/// the case.
+/// This long without bytes is silence, by the board's clock, as all durations below. A reply that
+/// is later is not lost: it comes instead of the next one, or at the end of the case.
 const SILENCE: Duration = Duration::from_millis(80);
 
-/// Silence behind a reply; longer than the gap that any family wants before a request.
+/// The silence after a reply; longer than the gap that any family requires before a request.
 const PAUSE: Duration = Duration::from_millis(25);
 
-/// What the board has said by now is there after so long.
+/// After this time everything the board has sent so far has arrived.
 const SAID: Duration = Duration::from_millis(1);
 
-/// Outputs are looked at again after so long.
+/// How often outputs are read again.
 const LOOK_AGAIN: Duration = Duration::from_millis(5);
 
-/// The program of a family, in the folder where `cargo xtask firmware build` puts them.
+/// The program of a family, in the folder where `cargo xtask firmware build` puts it.
 #[must_use]
 pub fn family_image(images: &Path, family: Family) -> PathBuf {
     images.join(format!("mps2-an385-{}.elf", family.name()))
 }
 
-/// A board in QEMU with its EEPROM, and what lies around it.
+/// A board in QEMU with its EEPROM and its surroundings.
 #[derive(Debug)]
 pub struct Board {
     machine: Option<Machine>,
@@ -51,15 +50,15 @@ pub struct Board {
 }
 
 impl Board {
-    /// A module fresh from the factory, but for what `setup` and `options` say, and powered.
+    /// A powered module in its factory state, except for `setup` and `options`.
     ///
     /// # Errors
-    /// Where there is no such module, or QEMU does not start.
+    /// If there is no such module, or QEMU does not start.
     pub fn new(images: &Path, setup: &Setup, options: Options) -> io::Result<Board> {
         Board::with(images, setup, options, Eeprom::of(setup))
     }
 
-    /// A module that keeps these settings.
+    /// A module with these settings.
     ///
     /// # Errors
     /// As above.
@@ -85,10 +84,10 @@ impl Board {
         Ok(board)
     }
 
-    /// Puts power on, if there is none.
+    /// Switches the power on, if it is off.
     ///
     /// # Errors
-    /// Where QEMU does not start.
+    /// If QEMU does not start.
     pub fn power_on(&mut self) -> io::Result<()> {
         if self.machine.is_none() {
             let mut machine = Machine::start(&self.image, self.folder.path())?;
@@ -99,7 +98,7 @@ impl Board {
         Ok(())
     }
 
-    /// Takes the power away. The EEPROM keeps what was written.
+    /// Switches the power off. The EEPROM keeps its content.
     pub fn power_off(&mut self) {
         self.machine = None;
     }
@@ -107,22 +106,22 @@ impl Board {
     /// The machine.
     ///
     /// # Errors
-    /// Where there is no power.
+    /// If there is no power.
     pub fn machine(&mut self) -> io::Result<&mut Machine> {
         self.machine
             .as_mut()
             .ok_or_else(|| io::Error::other("the board has no power"))
     }
 
-    /// Whether the board listens at this speed, for which it is given some time.
+    /// Whether the board listens at this speed; waits some time for it.
     ///
     /// # Errors
-    /// Where there is no power.
+    /// If there is no power.
     pub fn runs_at(&mut self, rate: u32) -> io::Result<bool> {
         self.runs(|one| is_same(one, rate))
     }
 
-    /// Whether the board listens at a speed that is wanted, for which it is given some time.
+    /// Whether the board listens at one of the wanted speeds; waits some time for it.
     fn runs(&mut self, wanted: impl Fn(u32) -> bool) -> io::Result<bool> {
         let until = Instant::now() + PATIENCE;
         let mut speed = self.machine()?.speed();
@@ -131,16 +130,16 @@ impl Board {
             if runs || Instant::now() > until {
                 return Ok(runs);
             }
-            // QEMU tells nobody that a register has changed.
+            // QEMU sends no notice when a register changes.
             std::thread::sleep(LOOK_AGAIN);
         }
     }
 
-    /// The board becomes a member of this line, for as long as it has power. When this returns it
-    /// listens: what is said while its program still starts, it does not hear.
+    /// Joins the board to a line for as long as it has power. When this returns it listens: what is
+    /// sent while its program is starting is lost.
     ///
     /// # Errors
-    /// Where there is no power, or the board does not come to listen.
+    /// If there is no power, or the board does not start to listen.
     pub fn join(&mut self, hub: &Hub) -> io::Result<()> {
         if !self.runs(|_| true)? {
             return Err(io::Error::other("the board does not listen"));
@@ -150,10 +149,10 @@ impl Board {
         Ok(())
     }
 
-    /// Lets as much time pass by the board's clock as silence takes, if the board has power.
+    /// Waits for a silence by the board's clock, if the board has power.
     ///
     /// # Errors
-    /// Where QEMU is gone.
+    /// If QEMU is gone.
     pub fn keep_silence(&mut self) -> io::Result<()> {
         let Some(machine) = &self.machine else {
             return Ok(());
@@ -169,7 +168,7 @@ impl Board {
         }
     }
 
-    /// What lies around the board, to be changed with [`Bench::surround`].
+    /// The surroundings of the board; change them with [`Bench::surround`].
     #[must_use]
     pub const fn outside(&self) -> &Outside {
         &self.outside
@@ -178,21 +177,21 @@ impl Board {
     /// Sends bytes in one go.
     ///
     /// # Errors
-    /// Where there is no power.
+    /// If there is no power.
     pub fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.machine()?.ear()?.write_all(bytes)
     }
 
-    /// Hears what comes until there was silence for so long, by the board's clock.
+    /// Receives until there was silence for this long, by the board's clock.
     ///
     /// # Errors
-    /// Where there is no power.
+    /// If there is no power.
     pub fn hear(&mut self, silence: Duration, said: &mut Vec<u8>) -> io::Result<()> {
         let machine = self.machine()?;
         let mut spoke = machine.clock()?;
         loop {
             let silent = machine.since(spoke)?;
-            // Nothing that was said before that is under way still.
+            // Nothing sent before that is still on its way.
             if read(machine.line(), SAID, said)? {
                 spoke = machine.clock()?;
             } else if silent >= silence {
@@ -203,7 +202,7 @@ impl Board {
         }
     }
 
-    /// Hears what comes until it is so many bytes, with patience.
+    /// Receives this many bytes, patiently.
     fn hear_so_many(&mut self, worth: usize, said: &mut Vec<u8>) -> io::Result<()> {
         for _ in 0..PAUSES {
             if said.len() >= worth {
@@ -236,12 +235,12 @@ impl Bench for Board {
             if outputs == expected || Instant::now() > until {
                 return Ok(outputs);
             }
-            // QEMU tells nobody that a pin has changed.
+            // QEMU sends no notice when a pin changes.
             std::thread::sleep(LOOK_AGAIN);
         }
     }
 
-    /// The firmware looks at its inputs when a frame begins.
+    /// The firmware reads its inputs when a frame begins.
     fn surround(&mut self, outside: &Outside) -> io::Result<()> {
         self.outside = *outside;
         self.machine()?.surround(outside)
@@ -267,7 +266,7 @@ impl Bench for Board {
     }
 }
 
-/// Reads what comes within this time; whether anything came.
+/// Reads what arrives within this time; returns whether anything did.
 fn read(mut line: &UnixStream, within: Duration, said: &mut Vec<u8>) -> io::Result<bool> {
     line.set_read_timeout(Some(within))?;
     let mut buffer = [0; 512];

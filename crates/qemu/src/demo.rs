@@ -12,10 +12,10 @@ use std::process::{Child, Command};
 use std::sync::mpsc;
 use std::time::{self, Duration};
 
-/// How often the inputs are moved on.
+/// How often the inputs are updated.
 const STEP: Duration = Duration::from_millis(250);
 
-/// Until `railbus serve` ends, which it does when somebody presses Ctrl-C, or tells us to end.
+/// Runs until `railbus serve` ends, because of Ctrl-C or a signal to us.
 pub(crate) fn run(images: &str, railbus: &str, args: &[String]) -> Result<(), String> {
     let (asked, asked_to_end) = mpsc::sync_channel(1);
     signals::tell(asked, ()).map_err(said)?;
@@ -68,13 +68,13 @@ pub(crate) fn run(images: &str, railbus: &str, args: &[String]) -> Result<(), St
     }
 }
 
-/// Asks it to end, which it may have been already: Ctrl-C is for all programs of a terminal.
+/// Asks it to end; it may have been asked already, since Ctrl-C goes to all programs of a terminal.
 fn stop(serve: &Child) {
     // It may have ended by itself.
     let _ = kill_process(Pid::from_child(serve), Signal::TERM);
 }
 
-/// What lies around a module of the demo at a time.
+/// The surroundings of a module of the demo at a time.
 fn moved(name: &str, outside: &Outside, now: Instant) -> Outside {
     let mut outside = *outside;
     match name {

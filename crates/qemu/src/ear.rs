@@ -1,4 +1,4 @@
-//! What a board hears through.
+//! The input of a board's UART.
 
 use crate::qmp::Qmp;
 use crate::taken::is_taken;
@@ -7,26 +7,26 @@ use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// So many characters have room in QEMU's multiplexer and its UART.
+/// How many characters fit into QEMU's multiplexer and its UART.
 const ROOM: usize = 32;
 
-/// So long QEMU may take for them. It takes none where others lie there still that the board does
-/// not take: then they come when there is room.
+/// How long QEMU may take for them. It takes none while others are there that the board does not
+/// read: they come when there is room.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// It is looked again after so long.
+/// How often to check again.
 const LOOK_AGAIN: Duration = Duration::from_micros(200);
 
-/// The state of the line's UART, and the bit that says that a character lies there.
+/// The state register of the line's UART, and the bit for a received character.
 const STATE: u32 = 0x4000_4004;
 const IS_FULL_IN: u32 = 1 << 1;
 
-/// What is written at once comes to the board as one burst, without a pause: QEMU takes it while
-/// the board's processor, and with it the board's clock, stands still. Without that a busy machine
-/// holds QEMU up between two characters while the clock goes on; and a pause ends a Modbus frame.
+/// Whatever is written at once reaches the board as one burst, without a pause: QEMU takes it while
+/// the board's processor, and with it the board's clock, is halted. Otherwise a busy machine could
+/// delay QEMU between two characters while the clock goes on; and a pause ends a Modbus frame.
 ///
-/// A burst that is longer than QEMU has room for comes in pieces. By the board's clock the first
-/// takes the time of its characters, and the next one is there before they are over.
+/// A burst that does not fit into QEMU's buffers comes in pieces. By the board's clock the first
+/// piece takes the time of its characters, and the next one is there before they are over.
 #[derive(Debug)]
 pub struct Ear {
     qmp: Arc<Mutex<Qmp>>,
@@ -38,7 +38,7 @@ impl Ear {
         Ear { qmp, line }
     }
 
-    /// The board's processor takes what lies there.
+    /// Whether the board's processor has read everything.
     fn is_heard(&self) -> io::Result<bool> {
         let mut qmp = self.qmp.lock().unwrap_or_else(PoisonError::into_inner);
         Ok(qmp.word(STATE)? & IS_FULL_IN == 0)
@@ -66,7 +66,7 @@ impl Write for Ear {
     }
 }
 
-/// Waits until something is so, with patience.
+/// Waits patiently until a condition holds.
 fn until(mut holds: impl FnMut() -> io::Result<bool>) -> io::Result<()> {
     let patient_until = Instant::now() + PATIENCE;
     while !holds()? && Instant::now() < patient_until {

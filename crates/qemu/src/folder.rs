@@ -1,10 +1,10 @@
-//! A folder for sockets and files, gone when it is dropped.
+//! A temporary folder for sockets and files, removed when it is dropped.
 
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A folder of our own below the system's temporary one.
+/// A folder below the system's temporary folder.
 #[derive(Debug)]
 pub struct Folder(PathBuf);
 
@@ -12,19 +12,19 @@ impl Folder {
     /// An empty folder.
     ///
     /// # Errors
-    /// What the system says.
+    /// Those of the system.
     pub fn new() -> io::Result<Folder> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let name = format!("railbus-qemu-{}-{number}", std::process::id());
         let path = std::env::temp_dir().join(name);
-        // Left behind by a process of the same number that was killed.
+        // Left by a killed process with the same number.
         let _ = std::fs::remove_dir_all(&path);
         std::fs::create_dir(&path)?;
         Ok(Folder(path))
     }
 
-    /// Where it is.
+    /// Its path.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.0

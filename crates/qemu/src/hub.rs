@@ -1,28 +1,28 @@
-//! One half-duplex line: what one member says, all others hear that have the same speed.
+//! One half-duplex line: what one member sends, all others at the same speed receive.
 
 use std::io::{Read, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Whose turn it is when a speed is asked for.
+/// Which member's speed is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
-    /// The member's own.
+    /// The sender's.
     Speaks,
-    /// Another one's.
+    /// A receiver's.
     Hears,
 }
 
-/// Who is on the line.
+/// A member of the line.
 struct Member {
     hears: Box<dyn Write + Send>,
-    /// Its speed in baud, where anybody knows it.
+    /// Its speed in baud, if known.
     speed: Box<dyn FnMut(Turn) -> Option<u32> + Send>,
 }
 
-/// What lies between the members.
+/// Noise between the members.
 type Noise = Box<dyn FnMut(&mut Vec<u8>) + Send>;
 
-/// Members keep their places; who has left leaves an empty one.
+/// Members keep their index; one that has left leaves an empty slot.
 #[derive(Default)]
 struct Wire {
     members: Vec<Option<Member>>,
@@ -48,7 +48,7 @@ impl Hub {
         Hub::default()
     }
 
-    /// Somebody joins, and leaves when nothing more can come from them.
+    /// Joins a member, which leaves when nothing more can come from it.
     pub fn join(
         &self,
         mut says: impl Read + Send + 'static,
@@ -71,7 +71,7 @@ impl Hub {
         });
     }
 
-    /// Whatever is said from now on goes through this, which may spoil it.
+    /// Passes everything sent from now on through this function, which may corrupt it.
     pub fn disturb(&self, noise: impl FnMut(&mut Vec<u8>) + Send + 'static) {
         self.wire().noise = Some(Box::new(noise));
     }
@@ -104,7 +104,7 @@ impl Hub {
     }
 }
 
-/// Whether receivers at these speeds understand each other: 4 % are too many.
+/// Whether receivers at these speeds understand each other: less than 4 % apart.
 pub(crate) const fn is_same(one: u32, other: u32) -> bool {
     one.abs_diff(other) < one / 25
 }
@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn who_has_another_speed_does_not_understand() {
         let hub = Hub::new();
-        // 25 MHz by a whole number is not quite 9600.
+        // A division of 25 MHz by an integer is not exactly 9600.
         let mut members = [member(&hub, 9600), member(&hub, 9601), member(&hub, 19200)];
         members[0].write_all(b"x").expect("it is heard");
         members[1].read_exact(&mut [0]).expect("it hears");

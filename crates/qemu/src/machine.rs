@@ -13,16 +13,16 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Starts QEMU and ends it when standard input ends, which it does when our process does. Only
-/// QEMU keeps standard output, whose end therefore is QEMU's.
+/// Starts QEMU and ends it at the end of standard input, which comes when our process ends. Only
+/// QEMU keeps standard output open, so its end is the end of QEMU.
 const SHELL: &str = r#""$@" </dev/null & exec >&-; read -r _; kill -KILL $!; wait $!"#;
 
 /// The line and the console, in the order of QEMU's `-serial`.
 ///
-/// The UART takes one character at a time, and QEMU's own thread brings the next one only when the
-/// processor has taken the last: on a busy machine the pause between two is long enough to end a
-/// Modbus frame. A multiplexer has room for a short frame and hands it on by itself (see [`Ear`]).
-/// It would take a character for its own commands; there is none of the number 256.
+/// The UART takes one character at a time, and QEMU's own thread delivers the next one only when
+/// the processor has read the last: on a busy machine the pause between two is long enough to end a
+/// Modbus frame. A multiplexer has room for a short frame and delivers it by itself (see [`Ear`]).
+/// It would interpret an escape character; number 256 means that there is none.
 const QEMU: &[&str] = &[
     "qemu-system-arm",
     "-M",
@@ -59,21 +59,21 @@ const QEMU: &[&str] = &[
     "-kernel",
 ];
 
-/// The register of the line's UART that divides the clock, and the clock.
+/// The clock divider register of the line's UART, and the clock.
 const DIVIDER: u32 = 0x4000_4010;
 const CLOCK: u32 = 25_000_000;
 
-/// The register with the time: it counts down, and begins anew there.
+/// The register with the time: it counts down, and wraps around here.
 const TIME: u32 = 0x4000_0004;
 const ROUND: u64 = 25 << 27;
 
-/// So long QEMU may take to start.
+/// How long QEMU may take to start.
 const STARTS: Timespec = Timespec {
     tv_sec: 60,
     tv_nsec: 0,
 };
 
-/// A board that is powered for as long as this lives.
+/// A board that has power for as long as this lives.
 #[derive(Debug)]
 pub struct Machine {
     qmp: Arc<Mutex<Qmp>>,
@@ -83,11 +83,11 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Puts power on a board with this program; `folder` has its EEPROM as `ee.bin`. The processor
-    /// does not run before [`Machine::go`].
+    /// Switches a board with this program on; `folder` contains its EEPROM as `ee.bin`. The
+    /// processor does not run before [`Machine::go`].
     ///
     /// # Errors
-    /// Where QEMU does not start, with what it says.
+    /// If QEMU does not start, with its message.
     pub fn start(image: &Path, folder: &Path) -> io::Result<Machine> {
         let sockets = ["line", "console", "qmp"].map(|name| listen(&folder.join(name)));
         let [line, console, qmp] = sockets;
@@ -116,15 +116,15 @@ impl Machine {
     /// Lets the processor run.
     ///
     /// # Errors
-    /// Where QEMU is gone.
+    /// If QEMU is gone.
     pub fn go(&mut self) -> io::Result<()> {
         self.qmp().go()
     }
 
-    /// Stops the processor: what is seen from now on stays as it is.
+    /// Halts the processor: the state does not change until it runs again.
     ///
     /// # Errors
-    /// Where QEMU is gone.
+    /// If QEMU is gone.
     pub fn halt(&mut self) -> io::Result<()> {
         self.qmp().halt()
     }
@@ -133,11 +133,11 @@ impl Machine {
         self.qmp.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Tells at which speed the board listens and talks, for as long as it has power. QEMU's UART
-    /// understands every speed; whoever joins boards to a line has to see to it that they don't.
+    /// Returns a function that tells the speed of the board's UART, for as long as it has power.
+    /// QEMU's UART understands every speed; whoever joins boards to a line must filter by speed.
     ///
-    /// A reply goes out at the speed of its request: when it gets here, the board may have gone
-    /// on to another one.
+    /// A reply is sent at the speed of its request: when it arrives here, the board may already
+    /// have changed its speed.
     pub fn speed(&self) -> impl FnMut(Turn) -> Option<u32> + Send + use<> {
         let qmp = Arc::clone(&self.qmp);
         let mut heard_at = None;
@@ -150,31 +150,31 @@ impl Machine {
         }
     }
 
-    /// How long the program has run, by the board's own clock, which comes round every 134 s. It
-    /// starts with the program.
+    /// How long the program has been running, by the board's own clock, which wraps around every
+    /// 134 s and starts with the program.
     ///
     /// # Errors
-    /// Where QEMU is gone.
+    /// If QEMU is gone.
     pub fn clock(&self) -> io::Result<Duration> {
         let left = u64::from(self.qmp().word(TIME)?);
         let ticks = (ROUND - 1).saturating_sub(left);
         Ok(Duration::from_micros(ticks * 1_000_000 / u64::from(CLOCK)))
     }
 
-    /// How long it has run since then, if that is not longer than a round of its clock.
+    /// The time since then, if it is less than one round of the clock.
     ///
     /// # Errors
-    /// Where QEMU is gone.
+    /// If QEMU is gone.
     pub fn since(&self, then: Duration) -> io::Result<Duration> {
         let round = Duration::from_micros(ROUND * 1_000_000 / u64::from(CLOCK));
         let now = self.clock()?;
         Ok(now.checked_sub(then).unwrap_or(now + round - then))
     }
 
-    /// What the board hears through.
+    /// The input of the board's UART.
     ///
     /// # Errors
-    /// The limit of open files is reached.
+    /// If the limit of open files is reached.
     pub fn ear(&self) -> io::Result<Ear> {
         Ok(Ear::new(Arc::clone(&self.qmp), self.line.try_clone()?))
     }
@@ -185,10 +185,10 @@ impl Machine {
         &self.line
     }
 
-    /// The outputs as their terminals show them: bit n = output n is on.
+    /// The outputs as seen at their terminals: bit n = output n is on.
     ///
     /// # Errors
-    /// Where QEMU is gone.
+    /// If QEMU is gone.
     pub fn outputs(&mut self) -> io::Result<u32> {
         let leds = (0..32).map(|led| match led {
             0..16 => qmp::get("io0", &format!("led{led}")),
@@ -199,10 +199,10 @@ impl Machine {
         Ok(bits.fold(0, |on, (led, state)| on | u32::from(state == "on") << led))
     }
 
-    /// Puts this around the board. A LED of `in0` that is on is a pin pulled low.
+    /// Sets the surroundings of the board. A LED of `in0` that is on is a pin pulled low.
     ///
     /// # Errors
-    /// Where QEMU is gone.
+    /// If QEMU is gone.
     pub fn surround(&mut self, outside: &Outside) -> io::Result<()> {
         let low = !outside.levels & 0xFF
             | u32::from(outside.dip & 0x1F) << 8
@@ -219,16 +219,16 @@ impl Machine {
         self.qmp().execute(&commands).map(|_| ())
     }
 
-    /// What the module says of itself when it is asked on its console, up to its last line.
+    /// The module's report on its console, up to its last line.
     ///
     /// # Errors
-    /// Where it says nothing.
+    /// If there is none.
     pub fn report(&mut self) -> io::Result<String> {
         let console = self.console.get_mut();
         console.set_read_timeout(Some(Duration::from_secs(30)))?;
         console.write_all(b"?")?;
         let mut said = String::new();
-        // The first report is the one it makes when it starts.
+        // The first report is sent when it starts.
         for _ in 0..2 {
             said.clear();
             while !said.lines().any(|line| line.starts_with("up ")) {
@@ -264,7 +264,7 @@ impl Drop for Machine {
     }
 }
 
-/// Whether a read ended for want of anything to read.
+/// Whether a read ended because there was nothing to read.
 pub(crate) fn is_silence(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -272,7 +272,7 @@ pub(crate) fn is_silence(error: &io::Error) -> bool {
     )
 }
 
-/// What to set a TMP105 to so that it shows so many sixteenths of a degree: it rounds to 0.
+/// The setting of a TMP105 to show this many sixteenths of a degree: it rounds towards 0.
 fn millidegrees(hundredths: i16) -> i32 {
     let exact = i32::from(hundredths) * 125;
     exact / 2 + exact % 2
@@ -314,7 +314,7 @@ fn named(path: &Path, error: &io::Error) -> io::Error {
 mod tests {
     use super::*;
 
-    /// QEMU's own sum, in its own whole numbers.
+    /// QEMU's own calculation, in its integers.
     fn shown(millidegrees: i32) -> i32 {
         millidegrees * 0x800 / 128_000
     }

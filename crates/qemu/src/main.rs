@@ -5,9 +5,9 @@
 //! railbus-qemu demo FOLDER RAILBUS [ARGUMENT...]
 //! ```
 //!
-//! Of the first one standard input is the panel of the modules, in the words of `interop/rig`; at
-//! its end the program ends, and the boards with it. The second one is the demo: its five modules
-//! as boards, whose inputs move as those of the simulated ones do, under `railbus serve`.
+//! With the first, standard input is the modules' panel, with the commands of `interop/rig`; at its
+//! end the program ends, and the boards with it. The second one is the demo: its five modules as
+//! boards, whose inputs move like those of the simulated modules, under `railbus serve`.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -42,7 +42,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Until standard input ends, or a signal comes.
+/// Runs until standard input ends, or a signal comes.
 fn serve(args: &[String]) -> Result<(), String> {
     let [link, flag, images, modules @ ..] = args else {
         return Err(String::from("say LINK --images FOLDER --module ..."));
@@ -77,7 +77,7 @@ fn serve(args: &[String]) -> Result<(), String> {
     Ok(())
 }
 
-/// What standard input says line by line; none when it has ended, or a signal came.
+/// The lines of standard input; none when it has ended, or a signal has come.
 fn orders() -> std::io::Result<Receiver<Option<String>>> {
     let (says, orders) = mpsc::sync_channel(1);
     signals::tell(says.clone(), None)?;
@@ -89,7 +89,7 @@ fn orders() -> std::io::Result<Receiver<Option<String>>> {
     Ok(orders)
 }
 
-/// The boards, what joins them, and where their master is.
+/// The boards, their line, and the port for a master.
 struct Line {
     hub: Hub,
     boards: Vec<(String, Board)>,
@@ -106,7 +106,7 @@ impl Line {
         Ok(())
     }
 
-    /// Does what one line of the panel says.
+    /// Executes a line of the panel.
     fn obey(&mut self, order: &str) -> Result<String, String> {
         let words: Vec<&str> = order.split_whitespace().collect();
         match words[..] {
@@ -121,7 +121,7 @@ impl Line {
                     .map(|on| format!("{on:X}"))
                     .map_err(|error| error.to_string())
             }
-            // A board that the machine holds up has answered and not yet changed its speed.
+            // A delayed board may have replied and not yet changed its speed.
             ["runs", name, rate] => {
                 let rate = number(rate)?;
                 match self.find(name)?.runs_at(rate) {
@@ -139,8 +139,8 @@ impl Line {
         }
     }
 
-    /// How many bytes come to a master that has heard nothing: what it sent last has come to the
-    /// boards then, and by their own clocks they had the time to answer.
+    /// How many bytes come to a master that expects none: by then the boards have received what it
+    /// sent last and, by their own clocks, had the time to reply.
     fn silence(&mut self) -> std::io::Result<usize> {
         let before = self.pty.heard();
         self.pty.settle()?;

@@ -15,21 +15,21 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// The kernel may hand over what was written at once in two pieces. QEMU paces no characters, so
-/// that a pause between them would be one inside the frame, and end it.
+/// The kernel may deliver in two pieces what was written at once. QEMU paces no characters, so a
+/// pause between the pieces would be inside the frame, and end it.
 const PIECES: Timespec = Timespec {
     tv_sec: 0,
     tv_nsec: 2_000_000,
 };
 
-/// What is sent behind all that a master has sent, to know when the line has carried that. No
-/// master sends this.
+/// Sent after everything a master has sent, to know when the line has carried that. No master sends
+/// this.
 const MARK: &[u8] = b"\0railbus: is all of it heard?\0";
 
-/// So long it may be under way, however busy the machine is.
+/// How long the mark may take, however busy the machine is.
 const PATIENCE: Duration = Duration::from_secs(40);
 
-/// Our end, and the other one kept open so that masters may come and go.
+/// Our end; the other end is kept open so that masters may come and go.
 #[derive(Debug)]
 pub struct Pty {
     ours: File,
@@ -39,14 +39,14 @@ pub struct Pty {
     heard: Arc<AtomicUsize>,
 }
 
-/// Who waits for the mark that is under way.
+/// Whoever waits for the mark.
 type Waiting = Arc<Mutex<Option<Sender<()>>>>;
 
 impl Pty {
-    /// A raw terminal at 9600 baud, with a symbolic link to it, which goes when this does.
+    /// A raw terminal at 9600 baud, with a symbolic link to it, which is removed with this.
     ///
     /// # Errors
-    /// What the system says; also where something lies at the link's place already.
+    /// Those of the system, and if the link's path already exists.
     pub fn open(link: &Path) -> io::Result<Pty> {
         let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
         grantpt(&ours)?;
@@ -68,10 +68,10 @@ impl Pty {
         })
     }
 
-    /// The master becomes a member of this line.
+    /// Joins the master to a line.
     ///
     /// # Errors
-    /// What the system says.
+    /// Those of the system.
     pub fn join(&self, hub: &Hub) -> io::Result<()> {
         let port = self.theirs.try_clone()?;
         let speed = move |_| tcgetattr(&port).ok().map(|termios| termios.output_speed());
@@ -90,11 +90,11 @@ impl Pty {
         Ok(())
     }
 
-    /// Waits until the line has carried all that the master has sent, who sends nothing meanwhile:
-    /// on a busy machine it may lie for a while in the kernel.
+    /// Waits until the line has carried everything the master has sent, which must send nothing
+    /// meanwhile: on a busy machine it may stay in the kernel for a while.
     ///
     /// # Errors
-    /// Where it does not come, or the system says no.
+    /// If that does not happen, or those of the system.
     pub fn settle(&self) -> io::Result<()> {
         let (tell, carried) = channel();
         *self.waiting.lock().unwrap_or_else(PoisonError::into_inner) = Some(tell);
@@ -102,7 +102,7 @@ impl Pty {
         wait(&carried)
     }
 
-    /// How many bytes the master was given to hear so far.
+    /// How many bytes were sent to the master so far.
     #[must_use]
     pub fn heard(&self) -> usize {
         self.heard.load(Ordering::SeqCst)
@@ -126,7 +126,7 @@ fn wait(carried: &Receiver<()>) -> io::Result<()> {
 struct Sent {
     file: File,
     waiting: Waiting,
-    /// Who is told that all is carried, when the line asks for more.
+    /// Notified when everything is carried and the line asks for more.
     carried: Option<Sender<()>>,
 }
 
@@ -148,7 +148,7 @@ impl Read for Sent {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         loop {
             if let Some(carried) = self.carried.take() {
-                // Who waits no more has given up.
+                // The waiting call may have given up.
                 let _ = carried.send(());
             }
             let count = self.burst(buffer)?;
@@ -164,7 +164,7 @@ impl Read for Sent {
     }
 }
 
-/// What the master is to hear. What it does not fetch is lost, as on a wire.
+/// The bytes for the master. Those it does not read are lost, as on a wire.
 struct Heard {
     file: File,
     bytes: Arc<AtomicUsize>,

@@ -1,27 +1,27 @@
-//! QEMU's monitor: one JSON object a line, each way.
+//! QEMU's monitor: one JSON object per line in each direction.
 
 use serde_json::{Value, json};
 use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-/// So long QEMU may take for an answer. It answers in under a millisecond unless the machine is
-/// very busy.
+/// How long QEMU may take for an answer. It answers within a millisecond unless the machine is very
+/// busy.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// The monitor of one QEMU.
 #[derive(Debug)]
 pub(crate) struct Qmp {
     lines: BufReader<UnixStream>,
-    /// Somebody wants the processor to stand still, as it does at first.
+    /// Whether the processor is to be halted, as it is at first.
     halted: bool,
 }
 
 impl Qmp {
-    /// Takes up the conversation on a fresh connection.
+    /// Starts the protocol on a new connection.
     ///
     /// # Errors
-    /// Where QEMU does not answer as it should.
+    /// If QEMU does not answer as expected.
     pub(crate) fn new(stream: UnixStream) -> io::Result<Qmp> {
         stream.set_read_timeout(Some(PATIENCE))?;
         let mut qmp = Qmp {
@@ -33,10 +33,10 @@ impl Qmp {
         Ok(qmp)
     }
 
-    /// Has commands carried out, one after another; what each returns.
+    /// Executes commands one after another; returns their results.
     ///
     /// # Errors
-    /// Where one is refused, or QEMU is gone.
+    /// If one is refused, or QEMU is gone.
     pub(crate) fn execute(&mut self, commands: &[Value]) -> io::Result<Vec<Value>> {
         let lines: String = commands
             .iter()
@@ -55,13 +55,13 @@ impl Qmp {
         self.execute(&[json!({"execute": "cont"})]).map(|_| ())
     }
 
-    /// Stops it.
+    /// Halts it.
     pub(crate) fn halt(&mut self) -> io::Result<()> {
         self.halted = true;
         self.execute(&[json!({"execute": "stop"})]).map(|_| ())
     }
 
-    /// Has something done while the processor stands still.
+    /// Does something while the processor is halted.
     pub(crate) fn while_halted<T>(
         &mut self,
         doing: impl FnOnce() -> io::Result<T>,
@@ -91,7 +91,7 @@ impl Qmp {
             if let Some(error) = line.get("error") {
                 return Err(io::Error::other(format!("QEMU refuses {command}: {error}")));
             }
-            // Else it is an event.
+            // Otherwise it is an event.
         }
     }
 
@@ -110,7 +110,7 @@ fn peek(address: u32) -> Value {
     json!({"execute": "human-monitor-command", "arguments": {"command-line": line}})
 }
 
-/// The word that [`peek`] brought: `40004010: 0x00000a2c`.
+/// The word in the answer to [`peek`]: `40004010: 0x00000a2c`.
 fn peeked(answer: &Value) -> Option<u32> {
     let (_, word) = answer.as_str()?.trim().split_once("0x")?;
     u32::from_str_radix(word, 16).ok()

@@ -5,8 +5,8 @@ use std::sync::mpsc::SyncSender;
 use tokio::runtime::Builder;
 use tokio::signal::unix::{SignalKind, signal};
 
-/// From now on each of them is this word to who listens, and no longer ends the program at once,
-/// which would leave its folders behind.
+/// From now on each of these signals is sent to the listener as this word. They no longer end the
+/// program at once, which would leave its folders behind.
 pub(crate) fn tell<T: Clone + Send + 'static>(listener: SyncSender<T>, word: T) -> io::Result<()> {
     let runtime = Builder::new_current_thread().enable_io().build()?;
     let entered = runtime.enter();

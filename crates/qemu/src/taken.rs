@@ -1,4 +1,4 @@
-//! Whether somebody has taken what we wrote to them.
+//! Whether the other side has read what we wrote.
 #![allow(unsafe_code, reason = "the kernel writes the number that is asked for")]
 
 use rustix::ioctl::{Getter, Opcode, ioctl};
