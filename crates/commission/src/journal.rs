@@ -96,12 +96,11 @@ impl Spot {
     /// The recorded place; `None` if there is none.
     #[must_use]
     pub fn place(&self) -> Option<Place> {
-        let mut formats = [Character::N1, Character::E1, Character::O1, Character::N2].into_iter();
         Some(Place {
             address: Address(self.address),
             serial: Settings {
                 baud: Baud::from_rate(self.baud)?,
-                character: formats.find(|format| format.to_string() == self.format)?,
+                character: Character::from_name(&self.format)?,
             },
             checksum: self.checksum,
         })

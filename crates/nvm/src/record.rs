@@ -54,7 +54,6 @@ const PROTOCOLS: [Protocol; 4] = [
     Protocol::Lc02,
     Protocol::R55,
 ];
-const CHARACTERS: [Character; 4] = [Character::N1, Character::E1, Character::O1, Character::N2];
 const LAYOUTS: [Layout; 3] = [Layout::Outputs, Layout::Inputs, Layout::Mixed];
 const APPLIES: [Applies; 3] = [
     Applies::AfterReply,
@@ -338,7 +337,7 @@ fn decode_eeprom(from: &mut Reader<'_>) -> Option<Eeprom> {
         address: Address(address),
         serial: Settings {
             baud,
-            character: find(CHARACTERS, character_code, character)?,
+            character: find(Character::ALL, character_code, character)?,
         },
         protocol: find(PROTOCOLS, protocol_code, protocol)?,
         checksum,

@@ -17,7 +17,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 const SCHEMA: u32 = 1;
 /// Maximum size of the file.
 const LEN_MAX: u64 = 1 << 20;
-const CHARACTERS: [Character; 4] = [Character::N1, Character::E1, Character::O1, Character::N2];
 
 /// The file.
 #[derive(Debug, Default, Serialize, Deserialize)]
@@ -97,13 +96,12 @@ impl Kept {
 
     /// `None` if no module can have this state.
     fn eeprom(&self) -> Option<Eeprom> {
-        let mut characters = CHARACTERS.into_iter();
         let mut protocols = Protocol::ALL.into_iter();
         Some(Eeprom {
             address: Address(self.address),
             serial: Settings {
                 baud: Baud::from_rate(self.baud)?,
-                character: characters.find(|known| known.to_string() == self.format)?,
+                character: Character::from_name(&self.format)?,
             },
             protocol: protocols.find(|known| known.name() == self.protocol)?,
             checksum: self.checksum,

@@ -30,6 +30,11 @@ impl Baud {
         Baud::B115200,
     ];
 
+    /// The rates as text, in the order of [`Baud::ALL`].
+    pub const NAMES: [&'static str; 8] = [
+        "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
+    ];
+
     /// Bits per second.
     #[must_use]
     pub const fn rate(self) -> u32 {
@@ -73,6 +78,17 @@ pub enum Character {
 }
 
 impl Character {
+    /// All character formats.
+    pub const ALL: [Character; 4] = [Character::N1, Character::E1, Character::O1, Character::N2];
+
+    /// The character format with this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Character> {
+        Character::ALL
+            .into_iter()
+            .find(|known| known.name() == name)
+    }
+
     /// How many bits a character takes, including start and stop bits: 10 or 11.
     #[must_use]
     pub const fn bits(self) -> u32 {

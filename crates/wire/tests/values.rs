@@ -301,3 +301,13 @@ fn a_reply_without_an_address_is_confusable_with_one_that_has_one() {
     let name = ask(1, ascii::Request::ReadInit);
     assert!(!any.confusable(&name), "their lengths differ");
 }
+
+#[test]
+fn rates_and_formats_are_read_back_by_name() {
+    let rates = Baud::ALL.map(|baud| baud.to_string());
+    assert_eq!(rates, Baud::NAMES);
+    for character in Character::ALL {
+        assert_eq!(Character::from_name(character.name()), Some(character));
+    }
+    assert_eq!(Character::from_name("8n1"), None);
+}

@@ -250,10 +250,9 @@ fn settings(
         None => own.baud,
         Some(rate) => Baud::from_rate(rate).ok_or_else(|| wrong("\"baud\" can't be read"))?,
     };
-    let all = [Character::N1, Character::E1, Character::O1, Character::N2];
     let character = match &wanted.format {
         None => Some(own.character),
-        Some(name) => all.into_iter().find(|known| known.to_string() == *name),
+        Some(name) => Character::from_name(name),
     };
     Ok(Settings {
         baud,

@@ -22,16 +22,6 @@ use std::future::Future;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 
-const FORMATS: [(&str, Character); 4] = [
-    ("8N1", Character::N1),
-    ("8E1", Character::E1),
-    ("8O1", Character::O1),
-    ("8N2", Character::N2),
-];
-const BAUDS: [&str; 8] = [
-    "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
-];
-
 /// Where the environment may say what a flag does not. The configuration and the language are
 /// looked for there in their own ways.
 const ENVIRONMENT: [(&str, &str); 13] = [
@@ -117,10 +107,10 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
             with("protocol", Text::ProtocolFlag, "PROTO").short('p'),
             protocols,
         ),
-        choice(with("baud", Text::BaudFlag, "N"), BAUDS.to_vec()),
+        choice(with("baud", Text::BaudFlag, "N"), Baud::NAMES.to_vec()),
         choice(
             with("format", Text::FormatFlag, "8N1"),
-            FORMATS.map(|(name, _)| name).to_vec(),
+            Character::ALL.map(Character::name).to_vec(),
         ),
         switch("checksummed", Text::ChecksumFlag).long("ascii-checksum"),
     ];
@@ -323,10 +313,7 @@ fn ad_hoc(
     Ok(Some(AdHoc {
         port: port.to_owned(),
         baud: baud.and_then(Baud::from_rate).map(Baud::rate),
-        format: FORMATS
-            .into_iter()
-            .find(|(name, _)| format == Some(*name))
-            .map(|(_, character)| character),
+        format: format.and_then(Character::from_name),
         module: module.map(|(family, address)| AdHocModule {
             name: family.name().to_owned(),
             family,

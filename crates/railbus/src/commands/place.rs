@@ -126,11 +126,11 @@ fn name(context: &Context, port: &str) -> Result<LineName, Failure> {
 
 /// Speed and format as the API says them; what it does not say, or nobody knows, is as `own`.
 pub(super) fn settings(baud: Option<u32>, format: Option<&str>, own: Settings) -> Settings {
-    let all = [Character::N1, Character::E1, Character::O1, Character::N2];
-    let named = |known: &Character| format.is_some_and(|format| known.to_string() == format);
     Settings {
         baud: baud.and_then(Baud::from_rate).unwrap_or(own.baud),
-        character: all.into_iter().find(named).unwrap_or(own.character),
+        character: format
+            .and_then(Character::from_name)
+            .unwrap_or(own.character),
     }
 }
 

@@ -57,15 +57,6 @@ pub(super) const POINT_KEYS: [&str; 11] = [
 ];
 pub(super) const NAME_KEYS: [&str; 2] = ["en", "zh"];
 
-const BAUDS: [&str; 8] = [
-    "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
-];
-const FORMATS: [(&str, Character); 4] = [
-    ("8N1", Character::N1),
-    ("8E1", Character::E1),
-    ("8O1", Character::O1),
-    ("8N2", Character::N2),
-];
 const ECHOES: [(&str, EchoMode); 3] = [
     ("auto", EchoMode::Auto),
     ("on", EchoMode::On),
@@ -313,13 +304,17 @@ impl<'t> Reader<'t> {
                 let rate = self.integer(value, &path)?;
                 let baud = u32::try_from(rate).ok().and_then(Baud::from_rate);
                 if baud.is_none() {
-                    self.problem(value.span(), &path, Kind::NotOneOf(BAUDS.to_vec()));
+                    self.problem(value.span(), &path, Kind::NotOneOf(Baud::NAMES.to_vec()));
                 }
                 baud
             }
         };
         let character = self
-            .one_of(section, "format", &FORMATS)?
+            .one_of(
+                section,
+                "format",
+                &Character::ALL.map(|format| (format.name(), format)),
+            )?
             .unwrap_or(of_line.character);
         Some(Settings {
             baud: baud?,

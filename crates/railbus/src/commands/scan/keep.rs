@@ -155,13 +155,12 @@ fn of_question(question: &Question) -> Value {
 }
 
 fn question(kept: &Value) -> Option<Question> {
-    let all = [Character::N1, Character::E1, Character::O1, Character::N2];
     let format = kept["format"].as_str()?;
     let baud = u32::try_from(kept["baud"].as_u64()?).ok()?;
     Some(Question {
         settings: Settings {
             baud: Baud::from_rate(baud)?,
-            character: all.into_iter().find(|known| known.to_string() == format)?,
+            character: Character::from_name(format)?,
         },
         ask: Ask::from_name(kept["ask"].as_str()?)?,
         address: Address(u8::try_from(kept["address"].as_u64()?).ok()?),

@@ -21,9 +21,6 @@ const ALL: [Baud; 6] = [
     Baud::B2400,
     Baud::B1200,
 ];
-const BAUDS: [&str; 8] = [
-    "1200", "2400", "4800", "9600", "19200", "38400", "57600", "115200",
-];
 const PARITIES: [(&str, Character); 3] = [
     ("n", Character::N1),
     ("e", Character::E1),
@@ -56,7 +53,7 @@ pub(super) fn define(lang: Lang, command: Command) -> Command {
             "P,…",
             Protocol::ALL.map(Protocol::name).to_vec(),
         ))
-        .arg(list("baud", ScanText::Baud, "N,…", BAUDS.to_vec()))
+        .arg(list("baud", ScanText::Baud, "N,…", Baud::NAMES.to_vec()))
         .arg(switch("all-bauds", ScanText::AllBauds).conflicts_with("baud"))
         .arg(list(
             "parity",
