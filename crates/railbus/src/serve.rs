@@ -48,7 +48,7 @@ mod ws;
 
 use crate::cli;
 use crate::texts::Text;
-use access::Access;
+use access::Gate;
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Command, value_parser};
 use config::Desk;
@@ -77,7 +77,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use stores::Stores;
-use tls::{Tls, Wish};
+use tls::{CertificateSource, Tls};
 use tokio::net::TcpListener;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
@@ -90,11 +90,11 @@ pub(crate) const NAME: &str = "serve";
 const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7485);
 
 /// What the arguments say.
-struct Wanted {
+struct ServeOptions {
     config: Option<PathBuf>,
     demo: bool,
     listen: SocketAddr,
-    tls: Option<Wish>,
+    tls: Option<CertificateSource>,
     /// Names under which browsers find it.
     names: Vec<String>,
     socket: Option<PathBuf>,
@@ -136,7 +136,7 @@ pub(crate) fn define(lang: Lang) -> Command {
 
 /// Serves until it is stopped.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
-    let wanted = Wanted {
+    let wanted = ServeOptions {
         config: matches.get_one("config").cloned(),
         demo: matches.get_flag("demo"),
         listen: matches.get_one("listen").copied().unwrap_or(LISTEN),
@@ -173,16 +173,18 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         .block_on(open_and_serve(lang, &wanted))
 }
 
-fn tls_wish(matches: &ArgMatches) -> Option<Wish> {
+fn tls_wish(matches: &ArgMatches) -> Option<CertificateSource> {
     let path = |name: &str| matches.get_one::<PathBuf>(name).cloned();
     match (path("tls-cert"), path("tls-key")) {
-        (Some(cert), Some(key)) => Some(Wish::Files { cert, key }),
-        _ => matches.contains_id("tls").then_some(Wish::Auto),
+        (Some(cert), Some(key)) => Some(CertificateSource::Files { cert, key }),
+        _ => matches
+            .contains_id("tls")
+            .then_some(CertificateSource::Auto),
     }
 }
 
 /// Others than this machine are let in by TLS, and where there is somebody to log in.
-fn may_listen_widely(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+fn may_listen_widely(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
     let listen = wanted.listen;
     let port = listen.port();
     let refused = || {
@@ -196,7 +198,7 @@ fn may_listen_widely(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
             .ok()
             .map(|file| config_file::state_folder(Some(&file))),
     };
-    let has_user = state.is_some_and(|folder| Access::has_user(&folder));
+    let has_user = state.is_some_and(|folder| Gate::has_user(&folder));
     match (&wanted.tls, has_user) {
         (Some(_), true) => Ok(()),
         (None, true) => {
@@ -221,7 +223,7 @@ fn system(lang: Lang, error: impl ToString) -> Failure {
 }
 
 /// Reads the configuration and says what is in it.
-fn check(lang: Lang, wanted: &Wanted, format: Format) -> Result<(), Failure> {
+fn check(lang: Lang, wanted: &ServeOptions, format: Format) -> Result<(), Failure> {
     let found = config_file::read(lang, wanted.config.as_deref());
     let found = found.map_err(|problem| Failure::of_problem(lang, &problem))?;
     let (lines, modules) = (found.config.lines.len(), found.config.modules.len());
@@ -264,7 +266,7 @@ impl Drop for OwnFolder {
 }
 
 impl Source {
-    fn open(lang: Lang, wanted: &Wanted) -> Result<Source, Failure> {
+    fn open(lang: Lang, wanted: &ServeOptions) -> Result<Source, Failure> {
         let refused = |problem: Problem| Failure::of_problem(lang, &problem);
         if wanted.demo {
             return Source::demo(lang);
@@ -338,7 +340,7 @@ impl OwnFolder {
     }
 }
 
-async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
     let mut signals = Signals::new().map_err(|error| system(lang, error))?;
     // The places to listen first: a second daemon fails here, before it touches a line.
     let tcp = TcpListener::bind(wanted.listen).await.map_err(|error| {
@@ -353,7 +355,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
     let address = tcp.local_addr().map_err(|error| system(lang, error))?;
     let socket = listen_on_socket(lang, wanted)?;
     let source = Source::open(lang, wanted)?;
-    let access = Access::open(&source.state);
+    let access = Gate::open(&source.state);
     let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
     let service = Service::start_in(source.config.clone(), &source.state);
     let service = service.map_err(|error| system(lang, error))?;
@@ -407,7 +409,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
         is_tls: tls.is_some(),
         is_wide: !wanted.listen.ip().is_loopback(),
         names,
-        is_trusted: matches!(wanted.tls, Some(Wish::Files { .. }))
+        is_trusted: matches!(wanted.tls, Some(CertificateSource::Files { .. }))
             && !wanted.listen.ip().is_loopback(),
     });
     let over_tcp = routes::router(site.clone(), Some(front));
@@ -458,7 +460,7 @@ async fn open_and_serve(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
 /// Certificate and key, where they are wished for.
 fn open_tls(
     lang: Lang,
-    wanted: &Wanted,
+    wanted: &ServeOptions,
     source: &Source,
     names: &[String],
 ) -> Result<Option<Arc<Tls>>, Failure> {
@@ -488,7 +490,7 @@ fn reload_tls(lang: Lang, tls: Option<&Tls>) {
 /// The socket that was named must be there; of the usual ones, the first that can be had.
 fn listen_on_socket(
     lang: Lang,
-    wanted: &Wanted,
+    wanted: &ServeOptions,
 ) -> Result<Result<Socket, (PathBuf, std::io::Error)>, Failure> {
     let named = |path: &Path| Socket::listen(lang, path).map_err(|error| (path.to_owned(), error));
     if let Some(path) = &wanted.socket {
@@ -532,7 +534,7 @@ async fn reload(lang: Lang, service: &Service, desk: &Desk) {
 fn announce(
     lang: Lang,
     source: &Source,
-    access: &Access,
+    access: &Gate,
     origin: &str,
     tls: Option<&Tls>,
     socket: &Result<Socket, (PathBuf, std::io::Error)>,

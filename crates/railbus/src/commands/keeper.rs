@@ -2,7 +2,7 @@
 
 use super::Context;
 use crate::backend::Remote;
-use crate::serve::access::{Access, desk};
+use crate::serve::access::{Gate, desk};
 use hyper::Method;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
@@ -24,7 +24,7 @@ pub(super) enum Order<'a> {
 /// Whoever keeps the accounts.
 enum Keeper {
     Daemon(Remote),
-    File(Arc<Access>),
+    File(Arc<Gate>),
 }
 
 /// Asks, and waits for the answer.
@@ -44,7 +44,7 @@ impl Keeper {
         if let Some(daemon) = files.daemon {
             return Ok(Keeper::Daemon(daemon));
         }
-        let access = Access::open(&files.state);
+        let access = Gate::open(&files.state);
         let access = access.map_err(|problem| context.failure(&problem))?;
         Ok(Keeper::File(Arc::new(access)))
     }
@@ -65,7 +65,7 @@ async fn of_daemon(daemon: &Remote, order: &Order<'_>) -> Result<Value, Problem>
     daemon.order(method, &path, body).await
 }
 
-async fn of_file(access: &Arc<Access>, order: &Order<'_>) -> Result<Value, Problem> {
+async fn of_file(access: &Arc<Gate>, order: &Order<'_>) -> Result<Value, Problem> {
     let text = |value: &Value| value.to_string().into_bytes();
     match order {
         Order::Users => Ok(desk::users(access)),

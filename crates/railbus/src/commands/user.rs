@@ -6,7 +6,7 @@ mod texts;
 use super::keeper::{Order, ask};
 use super::{Context, accounts_table};
 use crate::cli;
-use crate::serve::access::Role;
+use crate::serve::access::ROLES;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
@@ -59,7 +59,7 @@ fn name(lang: Lang) -> Arg {
 pub(super) fn role(lang: Lang) -> Arg {
     cli::flag(lang, "role", UserText::Role)
         .value_name("ROLE")
-        .value_parser(Role::ALL.map(Role::name))
+        .value_parser(ROLES)
         .hide_possible_values(true)
         .required(true)
 }

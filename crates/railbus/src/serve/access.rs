@@ -12,7 +12,7 @@ pub(crate) mod store;
 mod tries;
 mod user_routes;
 
-pub(crate) use gate::Access;
+pub(crate) use gate::Gate;
 pub(super) use gate::{Peer, identify};
 pub(super) use session_routes::{ROUTES as SESSION_ROUTES, read};
 pub(super) use user_routes::ROUTES as USER_ROUTES;
@@ -63,6 +63,12 @@ impl Role {
         }
     }
 }
+
+/// The names of all roles, the least first.
+pub(crate) const ROLES: [&str; 4] = {
+    let [viewer, operator, engineer, admin] = Role::ALL;
+    [viewer.name(), operator.name(), engineer.name(), admin.name()]
+};
 
 /// What a route asks of those who use it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Who may use which route: the table of `SECURITY.md` is that of the routes, and every handler is
 //! asked by everybody, as the router has it, without a connection in between.
 
-use super::access::{Access, Caller, Known, Need, Reach, Role};
+use super::access::{Caller, Gate, Known, Need, Reach, Role};
 use super::config::Desk;
 use super::keys::Keys;
 use super::routes::{ALL, BASE, Route, Site, TOP, handlers};
@@ -133,7 +133,7 @@ impl Here {
             events,
             desk.changes(),
         );
-        let access = Access::open(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));
+        let access = Gate::open(&folder).unwrap_or_else(|problem| panic!("{problem:?}"));
         let (stop, stopped) = watch::channel(false);
         let site = Site {
             service,

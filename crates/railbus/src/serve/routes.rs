@@ -1,7 +1,7 @@
 //! The addresses of the API, and who may use each. Every file of handlers brings a table of its
 //! routes; [`ALL`] is the list of tables, and nothing is served that is in none of them.
 
-use super::access::{Access, Caller, Need, Reach, SESSION_ROUTES, USER_ROUTES, check, identify};
+use super::access::{Caller, Gate, Need, Reach, SESSION_ROUTES, USER_ROUTES, check, identify};
 use super::config::{self, Desk};
 use super::doc::Doc;
 use super::guard::Front;
@@ -160,7 +160,7 @@ pub(super) struct Site {
     /// Who is told of events.
     pub(super) hooks: Arc<webhook::Hooks>,
     /// Who may what.
-    pub(super) access: Arc<Access>,
+    pub(super) access: Arc<Gate>,
     /// Where its pages are found: `http://127.0.0.1:7485`.
     pub(super) origin: Arc<str>,
     /// Browsers come by TLS.

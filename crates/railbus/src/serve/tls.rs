@@ -28,7 +28,7 @@ const YEARS: i16 = 10;
 
 /// Where certificate and key come from.
 #[derive(Clone, Debug)]
-pub(super) enum Wish {
+pub(super) enum CertificateSource {
     /// Made here, once, and kept.
     Auto,
     /// From files.
@@ -69,10 +69,14 @@ impl std::fmt::Debug for Tls {
 
 impl Tls {
     /// Certificate and key as wished; made where they are to be and are not there yet.
-    pub(super) fn open(wish: &Wish, state: &Path, names: &[String]) -> Result<Tls, Problem> {
+    pub(super) fn open(
+        wish: &CertificateSource,
+        state: &Path,
+        names: &[String],
+    ) -> Result<Tls, Problem> {
         let (cert, key) = match wish {
-            Wish::Files { cert, key } => (cert.clone(), key.clone()),
-            Wish::Auto => {
+            CertificateSource::Files { cert, key } => (cert.clone(), key.clone()),
+            CertificateSource::Auto => {
                 let kept = state.join(NAME);
                 if !kept.exists() {
                     make(&kept, names).map_err(|why| problem(&kept, why))?;
@@ -215,7 +219,9 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("railbus-tls-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let names = names_for(IpAddr::from([10, 0, 0, 7]), &["plant.local".to_owned()]);
-        let open = || Tls::open(&Wish::Auto, &folder, &names).unwrap_or_else(|p| panic!("{p:?}"));
+        let open = || {
+            Tls::open(&CertificateSource::Auto, &folder, &names).unwrap_or_else(|p| panic!("{p:?}"))
+        };
         let tls = open();
         let first = tls.fingerprint();
         assert_eq!(first.len(), 32 * 3 - 1);

@@ -2,7 +2,7 @@
 //! both read the same requests and give the same answers.
 
 use super::accounts::{Accounts, TokenInfo, TokenWish, User, UserChange, UserInfo, new_logins};
-use super::gate::Access;
+use super::gate::Gate;
 use super::password;
 use super::secret::{Fingerprint, Secret};
 use super::{Role, session_routes::read};
@@ -79,13 +79,13 @@ const fn usual_days() -> u32 {
 }
 
 /// All users.
-pub(crate) fn users(access: &Arc<Access>) -> Value {
+pub(crate) fn users(access: &Arc<Gate>) -> Value {
     let users = access.read(Accounts::users);
     json!(Users { schema: 1, users })
 }
 
 /// Adds a user.
-pub(crate) async fn add_user(access: &Arc<Access>, body: &[u8]) -> Result<Value, Problem> {
+pub(crate) async fn add_user(access: &Arc<Gate>, body: &[u8]) -> Result<Value, Problem> {
     let wanted: AddUser = read(body)?;
     password::check(&wanted.name, &wanted.password)?;
     let user = User {
@@ -105,7 +105,7 @@ pub(crate) async fn add_user(access: &Arc<Access>, body: &[u8]) -> Result<Value,
 
 /// Changes a user. Another password, or none any more, ends all sessions but the one that asks.
 pub(crate) async fn change_user(
-    access: &Arc<Access>,
+    access: &Arc<Gate>,
     name: &str,
     own: Option<&Fingerprint>,
     body: &[u8],
@@ -132,7 +132,7 @@ pub(crate) async fn change_user(
 }
 
 /// Removes a user.
-pub(crate) async fn remove_user(access: &Arc<Access>, name: &str) -> Result<Value, Problem> {
+pub(crate) async fn remove_user(access: &Arc<Gate>, name: &str) -> Result<Value, Problem> {
     let remove = |accounts: &mut Accounts| accounts.remove_user(name);
     access.change_and_end(Some((name, None)), remove).await?;
     let removed = name.to_owned();
@@ -140,18 +140,14 @@ pub(crate) async fn remove_user(access: &Arc<Access>, name: &str) -> Result<Valu
 }
 
 /// All tokens.
-pub(crate) fn tokens(access: &Arc<Access>) -> Value {
+pub(crate) fn tokens(access: &Arc<Gate>) -> Value {
     let now = Timestamp::now();
     let tokens = access.read(|accounts| accounts.tokens(now));
     json!(Tokens { schema: 1, tokens })
 }
 
 /// Makes a token, which is told this once.
-pub(crate) async fn add_token(
-    access: &Arc<Access>,
-    by: &str,
-    body: &[u8],
-) -> Result<Value, Problem> {
+pub(crate) async fn add_token(access: &Arc<Gate>, by: &str, body: &[u8]) -> Result<Value, Problem> {
     let wanted: AddToken = read(body)?;
     let wish = TokenWish {
         name: wanted.name,
@@ -166,7 +162,7 @@ pub(crate) async fn add_token(
 }
 
 /// Removes a token, by its id or its name.
-pub(crate) async fn remove_token(access: &Arc<Access>, named: &str) -> Result<Value, Problem> {
+pub(crate) async fn remove_token(access: &Arc<Gate>, named: &str) -> Result<Value, Problem> {
     let remove = access.change(|accounts| accounts.remove_token(named));
     let removed = named.to_owned();
     remove.await.map(|()| json!(Removed { removed }))

@@ -35,7 +35,7 @@ const TRIES_TOLD_EVERY: Duration = Duration::from_secs(60);
 
 /// Accounts, sessions and tries of one daemon.
 #[derive(Debug)]
-pub(crate) struct Access {
+pub(crate) struct Gate {
     accounts: Mutex<Arc<Kept>>,
     /// The file, for whoever changes accounts: one at a time.
     store: Arc<tokio::sync::Mutex<Store>>,
@@ -61,16 +61,16 @@ impl std::fmt::Debug for Kept {
     }
 }
 
-impl Access {
+impl Gate {
     /// The accounts of a state folder, held from now on.
-    pub(crate) fn open(folder: &Path) -> Result<Access, Problem> {
+    pub(crate) fn open(folder: &Path) -> Result<Gate, Problem> {
         let store = Store::open(folder)?;
         let accounts = store.read()?;
         let sessions = Sessions::open(folder, |name, logins| {
             let user = accounts.user(name);
             user.is_some_and(|user| user.logins == logins)
         })?;
-        Ok(Access {
+        Ok(Gate {
             accounts: Mutex::new(Arc::new(Kept(accounts))),
             store: Arc::new(tokio::sync::Mutex::new(store)),
             cookie_name: format!("{COOKIE_NAME}_{}", sessions.cookie()),
@@ -405,7 +405,7 @@ fn broken(error: &tokio::task::JoinError) -> Problem {
 
 /// Says of every request over TCP who it comes from.
 pub(in crate::serve) async fn identify(
-    State(access): State<Arc<Access>>,
+    State(access): State<Arc<Gate>>,
     mut request: Request,
     next: Next,
 ) -> Response {

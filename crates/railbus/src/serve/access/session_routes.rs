@@ -1,7 +1,7 @@
 //! Logging in and out, and the first user.
 
 use super::accounts::{User, new_logins};
-use super::gate::{Access, Peer};
+use super::gate::{Gate, Peer};
 use super::secret::Secret;
 use super::sessions::csrf;
 use super::tries::Who;
@@ -299,7 +299,7 @@ fn with_cookie(mut response: Answer, site: &Site, value: &str, age: Option<u32>)
 /// `POST /logout`.
 async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
     to_its_end(async move {
-        if let Some(key) = Access::session_of(&who) {
+        if let Some(key) = Gate::session_of(&who) {
             site.access.sessions.end(key);
             site.access.changed();
             // It is told to have ended when it stays so.
@@ -344,7 +344,7 @@ async fn change_password(
 ) -> Result<(), Problem> {
     let wanted: PasswordRequest = read(body)?;
     let access = &site.access;
-    let Some(key) = Access::session_of(who) else {
+    let Some(key) = Gate::session_of(who) else {
         let reason = "only a user who has logged in has a password";
         return Err(Problem::new(codes::FORBIDDEN).with("reason", reason));
     };

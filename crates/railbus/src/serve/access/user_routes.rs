@@ -2,7 +2,7 @@
 
 use super::accounts::UserInfo;
 use super::desk::{AddToken, AddUser, ChangeUser, MadeToken, Removed, Tokens, Users};
-use super::gate::Access;
+use super::gate::Gate;
 use super::sessions::SessionInfo;
 use super::{Caller, Need, desk, note_change, to_its_end};
 use crate::serve::answer;
@@ -99,7 +99,7 @@ async fn change_user(
     body: Bytes,
 ) -> Answer {
     to_its_end(async move {
-        let own = Access::session_of(&who);
+        let own = Gate::session_of(&who);
         let end = desk::change_user(&site.access, &name, own, &body).await;
         let keys: BTreeMap<String, IgnoredAny> = serde_json::from_slice(&body).unwrap_or_default();
         let known = ["role", "points", "password", "locked"].into_iter();
@@ -155,7 +155,7 @@ async fn remove_token(
 }
 
 async fn sessions(State(site): State<Site>, who: Extension<Caller>) -> Answer {
-    let current = Access::session_of(&who);
+    let current = Gate::session_of(&who);
     let sessions = site.access.sessions.list(current, Instant::now());
     answer::json(Ok(Sessions {
         schema: 1,

@@ -15,12 +15,12 @@ impl Drop for Folder {
     }
 }
 
-fn opened(folder: &Path) -> Arc<Access> {
-    let access = Access::open(folder);
+fn opened(folder: &Path) -> Arc<Gate> {
+    let access = Gate::open(folder);
     Arc::new(access.unwrap_or_else(|problem| panic!("{problem:?}")))
 }
 
-async fn access(name: &str) -> (Arc<Access>, Folder) {
+async fn access(name: &str) -> (Arc<Gate>, Folder) {
     let unique = format!("railbus-gate-{}-{name}", std::process::id());
     let folder = std::env::temp_dir().join(unique);
     let access = opened(&folder);
@@ -45,7 +45,7 @@ async fn access(name: &str) -> (Arc<Access>, Folder) {
     (access, Folder(folder))
 }
 
-async fn log_in(access: &Access, name: &str, password: &str) -> Result<Secret, String> {
+async fn log_in(access: &Gate, name: &str, password: &str) -> Result<Secret, String> {
     let password = Secret::new(password.to_owned());
     let done = access.log_in(name, password, HERE).await;
     done.map_err(|problem| problem.code)
