@@ -6,9 +6,9 @@ use crate::commands::{
 use crate::commands::{
     decode, get, global_flags, help, history, ls, man, pulse, raw, replay, scan,
 };
-use crate::commands::{scene, schema, set, sim, sniff, token, user, version, wait, watch};
+use crate::commands::{scene, schema, serve, set, sim, sniff, token, user, version, wait, watch};
 use crate::texts::Text;
-use crate::{serve, usage};
+use crate::usage;
 use clap::builder::StyledStr;
 use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Command};

@@ -21,6 +21,7 @@ pub(crate) mod replay;
 pub(crate) mod scan;
 pub(crate) mod scene;
 pub(crate) mod schema;
+pub(crate) mod serve;
 pub(crate) mod set;
 pub(crate) mod sim;
 pub(crate) mod sniff;

@@ -5,7 +5,6 @@
 mod backend;
 mod cli;
 mod commands;
-mod serve;
 mod texts;
 mod usage;
 

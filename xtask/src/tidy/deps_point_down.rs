@@ -153,9 +153,31 @@ const LAYERS: &[Layer] = &[
         ],
         foreign: Foreign::Any,
     },
+    // The gateway is started by a program, and does not know which.
+    Layer {
+        name: "gateway",
+        below: &[
+            "plant",
+            "app",
+            "api",
+            "words",
+            "opcua",
+            "fleet",
+            "site",
+            "store",
+            "commission",
+            "sniff",
+            "host",
+            "device",
+            "wire",
+        ],
+        foreign: Foreign::Without(&["clap"]),
+    },
+    // The command line starts the gateway, and serves nothing itself.
     Layer {
         name: "railbus",
         below: &[
+            "gateway",
             "plant",
             "client",
             "app",
@@ -172,7 +194,7 @@ const LAYERS: &[Layer] = &[
             "device",
             "wire",
         ],
-        foreign: Foreign::Any,
+        foreign: Foreign::Without(&["axum"]),
     },
 ];
 
@@ -213,7 +235,7 @@ fn dependencies(layer: &Layer, path: &str, text: &str, report: &mut Report) {
             None if matches!(layer.foreign, Foreign::No) => {
                 String::from("the core has no foreign code; write the few lines, or move up")
             }
-            None => format!("{package} is for the crates above; move up what needs it"),
+            None => format!("{package} is for other crates; move what needs it there"),
         };
         let what = format!("crates/{} must not depend on {package}", layer.name);
         report.add(path, dependency.line, what, next);
@@ -230,10 +252,13 @@ mod tests {
         assert_eq!(
             found,
             [
+                "crates/client/Cargo.toml:5",
                 "crates/commission/Cargo.toml:6",
                 "crates/device/Cargo.toml:6",
                 "crates/device/Cargo.toml:7",
                 "crates/extra/Cargo.toml:1",
+                "crates/gateway/Cargo.toml:6",
+                "crates/railbus/Cargo.toml:6",
                 "crates/sim/Cargo.toml:5",
             ]
         );

@@ -2,10 +2,10 @@
 
 use super::Context;
 use crate::backend::Remote;
-use crate::serve::access::{Gate, desk};
 use hyper::Method;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::failure::Failure;
+use railbus_gateway::access::{Gate, desk};
 use serde_json::{Value, json};
 use std::sync::Arc;
 

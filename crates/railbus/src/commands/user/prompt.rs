@@ -2,8 +2,8 @@
 //! command line, which everybody on the machine can read.
 
 use super::UserText;
-use crate::serve::access::secret::Secret;
 use railbus_app::failure::Failure;
+use railbus_gateway::access::secret::Secret;
 use railbus_words::Code;
 use railbus_words::Lang;
 use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};

@@ -1,0 +1,375 @@
+//! Logging in and out, and the first user.
+
+use super::accounts::{User, new_logins};
+use super::gate::{Gate, Peer};
+use super::secret::Secret;
+use super::sessions::csrf;
+use super::tries::Who;
+use super::{Caller, Known, Need, Role, note_change, note_login, password, to_its_end};
+use crate::doc::Doc;
+use crate::routes::{Answer, Route, Site};
+use crate::{answer, body};
+use axum::Extension;
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::http::header::{HeaderValue, RETRY_AFTER, SET_COOKIE};
+use axum::routing::{get, post};
+use jiff::Timestamp;
+use railbus_api::problem::{Problem, codes};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::net::IpAddr;
+use std::time::Instant;
+use utoipa::ToSchema;
+
+/// The routes of this file.
+pub(crate) const ROUTES: &[Route] = &[
+    Route::new("GET", "/session", Need::Nothing, || get(session))
+        .secret()
+        .doc(Doc::new("Who asks, and what there is to know before").answers::<SessionTold>()),
+    Route::new("POST", "/setup", Need::Nothing, || post(set_up)).doc(
+        Doc::new("Make the first user, with the key of the one-time link")
+            .takes::<SetupRequest>()
+            .answers::<SessionTold>(),
+    ),
+    Route::new("POST", "/login", Need::Nothing, || post(log_in)).doc(
+        Doc::new("Begin a session, which its cookie carries")
+            .takes::<LoginRequest>()
+            .answers::<SessionTold>(),
+    ),
+    Route::new("POST", "/logout", Need::VIEWER, || post(log_out))
+        .doc(Doc::new("End one's session").answers::<SessionTold>()),
+    Route::new("POST", "/password", Need::VIEWER, || post(new_password)).doc(
+        Doc::new("Change one's password; one's other sessions end")
+            .takes::<PasswordRequest>()
+            .answers::<Changed>(),
+    ),
+    Route::new("POST", "/setup-link", Need::Owner, || post(setup_link))
+        .doc(Doc::new("Another link for the first user").answers::<SetupLink>()),
+];
+
+/// The first user, and the key that allows it.
+#[derive(Deserialize, ToSchema)]
+struct SetupRequest {
+    #[schema(value_type = String)]
+    key: Secret,
+    name: String,
+    #[schema(value_type = String)]
+    password: Secret,
+    #[serde(default)]
+    lang: Option<String>,
+}
+
+/// Name and password.
+#[derive(Deserialize, ToSchema)]
+struct LoginRequest {
+    name: String,
+    #[schema(value_type = String)]
+    password: Secret,
+}
+
+/// The password so far, and the one from now on.
+#[derive(Deserialize, ToSchema)]
+struct PasswordRequest {
+    #[schema(value_type = String)]
+    old: Secret,
+    #[schema(value_type = String)]
+    new: Secret,
+}
+
+/// Who asks, and what there is to know before one has logged in.
+#[derive(Serialize, ToSchema)]
+struct SessionTold {
+    /// None for somebody unknown.
+    #[schema(required)]
+    user: Option<WhoTold>,
+    /// There is no user yet.
+    setup: bool,
+    /// What mutating requests of this session carry as `X-CSRF-Token`.
+    #[schema(required)]
+    csrf: Option<String>,
+    demo: bool,
+    /// Some of its lines are simulated here, and take orders.
+    simulated: bool,
+    version: &'static str,
+    #[schema(value_type = railbus_api::words::Language)]
+    lang: String,
+    site: String,
+}
+
+/// A caller as such.
+#[derive(Serialize, ToSchema)]
+struct WhoTold {
+    name: String,
+    role: Role,
+    points: Vec<String>,
+}
+
+/// Whose password was changed.
+#[derive(Serialize, ToSchema)]
+struct Changed {
+    changed: String,
+}
+
+/// A one-time link for the first user, and how long it is good.
+#[derive(Serialize, ToSchema)]
+struct SetupLink {
+    setup_link: String,
+    minutes: u64,
+}
+
+/// The body as one of these.
+pub(crate) fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
+    // What a parser met could be a secret, and so only where it met it is told.
+    body::parse(body).map_err(|error| {
+        let place = format!(
+            "no such request: line {} column {}",
+            error.line(),
+            error.column()
+        );
+        Problem::new(codes::BAD_REQUEST).with("reason", place)
+    })
+}
+
+/// `GET /session`.
+async fn session(State(site): State<Site>, who: Extension<Caller>, headers: HeaderMap) -> Answer {
+    let csrf = match who.known {
+        Known::Session { .. } => site.access.cookie(&headers).map(csrf),
+        _ => None,
+    };
+    answer::json(Ok(told(&site, &who, csrf)))
+}
+
+/// A session as its owner sees it.
+fn told(site: &Site, who: &Caller, csrf: Option<String>) -> SessionTold {
+    let chosen = site.access.read(|accounts| {
+        let user = accounts.user(&who.name);
+        user.and_then(|user| user.lang.clone())
+    });
+    SessionTold {
+        user: who.role.map(|role| WhoTold {
+            name: who.name.clone(),
+            role,
+            points: who.points.to_vec(),
+        }),
+        setup: site.access.is_new(),
+        csrf,
+        demo: site.demo,
+        simulated: !site.simulated.is_empty(),
+        version: env!("CARGO_PKG_VERSION"),
+        lang: chosen.unwrap_or_else(|| site.lang.name().to_owned()),
+        site: site.name(),
+    }
+}
+
+/// `POST /setup`: the first user, who may do everything.
+async fn set_up(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    peer: Option<Extension<Peer>>,
+    body: Bytes,
+) -> Answer {
+    to_its_end(async move {
+        let end = first_user(&site, address(peer), &body).await;
+        let name = end.as_ref().ok().map(|(name, _)| name.as_str());
+        note_login(&site, name, &who.via, end.as_ref().err());
+        if let Some(name) = name {
+            let first = Caller {
+                name: name.to_owned(),
+                ..who.0.clone()
+            };
+            note_change(&site, &first, "user_added", name, Some(Role::Admin.name()));
+        }
+        begun((&site, &who), end)
+    })
+    .await
+}
+
+async fn first_user(
+    site: &Site,
+    address: IpAddr,
+    body: &[u8],
+) -> Result<(String, Secret), Problem> {
+    let wanted: SetupRequest = read(body)?;
+    let access = &site.access;
+    let whose = [Who::address(address)];
+    access.take_try(&whose)?;
+    if !access.is_new() {
+        return Err(Problem::new(codes::HAS_USER));
+    }
+    if !access.setup.fits(&wanted.key, Instant::now()) {
+        return Err(Problem::new(codes::SETUP));
+    }
+    access.forget_tries(&whose);
+    password::check(&wanted.name, &wanted.password)?;
+    let user = User {
+        name: wanted.name.clone(),
+        role: Role::Admin,
+        points: Vec::new(),
+        password: access.hashers.hash(wanted.password).await?,
+        locked: false,
+        lang: wanted
+            .lang
+            .filter(|lang| ["en", "zh"].contains(&lang.as_str())),
+        logins: new_logins()?,
+        created: Timestamp::now(),
+    };
+    let logins = user.logins.clone();
+    let key = wanted.key;
+    let add = |accounts: &mut super::accounts::Accounts| {
+        // Two may have come this far at once.
+        if !accounts.is_empty() || !access.setup.fits(&key, Instant::now()) {
+            return Err(Problem::new(codes::HAS_USER));
+        }
+        accounts.add_user(user)
+    };
+    access.change(add).await?;
+    access.setup.close();
+    let secret = access.begin_session(&wanted.name, &logins, address).await?;
+    Ok((wanted.name, secret))
+}
+
+/// `POST /login`.
+async fn log_in(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    peer: Option<Extension<Peer>>,
+    body: Bytes,
+) -> Answer {
+    to_its_end(async move {
+        let wanted: LoginRequest = match read(&body) {
+            Ok(wanted) => wanted,
+            Err(problem) => return answer::problem(&problem),
+        };
+        let LoginRequest { name, password } = wanted;
+        let end = site.access.log_in(&name, password, address(peer)).await;
+        note_login(&site, Some(&name), &who.via, end.as_ref().err());
+        begun((&site, &who), end.map(|secret| (name, secret)))
+    })
+    .await
+}
+
+/// The answer to a login: the session, and the cookie that carries it from now on.
+fn begun((site, who): (&Site, &Caller), end: Result<(String, Secret), Problem>) -> Answer {
+    let (name, secret) = match end {
+        Ok(begun) => begun,
+        Err(problem) => return refused(&problem),
+    };
+    let user = site.access.read(|accounts| accounts.user(&name).cloned());
+    let who = Caller {
+        role: user.as_ref().map(|user| user.role),
+        points: user.map(|user| user.points.into()).unwrap_or_default(),
+        name,
+        ..who.clone()
+    };
+    let told = told(site, &who, Some(csrf(secret.expose())));
+    with_cookie(answer::json(Ok(told)), site, secret.expose(), None)
+}
+
+/// A refusal that says when to try again.
+fn refused(problem: &Problem) -> Answer {
+    let mut response = answer::problem(problem);
+    let wait = problem
+        .with
+        .get("retry_after_ms")
+        .and_then(serde_json::Value::as_u64);
+    if let Some(wait) = wait {
+        let seconds = HeaderValue::from(wait.div_ceil(1_000));
+        response.headers_mut().insert(RETRY_AFTER, seconds);
+    }
+    response
+}
+
+fn with_cookie(mut response: Answer, site: &Site, value: &str, age: Option<u32>) -> Answer {
+    let name = &site.access.cookie_name;
+    let secure = if site.tls.is_some() { "; Secure" } else { "" };
+    let age = age
+        .map(|age| format!("; Max-Age={age}"))
+        .unwrap_or_default();
+    let cookie = format!("{name}={value}; HttpOnly; SameSite=Strict; Path=/{secure}{age}");
+    // It is all ASCII.
+    if let Ok(mut value) = HeaderValue::from_str(&cookie) {
+        value.set_sensitive(true);
+        response.headers_mut().insert(SET_COOKIE, value);
+    }
+    response
+}
+
+/// `POST /logout`.
+async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
+    to_its_end(async move {
+        if let Some(key) = Gate::session_of(&who) {
+            site.access.sessions.end(key);
+            site.access.changed();
+            // It is told to have ended when it stays so.
+            if let Err(problem) = site.access.sessions.keep().await {
+                return answer::problem(&problem);
+            }
+            note_change(&site, &who, "logged_out", "", None);
+        }
+        let nobody = Caller {
+            role: None,
+            ..who.0
+        };
+        let told = told(&site, &nobody, None);
+        with_cookie(answer::json(Ok(told)), &site, "", Some(0))
+    })
+    .await
+}
+
+/// `POST /password`: a new one for oneself. All other sessions of the user end.
+async fn new_password(
+    State(site): State<Site>,
+    who: Extension<Caller>,
+    peer: Option<Extension<Peer>>,
+    body: Bytes,
+) -> Answer {
+    to_its_end(async move {
+        match change_password(&site, &who, address(peer), &body).await {
+            Ok(()) => answer::json(Ok(Changed {
+                changed: who.0.name,
+            })),
+            Err(problem) => refused(&problem),
+        }
+    })
+    .await
+}
+
+async fn change_password(
+    site: &Site,
+    who: &Caller,
+    address: IpAddr,
+    body: &[u8],
+) -> Result<(), Problem> {
+    let wanted: PasswordRequest = read(body)?;
+    let access = &site.access;
+    let Some(key) = Gate::session_of(who) else {
+        let reason = "only a user who has logged in has a password";
+        return Err(Problem::new(codes::FORBIDDEN).with("reason", reason));
+    };
+    password::check(&who.name, &wanted.new)?;
+    let logins = access.confirm(&who.name, wanted.old, address).await?;
+    let new = access.hashers.hash(wanted.new).await?;
+    access
+        .change_own_password((&who.name, &logins), new, key)
+        .await?;
+    note_change(site, who, "password_changed", "", None);
+    Ok(())
+}
+
+/// `POST /setup-link`, for the owner: another link for the first user.
+async fn setup_link(State(site): State<Site>) -> Answer {
+    let link = site.access.setup_link(&site.origin);
+    let minutes = super::setup::LIFE.as_secs() / 60;
+    answer::json(link.map(|setup_link| SetupLink {
+        setup_link,
+        minutes,
+    }))
+}
+
+/// Where a request comes from; over the socket, from this machine.
+fn address(peer: Option<Extension<Peer>>) -> IpAddr {
+    let here = IpAddr::V4(std::net::Ipv4Addr::LOCALHOST);
+    peer.map_or(here, |Extension(Peer(address))| address)
+}

@@ -1,0 +1,557 @@
+//! The gateway: what `railbus serve` runs. It has the lines, and everyone else asks it: over HTTP,
+//! and over a Unix socket. It knows no command line.
+
+#![forbid(unsafe_code)]
+
+mod about;
+pub mod access;
+mod answer;
+mod body;
+mod capture;
+mod compress;
+mod config;
+mod control;
+mod deadline;
+mod doc;
+mod ear;
+mod events;
+mod export;
+mod frames;
+mod guard;
+mod happening;
+mod history;
+#[cfg(test)]
+mod in_guide;
+mod keys;
+mod language;
+mod listen;
+mod loan;
+mod metrics;
+mod notify;
+mod openapi;
+mod ops;
+mod order;
+mod points;
+mod ports;
+#[cfg(test)]
+mod rights;
+mod routes;
+mod scans;
+mod send;
+mod settings;
+mod sim;
+mod spoken;
+mod stores;
+mod stream;
+mod texts;
+mod tls;
+mod web;
+mod webhook;
+mod ws;
+
+use access::Gate;
+use config::Desk;
+use guard::Front;
+use keys::Keys;
+use listen::Room;
+use notify::Notify;
+use railbus_api::problem::Problem;
+use railbus_app::api::failures::bad_config;
+use railbus_app::config_file;
+use railbus_app::failure::Failure;
+use railbus_app::render::{Format, out, records};
+use railbus_app::socket::{self, Socket};
+use railbus_plant::background::Background;
+use railbus_plant::remote::Remote;
+use railbus_site::{Config, Service};
+use railbus_words::Code;
+use railbus_words::Lang;
+use railbus_words::width;
+use routes::Site;
+use serde_json::json;
+use std::io::Write;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use stores::Stores;
+use texts::GatewayText;
+pub use tls::CertificateSource;
+use tls::Tls;
+use tokio::net::TcpListener;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::watch;
+use webhook::Hooks;
+
+/// Where it listens unless it is told otherwise.
+pub const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7485);
+
+/// What the daemon is started with.
+#[derive(Clone, Debug)]
+pub struct ServeOptions {
+    /// The file of the configuration, where one is named.
+    pub config: Option<PathBuf>,
+    /// A simulated line in the place of a configuration.
+    pub demo: bool,
+    /// Where it listens.
+    pub listen: SocketAddr,
+    /// Certificate and key, where it speaks TLS.
+    pub tls: Option<CertificateSource>,
+    /// Names under which browsers find it.
+    pub names: Vec<String>,
+    /// The socket, where one is named.
+    pub socket: Option<PathBuf>,
+    /// Only the configuration is read, and what is in it told in this form.
+    pub check: Option<Format>,
+}
+
+/// Serves until it is stopped.
+///
+/// # Errors
+/// It may not listen there, or something that it needs can't be had.
+pub fn run(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
+    if !wanted.listen.ip().is_loopback() {
+        may_listen_widely(lang, wanted)?;
+    }
+    if let Some(format) = wanted.check {
+        return check(lang, wanted, format);
+    }
+    tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| system(lang, error))?
+        .block_on(open_and_serve(lang, wanted))
+}
+
+/// Others than this machine are let in by TLS, and where there is somebody to log in.
+fn may_listen_widely(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
+    let listen = wanted.listen;
+    let port = listen.port();
+    let refused = || {
+        Failure::of(lang, Code::NotLoopback)
+            .with_try(format!("railbus serve --listen 127.0.0.1:{port}"))
+            .with_try(format!("ssh -L {port}:127.0.0.1:{port} HOST"))
+    };
+    let state = match wanted.demo {
+        true => None,
+        false => config_file::path(wanted.config.as_deref())
+            .ok()
+            .map(|file| config_file::state_folder(Some(&file))),
+    };
+    let has_user = state.is_some_and(|folder| Gate::has_user(&folder));
+    match (&wanted.tls, has_user) {
+        (Some(_), true) => Ok(()),
+        (None, true) => {
+            Err(refused().with_try(format!("railbus serve --listen {listen} --tls auto")))
+        }
+        // The demo begins without users each time.
+        (_, false) if wanted.demo => Err(refused()),
+        (_, false) => Err(refused().with_try("railbus user add NAME --role admin")),
+    }
+}
+
+/// How long ports may take to be tried before the daemon says that it serves: a network may take
+/// longer than people wait.
+const TRIED_WITHIN: Duration = Duration::from_secs(1);
+
+/// How many names are tried for the demo's folder.
+const OWN_FOLDERS_MAX: u32 = 16;
+
+/// The system refuses what it always grants.
+fn system(lang: Lang, error: impl ToString) -> Failure {
+    Failure::new(
+        Code::System,
+        lang.get(GatewayText::CantServeSite).to_owned(),
+    )
+    .because(error)
+}
+
+/// Reads the configuration and says what is in it.
+fn check(lang: Lang, wanted: &ServeOptions, format: Format) -> Result<(), Failure> {
+    let found = config_file::read(lang, wanted.config.as_deref());
+    let found = found.map_err(|problem| Failure::of_problem(lang, &problem))?;
+    let (lines, modules) = (found.config.lines.len(), found.config.modules.len());
+    let path = found.path.display().to_string();
+    if format.is_json() {
+        let told = json!({ "file": path, "lines": lines, "modules": modules });
+        return out::result(lang, &records::line(told));
+    }
+    let values: &[(&str, &dyn std::fmt::Display)] =
+        &[("file", &path), ("lines", &lines), ("modules", &modules)];
+    out::result(
+        lang,
+        &format!("{}\n", lang.fill(GatewayText::ServeChecked, values)),
+    )
+}
+
+/// The site, and where it comes from.
+struct Source {
+    config: Config,
+    file: PathBuf,
+    /// What is to be remembered lies here.
+    state: PathBuf,
+    /// Ends with the daemon, after the lines.
+    demo: Option<Demo>,
+}
+
+/// The demo line, and the folder of its site, which goes last.
+struct Demo {
+    line: Background,
+    _folder: OwnFolder,
+}
+
+/// A folder of this daemon alone, for as long as it runs.
+struct OwnFolder(PathBuf);
+
+impl Drop for OwnFolder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+impl Source {
+    fn open(lang: Lang, wanted: &ServeOptions) -> Result<Source, Failure> {
+        let refused = |problem: Problem| Failure::of_problem(lang, &problem);
+        if wanted.demo {
+            return Source::demo(lang);
+        }
+        // Where there is none anywhere, one is begun here.
+        let file = config_file::path(wanted.config.as_deref());
+        let file = file.unwrap_or_else(|_| config_file::real(Path::new(config_file::NAME)));
+        // A site may begin with nothing: its first line is added in the browser.
+        let config = match file.exists() {
+            true => {
+                config_file::read(lang, Some(&file))
+                    .map_err(refused)?
+                    .config
+            }
+            false => Config::default(),
+        };
+        Ok(Source {
+            config,
+            state: config_file::state_folder(Some(&file)),
+            file,
+            demo: None,
+        })
+    }
+
+    fn demo(lang: Lang) -> Result<Source, Failure> {
+        let folder = OwnFolder::make().map_err(|error| system(lang, error))?;
+        let line = Background::start(lang, folder.0.join("line"))?;
+        let port = line.path().display().to_string();
+        let text = railbus_plant::demo::text(&port);
+        let file = folder.0.join(config_file::NAME);
+        std::fs::write(&file, &text).map_err(|error| system(lang, error))?;
+        let config = Config::parse(&text).map_err(|problems| {
+            Failure::of_problem(lang, &bad_config(lang, config_file::NAME, &problems))
+        })?;
+        // Its own, whatever the state of real sites is said to be.
+        let state = folder.0.join(".railbus");
+        let demo = Demo {
+            line,
+            _folder: folder,
+        };
+        Ok(Source {
+            config,
+            file,
+            state,
+            demo: Some(demo),
+        })
+    }
+}
+
+impl Source {
+    /// The lines that are simulated here.
+    fn simulated(&self) -> Vec<Remote> {
+        let demo = self.demo.iter();
+        demo.map(|demo| demo.line.remote().clone()).collect()
+    }
+}
+
+impl OwnFolder {
+    /// One that is there already is somebody else's.
+    fn make() -> std::io::Result<OwnFolder> {
+        let mut refused = std::io::ErrorKind::AlreadyExists.into();
+        for number in 0..OWN_FOLDERS_MAX {
+            let name = format!("railbus-demo-{}-{number}", std::process::id());
+            let folder = std::env::temp_dir().join(name);
+            match std::fs::DirBuilder::new().mode(0o700).create(&folder) {
+                Ok(()) => return Ok(OwnFolder(folder)),
+                Err(error) => refused = error,
+            }
+        }
+        Err(refused)
+    }
+}
+
+async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
+    let mut signals = Signals::new().map_err(|error| system(lang, error))?;
+    // The places to listen first: a second daemon fails here, before it touches a line.
+    let tcp = TcpListener::bind(wanted.listen).await.map_err(|error| {
+        let message = lang.fill(
+            railbus_app::texts::AppText::NoTcp,
+            &[("address", &wanted.listen)],
+        );
+        Failure::new(Code::Listen, message)
+            .because(error)
+            .with_try("railbus serve --listen 127.0.0.1:0")
+    })?;
+    let address = tcp.local_addr().map_err(|error| system(lang, error))?;
+    let socket = listen_on_socket(lang, wanted)?;
+    let source = Source::open(lang, wanted)?;
+    let access = Gate::open(&source.state);
+    let access = access.map_err(|problem| Failure::of_problem(lang, &problem))?;
+    let service = Service::start_in(source.config.clone(), &source.state);
+    let service = service.map_err(|error| system(lang, error))?;
+    let events = service.follow_events();
+    let stores = Stores::open(&service, &source.state);
+    let keys = Keys::open(&source.state);
+    stores::tell_of_keys(&service, keys.1.as_ref());
+    service.run_rules();
+
+    // Who hears that it serves may ask at once: every port was tried by then.
+    let tried = async {
+        for line in source.config.lines.keys() {
+            // The reason why not is a part of the line's status.
+            let _ = service.opened(line).await;
+        }
+    };
+    let _ = tokio::time::timeout(TRIED_WITHIN, tried).await;
+    let names = [tls::own_names(), wanted.names.clone()].concat();
+    let tls = open_tls(lang, wanted, &source, &names)?;
+    let scheme = if tls.is_some() { "https" } else { "http" };
+    // Every address of this machine is none that a browser can go to.
+    let host = match names.first().filter(|_| address.ip().is_unspecified()) {
+        Some(name) => format!("{name}:{}", address.port()),
+        None => address.to_string(),
+    };
+    let origin = format!("{scheme}://{host}");
+    announce(lang, &source, &access, &origin, tls.as_deref(), &socket);
+    let desk = Arc::new(Desk::new(&source.file, &source.state, &source.config));
+    let name = routes::name_of(source.demo.is_some(), &source.file);
+    let hooks = Hooks::start(name, &source.state, service.clone(), events, desk.changes());
+    let hooks = hooks.map_err(|error| system(lang, error))?;
+    let (stop, stopped) = watch::channel(false);
+    let site = Site {
+        service: service.clone(),
+        lang,
+        demo: source.demo.is_some(),
+        simulated: source.simulated().into(),
+        stop: stopped.clone(),
+        keys: Arc::new(keys.0),
+        sockets: ws::Room::new(),
+        ops: Arc::new(ops::Ops::default()),
+        desk: Arc::clone(&desk),
+        hooks: Arc::clone(&hooks),
+        access: Arc::new(access),
+        origin: origin.into(),
+        tls: tls.clone(),
+    };
+    let [room, room_of_socket] = [Room::new(), Room::new()];
+    let front = Arc::new(Front {
+        port: address.port(),
+        is_tls: tls.is_some(),
+        is_wide: !wanted.listen.ip().is_loopback(),
+        names,
+        is_trusted: matches!(wanted.tls, Some(CertificateSource::Files { .. }))
+            && !wanted.listen.ip().is_loopback(),
+    });
+    let over_tcp = routes::router(site.clone(), Some(front));
+    let mut listening = vec![tokio::spawn(listen::tcp(
+        tcp,
+        tls.clone(),
+        over_tcp,
+        room.clone(),
+        stopped.clone(),
+    ))];
+    if let Ok(socket) = socket {
+        let over_socket = routes::router(site, None);
+        let unix = listen::unix(socket, over_socket, room_of_socket.clone(), stopped);
+        listening.push(tokio::spawn(unix));
+    }
+
+    let notify = Notify::of_environment();
+    notify.tell(notify::READY);
+    let asked = async {
+        while signals.next().await == Asked::Reload {
+            reload(lang, &service, &desk).await;
+            reload_tls(lang, tls.as_deref());
+        }
+    };
+    tokio::select! {
+        () = asked => {}
+        () = notify.stay_alive() => {}
+    }
+    notify.tell(notify::STOPPING);
+    deadline::after(deadline::END_MAX, move || {
+        let failure = Failure::of(lang, Code::CutOff);
+        complain_of(lang, &failure);
+        std::process::exit(failure.code().exit().into());
+    });
+    // Fails where nobody listens any more.
+    let _ = stop.send(true);
+    for task in listening {
+        // Fails where it panicked, which was told.
+        let _ = task.await;
+    }
+    tokio::join!(room.emptied(), room_of_socket.emptied());
+    service.close().await;
+    // That it stops is told to webhooks, too.
+    tokio::join!(stores.close(&service), hooks.close());
+    Ok(())
+}
+
+/// Certificate and key, where they are wished for.
+fn open_tls(
+    lang: Lang,
+    wanted: &ServeOptions,
+    source: &Source,
+    names: &[String],
+) -> Result<Option<Arc<Tls>>, Failure> {
+    let Some(wish) = &wanted.tls else {
+        return Ok(None);
+    };
+    let names = tls::names_for(wanted.listen.ip(), names);
+    let tls = Tls::open(wish, &source.state, &names);
+    tls.map(|tls| Some(Arc::new(tls)))
+        .map_err(|problem| Failure::of_problem(lang, &problem))
+}
+
+/// Reads certificate and key again.
+fn reload_tls(lang: Lang, tls: Option<&Tls>) {
+    let Some(tls) = tls else {
+        return;
+    };
+    match tls.reload() {
+        Ok(()) => {
+            let fingerprint = tls.fingerprint();
+            say(&lang.fill(GatewayText::TlsRead, &[("fingerprint", &fingerprint)]));
+        }
+        Err(problem) => complain_of(lang, &Failure::of_problem(lang, &problem)),
+    }
+}
+
+/// The socket that was named must be there; of the usual ones, the first that can be had.
+fn listen_on_socket(
+    lang: Lang,
+    wanted: &ServeOptions,
+) -> Result<Result<Socket, (PathBuf, std::io::Error)>, Failure> {
+    let named = |path: &Path| Socket::listen(lang, path).map_err(|error| (path.to_owned(), error));
+    if let Some(path) = &wanted.socket {
+        return named(path).map(Ok).map_err(|(path, error)| {
+            let path = path.display();
+            let message = lang.fill(GatewayText::NoSocket, &[("path", &path)]);
+            Failure::new(Code::Listen, message).because(error)
+        });
+    }
+    let mut tried = Err((PathBuf::new(), std::io::ErrorKind::NotFound.into()));
+    for path in socket::places() {
+        tried = named(&path);
+        if tried.is_ok() {
+            break;
+        }
+    }
+    Ok(tried)
+}
+
+/// Takes the configuration again. Where it has problems they are told, and all stays as it was.
+async fn reload(lang: Lang, service: &Service, desk: &Desk) {
+    match desk.reload(service, lang).await {
+        Ok(config::Changed { reloaded: done, .. }) => {
+            let lists = [&done.kept, &done.opened, &done.closed];
+            let [kept, opened, closed] = lists.map(|lines| match lines.as_slice() {
+                [] => "–".to_owned(),
+                lines => lines.join(" "),
+            });
+            let values: &[(&str, &dyn std::fmt::Display)] =
+                &[("kept", &kept), ("opened", &opened), ("closed", &closed)];
+            say(&lang.fill(GatewayText::Reloaded, values));
+        }
+        Err(problem) => {
+            complain_of(lang, &Failure::of_problem(lang, &problem));
+            complain(lang.get(GatewayText::NotReloaded));
+        }
+    }
+}
+
+/// Says what is served, and how to connect.
+fn announce(
+    lang: Lang,
+    source: &Source,
+    access: &Gate,
+    origin: &str,
+    tls: Option<&Tls>,
+    socket: &Result<Socket, (PathBuf, std::io::Error)>,
+) {
+    let version = env!("CARGO_PKG_VERSION");
+    let file = source.file.display().to_string();
+    let what = match &source.demo {
+        Some(_) => lang.get(GatewayText::ServesDemo).to_owned(),
+        None if source.file.exists() => file,
+        None => lang.fill(GatewayText::ServesNew, &[("file", &file)]),
+    };
+    let socket = match socket {
+        Ok(socket) => socket.path().display().to_string(),
+        Err((path, error)) => format!("– ({}: {error})", path.display()),
+    };
+    // Where there is a user already there is no link.
+    let setup = access.setup_link(origin).map(|link| {
+        let once = lang.get(GatewayText::ServeSetup);
+        format!("\n  setup   {link}   {once}")
+    });
+    let tls = tls.map(|tls| format!("\n  tls     SHA-256 {}", tls.fingerprint()));
+    say(&format!(
+        "railbus {version}  {what}\n  web     {origin}/{}{}\n  api     {origin}/api/v1\n  \
+         socket  {socket}\n  {}",
+        setup.unwrap_or_default(),
+        tls.unwrap_or_default(),
+        lang.get(GatewayText::ServeStop)
+    ));
+}
+
+/// Who reads it may have gone; the site is served all the same.
+fn say(text: &str) {
+    let mut stdout = std::io::stdout();
+    let _ = writeln!(stdout, "{text}").and_then(|()| stdout.flush());
+}
+
+fn complain(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+fn complain_of(lang: Lang, failure: &Failure) {
+    complain(&failure.render_within(lang, width::of_errors()));
+}
+
+/// What a signal asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Asked {
+    Stop,
+    Reload,
+}
+
+/// The signals. From their making on they no longer end the program at once.
+struct Signals {
+    interrupt: Signal,
+    terminate: Signal,
+    hangup: Signal,
+}
+
+impl Signals {
+    fn new() -> std::io::Result<Signals> {
+        Ok(Signals {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+            hangup: signal(SignalKind::hangup())?,
+        })
+    }
+
+    async fn next(&mut self) -> Asked {
+        tokio::select! {
+            _ = self.interrupt.recv() => Asked::Stop,
+            _ = self.terminate.recv() => Asked::Stop,
+            _ = self.hangup.recv() => Asked::Reload,
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! `railbus serve`: the daemon, as the command line starts it.
+
+use crate::cli;
+use crate::texts::Text;
+use clap::parser::ValueSource;
+use clap::{ArgAction, ArgMatches, Command, value_parser};
+use railbus_app::failure::Failure;
+use railbus_app::render::Format;
+use railbus_gateway::{CertificateSource, LISTEN, ServeOptions};
+use railbus_words::{Code, Lang};
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// The name of the command.
+pub(crate) const NAME: &str = "serve";
+
+/// Its parser and help.
+pub(crate) fn define(lang: Lang) -> Command {
+    let usage = "railbus serve [--demo|--config FILE] [--listen ADDR] [--tls auto]";
+    let file = |name, help| {
+        let flag = cli::flag(lang, name, help).value_name("FILE");
+        flag.value_parser(value_parser!(PathBuf))
+    };
+    let switch = |name, help| cli::flag(lang, name, help).action(ArgAction::SetTrue);
+    cli::verb(lang, NAME, Text::ServeAbout, usage)
+        .before_help(cli::examples(lang, Text::ServeExamples))
+        .arg(switch("demo", Text::ServeDemo))
+        .arg(
+            cli::flag(lang, "listen", Text::ServeListen)
+                .value_name("ADDR")
+                .value_parser(value_parser!(SocketAddr)),
+        )
+        .arg(
+            cli::flag(lang, "tls", Text::ServeTls)
+                .value_name("HOW")
+                .value_parser(["auto"])
+                .hide_possible_values(true)
+                .conflicts_with_all(["tls-cert", "tls-key"]),
+        )
+        .arg(file("tls-cert", Text::ServeTlsCert).requires("tls-key"))
+        .arg(file("tls-key", Text::ServeTlsKey).requires("tls-cert"))
+        .arg(
+            cli::flag(lang, "name", Text::ServeName)
+                .value_name("HOST")
+                .action(ArgAction::Append),
+        )
+        .arg(switch("check", Text::ServeCheck))
+}
+
+/// Serves until it is stopped.
+pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
+    if matches.value_source("line") == Some(ValueSource::CommandLine) {
+        let line = matches.get_one::<String>("line");
+        let line = line.map(String::as_str).unwrap_or_default();
+        let failure = Failure::new(Code::Usage, lang.get(Text::ServeNoLine).to_owned());
+        return Err(failure
+            .with_try(format!("railbus -l {line} scan --add"))
+            .with_try("railbus serve"));
+    }
+    let format = matches.get_one::<String>("output");
+    let format = format.and_then(|name| Format::from_name(name));
+    let options = ServeOptions {
+        config: matches.get_one("config").cloned(),
+        demo: matches.get_flag("demo"),
+        listen: matches.get_one("listen").copied().unwrap_or(LISTEN),
+        tls: tls_wish(matches),
+        names: matches
+            .get_many("name")
+            .into_iter()
+            .flatten()
+            .cloned()
+            .collect(),
+        socket: matches.get_one("socket").cloned(),
+        check: matches
+            .get_flag("check")
+            .then(|| format.unwrap_or_default()),
+    };
+    railbus_gateway::run(lang, &options)
+}
+
+fn tls_wish(matches: &ArgMatches) -> Option<CertificateSource> {
+    let path = |name: &str| matches.get_one::<PathBuf>(name).cloned();
+    match (path("tls-cert"), path("tls-key")) {
+        (Some(cert), Some(key)) => Some(CertificateSource::Files { cert, key }),
+        _ => matches
+            .contains_id("tls")
+            .then_some(CertificateSource::Auto),
+    }
+}
