@@ -2,6 +2,8 @@
 
 mod daemon;
 mod finding;
+mod hearing;
+pub mod line;
 pub mod port;
 mod served;
 pub mod system;

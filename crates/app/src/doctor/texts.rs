@@ -17,4 +17,25 @@ railbus_words::texts! {
         en: "{line} is still being opened (daemon): nothing is known of it yet",
         zh: "{line} 正在打开（守护进程）：尚无其状态",
     }
+    PortGood { en: "{port} opens, {settings}", zh: "{port} 可以打开，{settings}" }
+    LineQuiet { en: "{line}: no data in {time}", zh: "{line} {time}内无数据" }
+    LineHeard {
+        en: "{line}: {count} bytes in {time}: {bytes}",
+        zh: "{line}，{time}内 {count} 字节：{bytes}",
+    }
+    LineFrames {
+        en: "{line}: {frames} requests in {time}: {bytes}",
+        zh: "{line}，{time}内 {frames} 个请求：{bytes}",
+    }
+    Hears {
+        en: "{module} (address {address}) received {messages} frames, {errors} bad, \
+             {overruns} characters lost",
+        zh: "{module}（地址 {address}）收到 {messages} 条报文，损坏 {errors} 条，\
+             丢失 {overruns} 个字符",
+    }
+    NoModules { en: "no modules on {line}", zh: "{line} 上没有模块" }
+    At {
+        en: "{module} (address {address}, {protocol}, {settings})",
+        zh: "{module}（地址 {address}，{protocol}，{settings}）",
+    }
 }

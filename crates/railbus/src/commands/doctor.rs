@@ -1,10 +1,9 @@
 //! `railbus doctor`: what is wrong with machine, port, line, modules, configuration and daemon,
 //! and how to mend it. It only reads, unless it is told to mend.
 
+mod chosen;
 mod daemon;
 mod fix;
-mod hearing;
-mod line;
 mod served;
 mod show;
 mod texts;
@@ -15,13 +14,12 @@ use crate::backend::{Backend, described};
 use crate::cli;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use jiff::Timestamp;
-pub(in crate::commands) use line::Chosen;
 use railbus_app::config_file;
-use railbus_app::doctor::{Finding, Section, State, of_config, port, system};
+pub(in crate::commands) use railbus_app::doctor::line::Chosen;
+use railbus_app::doctor::{Finding, Section, State, line, of_config, port, system};
 use railbus_app::failure::Failure;
 use railbus_app::machine::Machine;
 use railbus_app::machine::users::User;
-use railbus_host::LineName;
 use railbus_site::Config;
 use railbus_words::Lang;
 use railbus_words::{Code, findings};
@@ -62,7 +60,7 @@ pub(super) fn chosen_lines(context: &Context) -> Result<Vec<Chosen>, Failure> {
                 .config
         }
     };
-    line::chosen(context, &config)
+    chosen::chosen(context, &config)
 }
 
 /// Looks at everything, shows it, and mends what it may.
@@ -138,7 +136,7 @@ async fn here(
     config: &Configuration,
 ) -> Result<Vec<Finding>, Failure> {
     let mut lines = tokio::task::JoinSet::new();
-    let chosen = line::chosen(context, &config.config)?;
+    let chosen = chosen::chosen(context, &config.config)?;
     for (number, line) in chosen.into_iter().enumerate() {
         let (lang, machine, user) = (context.lang, machine.clone(), user.clone());
         lines.spawn(async move {
@@ -189,12 +187,4 @@ fn configuration(
     };
     let findings = of_config(lang, machine, &found);
     of(found.config, findings)
-}
-
-/// The name of a port, where it is one of a serial device.
-fn device_of(name: &LineName) -> Option<String> {
-    match name {
-        LineName::Serial(path) | LineName::Pty(path) => Some(path.display().to_string()),
-        LineName::Tcp { .. } | LineName::ModbusTcp { .. } => None,
-    }
 }

@@ -1,6 +1,6 @@
 //! The lines and modules of a daemon, as it sees them: nobody else may open them.
 
-use super::line::no_line;
+use super::chosen::no_line;
 use crate::backend::Backend;
 use crate::commands::Context;
 use railbus_api::types::{ModuleInfo, ModuleState};

@@ -29,27 +29,6 @@ railbus_words::texts! {
     Config { en: "config", zh: "配置" }
     Daemon { en: "daemon", zh: "守护进程" }
     FixLabel { en: "fix:", zh: "处理：" }
-    PortGood { en: "{port} opens, {settings}", zh: "{port} 可以打开，{settings}" }
-    LineQuiet { en: "{line}: no data in {time}", zh: "{line} {time}内无数据" }
-    LineHeard {
-        en: "{line}: {count} bytes in {time}: {bytes}",
-        zh: "{line}，{time}内 {count} 字节：{bytes}",
-    }
-    LineFrames {
-        en: "{line}: {frames} requests in {time}: {bytes}",
-        zh: "{line}，{time}内 {frames} 个请求：{bytes}",
-    }
-    Hears {
-        en: "{module} (address {address}) received {messages} frames, {errors} bad, \
-             {overruns} characters lost",
-        zh: "{module}（地址 {address}）收到 {messages} 条报文，损坏 {errors} 条，\
-             丢失 {overruns} 个字符",
-    }
-    NoModules { en: "no modules on {line}", zh: "{line} 上没有模块" }
-    At {
-        en: "{module} (address {address}, {protocol}, {settings})",
-        zh: "{module}（地址 {address}，{protocol}，{settings}）",
-    }
     NoDaemon {
         en: "not running; commands open the line themselves",
         zh: "未运行；命令会自行打开总线",

@@ -1,7 +1,7 @@
 //! How well modules hear that can say so: the counters of Modbus, function 08 [BEYOND §4].
 
-use super::texts::DoctorText;
-use railbus_app::doctor::{Finding, Section};
+use super::finding::{Finding, Section};
+use super::texts::FindingText;
 use railbus_host::{Line, Module, Probe};
 use railbus_wire::rtu::{Identification, Request, Response, diagnosis};
 use railbus_wire::{Address, Exchange, Micros, Protocol};
@@ -105,7 +105,7 @@ pub(super) fn judge(
         ("errors", &errors),
         ("overruns", &overruns),
     ];
-    let text = lang.fill(DoctorText::Hears, values);
+    let text = lang.fill(FindingText::Hears, values);
     let all = u32::from(messages) + u32::from(errors);
     let poorly = only_modbus && u32::from(errors) * FEW > all || overruns > 0;
     let heard = match poorly {

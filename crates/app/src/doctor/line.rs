@@ -1,21 +1,17 @@
 //! The line and its modules: listened to while nobody is asked, then read by the same rules as
 //! everything else reads.
 
-use super::texts::DoctorText;
-use super::{device_of, hearing};
-use crate::commands::Context;
-use railbus_app::api::convert;
-use railbus_app::doctor::{Finding, FindingText, Section, port};
-use railbus_app::failure::Failure;
-use railbus_app::machine::Machine;
-use railbus_app::machine::users::User;
+use super::finding::{Finding, Section};
+use super::texts::FindingText;
+use super::{hearing, port};
+use crate::api::convert;
+use crate::machine::Machine;
+use crate::machine::users::User;
 use railbus_host::{
     AnyPort, Event, Fault, Line, LineConfig, LineEvent, LineName, Module, ModuleId, Op, Plan, Port,
     SerialOptions, Settings, Terms,
 };
-use railbus_site::Config;
 use railbus_wire::{Decoded, Protocol, ascii, lc02, r55, rtu};
-use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::{hex, time};
 use std::time::Duration;
@@ -30,62 +26,21 @@ const SHOWN: usize = 16;
 
 /// A line to look at.
 #[derive(Debug)]
-pub(in crate::commands) struct Chosen {
-    pub(in crate::commands) name: String,
-    pub(in crate::commands) port: LineName,
-    pub(in crate::commands) settings: Settings,
+pub struct Chosen {
+    /// Its name.
+    pub name: String,
+    /// Its port.
+    pub port: LineName,
+    /// How the port is set.
+    pub settings: Settings,
     /// What they are called, what they are, and how the line is to treat them: nobody polls them.
-    pub(in crate::commands) modules: Vec<(String, Module, Plan)>,
-    pub(in crate::commands) bus: railbus_host::Config,
-}
-
-/// The lines of a configuration, or the one that `-l` names.
-///
-/// # Errors
-/// Where there is no line of that name.
-pub(super) fn chosen(context: &Context, config: &Config) -> Result<Vec<Chosen>, Failure> {
-    if let Some(wanted) = context
-        .line
-        .as_ref()
-        .filter(|name| !config.lines.contains_key(*name))
-    {
-        return Err(no_line(context, wanted, config.lines.keys()));
-    }
-    let wanted = |name: &String| context.line.as_ref().is_none_or(|line| line == name);
-    let lines = config.lines.iter().filter(|(name, _)| wanted(name));
-    let chosen = lines.filter_map(|(name, line)| {
-        let modules = config.modules_of(name).filter_map(|(name, about)| {
-            let module = Module::new(about.setup).ok()?;
-            Some((name.clone(), module, about.plan_where(false)))
-        });
-        Some(Chosen {
-            name: name.clone(),
-            port: line.port.parse().ok()?,
-            settings: line.serial,
-            modules: modules.collect(),
-            bus: railbus_host::Config {
-                echo: line.echo,
-                ..Default::default()
-            },
-        })
-    });
-    Ok(chosen.collect())
-}
-
-/// The failure of naming a line that there is not.
-pub(super) fn no_line<'n>(
-    context: &Context,
-    wanted: &str,
-    known: impl Iterator<Item = &'n String>,
-) -> Failure {
-    let failure = Failure::of(context.lang, Code::NoLine).because(wanted);
-    known.fold(failure, |failure, name| {
-        failure.with_try(format!("-l {name}"))
-    })
+    pub modules: Vec<(String, Module, Plan)>,
+    /// What the state machine of the line is told.
+    pub bus: railbus_host::Config,
 }
 
 /// Opens the port, listens, and reads each module once.
-pub(super) async fn examine(
+pub async fn examine(
     lang: Lang,
     machine: &Machine,
     user: &User,
@@ -119,9 +74,17 @@ pub(super) async fn examine(
     found
 }
 
+/// The name of a port, where it is one of a serial device.
+fn device_of(name: &LineName) -> Option<String> {
+    match name {
+        LineName::Serial(path) | LineName::Pty(path) => Some(path.display().to_string()),
+        LineName::Tcp { .. } | LineName::ModbusTcp { .. } => None,
+    }
+}
+
 fn opens(lang: Lang, port: &str, settings: Settings) -> Finding {
     let values: &[(&str, &dyn std::fmt::Display)] = &[("port", &port), ("settings", &settings)];
-    Finding::good(Section::Port, lang.fill(DoctorText::PortGood, values))
+    Finding::good(Section::Port, lang.fill(FindingText::PortGood, values))
 }
 
 /// What is heard in so much time.
@@ -143,7 +106,7 @@ fn judge(lang: Lang, line: &Chosen, heard: &[u8], listen: Duration) -> Finding {
     let time = time::duration(lang, millis);
     if heard.is_empty() {
         let values: &[(&str, &dyn std::fmt::Display)] = &[("line", &line.name), ("time", &time)];
-        return Finding::good(Section::Line, lang.fill(DoctorText::LineQuiet, values));
+        return Finding::good(Section::Line, lang.fill(FindingText::LineQuiet, values));
     }
     let bytes = hex::spaced(heard.get(..SHOWN.min(heard.len())).unwrap_or_default());
     let (count, frames) = (heard.len(), requests(heard));
@@ -156,10 +119,10 @@ fn judge(lang: Lang, line: &Chosen, heard: &[u8], listen: Duration) -> Finding {
     ];
     let on_wire = line.settings.frame_time(count).0 / 1_000;
     if frames > 0 {
-        let detail = lang.fill(DoctorText::LineFrames, values);
+        let detail = lang.fill(FindingText::LineFrames, values);
         return Finding::warning(Section::Line, "D202", detail);
     }
-    let detail = lang.fill(DoctorText::LineHeard, values);
+    let detail = lang.fill(FindingText::LineHeard, values);
     if count >= BYTES_MAX || on_wire * 100 > millis * BABBLE {
         return Finding::error(Section::Line, "D204", detail);
     }
@@ -207,7 +170,7 @@ const fn len<T>(decoded: &Decoded<T>) -> Option<usize> {
 /// Reads each module once, and says what came of it.
 async fn read(lang: Lang, line: &Chosen) -> Vec<Finding> {
     if line.modules.is_empty() {
-        let text = lang.fill(DoctorText::NoModules, &[("line", &line.name)]);
+        let text = lang.fill(FindingText::NoModules, &[("line", &line.name)]);
         return vec![Finding::good(Section::Modules, text)];
     }
     let mut config = LineConfig::new(line.port.clone());
@@ -270,7 +233,7 @@ fn verdicts(lang: Lang, line: &Chosen, ends: &[Option<Fault>], late: &[usize]) -
             ("protocol", &protocol),
             ("settings", &setup.serial),
         ];
-        let at = || lang.fill(DoctorText::At, values);
+        let at = || lang.fill(FindingText::At, values);
         found.push(match end {
             None if late.contains(&index) => Finding::warning(Section::Modules, "D304", at()),
             None => {
