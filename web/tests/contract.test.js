@@ -81,3 +81,28 @@ test("a configuration that somebody else has changed is not overwritten", async 
   await page.waitForFunction(() => document.querySelector("textarea").value.endsWith("# theirs\n"));
   await context.close();
 });
+
+test("what fails in a dialog is shown in it, until the next attempt", async () => {
+  const t = words("en");
+  const { context, page } = await open(browser, LOOKS[2]);
+  const answers = [
+    { status: 422, json: { status: 422, code: "E0905", title: "refused", detail: "the old password is wrong", help: ["ask an admin"] } },
+    { status: 200, json: { changed: "anna" } },
+  ];
+  await page.route("**/api/v1/password", (route) => route.fulfill(answers.shift()));
+  await page.goto(server.address);
+  await page.getByRole("button", { name: t("user_menu") }).click();
+  await page.getByRole("button", { name: t("password_change") }).click();
+  const dialog = page.getByRole("dialog");
+  await dialog.getByLabel(t("password_old")).fill("wrong horse");
+  await dialog.getByLabel(t("password_new"), { exact: true }).fill("correct horse battery");
+  await dialog.getByRole("button", { name: t("save") }).click();
+  const told = dialog.getByRole("alert");
+  await told.waitFor();
+  assert.match(await told.innerText(), /E0905 the old password is wrong\s+ask an admin/);
+  assert.equal(await page.locator(".toast").count(), 0, "nothing is shown behind the dialog");
+  await dialog.getByRole("button", { name: t("save") }).click();
+  await dialog.waitFor({ state: "detached" });
+  await page.getByText(t("password_changed")).waitFor();
+  await context.close();
+});
