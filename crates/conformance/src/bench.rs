@@ -1,6 +1,6 @@
 //! Runs a case on any kind of module.
 
-use crate::read::{Case, Step};
+use crate::read::{Case, CaseStep};
 use railbus_device::{Family, Setup};
 use railbus_wire::Protocol;
 use std::fmt;
@@ -72,7 +72,7 @@ pub trait Bench {
 
 /// A failed case.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Failure {
+pub struct CaseFailure {
     /// `erc8.txt:12`
     pub place: String,
     /// The case's name.
@@ -83,7 +83,7 @@ pub struct Failure {
     pub what: String,
 }
 
-impl fmt::Display for Failure {
+impl fmt::Display for CaseFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Setup {
             family, protocol, ..
@@ -101,7 +101,7 @@ impl fmt::Display for Failure {
 ///
 /// # Errors
 /// What differs from the case.
-pub fn run<B: Bench>(case: &Case, setup: &Setup, bench: &mut B) -> Result<(), Failure> {
+pub fn run<B: Bench>(case: &Case, setup: &Setup, bench: &mut B) -> Result<(), CaseFailure> {
     let mut outside = Outside::of(setup);
     for (line, step) in &case.steps {
         perform(step, &mut outside, bench).map_err(|what| failure(case, *line, setup, what))?;
@@ -111,8 +111,8 @@ pub fn run<B: Bench>(case: &Case, setup: &Setup, bench: &mut B) -> Result<(), Fa
     said_nothing(bench, 50).map_err(|what| failure(case, end, setup, what))
 }
 
-fn failure(case: &Case, line: usize, setup: &Setup, what: String) -> Failure {
-    Failure {
+fn failure(case: &Case, line: usize, setup: &Setup, what: String) -> CaseFailure {
+    CaseFailure {
         place: format!("{}:{line}", case.file),
         case: case.name.clone(),
         setup: *setup,
@@ -120,31 +120,31 @@ fn failure(case: &Case, line: usize, setup: &Setup, what: String) -> Failure {
     }
 }
 
-fn perform<B: Bench>(step: &Step, outside: &mut Outside, bench: &mut B) -> Result<(), String> {
+fn perform<B: Bench>(step: &CaseStep, outside: &mut Outside, bench: &mut B) -> Result<(), String> {
     let broken = |error: B::Error| format!("the bench does not work: {error}");
     match step {
-        Step::Ask(request, reply) => {
+        CaseStep::Ask(request, reply) => {
             let answer = bench.ask(request, reply.len()).map_err(broken)?;
             let what = || format!("{} gets {}", Said(request), Said(&answer));
             return (answer == *reply)
                 .then_some(())
                 .ok_or_else(|| format!("{}, not {}", what(), Said(reply)));
         }
-        Step::Outputs(expected) => {
+        CaseStep::Outputs(expected) => {
             let outputs = bench.outputs(*expected).map_err(broken)?;
             return (outputs == *expected)
                 .then_some(())
                 .ok_or_else(|| format!("the outputs are {outputs:X}, not {expected:X}"));
         }
-        Step::Power => return bench.power_cycle().map_err(broken),
-        Step::Wait(millis) => return said_nothing(bench, *millis),
-        Step::Inputs(levels) => outside.levels = *levels,
-        Step::Analog(channel, value) => match outside.analogs.get_mut(usize::from(*channel)) {
+        CaseStep::Power => return bench.power_cycle().map_err(broken),
+        CaseStep::Wait(millis) => return said_nothing(bench, *millis),
+        CaseStep::Inputs(levels) => outside.levels = *levels,
+        CaseStep::Analog(channel, value) => match outside.analogs.get_mut(usize::from(*channel)) {
             Some(analog) => *analog = *value,
             None => return Err(format!("no module has an analog input {channel}")),
         },
-        Step::Dip(dip) => outside.dip = *dip,
-        Step::Init(grounded) => outside.init = *grounded,
+        CaseStep::Dip(dip) => outside.dip = *dip,
+        CaseStep::Init(grounded) => outside.init = *grounded,
     }
     bench.surround(outside).map_err(broken)
 }

@@ -11,9 +11,9 @@ mod bytes;
 mod read;
 mod simulated;
 
-pub use bench::{Bench, Failure, Outside, run};
+pub use bench::{Bench, CaseFailure, Outside, run};
 pub use bytes::bytes;
-pub use read::{Case, Flaw, Step, Subject, read};
+pub use read::{Case, CaseError, CaseStep, Subject, read};
 pub use simulated::Simulated;
 
 use std::path::{Path, PathBuf};
@@ -40,7 +40,7 @@ pub fn all() -> Result<Vec<Case>, String> {
     {
         let file = path.file_name().unwrap_or_default().to_string_lossy();
         let text = std::fs::read_to_string(path).map_err(|e| format!("{file}: {e}"))?;
-        cases.extend(read(&file, &text).map_err(|flaw| flaw.to_string())?);
+        cases.extend(read(&file, &text).map_err(|error| error.to_string())?);
     }
     Ok(cases)
 }

@@ -17,7 +17,7 @@ pub struct Case {
     /// The modules it applies to; each runs it from the factory state.
     pub modules: Vec<Subject>,
     /// Its steps, each with its line.
-    pub steps: Vec<(usize, Step)>,
+    pub steps: Vec<(usize, CaseStep)>,
 }
 
 /// A module that a case applies to.
@@ -31,7 +31,7 @@ pub struct Subject {
 
 /// A step of a case.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Step {
+pub enum CaseStep {
     /// Send these bytes; the module replies with those, which may be none.
     Ask(Vec<u8>, Vec<u8>),
     /// The outputs must be these: bit n = output n is on.
@@ -52,13 +52,13 @@ pub enum Step {
 
 /// A line that can't be parsed.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Flaw {
+pub struct CaseError {
     file: String,
     line: usize,
     why: String,
 }
 
-impl fmt::Display for Flaw {
+impl fmt::Display for CaseError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}: {}", self.file, self.line, self.why)
     }
@@ -68,13 +68,13 @@ impl fmt::Display for Flaw {
 ///
 /// # Errors
 /// The first line that can't be parsed.
-pub fn read(file: &str, text: &str) -> Result<Vec<Case>, Flaw> {
+pub fn read(file: &str, text: &str) -> Result<Vec<Case>, CaseError> {
     let mut cases: Vec<Case> = Vec::new();
     for (line, content) in (1..).zip(text.lines().map(str::trim)) {
         if content.is_empty() || content.starts_with('#') {
             continue;
         }
-        let flaw = |why| Flaw {
+        let error = |why| CaseError {
             file: file.to_owned(),
             line,
             why,
@@ -89,15 +89,15 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Case>, Flaw> {
             });
         } else {
             let case = cases.last_mut();
-            let case = case.ok_or_else(|| flaw(String::from("no `case` stands above this")))?;
-            add(case, line, content).map_err(flaw)?;
+            let case = case.ok_or_else(|| error(String::from("no `case` stands above this")))?;
+            add(case, line, content).map_err(error)?;
         }
     }
     match cases
         .iter()
         .find(|case| case.modules.is_empty() || case.steps.is_empty())
     {
-        Some(case) => Err(Flaw {
+        Some(case) => Err(CaseError {
             file: file.to_owned(),
             line: case.line,
             why: String::from("a case needs a module and a step"),
@@ -121,7 +121,7 @@ fn add(case: &mut Case, line: usize, content: &str) -> Result<(), String> {
 /// The module's reply to the request above.
 fn answer(case: &mut Case, text: &str) -> Result<(), String> {
     match case.steps.last_mut() {
-        Some((_, Step::Ask(request, reply))) if reply.is_empty() => {
+        Some((_, CaseStep::Ask(request, reply))) if reply.is_empty() => {
             *reply = match text {
                 "echo" => request.clone(),
                 _ => bytes(text)?,
@@ -134,23 +134,23 @@ fn answer(case: &mut Case, text: &str) -> Result<(), String> {
     }
 }
 
-fn step(word: &str, rest: &str) -> Result<Step, String> {
+fn step(word: &str, rest: &str) -> Result<CaseStep, String> {
     let unknown = || format!("`{word} {rest}` is no step");
     let mask = |text| u32::from_str_radix(text, 16).map_err(|_| unknown());
     Ok(match word {
-        ">" => Step::Ask(bytes(rest)?, Vec::new()),
-        "outputs" => Step::Outputs(mask(rest)?),
-        "inputs" => Step::Inputs(mask(rest)?),
+        ">" => CaseStep::Ask(bytes(rest)?, Vec::new()),
+        "outputs" => CaseStep::Outputs(mask(rest)?),
+        "inputs" => CaseStep::Inputs(mask(rest)?),
         "analog" => {
             let (channel, value) = rest.split_once(' ').ok_or_else(unknown)?;
             let channel = channel.parse().map_err(|_| unknown())?;
-            Step::Analog(channel, value.parse().map_err(|_| unknown())?)
+            CaseStep::Analog(channel, value.parse().map_err(|_| unknown())?)
         }
-        "dip" => Step::Dip(rest.parse().map_err(|_| unknown())?),
-        "init" if rest == "grounded" => Step::Init(true),
-        "init" if rest == "open" => Step::Init(false),
-        "power" if rest == "cycle" => Step::Power,
-        "wait" => Step::Wait(rest.parse().map_err(|_| unknown())?),
+        "dip" => CaseStep::Dip(rest.parse().map_err(|_| unknown())?),
+        "init" if rest == "grounded" => CaseStep::Init(true),
+        "init" if rest == "open" => CaseStep::Init(false),
+        "power" if rest == "cycle" => CaseStep::Power,
+        "wait" => CaseStep::Wait(rest.parse().map_err(|_| unknown())?),
         _ => return Err(unknown()),
     })
 }
@@ -216,10 +216,10 @@ mod tests {
         let write = bytes("07 05 003C FF00 crc").expect("bytes");
         let silent = bytes("02 07 crc").expect("bytes");
         let steps = [
-            (5, Step::Ask(write.clone(), write)),
-            (7, Step::Ask(silent, vec![])),
-            (8, Step::Outputs(1)),
-            (9, Step::Power),
+            (5, CaseStep::Ask(write.clone(), write)),
+            (7, CaseStep::Ask(silent, vec![])),
+            (8, CaseStep::Outputs(1)),
+            (9, CaseStep::Power),
         ];
         assert_eq!(case.steps, steps);
     }
@@ -241,8 +241,8 @@ mod tests {
             "case a\nmodule erc8\ninit on",
         ];
         for text in wrong {
-            let flaw = read("x.txt", text).expect_err(text).to_string();
-            assert!(flaw.starts_with("x.txt:"), "{flaw}");
+            let error = read("x.txt", text).expect_err(text).to_string();
+            assert!(error.starts_with("x.txt:"), "{error}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The simulated modules pass every case.
 
-use railbus_conformance::{Case, Simulated, Step, Subject, all, folder, run};
+use railbus_conformance::{Case, CaseStep, Simulated, Subject, all, folder, run};
 use railbus_device::Family;
 use serde_json::Value;
 
@@ -58,7 +58,7 @@ fn exchanges() -> Vec<(Family, Vec<u8>, Vec<u8>)> {
     let mut exchanges = Vec::new();
     for case in cases() {
         for (_, step) in &case.steps {
-            if let Step::Ask(request, reply) = step {
+            if let CaseStep::Ask(request, reply) = step {
                 for subject in &case.modules {
                     exchanges.push((subject.setup.family, request.clone(), reply.clone()));
                 }

@@ -3,7 +3,7 @@
 use super::pair::{Count, Pair};
 use crate::World;
 use crate::dice::Dice;
-use railbus_conformance::{Step, all};
+use railbus_conformance::{CaseStep, all};
 use railbus_device::{Family, Layout, Options, Setup};
 use railbus_wire::{Address, Protocol, crc16, sum8};
 
@@ -18,7 +18,7 @@ pub(super) fn requests() -> Result<Vec<Known>, String> {
     let mut requests = Vec::new();
     for case in all()? {
         for (_, step) in &case.steps {
-            if let Step::Ask(request, _) = step {
+            if let CaseStep::Ask(request, _) = step {
                 let subject = case.modules.first().ok_or("a case without a module")?;
                 let setup = subject.setup;
                 requests.push((setup.family, setup.protocol, request.clone()));
