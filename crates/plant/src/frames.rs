@@ -4,7 +4,7 @@ use super::texts::SimText;
 use railbus_words::Lang;
 use railbus_words::width;
 
-use railbus_sim::{Direction, Entry, Trace};
+use railbus_sim::{Trace, TraceDirection, TraceEntry};
 use railbus_wire::Instant;
 use std::io::Write;
 
@@ -37,14 +37,17 @@ impl Frames {
     /// each character received by the host, nor changing inputs.
     pub(super) fn show(&mut self, trace: &mut Trace) {
         while let Some(entry) = trace.take() {
-            if !matches!(entry.direction(), Direction::In | Direction::Panel) {
+            if !matches!(
+                entry.direction(),
+                TraceDirection::In | TraceDirection::Panel
+            ) {
                 say(&self.line(&entry), self.aside);
                 self.last = entry.at();
             }
         }
     }
 
-    fn line(&self, entry: &Entry) -> String {
+    fn line(&self, entry: &TraceEntry) -> String {
         let bytes: Vec<String> = entry.bytes().iter().map(|b| format!("{b:02X}")).collect();
         let who = match (&self.line, entry.who()) {
             (Some(line), who @ ("host" | "line")) => format!("{who}.{line}"),

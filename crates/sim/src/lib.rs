@@ -48,4 +48,4 @@ mod trace;
 pub use faults::{Chance, Faults, Injected, Span};
 pub use line::{Chunks, Input, Line, LineConfig, Output};
 pub use slot::{Act, Counts, ModuleId, Power};
-pub use trace::{Direction, Entry, Trace};
+pub use trace::{Trace, TraceDirection, TraceEntry};

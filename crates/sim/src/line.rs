@@ -7,7 +7,7 @@ mod talking;
 use crate::random::Random;
 use crate::slot::Slot;
 use crate::talk::{NEVER, State, Talk, Talker};
-use crate::{Act, Counts, Direction, Faults, Injected, ModuleId, Trace};
+use crate::{Act, Counts, Faults, Injected, ModuleId, Trace, TraceDirection};
 use railbus_device::{Eeprom, Effect, Engine, Options, Setup, SetupError};
 use railbus_wire::{Instant, Micros, Settings};
 use std::collections::VecDeque;
@@ -401,7 +401,7 @@ impl Line {
         &mut self,
         at: Instant,
         who: Talker,
-        direction: Direction,
+        direction: TraceDirection,
         event: &'static str,
         bytes: &[u8],
     ) {
@@ -412,7 +412,7 @@ impl Line {
         &mut self,
         at: Instant,
         who: Talker,
-        direction: Direction,
+        direction: TraceDirection,
         event: &'static str,
         number: Option<u64>,
         bytes: &[u8],

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 
 /// The direction of an entry, seen from the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Direction {
+pub enum TraceDirection {
     /// From the host to the line.
     Out,
     /// From the line to the host.
@@ -19,31 +19,31 @@ pub enum Direction {
     Fault,
 }
 
-impl Direction {
+impl TraceDirection {
     const fn sign(self) -> &'static str {
         match self {
-            Direction::Out => "->",
-            Direction::In => "=>",
-            Direction::Talk => "<-",
-            Direction::Panel => "..",
-            Direction::Fault => "!!",
+            TraceDirection::Out => "->",
+            TraceDirection::In => "=>",
+            TraceDirection::Talk => "<-",
+            TraceDirection::Panel => "..",
+            TraceDirection::Fault => "!!",
         }
     }
 }
 
 /// An entry of a trace.
 #[derive(Clone, Debug)]
-pub struct Entry {
+pub struct TraceEntry {
     at: Instant,
     since: u64,
     who: Box<str>,
-    direction: Direction,
+    direction: TraceDirection,
     event: &'static str,
     number: Option<u64>,
     bytes: Vec<u8>,
 }
 
-impl Entry {
+impl TraceEntry {
     /// When it happened.
     #[must_use]
     pub const fn at(&self) -> Instant {
@@ -58,7 +58,7 @@ impl Entry {
 
     /// The direction.
     #[must_use]
-    pub const fn direction(&self) -> Direction {
+    pub const fn direction(&self) -> TraceDirection {
         self.direction
     }
 
@@ -75,7 +75,7 @@ impl Entry {
     }
 }
 
-impl fmt::Display for Entry {
+impl fmt::Display for TraceEntry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
@@ -105,7 +105,7 @@ impl fmt::Display for Entry {
 /// The most recent events of a line.
 #[derive(Clone, Debug)]
 pub struct Trace {
-    entries: VecDeque<Entry>,
+    entries: VecDeque<TraceEntry>,
     limit: usize,
     last: Instant,
     /// How many entries were dropped for newer ones.
@@ -124,12 +124,12 @@ impl Trace {
     }
 
     /// The entries, oldest first.
-    pub fn entries(&self) -> impl Iterator<Item = &Entry> {
+    pub fn entries(&self) -> impl Iterator<Item = &TraceEntry> {
         self.entries.iter()
     }
 
     /// Removes and returns the oldest entry.
-    pub fn take(&mut self) -> Option<Entry> {
+    pub fn take(&mut self) -> Option<TraceEntry> {
         self.entries.pop_front()
     }
 
@@ -137,7 +137,7 @@ impl Trace {
         &mut self,
         at: Instant,
         who: &str,
-        direction: Direction,
+        direction: TraceDirection,
         event: &'static str,
         number: Option<u64>,
         bytes: &[u8],
@@ -146,7 +146,7 @@ impl Trace {
             self.entries.pop_front();
             self.dropped += 1;
         }
-        self.entries.push_back(Entry {
+        self.entries.push_back(TraceEntry {
             at,
             since: at.since(self.last).0,
             who: who.into(),

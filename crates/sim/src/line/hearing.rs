@@ -2,7 +2,7 @@
 
 use super::{Chunks, Line, Outgoing};
 use crate::talk::{Mark, State, Talk, Talker, understands};
-use crate::{Direction, ModuleId};
+use crate::{ModuleId, TraceDirection};
 use railbus_device::{Effect, Input, Output};
 use railbus_wire::{Instant, Settings};
 
@@ -209,7 +209,13 @@ impl Line {
         }
         if self.trace.is_some() {
             let heard_bytes = self.heard.split_off(from);
-            self.note(heard.at, Talker::Host, Direction::In, "hears", &heard_bytes);
+            self.note(
+                heard.at,
+                Talker::Host,
+                TraceDirection::In,
+                "hears",
+                &heard_bytes,
+            );
             self.heard.extend_from_slice(&heard_bytes);
         }
         self.outbox.push_back(Outgoing::Heard {
@@ -274,6 +280,6 @@ impl Line {
             Effect::Led(_) => return,
         };
         let who = Talker::Module(module);
-        self.note_number(at, who, Direction::Panel, event, number, &[]);
+        self.note_number(at, who, TraceDirection::Panel, event, number, &[]);
     }
 }

@@ -3,7 +3,7 @@
 use super::Line;
 use crate::slot::Slot;
 use crate::talk::{NEVER, State, Talker};
-use crate::{Act, Direction, ModuleId, Power};
+use crate::{Act, ModuleId, Power, TraceDirection};
 use railbus_device::{Eeprom, Effect, Input};
 use railbus_wire::{Instant, Micros};
 
@@ -64,7 +64,7 @@ impl Line {
         self.note(
             at,
             Talker::Module(module),
-            Direction::Panel,
+            TraceDirection::Panel,
             "power off",
             &[],
         );
@@ -91,7 +91,7 @@ impl Line {
         self.note(
             at,
             Talker::Module(module),
-            Direction::Panel,
+            TraceDirection::Panel,
             "power on",
             &[],
         );
@@ -153,6 +153,6 @@ impl Line {
             Act::Power(_) | Act::Rewrite(_) | Act::FactoryReset | Act::Babble(_) => return,
         };
         let who = Talker::Module(module);
-        self.note_number(at, who, Direction::Panel, event, number, &[]);
+        self.note_number(at, who, TraceDirection::Panel, event, number, &[]);
     }
 }

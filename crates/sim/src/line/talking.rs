@@ -2,7 +2,7 @@
 
 use super::{BACKLOG_MAX, Line};
 use crate::talk::{Mark, NEVER, State, Talk, Talker};
-use crate::{Direction, Faults, ModuleId};
+use crate::{Faults, ModuleId, TraceDirection};
 use railbus_wire::{Character, Instant, Micros, Settings};
 
 /// Babble consists of bursts of this many characters.
@@ -17,7 +17,13 @@ impl Line {
             return;
         }
         if start.since(self.now) > BACKLOG_MAX {
-            self.note(self.now, Talker::Host, Direction::Fault, "overrun", bytes);
+            self.note(
+                self.now,
+                Talker::Host,
+                TraceDirection::Fault,
+                "overrun",
+                bytes,
+            );
             return;
         }
         let mut talk = self.new_talk(Talker::Host, settings, start, bytes);
@@ -30,7 +36,7 @@ impl Line {
         }
         for index in 0..talk.unheard_by.len() {
             let who = Talker::Module(talk.unheard_by[index]);
-            self.note(start, who, Direction::Fault, "lost request", &[]);
+            self.note(start, who, TraceDirection::Fault, "lost request", &[]);
         }
         self.host_free_at = talk.end();
         self.spoil(&mut talk, self.config.faults);
@@ -48,11 +54,11 @@ impl Line {
         {
             *last ^= 0x10;
             self.injected.spoilt += 1;
-            self.note(at, who, Direction::Fault, "spoilt", &[]);
+            self.note(at, who, TraceDirection::Fault, "spoilt", &[]);
         }
         self.slots[module.0].sent_at = if self.random.happens(faults.lose_reply) {
             self.injected.lost_replies += 1;
-            self.note(at, who, Direction::Fault, "lost reply", &reply);
+            self.note(at, who, TraceDirection::Fault, "lost reply", &reply);
             at + settings.frame_time(reply.len())
         } else if self.random.happens(faults.babble) {
             let time = self.random.within(faults.babble_for);
@@ -79,11 +85,11 @@ impl Line {
             let later = self.random.within(faults.late_by);
             start = start + later;
             self.injected.late += 1;
-            self.note_number(at, who, Direction::Fault, "late", Some(later.0), &[]);
+            self.note_number(at, who, TraceDirection::Fault, "late", Some(later.0), &[]);
         }
         let end = if self.random.happens(faults.pieces) {
             self.injected.pieces += 1;
-            self.note(at, who, Direction::Fault, "pieces", &[]);
+            self.note(at, who, TraceDirection::Fault, "pieces", &[]);
             self.talk_in_pieces(who, settings, start, reply, faults)
         } else {
             self.talk(who, settings, start, reply, faults)
@@ -91,7 +97,7 @@ impl Line {
         if self.random.happens(faults.again) {
             self.injected.again += 1;
             let start = end + self.random.within(faults.again_after);
-            self.note(at, who, Direction::Fault, "again", &[]);
+            self.note(at, who, TraceDirection::Fault, "again", &[]);
             self.talk(who, settings, start, reply, faults);
         }
         end
@@ -162,7 +168,7 @@ impl Line {
         time: Micros,
     ) {
         self.injected.babble += 1;
-        self.note_number(at, who, Direction::Fault, "babble", Some(time.0), &[]);
+        self.note_number(at, who, TraceDirection::Fault, "babble", Some(time.0), &[]);
         self.burst(who, settings, at, at + time);
     }
 
@@ -225,9 +231,9 @@ impl Line {
         }
         let (who, start) = (self.talks[index].who, self.talks[index].start);
         let direction = match who {
-            Talker::Host => Direction::Out,
-            Talker::Module(_) => Direction::Talk,
-            Talker::Noise => Direction::Fault,
+            Talker::Host => TraceDirection::Out,
+            Talker::Module(_) => TraceDirection::Talk,
+            Talker::Noise => TraceDirection::Fault,
         };
         let event = if who == Talker::Noise {
             "noise"
@@ -255,7 +261,13 @@ impl Line {
                 self.injected.lost_characters += 1;
                 talk.marks.push((index, Mark::Lost));
                 let at = talk.start;
-                self.note(at, talk.who, Direction::Fault, "lost", &[talk.bytes[index]]);
+                self.note(
+                    at,
+                    talk.who,
+                    TraceDirection::Fault,
+                    "lost",
+                    &[talk.bytes[index]],
+                );
             }
         }
     }
@@ -279,7 +291,7 @@ impl Line {
         self.note(
             at,
             talk.who,
-            Direction::Fault,
+            TraceDirection::Fault,
             "flip",
             &[before, before ^ data],
         );
