@@ -10,18 +10,21 @@
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
 
 pub mod config;
+mod core;
 mod failure;
 mod health;
 pub mod rules;
 mod service;
 mod truth;
 
+pub use self::core::{
+    BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, GroupState, LEASE_MAX, LEASE_MIN, Leased,
+    PULSE_MAX, Part, PartDone, Pulse, PulseDone, ToggleTerms, WriteDone, WriteTerms,
+};
 pub use config::Config;
 pub use failure::Failure;
 pub use service::{
-    BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, Counts, Events, GroupState, LEASE_MAX,
-    LEASE_MIN, LOAN_MAX, Leased, Left, LineStatus, Loan, ModuleStatus, PULSE_MAX, Part, PartDone,
-    PointStatus, Pulse, PulseDone, RawTerms, Reloaded, RuleStatus, STEPS, Sent, Service,
-    StartError, ToggleTerms, Update, Updates, Work, WriteDone, WriteTerms, is_refused,
+    Counts, Events, LOAN_MAX, Left, LineStatus, Loan, ModuleStatus, PointStatus, RawTerms,
+    Reloaded, RuleStatus, STEPS, Sent, Service, StartError, Update, Updates, Work, is_refused,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

@@ -1,59 +1,51 @@
-//! A site at work: its lines opened, its truth kept, its commands carried out.
+//! A site at work: its lines opened, and its [`Core`] driven by them, by the clock and by whoever
+//! asks for something.
 
-mod batch;
-mod command;
-mod guard;
-mod lease;
 mod loan;
 mod meter;
-mod policy;
-mod promises;
-mod pulse;
+mod promise_file;
 mod record;
 mod reload;
 mod rules;
-mod scene;
-mod schedule;
 mod send;
-mod state;
 mod status;
-mod timer;
-mod turn;
-mod underway;
 mod update;
 
-pub use batch::{BatchDone, BatchTerms, GroupState, Part, PartDone};
-pub use command::{RawTerms, ToggleTerms, WriteDone, WriteTerms};
-pub use lease::{LEASE_MAX, LEASE_MIN, Leased};
 pub use loan::{LOAN_MAX, Loan};
 pub(crate) use meter::Busy;
 pub use meter::{Counts, STEPS};
-pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
 pub use record::{Events, Work};
 pub use reload::Reloaded;
 pub use rules::RuleStatus;
 pub use send::{Sent, is_refused};
 pub use status::{Left, LineStatus, ModuleStatus, PointStatus};
-pub use underway::{COMMANDS_KEPT, Command};
 pub use update::{Update, Updates};
 
+use crate::config::Place;
+use crate::core::{
+    BatchDone, BatchTerms, Command, Context, Core, GroupState, Input, Leased, LineId, Now, Output,
+    Pulse, PulseDone, Reply, RequestId, State, ToggleTerms, Turn, Who, WriteDone, WriteTerms,
+    boards,
+};
 use crate::{Config, Failure};
-use promises::boards;
-use railbus_device::{Module, SetupError};
-use railbus_host::{Line, LineConfig, LineName, ModuleId, NameError, PortError};
-use railbus_store::audit::{Audit, Entry, Note, Origin};
-use railbus_wire::{Instant, Micros};
+use railbus_device::{Module, Point, SetupError};
+use railbus_host::{
+    Fault, Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap, Terms,
+};
+use railbus_store::audit::{Audit, Entry, Origin};
+use railbus_wire::{Exchange, Instant, Micros, Settings};
 use record::Journal;
 use rules::Standings;
-use schedule::Schedule;
-use state::State;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt;
-use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use tokio::sync::broadcast;
-use turn::Turns;
-use underway::Commands;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::{Duration, SystemTime};
+use tokio::sync::{Notify, broadcast, oneshot};
+
+/// How long a frame of one's own waits for the reply to begin, where nobody says.
+const RAW_TIMEOUT: Micros = Micros::from_millis(300);
 
 /// How many updates wait for a subscriber before the oldest are dropped.
 const UPDATES_MAX: usize = 256;
@@ -97,21 +89,31 @@ pub struct Service {
 }
 
 pub(crate) struct Inner {
-    state: Mutex<State>,
-    lines: Mutex<BTreeMap<String, Line>>,
+    driven: Mutex<Driven>,
+    /// The core has to be told of the time earlier than it was to be.
+    alarm: Arc<Notify>,
+    newest_line: AtomicU64,
+    /// Where what must outlive the process is kept.
+    folder: Option<PathBuf>,
     audit: Audit,
     journal: Journal,
-    commands: Commands,
-    turns: Turns,
-    schedule: Schedule,
-    /// The scenes that are being played.
-    playing: Mutex<BTreeSet<String>>,
     rules: Standings,
     updates: broadcast::Sender<Update>,
     /// Only one at a time may change the configuration.
     reloading: tokio::sync::Mutex<()>,
-    start: std::time::Instant,
+    runtime: tokio::runtime::Handle,
+    start: tokio::time::Instant,
     polls: bool,
+}
+
+/// The core, and what it is driven with: one lock for all of it.
+struct Driven {
+    core: Core,
+    lines: BTreeMap<LineId, Line>,
+    /// When the core is told of the time, of the site, at the latest.
+    alarm_at: Option<Micros>,
+    /// While something is under way, the site does not go with its last handle.
+    site: Option<Arc<Inner>>,
 }
 
 impl fmt::Debug for Inner {
@@ -123,8 +125,15 @@ impl fmt::Debug for Inner {
     }
 }
 
+impl Drop for Inner {
+    /// Whoever tells the time need not any more.
+    fn drop(&mut self) {
+        self.alarm.notify_one();
+    }
+}
+
 /// A panic while the lock was held leaves values that are each whole.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -135,7 +144,7 @@ impl Service {
     /// # Errors
     /// [`StartError`]. A port that can't be opened is none: it is looked for until it is there.
     pub fn start(config: Config) -> Result<Service, StartError> {
-        Service::start_with(config, true, Schedule::default())
+        Service::start_with(config, true, None)
     }
 
     /// The same with a folder for what must outlive the process: pulses that are timed here end
@@ -144,9 +153,7 @@ impl Service {
     /// # Errors
     /// As [`Service::start`]; also where the folder can't be used.
     pub fn start_in(config: Config, folder: &Path) -> Result<Service, StartError> {
-        let schedule = Schedule::open(folder, boards(&config));
-        let schedule = schedule.map_err(|why| StartError::Folder(why.kind()))?;
-        Service::start_with(config, true, schedule)
+        Service::start_with(config, true, Some(folder))
     }
 
     /// The same, but only what is asked for is read: for a single command.
@@ -154,37 +161,55 @@ impl Service {
     /// # Errors
     /// As [`Service::start`].
     pub fn start_quiet(config: Config) -> Result<Service, StartError> {
-        Service::start_with(config, false, Schedule::default())
+        Service::start_with(config, false, None)
     }
 
-    fn start_with(config: Config, polls: bool, schedule: Schedule) -> Result<Service, StartError> {
+    fn start_with(
+        config: Config,
+        polls: bool,
+        folder: Option<&Path>,
+    ) -> Result<Service, StartError> {
+        let kept = folder.map_or_else(|| Ok(Vec::new()), promise_file::open);
+        let kept = kept.map_err(|why| StartError::Folder(why.kind()))?;
         let names: Vec<String> = config.lines.keys().cloned().collect();
         let prepared: Vec<LineConfig> = names
             .iter()
             .map(|name| prepare(&config, name, polls))
             .collect::<Result<_, _>>()?;
+        let now = Now {
+            site: Micros::ZERO,
+            wall: SystemTime::now(),
+        };
         let service = Service {
             inner: Arc::new(Inner {
-                state: Mutex::new(State::new(config, polls)),
-                lines: Mutex::new(BTreeMap::new()),
+                driven: Mutex::new(Driven {
+                    core: Core::new(now, config, polls, kept),
+                    lines: BTreeMap::new(),
+                    alarm_at: None,
+                    site: None,
+                }),
+                alarm: Arc::default(),
+                newest_line: AtomicU64::new(0),
+                folder: folder.map(Path::to_owned),
                 audit: Audit::default(),
                 journal: Journal::default(),
-                commands: Commands::default(),
-                turns: Turns::default(),
-                schedule,
-                playing: Mutex::default(),
                 rules: Standings::default(),
                 updates: broadcast::Sender::new(UPDATES_MAX),
                 reloading: tokio::sync::Mutex::new(()),
-                start: std::time::Instant::now(),
+                runtime: tokio::runtime::Handle::current(),
+                start: tokio::time::Instant::now(),
                 polls,
             }),
             origin: Arc::new(Origin::program("railbus")),
         };
+        tokio::spawn(tell_time(
+            Arc::downgrade(&service.inner),
+            Arc::clone(&service.inner.alarm),
+        ));
         for (name, prepared) in names.into_iter().zip(prepared) {
-            service.open(name, prepared).map_err(StartError::System)?;
+            service.open(&name, prepared).map_err(StartError::System)?;
         }
-        service.inner.take_up();
+        service.inner.drive(|core, now| core.take_up(now));
         Ok(service)
     }
 
@@ -198,30 +223,25 @@ impl Service {
         }
     }
 
-    /// What is written down of something that this handle is about to do.
-    fn note(&self, what: String) -> Note {
-        Note {
-            origin: Origin::clone(&self.origin),
-            what,
-        }
-    }
-
-    /// Opens a line whose events the state hears of before anyone else.
-    fn open(&self, name: String, mut config: LineConfig) -> Result<(), PortError> {
+    /// Opens a line whose events the core hears of before anyone else.
+    fn open(&self, name: &str, mut config: LineConfig) -> Result<(), PortError> {
+        let id = LineId(self.inner.newest_line.fetch_add(1, Ordering::Relaxed));
         let inner = Arc::downgrade(&self.inner);
-        let line = name.clone();
+        let line = name.to_owned();
         config.observer = Some(Box::new(move |event| {
             // The task outlives the site only while it closes its port.
             if let Some(inner) = inner.upgrade() {
-                inner.observe(&line, event);
+                inner.drive(|core, now| core.handle(now, Input::Line(id, &line, event)));
             }
         }));
         let opened = Line::open(config)?;
-        let began = self.inner.now() - opened.now().since(Instant(0));
-        if let Some(now) = lock(&self.inner.state).lines.get_mut(&name) {
-            now.began = began;
-        }
-        lock(&self.inner.lines).insert(name, opened);
+        // In this order: a reading never seems newer than it is.
+        let began = self.inner.now().site - opened.now().since(Instant(0));
+        let mut driven = lock(&self.inner.driven);
+        driven.lines.insert(id, opened);
+        driven
+            .core
+            .handle(self.inner.now(), Input::Opened(name, id, began));
         Ok(())
     }
 
@@ -241,7 +261,7 @@ impl Service {
     /// A command that was given lately, by its number.
     #[must_use]
     pub fn command(&self, id: &str) -> Option<Command> {
-        self.inner.commands.find(id)
+        lock(&self.inner.driven).core.command(id).cloned()
     }
 
     /// Waits until the port of a line is open, or could not be opened once.
@@ -259,11 +279,255 @@ impl Service {
     /// are switched, commands under way get a second to end, the frames on the wire leave, the
     /// ports are closed. New commands are refused from the beginning on.
     pub async fn close(&self) {
-        self.inner.schedule.stop_all().await;
-        self.exit_policy().await;
-        let lines = std::mem::take(&mut *lock(&self.inner.lines));
+        self.ask(|core, _| async move {
+            core.stop_all().await;
+            core.exit_policy().await;
+        })
+        .await;
+        let lines = {
+            let mut driven = lock(&self.inner.driven);
+            for line in driven.core.state(self.inner.now()).lines.values_mut() {
+                line.id = None;
+            }
+            std::mem::take(&mut driven.lines)
+        };
         close_all(lines.into_values()).await;
     }
+
+    /// Starts a procedure of the core on behalf of this handle and waits for its end. It goes on
+    /// where nobody waits any more.
+    async fn ask<T, F>(&self, procedure: impl FnOnce(Context, Who) -> F) -> Option<T>
+    where
+        T: Send + 'static,
+        F: Future<Output = T> + Send + 'static,
+    {
+        let (end, ended) = oneshot::channel();
+        let who = Arc::clone(&self.origin);
+        self.inner.drive(|core, now| {
+            // Fails where nobody waits any more.
+            let end = |value| _ = end.send(value);
+            core.start(now, |context| procedure(context, who), end);
+        });
+        ended.await.ok()
+    }
+
+    /// The same of what may fail.
+    async fn order<T, F>(&self, procedure: impl FnOnce(Context, Who) -> F) -> Result<T, Failure>
+    where
+        T: Send + 'static,
+        F: Future<Output = Result<T, Failure>> + Send + 'static,
+    {
+        let end = self.ask(procedure).await;
+        // It has none only where a procedure has broken down.
+        end.unwrap_or_else(|| Err(Fault::Unknown.into()))
+    }
+
+    /// Brings outputs of one module into these states with one command of the line, and leaves
+    /// the others alone.
+    ///
+    /// # Errors
+    /// [`Failure`]; [`Failure::may_have_acted`] says whether something may have happened even
+    /// so.
+    pub async fn write(
+        &self,
+        module: &str,
+        set: &[(Point, bool)],
+        terms: WriteTerms,
+    ) -> Result<WriteDone, Failure> {
+        let (module, set) = (module.to_owned(), set.to_vec());
+        self.order(|core, who| async move { core.write(&who, &module, &set, terms).await })
+            .await
+    }
+
+    /// Switches an output over. Where it is read first and then set, someone else may come
+    /// between.
+    ///
+    /// # Errors
+    /// As [`Service::write`]; [`Fault::Unsupported`] where the model has no such command.
+    pub async fn toggle(
+        &self,
+        module: &str,
+        point: Point,
+        terms: ToggleTerms,
+    ) -> Result<WriteDone, Failure> {
+        let module = module.to_owned();
+        self.order(|core, who| async move { core.toggle(&who, &module, point, terms).await })
+            .await
+    }
+
+    /// Gives a pulse; returns when it has begun. One that is timed here is ended by the site,
+    /// which also tries again until the output is released, another command takes the
+    /// output over, or the site is closed. Its end is written down before it begins
+    /// ([`Service::start_in`]), and done after a restart where that comes between.
+    ///
+    /// # Errors
+    /// [`Failure::PulseWidth`] where the module has no such pulse, or as [`Service::write`].
+    /// Where the module may have acted, the output is released all the same.
+    pub async fn pulse(
+        &self,
+        module: &str,
+        point: Point,
+        pulse: Pulse,
+    ) -> Result<PulseDone, Failure> {
+        let module = module.to_owned();
+        self.order(|core, who| async move { core.pulse(&who, &module, point, pulse).await })
+            .await
+    }
+
+    /// Waits until all pulses that are timed here have ended.
+    pub async fn pulses_ended(&self) {
+        self.ask(|core, _| async move { core.all_ended().await })
+            .await;
+    }
+
+    /// Brings an output into a state and holds it there for a time. Before that time is over it
+    /// is to be called again, or the output goes where its policy says (`on_offline`), and
+    /// without one into its other state. Another command takes it over.
+    ///
+    /// # Errors
+    /// [`Failure::LeaseTime`], or as [`Service::write`].
+    pub async fn lease(
+        &self,
+        module: &str,
+        point: Point,
+        held: (bool, Micros),
+        confirm: bool,
+    ) -> Result<Leased, Failure> {
+        let module = module.to_owned();
+        self.order(|core, who| async move { core.lease(&who, &module, point, held, confirm).await })
+            .await
+    }
+
+    /// Gives an output back before its time is over: it goes where it would have gone then.
+    /// Nothing comes back where it is to stay as it is.
+    ///
+    /// # Errors
+    /// [`Failure::NoLease`], or as [`Service::write`].
+    pub async fn end_lease(
+        &self,
+        module: &str,
+        point: Point,
+    ) -> Result<Option<WriteDone>, Failure> {
+        let module = module.to_owned();
+        self.order(|core, who| async move { core.end_lease(&who, &module, point).await })
+            .await
+    }
+
+    /// Switches outputs of any modules. Those of one module go together; where some of them
+    /// exclude each other, what goes off goes before what goes on. Where it is all or nothing,
+    /// nobody else commands the outputs meanwhile.
+    pub async fn batch(&self, set: &[(Place, bool)], terms: BatchTerms) -> BatchDone {
+        let asked = set.to_vec();
+        let end = self.ask(|core, who| async move { core.batch(&who, &asked, terms).await });
+        end.await.unwrap_or_else(|| BatchDone::unknown(set))
+    }
+
+    /// Brings a group into a state.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchGroup`]; where it is to be toggled, also as [`Service::write`] while
+    /// others command it.
+    pub async fn set_group(
+        &self,
+        group: &str,
+        to: GroupState,
+        terms: BatchTerms,
+    ) -> Result<BatchDone, Failure> {
+        let group = group.to_owned();
+        self.order(|core, who| async move { core.set_group(&who, &group, to, terms).await })
+            .await
+    }
+
+    /// Plays a scene: its steps in their order, those of one module that follow each other and
+    /// go the same way with one command. After a step that fails, nothing more is done: later
+    /// ones may rely on it. It is played to its end, whether or not somebody waits.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchScene`]; [`Failure::Playing`] while it is played already.
+    pub async fn play(&self, scene: &str, terms: BatchTerms) -> Result<BatchDone, Failure> {
+        let scene = scene.to_owned();
+        self.order(|core, who| async move { core.play(&who, &scene, terms).await })
+            .await
+    }
+
+    /// In how many frames these outputs can be brought into one state.
+    #[must_use]
+    pub fn frames_of(&self, outputs: &[Place]) -> usize {
+        self.inner.read(|state| state.frames_of(outputs))
+    }
+
+    /// Asks a module for everything now. What it says is known when this returns.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchModule`], or what the line said.
+    pub async fn read_fresh(&self, module: &str) -> Result<(), Failure> {
+        let module = module.to_owned();
+        self.order(|core, _| async move { core.read_all(&module).await })
+            .await
+    }
+
+    /// Sends a read of one's own between the line's own exchanges.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchLine`], or what the line said.
+    pub async fn raw(
+        &self,
+        line: &str,
+        exchange: Exchange<'static>,
+        terms: RawTerms,
+    ) -> Result<ProbeResult, Failure> {
+        let (handle, probe) = self.probe_of(line, exchange, terms)?;
+        Ok(handle.probe(probe).await?)
+    }
+
+    /// A line, and a frame of one's own as it is to be sent there.
+    pub(super) fn probe_of(
+        &self,
+        line: &str,
+        exchange: Exchange<'static>,
+        terms: RawTerms,
+    ) -> Result<(Line, Probe), Failure> {
+        let status = self.line(line).ok_or(Failure::NoSuchLine)?;
+        let handle = self.inner.handle(line).ok_or(Failure::Lent)?;
+        let settings = terms.settings.unwrap_or(status.serial);
+        // What the slowest of the families wants.
+        let gap = Micros::from_millis(20).max(settings.t3_5());
+        let probe = Probe {
+            exchange,
+            settings,
+            gap: terms.gap.unwrap_or(gap),
+            timeout: terms.timeout.unwrap_or(RAW_TIMEOUT),
+            clear: terms.clear,
+            changes: false,
+        };
+        Ok((handle, probe))
+    }
+
+    /// Looks on at what passes on a line, without touching it. The moment is now as the line
+    /// counts.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchLine`], or [`Fault::Closed`] while the line has no port.
+    pub async fn tap(&self, line: &str) -> Result<(Instant, Tap), Failure> {
+        let handle = self.inner.handle(line).ok_or(Failure::NoSuchLine)?;
+        // A line that is only just being opened will have a port in a moment.
+        let _ = handle.opened().await;
+        let tap = handle.tap().await?;
+        Ok((handle.now(), tap))
+    }
+}
+
+/// On what terms a read of one's own is sent; what is not said is as the line has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RawTerms {
+    /// Speed and character format.
+    pub settings: Option<Settings>,
+    /// The silence before it.
+    pub gap: Option<Micros>,
+    /// How long the reply may take to begin.
+    pub timeout: Option<Micros>,
+    /// A lone CR goes before it: see [`railbus_host::Probe::clear`].
+    pub clear: bool,
 }
 
 /// Closes lines side by side.
@@ -276,34 +540,170 @@ async fn close_all(lines: impl Iterator<Item = Line>) {
     }
 }
 
-impl Inner {
-    fn handle(&self, line: &str) -> Option<Line> {
-        lock(&self.lines).get(line).cloned()
-    }
-
-    /// Time since the start of the site.
-    fn now(&self) -> Micros {
-        let passed = self.start.elapsed().as_micros();
-        Micros(u64::try_from(passed).unwrap_or(u64::MAX))
-    }
-
-    /// The line's handle of a module, and its number there.
-    fn place(&self, module: &str) -> Option<(Line, ModuleId)> {
-        // The handle first, and no lock within another: a line that is closed is taken out of
-        // `lines` before its modules get other numbers, and one that is opened comes after that.
-        loop {
-            let (line, _) = lock(&self.state).place(module)?;
-            let handle = self.handle(&line)?;
-            let (now, id) = lock(&self.state).place(module)?;
-            if now == line {
-                return Some((handle, id));
-            }
+/// Tells the core of the time when it wants that.
+async fn tell_time(site: Weak<Inner>, alarm: Arc<Notify>) {
+    let mut next = None;
+    loop {
+        tokio::select! {
+            () = alarm.notified() => {}
+            () = sleep_until(next) => {}
         }
+        let Some(inner) = site.upgrade() else {
+            return;
+        };
+        inner.drive(|core, now| core.handle(now, Input::Time));
+        let mut driven = lock(&inner.driven);
+        driven.alarm_at = driven.core.deadline();
+        next = driven
+            .alarm_at
+            .map(|at| inner.start + Duration::from_micros(at.0));
+    }
+}
+
+async fn sleep_until(at: Option<tokio::time::Instant>) {
+    match at {
+        Some(at) => tokio::time::sleep_until(at).await,
+        None => std::future::pending().await,
+    }
+}
+
+impl Inner {
+    /// The line's handle, where it is open.
+    fn handle(&self, line: &str) -> Option<Line> {
+        let mut driven = lock(&self.driven);
+        let id = driven.core.state(self.now()).lines.get(line)?.id?;
+        driven.lines.get(&id).cloned()
+    }
+
+    /// Takes a line's handle out: commands that come from now on find none.
+    fn take_line(&self, line: &str) -> Option<Line> {
+        let mut driven = lock(&self.driven);
+        let known = driven.core.state(self.now()).lines.get_mut(line);
+        let id = known?.id.take()?;
+        driven.lines.remove(&id)
+    }
+
+    fn now(&self) -> Now {
+        let passed = self.start.elapsed().as_micros();
+        Now {
+            site: Micros(u64::try_from(passed).unwrap_or(u64::MAX)),
+            wall: SystemTime::now(),
+        }
+    }
+
+    /// Looks at what is known.
+    fn read<T>(&self, look: impl FnOnce(&mut State) -> T) -> T {
+        look(lock(&self.driven).core.state(self.now()))
+    }
+
+    /// Changes what is known, as one step.
+    fn change<T>(self: &Arc<Inner>, change: impl FnOnce(&mut State) -> T) -> T {
+        self.drive(|core, now| core.change(now, |context| context.with(change)))
+    }
+
+    /// Lets the core take a step, and does what it says.
+    fn drive<T>(self: &Arc<Inner>, step: impl FnOnce(&mut Core, Now) -> T) -> T {
+        let mut driven = lock(&self.driven);
+        let result = step(&mut driven.core, self.now());
+        while let Some(output) = driven.core.poll() {
+            self.carry_out(&mut driven, output);
+        }
+        let next = driven.core.deadline();
+        if let Some(at) = next
+            && driven.alarm_at.is_none_or(|alarm_at| at < alarm_at)
+        {
+            driven.alarm_at = next;
+            self.alarm.notify_one();
+        }
+        driven.site = driven.core.is_busy().then(|| Arc::clone(self));
+        result
+    }
+
+    /// Begins what the core says; nothing here waits.
+    fn carry_out(self: &Arc<Inner>, driven: &mut Driven, output: Output) {
+        let inner = Arc::clone(self);
+        match output {
+            // Fails where nobody listens, which does not matter.
+            Output::Publish(update) => _ = self.updates.send(update),
+            Output::Run {
+                request,
+                at,
+                op,
+                verify,
+                expires,
+            } => {
+                let Some(line) = driven.lines.get(&at.line).cloned() else {
+                    let closed = Reply::Ran(Err(Fault::Closed));
+                    let input = Input::Done(request, closed);
+                    return driven.core.handle(self.now(), input);
+                };
+                let left = expires - self.now().site;
+                let expires = Some(line.now() + left);
+                let terms = Terms { verify, expires };
+                self.runtime.spawn(async move {
+                    let end = line.run(at.module, op, terms).await;
+                    inner.done(request, Reply::Ran(end));
+                });
+            }
+            Output::Begin {
+                request,
+                module,
+                label,
+                note,
+                before,
+            } => {
+                _ = self.runtime.spawn(async move {
+                    let begun = inner.begin(&module, label, note, before).await;
+                    inner.done(request, Reply::Begun(begun));
+                })
+            }
+            Output::End {
+                request,
+                begun,
+                end,
+                after,
+            } => {
+                _ = self.runtime.spawn(async move {
+                    inner.end(begun, end, after).await;
+                    inner.done(request, Reply::Ended);
+                })
+            }
+            Output::Keep(promises) => match self.folder.clone() {
+                None => driven.core.handle(self.now(), Input::Kept(Ok(()))),
+                Some(folder) => {
+                    _ = self.runtime.spawn(async move {
+                        let write = move || promise_file::write(&folder, &promises);
+                        let end = tokio::task::spawn_blocking(write).await;
+                        let end = end.unwrap_or_else(|why| Err(std::io::Error::other(why)));
+                        let end = end.map_err(|why| why.kind());
+                        inner.drive(|core, now| core.handle(now, Input::Kept(end)));
+                    })
+                }
+            },
+        }
+    }
+
+    fn done(self: &Arc<Inner>, request: RequestId, reply: Reply) {
+        self.drive(|core, now| core.handle(now, Input::Done(request, reply)));
     }
 
     /// Fails where nobody listens, which does not matter.
     fn tell(&self, update: Update) {
         let _ = self.updates.send(update);
+    }
+}
+
+/// Turns that are held outside the core, until this is dropped.
+struct HeldTurns {
+    inner: Arc<Inner>,
+    turns: Vec<Arc<Turn>>,
+}
+
+impl Drop for HeldTurns {
+    fn drop(&mut self) {
+        let turns = std::mem::take(&mut self.turns);
+        self.inner
+            .drive(|core, now| core.handle(now, Input::Release(turns)));
     }
 }
 
@@ -324,30 +724,4 @@ fn prepare(config: &Config, name: &str, polls: bool) -> Result<LineConfig, Start
         prepared.modules.push((module, plan));
     }
     Ok(prepared)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::time::Duration;
-
-    /// Who waits for the lines keeps nobody from the state.
-    #[tokio::test]
-    async fn a_place_is_looked_up_with_one_lock_at_a_time() {
-        let text = "[line.main]\nport = \"/dev/none-such\"\n\
-            [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
-        let service = Service::start(Config::parse(text).unwrap()).unwrap();
-        let held = lock(&service.inner.lines);
-        let inner = Arc::clone(&service.inner);
-        let looks = std::thread::spawn(move || inner.place("oven").map(|(_, id)| id));
-        let free = || {
-            std::thread::sleep(Duration::from_millis(1));
-            service.inner.state.try_lock().is_ok()
-        };
-        let times = (0..100).filter(|_| free()).count();
-        drop(held);
-        assert_eq!(looks.join().unwrap(), Some(ModuleId(0)));
-        assert!(times > 90, "{times}");
-        service.close().await;
-    }
 }

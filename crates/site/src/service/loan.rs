@@ -1,11 +1,10 @@
 //! A line left to somebody else for a while: who changes what modules keep needs it for himself.
 
-use super::schedule::STOP_MAX;
-use super::timer::to_its_end;
-use super::{Service, Update, close_all, lock};
+use super::{Service, Update, close_all};
 use crate::Failure;
 use crate::config::Place;
-use railbus_host::{LineState, PortError};
+use crate::core::STOP_MAX;
+use railbus_host::{Fault, LineState, PortError};
 use railbus_wire::Micros;
 use std::sync::Arc;
 use std::time::Duration;
@@ -41,7 +40,8 @@ impl Service {
     pub async fn lend(&self, line: &str) -> Result<Loan, Failure> {
         let (service, line) = (self.clone(), line.to_owned());
         // Where nobody waits for it any more, it comes back at once.
-        to_its_end(async move { service.lend_asked(&line).await }).await
+        let lent = tokio::spawn(async move { service.lend_asked(&line).await });
+        lent.await.unwrap_or_else(|_| Err(Fault::Unknown.into()))
     }
 
     async fn lend_asked(&self, line: &str) -> Result<Loan, Failure> {
@@ -52,13 +52,13 @@ impl Service {
             module.is_some_and(|module| module.line == line)
         };
         self.time_to_lend(of_line)?;
-        {
-            let mut state = lock(&self.inner.state);
+        self.inner.change(|state| {
             let now = state.lines.get_mut(line).ok_or(Failure::NoSuchLine)?;
-            if std::mem::replace(&mut now.lent, true) {
-                return Err(Failure::Lent);
+            match std::mem::replace(&mut now.lent, true) {
+                true => Err(Failure::Lent),
+                false => Ok(()),
             }
-        }
+        })?;
         // From here on it comes back, whatever becomes of this.
         let mut loan = Loan {
             service: self.clone(),
@@ -66,27 +66,31 @@ impl Service {
             until: Instant::now(),
             is_over: false,
         };
-        let (turns, left) = self.inner.end_now(of_line, STOP_MAX).await;
+        let outputs = self.inner.read(|state| state.outputs());
+        let of = outputs.into_iter().filter(of_line).collect();
+        let (turns, left) = self.end_now(of, STOP_MAX).await;
         // What could not be ended is, once the line is back.
-        for number in left {
-            self.inner.schedule.hasten(number);
-        }
+        self.inner.change(|state| state.hasten(&left));
         loan.until = match self.time_to_lend(of_line) {
             Ok(time) => Instant::now() + time,
             Err(failure) => {
                 // Somebody has switched such an output on meanwhile. The port was not closed.
                 loan.is_over = true;
-                if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
-                    now.lent = false;
-                }
+                self.inner.change(|state| {
+                    if let Some(now) = state.lines.get_mut(line) {
+                        now.lent = false;
+                    }
+                });
                 return Err(failure);
             }
         };
-        let handle = lock(&self.inner.lines).remove(line);
+        let handle = self.inner.take_line(line);
         close_all(handle.into_iter()).await;
-        if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
-            now.state = LineState::Absent(Arc::new(PortError::Exclusive));
-        }
+        self.inner.change(|state| {
+            if let Some(now) = state.lines.get_mut(line) {
+                now.state = LineState::Absent(Arc::new(PortError::Exclusive));
+            }
+        });
         drop(turns);
         self.inner.tell(Update::Line(line.to_owned()));
         Ok(loan)
@@ -94,9 +98,8 @@ impl Service {
 
     /// How long a line can be lent: what its outputs have until they must be switched off.
     fn time_to_lend(&self, of_line: impl Fn(&Place) -> bool) -> Result<Duration, Failure> {
-        let limits = self.inner.schedule.limits(of_line).into_iter();
-        let left = limits.filter_map(|key| Some((self.inner.schedule.due(&key)?, key.0)));
-        let Some((left, place)) = left.min() else {
+        let limits = self.inner.read(|state| state.limits(of_line));
+        let Some((left, place)) = limits.into_iter().min() else {
             return Ok(LOAN_MAX);
         };
         match left.checked_sub(SAFE) {
@@ -131,7 +134,7 @@ impl Loan {
 
 impl Drop for Loan {
     fn drop(&mut self) {
-        if self.is_over || self.service.inner.schedule.are_stopping() {
+        if self.is_over || self.service.inner.read(|state| state.is_stopping()) {
             return;
         }
         let (service, line) = (self.service.clone(), std::mem::take(&mut self.line));
@@ -143,33 +146,29 @@ impl Drop for Loan {
 }
 
 async fn take_back(service: &Service, line: &str, text: Option<&str>) {
-    if let Some(now) = lock(&service.inner.state).lines.get_mut(line) {
-        now.lent = false;
-    }
+    service.inner.change(|state| {
+        if let Some(now) = state.lines.get_mut(line) {
+            now.lent = false;
+        }
+    });
     if let Some(text) = text {
         // What is wrong with it is told by whoever asks for a reload.
         let _ = service.reload(text).await;
     }
     let _one_at_a_time = service.inner.reloading.lock().await;
     let config = service.config();
-    let is_lent = {
-        let state = lock(&service.inner.state);
-        state.lines.get(line).is_some_and(|now| now.lent)
-    };
     // Somebody else may have been quicker to borrow it again.
-    let is_open = lock(&service.inner.lines).contains_key(line);
+    let (is_lent, is_open) = service.inner.read(|state| {
+        let now = state.lines.get(line);
+        now.map_or((false, false), |now| (now.lent, now.id.is_some()))
+    });
     if !is_open && !is_lent && config.lines.contains_key(line) {
         // Who had it may have done anything, and the line's clock begins anew.
         let of_line = |module: &str| {
             let config = config.modules.get(module);
             config.is_some_and(|config| config.line == line)
         };
-        {
-            let mut state = lock(&service.inner.state);
-            state.site.forget(of_line);
-            state.guard.forget_doubts(of_line);
-            state.may_have_gone_off(of_line, service.inner.now());
-        }
+        service.inner.change(|state| state.come_back(of_line));
         service.open_again(&config, line);
         service.inner.tell(Update::Line(line.to_owned()));
     }

@@ -1,6 +1,6 @@
 //! What the exchanges of a site came to, counted since its start.
 
-use super::{Service, lock};
+use super::Service;
 use railbus_host::Fault;
 use railbus_wire::Micros;
 use std::collections::BTreeMap;
@@ -71,13 +71,13 @@ pub(crate) struct Busy {
 
 impl Busy {
     /// An exchange ended now that took so long.
-    pub(super) fn add(&mut self, now: Micros, took: Micros) {
+    pub(crate) fn add(&mut self, now: Micros, took: Micros) {
         self.turn(now);
         self.taken += took;
     }
 
     /// Which share of the last whole minute was taken; until there is one, of the time so far.
-    pub(super) fn ratio(&mut self, now: Micros) -> f64 {
+    pub(crate) fn ratio(&mut self, now: Micros) -> f64 {
         self.turn(now);
         let (taken, of) = match self.before {
             Some(before) => (before, MINUTE),
@@ -100,28 +100,30 @@ impl Service {
     /// What the exchanges with each module came to since the start.
     #[must_use]
     pub fn counts(&self) -> BTreeMap<String, Counts> {
-        let state = lock(&self.inner.state);
-        let modules = state.site.config().modules.keys();
-        let of = |name: &String| {
-            let counts = state.health.get(name).map(|health| health.counts.clone());
-            (name.clone(), counts.unwrap_or_default())
-        };
-        modules.map(of).collect()
+        self.inner.read(|state| {
+            let modules = state.site.config().modules.keys();
+            let of = |name: &String| {
+                let counts = state.health.get(name).map(|health| health.counts.clone());
+                (name.clone(), counts.unwrap_or_default())
+            };
+            modules.map(of).collect()
+        })
     }
 
     /// Which share of a line's time is taken by exchanges that are answered: of the last whole
     /// minute, or of the time so far. None where there is no such line.
     #[must_use]
     pub fn busy(&self, line: &str) -> Option<f64> {
-        let now = self.inner.now();
-        let mut state = lock(&self.inner.state);
-        Some(state.lines.get_mut(line)?.busy.ratio(now))
+        self.inner.read(|state| {
+            let now = state.now.site;
+            Some(state.lines.get_mut(line)?.busy.ratio(now))
+        })
     }
 
     /// How long the site has been at work.
     #[must_use]
     pub fn age(&self) -> Micros {
-        self.inner.now()
+        self.inner.now().site
     }
 }
 

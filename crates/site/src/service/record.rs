@@ -1,8 +1,8 @@
 //! What is kept of what happens: who wrote what, when a line or module came or went, and which
 //! value every point had.
 
-use super::promises::Why;
-use super::{Inner, Service, Update, Updates, lock};
+use super::{Inner, Service, Update, Updates};
+use crate::core::{Begun, State, Why};
 use crate::{Failure, Quality, Value};
 use railbus_device::Point;
 use railbus_host::{LineState, Presence};
@@ -95,7 +95,7 @@ impl Service {
     /// more: the names of their modules stand for other boards now, or for none. To be called
     /// once somebody listens; a reload tells its own.
     pub fn tell_dropped_ends(&self) {
-        for ((place, why), board) in self.inner.schedule.take_dropped() {
+        for ((place, why), board) in self.inner.read(State::take_dropped) {
             if why == Why::MinOff {
                 continue;
             }
@@ -119,7 +119,8 @@ impl Service {
     /// [`Failure::NotAudited`]: then it may not be done.
     pub async fn begin_work(&self, module: &str, what: String) -> Result<Work, Failure> {
         let origin = Origin::clone(&self.origin);
-        let begun = self.inner.begin(module, &[], Note { origin, what }).await?;
+        let note = Note { origin, what };
+        let begun = self.inner.begin(module, None, note, String::new()).await?;
         Ok(Work {
             service: self.clone(),
             begun,
@@ -149,15 +150,8 @@ impl Work {
 
     /// Writes down how it ended: `readback`, `reply`, `sent`, or the name of what went wrong.
     pub async fn end(self, end: &'static str) {
-        self.service.inner.end(self.begun, end, &[]).await;
+        self.service.inner.end(self.begun, end, String::new()).await;
     }
-}
-
-/// Something that was written down and is under way.
-#[derive(Debug)]
-pub(super) struct Begun {
-    pub(super) id: String,
-    event: Event,
 }
 
 impl Inner {
@@ -172,19 +166,20 @@ impl Inner {
         let _ = self.journal.told.send(event);
     }
 
-    /// Writes down what is about to be done with outputs, and how they are known to be now.
+    /// Writes down what is about to be done with a module, or the output of this label, and how
+    /// its outputs are known to be now.
     pub(super) async fn begin(
         &self,
         module: &str,
-        points: &[(Point, Option<bool>)],
+        label: Option<String>,
         note: Note,
+        before: String,
     ) -> Result<Begun, Failure> {
-        let before = self.states(module, points);
         let mut event = Event::new(EventKind::Write, Severity::Info, "write").module(module);
         event = event.by(&note.origin).what(&note.what);
         event.before = Some(before.clone()).filter(|text| !text.is_empty());
-        if let [(point, _)] = points {
-            event = event.point(&self.label(module, *point));
+        if let Some(label) = label {
+            event = event.point(&label);
         }
         let (id, written) = self.audit.begin(module, note, before).await;
         self.written(written)?;
@@ -210,15 +205,8 @@ impl Inner {
     }
 
     /// Writes down how it ended, and how the outputs are known to be after it.
-    pub(super) async fn end(
-        &self,
-        begun: Begun,
-        end: &'static str,
-        points: &[(Point, Option<bool>)],
-    ) {
+    pub(super) async fn end(&self, begun: Begun, end: &'static str, after: String) {
         let Begun { id, mut event } = begun;
-        let module = event.module.clone().unwrap_or_default();
-        let after = self.states(&module, points);
         self.audit.end(&id, end, after.clone()).await;
         event.after = Some(after).filter(|text| !text.is_empty());
         event.end = Some(end.to_owned());
@@ -226,15 +214,6 @@ impl Inner {
             event.severity = Severity::Warning;
         }
         self.tell_event(event);
-    }
-
-    /// `do0=on do1=off`, as far as it is known.
-    fn states(&self, module: &str, points: &[(Point, Option<bool>)]) -> String {
-        let known = points.iter().filter_map(|(point, on)| {
-            let on = if (*on)? { "on" } else { "off" };
-            Some(format!("{}={on}", self.label(module, *point)))
-        });
-        known.collect::<Vec<_>>().join(" ")
     }
 }
 
@@ -415,7 +394,7 @@ impl Recorder {
 
     /// A module is heard, or no longer.
     fn module(&mut self, site: &Service, name: &str) {
-        let presence = lock(&site.inner.state).site.presence(name);
+        let presence = site.inner.read(|state| state.site.presence(name));
         let before = self.presence.insert(name.to_owned(), presence);
         let (severity, code) = match (before.unwrap_or(Presence::Unheard), presence) {
             (Presence::Silent | Presence::OtherModel, Presence::Online) => {
@@ -470,7 +449,10 @@ impl Recorder {
 
 /// What a point is called in the history.
 fn path(site: &Service, module: &str, point: Point) -> String {
-    format!("{module}.{}", site.inner.label(module, point))
+    format!(
+        "{module}.{}",
+        site.inner.read(|state| state.label(module, point))
+    )
 }
 
 /// What the history itself has to tell; never, where somebody else was told already.

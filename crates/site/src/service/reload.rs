@@ -1,24 +1,22 @@
 //! Another configuration, while the site is at work.
 
-use super::promises::boards;
-use super::state::LineNow;
-use super::turn::Turn;
-use super::{Service, Update, close_all, lock, prepare};
+use super::{HeldTurns, Service, Update, boards, close_all, prepare};
 use crate::Config;
 use crate::config::{LineConfig, ModuleConfig, Place, Problem};
+use crate::core::{LineNow, State};
 use railbus_device::{Module, PointKind};
 use railbus_host::{LineState, ModuleChanges, ModuleId, PortError};
 use railbus_store::history::{Event, EventKind, Severity};
+use railbus_wire::Micros;
 use std::collections::BTreeSet;
 use std::convert::Infallible;
 use std::sync::Arc;
-use std::time::Duration;
 
 /// How many modules a line may have had before it is opened anew rather than changed once more.
 const SLOTS_MAX: usize = 512;
 
 /// So long commands under way may take to end before their module's name is another's.
-const TURN_MAX: Duration = Duration::from_secs(30);
+const TURN_MAX: Micros = Micros::from_secs(30);
 
 /// What another configuration changed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -98,22 +96,18 @@ impl Service {
         // Nobody commands those until they are where they belong.
         let (turns, left) = self.end_on_others(&old, &config).await;
         if let Err(why) = written.await {
-            for number in left {
-                self.inner.schedule.hasten(number);
-            }
+            self.inner.change(|state| state.hasten(&left));
             return Err(why);
         }
         self.drop_on_others(&old, &config, &left);
-        let _ = self.inner.schedule.keep().await;
-        let gone: Vec<_> = {
-            let mut lines = lock(&self.inner.lines);
-            let ending = reloaded.opened.iter().chain(&reloaded.closed);
-            ending.filter_map(|line| lines.remove(line)).collect()
-        };
+        self.keep().await;
+        let ending = reloaded.opened.iter().chain(&reloaded.closed);
+        let gone: Vec<_> = ending
+            .filter_map(|line| self.inner.take_line(line))
+            .collect();
         close_all(gone.into_iter()).await;
 
-        let memberships = {
-            let mut state = lock(&self.inner.state);
+        let memberships = self.inner.change(|state| {
             for line in &reloaded.closed {
                 state.lines.remove(line);
             }
@@ -126,27 +120,19 @@ impl Service {
                 }
                 state.lines.insert(line.clone(), now);
             }
+            let polls = state.polls;
             let lines = state.lines.iter_mut();
             let lines = lines.filter(|(line, _)| kept.contains(*line));
             let memberships: Vec<_> = lines
                 .map(|(line, now)| {
-                    let change = membership(&config, line, now, self.inner.polls, keep);
+                    let change = membership(&config, line, now, polls, keep);
                     (line.clone(), change)
                 })
                 .collect();
-            state.site.reconfigure(config.clone(), keep);
-            state.health.retain(|module, _| keep(module));
-            // The clocks of the other lines begin anew.
-            state.guard.forget_doubts(|module| !keep(module));
-            let outputs = |place: &Place| config.safety(place).is_some();
-            state.guard.retain(outputs);
-            state.may_have_gone_off(
-                |module| !same_board(&old, &config, module),
-                self.inner.now(),
-            );
+            let is_other = |module: &str| !same_board(&old, &config, module);
+            state.reconfigure(config.clone(), keep, is_other);
             memberships
-        };
-        self.inner.schedule.now_of(boards(&config));
+        });
         for (line, change) in memberships {
             if let Some(handle) = self.inner.handle(&line)
                 && (!change.leave.is_empty() || !change.join.is_empty())
@@ -158,20 +144,22 @@ impl Service {
         drop(turns);
         for line in &reloaded.opened {
             // Who has it gives it back.
-            let lent = lock(&self.inner.state)
-                .lines
-                .get(line)
-                .is_some_and(|now| now.lent);
-            if !lent {
+            let lent = |state: &mut State| state.lines.get(line).is_some_and(|now| now.lent);
+            if !self.inner.read(lent) {
                 self.open_again(&config, line);
             }
         }
-        for place in self.inner.limit_anew() {
-            let label = self.inner.label(&place.module, place.point);
+        let unlimited = self
+            .inner
+            .drive(|core, now| core.change(now, |context| context.limit_anew()));
+        for place in unlimited {
+            let label = self
+                .inner
+                .read(|state| state.label(&place.module, place.point));
             let event = Event::new(EventKind::System, Severity::Warning, "limit_dropped");
             self.tell_event(event.module(&place.module).point(&label));
         }
-        let _ = self.inner.schedule.keep().await;
+        self.keep().await;
         self.inner.tell(Update::Reloaded);
         self.tell_dropped_ends();
         Ok(reloaded)
@@ -179,33 +167,55 @@ impl Service {
 
     fn is_other(&self, old: &Config, new: &Config, place: &Place) -> bool {
         // Who has a line that is lent may have moved its modules: there the name counts.
-        let is_here = || self.inner.place(&place.module).is_some();
+        let is_here = || self.inner.read(|state| state.at(&place.module).is_some());
         !same_board(old, new, &place.module) && is_here()
     }
 
     /// What was to be done later to outputs of modules whose name is no more, or another's, is
     /// done now: afterwards it would meet nobody, or another module. Gives back what could not be
     /// done.
-    async fn end_on_others(&self, old: &Config, new: &Config) -> (Vec<Arc<Turn>>, Vec<u64>) {
+    async fn end_on_others(&self, old: &Config, new: &Config) -> (HeldTurns, Vec<u64>) {
+        let others = self.others(old, new);
+        self.end_now(others, TURN_MAX).await
+    }
+
+    /// The outputs whose names are about to stand for others.
+    fn others(&self, old: &Config, new: &Config) -> BTreeSet<Place> {
+        let outputs = self.inner.read(|state| state.outputs());
         let is_other = |place: &Place| self.is_other(old, new, place);
-        self.inner.end_now(is_other, TURN_MAX).await
+        outputs.into_iter().filter(is_other).collect()
+    }
+
+    /// Ends the pulses and leases of these outputs now, as far as that can be within this time;
+    /// those that could not be come back. Nobody commands the others until the turns are dropped.
+    pub(super) async fn end_now(
+        &self,
+        of: BTreeSet<Place>,
+        patience: Micros,
+    ) -> (HeldTurns, Vec<u64>) {
+        let ended = self.ask(move |core, _| async move {
+            core.end_now(|place| of.contains(place), patience).await
+        });
+        let (turns, left) = ended.await.unwrap_or_default();
+        let inner = Arc::clone(&self.inner);
+        (HeldTurns { inner, turns }, left)
+    }
+
+    /// Brings what is promised to the disk. What that refuses holds as long as the process does.
+    async fn keep(&self) {
+        self.ask(|core, _| async move { core.keep().await.is_ok() })
+            .await;
     }
 
     /// What could not be done to them is not done to those that have their names from now on, and
     /// told.
     fn drop_on_others(&self, old: &Config, new: &Config, left: &[u64]) {
-        let boards = boards(old);
-        for number in left {
-            self.inner.schedule.drop_of(&boards, *number);
-        }
+        let (boards, others) = (boards(old), self.others(old, new));
         // How long the other board's may be on counts anew, once they are seen; what is on at this
         // one stays on.
-        let is_other = |place: &Place| self.is_other(old, new, place);
-        for key in self.inner.schedule.limits(is_other) {
-            if let Some((number, _)) = self.inner.schedule.find(&key) {
-                self.inner.schedule.drop_of(&boards, number);
-            }
-        }
+        let is_other = |place: &Place| others.contains(place);
+        self.inner
+            .change(|state| state.drop_of(&boards, left, is_other));
     }
 
     /// Opens a line of a configuration that was checked. What the system refuses even so is the
@@ -214,15 +224,19 @@ impl Service {
         let Ok(prepared) = prepare(config, line, self.inner.polls) else {
             return;
         };
-        if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
-            // Modules that joined and left have left gaps; the new line numbers them anew.
-            now.modules = LineNow::new(config, line).modules;
-        }
-        if let Err(why) = self.open(line.to_owned(), prepared) {
-            let absent = LineState::Absent(Arc::new(why));
-            if let Some(now) = lock(&self.inner.state).lines.get_mut(line) {
-                now.state = absent;
+        self.inner.change(|state| {
+            if let Some(now) = state.lines.get_mut(line) {
+                // Modules that joined and left have left gaps; the new line numbers them anew.
+                now.modules = LineNow::new(config, line).modules;
             }
+        });
+        if let Err(why) = self.open(line, prepared) {
+            let absent = LineState::Absent(Arc::new(why));
+            self.inner.change(|state| {
+                if let Some(now) = state.lines.get_mut(line) {
+                    now.state = absent;
+                }
+            });
         }
     }
 }
@@ -264,11 +278,10 @@ impl Service {
         let mut names = old.modules_of(line).chain(new.modules_of(line));
         let is_same = names.all(|(name, _)| same_module(old, new, name));
         let is_open = self.inner.handle(line).is_some();
-        let (slots, lent) = {
-            let state = lock(&self.inner.state);
+        let (slots, lent) = self.inner.read(|state| {
             let now = state.lines.get(line);
             now.map_or((0, false), |now| (now.modules.len(), now.lent))
-        };
+        });
         let room = slots + new.modules_of(line).count() <= SLOTS_MAX;
         if is_same {
             is_open || lent

@@ -210,7 +210,7 @@ impl Service {
                 let config = self.config();
                 let line = config.modules.get(module).map(|module| &module.line);
                 let down = line.map_or(Fact::Unknown, |line| self.is_down(line));
-                let presence = lock(&self.inner.state).site.presence(module);
+                let presence = self.inner.read(|state| state.site.presence(module));
                 let fact = match (down, presence) {
                     (Fact::Is(false), Presence::Online) => Fact::Is(false),
                     (Fact::Is(false), Presence::Silent | Presence::OtherModel) => Fact::Is(true),
@@ -230,8 +230,10 @@ impl Service {
         };
         match (status.quality, status.value) {
             (Quality::Good, Some(value)) => {
-                let max_age = self.inner.described(&place.module);
-                let max_age = max_age.map_or(Micros(0), |module| module.plan.max_age);
+                let max_age = self.inner.read(|state| {
+                    let module = state.site.config().modules.get(&place.module);
+                    module.map_or(Micros(0), |module| module.plan.max_age)
+                });
                 let left = max_age - status.age.unwrap_or_default();
                 // Just after it, so that it is certain then.
                 let left = Duration::from_micros(left.0) + Duration::from_millis(1);
@@ -259,7 +261,7 @@ async fn run(site: Weak<Inner>, mut updates: Updates) {
         let Some(inner) = site.upgrade() else {
             return;
         };
-        if inner.schedule.are_stopping() {
+        if inner.read(|state| state.is_stopping()) {
             return;
         }
         let service = Service {
@@ -292,7 +294,7 @@ async fn sleep_until(wake: Option<Instant>) {
 impl Inner {
     fn moment(&self) -> Moment {
         Moment {
-            steady: self.now(),
+            steady: self.now().site,
             wall: millis(SystemTime::now()),
         }
     }

@@ -3,11 +3,10 @@
 //! is sent nothing that was known of the outputs of its modules counts any more, until they are
 //! read anew.
 
-use super::{Inner, RawTerms, Service, Update, lock};
+use super::{Inner, RawTerms, Service};
 use crate::Failure;
 use crate::config::Place;
 use railbus_commission::{Risk, is_answered};
-use railbus_device::PointKind;
 use railbus_host::{Fault, ProbeResult, Probed, reply_in};
 use railbus_wire::{Exchange, Response, ascii, rtu};
 use std::sync::Arc;
@@ -52,7 +51,7 @@ impl Service {
         what: String,
     ) -> Result<Sent, Failure> {
         let (handle, probe) = self.probe_of(line, exchange, terms)?;
-        if self.inner.schedule.are_stopping() {
+        if self.inner.read(|state| state.is_stopping()) {
             return Err(Fault::Closed.into());
         }
         let modules = self.concerned(line, &exchange);
@@ -125,19 +124,7 @@ struct Doubt {
 
 impl Doubt {
     fn begin(inner: &Arc<Inner>, modules: Vec<String>) -> Doubt {
-        let mut state = lock(&inner.state);
-        let config = state.site.config();
-        let outputs = modules.iter().flat_map(|name| {
-            let setup = config.modules.get(name).map(|module| module.setup);
-            let points = setup.into_iter().flat_map(|setup| setup.points());
-            let outputs = points.filter(|point| point.kind == PointKind::Output);
-            outputs.map(|point| Place::new(name, point))
-        });
-        let outputs: Vec<Place> = outputs.collect();
-        for place in &outputs {
-            state.guard.rises(place);
-        }
-        drop(state);
+        let outputs = inner.change(|state| state.doubt(&modules));
         Doubt {
             inner: Arc::clone(inner),
             modules,
@@ -148,24 +135,8 @@ impl Doubt {
 
 impl Drop for Doubt {
     fn drop(&mut self) {
-        let from: Vec<_> = self
-            .outputs
-            .iter()
-            .map(|place| (place, self.inner.line_time(&place.module)))
-            .collect();
-        let now = self.inner.now();
-        let mut state = lock(&self.inner.state);
-        for (place, from) in from {
-            state.guard.ended(place, Some(from));
-            // Should it be off, it went off just now; where it is on, a reading says so.
-            state.went_off(place, now);
-        }
-        state
-            .site
-            .doubt(|module| self.modules.iter().any(|name| name == module));
-        drop(state);
-        for module in &self.modules {
-            self.inner.tell(Update::Module(module.clone()));
-        }
+        let (modules, outputs) = (&self.modules, &self.outputs);
+        self.inner
+            .change(|state| state.no_longer_doubt(modules, outputs));
     }
 }

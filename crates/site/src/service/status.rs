@@ -1,9 +1,8 @@
 //! What is known, for whoever asks.
 
-use super::schedule::Schedule;
-use super::state::State;
-use super::{Inner, Service, lock};
+use super::Service;
 use crate::config::{ModuleConfig, Name, Place, PointConfig, Range};
+use crate::core::State;
 use crate::{Config, Quality, Value};
 use railbus_device::{Point, PointKind, Setup};
 use railbus_host::{Evidence, LineState, Presence};
@@ -100,87 +99,60 @@ impl Service {
     /// The configuration in force.
     #[must_use]
     pub fn config(&self) -> Config {
-        lock(&self.inner.state).site.config().clone()
+        self.inner.read(|state| state.site.config().clone())
     }
 
     /// All lines.
     #[must_use]
     pub fn lines(&self) -> Vec<LineStatus> {
-        let state = lock(&self.inner.state);
-        let names = state.site.config().lines.keys();
-        names.filter_map(|name| state.line(name)).collect()
+        self.inner.read(|state| {
+            let names = state.site.config().lines.keys();
+            names.filter_map(|name| state.line(name)).collect()
+        })
     }
 
     /// A line.
     #[must_use]
     pub fn line(&self, name: &str) -> Option<LineStatus> {
-        lock(&self.inner.state).line(name)
+        self.inner.read(|state| state.line(name))
     }
 
     /// All modules.
     #[must_use]
     pub fn modules(&self) -> Vec<ModuleStatus> {
-        let now = self.inner.now();
-        let mut state = lock(&self.inner.state);
-        let names: Vec<String> = state.site.config().modules.keys().cloned().collect();
-        names
-            .iter()
-            .filter_map(|name| state.module(name, now))
-            .collect()
+        self.inner.read(|state| {
+            let names = state.site.config().modules.keys();
+            let names: Vec<String> = names.cloned().collect();
+            let status = names.iter().filter_map(|name| state.module(name));
+            status.collect()
+        })
     }
 
     /// A module.
     #[must_use]
     pub fn module(&self, name: &str) -> Option<ModuleStatus> {
-        let now = self.inner.now();
-        lock(&self.inner.state).module(name, now)
+        self.inner.read(|state| state.module(name))
     }
 
     /// The points of a module, outputs first; none where there is no such module.
     #[must_use]
     pub fn points(&self, module: &str) -> Vec<PointStatus> {
-        let now = self.inner.line_time(module);
-        let state = lock(&self.inner.state);
-        let Some(config) = state.site.config().modules.get(module) else {
-            return Vec::new();
-        };
-        let points = config.setup.points();
-        points
-            .map(|point| state.point(&self.inner.schedule, module, config, point, now))
-            .collect()
+        self.inner.read(|state| {
+            let now = state.line_time(module);
+            let Some(config) = state.site.config().modules.get(module) else {
+                return Vec::new();
+            };
+            let points = config.setup.points();
+            points
+                .map(|point| state.point(module, config, point, now))
+                .collect()
+        })
     }
 
     /// A point.
     #[must_use]
     pub fn point(&self, module: &str, point: Point) -> Option<PointStatus> {
-        self.inner.point(module, point)
-    }
-}
-
-impl Inner {
-    fn point(&self, module: &str, point: Point) -> Option<PointStatus> {
-        let now = self.line_time(module);
-        let state = lock(&self.state);
-        let config = state.site.config().modules.get(module)?;
-        (point.index < config.setup.count(point.kind))
-            .then(|| state.point(&self.schedule, module, config, point, now))
-    }
-
-    /// What an output is, where that is known now.
-    pub(super) fn known(&self, place: &Place) -> Option<bool> {
-        let status = self.point(&place.module, place.point)?;
-        match (status.quality, status.value) {
-            (Quality::Good, Some(Value::Bool(on))) => Some(on),
-            _ => None,
-        }
-    }
-
-    /// The time in which readings of a module are told.
-    pub(super) fn line_time(&self, module: &str) -> Instant {
-        match self.place(module) {
-            Some((line, _)) => line.now(),
-            None => Instant(0) + (self.now() - lock(&self.state).began(module)),
-        }
+        self.inner.read(|state| state.point_of(module, point))
     }
 }
 
@@ -193,11 +165,12 @@ fn named(modules: &[String]) -> Vec<String> {
 }
 
 impl State {
-    /// When the clock of a module's line began, in the time of the site.
-    fn began(&self, module: &str) -> Micros {
-        let module = self.site.config().modules.get(module);
-        let line = module.and_then(|module| self.lines.get(&module.line));
-        line.map_or(Micros::ZERO, |line| line.began)
+    /// A point, where there is one.
+    pub(crate) fn point_of(&self, module: &str, point: Point) -> Option<PointStatus> {
+        let config = self.site.config().modules.get(module)?;
+        let now = self.line_time(module);
+        (point.index < config.setup.count(point.kind))
+            .then(|| self.point(module, config, point, now))
     }
 
     fn line(&self, name: &str) -> Option<LineStatus> {
@@ -214,7 +187,7 @@ impl State {
         })
     }
 
-    fn module(&mut self, name: &str, now: Micros) -> Option<ModuleStatus> {
+    fn module(&mut self, name: &str) -> Option<ModuleStatus> {
         let presence = match self.site.presence(name) {
             Presence::Online | Presence::OtherModel if !self.is_up(name) => Presence::Silent,
             presence => presence,
@@ -225,6 +198,7 @@ impl State {
         let config = self.site.config().modules.get(name)?;
         let (line, setup) = (config.line.clone(), config.setup);
         let (called, area) = (config.name.clone(), config.area.clone());
+        let now = self.now.site;
         let health = self.health.entry(name.to_owned()).or_default();
         Some(ModuleStatus {
             name: name.to_owned(),
@@ -243,7 +217,6 @@ impl State {
 
     fn point(
         &self,
-        schedule: &Schedule,
         module: &str,
         config: &ModuleConfig,
         point: Point,
@@ -260,7 +233,7 @@ impl State {
             interlock: interlock
                 .map(|other| self.site.config().path(other))
                 .collect(),
-            left: schedule.left(&place),
+            left: self.left(&place),
             module: module.to_owned(),
             point,
             label: format!("{letters}{number}"),

@@ -14,6 +14,11 @@ impl Service {
         self.on_behalf_of(Origin::program(&format!("rule:{id}")))
     }
 
+    fn label(&self, place: &Place) -> String {
+        self.inner
+            .read(|state| state.label(&place.module, place.point))
+    }
+
     /// Tells of a rule.
     pub(super) fn told(
         &self,
@@ -31,9 +36,7 @@ impl Service {
     /// rely on it. Who is to be told is told all the same.
     pub(super) async fn act(self, id: String, rule: Rule, busy: Arc<AtomicBool>) {
         let about = |event: Event| match rule.when.place() {
-            Some(place) => event
-                .module(&place.module)
-                .point(&self.inner.label(&place.module, place.point)),
+            Some(place) => event.module(&place.module).point(&self.label(place)),
             None => event,
         };
         let what = rule.then.iter().map(|action| self.words(action));
@@ -89,7 +92,7 @@ impl Service {
     fn failed(&self, id: &str, action: &Action, failure: &Failure) {
         self.told(id, Severity::Error, "rule_failed", |mut event| {
             if let Action::Set(place, _) | Action::Pulse(place, _) = action {
-                let label = self.inner.label(&place.module, place.point);
+                let label = self.label(place);
                 event = event.module(&place.module).point(&label);
             }
             event.end = Some(failure.name().to_owned());
@@ -99,13 +102,7 @@ impl Service {
 
     /// `pump.do0=off`, `pulse gate.do0 500ms`, `notify`.
     fn words(&self, action: &Action) -> String {
-        let path = |place: &Place| {
-            format!(
-                "{}.{}",
-                place.module,
-                self.inner.label(&place.module, place.point)
-            )
-        };
+        let path = |place: &Place| format!("{}.{}", place.module, self.label(place));
         match action {
             Action::Set(place, true) => format!("{}=on", path(place)),
             Action::Set(place, false) => format!("{}=off", path(place)),

@@ -1,9 +1,10 @@
 //! Several outputs at once: in as few frames as can be, all or nothing where that is asked for.
 
-use super::command::TTL;
-use super::timer::to_its_end;
-use super::turn::Turn;
-use super::{Service, lock};
+use super::context::Context;
+use super::order::TTL;
+use super::state::State;
+use super::turns::Turn;
+use super::write::Who;
 use crate::config::Place;
 use crate::{Failure, WriteDone, WriteTerms};
 use railbus_device::{Bank, Module, Point};
@@ -11,7 +12,6 @@ use railbus_host::{Confirmed, Fault};
 use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use tokio::time::Instant;
 
 /// On what terms several outputs are switched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,6 +70,14 @@ pub struct BatchDone {
 }
 
 impl BatchDone {
+    /// Nobody knows what came of these.
+    pub(crate) fn unknown(set: &[(Place, bool)]) -> BatchDone {
+        BatchDone {
+            parts: parts(set, |_, _| Err(Fault::Unknown.into())),
+            undone: false,
+        }
+    }
+
     fn has_failed(&self) -> bool {
         self.parts.iter().any(|part| part.end.is_err())
     }
@@ -102,40 +110,35 @@ enum Held {
     All(Arc<Turn>),
 }
 
-impl Service {
+impl Context {
     /// Switches outputs of any modules. Those of one module go together; where some of them
     /// exclude each other, what goes off goes before what goes on. Where it is all or nothing,
     /// nobody else commands the outputs meanwhile.
-    pub async fn batch(&self, set: &[(Place, bool)], terms: BatchTerms) -> BatchDone {
-        let (service, asked) = (self.clone(), set.to_vec());
-        // It goes on to its end, where it may be taken back, whether or not somebody waits.
-        let done = tokio::spawn(async move { service.batch_asked(&asked, terms).await }).await;
-        done.unwrap_or_else(|_| BatchDone {
-            parts: parts(set, |_, _| Err(Fault::Unknown.into())),
-            undone: false,
-        })
-    }
-
-    async fn batch_asked(&self, set: &[(Place, bool)], terms: BatchTerms) -> BatchDone {
-        let (mut done, items) = self.checked(set, terms);
+    pub(crate) async fn batch(
+        &self,
+        who: &Who,
+        set: &[(Place, bool)],
+        terms: BatchTerms,
+    ) -> BatchDone {
+        let (mut done, items) = self.with(|state| state.checked(set, terms));
         if !terms.all_or_nothing || items.is_empty() {
-            self.switch_in_turn(&mut done, &items, terms, &Held::Not)
+            self.switch_in_turn(who, &mut done, &items, terms, &Held::Not)
                 .await;
             return done;
         }
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
         // Before the turn: nobody has to wait while a silent module is asked.
         self.ask_unknown(&places).await;
-        match self.inner.turn(places, Instant::now() + TTL).await {
+        match self.turn(places, self.now() + TTL).await {
             Ok(turn) => {
                 // Meanwhile the configuration may have changed, or the site begun to end.
-                let (done, items) = self.checked(set, terms);
+                let (done, items) = self.with(|state| state.checked(set, terms));
                 if items.is_empty() {
                     return done;
                 }
                 let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
                 let before = self.read_in_turn(&places).await;
-                self.all_or_nothing(done, &items, terms, (turn, before))
+                self.all_or_nothing(who, done, &items, terms, (turn, before))
                     .await
             }
             Err(fault) => BatchDone {
@@ -145,45 +148,26 @@ impl Service {
         }
     }
 
-    /// Outputs with why each of them is not tried yet, and those that can be. Where it is all or
-    /// nothing and one can't be, none is.
-    fn checked(&self, set: &[(Place, bool)], terms: BatchTerms) -> (BatchDone, Vec<Item>) {
-        let may = |place: &Place, on| self.may_switch(place, on, terms.confirm);
-        let checked = |place: &Place, on| Err(may(place, on).err().unwrap_or(Failure::NotTried));
-        let done = BatchDone {
-            parts: parts(set, checked),
-            undone: false,
-        };
-        let refused = |part: &Part| part.end != Err(Failure::NotTried);
-        if terms.all_or_nothing && done.parts.iter().any(refused) {
-            return (done, Vec::new());
-        }
-        let numbered = done.parts.iter().enumerate();
-        let items = numbered
-            .filter(|(_, part)| !refused(part))
-            .map(|(number, part)| (number, part.place.clone(), part.wanted));
-        let items = items.collect();
-        (done, items)
-    }
-
     async fn all_or_nothing(
         &self,
+        who: &Who,
         mut done: BatchDone,
         items: &[Item],
         terms: BatchTerms,
         (turn, before): (Turn, States),
     ) -> BatchDone {
         let held = Held::All(Arc::new(turn));
-        self.switch_in_turn(&mut done, items, terms, &held).await;
+        self.switch_in_turn(who, &mut done, items, terms, &held)
+            .await;
         if done.has_failed() {
             // Taken back, the outputs are as they were found, in their pulses and leases.
-            self.undo(&mut done, items, &before, &held).await;
+            self.undo(who, &mut done, items, &before, &held).await;
             return done;
         }
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
-        if let Err(why) = self.inner.schedule.take_over(&places, None).await {
+        if let Err(why) = self.hand_outputs_over(&places, None).await {
             for part in &mut done.parts {
-                part.end = Err(Failure::NotTakenOver(why.kind()));
+                part.end = Err(Failure::NotTakenOver(why));
             }
         }
         done
@@ -194,26 +178,23 @@ impl Service {
     /// # Errors
     /// [`Failure::NoSuchGroup`]; where it is to be toggled, also as [`Service::write`] while
     /// others command it.
-    pub async fn set_group(
+    pub(crate) async fn set_group(
         &self,
+        who: &Who,
         group: &str,
         to: GroupState,
         terms: BatchTerms,
     ) -> Result<BatchDone, Failure> {
-        let members = {
-            let state = lock(&self.inner.state);
+        let members = self.with(|state| {
             let group = state.site.config().groups.get(group);
-            group.ok_or(Failure::NoSuchGroup)?.members.clone()
-        };
+            Ok::<_, Failure>(group.ok_or(Failure::NoSuchGroup)?.members.clone())
+        })?;
         match to {
             GroupState::Set(on) => {
                 let set: Vec<_> = members.into_iter().map(|member| (member, on)).collect();
-                Ok(self.batch(&set, terms).await)
+                Ok(self.batch(who, &set, terms).await)
             }
-            GroupState::Toggle => {
-                let service = self.clone();
-                to_its_end(async move { service.toggle_group(members, terms).await }).await
-            }
+            GroupState::Toggle => self.toggle_group(who, members, terms).await,
         }
     }
 
@@ -221,61 +202,39 @@ impl Service {
     /// what the first has done.
     async fn toggle_group(
         &self,
+        who: &Who,
         members: Vec<Place>,
         terms: BatchTerms,
     ) -> Result<BatchDone, Failure> {
         // Before the turn: nobody has to wait while a silent module is asked.
         self.ask_unknown(&members).await;
-        let turn = self.inner.turn(members.clone(), Instant::now() + TTL);
+        let turn = self.turn(members.clone(), self.now() + TTL);
         let turn = turn.await?;
         let before = self.read_in_turn(&members).await;
         // Where nothing is known, any of it may be on.
         let are_off = members.iter().all(|at| before.get(at) == Some(&false));
         let set: Vec<_> = members.into_iter().map(|at| (at, are_off)).collect();
-        let (mut done, items) = self.checked(&set, terms);
+        let (mut done, items) = self.with(|state| state.checked(&set, terms));
         if terms.all_or_nothing && !items.is_empty() {
-            let all = self.all_or_nothing(done, &items, terms, (turn, before));
+            let all = self.all_or_nothing(who, done, &items, terms, (turn, before));
             return Ok(all.await);
         }
         turn.give_back(|place| !items.iter().any(|item| item.1 == *place));
         let held = Held::Each(Arc::new(turn));
-        self.switch_in_turn(&mut done, &items, terms, &held).await;
+        self.switch_in_turn(who, &mut done, &items, terms, &held)
+            .await;
         Ok(done)
-    }
-
-    /// In how many frames these outputs can be brought into one state.
-    #[must_use]
-    pub fn frames_of(&self, outputs: &[Place]) -> usize {
-        let mut masks: BTreeMap<&str, u32> = BTreeMap::new();
-        for place in outputs {
-            if let Some(bit) = 1_u32.checked_shl(u32::from(place.point.index)) {
-                *masks.entry(&place.module).or_default() |= bit;
-            }
-        }
-        let frames = masks.into_iter().map(|(module, mask)| {
-            let described = self.inner.described(module).ok();
-            let module = described.and_then(|described| Module::new(described.setup).ok());
-            module.map_or(0, |module| frames_of(&module, mask))
-        });
-        frames.sum()
-    }
-
-    fn may_switch(&self, place: &Place, on: bool, confirm: bool) -> Result<(), Failure> {
-        let points = [place.point];
-        self.inner.may_command(&place.module, &points, confirm)?;
-        let rising = points.into_iter().filter(|_| on);
-        self.inner.watched(&place.module, rising)
     }
 
     /// Asks the modules of outputs of which nothing is known now.
     async fn ask_unknown(&self, places: &[Place]) {
-        let unknown = places
-            .iter()
-            .filter(|place| self.inner.known(place).is_none());
-        let modules: BTreeSet<_> = unknown.map(|place| place.module.clone()).collect();
+        let modules: BTreeSet<String> = self.with(|state| {
+            let unknown = places.iter().filter(|place| state.known(place).is_none());
+            unknown.map(|place| place.module.clone()).collect()
+        });
         for module in modules {
             // What could not be read stays unknown.
-            let _ = self.inner.read_all(&module).await;
+            let _ = self.read_all(&module).await;
         }
     }
 
@@ -283,40 +242,42 @@ impl Service {
     /// not read, or moved by hand since. Nobody waits for a module of which nothing is known.
     async fn read_in_turn(&self, places: &[Place]) -> States {
         let mut modules: BTreeMap<&str, bool> = BTreeMap::new();
-        for place in places {
-            *modules.entry(&place.module).or_insert(true) &= self.inner.known(place).is_some();
-        }
-        let known = modules.into_iter().filter(|(_, is_known)| *is_known);
-        let reading = known.map(|(module, _)| {
-            let (inner, module) = (Arc::clone(&self.inner), module.to_owned());
-            tokio::spawn(async move { inner.read_all(&module).await.is_ok().then_some(module) })
+        self.with(|state| {
+            for place in places {
+                *modules.entry(&place.module).or_insert(true) &= state.known(place).is_some();
+            }
         });
-        let mut read = BTreeSet::new();
-        for module in reading.collect::<Vec<_>>() {
-            // Fails only where the runtime itself ends.
-            read.extend(module.await.ok().flatten());
-        }
-        let of_read = places.iter().filter(|place| read.contains(&place.module));
-        of_read
-            .filter_map(|place| Some((place.clone(), self.inner.known(place)?)))
-            .collect()
+        let known = modules.into_iter().filter(|(_, is_known)| *is_known);
+        let reading = known.map(|(module, _)| async move {
+            let read = self.read_all(module).await;
+            read.is_ok().then_some(module)
+        });
+        let read = self.all(reading.collect::<Vec<_>>()).await;
+        let read: BTreeSet<&str> = read.into_iter().flatten().collect();
+        self.with(|state| {
+            let of_read = places.iter().filter(|place| read.contains(&*place.module));
+            of_read
+                .filter_map(|place| Some((place.clone(), state.known(place)?)))
+                .collect()
+        })
     }
 
     /// Switches them, in two turns where they exclude each other. After a failure in the first
     /// turn, the second is not begun where it is all or nothing.
     async fn switch_in_turn(
         &self,
+        who: &Who,
         done: &mut BatchDone,
         items: &[Item],
         terms: BatchTerms,
         held: &Held,
     ) {
-        if !self.exclude_each_other(items) {
-            return self.switch_at_once(done, items, terms, held).await;
+        if !self.with(|state| state.exclude_each_other(items)) {
+            return self.switch_at_once(who, done, items, terms, held).await;
         }
         for wanted in [false, true] {
             let turn: Vec<Item> = items.iter().filter(|i| i.2 == wanted).cloned().collect();
-            self.switch_at_once(done, &turn, terms, held).await;
+            self.switch_at_once(who, done, &turn, terms, held).await;
             let failed = turn.iter().filter_map(|item| done.parts.get(item.0));
             if terms.all_or_nothing && failed.into_iter().any(|part| part.end.is_err()) {
                 return;
@@ -324,17 +285,10 @@ impl Service {
         }
     }
 
-    fn exclude_each_other(&self, items: &[Item]) -> bool {
-        let state = lock(&self.inner.state);
-        let config = state.site.config();
-        let excluded = items.iter().filter_map(|item| config.safety(&item.1));
-        let mut excluded = excluded.flat_map(|safety| &safety.interlock);
-        excluded.any(|other| items.iter().any(|item| item.1 == *other))
-    }
-
     /// Switches the outputs of all modules side by side.
     async fn switch_at_once(
         &self,
+        who: &Who,
         done: &mut BatchDone,
         items: &[Item],
         terms: BatchTerms,
@@ -345,20 +299,13 @@ impl Service {
             let of_module = by_module.entry(item.1.module.clone()).or_default();
             of_module.push(item.clone());
         }
-        let each = by_module.into_iter().map(|(module, items)| {
-            let service = self.clone();
-            let numbers: Vec<usize> = items.iter().map(|item| item.0).collect();
-            let held = held.clone();
-            let switching =
-                async move { service.switch_module(&module, &items, terms, &held).await };
-            (numbers, tokio::spawn(switching))
+        let each = by_module.iter().map(|(module, items)| async move {
+            let ends = self.switch_module(who, module, items, terms, held).await;
+            (items, ends)
         });
-        for (numbers, task) in each.collect::<Vec<_>>() {
-            // Fails only where the task was broken off: how far it had come is not known.
-            let lost = || vec![Err(Fault::Unknown.into()); numbers.len()];
-            let ends = task.await.unwrap_or_else(|_| lost());
-            for (number, end) in numbers.into_iter().zip(ends) {
-                if let Some(part) = done.parts.get_mut(number) {
+        for (items, ends) in self.all(each.collect::<Vec<_>>()).await {
+            for (item, end) in items.iter().zip(ends) {
+                if let Some(part) = done.parts.get_mut(item.0) {
                     part.end = end;
                 }
             }
@@ -369,13 +316,14 @@ impl Service {
     /// others still are, unless it is all or nothing.
     async fn switch_module(
         &self,
+        who: &Who,
         module: &str,
         items: &[Item],
         terms: BatchTerms,
         held: &Held,
     ) -> Vec<Result<PartDone, Failure>> {
         let set: Vec<(Point, bool)> = items.iter().map(|(_, at, on)| (at.point, *on)).collect();
-        let mut ends = self.switch_points(module, &set, terms, held).await;
+        let mut ends = self.switch_points(who, module, &set, terms, held).await;
         let one_must_not = matches!(
             ends.first(),
             Some(Err(Failure::Interlock { .. } | Failure::MinOff { .. }))
@@ -383,7 +331,7 @@ impl Service {
         if one_must_not && !terms.all_or_nothing && set.len() > 1 {
             ends.clear();
             for one in set {
-                ends.extend(self.switch_points(module, &[one], terms, held).await);
+                ends.extend(self.switch_points(who, module, &[one], terms, held).await);
             }
         }
         if let Held::Each(turn) = held {
@@ -395,6 +343,7 @@ impl Service {
     /// With one command, in the turn that is held already or in one of its own.
     async fn switch_points(
         &self,
+        who: &Who,
         module: &str,
         set: &[(Point, bool)],
         terms: BatchTerms,
@@ -406,19 +355,25 @@ impl Service {
             ..WriteTerms::default()
         };
         // The site may have begun to end since: its own policies have the last word.
-        let ends = self.inner.schedule.are_stopping();
-        let expires = Instant::now() + TTL;
+        let ends = self.with(|state| state.schedule.is_stopping);
+        let expires = self.now() + TTL;
         let done = match held {
             _ if ends => Err(Fault::Closed.into()),
-            Held::Not => self.write(module, set, terms).await,
+            Held::Not => self.write(who, module, set, terms).await,
             Held::Each(turn) => {
                 let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
-                match self.write_in_turn(turn, module, set, terms, expires).await {
-                    Ok(done) => self.inner.take_over(module, &points, done).await,
+                match self
+                    .write_in_turn(who, turn, module, set, terms, expires)
+                    .await
+                {
+                    Ok(done) => self.take_over(module, &points, done).await,
                     refused => refused,
                 }
             }
-            Held::All(turn) => self.write_in_turn(turn, module, set, terms, expires).await,
+            Held::All(turn) => {
+                self.write_in_turn(who, turn, module, set, terms, expires)
+                    .await
+            }
         };
         match done {
             Ok(done) => parts_of(&done).into_iter().map(Ok).collect(),
@@ -427,7 +382,14 @@ impl Service {
     }
 
     /// Takes back what was done, and what may have been.
-    async fn undo(&self, done: &mut BatchDone, items: &[Item], before: &States, held: &Held) {
+    async fn undo(
+        &self,
+        who: &Who,
+        done: &mut BatchDone,
+        items: &[Item],
+        before: &States,
+        held: &Held,
+    ) {
         let touched = |end: &Result<PartDone, Failure>| match end {
             Ok(_) => true,
             Err(failure) => failure.may_have_acted(),
@@ -458,7 +420,8 @@ impl Service {
         };
         let again: Vec<Item> = back.iter().map(|b| (b.0, b.1.clone(), b.2)).collect();
         let terms = BatchTerms::default();
-        self.switch_in_turn(&mut undone, &again, terms, held).await;
+        self.switch_in_turn(who, &mut undone, &again, terms, held)
+            .await;
         done.undone = lost.is_empty() && !undone.has_failed();
         let ends = undone.parts.iter().zip(&back);
         let failed = ends.map(|(part, back)| (back.3, part.end.is_err()));
@@ -473,6 +436,59 @@ impl Service {
                 });
             }
         }
+    }
+}
+
+impl State {
+    /// Outputs with why each of them is not tried yet, and those that can be. Where it is all or
+    /// nothing and one can't be, none is.
+    fn checked(&self, set: &[(Place, bool)], terms: BatchTerms) -> (BatchDone, Vec<Item>) {
+        let may = |place: &Place, on| self.may_switch(place, on, terms.confirm);
+        let checked = |place: &Place, on| Err(may(place, on).err().unwrap_or(Failure::NotTried));
+        let done = BatchDone {
+            parts: parts(set, checked),
+            undone: false,
+        };
+        let refused = |part: &Part| part.end != Err(Failure::NotTried);
+        if terms.all_or_nothing && done.parts.iter().any(refused) {
+            return (done, Vec::new());
+        }
+        let numbered = done.parts.iter().enumerate();
+        let items = numbered
+            .filter(|(_, part)| !refused(part))
+            .map(|(number, part)| (number, part.place.clone(), part.wanted));
+        let items = items.collect();
+        (done, items)
+    }
+
+    fn may_switch(&self, place: &Place, on: bool, confirm: bool) -> Result<(), Failure> {
+        let points = [place.point];
+        self.may_command(&place.module, &points, confirm)?;
+        let rising = points.into_iter().filter(|_| on);
+        self.watched(&place.module, rising)
+    }
+
+    fn exclude_each_other(&self, items: &[Item]) -> bool {
+        let config = self.site.config();
+        let excluded = items.iter().filter_map(|item| config.safety(&item.1));
+        let mut excluded = excluded.flat_map(|safety| &safety.interlock);
+        excluded.any(|other| items.iter().any(|item| item.1 == *other))
+    }
+
+    /// In how many frames these outputs can be brought into one state.
+    pub(crate) fn frames_of(&self, outputs: &[Place]) -> usize {
+        let mut masks: BTreeMap<&str, u32> = BTreeMap::new();
+        for place in outputs {
+            if let Some(bit) = 1_u32.checked_shl(u32::from(place.point.index)) {
+                *masks.entry(&place.module).or_default() |= bit;
+            }
+        }
+        let frames = masks.into_iter().map(|(module, mask)| {
+            let described = self.described(module).ok();
+            let module = described.and_then(|described| Module::new(described.setup).ok());
+            module.map_or(0, |module| frames_of(&module, mask))
+        });
+        frames.sum()
     }
 }
 
@@ -513,37 +529,4 @@ fn frames_of(module: &Module, mask: u32) -> usize {
         frames += 1;
     }
     frames
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::Config;
-    use railbus_device::PointKind;
-
-    #[tokio::test]
-    async fn a_batch_goes_no_further_once_the_site_ends() {
-        let text = "[line.main]\nport = \"/dev/railbus-test-nothing-here\"\n\
-                    [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
-        let service = Service::start(Config::parse(text).unwrap()).unwrap();
-        service.inner.schedule.stop_all().await;
-        let kind = PointKind::Output;
-        let place = Place::new("oven", Point { kind, index: 0 });
-        let mut done = BatchDone {
-            parts: vec![Part {
-                place: place.clone(),
-                wanted: true,
-                end: Err(Failure::NotTried),
-            }],
-            undone: false,
-        };
-        // It was checked before the end began.
-        let items = [(0, place, true)];
-        service
-            .switch_in_turn(&mut done, &items, BatchTerms::default(), &Held::Not)
-            .await;
-        assert_eq!(done.parts[0].end, Err(Fault::Closed.into()));
-        assert!(service.audit().is_empty(), "nothing was tried");
-        service.close().await;
-    }
 }

@@ -1,21 +1,21 @@
 //! Scenes: steps that are done one after the other, up to the first that fails.
 
-use super::batch::parts_of;
-use super::{BatchDone, BatchTerms, Inner, Part, Service, lock};
+use super::batch::{BatchDone, BatchTerms, Part, parts_of};
+use super::context::Context;
+use super::write::Who;
 use crate::config::{Place, Scene, Step};
 use crate::{Failure, WriteTerms};
-use std::sync::Arc;
-use std::time::Duration;
+use railbus_wire::Micros;
 
 /// A scene that is being played. It ends with this.
 struct Playing {
-    inner: Arc<Inner>,
+    context: Context,
     scene: String,
 }
 
 impl Drop for Playing {
     fn drop(&mut self) {
-        lock(&self.inner.playing).remove(&self.scene);
+        self.context.with(|state| state.playing.remove(&self.scene));
     }
 }
 
@@ -26,27 +26,35 @@ struct Run {
     on: bool,
 }
 
-impl Service {
+impl Context {
     /// Plays a scene: its steps in their order, those of one module that follow each other and
     /// go the same way with one command. After a step that fails, nothing more is done: later
     /// ones may rely on it.
-    ///
-    /// # Errors
-    /// [`Failure::NoSuchScene`]; [`Failure::Playing`] while it is played already.
-    pub async fn play(&self, scene: &str, terms: BatchTerms) -> Result<BatchDone, Failure> {
-        let steps = {
-            let state = lock(&self.inner.state);
+    pub(crate) async fn play(
+        &self,
+        who: &Who,
+        scene: &str,
+        terms: BatchTerms,
+    ) -> Result<BatchDone, Failure> {
+        let steps = self.with(|state| {
             let known: Option<&Scene> = state.site.config().scenes.get(scene);
-            known.ok_or(Failure::NoSuchScene)?.steps.clone()
+            let steps = known.ok_or(Failure::NoSuchScene)?.steps.clone();
+            match state.playing.insert(scene.to_owned()) {
+                true => Ok(steps),
+                false => Err(Failure::Playing),
+            }
+        })?;
+        let _playing = Playing {
+            context: self.clone(),
+            scene: scene.to_owned(),
         };
-        let _playing = self.begin_to_play(scene)?;
         let mut done = BatchDone::default();
         let mut going = true;
         let mut rest = steps.iter().peekable();
         while let Some(step) = rest.next() {
             match step {
                 Step::Wait(time) if going => {
-                    going = self.wait(Duration::from_micros(time.0)).await;
+                    going = self.wait_in_scene(*time).await;
                 }
                 Step::Wait(_) => {}
                 Step::Set(place, on) => {
@@ -59,7 +67,7 @@ impl Service {
                     {
                         run.outputs.push(next.clone());
                     }
-                    let parts = self.play_run(run, going, terms).await;
+                    let parts = self.play_run(who, run, going, terms).await;
                     going = going && parts.iter().all(|part| part.end.is_ok());
                     done.parts.extend(parts);
                 }
@@ -68,25 +76,13 @@ impl Service {
         Ok(done)
     }
 
-    fn begin_to_play(&self, scene: &str) -> Result<Playing, Failure> {
-        if !lock(&self.inner.playing).insert(scene.to_owned()) {
-            return Err(Failure::Playing);
-        }
-        Ok(Playing {
-            inner: Arc::clone(&self.inner),
-            scene: scene.to_owned(),
-        })
-    }
-
     /// Says whether the site is not being closed.
-    async fn wait(&self, time: Duration) -> bool {
-        tokio::select! {
-            () = tokio::time::sleep(time) => true,
-            () = self.inner.schedule.stopping() => false,
-        }
+    async fn wait_in_scene(&self, time: Micros) -> bool {
+        let until = self.now() + time;
+        self.until(until, self.stopping()).await.is_none()
     }
 
-    async fn play_run(&self, run: Run, going: bool, terms: BatchTerms) -> Vec<Part> {
+    async fn play_run(&self, who: &Who, run: Run, going: bool, terms: BatchTerms) -> Vec<Part> {
         let Run {
             module,
             outputs,
@@ -99,7 +95,7 @@ impl Service {
             ..WriteTerms::default()
         };
         let end = match going {
-            true => self.write(&module, &set, write).await,
+            true => self.write(who, &module, &set, write).await,
             false => Err(Failure::NotTried),
         };
         let ends: Vec<_> = match end {

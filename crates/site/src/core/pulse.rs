@@ -1,17 +1,17 @@
 //! Pulses: by the module where it keeps the time, else timed here, and then released whatever
 //! becomes of the caller.
 
-use super::command::{Entry, Order, TTL, channel, places};
+use super::context::Context;
+use super::order::{Entry, Order, TTL, channel, places};
 use super::promises::Why;
-use super::timer::{Begin, to_its_end};
-use super::{Service, lock};
+use super::timers::Begin;
+use super::write::{Who, note};
 use crate::config::Place;
 use crate::{Failure, Pulses};
 use railbus_device::{Bank, Family, Observation, Op, Point};
 use railbus_host::Confirmed;
 use railbus_wire::{Micros, r55::U24};
 use std::time::Duration;
-use tokio::time::Instant;
 
 /// The longest pulse: 24 bits of milliseconds, 4 h 39 min [R55 §3.6].
 pub const PULSE_MAX: Micros = Micros::from_millis(0x00FF_FFFF);
@@ -68,55 +68,42 @@ enum Way {
     Host(Micros),
 }
 
-impl Service {
-    /// Gives a pulse; returns when it has begun. One that is timed here is ended by a task of
-    /// its own, which also tries again until the output is released, another command takes the
-    /// output over, or the site is closed. Its end is written down before it begins
-    /// ([`Service::start_in`]), and done after a restart where that comes between.
-    ///
-    /// # Errors
-    /// [`Failure::PulseWidth`] where the module has no such pulse, or as [`Service::write`].
-    /// Where the module may have acted, the output is released all the same.
-    pub async fn pulse(
+impl Context {
+    /// Gives a pulse; ends when it has begun.
+    pub(crate) async fn pulse(
         &self,
+        who: &Who,
         module: &str,
         point: Point,
         pulse: Pulse,
     ) -> Result<PulseDone, Failure> {
-        self.inner.may_command(module, &[point], pulse.confirm)?;
-        let (service, module) = (self.clone(), module.to_owned());
-        to_its_end(async move { service.pulse_asked(&module, point, pulse).await }).await
-    }
-
-    async fn pulse_asked(
-        &self,
-        module: &str,
-        point: Point,
-        pulse: Pulse,
-    ) -> Result<PulseDone, Failure> {
-        let expires = Instant::now() + TTL;
-        let turn = self.inner.turn(places(module, &[point]), expires).await?;
+        self.with(|state| state.may_command(module, &[point], pulse.confirm))?;
+        let expires = self.now() + TTL;
+        let turn = self.turn(places(module, &[point]), expires).await?;
         // Meanwhile the configuration may have changed, or the site begun to end.
-        self.inner.may_command(module, &[point], pulse.confirm)?;
+        self.with(|state| state.may_command(module, &[point], pulse.confirm))?;
         // It may be another board by now, or keep the time otherwise.
         let way = self.way(module, point, pulse).await?;
         let value = !pulse.off;
-        let label = self.inner.label(module, point);
+        let (label, at) = self.with(|state| (state.label(module, point), state.at(module)));
         let (begun, by, width) = match way {
             Way::Device(op, width) => {
-                let note = self.note(format!("pulse {label} {}ms by device", width.0 / 1_000));
+                let noted = note(
+                    who,
+                    format!("pulse {label} {}ms by device", width.0 / 1_000),
+                );
                 let order = Order {
                     module,
-                    at: self.inner.place(module),
+                    at,
                     points: &[point],
                     op,
                     verify: true,
                     expires,
                 };
-                let mut entry = Entry::new(note);
+                let mut entry = Entry::new(noted);
                 let wanted = |_| Some(value);
-                let begun = self.inner.command(&turn, order, &mut entry, wanted).await?;
-                let begun = self.inner.take_over(module, &[point], begun).await?;
+                let begun = self.command(&turn, order, &mut entry, wanted).await?;
+                let begun = self.take_over(module, &[point], begun).await?;
                 (begun, By::Device, width)
             }
             Way::Host(width) => {
@@ -125,10 +112,10 @@ impl Service {
                     value,
                     end: Some(!value),
                     length: Duration::from_micros(width.0),
-                    note: self.note(format!("pulse {label} {}ms by host", width.0 / 1_000)),
+                    note: note(who, format!("pulse {label} {}ms by host", width.0 / 1_000)),
                     expires,
                 };
-                let (begun, _) = self.inner.begin_timed(&turn, begin).await?;
+                let (begun, _) = self.begin_timed(&turn, begin).await?;
                 (begun, By::Host, width)
             }
         };
@@ -145,7 +132,7 @@ impl Service {
 
     /// How a pulse is given by this kind of module.
     async fn way(&self, module: &str, point: Point, pulse: Pulse) -> Result<Way, Failure> {
-        let setup = self.inner.described(module)?.setup;
+        let setup = self.with(|state| state.described(module).map(|module| module.setup))?;
         let refused = |pulses: Option<Pulses>| Failure::PulseWidth {
             point,
             asked: pulse.width,
@@ -191,11 +178,11 @@ impl Service {
 
     /// Which outputs of the module give pulses; it is asked where that is not known.
     async fn pulses(&self, module: &str) -> Result<Pulses, Failure> {
-        let known = lock(&self.inner.state).site.pulses(module);
+        let known = self.with(|state| state.site.pulses(module));
         if let Some(pulses) = known {
             return Ok(pulses);
         }
-        let done = self.inner.run(module, Op::ReadPulse, false).await?;
+        let done = self.run(module, Op::ReadPulse).await?;
         match done.seen {
             Some(Observation::Pulse { mask, width }) => Ok(Pulses { mask, width }),
             _ => Err(railbus_host::Fault::Unsupported.into()),
@@ -205,65 +192,18 @@ impl Service {
     /// Whether switching an output on begins a pulse of the module's own. Where the module does not
     /// say so, it may.
     pub(super) async fn gives_pulses(&self, place: &Place) -> bool {
-        let described = self.inner.described(&place.module);
-        if described.is_ok_and(|module| module.setup.family != Family::Eda9060a) {
+        let is_other = self.with(|state| {
+            let described = state.described(&place.module);
+            described.is_ok_and(|module| module.setup.family != Family::Eda9060a)
+        });
+        if is_other {
             return false;
         }
         let pulses = self.pulses(&place.module).await;
         pulses.map_or(true, |pulses| pulses.of(place.point).is_some())
     }
-
-    /// Waits until all pulses that are timed here have ended.
-    pub async fn pulses_ended(&self) {
-        self.inner.schedule.all_ended().await;
-    }
 }
 
 fn own_width(pulses: Pulses) -> Micros {
     Micros::from_millis(u64::from(pulses.width.tenths()) * 100)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::Config;
-    use railbus_device::PointKind;
-    use railbus_wire::{Instant as LineInstant, PulseWidth};
-
-    /// Another command, before this one, has made the output one that gives pulses by itself.
-    #[tokio::test(start_paused = true)]
-    async fn who_keeps_the_time_of_a_pulse_is_decided_in_its_turn() {
-        let text = "[line.main]\nport = \"/dev/railbus-test-nothing-here\"\n\
-                    [module.gate]\nline = \"main\"\nmodel = \"eda9060a\"\naddress = 1\n";
-        let service = Service::start(Config::parse(text).unwrap()).unwrap();
-        service.opened("main").await.unwrap();
-        let inner = &service.inner;
-        let width = PulseWidth::from_tenths(5).unwrap();
-        let says = |mask| {
-            let seen = Observation::Pulse { mask, width };
-            let mut state = lock(&inner.state);
-            state.site.saw("gate", &seen, LineInstant(0));
-        };
-        says(0);
-        let kind = PointKind::Output;
-        let point = Point { kind, index: 0 };
-        let until = Instant::now() + TTL;
-        let first = inner.turn([Place::new("gate", point)], until);
-        let first = first.await.unwrap();
-        let asks = service.clone();
-        let pulse = Pulse {
-            width: Some(own_width(Pulses { mask: 1, width })),
-            ..Pulse::default()
-        };
-        let given = tokio::spawn(async move { asks.pulse("gate", point, pulse).await });
-        for _ in 0..10 {
-            tokio::task::yield_now().await;
-        }
-        says(1);
-        drop(first);
-        assert!(given.await.unwrap().is_err(), "there is no port");
-        let entry = service.audit().pop().unwrap();
-        assert_eq!(entry.what, "pulse do0 500ms by device");
-        service.close().await;
-    }
 }

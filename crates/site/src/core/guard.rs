@@ -1,6 +1,6 @@
 //! What keeps outputs safe below whoever commands them: outputs that exclude each other, and
-//! times that an output stays off. All of it is decided under the one lock of the site's state,
-//! so that of two commands at once the second one sees what the first one is about to do.
+//! times that an output stays off. All of it is decided in one step of the core, so that of two
+//! commands at once the second one sees what the first one is about to do.
 
 use super::state::State;
 use crate::config::Place;
@@ -32,26 +32,13 @@ struct Output {
     free_at: Option<Micros>,
 }
 
-/// The time, of the site and of the lines of the modules that matter.
-#[derive(Debug, Default)]
-pub(super) struct Now {
-    pub(super) site: Micros,
-    pub(super) lines: BTreeMap<String, Instant>,
-}
-
-impl Now {
-    fn of(&self, module: &str) -> Instant {
-        self.lines.get(module).copied().unwrap_or(Instant(0))
-    }
-}
-
 impl State {
     /// Takes note that a command is about to switch these outputs on, and refuses it where that
     /// is not safe. What was noted ends with [`Guard::ended`].
-    pub(super) fn rise(&mut self, rising: &[Place], now: &Now) -> Result<(), Failure> {
+    pub(super) fn rise(&mut self, rising: &[Place]) -> Result<(), Failure> {
         for place in rising {
-            self.check_interlock(place, rising, now)?;
-            self.check_min_off(place, now)?;
+            self.check_interlock(place, rising)?;
+            self.check_min_off(place)?;
         }
         for place in rising {
             self.guard.rises(place);
@@ -60,13 +47,13 @@ impl State {
     }
 
     /// No output that this one excludes is on, or may be.
-    fn check_interlock(&self, place: &Place, rising: &[Place], now: &Now) -> Result<(), Failure> {
+    fn check_interlock(&self, place: &Place, rising: &[Place]) -> Result<(), Failure> {
         let config = self.site.config();
         let excluded = config.safety(place).map(|safety| &safety.interlock);
         let on = excluded
             .into_iter()
             .flatten()
-            .find(|other| rising.contains(other) || self.may_be_on(other, now));
+            .find(|other| rising.contains(other) || self.may_be_on(other));
         match on {
             None => Ok(()),
             Some(other) => Err(Failure::Interlock {
@@ -77,18 +64,18 @@ impl State {
     }
 
     /// It has been off for long enough, or is on.
-    fn check_min_off(&self, place: &Place, now: &Now) -> Result<(), Failure> {
+    fn check_min_off(&self, place: &Place) -> Result<(), Failure> {
         let safety = self.site.config().safety(place);
         let Some(min_off) = safety.and_then(|safety| safety.min_off) else {
             return Ok(());
         };
-        if self.is(place, true, now) {
+        if self.is(place, true) {
             return Ok(());
         }
         let known = self.guard.outputs.get(place);
         let free_at = known.and_then(|output| output.free_at);
         let free_at = free_at.or(self.guard.polls.then_some(min_off));
-        match free_at.map(|free_at| free_at - now.site) {
+        match free_at.map(|free_at| free_at - self.now.site) {
             None | Some(Micros::ZERO) => Ok(()),
             Some(left) => Err(Failure::MinOff {
                 point: place.point,
@@ -99,17 +86,17 @@ impl State {
 
     /// Whether an output may be on. Only a good reading that says off, of a time after whatever
     /// was done to it, says that it is not.
-    fn may_be_on(&self, place: &Place, now: &Now) -> bool {
+    fn may_be_on(&self, place: &Place) -> bool {
         let rising = self.guard.outputs.get(place).map_or(0, |out| out.rising);
-        rising > 0 || !self.is(place, false, now)
+        rising > 0 || !self.is(place, false)
     }
 
     /// Whether an output is in this state beyond doubt.
-    fn is(&self, place: &Place, wanted: bool, now: &Now) -> bool {
-        let at = now.of(&place.module);
+    fn is(&self, place: &Place, wanted: bool) -> bool {
+        let at = self.line_time(&place.module);
         let (known, quality) = self.site.point(&place.module, place.point, at);
         let output = self.guard.outputs.get(place);
-        if output.is_some_and(|output| output.busy_until > now.site) {
+        if output.is_some_and(|output| output.busy_until > self.now.site) {
             return false;
         }
         let doubt = output.and_then(|output| output.doubt);
@@ -120,7 +107,7 @@ impl State {
     }
 
     /// Takes note of a value that was read.
-    pub(super) fn watch_off(&mut self, change: &Change, now: Micros) {
+    pub(super) fn watch_off(&mut self, change: &Change) {
         let place = Place::new(&change.module, change.point);
         match (change.value, change.before) {
             (Value::Bool(true), _) => {
@@ -133,10 +120,10 @@ impl State {
                 let known = self.guard.outputs.get(&place);
                 let free_at = known.and_then(|output| output.free_at);
                 if free_at.is_none() && self.guard.polls {
-                    self.went_off(&place, now);
+                    self.went_off(&place, self.now.site);
                 }
             }
-            (Value::Bool(false), Some(_)) => self.went_off(&place, now),
+            (Value::Bool(false), Some(_)) => self.went_off(&place, self.now.site),
             (Value::Analog(..) | Value::Number(_), _) => {}
         }
     }
@@ -164,10 +151,10 @@ impl State {
     }
 
     /// How long each output must stay off yet that was seen to go off.
-    pub(super) fn must_stay_off(&self, now: Micros) -> Vec<(Place, Duration)> {
+    pub(super) fn must_stay_off(&self) -> Vec<(Place, Duration)> {
         let outputs = self.guard.outputs.iter();
         let left = outputs.filter_map(|(place, output)| {
-            let left = output.free_at? - now;
+            let left = output.free_at? - self.now.site;
             Some((place.clone(), Duration::from_micros(left.0)))
         });
         left.collect()
@@ -175,38 +162,27 @@ impl State {
 
     /// The modules that must be asked before it is known whether these outputs may be switched
     /// on.
-    pub(super) fn to_be_asked(&self, rising: &[Place], now: &Now) -> BTreeSet<String> {
+    pub(super) fn to_be_asked(&self, rising: &[Place]) -> BTreeSet<String> {
         let safety = rising
             .iter()
             .filter_map(|place| self.site.config().safety(place));
         let excluded = safety.flat_map(|safety| &safety.interlock);
-        let unsure = |place: &&Place| !self.is(place, true, now) && !self.is(place, false, now);
+        let unsure = |place: &&Place| !self.is(place, true) && !self.is(place, false);
         excluded
             .filter(unsure)
             .map(|place| place.module.clone())
             .collect()
     }
 
-    /// The modules of these outputs and of those that they exclude.
-    pub(super) fn concerned(&self, places: &[Place]) -> BTreeSet<String> {
-        let of = |place: &Place| {
-            let safety = self.site.config().safety(place);
-            let excluded = safety.into_iter().flat_map(|safety| &safety.interlock);
-            let excluded = excluded.map(|place| place.module.clone());
-            excluded.chain([place.module.clone()]).collect::<Vec<_>>()
-        };
-        places.iter().flat_map(of).collect()
-    }
-
     /// Of these outputs, those that are off beyond doubt, and that nothing is about to switch on.
-    pub(super) fn surely_off(&self, places: &[Place], now: &Now) -> Vec<Place> {
-        let off = places.iter().filter(|place| !self.may_be_on(place, now));
+    pub(super) fn surely_off(&self, places: &[Place]) -> Vec<Place> {
+        let off = places.iter().filter(|place| !self.may_be_on(place));
         off.cloned().collect()
     }
 
     /// Of these outputs, those that are not off beyond doubt.
-    pub(super) fn not_off(&self, places: Vec<Place>, now: &Now) -> Vec<Place> {
-        let off = |place: &Place| self.is(place, false, now);
+    pub(super) fn not_off(&self, places: Vec<Place>) -> Vec<Place> {
+        let off = |place: &Place| self.is(place, false);
         places.into_iter().filter(|place| !off(place)).collect()
     }
 }
@@ -291,12 +267,12 @@ mod tests {
         };
         state.site.heard("gate", Presence::Online);
         state.site.saw("gate", &off, Instant(0));
-        let at = |site| Now {
-            site,
-            lines: BTreeMap::default(),
-        };
-        let refused = state.rise(&[place(1)], &at(Micros::from_secs(9)));
+        state.lines.get_mut("main").unwrap().began = Micros::from_secs(9);
+        state.now.site = Micros::from_secs(9);
+        let refused = state.rise(&[place(1)]);
         assert!(matches!(refused, Err(Failure::Interlock { .. })));
-        assert_eq!(state.rise(&[place(1)], &at(hour)), Ok(()));
+        state.lines.get_mut("main").unwrap().began = hour;
+        state.now.site = hour;
+        assert_eq!(state.rise(&[place(1)]), Ok(()));
     }
 }

@@ -1,0 +1,368 @@
+//! Points, deadlines, turns, safety and commands of a site as one state machine: no lock, no
+//! clock, no runtime and no I/O. Whoever drives it says what happened and when
+//! ([`Core::handle`]), starts what somebody asks for ([`Core::start`]), does what
+//! [`Core::poll`] says, and comes back at [`Core::deadline`]. So everything that may come between
+//! two steps can be tried in virtual time, and each of them comes in one order only.
+//!
+//! What takes more than one step is a [`context`] procedure.
+
+mod batch;
+mod commands;
+mod context;
+mod guard;
+mod lease;
+mod order;
+mod policies;
+mod promises;
+mod pulse;
+mod scene;
+mod schedule;
+mod state;
+#[cfg(test)]
+mod tests;
+mod timers;
+mod turns;
+mod write;
+
+pub use batch::{BatchDone, BatchTerms, GroupState, Part, PartDone};
+pub use commands::{COMMANDS_KEPT, Command};
+pub(crate) use context::{Context, Reply, RequestId};
+pub use lease::{LEASE_MAX, LEASE_MIN, Leased};
+pub(crate) use promises::{Board, Kept, Promise, Why, boards};
+pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
+pub(crate) use schedule::STOP_MAX;
+pub(crate) use state::{LineNow, State};
+pub(crate) use turns::Turn;
+pub(crate) use write::Who;
+pub use write::{ToggleTerms, WriteDone, WriteTerms};
+
+use crate::Config;
+use crate::config::Place;
+use crate::service::Update;
+use context::{Procedure, TaskId};
+use railbus_device::Op;
+use railbus_host::{LineEvent, ModuleId};
+use railbus_store::audit::Note;
+use railbus_wire::Micros;
+use schedule::Schedule;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::ErrorKind;
+use std::sync::Arc;
+use std::task::Waker;
+use std::time::SystemTime;
+
+/// What time it is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Now {
+    /// Since the start of the site.
+    pub(crate) site: Micros,
+    /// By the clock on the wall, which may be set.
+    pub(crate) wall: SystemTime,
+}
+
+impl Default for Now {
+    fn default() -> Now {
+        Now {
+            site: Micros::ZERO,
+            wall: SystemTime::UNIX_EPOCH,
+        }
+    }
+}
+
+/// A line that was opened; one that is opened anew is another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct LineId(pub(crate) u64);
+
+/// Where a module hangs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct At {
+    pub(crate) line: LineId,
+    pub(crate) module: ModuleId,
+}
+
+/// Something that was written down and is under way.
+#[derive(Clone, Debug)]
+pub(crate) struct Begun {
+    /// Its number.
+    pub(crate) id: String,
+    /// What is told of it at its end.
+    pub(crate) event: railbus_store::history::Event,
+}
+
+/// What happened.
+#[derive(Debug)]
+pub(crate) enum Input<'a> {
+    /// Time has passed.
+    Time,
+    /// A line was opened, and its clock began at this time of the site.
+    Opened(&'a str, LineId, Micros),
+    /// Something happened on a line, or to it.
+    Line(LineId, &'a str, &'a LineEvent),
+    /// What was asked for is done.
+    Done(RequestId, Reply),
+    /// What was to be kept is on the disk, or is not.
+    Kept(Result<(), ErrorKind>),
+    /// These turns are given back.
+    Release(Vec<Arc<Turn>>),
+}
+
+/// What is to be done.
+#[derive(Debug)]
+pub(crate) enum Output {
+    /// An op with a module. [`Reply::Ran`] says how it ended.
+    Run {
+        /// What the reply carries.
+        request: RequestId,
+        /// The line and the module there.
+        at: At,
+        /// What is wanted of it.
+        op: Op,
+        /// Read outputs back.
+        verify: bool,
+        /// What was not sent by this time of the site is not sent any more.
+        expires: Micros,
+    },
+    /// Write down what is about to be done. [`Reply::Begun`] says whether it may be.
+    Begin {
+        /// What the reply carries.
+        request: RequestId,
+        /// Of which module.
+        module: String,
+        /// The label of its output, where it is about one.
+        label: Option<String>,
+        /// Who asks for what.
+        note: Note,
+        /// How the outputs are known to be.
+        before: String,
+    },
+    /// Write down how it ended: [`Reply::Ended`].
+    End {
+        /// What the reply carries.
+        request: RequestId,
+        /// What has ended.
+        begun: Begun,
+        /// How.
+        end: &'static str,
+        /// How the outputs are known to be.
+        after: String,
+    },
+    /// Write the promises anew: [`Input::Kept`]. There is one such write at a time.
+    Keep(Vec<Kept>),
+    /// Tell whoever follows.
+    Publish(Update),
+}
+
+/// A procedure that waits.
+struct Task {
+    procedure: Procedure,
+    /// When it is to be polled at the latest.
+    deadline: Option<Micros>,
+}
+
+/// The state machine of a site.
+pub(crate) struct Core {
+    state: Box<State>,
+    context: Context,
+    tasks: BTreeMap<TaskId, Task>,
+    deadlines: BTreeSet<(Micros, TaskId)>,
+}
+
+impl std::fmt::Debug for Core {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Core")
+            .field("state", &self.state)
+            .field("tasks", &self.tasks.len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl Drop for Core {
+    /// What waits gives back what it has.
+    fn drop(&mut self) {
+        let _lent = self.context.lend(&mut self.state);
+        self.tasks.clear();
+    }
+}
+
+impl Core {
+    /// A site of which nothing is known yet but what was promised before. Its lines are opened
+    /// by [`Input::Opened`].
+    pub(crate) fn new(now: Now, config: Config, polls: bool, kept: Vec<Kept>) -> Core {
+        let boards = boards(&config);
+        let mut state = Box::new(State::new(config, polls));
+        state.now = now;
+        state.schedule = Schedule::new(kept, boards);
+        Core {
+            state,
+            context: Context::default(),
+            tasks: BTreeMap::new(),
+            deadlines: BTreeSet::new(),
+        }
+    }
+
+    /// Takes up what was promised before, once the lines are open or being opened.
+    pub(crate) fn take_up(&mut self, now: Now) {
+        self.step(now, |context| context.take_up());
+    }
+
+    /// Says what happened.
+    pub(crate) fn handle(&mut self, now: Now, input: Input<'_>) {
+        match input {
+            Input::Time => {}
+            Input::Opened(line, id, began) => {
+                if let Some(line) = self.state.lines.get_mut(line) {
+                    (line.id, line.began) = (Some(id), began);
+                }
+            }
+            Input::Line(id, line, event) => {
+                self.state.now = now;
+                self.state.observe(id, line, event);
+                return self.step(now, observed);
+            }
+            Input::Done(request, reply) => self.state.runs.answer(request, reply),
+            Input::Kept(end) => self.state.schedule.written(end),
+            Input::Release(turns) => return self.step(now, |_| drop(turns)),
+        }
+        self.step(now, |_| {});
+    }
+
+    /// Starts a procedure; `end` is given what it ends with. It goes on whether or not somebody
+    /// waits for that.
+    pub(crate) fn start<T, F>(
+        &mut self,
+        now: Now,
+        procedure: impl FnOnce(Context) -> F,
+        end: impl FnOnce(T) + Send + 'static,
+    ) where
+        F: Future<Output = T> + Send + 'static,
+    {
+        self.step(now, |context| {
+            let procedure = procedure(context.clone());
+            context.spawn(async move { end(procedure.await) });
+        });
+    }
+
+    /// Changes the state from outside, as one step.
+    pub(crate) fn change<T>(&mut self, now: Now, change: impl FnOnce(&Context) -> T) -> T {
+        self.step(now, change)
+    }
+
+    /// What is to be done next, if anything.
+    pub(crate) fn poll(&mut self) -> Option<Output> {
+        self.state.runs.outputs.pop_front()
+    }
+
+    /// When [`Input::Time`] is to be said at the latest, in the time of the site.
+    pub(crate) fn deadline(&self) -> Option<Micros> {
+        self.deadlines.first().map(|(at, _)| *at)
+    }
+
+    /// Whether anything is under way.
+    pub(crate) fn is_busy(&self) -> bool {
+        !self.tasks.is_empty()
+    }
+
+    /// All that is known, as of this time.
+    pub(crate) fn state(&mut self, now: Now) -> &mut State {
+        self.state.now = now;
+        &mut self.state
+    }
+
+    /// A command that was given lately.
+    pub(crate) fn command(&self, id: &str) -> Option<&Command> {
+        self.state.commands.find(id)
+    }
+
+    fn step<T>(&mut self, now: Now, step: impl FnOnce(&Context) -> T) -> T {
+        self.state.now = now;
+        let result = {
+            let _lent = self.context.lend(&mut self.state);
+            step(&self.context)
+        };
+        while let Some((at, task)) = self.deadlines.first().copied()
+            && at <= now.site
+        {
+            self.deadlines.pop_first();
+            self.state.runs.wake(task);
+        }
+        self.run();
+        result
+    }
+
+    /// Polls whoever can go on, in the order in which that came to be, until nobody can.
+    fn run(&mut self) {
+        loop {
+            let state = &mut self.state;
+            let woken = std::mem::take(&mut state.turns.woken);
+            let woken = woken
+                .into_iter()
+                .chain(std::mem::take(&mut state.schedule.woken));
+            for task in woken {
+                state.runs.wake(task);
+            }
+            for (number, procedure) in std::mem::take(&mut state.runs.spawned) {
+                let deadline = None;
+                let task = Task {
+                    procedure,
+                    deadline,
+                };
+                self.tasks.insert(number, task);
+                state.runs.wake(number);
+            }
+            if let Some(task) = state.runs.ready.pop_front() {
+                self.poll_task(task);
+            } else if let Some(promises) = state.schedule.next_write() {
+                state.runs.outputs.push_back(Output::Keep(promises));
+            } else {
+                return;
+            }
+        }
+    }
+
+    fn poll_task(&mut self, number: TaskId) {
+        let Some(mut task) = self.tasks.remove(&number) else {
+            return;
+        };
+        if let Some(deadline) = task.deadline.take() {
+            self.deadlines.remove(&(deadline, number));
+        }
+        self.state.runs.current = number;
+        self.state.runs.deadline = None;
+        let is_over = {
+            let _lent = self.context.lend(&mut self.state);
+            let mut noop = std::task::Context::from_waker(Waker::noop());
+            task.procedure.as_mut().poll(&mut noop).is_ready()
+        };
+        if is_over {
+            return;
+        }
+        task.deadline = self.state.runs.deadline.take();
+        if let Some(deadline) = task.deadline {
+            self.deadlines.insert((deadline, number));
+        }
+        self.tasks.insert(number, task);
+    }
+}
+
+/// An event was applied: what is promised of outputs that it has shown in another state begins
+/// or ends, and modules that are heard again get what their policies want.
+fn observed(context: &Context) {
+    let (changed, returned) = context.with(|state| {
+        let changed = std::mem::take(&mut state.changed);
+        (changed, std::mem::take(&mut state.returned))
+    });
+    for change in changed {
+        context.watch_on(&change);
+        context.with(|state| {
+            let place = Place::new(&change.module, change.point);
+            let safety = state.site.config().safety(&place);
+            if safety.is_some_and(|safety| safety.min_off.is_some()) {
+                let outputs = state.must_stay_off();
+                state.keep_off(outputs);
+            }
+        });
+    }
+    for module in returned {
+        context.spawn(context.clone().returned(module));
+    }
+}

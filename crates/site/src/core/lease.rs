@@ -1,0 +1,128 @@
+//! Outputs that somebody holds: they stay as they are only for as long as that is said again.
+
+use super::context::Context;
+use super::order::{TTL, places};
+use super::promises::Why;
+use super::state::State;
+use super::timers::{Begin, is_released};
+use super::write::{Who, note};
+use crate::config::Place;
+use crate::{Failure, WriteDone, WriteTerms};
+use railbus_device::Point;
+use railbus_wire::Micros;
+use std::time::Duration;
+
+/// The shortest lease: who holds an output must have the time to say so again.
+pub const LEASE_MIN: Micros = Micros::from_millis(200);
+/// The longest lease.
+pub const LEASE_MAX: Micros = Micros::from_secs(3_600);
+
+/// How an output was taken, or is held on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Leased {
+    /// How it was switched; none where it was held already and is so still.
+    pub written: Option<WriteDone>,
+    /// How long it is held from now on.
+    pub left: Duration,
+}
+
+impl Context {
+    /// Brings an output into a state and holds it there for a time.
+    pub(crate) async fn lease(
+        &self,
+        who: &Who,
+        module: &str,
+        point: Point,
+        (value, time): (bool, Micros),
+        confirm: bool,
+    ) -> Result<Leased, Failure> {
+        self.with(|state| state.may_command(module, &[point], confirm))?;
+        if !(LEASE_MIN..=LEASE_MAX).contains(&time) {
+            return Err(Failure::LeaseTime(point));
+        }
+        if value {
+            self.with(|state| state.watched(module, [point]))?;
+        }
+        let length = Duration::from_micros(time.0);
+        let expires = self.now() + TTL;
+        let turn = self.turn(places(module, &[point]), expires).await?;
+        // Meanwhile the configuration may have changed, or the site begun to end.
+        self.with(|state| state.may_command(module, &[point], confirm))?;
+        let key = (Place::new(module, point), Why::Lease);
+        let (end, held) = self.with(|state| {
+            let end = state.end_of_lease(&key.0, value);
+            let held = state.schedule.find(&key);
+            let held = held.filter(|(_, held)| held.end == end);
+            (end, held.filter(|_| state.known(&key.0) == Some(value)))
+        });
+        if let Some((number, _)) = held {
+            let renewed = self.renew(number, length).await;
+            if renewed.map_err(Failure::NotKept)? {
+                let left = self.with(|state| state.time_to(&key));
+                return Ok(Leased {
+                    written: None,
+                    left: left.unwrap_or_default(),
+                });
+            }
+        }
+        let on = if value { "on" } else { "off" };
+        let label = self.with(|state| state.label(module, point));
+        let begin = Begin {
+            key,
+            value,
+            end,
+            length,
+            note: note(who, format!("lease {label}={on} {}ms", length.as_millis())),
+            expires,
+        };
+        let (written, left) = self.begin_timed(&turn, begin).await?;
+        Ok(Leased {
+            written: Some(written),
+            left,
+        })
+    }
+
+    /// Gives an output back before its time is over: it goes where it would have gone then.
+    pub(crate) async fn end_lease(
+        &self,
+        who: &Who,
+        module: &str,
+        point: Point,
+    ) -> Result<Option<WriteDone>, Failure> {
+        self.with(|state| state.may_command(module, &[point], true))?;
+        let expires = self.now() + TTL;
+        let turn = self.turn(places(module, &[point]), expires).await?;
+        let key = (Place::new(module, point), Why::Lease);
+        let (number, held) = self.with(|state| {
+            state.may_command(module, &[point], true)?;
+            state.schedule.find(&key).ok_or(Failure::NoLease(point))
+        })?;
+        let Some(on) = held.end else {
+            // It stays as it is: a pulse that may have begun still has to end.
+            self.give_up(&key).await.map_err(Failure::NotTakenOver)?;
+            return Ok(None);
+        };
+        // Where this fails, it is switched by itself when its time is over.
+        self.with(|state| state.schedule.anticipate(number));
+        let set = [(point, on)];
+        let terms = WriteTerms::default();
+        let done = self.write_in_turn(who, &turn, module, &set, terms, expires);
+        let done = done.await?;
+        if !is_released(&done) {
+            // It was acknowledged and not seen: that is tried again.
+            self.with(|state| state.schedule.hasten(number, state.now.site));
+            return Ok(Some(done));
+        }
+        self.take_over(module, &[point], done).await.map(Some)
+    }
+}
+
+impl State {
+    fn end_of_lease(&self, place: &Place, value: bool) -> Option<bool> {
+        let safety = self.site.config().safety(place);
+        match safety.and_then(|safety| safety.on_offline) {
+            Some(policy) => policy.state(),
+            None => Some(!value),
+        }
+    }
+}

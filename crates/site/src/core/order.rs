@@ -1,0 +1,408 @@
+//! A command of the line to outputs of one module: what it may switch on is reserved from before
+//! its first frame until it has ended. Every switching of an output comes through here, in its
+//! turn.
+
+use super::commands::Command;
+use super::context::Context;
+use super::promises::Why;
+use super::state::State;
+use super::turns::Turn;
+use super::{At, Begun};
+use crate::config::{Place, Safety};
+use crate::{Failure, Value, WriteDone};
+use railbus_device::{Bank, Module, Observation, Op, Point};
+use railbus_host::{Confirmed, Done, Fault};
+use railbus_store::audit::Note;
+use railbus_wire::{Channel, Micros};
+
+/// How long after it was asked for a command may still be sent.
+pub(super) const TTL: Micros = Micros::from_secs(5);
+
+/// A command of the line to outputs of one module.
+pub(super) struct Order<'a> {
+    pub(super) module: &'a str,
+    /// Where the module hung when the output's turn came: while a command is under way, its name
+    /// may become that of another board. One that has left answers [`Fault::Closed`].
+    pub(super) at: Option<At>,
+    pub(super) points: &'a [Point],
+    pub(super) op: Op,
+    pub(super) verify: bool,
+    /// What was not sent by then is not sent any more.
+    pub(super) expires: Micros,
+}
+
+/// What is written down of a command. One that is tried again and again is written down when it
+/// fails first, and then once more for all tries after that.
+pub(super) struct Entry {
+    note: Note,
+    /// The end of what was promised: it is done once it is read back.
+    is_release: bool,
+    /// How it failed last.
+    failed: Option<&'static str>,
+    /// Of the tries after the first.
+    open: Option<Begun>,
+}
+
+impl Entry {
+    pub(super) const fn new(note: Note) -> Entry {
+        Entry {
+            note,
+            is_release: false,
+            failed: None,
+            open: None,
+        }
+    }
+
+    pub(super) const fn of_release(note: Note) -> Entry {
+        Entry {
+            note,
+            is_release: true,
+            failed: None,
+            open: None,
+        }
+    }
+}
+
+/// What a command does to outputs of which something is to be watched.
+#[derive(Debug, Default)]
+struct Effect {
+    /// Those that it may switch on.
+    rising: Vec<Place>,
+    /// Those of them that are off beyond doubt before it.
+    off: Vec<Place>,
+    /// Those that it switches off, and that are not off already.
+    falling: Vec<Place>,
+    /// How long the module goes on by itself once it has the command.
+    busy: Micros,
+}
+
+/// What a command has done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Acted {
+    /// Nothing.
+    No,
+    /// Nobody knows until it is read.
+    Perhaps,
+    /// What it was to do; that was read.
+    Surely,
+}
+
+impl Acted {
+    fn of(end: &Result<Done, Fault>) -> Acted {
+        match end {
+            Ok(done) if done.confirmed == Confirmed::Readback => Acted::Surely,
+            // Of several frames, one before may have been taken.
+            Ok(_) | Err(Fault::Refused(_)) => Acted::Perhaps,
+            Err(fault) if fault.may_have_acted() => Acted::Perhaps,
+            Err(_) => Acted::No,
+        }
+    }
+}
+
+impl Context {
+    /// Carries a command out: what it is allowed to do, its audit entry, and the states before
+    /// and after.
+    pub(super) async fn command(
+        &self,
+        _turn: &Turn,
+        order: Order<'_>,
+        entry: &mut Entry,
+        wanted: impl Fn(Point) -> Option<bool>,
+    ) -> Result<WriteDone, Failure> {
+        let Order { module, points, .. } = order;
+        let mut effect = self.with(|state| state.effect(module, points, &order.op));
+        self.ask_excluded(&effect.rising).await;
+        let (begun, before) = self.begin_command(module, points, entry).await?;
+        let id = begun.id.clone();
+        let allowed = self.with(|state| {
+            let falling = std::mem::take(&mut effect.falling);
+            effect.falling = state.not_off(falling);
+            effect.off = state.surely_off(&effect.rising);
+            state.rise(&effect.rising)
+        });
+        if let Err(failure) = allowed {
+            self.end_command(begun, Err(failure.name()), String::new(), entry)
+                .await;
+            return Err(failure);
+        }
+        let limits = self.limit(&effect).await;
+        let end = match order.at {
+            Some(at) => self.run_at(at, order.op, order.verify, order.expires).await,
+            None => Err(Fault::Closed),
+        };
+        let acted = Acted::of(&end);
+        let after = |point: &Point| {
+            let done = end.as_ref().ok()?;
+            match (done.confirmed, done.seen) {
+                (Confirmed::Sent, _) => None,
+                // What was read counts for more than what was wanted: a pulse may be over.
+                (_, Some(Observation::Channels { outputs, .. })) => bank_state(outputs, *point),
+                (Confirmed::Readback | Confirmed::Reply, _) => wanted(*point),
+            }
+        };
+        let after: Vec<_> = points.iter().map(|point| (*point, after(point))).collect();
+        let states = self.with(|state| {
+            state.note_fault(module, &end);
+            state.release(module, &effect, acted, &limits);
+            state.states(module, &after)
+        });
+        let told = match &end {
+            Ok(done) => confirmed_name(done.confirmed),
+            Err(fault) => fault.name(),
+        };
+        let is_done = acted == Acted::Surely || end.is_ok() && !entry.is_release;
+        let told = if is_done { Ok(told) } else { Err(told) };
+        self.end_command(begun, told, states, entry).await;
+        let done = end?;
+        let outputs = after.into_iter().zip(before);
+        Ok(WriteDone {
+            outputs: outputs
+                .map(|((point, after), (_, before))| (point, after, before))
+                .collect(),
+            confirmed: done.confirmed,
+            took: done.took,
+            audit: id,
+            read_then_set: false,
+        })
+    }
+
+    /// Writes down what is about to be done; gives back how the outputs are known to be.
+    async fn begin_command(
+        &self,
+        module: &str,
+        points: &[Point],
+        entry: &mut Entry,
+    ) -> Result<(Begun, Vec<(Point, Option<bool>)>), Failure> {
+        let (before, states, label) = self.with(|state| {
+            let before = |point: &Point| (*point, state.known(&Place::new(module, *point)));
+            let before: Vec<_> = points.iter().map(before).collect();
+            let states = state.states(module, &before);
+            let label = match points {
+                [point] => Some(state.label(module, *point)),
+                _ => None,
+            };
+            (before, states, label)
+        });
+        if let Some(begun) = entry.open.take() {
+            return Ok((begun, before));
+        }
+        let journal = self.journal(module.to_owned(), label, entry.note.clone(), states);
+        let begun = journal.await?;
+        self.with(|state| {
+            state.commands.add(Command {
+                id: begun.id.clone(),
+                at: state.now.wall,
+                origin: entry.note.origin.clone(),
+                module: module.to_owned(),
+                what: entry.note.what.clone(),
+                end: None,
+            });
+        });
+        Ok((begun, before))
+    }
+
+    /// Writes down how a command ended, or keeps that back where it failed not for the first
+    /// time.
+    async fn end_command(
+        &self,
+        begun: Begun,
+        end: Result<&'static str, &'static str>,
+        after: String,
+        entry: &mut Entry,
+    ) {
+        let is_again = entry.failed.is_some();
+        entry.failed = end.err();
+        let (Ok(told) | Err(told)) = end;
+        if end.is_err() && is_again {
+            entry.open = Some(begun);
+        } else {
+            self.with(|state| state.commands.end(&begun.id, told));
+            self.journal_end(begun, told, after).await;
+        }
+    }
+
+    /// Nobody tries any more.
+    pub(super) async fn close(&self, entry: Entry) {
+        if let (Some(begun), Some(told)) = (entry.open, entry.failed) {
+            self.with(|state| state.commands.end(&begun.id, told));
+            self.journal_end(begun, told, String::new()).await;
+        }
+    }
+
+    /// Sees to it that outputs which may be on for so long only are switched off then, before
+    /// they are switched on. Gives back those whose longest time began with that, and its number.
+    async fn limit(&self, effect: &Effect) -> Vec<(Place, u64)> {
+        let mut limits = Vec::new();
+        for place in &effect.rising {
+            let key = (place.clone(), Why::MaxOn);
+            let runs = self.with(|state| {
+                if effect.off.contains(place) {
+                    // One that runs began for nothing: what was to switch it on did not.
+                    state.schedule.leave_out(|other| *other == key);
+                }
+                state.schedule.find(&key).is_some()
+            });
+            if let Some(timer) = self.limit_on(place) {
+                if !runs {
+                    limits.push((place.clone(), timer.number()));
+                }
+                timer.promised().await;
+            }
+        }
+        limits
+    }
+
+    /// Asks the modules of which nothing sure is known, where outputs that exclude these hang on
+    /// them. What that brings is looked at afterwards.
+    async fn ask_excluded(&self, rising: &[Place]) {
+        if rising.is_empty() {
+            return;
+        }
+        for module in self.with(|state| state.to_be_asked(rising)) {
+            let _ = self.read_all(&module).await;
+        }
+    }
+
+    /// Asks a module for everything now. What it says is known when this returns.
+    ///
+    /// # Errors
+    /// [`Failure::NoSuchModule`], or what the line said.
+    pub(crate) async fn read_all(&self, module: &str) -> Result<(), Failure> {
+        let setup = self.with(|state| state.described(module).map(|module| module.setup))?;
+        let described = Module::new(setup).map_err(|_| Fault::Unsupported)?;
+        for op in described.full_poll() {
+            self.run(module, op).await?;
+        }
+        Ok(())
+    }
+
+    /// Reads something of a module, within the time that a command has.
+    pub(super) async fn run(&self, module: &str, op: Op) -> Result<Done, Fault> {
+        let (at, expires) = self.with(|state| (state.at(module), state.now.site + TTL));
+        let end = self
+            .run_at(at.ok_or(Fault::Closed)?, op, false, expires)
+            .await;
+        self.with(|state| state.note_fault(module, &end));
+        end
+    }
+}
+
+impl State {
+    /// Counts what the module or the line did wrong.
+    fn note_fault(&mut self, module: &str, end: &Result<Done, Fault>) {
+        if let Err(
+            fault
+            @ (Fault::NoReply(_) | Fault::Garbled(_) | Fault::Refused(_) | Fault::NotVerified),
+        ) = end
+        {
+            let now = self.now.site;
+            self.missed(module, now, fault);
+        }
+    }
+
+    /// `do0=on do1=off`, as far as it is known.
+    fn states(&self, module: &str, points: &[(Point, Option<bool>)]) -> String {
+        let known = points.iter().filter_map(|(point, on)| {
+            let on = if (*on)? { "on" } else { "off" };
+            Some(format!("{}={on}", self.label(module, *point)))
+        });
+        known.collect::<Vec<_>>().join(" ")
+    }
+
+    /// What an op does to the outputs of a module that something is said of.
+    fn effect(&self, module: &str, points: &[Point], op: &Op) -> Effect {
+        let config = self.site.config();
+        let watched = |place: &Place| {
+            let of = |safety: &Safety| {
+                !safety.interlock.is_empty() || safety.min_off.is_some() || safety.max_on.is_some()
+            };
+            config.safety(place).is_some_and(of)
+        };
+        let places = points.iter().map(|point| Place::new(module, *point));
+        let (rising, falling): (Vec<_>, Vec<_>) = places
+            .filter(watched)
+            .partition(|place| rises(op, place.point));
+        let pulses = self.site.pulses(module);
+        let width = |place: &Place| {
+            let pulse = pulses.and_then(|pulses| pulses.of(place.point));
+            pulse.map_or(0, |width| u64::from(width.tenths()) * 100)
+        };
+        let busy = match op {
+            Op::Jog { millis, .. } => u64::from(millis.get()),
+            Op::Write(_) => rising.iter().map(width).max().unwrap_or_default(),
+            _ => 0,
+        };
+        Effect {
+            rising,
+            off: Vec::new(),
+            falling,
+            busy: Micros::from_millis(busy),
+        }
+    }
+
+    /// What a command switched on is reserved no longer: from now on readings say how it is.
+    fn release(&mut self, module: &str, effect: &Effect, acted: Acted, limits: &[(Place, u64)]) {
+        let Effect {
+            rising,
+            falling,
+            busy,
+            ..
+        } = effect;
+        let (from, now) = (self.line_time(module), self.now.site);
+        let doubt = match acted {
+            Acted::No => None,
+            Acted::Surely if *busy == Micros::ZERO => None,
+            Acted::Surely | Acted::Perhaps => Some(from),
+        };
+        for place in rising {
+            self.guard.ended(place, doubt);
+            if acted != Acted::No && *busy > Micros::ZERO {
+                self.guard.busy_until(place, now + *busy);
+                self.went_off(place, now + *busy);
+            }
+        }
+        if acted != Acted::No {
+            for place in falling {
+                self.went_off(place, now);
+            }
+            return;
+        }
+        // What was never sent has begun no longest time; one that ran before goes on.
+        for (place, number) in limits {
+            let known = self.site.point(&place.module, place.point, from).0;
+            if known.is_none_or(|known| known.value != Value::Bool(true)) {
+                self.schedule.leave_out_one(*number);
+            }
+        }
+    }
+}
+
+/// Whether an op may switch an output on.
+fn rises(op: &Op, point: Point) -> bool {
+    match op {
+        Op::Write(bank) | Op::WriteSilent(bank) => bank_state(*bank, point) == Some(true),
+        // Whatever it is now, it may be on before it is read again.
+        Op::Toggle(_) | Op::Jog { .. } => true,
+        _ => false,
+    }
+}
+
+const fn confirmed_name(confirmed: Confirmed) -> &'static str {
+    match confirmed {
+        Confirmed::Readback => "readback",
+        Confirmed::Reply => "reply",
+        Confirmed::Sent => "sent",
+    }
+}
+
+pub(super) fn places(module: &str, points: &[Point]) -> impl Iterator<Item = Place> {
+    points.iter().map(move |point| Place::new(module, *point))
+}
+
+pub(super) fn channel(point: Point) -> Result<Channel, Failure> {
+    Channel::new(point.index).ok_or(Failure::NoSuchPoint)
+}
+
+pub(super) fn bank_state(bank: Bank, point: Point) -> Option<bool> {
+    bank.get(Channel::new(point.index)?)
+}

@@ -1,0 +1,519 @@
+//! All that is known of a site, and the only place where events change it.
+
+use super::commands::Commands;
+use super::context::{Runs, TaskId};
+use super::guard::Guard;
+use super::promises::{Board, Boards, Key, boards};
+use super::schedule::Schedule;
+use super::turns::Turns;
+use super::{At, LineId, Now};
+use crate::config::{ModuleConfig, Place};
+use crate::health::Health;
+use crate::service::{Busy, Update};
+use crate::{Change, Config, Failure, Quality, Reason, Site, Value};
+use railbus_device::{Point, PointKind};
+use railbus_host::{Event, Fault, LineEvent, LineState, ModuleId, PortError, Presence};
+use railbus_wire::{Instant, Micros};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+use std::time::Duration;
+
+/// All that is known of a site.
+#[derive(Debug)]
+pub(crate) struct State {
+    pub(crate) now: Now,
+    pub(crate) site: Site,
+    pub(crate) lines: BTreeMap<String, LineNow>,
+    pub(crate) health: BTreeMap<String, Health>,
+    pub(super) guard: Guard,
+    pub(super) turns: Turns,
+    pub(super) schedule: Schedule,
+    pub(super) commands: Commands,
+    /// The scenes that are being played.
+    pub(super) playing: BTreeSet<String>,
+    pub(super) runs: Runs,
+    /// The site is read again and again.
+    pub(crate) polls: bool,
+    /// Who waits for a line to be opened for the first time.
+    opening: Vec<TaskId>,
+    /// Outputs that the event that is being applied has shown in another state.
+    pub(super) changed: Vec<Change>,
+    /// Modules that are heard again by it.
+    pub(super) returned: Vec<String>,
+    /// Modules that are heard by it, and were not before.
+    heard: Vec<String>,
+}
+
+/// How a line is.
+#[derive(Clone, Debug)]
+pub(crate) struct LineNow {
+    /// Which line it is while it is open.
+    pub(crate) id: Option<LineId>,
+    pub(crate) state: LineState,
+    pub(crate) babble: bool,
+    /// How much of its time is taken.
+    pub(crate) busy: Busy,
+    /// Somebody else has it for a while.
+    pub(crate) lent: bool,
+    /// When its clock began, in the time of the site: values grow old without it, too.
+    pub(crate) began: Micros,
+    /// The names of its modules, by their numbers on the line; empty for those that left.
+    pub(crate) modules: Vec<String>,
+}
+
+impl LineNow {
+    pub(crate) fn new(config: &Config, line: &str) -> LineNow {
+        LineNow {
+            id: None,
+            state: LineState::Opening,
+            babble: false,
+            busy: Busy::default(),
+            lent: false,
+            began: Micros::ZERO,
+            modules: config
+                .modules_of(line)
+                .map(|(name, _)| name.clone())
+                .collect(),
+        }
+    }
+}
+
+impl State {
+    pub(crate) fn new(config: Config, polls: bool) -> State {
+        let lines = config.lines.keys();
+        let lines = lines
+            .map(|name| (name.clone(), LineNow::new(&config, name)))
+            .collect();
+        State {
+            now: Now::default(),
+            site: Site::new(config),
+            lines,
+            health: BTreeMap::new(),
+            guard: Guard::new(polls),
+            turns: Turns::default(),
+            schedule: Schedule::default(),
+            commands: Commands::default(),
+            playing: BTreeSet::new(),
+            runs: Runs::default(),
+            polls,
+            opening: Vec::new(),
+            changed: Vec::new(),
+            returned: Vec::new(),
+            heard: Vec::new(),
+        }
+    }
+
+    /// Where a module hangs now, where its line is open.
+    pub(crate) fn at(&self, module: &str) -> Option<At> {
+        let line = &self.site.config().modules.get(module)?.line;
+        let line = self.lines.get(line)?;
+        let module = line.modules.iter().position(|name| name == module)?;
+        Some(At {
+            line: line.id?,
+            module: ModuleId(module),
+        })
+    }
+
+    /// Whether the port of a module's line is open, or could not be opened once; if not, the
+    /// current procedure is polled when that changes.
+    pub(super) fn is_opened(&mut self, module: &str) -> bool {
+        let module = self.site.config().modules.get(module);
+        let line = module.and_then(|module| self.lines.get(&module.line));
+        let is_opened = line.is_none_or(|line| line.state != LineState::Opening);
+        let task = self.runs.current;
+        if !is_opened && !self.opening.contains(&task) {
+            self.opening.push(task);
+        }
+        is_opened
+    }
+
+    /// The time in which readings of a module are told.
+    pub(crate) fn line_time(&self, module: &str) -> Instant {
+        let module = self.site.config().modules.get(module);
+        let line = module.and_then(|module| self.lines.get(&module.line));
+        let began = line.map_or(Micros::ZERO, |line| line.began);
+        Instant(0) + (self.now.site - began)
+    }
+
+    pub(super) fn described(&self, module: &str) -> Result<&ModuleConfig, Failure> {
+        let config = self.site.config().modules.get(module);
+        config.ok_or(Failure::NoSuchModule)
+    }
+
+    /// Whether somebody may switch these points now.
+    pub(super) fn may_command(
+        &self,
+        module: &str,
+        points: &[Point],
+        confirm: bool,
+    ) -> Result<(), Failure> {
+        self.writable(module, points)?;
+        if self.schedule.is_stopping {
+            return Err(Fault::Closed.into());
+        }
+        let config = self.site.config();
+        let safety = |point: &Point| config.safety(&Place::new(module, *point));
+        let asks = |point: &&Point| safety(point).is_some_and(|safety| safety.confirm.is_some());
+        match points.iter().find(asks) {
+            Some(point) if !confirm => Err(Failure::Confirm(*point)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Somebody sees to it that these outputs are switched off when they have been on for as
+    /// long as they may.
+    pub(super) fn watched(
+        &self,
+        module: &str,
+        on: impl IntoIterator<Item = Point>,
+    ) -> Result<(), Failure> {
+        let limited = |point: &Point| {
+            let safety = self.site.config().safety(&Place::new(module, *point));
+            safety.is_some_and(|safety| safety.max_on.is_some())
+        };
+        match on.into_iter().find(limited) {
+            Some(point) if !self.polls => Err(Failure::Unwatched(point)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Whether these points are outputs that may be written.
+    pub(super) fn writable(&self, module: &str, points: &[Point]) -> Result<(), Failure> {
+        let config = self.described(module)?;
+        if points.is_empty() {
+            return Err(Failure::NoSuchPoint);
+        }
+        for point in points {
+            if point.index >= config.setup.count(point.kind) {
+                return Err(Failure::NoSuchPoint);
+            }
+            if point.kind != PointKind::Output {
+                return Err(Failure::NotAnOutput(*point));
+            }
+            if config.points.get(point).is_some_and(|point| point.locked) {
+                return Err(Failure::Locked(*point));
+            }
+        }
+        Ok(())
+    }
+
+    /// What an output was when it was last read.
+    pub(super) fn output(&self, module: &str, point: Point) -> Option<bool> {
+        let (known, _) = self.site.point(module, point, Instant(0));
+        match known?.value {
+            Value::Bool(on) => Some(on),
+            Value::Analog(..) | Value::Number(_) => None,
+        }
+    }
+
+    /// What an output is, where that is known now.
+    pub(super) fn known(&self, place: &Place) -> Option<bool> {
+        let status = self.point_of(&place.module, place.point)?;
+        match (status.quality, status.value) {
+            (Quality::Good, Some(Value::Bool(on))) => Some(on),
+            _ => None,
+        }
+    }
+
+    pub(crate) fn label(&self, module: &str, point: Point) -> String {
+        let label = self.described(module).map(|module| {
+            let (letters, number) = module.setup.label(point);
+            format!("{letters}{number}")
+        });
+        label.unwrap_or_default()
+    }
+
+    /// `do0=on do1=off`.
+    pub(super) fn describe(&self, module: &str, set: &[(Point, bool)]) -> String {
+        let mut text = String::new();
+        for (point, on) in set {
+            let on = if *on { "on" } else { "off" };
+            // Writing into a String does not fail.
+            let _ = write!(text, "{}={on} ", self.label(module, *point));
+        }
+        text.truncate(text.trim_end().len());
+        text
+    }
+
+    /// All outputs of the site.
+    pub(crate) fn outputs(&self) -> Vec<Place> {
+        let modules = self.site.config().modules.iter();
+        let outputs = modules.flat_map(|(module, config)| {
+            let outputs = 0..config.setup.count(PointKind::Output);
+            outputs.map(move |index| {
+                let kind = PointKind::Output;
+                Place::new(module, Point { kind, index })
+            })
+        });
+        outputs.collect()
+    }
+
+    /// Whether a module's line is open.
+    pub(crate) fn is_up(&self, module: &str) -> bool {
+        let config = self.site.config().modules.get(module);
+        let line = config.and_then(|config| self.lines.get(&config.line));
+        line.is_some_and(|line| line.state == LineState::Up)
+    }
+
+    /// Why nothing can be known over a line now. One that is only just being opened may have
+    /// nothing to tell yet, but is no fault.
+    pub(crate) fn line_fault(&self, line: &str) -> Option<Reason> {
+        let line = self.lines.get(line)?;
+        match &line.state {
+            _ if line.lent => Some(Reason::Exclusive),
+            LineState::Up | LineState::Opening => None,
+            LineState::Absent(why) => Some(match **why {
+                PortError::Busy { .. } => Reason::LineBusy,
+                PortError::Exclusive => Reason::Exclusive,
+                _ => Reason::LineAbsent,
+            }),
+            LineState::Closed => Some(Reason::LineClosed),
+        }
+    }
+
+    /// An exchange with a module failed.
+    pub(crate) fn missed(&mut self, module: &str, now: Micros, fault: &Fault) {
+        self.health_of(module).failed(now, fault);
+    }
+
+    fn health_of(&mut self, module: &str) -> &mut Health {
+        self.health.entry(module.to_owned()).or_default()
+    }
+
+    /// Takes note of an event; gives back what changed by it.
+    fn apply(&mut self, line: &str, event: &LineEvent, now: Micros) -> Vec<Update> {
+        let this = || Update::Line(line.to_owned());
+        let Some(known) = self.lines.get_mut(line) else {
+            return Vec::new();
+        };
+        let event = match event {
+            // What the line's task says at its end does not matter any more.
+            LineEvent::State(_) if known.lent => return Vec::new(),
+            LineEvent::State(state) => {
+                known.state = state.clone();
+                if *state == LineState::Up {
+                    self.heard.clone_from(&known.modules);
+                }
+                return vec![this()];
+            }
+            LineEvent::Bus(event) => event,
+            LineEvent::Lagged(_) => return Vec::new(),
+        };
+        let name = |id: ModuleId| known.modules.get(id.0).cloned().unwrap_or_default();
+        if module_of(event).is_some_and(|id| name(id).is_empty()) {
+            // Of a module that left, an exchange may still have been under way.
+            return Vec::new();
+        }
+        match event {
+            Event::Seen {
+                module,
+                seen,
+                asked,
+                heard,
+                ..
+            } => {
+                let module = name(*module);
+                let took = heard.since(*asked);
+                known.busy.add(now, took);
+                self.health_of(&module).replied(took);
+                let stranger = self.site.stranger(&module).map(str::to_owned);
+                let changes = self.site.saw(&module, seen, *asked);
+                for change in &changes {
+                    self.watch_off(change);
+                }
+                // Yet another one may have taken its place.
+                let is_other = self.site.stranger(&module) != stranger.as_deref();
+                let other = is_other.then_some(Update::Module(module));
+                let changes = changes.into_iter().map(Update::Point);
+                changes.chain(other).collect()
+            }
+            Event::Missed { module, fault, .. } => {
+                let module = name(*module);
+                self.missed(&module, now, fault);
+                let is_lost = self.site.missed(&module);
+                is_lost
+                    .then_some(Update::Module(module))
+                    .into_iter()
+                    .collect()
+            }
+            Event::Presence { module, presence } => {
+                let module = name(*module);
+                let before = self.site.presence(&module);
+                self.site.heard(&module, *presence);
+                if before != Presence::Online && *presence == Presence::Online {
+                    self.heard.push(module.clone());
+                }
+                let was_away = matches!(before, Presence::Silent | Presence::OtherModel);
+                if was_away && *presence == Presence::Online {
+                    self.returned.push(module.clone());
+                }
+                vec![Update::Module(module)]
+            }
+            Event::Late { module, .. } => {
+                let module = name(*module);
+                let health = self.health_of(&module);
+                health.late.count(now);
+                health.counts.late += 1;
+                Vec::new()
+            }
+            Event::Babble | Event::Quiet => {
+                known.babble = *event == Event::Babble;
+                vec![this()]
+            }
+            Event::Echo | Event::EchoGone | Event::Duplicates | Event::Done { .. } => Vec::new(),
+            Event::Probed { .. } | Event::ProbedLate { .. } => Vec::new(),
+        }
+    }
+}
+
+/// The module that an event is about.
+const fn module_of(event: &Event) -> Option<ModuleId> {
+    match event {
+        Event::Seen { module, .. }
+        | Event::Missed { module, .. }
+        | Event::Presence { module, .. }
+        | Event::Late { module, .. } => Some(*module),
+        _ => None,
+    }
+}
+
+impl State {
+    /// Applies an event of a line: what changes by it is told, and what waits for it goes on. Who
+    /// has written and then reads, reads what was written.
+    pub(super) fn observe(&mut self, id: LineId, line: &str, event: &LineEvent) {
+        let known = self.lines.get(line).and_then(|line| line.id);
+        if known.is_some_and(|known| known != id) {
+            // Of a line that was opened anew since.
+            return;
+        }
+        let updates = self.apply(line, event, self.now.site);
+        if matches!(event, LineEvent::State(_)) {
+            for task in std::mem::take(&mut self.opening) {
+                self.runs.wake(task);
+            }
+        }
+        let heard = std::mem::take(&mut self.heard);
+        if !heard.is_empty() {
+            let of = |module: &str| heard.iter().any(|heard| heard == module);
+            self.schedule.try_again(of);
+        }
+        for update in updates {
+            if let Update::Point(change) = &update
+                && change.point.kind == PointKind::Output
+            {
+                self.changed.push(change.clone());
+            }
+            self.publish(update);
+        }
+    }
+
+    /// What was promised of boards that have another name or none now; told once.
+    pub(crate) fn take_dropped(&mut self) -> Vec<(Key, Board)> {
+        self.schedule.take_dropped()
+    }
+
+    /// These are due now.
+    pub(crate) fn hasten(&mut self, numbers: &[u64]) {
+        for number in numbers {
+            self.schedule.hasten(*number, self.now.site);
+        }
+    }
+
+    /// What of these could not be done to its board, and the longest times of these outputs, are
+    /// not done to those that have their names from now on; [`State::take_dropped`] says so.
+    pub(crate) fn drop_of(
+        &mut self,
+        boards: &Boards,
+        left: &[u64],
+        is_other: impl Fn(&Place) -> bool,
+    ) {
+        let limits = self.schedule.limits(is_other).into_iter();
+        let limits = limits.filter_map(|key| Some(self.schedule.find(&key)?.0));
+        let numbers: Vec<u64> = left.iter().copied().chain(limits).collect();
+        for number in numbers {
+            self.schedule.drop_of(boards, number);
+        }
+    }
+
+    /// There is another configuration. What is known of the modules that are kept stays known;
+    /// `is_other` are those whose name stands for another board now.
+    pub(crate) fn reconfigure(
+        &mut self,
+        config: Config,
+        keep: impl Fn(&str) -> bool,
+        is_other: impl Fn(&str) -> bool,
+    ) {
+        self.schedule.now_of(boards(&config));
+        self.site.reconfigure(config, &keep);
+        self.health.retain(|module, _| keep(module));
+        // The clocks of the other lines begin anew.
+        self.guard.forget_doubts(|module| !keep(module));
+        let config = self.site.config();
+        self.guard.retain(|place| config.safety(place).is_some());
+        self.may_have_gone_off(is_other, self.now.site);
+    }
+
+    /// Somebody else had these modules, who may have done anything, and the clock of their line
+    /// begins anew.
+    pub(crate) fn come_back(&mut self, of: impl Fn(&str) -> bool) {
+        self.site.forget(&of);
+        self.guard.forget_doubts(&of);
+        self.may_have_gone_off(of, self.now.site);
+    }
+
+    /// A frame of somebody's own is about to be sent to these modules: any of their outputs may
+    /// be on until [`State::no_longer_doubt`].
+    pub(crate) fn doubt(&mut self, modules: &[String]) -> Vec<Place> {
+        let config = self.site.config();
+        let outputs = modules.iter().flat_map(|name| {
+            let setup = config.modules.get(name).map(|module| module.setup);
+            let points = setup.into_iter().flat_map(|setup| setup.points());
+            let outputs = points.filter(|point| point.kind == PointKind::Output);
+            outputs.map(|point| Place::new(name, point))
+        });
+        let outputs: Vec<Place> = outputs.collect();
+        for place in &outputs {
+            self.guard.rises(place);
+        }
+        outputs
+    }
+
+    /// It was sent, or was not: what is read from now on says how they are.
+    pub(crate) fn no_longer_doubt(&mut self, modules: &[String], outputs: &[Place]) {
+        for place in outputs {
+            let from = self.line_time(&place.module);
+            self.guard.ended(place, Some(from));
+            // Should it be off, it went off just now; where it is on, a reading says so.
+            self.went_off(place, self.now.site);
+        }
+        self.site
+            .doubt(|module| modules.iter().any(|name| name == module));
+        for module in modules {
+            self.publish(Update::Module(module.clone()));
+        }
+    }
+
+    /// Whether the site is being closed.
+    pub(crate) const fn is_stopping(&self) -> bool {
+        self.schedule.is_stopping
+    }
+
+    /// Of the outputs of these that may be on for so long only, and are: how long yet.
+    pub(crate) fn limits(&self, of: impl Fn(&Place) -> bool) -> Vec<(Duration, Place)> {
+        let limits = self.schedule.limits(of).into_iter();
+        limits
+            .filter_map(|key| Some((self.time_to(&key)?, key.0)))
+            .collect()
+    }
+
+    pub(super) fn publish(&mut self, update: Update) {
+        self.runs.outputs.push_back(super::Output::Publish(update));
+    }
+}
+
+/// What stands for the state while the procedures have it.
+impl Default for State {
+    fn default() -> State {
+        State::new(Config::default(), false)
+    }
+}

@@ -1,0 +1,7 @@
+//! The core in virtual time: scenarios, and seeds with an independent judge.
+
+mod disk;
+mod outputs;
+mod soak;
+mod turns;
+mod world;

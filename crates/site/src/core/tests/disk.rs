@@ -1,0 +1,102 @@
+//! What is to be done later, on a disk that works and on one that does not.
+
+use super::super::*;
+use super::world::{World, at, bit, ms};
+use crate::Failure;
+
+const TEXT: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
+    [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+
+fn oven() -> World {
+    let mut world = World::new(TEXT, 7);
+    world.pass(ms(300));
+    world
+}
+
+fn pulse(width: u64) -> Pulse {
+    Pulse {
+        width: Some(ms(width)),
+        ..Pulse::default()
+    }
+}
+
+#[test]
+fn what_is_promised_outlives_who_promised_it() {
+    let mut world = oven();
+    let begun = world.pulse("li", ("oven", 1), pulse(60_000));
+    let held = world.lease("li", ("oven", 2), (true, ms(60_000)));
+    world.pass(ms(1_000));
+    assert!(begun.now().is_ok() && held.now().is_ok());
+    assert!(world.write("li", ("oven", 2), true).get().is_none());
+    world.pass(ms(1_000));
+    world.kill();
+    assert_eq!(world.disk.len(), 1);
+    world.pass(ms(30_000));
+    world.start();
+    world.pass(ms(26_000));
+    assert_eq!(world.relays("oven"), bit(1) | bit(2));
+    world.pass(ms(3_000));
+    assert_eq!(world.relays("oven"), bit(2), "one is no lease any more");
+    assert!(world.disk.is_empty());
+}
+
+/// Nothing is switched whose end could not be written down.
+#[test]
+fn a_disk_that_refuses_begins_no_pulse() {
+    let mut world = oven();
+    world.faults.disk = 1;
+    let begun = world.pulse("li", ("oven", 1), pulse(1_000));
+    world.pass(ms(1_000));
+    assert_eq!(begun.now(), Err(Failure::NotKept(ErrorKind::StorageFull)));
+    assert!(world.acted.is_empty());
+}
+
+/// A takeover that the disk refuses is said to be none, and the pulse ends.
+#[test]
+fn a_takeover_is_done_or_refused_and_never_half() {
+    let mut world = oven();
+    let begun = world.pulse("li", ("oven", 1), pulse(5_000));
+    world.pass(ms(1_000));
+    assert!(begun.now().is_ok());
+    world.faults.disk = 1;
+    let taken = world.write("wang", ("oven", 1), true);
+    world.pass(ms(1_000));
+    world.faults.disk = 0;
+    assert_eq!(
+        taken.now(),
+        Err(Failure::NotTakenOver(ErrorKind::StorageFull))
+    );
+    world.pass(ms(5_000));
+    assert_eq!(world.relays("oven"), 0);
+}
+
+/// A disk that refuses for days does not fill the memory.
+#[test]
+fn what_can_not_be_written_down_does_not_pile_up() {
+    let mut world = oven();
+    world.faults.disk = 1;
+    for _ in 0..100 {
+        let begun = world.pulse("li", ("oven", 1), pulse(1_000));
+        world.pass(ms(500));
+        assert!(begun.now().is_err());
+    }
+    let kept = world.state().schedule.len();
+    assert!(kept <= 2, "{kept}");
+}
+
+/// The name of a module stands for another board after the restart.
+#[test]
+fn the_end_of_another_boards_pulse_is_told_and_not_done() {
+    let mut world = oven();
+    let begun = world.pulse("li", ("oven", 1), pulse(60_000));
+    world.pass(ms(1_000));
+    assert!(begun.now().is_ok());
+    world.kill();
+    world.become_other(&TEXT.replace("address = 3", "address = 4"));
+    world.start();
+    world.pass(ms(100_000));
+    assert_eq!(world.relays("oven"), bit(1), "it is not its output");
+    let dropped = world.state().take_dropped();
+    assert_eq!(dropped.len(), 1);
+    assert_eq!(dropped[0].0, (at("oven", 1), Why::Pulse));
+}

@@ -1,0 +1,314 @@
+//! What becomes of outputs: pulses, leases, limits, policies, batches.
+
+use super::super::*;
+use super::world::{Faults, World, at, bit, ms, who_is};
+use crate::Failure;
+use railbus_host::Fault;
+
+const TEXT: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
+    [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+
+fn oven(points: &str) -> World {
+    let mut world = World::new(&format!("{TEXT}[module.oven.point]\n{points}"), 1);
+    world.pass(ms(300));
+    world
+}
+
+fn pulse(width: u64) -> Pulse {
+    Pulse {
+        width: Some(ms(width)),
+        ..Pulse::default()
+    }
+}
+
+#[test]
+fn a_pulse_ends_and_a_command_takes_it_over() {
+    let mut world = oven("");
+    let begun = world.pulse("li", ("oven", 1), pulse(1_000));
+    let kept = world.pulse("li", ("oven", 2), pulse(1_000));
+    world.pass(ms(400));
+    assert_eq!(begun.now().unwrap().by, By::Host);
+    assert!(kept.now().is_ok());
+    assert_eq!(world.relays("oven"), bit(1) | bit(2));
+    assert!(world.write("wang", ("oven", 2), true).get().is_none());
+    world.pass(ms(2_000));
+    assert_eq!(world.relays("oven"), bit(2), "one is no pulse any more");
+    assert!(world.disk.is_empty(), "{:?}", world.disk);
+}
+
+/// The fault for which the core was made: an `off` comes between the promise of a pulse and its
+/// frame. Whatever the order, the relay is off in the end, and nothing is left.
+#[test]
+fn an_off_that_comes_just_after_a_pulse_is_its_end() {
+    for after in 0..300 {
+        let mut world = oven("");
+        let begun = world.pulse("li", ("oven", 1), pulse(10_000));
+        world.pass(Micros(after * 1_000));
+        let off = world.write("wang", ("oven", 1), false);
+        world.pass(ms(2_000));
+        assert!(begun.now().is_ok() && off.now().is_ok());
+        assert_eq!(world.relays("oven"), 0, "{after} ms");
+        assert_eq!(world.state().left(&at("oven", 1)), crate::Left::default());
+        world.pass(ms(20_000));
+        assert_eq!(world.relays("oven"), 0, "{after} ms");
+    }
+}
+
+/// The same where the module refuses the `off`, or does not hear it: the pulse keeps its end.
+#[test]
+fn an_off_that_fails_leaves_a_pulse_its_end() {
+    for after in 0..200 {
+        let mut world = oven("");
+        let begun = world.pulse("li", ("oven", 1), pulse(3_000));
+        world.pass(Micros(after * 1_000));
+        let off = world.write("wang", ("oven", 1), false);
+        // The pulse is under way, and the module hears nothing after it.
+        while begun.get().is_none() && world.step(ms(10_000)) {}
+        world.faults.refused = 1;
+        world.pass(ms(1_000));
+        world.faults = Faults::default();
+        assert!(off.get().is_some());
+        world.pass(ms(70_000));
+        assert_eq!(world.relays("oven"), 0, "{after} ms");
+        assert!(world.disk.is_empty());
+    }
+}
+
+#[test]
+fn an_output_is_released_as_soon_as_its_module_is_heard_again() {
+    let mut world = oven("");
+    let begun = world.pulse("li", ("oven", 1), pulse(1_000));
+    world.pass(ms(500));
+    assert!(begun.now().is_ok());
+    world.dead("oven", true);
+    world.pass(ms(100_000));
+    assert_eq!(world.relays("oven"), bit(1));
+    let tries = world.acted.len();
+    world.dead("oven", false);
+    world.pass(ms(600));
+    assert_eq!(world.relays("oven"), 0, "nobody waits for the next try");
+    assert_eq!(world.acted.len(), tries + 1);
+    let entries: Vec<_> = world.audit();
+    assert_eq!(
+        entries,
+        [
+            ("pulse k1 1000ms by host", Some("readback")),
+            ("end of pulse k1", Some("no_reply")),
+            ("end of pulse k1", Some("readback")),
+        ]
+    );
+}
+
+#[test]
+fn a_welded_relay_is_not_said_to_be_released() {
+    let mut world = oven("");
+    let begun = world.pulse("li", ("oven", 1), pulse(1_000));
+    world.pass(ms(500));
+    assert!(begun.now().is_ok());
+    world.weld("oven", bit(1));
+    world.pass(ms(30_000));
+    assert!(!world.disk.is_empty(), "it is promised still");
+    world.weld("oven", 0);
+    world.pass(ms(70_000));
+    assert_eq!(world.relays("oven"), 0);
+    assert!(world.disk.is_empty());
+}
+
+#[test]
+fn a_lease_lasts_as_long_as_that_is_said_again() {
+    let mut world = oven("");
+    for _ in 0..20 {
+        let held = world.lease("li", ("oven", 1), (true, ms(1_000)));
+        world.pass(ms(600));
+        assert!(held.now().unwrap().left > std::time::Duration::from_millis(500));
+        assert_eq!(world.relays("oven"), bit(1));
+    }
+    assert_eq!(world.acted.len(), 1, "it is switched once");
+    world.pass(ms(1_000));
+    assert_eq!(world.relays("oven"), 0);
+    let lost = world.order(|core| async move {
+        core.end_lease(&who_is("li"), "oven", super::world::k(1))
+            .await
+    });
+    assert_eq!(lost.now(), Err(Failure::NoLease(super::world::k(1))));
+}
+
+#[test]
+fn an_output_that_was_on_for_long_enough_goes_off() {
+    let mut world = oven("k1.max_on = \"10s\"\n");
+    let on = world.write("li", ("oven", 1), true);
+    world.pass(ms(9_500));
+    assert!(on.now().is_ok());
+    assert_eq!(world.relays("oven"), bit(1));
+    // By hand it is the same.
+    world.pass(ms(1_000));
+    assert_eq!(world.relays("oven"), 0);
+    world.move_by_hand("oven", bit(1));
+    world.pass(ms(11_000));
+    assert_eq!(world.relays("oven"), 0);
+    assert_eq!(world.audit()[1].0, "k1=off after 10000ms");
+}
+
+/// A pump runs, and nothing is known of it for a moment.
+#[test]
+fn a_command_that_was_never_sent_leaves_the_longest_time_as_it_runs() {
+    let mut world = oven("k1.max_on = \"1h\"\nk2.max_on = \"1h\"\n");
+    let on = world.write("li", ("oven", 1), true);
+    world.pass(ms(600_000));
+    assert!(on.now().is_ok());
+    let down = LineEvent::State(railbus_host::LineState::Closed);
+    let now = world.time();
+    let core = world.core.as_mut().unwrap();
+    core.handle(now, Input::Line(LineId(0), "main", &down));
+    for line in core.state(now).lines.values_mut() {
+        line.id = None;
+    }
+    let left = |world: &mut World, number| world.state().left(&at("oven", number)).max_on;
+    let before = left(&mut world, 1);
+    assert!(before.is_some());
+    let both = [(super::world::k(1), true), (super::world::k(2), true)];
+    let refused = world.order(move |core| async move {
+        let (who, terms) = (who_is("li"), WriteTerms::default());
+        core.write(&who, "oven", &both, terms).await
+    });
+    let asked = world.now;
+    while refused.get().is_none() && world.step(asked + ms(1_000)) {}
+    assert_eq!(refused.now(), Err(Failure::Line(Fault::Closed)));
+    let passed = std::time::Duration::from_micros((world.now - asked).0);
+    assert_eq!(left(&mut world, 1), before.map(|before| before - passed));
+    assert_eq!(left(&mut world, 2), None, "it was never switched on");
+}
+
+#[test]
+fn outputs_that_exclude_each_other_are_never_on_together() {
+    let points = "k1.interlock = [\"oven.k2\"]\nk2.interlock = [\"oven.k1\"]\n";
+    for after in 0..120 {
+        let mut world = oven(points);
+        let first = world.write("li", ("oven", 1), true);
+        world.pass(Micros(after * 1_000));
+        let second = world.write("wang", ("oven", 2), true);
+        world.pass(ms(1_000));
+        // Whose entry was durable first.
+        let (refused, on) = match first.now() {
+            Ok(_) => (second.now(), bit(1)),
+            refused => (refused, bit(2)),
+        };
+        assert!(
+            matches!(refused, Err(Failure::Interlock { .. })),
+            "{refused:?}"
+        );
+        assert_eq!(world.relays("oven"), on);
+    }
+}
+
+/// The reply to the `off` gets lost: what was read before it says nothing any more.
+#[test]
+fn an_output_that_may_have_gone_off_must_stay_off() {
+    let mut world = oven("k1.min_off = \"5s\"\n");
+    world.pass(ms(6_000));
+    let on = world.write("li", ("oven", 1), true);
+    // The next poll comes after all of this.
+    world.pass(ms(210));
+    assert!(on.now().is_ok());
+    world.faults.reply_lost = 1;
+    let off = world.write("li", ("oven", 1), false);
+    let asked = world.now;
+    while off.get().is_none() && world.step(asked + ms(400)) {}
+    world.faults = Faults::default();
+    assert!(matches!(off.now(), Err(Failure::Line(Fault::NoReply(_)))));
+    let soon = world.write("wang", ("oven", 1), true);
+    world.pass(ms(100));
+    assert!(
+        matches!(soon.now(), Err(Failure::MinOff { .. })),
+        "{:?}",
+        soon.now()
+    );
+    assert_eq!(world.relays("oven"), 0);
+}
+
+#[test]
+fn what_an_output_must_stay_off_outlives_the_process() {
+    let mut world = oven("k1.min_off = \"1m\"\n");
+    world.pass(ms(61_000));
+    assert!(world.write("li", ("oven", 1), true).get().is_none());
+    world.pass(ms(500));
+    let off = world.write("li", ("oven", 1), false);
+    world.pass(ms(20_000));
+    assert!(off.now().is_ok());
+    world.kill();
+    world.start();
+    world.pass(ms(1_000));
+    let soon = world.write("li", ("oven", 1), true);
+    world.pass(ms(500));
+    assert!(matches!(soon.now(), Err(Failure::MinOff { .. })));
+    world.pass(ms(60_000));
+    let later = world.write("li", ("oven", 1), true);
+    world.pass(ms(500));
+    assert!(later.now().is_ok());
+}
+
+#[test]
+fn a_site_that_ends_releases_what_is_held_and_begins_nothing_more() {
+    let mut world = oven("k3.on_exit = \"on\"\n");
+    let held = world.lease("li", ("oven", 1), (true, ms(60_000)));
+    world.pass(ms(500));
+    assert!(held.now().is_ok());
+    let ended = world.order(|core| async move {
+        core.stop_all().await;
+        core.exit_policy().await;
+    });
+    let late = world.write("li", ("oven", 2), true);
+    assert_eq!(late.now(), Err(Failure::Line(Fault::Closed)));
+    let set = [(at("oven", 2), true)];
+    let batch = world.order(move |core| async move {
+        core.batch(&who_is("li"), &set, BatchTerms::default()).await
+    });
+    assert_eq!(batch.now().parts[0].end, Err(Failure::Line(Fault::Closed)));
+    world.pass(ms(2_000));
+    assert!(ended.get().is_some());
+    assert_eq!(world.relays("oven"), bit(3));
+}
+
+#[test]
+fn a_module_that_returns_gets_what_its_policy_says_before_later_commands() {
+    let mut world = oven("k1.on_return = \"off\"\nk2.on_return = \"on\"\n");
+    assert!(world.write("li", ("oven", 1), true).get().is_none());
+    world.pass(ms(500));
+    world.dead("oven", true);
+    world.pass(ms(2_000));
+    world.dead("oven", false);
+    world.pass(ms(800));
+    assert_eq!(world.relays("oven"), bit(2));
+    let who: Vec<_> = world.log.iter().map(|entry| &*entry.who).collect();
+    assert_eq!(who, ["li", "on_return", "on_return"]);
+}
+
+#[test]
+fn all_or_nothing_leaves_everything_as_it_was() {
+    let mut world = World::new(
+        &format!("{TEXT}[module.kiln]\nline = \"main\"\nmodel = \"erc8\"\naddress = 4\n"),
+        1,
+    );
+    world.pass(ms(300));
+    assert!(world.write("li", ("oven", 2), true).get().is_none());
+    world.pass(ms(500));
+    world.dead("kiln", true);
+    let set = [
+        (at("oven", 1), true),
+        (at("oven", 2), false),
+        (at("kiln", 1), true),
+    ];
+    let terms = BatchTerms {
+        all_or_nothing: true,
+        ..BatchTerms::default()
+    };
+    let done = world.order(move |core| async move { core.batch(&who_is("li"), &set, terms).await });
+    world.pass(ms(5_000));
+    let done = done.now();
+    assert!(matches!(
+        done.parts[2].end,
+        Err(Failure::Line(Fault::NoReply(_)))
+    ));
+    assert_eq!(done.parts[0].end, Err(Failure::Undone));
+    assert_eq!(world.relays("oven"), bit(2));
+}

@@ -1,0 +1,123 @@
+//! Who comes when.
+
+use super::super::turns::WAITING_MAX;
+use super::super::*;
+use super::world::{World, at, k, ms, who_is};
+use railbus_host::Fault;
+use std::sync::Mutex;
+
+const TEXT: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
+    [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
+
+/// Takes a turn until it is told to give it back; says when it came.
+fn take(world: &mut World, places: &[u8], is_end: bool) -> (Arc<Mutex<Option<Micros>>>, Micros) {
+    let came = Arc::new(Mutex::new(None));
+    let told = Arc::clone(&came);
+    let places: Vec<Place> = places.iter().map(|number| at("oven", *number)).collect();
+    world.order(move |core| async move {
+        let turn = match is_end {
+            true => core.turn_to_end(places).await,
+            false => core.turn(places, core.now() + ms(5_000)).await.unwrap(),
+        };
+        *told.lock().unwrap() = Some(core.now());
+        let until = core.now() + ms(100);
+        core.until(until, std::future::pending::<()>()).await;
+        drop(turn);
+    });
+    (came, world.now)
+}
+
+#[test]
+fn who_comes_first_goes_first_and_an_end_keeps_its_place() {
+    let mut world = World::new(TEXT, 1);
+    let each = [false, false, true, false, false];
+    let came: Vec<_> = each.map(|is_end| take(&mut world, &[1], is_end).0).into();
+    world.pass(ms(1_000));
+    let came: Vec<u64> = came
+        .iter()
+        .map(|at| at.lock().unwrap().unwrap().0 / 1_000)
+        .collect();
+    assert_eq!(came, [0, 100, 200, 300, 400]);
+}
+
+#[test]
+fn an_end_waits_for_nobody_who_waits_himself() {
+    let mut world = World::new(TEXT, 1);
+    let (busy, _) = take(&mut world, &[2], false);
+    let (both, _) = take(&mut world, &[1, 2], false);
+    let (end, _) = take(&mut world, &[1], true);
+    let (late, _) = take(&mut world, &[1], false);
+    let at = |came: &Arc<Mutex<Option<Micros>>>| *came.lock().unwrap();
+    assert_eq!(at(&busy), Some(ms(0)));
+    assert_eq!(at(&end), Some(ms(0)), "nobody commands it");
+    assert_eq!(at(&both), None);
+    world.pass(ms(1_000));
+    assert_eq!(at(&both), Some(ms(100)));
+    assert_eq!(
+        at(&late),
+        Some(ms(200)),
+        "it came after the one that waited"
+    );
+}
+
+#[test]
+fn so_many_may_wait_for_an_output() {
+    let mut world = World::new(TEXT, 1);
+    let hold = world.order(|core| async move {
+        let turn = core.turn([at("oven", 1)], ms(10_000)).await.unwrap();
+        core.until(ms(9_000), std::future::pending::<()>()).await;
+        drop(turn);
+    });
+    let ask = |world: &mut World| {
+        world.order(|core| async move {
+            let until = core.now() + ms(500);
+            core.turn([at("oven", 1)], until).await.err()
+        })
+    };
+    let waiting: Vec<_> = (0..=WAITING_MAX).map(|_| ask(&mut world)).collect();
+    world.pass(ms(600));
+    let ends: Vec<_> = waiting.iter().map(|end| end.now().unwrap()).collect();
+    let count = |fault| ends.iter().filter(|end| **end == fault).count();
+    assert_eq!(count(Fault::Overloaded), 1);
+    assert_eq!(count(Fault::Expired), WAITING_MAX);
+    assert!(hold.get().is_none());
+    world.pass(ms(9_000));
+    let again = ask(&mut world);
+    assert_eq!(
+        again.now(),
+        None,
+        "who does not wait any more is in nobody's way"
+    );
+}
+
+/// Another command, before this one, has made the output one that gives pulses by itself.
+#[test]
+fn who_keeps_the_time_of_a_pulse_is_decided_in_its_turn() {
+    let text = "[line.main]\nport = \"/dev/ttyS9\"\n\
+                [module.gate]\nline = \"main\"\nmodel = \"eda9060a\"\naddress = 1\n";
+    let mut world = World::new(text, 1);
+    world.pass(ms(10));
+    let width = railbus_wire::PulseWidth::from_tenths(5).unwrap();
+    let says = |world: &mut World, mask| {
+        let seen = railbus_device::Observation::Pulse { mask, width };
+        let state = world.state();
+        state.site.saw("gate", &seen, railbus_wire::Instant(0));
+    };
+    says(&mut world, 0);
+    world.order(|core| async move {
+        let turn = core.turn([at("gate", 1)], ms(10_000)).await.unwrap();
+        core.until(ms(500), std::future::pending::<()>()).await;
+        drop(turn);
+    });
+    let pulse = Pulse {
+        width: Some(ms(500)),
+        ..Pulse::default()
+    };
+    let given = world
+        .order(move |core| async move { core.pulse(&who_is("li"), "gate", k(1), pulse).await });
+    world.pass(ms(100));
+    says(&mut world, 1);
+    world.pass(ms(900));
+    assert_eq!(given.now().unwrap().by, By::Device);
+    assert_eq!(world.audit()[0].0, "pulse do0 500ms by device");
+}

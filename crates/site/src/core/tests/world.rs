@@ -1,0 +1,589 @@
+//! Everything around a core, in virtual time: modules whose relays are known, a line that does one
+//! thing at a time, a disk and an audit log that may refuse. What is random comes from a seed.
+
+use super::super::*;
+use crate::Failure;
+use railbus_device::{Bank, Observation, Point, PointKind};
+use railbus_host::{Confirmed, Done, Event, Evidence, Fault, LineState, Presence};
+use railbus_store::history::{Event as Told, EventKind, Severity};
+use railbus_wire::{Channel, Instant};
+use std::collections::VecDeque;
+use std::sync::Mutex;
+use std::time::Duration;
+
+/// Chance from a seed: xorshift64*.
+#[derive(Clone, Debug)]
+pub(super) struct Dice(u64);
+
+impl Dice {
+    pub(super) fn new(seed: u64) -> Dice {
+        Dice(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
+    }
+
+    pub(super) fn below(&mut self, end: u64) -> u64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 33) % end
+    }
+
+    pub(super) fn one_in(&mut self, times: u64) -> bool {
+        times > 0 && self.below(times) == 0
+    }
+
+    pub(super) fn between(&mut self, low: u64, high: u64) -> u64 {
+        low + self.below(high - low + 1)
+    }
+}
+
+/// How often something goes wrong: once in so many times, never where it is 0.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Faults {
+    /// A request gets lost.
+    pub(super) request_lost: u64,
+    /// A reply gets lost: the module has acted.
+    pub(super) reply_lost: u64,
+    /// A module refuses.
+    pub(super) refused: u64,
+    /// The disk refuses promises.
+    pub(super) disk: u64,
+    /// The audit log refuses.
+    pub(super) audit: u64,
+}
+
+/// Something that a module did by a frame.
+#[derive(Clone, Debug)]
+pub(super) struct Acted {
+    pub(super) at: Micros,
+    pub(super) module: String,
+    pub(super) set: Bank,
+    /// What it found.
+    pub(super) before: u32,
+}
+
+/// An entry of the audit log.
+#[derive(Clone, Debug)]
+pub(super) struct Logged {
+    pub(super) module: String,
+    pub(super) who: String,
+    pub(super) what: String,
+    pub(super) began: Micros,
+    pub(super) ended: Option<(Micros, &'static str)>,
+}
+
+/// Something under way outside the core.
+enum Due {
+    /// The line has done its work.
+    Ran(RequestId, At, Op, Result<(), Fault>, Micros),
+    Begun(RequestId, usize),
+    Ended(RequestId, usize, &'static str),
+    Kept(Vec<Kept>, Result<(), ErrorKind>),
+    /// All modules are asked.
+    Poll,
+}
+
+struct Module {
+    at: At,
+    relays: u32,
+    is_dead: bool,
+    is_silent: bool,
+    welded: u32,
+}
+
+/// Called with what a procedure ended with.
+type Ends<T> = Arc<Mutex<Option<(Micros, T)>>>;
+
+/// What waits for the end of a procedure.
+pub(super) struct End<T>(Ends<T>);
+
+impl<T: Clone> End<T> {
+    /// When and how it ended.
+    pub(super) fn get(&self) -> Option<(Micros, T)> {
+        self.0.lock().unwrap().clone()
+    }
+
+    pub(super) fn now(&self) -> T {
+        self.get().expect("it has ended").1
+    }
+}
+
+pub(super) struct World {
+    pub(super) core: Option<Core>,
+    config: Config,
+    pub(super) now: Micros,
+    /// When the process was started.
+    booted: Micros,
+    clock: Arc<Mutex<Micros>>,
+    due: BTreeMap<(Micros, u64), Due>,
+    newest: u64,
+    modules: BTreeMap<String, Module>,
+    /// By line: until when it is busy.
+    busy: BTreeMap<LineId, Micros>,
+    pub(super) dice: Dice,
+    pub(super) faults: Faults,
+    pub(super) acted: Vec<Acted>,
+    pub(super) log: Vec<Logged>,
+    /// The numbers of those that have not ended.
+    pub(super) open: BTreeSet<usize>,
+    /// What the disk has.
+    pub(super) disk: Vec<Kept>,
+    pub(super) updates: VecDeque<Update>,
+}
+
+pub(super) const fn ms(millis: u64) -> Micros {
+    Micros::from_millis(millis)
+}
+
+const POLL_EVERY: Micros = ms(250);
+
+impl World {
+    pub(super) fn new(text: &str, seed: u64) -> World {
+        let config = Config::parse(text).unwrap();
+        let mut world = World {
+            core: None,
+            config,
+            now: Micros::ZERO,
+            booted: Micros::ZERO,
+            clock: Arc::default(),
+            due: BTreeMap::new(),
+            newest: 0,
+            modules: BTreeMap::new(),
+            busy: BTreeMap::new(),
+            dice: Dice::new(seed),
+            faults: Faults::default(),
+            acted: Vec::new(),
+            log: Vec::new(),
+            open: BTreeSet::new(),
+            disk: Vec::new(),
+            updates: VecDeque::new(),
+        };
+        world.start();
+        world
+    }
+
+    /// The process starts; modules and disk are as they were.
+    pub(super) fn start(&mut self) {
+        self.booted = self.now;
+        let now = self.time();
+        let mut core = Core::new(now, self.config.clone(), true, self.disk.clone());
+        for (number, line) in self.config.lines.keys().enumerate() {
+            let id = LineId(number as u64);
+            core.handle(now, Input::Opened(line, id, now.site));
+            for (index, (name, _)) in self.config.modules_of(line).enumerate() {
+                let at = At {
+                    line: id,
+                    module: ModuleId(index),
+                };
+                let module = self.modules.entry(name.clone()).or_insert(Module {
+                    at,
+                    relays: 0,
+                    is_dead: false,
+                    is_silent: true,
+                    welded: 0,
+                });
+                module.is_silent = true;
+            }
+            let up = LineEvent::State(LineState::Up);
+            core.handle(now, Input::Line(id, line, &up));
+        }
+        core.take_up(now);
+        self.core = Some(core);
+        self.add(Micros(1), Due::Poll);
+        self.drain();
+    }
+
+    /// The next start finds another configuration.
+    pub(super) fn become_other(&mut self, text: &str) {
+        self.config = Config::parse(text).unwrap();
+    }
+
+    /// The process is killed. Frames that are on their way may still be obeyed.
+    pub(super) fn kill(&mut self) {
+        self.core = None;
+        let due = std::mem::take(&mut self.due);
+        for (_, one) in due {
+            match one {
+                Due::Ran(_, at, op, Ok(()), _) if self.dice.one_in(2) => self.obey(at, &op),
+                Due::Kept(kept, Ok(())) if self.dice.one_in(2) => self.disk = kept,
+                _ => {}
+            }
+        }
+        self.busy.clear();
+    }
+
+    pub(super) fn time(&self) -> Now {
+        Now {
+            site: self.now - self.booted,
+            wall: SystemTime::UNIX_EPOCH + Duration::from_micros(1_000_000_000_000 + self.now.0),
+        }
+    }
+
+    fn add(&mut self, after: Micros, due: Due) {
+        self.newest += 1;
+        let at = self.now + after;
+        self.due.insert((at, self.newest), due);
+    }
+
+    /// Starts a procedure.
+    pub(super) fn order<T, F>(&mut self, procedure: impl FnOnce(Context) -> F) -> End<T>
+    where
+        T: Send + 'static,
+        F: Future<Output = T> + Send + 'static,
+    {
+        let ends: Ends<T> = Ends::default();
+        let (told, clock) = (Arc::clone(&ends), Arc::clone(&self.clock));
+        let now = self.time();
+        *self.clock.lock().unwrap() = self.now;
+        let end = move |value| *told.lock().unwrap() = Some((*clock.lock().unwrap(), value));
+        self.core.as_mut().unwrap().start(now, procedure, end);
+        self.drain();
+        End(ends)
+    }
+
+    /// Switches one output, as whoever is named.
+    pub(super) fn write(
+        &mut self,
+        who: &str,
+        output: (&str, u8),
+        on: bool,
+    ) -> End<Result<WriteDone, Failure>> {
+        let (module, who) = (output.0.to_owned(), who_is(who));
+        let set = [(k(output.1), on)];
+        self.order(move |core| async move {
+            core.write(&who, &module, &set, WriteTerms::default()).await
+        })
+    }
+
+    pub(super) fn pulse(
+        &mut self,
+        who: &str,
+        output: (&str, u8),
+        pulse: Pulse,
+    ) -> End<Result<PulseDone, Failure>> {
+        let (module, who, point) = (output.0.to_owned(), who_is(who), k(output.1));
+        self.order(move |core| async move { core.pulse(&who, &module, point, pulse).await })
+    }
+
+    pub(super) fn lease(
+        &mut self,
+        who: &str,
+        output: (&str, u8),
+        (on, time): (bool, Micros),
+    ) -> End<Result<Leased, Failure>> {
+        let (module, who, point) = (output.0.to_owned(), who_is(who), k(output.1));
+        self.order(
+            move |core| async move { core.lease(&who, &module, point, (on, time), false).await },
+        )
+    }
+
+    /// Lets time pass, and everything happen that comes to be meanwhile.
+    pub(super) fn pass(&mut self, time: Micros) {
+        let until = self.now + time;
+        while self.step(until) {}
+        self.now = until;
+        self.tell(Input::Time);
+    }
+
+    /// The next thing that happens by then; false where there is none.
+    pub(super) fn step(&mut self, until: Micros) -> bool {
+        let outside = self.due.first_key_value().map(|((at, _), _)| *at);
+        let inside = self.core.as_ref().and_then(Core::deadline);
+        let inside = inside.map(|at| self.booted + at);
+        let Some(next) = [outside, inside].into_iter().flatten().min() else {
+            return false;
+        };
+        if next > until {
+            return false;
+        }
+        let next = next.max(self.now);
+        self.now = next;
+        match outside.is_some_and(|at| at <= next) {
+            true => self.happens(),
+            false => self.tell(Input::Time),
+        }
+        true
+    }
+
+    fn happens(&mut self) {
+        let Some((_, due)) = self.due.pop_first() else {
+            return;
+        };
+        match due {
+            Due::Ran(request, at, op, end, took) => self.ran(request, at, op, end, took),
+            Due::Begun(request, entry) => {
+                let refused = self.dice.one_in(self.faults.audit);
+                let begun = match refused {
+                    true => Err(Failure::NotAudited),
+                    false => Ok(Begun {
+                        id: entry.to_string(),
+                        event: Told::new(EventKind::Write, Severity::Info, "write"),
+                    }),
+                };
+                if refused {
+                    self.open.remove(&entry);
+                    self.log[entry].ended = Some((self.now, "not_audited"));
+                }
+                self.tell(Input::Done(request, Reply::Begun(begun)));
+            }
+            Due::Ended(request, entry, end) => {
+                self.open.remove(&entry);
+                self.log[entry].ended = Some((self.now, end));
+                self.tell(Input::Done(request, Reply::Ended));
+            }
+            Due::Kept(kept, end) => {
+                // One that failed at its last step is there all the same.
+                if end.is_ok() || self.dice.one_in(4) {
+                    self.disk = kept;
+                }
+                self.tell(Input::Kept(end));
+            }
+            Due::Poll => {
+                self.poll();
+                self.add(POLL_EVERY, Due::Poll);
+            }
+        }
+    }
+
+    fn tell(&mut self, input: Input<'_>) {
+        let now = self.time();
+        *self.clock.lock().unwrap() = self.now;
+        if let Some(core) = &mut self.core {
+            core.handle(now, input);
+        }
+        self.drain();
+    }
+
+    fn drain(&mut self) {
+        while let Some(output) = self.core.as_mut().and_then(Core::poll) {
+            match output {
+                Output::Run {
+                    request,
+                    at,
+                    op,
+                    expires,
+                    ..
+                } => self.run(request, at, op, self.booted + expires),
+                Output::Begin {
+                    request,
+                    module,
+                    note,
+                    ..
+                } => {
+                    let entry = self.log.len();
+                    self.open.insert(entry);
+                    self.log.push(Logged {
+                        module,
+                        who: note.origin.who,
+                        what: note.what,
+                        began: self.now,
+                        ended: None,
+                    });
+                    let after = ms(self.dice.between(0, 3));
+                    self.add(after, Due::Begun(request, entry));
+                }
+                Output::End {
+                    request,
+                    begun,
+                    end,
+                    ..
+                } => {
+                    let entry = begun.id.parse().unwrap();
+                    let after = ms(self.dice.between(0, 2));
+                    self.add(after, Due::Ended(request, entry, end));
+                }
+                Output::Keep(kept) => {
+                    let end = match self.dice.one_in(self.faults.disk) {
+                        true => Err(ErrorKind::StorageFull),
+                        false => Ok(()),
+                    };
+                    let after = ms(self.dice.between(1, 8));
+                    self.add(after, Due::Kept(kept, end));
+                }
+                Output::Publish(update) => {
+                    self.updates.push_back(update);
+                    if self.updates.len() > 64 {
+                        self.updates.pop_front();
+                    }
+                }
+            }
+        }
+    }
+
+    /// A line does one thing after the other.
+    fn run(&mut self, request: RequestId, at: At, op: Op, expires: Micros) {
+        let now = self.now;
+        let free = self
+            .busy
+            .get(&at.line)
+            .copied()
+            .unwrap_or_default()
+            .max(now);
+        if free > expires {
+            let end = Err(Fault::Expired);
+            return self.add(free - now, Due::Ran(request, at, op, end, ms(0)));
+        }
+        let is_dead = self.module_at(at).is_some_and(|module| module.is_dead);
+        let lost = Fault::NoReply(Evidence::default());
+        let (mut end, took) = match &op {
+            _ if is_dead || self.dice.one_in(self.faults.request_lost) => (Err(lost), 100),
+            _ if self.dice.one_in(self.faults.refused) => {
+                (Err(Fault::Refused(railbus_host::Refusal::Invalid)), 20)
+            }
+            _ => (Ok(()), self.dice.between(20, 60)),
+        };
+        if matches!(op, Op::Write(_)) && end.is_ok() && self.dice.one_in(self.faults.reply_lost) {
+            // It is obeyed all the same.
+            self.obey(at, &op);
+            end = Err(lost);
+        }
+        let ends = free + ms(took);
+        self.busy.insert(at.line, ends);
+        self.add(ends - now, Due::Ran(request, at, op, end, ms(took)));
+    }
+
+    fn module_at(&mut self, at: At) -> Option<&mut Module> {
+        self.modules.values_mut().find(|module| module.at == at)
+    }
+
+    fn name_at(&self, at: At) -> String {
+        let found = self.modules.iter().find(|(_, module)| module.at == at);
+        found.map(|(name, _)| name.clone()).unwrap_or_default()
+    }
+
+    fn obey(&mut self, at: At, op: &Op) {
+        let (Op::Write(bank), name) = (op, self.name_at(at)) else {
+            return;
+        };
+        let now = self.now;
+        let Some(module) = self.modules.get_mut(&name) else {
+            return;
+        };
+        let before = module.relays;
+        let moves = bank.mask & !module.welded;
+        module.relays = before & !moves | bank.on & moves;
+        self.acted.push(Acted {
+            at: now,
+            module: name,
+            set: *bank,
+            before,
+        });
+    }
+
+    fn ran(&mut self, request: RequestId, at: At, op: Op, end: Result<(), Fault>, took: Micros) {
+        let name = self.name_at(at);
+        let end = end.map(|()| {
+            self.obey(at, &op);
+            let relays = self.modules[&name].relays;
+            let seen = seen(relays);
+            self.saw(at, &op, seen);
+            let confirmed = match op {
+                Op::Write(bank) if relays & bank.mask != bank.on => return Err(Fault::NotVerified),
+                _ => Confirmed::Readback,
+            };
+            Ok(Done {
+                confirmed,
+                took,
+                seen: Some(seen),
+            })
+        });
+        self.tell(Input::Done(request, Reply::Ran(end.and_then(|end| end))));
+    }
+
+    fn saw(&mut self, at: At, op: &Op, seen: Observation) {
+        let now = Instant(0) + (self.now - self.booted);
+        let event = LineEvent::Bus(Event::Seen {
+            module: at.module,
+            op: *op,
+            seen,
+            asked: now,
+            heard: now,
+        });
+        self.line(at, &event);
+    }
+
+    fn line(&mut self, at: At, event: &LineEvent) {
+        let line = self.config.lines.keys().nth(at.line.0 as usize).unwrap();
+        let line = line.clone();
+        self.tell(Input::Line(at.line, &line, event));
+    }
+
+    /// Every module says how it is, if it can.
+    fn poll(&mut self) {
+        let names: Vec<String> = self.modules.keys().cloned().collect();
+        for name in names {
+            let module = self.modules.get_mut(&name).unwrap();
+            let (at, relays) = (module.at, module.relays);
+            if std::mem::replace(&mut module.is_silent, module.is_dead) != module.is_dead {
+                let presence = match module.is_dead {
+                    true => Presence::Silent,
+                    false => Presence::Online,
+                };
+                let module = at.module;
+                self.line(at, &LineEvent::Bus(Event::Presence { module, presence }));
+            }
+            if !self.modules[&name].is_dead {
+                self.saw(at, &Op::ReadOutputs, seen(relays));
+            }
+        }
+    }
+
+    /// The relays of a module, bit by bit.
+    pub(super) fn relays(&self, module: &str) -> u32 {
+        self.modules[module].relays
+    }
+
+    /// Moves relays by hand.
+    pub(super) fn move_by_hand(&mut self, module: &str, relays: u32) {
+        self.modules.get_mut(module).unwrap().relays = relays;
+    }
+
+    /// Switches a module off its line, or on again.
+    pub(super) fn dead(&mut self, module: &str, is_dead: bool) {
+        self.modules.get_mut(module).unwrap().is_dead = is_dead;
+    }
+
+    /// Welds relays as they are.
+    pub(super) fn weld(&mut self, module: &str, relays: u32) {
+        self.modules.get_mut(module).unwrap().welded = relays;
+    }
+
+    pub(super) fn state(&mut self) -> &mut State {
+        let now = self.time();
+        self.core.as_mut().unwrap().state(now)
+    }
+
+    /// What was written down, and how it ended.
+    pub(super) fn audit(&self) -> Vec<(&str, Option<&'static str>)> {
+        let each = self.log.iter();
+        each.map(|entry| (&*entry.what, entry.ended.map(|(_, end)| end)))
+            .collect()
+    }
+}
+
+fn seen(relays: u32) -> Observation {
+    Observation::Channels {
+        outputs: Bank::new(0xFF, relays),
+        inputs: Bank::default(),
+    }
+}
+
+pub(super) fn who_is(who: &str) -> Who {
+    Who::new(railbus_store::audit::Origin::program(who))
+}
+
+/// Output k1, k2, …
+pub(super) fn k(number: u8) -> Point {
+    Point {
+        kind: PointKind::Output,
+        index: number - 1,
+    }
+}
+
+pub(super) fn at(module: &str, number: u8) -> Place {
+    Place::new(module, k(number))
+}
+
+/// The bit of an output in [`World::relays`].
+pub(super) fn bit(number: u8) -> u32 {
+    Channel::new(number - 1).unwrap().mask()
+}

@@ -1,0 +1,226 @@
+//! Outputs written or switched over: what is checked before a command goes to the line.
+
+use super::context::Context;
+use super::order::{Entry, Order, TTL, bank_state, channel, places};
+use super::turns::Turn;
+use crate::Failure;
+use crate::config::Place;
+use railbus_device::{Bank, Op, Point};
+use railbus_host::{Confirmed, Fault};
+use railbus_store::audit::{Note, Origin};
+use railbus_wire::Micros;
+
+/// On what terms outputs are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WriteTerms {
+    /// Read the outputs back and compare, where the module can.
+    pub verify: bool,
+    /// In the form that no module answers.
+    pub silent: bool,
+    /// Only where every one of the outputs is in this state now, for which they are read first.
+    pub only_if: Option<bool>,
+    /// Who asks means it, also for outputs that want that to be said.
+    pub confirm: bool,
+}
+
+impl Default for WriteTerms {
+    fn default() -> WriteTerms {
+        WriteTerms {
+            verify: true,
+            silent: false,
+            only_if: None,
+            confirm: false,
+        }
+    }
+}
+
+/// On what terms an output is switched over.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ToggleTerms {
+    /// By the board's own command, which is never repeated; else it is read first and then set.
+    pub raw: bool,
+    /// Who asks means it, also for outputs that want that to be said.
+    pub confirm: bool,
+}
+
+/// How outputs were written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WriteDone {
+    /// Each output with what it is now, and what it was before, where that is known.
+    pub outputs: Vec<(Point, Option<bool>, Option<bool>)>,
+    /// How far that is certain.
+    pub confirmed: Confirmed,
+    /// From handing the command in to the last byte of its own reply.
+    pub took: Micros,
+    /// The number of its audit entry.
+    pub audit: String,
+    /// It was made of a read and a write.
+    pub read_then_set: bool,
+}
+
+/// Who asks for something.
+pub(crate) type Who = std::sync::Arc<Origin>;
+
+pub(super) fn note(who: &Who, what: String) -> Note {
+    Note {
+        origin: Origin::clone(who),
+        what,
+    }
+}
+
+impl Context {
+    /// Brings outputs of one module into these states with one command of the line, and leaves
+    /// the others alone.
+    pub(crate) async fn write(
+        &self,
+        who: &Who,
+        module: &str,
+        set: &[(Point, bool)],
+        terms: WriteTerms,
+    ) -> Result<WriteDone, Failure> {
+        let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+        self.with(|state| state.may_command(module, &points, terms.confirm))?;
+        let expires = self.now() + TTL;
+        let turn = self.turn(places(module, &points), expires).await?;
+        // Meanwhile the configuration may have changed, or the site begun to end.
+        self.with(|state| state.may_command(module, &points, terms.confirm))?;
+        if let Some(wanted) = terms.only_if {
+            self.read_all(module).await?;
+            let other = self.with(|state| {
+                let known = |point| state.output(module, point);
+                let other = points.iter().find(|point| known(**point) != Some(wanted));
+                other.copied()
+            });
+            if let Some(point) = other {
+                return Err(Failure::NotAsAsked(point, !wanted));
+            }
+        }
+        let on = set.iter().filter(|(_, on)| *on).map(|(point, _)| *point);
+        self.with(|state| state.watched(module, on))?;
+        let done = self.write_in_turn(who, &turn, module, set, terms, expires);
+        let done = done.await?;
+        self.take_over(module, &points, done).await
+    }
+
+    /// The same at the end of the site: nobody is asked whether it is meant, and how many wait
+    /// does not matter.
+    pub(super) async fn write_at_exit(
+        &self,
+        who: &Who,
+        module: &str,
+        set: &[(Point, bool)],
+    ) -> Result<WriteDone, Failure> {
+        let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+        let turn = self.turn_to_end(places(module, &points)).await;
+        let (terms, expires) = (WriteTerms::default(), self.now() + TTL);
+        let done = self.write_in_turn(who, &turn, module, set, terms, expires);
+        let done = done.await?;
+        self.take_over(module, &points, done).await
+    }
+
+    /// Writes outputs whose turn it is. What was to be done to them later still is.
+    pub(super) async fn write_in_turn(
+        &self,
+        who: &Who,
+        turn: &Turn,
+        module: &str,
+        set: &[(Point, bool)],
+        terms: WriteTerms,
+        expires: Micros,
+    ) -> Result<WriteDone, Failure> {
+        let points: Vec<Point> = set.iter().map(|(point, _)| *point).collect();
+        let mut bank = Bank::default();
+        for (point, on) in set {
+            let one = Bank::one(channel(*point)?, *on);
+            bank = Bank::new(bank.mask | one.mask, bank.on & !one.mask | one.on);
+        }
+        let op = if terms.silent {
+            Op::WriteSilent(bank)
+        } else {
+            Op::Write(bank)
+        };
+        let (what, at) = self.with(|state| {
+            state.writable(module, &points)?;
+            Ok::<_, Failure>((state.describe(module, set), state.at(module)))
+        })?;
+        let order = Order {
+            module,
+            at,
+            points: &points,
+            op,
+            verify: terms.verify,
+            expires,
+        };
+        let mut entry = Entry::new(note(who, what));
+        let wanted = |point| bank_state(bank, point);
+        self.command(turn, order, &mut entry, wanted).await
+    }
+
+    /// Switches an output over. Where it is read first and then set, someone else may come
+    /// between.
+    pub(crate) async fn toggle(
+        &self,
+        who: &Who,
+        module: &str,
+        point: Point,
+        terms: ToggleTerms,
+    ) -> Result<WriteDone, Failure> {
+        let ToggleTerms { raw, confirm } = terms;
+        self.with(|state| state.may_command(module, &[point], confirm))?;
+        let expires = self.now() + TTL;
+        let turn = self.turn(places(module, &[point]), expires).await?;
+        self.with(|state| state.may_command(module, &[point], confirm))?;
+        let done = if raw {
+            let (what, at) = self.with(|state| {
+                state.watched(module, [point])?;
+                let what = format!("toggle {}", state.label(module, point));
+                Ok::<_, Failure>((what, state.at(module)))
+            })?;
+            let order = Order {
+                module,
+                at,
+                points: &[point],
+                op: Op::Toggle(channel(point)?.mask()),
+                verify: true,
+                expires,
+            };
+            let mut entry = Entry::new(note(who, what));
+            self.command(&turn, order, &mut entry, |_| None).await?
+        } else {
+            let read = self.read_all(module).await;
+            read.map_err(|failure| match failure {
+                Failure::Line(fault) => Failure::NotRead(fault),
+                other => other,
+            })?;
+            let now = self.with(|state| {
+                let now = state.output(module, point);
+                let now = now.ok_or(Failure::NotRead(Fault::Unknown))?;
+                state.watched(module, (!now).then_some(point))?;
+                Ok::<_, Failure>(now)
+            })?;
+            let (set, terms) = ([(point, !now)], WriteTerms::default());
+            let done = self.write_in_turn(who, &turn, module, &set, terms, expires);
+            WriteDone {
+                read_then_set: true,
+                ..done.await?
+            }
+        };
+        self.take_over(module, &[point], done).await
+    }
+
+    /// A command was carried out: its outputs are in no pulse and no lease any more. A frame that
+    /// nobody answers may not have been heard, and takes nothing over.
+    pub(super) async fn take_over(
+        &self,
+        module: &str,
+        points: &[Point],
+        done: WriteDone,
+    ) -> Result<WriteDone, Failure> {
+        if done.confirmed != Confirmed::Sent {
+            let places: Vec<Place> = places(module, points).collect();
+            let taken = self.hand_outputs_over(&places, None).await;
+            taken.map_err(Failure::NotTakenOver)?;
+        }
+        Ok(done)
+    }
+}
