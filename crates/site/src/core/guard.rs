@@ -22,7 +22,7 @@ pub(super) struct Guard {
 struct Output {
     /// Commands under way that may switch it on.
     rising: u32,
-    /// Only a reading that began at this time of its line, or later, says that it is off.
+    /// Only a reading that began at this time of its line, or later, says how it is.
     doubt: Option<Instant>,
     /// So long its module goes on by itself with what it was told, in the time of the site: until
     /// then nothing says that it stays as it is.
@@ -209,7 +209,13 @@ impl Guard {
     pub(super) fn ended(&mut self, place: &Place, doubt: Option<Instant>) {
         let output = self.output(place);
         output.rising = output.rising.saturating_sub(1);
-        output.doubt = output.doubt.max(doubt);
+        self.doubt(place, doubt);
+    }
+
+    /// Only a reading from then on says how an output is.
+    pub(super) fn doubt(&mut self, place: &Place, from: Option<Instant>) {
+        let output = self.output(place);
+        output.doubt = output.doubt.max(from);
     }
 
     /// The module goes on by itself with an output until this time of the site.

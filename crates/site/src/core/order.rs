@@ -363,6 +363,8 @@ impl State {
         }
         if acted != Acted::No {
             for place in falling {
+                // What was read before says no more that it is on.
+                self.guard.doubt(place, doubt);
                 self.went_off(place, now);
             }
             return;
