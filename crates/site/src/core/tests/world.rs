@@ -75,6 +75,8 @@ pub(super) struct Logged {
 enum Due {
     /// The line has done its work.
     Ran(RequestId, At, Op, Result<(), Fault>, Micros),
+    /// A module has the request whose reply gets lost.
+    Obeys(At, Op),
     Begun(RequestId, usize),
     Ended(RequestId, usize, &'static str),
     Kept(Vec<Kept>, Result<(), ErrorKind>),
@@ -203,7 +205,9 @@ impl World {
         let due = std::mem::take(&mut self.due);
         for (_, one) in due {
             match one {
-                Due::Ran(_, at, op, Ok(()), _) if self.dice.one_in(2) => self.obey(at, &op),
+                Due::Ran(_, at, op, Ok(()), _) | Due::Obeys(at, op) if self.dice.one_in(2) => {
+                    self.obey(at, &op);
+                }
                 Due::Kept(kept, Ok(())) if self.dice.one_in(2) => self.disk = kept,
                 _ => {}
             }
@@ -310,6 +314,7 @@ impl World {
         };
         match due {
             Due::Ran(request, at, op, end, took) => self.ran(request, at, op, end, took),
+            Due::Obeys(at, op) => self.obey(at, &op),
             Due::Begun(request, entry) => {
                 let refused = self.dice.one_in(self.faults.audit);
                 let begun = match refused {
@@ -378,7 +383,7 @@ impl World {
                         began: self.now,
                         ended: None,
                     });
-                    let after = ms(self.dice.between(0, 3));
+                    let after = ms(self.dice.between(1, 3));
                     self.add(after, Due::Begun(request, entry));
                 }
                 Output::End {
@@ -433,7 +438,7 @@ impl World {
         };
         if matches!(op, Op::Write(_)) && end.is_ok() && self.dice.one_in(self.faults.reply_lost) {
             // It is obeyed all the same.
-            self.obey(at, &op);
+            self.add(free - now + ms(10), Due::Obeys(at, op));
             end = Err(lost);
         }
         let ends = free + ms(took);
