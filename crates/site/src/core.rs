@@ -86,7 +86,7 @@ pub(crate) struct Begun {
     /// Its number.
     pub(crate) id: String,
     /// What is told of it at its end.
-    pub(crate) event: railbus_store::history::Event,
+    pub(crate) event: Box<railbus_store::history::Event>,
 }
 
 /// What happened.
@@ -220,7 +220,7 @@ impl Core {
                 return self.step(now, observed);
             }
             Input::Done(request, reply) => self.state.runs.answer(request, reply),
-            Input::Kept(end) => self.state.schedule.written(end),
+            Input::Kept(end) => self.state.schedule.written(end, now.site),
             Input::Release(turns) => return self.step(now, |_| drop(turns)),
         }
         self.step(now, |_| {});
@@ -254,7 +254,9 @@ impl Core {
 
     /// When [`Input::Time`] is to be said at the latest, in the time of the site.
     pub(crate) fn deadline(&self) -> Option<Micros> {
-        self.deadlines.first().map(|(at, _)| *at)
+        let task = self.deadlines.first().map(|(at, _)| *at);
+        let disk = self.state.schedule.writes_again_at();
+        [task, disk].into_iter().flatten().min()
     }
 
     /// Whether anything is under way.
@@ -311,7 +313,7 @@ impl Core {
             }
             if let Some(task) = state.runs.ready.pop_front() {
                 self.poll_task(task);
-            } else if let Some(promises) = state.schedule.next_write() {
+            } else if let Some(promises) = state.schedule.next_write(state.now.site) {
                 state.runs.outputs.push_back(Output::Keep(promises));
             } else {
                 return;

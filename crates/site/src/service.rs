@@ -1,8 +1,10 @@
 //! A site at work: its lines opened, and its [`Core`] driven by them, by the clock and by whoever
 //! asks for something.
 
+mod driver;
 mod loan;
 mod meter;
+mod orders;
 mod promise_file;
 mod record;
 mod reload;
@@ -21,16 +23,11 @@ pub use send::{Sent, is_refused};
 pub use status::{Left, LineStatus, ModuleStatus, PointStatus};
 pub use update::{Update, Updates};
 
-use crate::config::Place;
-use crate::core::{
-    BatchDone, BatchTerms, Command, Context, Core, GroupState, Input, Leased, LineId, Now, Output,
-    Pulse, PulseDone, Reply, RequestId, State, ToggleTerms, Turn, Who, WriteDone, WriteTerms,
-    boards,
-};
+use crate::core::{Command, Context, Core, Input, LineId, Now, Turn, Who, boards};
 use crate::{Config, Failure};
-use railbus_device::{Module, Point, SetupError};
+use railbus_device::{Module, SetupError};
 use railbus_host::{
-    Fault, Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap, Terms,
+    Fault, Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap,
 };
 use railbus_store::audit::{Audit, Entry, Origin};
 use railbus_wire::{Exchange, Instant, Micros, Settings};
@@ -40,8 +37,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
-use std::time::{Duration, SystemTime};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::SystemTime;
 use tokio::sync::{Notify, broadcast, oneshot};
 
 /// How long a frame of one's own waits for the reply to begin, where nobody says.
@@ -202,7 +199,7 @@ impl Service {
             }),
             origin: Arc::new(Origin::program("railbus")),
         };
-        tokio::spawn(tell_time(
+        tokio::spawn(driver::tell_time(
             Arc::downgrade(&service.inner),
             Arc::clone(&service.inner.alarm),
         ));
@@ -322,150 +319,6 @@ impl Service {
         end.unwrap_or_else(|| Err(Fault::Unknown.into()))
     }
 
-    /// Brings outputs of one module into these states with one command of the line, and leaves
-    /// the others alone.
-    ///
-    /// # Errors
-    /// [`Failure`]; [`Failure::may_have_acted`] says whether something may have happened even
-    /// so.
-    pub async fn write(
-        &self,
-        module: &str,
-        set: &[(Point, bool)],
-        terms: WriteTerms,
-    ) -> Result<WriteDone, Failure> {
-        let (module, set) = (module.to_owned(), set.to_vec());
-        self.order(|core, who| async move { core.write(&who, &module, &set, terms).await })
-            .await
-    }
-
-    /// Switches an output over. Where it is read first and then set, someone else may come
-    /// between.
-    ///
-    /// # Errors
-    /// As [`Service::write`]; [`Fault::Unsupported`] where the model has no such command.
-    pub async fn toggle(
-        &self,
-        module: &str,
-        point: Point,
-        terms: ToggleTerms,
-    ) -> Result<WriteDone, Failure> {
-        let module = module.to_owned();
-        self.order(|core, who| async move { core.toggle(&who, &module, point, terms).await })
-            .await
-    }
-
-    /// Gives a pulse; returns when it has begun. One that is timed here is ended by the site,
-    /// which also tries again until the output is released, another command takes the
-    /// output over, or the site is closed. Its end is written down before it begins
-    /// ([`Service::start_in`]), and done after a restart where that comes between.
-    ///
-    /// # Errors
-    /// [`Failure::PulseWidth`] where the module has no such pulse, or as [`Service::write`].
-    /// Where the module may have acted, the output is released all the same.
-    pub async fn pulse(
-        &self,
-        module: &str,
-        point: Point,
-        pulse: Pulse,
-    ) -> Result<PulseDone, Failure> {
-        let module = module.to_owned();
-        self.order(|core, who| async move { core.pulse(&who, &module, point, pulse).await })
-            .await
-    }
-
-    /// Waits until all pulses that are timed here have ended.
-    pub async fn pulses_ended(&self) {
-        self.ask(|core, _| async move { core.all_ended().await })
-            .await;
-    }
-
-    /// Brings an output into a state and holds it there for a time. Before that time is over it
-    /// is to be called again, or the output goes where its policy says (`on_offline`), and
-    /// without one into its other state. Another command takes it over.
-    ///
-    /// # Errors
-    /// [`Failure::LeaseTime`], or as [`Service::write`].
-    pub async fn lease(
-        &self,
-        module: &str,
-        point: Point,
-        held: (bool, Micros),
-        confirm: bool,
-    ) -> Result<Leased, Failure> {
-        let module = module.to_owned();
-        self.order(|core, who| async move { core.lease(&who, &module, point, held, confirm).await })
-            .await
-    }
-
-    /// Gives an output back before its time is over: it goes where it would have gone then.
-    /// Nothing comes back where it is to stay as it is.
-    ///
-    /// # Errors
-    /// [`Failure::NoLease`], or as [`Service::write`].
-    pub async fn end_lease(
-        &self,
-        module: &str,
-        point: Point,
-    ) -> Result<Option<WriteDone>, Failure> {
-        let module = module.to_owned();
-        self.order(|core, who| async move { core.end_lease(&who, &module, point).await })
-            .await
-    }
-
-    /// Switches outputs of any modules. Those of one module go together; where some of them
-    /// exclude each other, what goes off goes before what goes on. Where it is all or nothing,
-    /// nobody else commands the outputs meanwhile.
-    pub async fn batch(&self, set: &[(Place, bool)], terms: BatchTerms) -> BatchDone {
-        let asked = set.to_vec();
-        let end = self.ask(|core, who| async move { core.batch(&who, &asked, terms).await });
-        end.await.unwrap_or_else(|| BatchDone::unknown(set))
-    }
-
-    /// Brings a group into a state.
-    ///
-    /// # Errors
-    /// [`Failure::NoSuchGroup`]; where it is to be toggled, also as [`Service::write`] while
-    /// others command it.
-    pub async fn set_group(
-        &self,
-        group: &str,
-        to: GroupState,
-        terms: BatchTerms,
-    ) -> Result<BatchDone, Failure> {
-        let group = group.to_owned();
-        self.order(|core, who| async move { core.set_group(&who, &group, to, terms).await })
-            .await
-    }
-
-    /// Plays a scene: its steps in their order, those of one module that follow each other and
-    /// go the same way with one command. After a step that fails, nothing more is done: later
-    /// ones may rely on it. It is played to its end, whether or not somebody waits.
-    ///
-    /// # Errors
-    /// [`Failure::NoSuchScene`]; [`Failure::Playing`] while it is played already.
-    pub async fn play(&self, scene: &str, terms: BatchTerms) -> Result<BatchDone, Failure> {
-        let scene = scene.to_owned();
-        self.order(|core, who| async move { core.play(&who, &scene, terms).await })
-            .await
-    }
-
-    /// In how many frames these outputs can be brought into one state.
-    #[must_use]
-    pub fn frames_of(&self, outputs: &[Place]) -> usize {
-        self.inner.read(|state| state.frames_of(outputs))
-    }
-
-    /// Asks a module for everything now. What it says is known when this returns.
-    ///
-    /// # Errors
-    /// [`Failure::NoSuchModule`], or what the line said.
-    pub async fn read_fresh(&self, module: &str) -> Result<(), Failure> {
-        let module = module.to_owned();
-        self.order(|core, _| async move { core.read_all(&module).await })
-            .await
-    }
-
     /// Sends a read of one's own between the line's own exchanges.
     ///
     /// # Errors
@@ -537,159 +390,6 @@ async fn close_all(lines: impl Iterator<Item = Line>) {
     for line in closing {
         // Fails only where the runtime itself ends.
         let _ = line.await;
-    }
-}
-
-/// Tells the core of the time when it wants that.
-async fn tell_time(site: Weak<Inner>, alarm: Arc<Notify>) {
-    let mut next = None;
-    loop {
-        tokio::select! {
-            () = alarm.notified() => {}
-            () = sleep_until(next) => {}
-        }
-        let Some(inner) = site.upgrade() else {
-            return;
-        };
-        inner.drive(|core, now| core.handle(now, Input::Time));
-        let mut driven = lock(&inner.driven);
-        driven.alarm_at = driven.core.deadline();
-        next = driven
-            .alarm_at
-            .map(|at| inner.start + Duration::from_micros(at.0));
-    }
-}
-
-async fn sleep_until(at: Option<tokio::time::Instant>) {
-    match at {
-        Some(at) => tokio::time::sleep_until(at).await,
-        None => std::future::pending().await,
-    }
-}
-
-impl Inner {
-    /// The line's handle, where it is open.
-    fn handle(&self, line: &str) -> Option<Line> {
-        let mut driven = lock(&self.driven);
-        let id = driven.core.state(self.now()).lines.get(line)?.id?;
-        driven.lines.get(&id).cloned()
-    }
-
-    /// Takes a line's handle out: commands that come from now on find none.
-    fn take_line(&self, line: &str) -> Option<Line> {
-        let mut driven = lock(&self.driven);
-        let known = driven.core.state(self.now()).lines.get_mut(line);
-        let id = known?.id.take()?;
-        driven.lines.remove(&id)
-    }
-
-    fn now(&self) -> Now {
-        let passed = self.start.elapsed().as_micros();
-        Now {
-            site: Micros(u64::try_from(passed).unwrap_or(u64::MAX)),
-            wall: SystemTime::now(),
-        }
-    }
-
-    /// Looks at what is known.
-    fn read<T>(&self, look: impl FnOnce(&mut State) -> T) -> T {
-        look(lock(&self.driven).core.state(self.now()))
-    }
-
-    /// Changes what is known, as one step.
-    fn change<T>(self: &Arc<Inner>, change: impl FnOnce(&mut State) -> T) -> T {
-        self.drive(|core, now| core.change(now, |context| context.with(change)))
-    }
-
-    /// Lets the core take a step, and does what it says.
-    fn drive<T>(self: &Arc<Inner>, step: impl FnOnce(&mut Core, Now) -> T) -> T {
-        let mut driven = lock(&self.driven);
-        let result = step(&mut driven.core, self.now());
-        while let Some(output) = driven.core.poll() {
-            self.carry_out(&mut driven, output);
-        }
-        let next = driven.core.deadline();
-        if let Some(at) = next
-            && driven.alarm_at.is_none_or(|alarm_at| at < alarm_at)
-        {
-            driven.alarm_at = next;
-            self.alarm.notify_one();
-        }
-        driven.site = driven.core.is_busy().then(|| Arc::clone(self));
-        result
-    }
-
-    /// Begins what the core says; nothing here waits.
-    fn carry_out(self: &Arc<Inner>, driven: &mut Driven, output: Output) {
-        let inner = Arc::clone(self);
-        match output {
-            // Fails where nobody listens, which does not matter.
-            Output::Publish(update) => _ = self.updates.send(update),
-            Output::Run {
-                request,
-                at,
-                op,
-                verify,
-                expires,
-            } => {
-                let Some(line) = driven.lines.get(&at.line).cloned() else {
-                    let closed = Reply::Ran(Err(Fault::Closed));
-                    let input = Input::Done(request, closed);
-                    return driven.core.handle(self.now(), input);
-                };
-                let left = expires - self.now().site;
-                let expires = Some(line.now() + left);
-                let terms = Terms { verify, expires };
-                self.runtime.spawn(async move {
-                    let end = line.run(at.module, op, terms).await;
-                    inner.done(request, Reply::Ran(end));
-                });
-            }
-            Output::Begin {
-                request,
-                module,
-                label,
-                note,
-                before,
-            } => {
-                _ = self.runtime.spawn(async move {
-                    let begun = inner.begin(&module, label, note, before).await;
-                    inner.done(request, Reply::Begun(begun));
-                })
-            }
-            Output::End {
-                request,
-                begun,
-                end,
-                after,
-            } => {
-                _ = self.runtime.spawn(async move {
-                    inner.end(begun, end, after).await;
-                    inner.done(request, Reply::Ended);
-                })
-            }
-            Output::Keep(promises) => match self.folder.clone() {
-                None => driven.core.handle(self.now(), Input::Kept(Ok(()))),
-                Some(folder) => {
-                    _ = self.runtime.spawn(async move {
-                        let write = move || promise_file::write(&folder, &promises);
-                        let end = tokio::task::spawn_blocking(write).await;
-                        let end = end.unwrap_or_else(|why| Err(std::io::Error::other(why)));
-                        let end = end.map_err(|why| why.kind());
-                        inner.drive(|core, now| core.handle(now, Input::Kept(end)));
-                    })
-                }
-            },
-        }
-    }
-
-    fn done(self: &Arc<Inner>, request: RequestId, reply: Reply) {
-        self.drive(|core, now| core.handle(now, Input::Done(request, reply)));
-    }
-
-    /// Fails where nobody listens, which does not matter.
-    fn tell(&self, update: Update) {
-        let _ = self.updates.send(update);
     }
 }
 

@@ -12,6 +12,8 @@ use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::time::Duration;
 
+/// A disk that refuses is tried again after this time: what it says may be out of date.
+const WRITE_AGAIN: Micros = Micros::from_secs(1);
 /// When the site ends, its pulses have this time to be released.
 pub(crate) const STOP_MAX: Micros = Micros::from_millis(1_400);
 
@@ -49,6 +51,8 @@ struct Disk {
     writing: Option<u64>,
     /// Nobody waits for it, and it is to be written all the same.
     soon: bool,
+    /// The disk has refused, and is tried again then.
+    again_at: Option<Micros>,
     newest: u64,
     waiting: BTreeMap<u64, Waiting>,
 }
@@ -353,24 +357,33 @@ impl Schedule {
     }
 
     /// What is to be written now, where somebody waits for it and nothing is on its way.
-    pub(super) fn next_write(&mut self) -> Option<Vec<Kept>> {
+    pub(super) fn next_write(&mut self, now: Micros) -> Option<Vec<Kept>> {
         let disk = &self.disk;
-        let is_wanted = disk.soon && disk.version > disk.written
+        let again = disk.again_at.is_some_and(|at| at <= now);
+        let is_wanted = (disk.soon || again) && disk.version > disk.written
             || disk.waiting.values().any(|waiting| waiting.end.is_none());
         if disk.writing.is_some() || !is_wanted {
             return None;
         }
+        self.disk.again_at = None;
         self.disk.soon = false;
         self.disk.writing = Some(self.disk.version);
         Some(self.promises())
     }
 
+    /// When the disk is tried again that has refused.
+    pub(super) const fn writes_again_at(&self) -> Option<Micros> {
+        self.disk.again_at
+    }
+
     /// What was on its way is on the disk, or is not.
-    pub(super) fn written(&mut self, end: Result<(), ErrorKind>) {
+    pub(super) fn written(&mut self, end: Result<(), ErrorKind>, now: Micros) {
         let Some(version) = self.disk.writing.take() else {
             return;
         };
-        if end.is_ok() {
+        if end.is_err() {
+            self.disk.again_at = Some(now + WRITE_AGAIN);
+        } else {
             self.disk.written = version;
             let is_gone =
                 |_: &u64, action: &mut Action| action.left_out.is_some_and(|at| at <= version);

@@ -184,6 +184,7 @@ impl Inner {
         let (id, written) = self.audit.begin(module, note, before).await;
         self.written(written)?;
         event.id.clone_from(&id);
+        let event = Box::new(event);
         Ok(Begun { id, event })
     }
 
@@ -213,7 +214,7 @@ impl Inner {
         if !matches!(end, "readback" | "reply" | "sent") {
             event.severity = Severity::Warning;
         }
-        self.tell_event(event);
+        self.tell_event(*event);
     }
 }
 

@@ -70,6 +70,22 @@ fn a_takeover_is_done_or_refused_and_never_half() {
     assert_eq!(world.relays("oven"), 0);
 }
 
+/// What the disk says is out of date for as long as it refuses, and no longer.
+#[test]
+fn a_disk_that_refused_is_tried_again() {
+    let mut world = oven();
+    let begun = world.pulse("li", ("oven", 1), pulse(2_000));
+    world.pass(ms(1_500));
+    assert!(begun.now().is_ok());
+    world.faults.disk = 1;
+    world.pass(ms(2_000));
+    assert_eq!(world.relays("oven"), 0);
+    assert!(!world.disk.is_empty() || world.is_disk_behind);
+    world.faults.disk = 0;
+    world.pass(ms(1_100));
+    assert!(world.disk.is_empty() && !world.is_disk_behind);
+}
+
 /// A disk that refuses for days does not fill the memory.
 #[test]
 fn what_can_not_be_written_down_does_not_pile_up() {

@@ -105,7 +105,7 @@ impl<T: Clone> End<T> {
     }
 
     pub(super) fn now(&self) -> T {
-        self.get().expect("it has ended").1
+        self.get().unwrap().1
     }
 }
 
@@ -129,6 +129,8 @@ pub(super) struct World {
     pub(super) open: BTreeSet<usize>,
     /// What the disk has.
     pub(super) disk: Vec<Kept>,
+    /// It has refused what is newer.
+    pub(super) is_disk_behind: bool,
     pub(super) updates: VecDeque<Update>,
 }
 
@@ -157,6 +159,7 @@ impl World {
             log: Vec::new(),
             open: BTreeSet::new(),
             disk: Vec::new(),
+            is_disk_behind: false,
             updates: VecDeque::new(),
         };
         world.start();
@@ -321,7 +324,7 @@ impl World {
                     true => Err(Failure::NotAudited),
                     false => Ok(Begun {
                         id: entry.to_string(),
-                        event: Told::new(EventKind::Write, Severity::Info, "write"),
+                        event: Box::new(Told::new(EventKind::Write, Severity::Info, "write")),
                     }),
                 };
                 if refused {
@@ -336,6 +339,7 @@ impl World {
                 self.tell(Input::Done(request, Reply::Ended));
             }
             Due::Kept(kept, end) => {
+                self.is_disk_behind = end.is_err();
                 // One that failed at its last step is there all the same.
                 if end.is_ok() || self.dice.one_in(4) {
                     self.disk = kept;

@@ -1,8 +1,8 @@
 //! What a rule does, and what is told of it.
 
-use super::super::{Pulse, Service, WriteTerms};
-use crate::Failure;
+use super::super::Service;
 use crate::config::{Action, Place, Rule};
+use crate::{Failure, Pulse, WriteTerms};
 use railbus_store::audit::Origin;
 use railbus_store::history::{Event, EventKind, Severity};
 use std::sync::Arc;

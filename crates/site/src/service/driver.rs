@@ -1,0 +1,162 @@
+//! The core's driver: one lock, the clock, and what does what the core says.
+
+use super::{Driven, Inner, Update, lock, promise_file};
+use crate::core::{Core, Input, Now, Output, Reply, RequestId, State};
+use railbus_host::{Fault, Line, Terms};
+use railbus_wire::Micros;
+use std::sync::{Arc, Weak};
+use std::time::{Duration, SystemTime};
+use tokio::sync::Notify;
+
+/// Tells the core of the time when it wants that.
+pub(super) async fn tell_time(site: Weak<Inner>, alarm: Arc<Notify>) {
+    let mut next = None;
+    loop {
+        tokio::select! {
+            () = alarm.notified() => {}
+            () = sleep_until(next) => {}
+        }
+        let Some(inner) = site.upgrade() else {
+            return;
+        };
+        inner.drive(|core, now| core.handle(now, Input::Time));
+        let mut driven = lock(&inner.driven);
+        driven.alarm_at = driven.core.deadline();
+        next = driven
+            .alarm_at
+            .map(|at| inner.start + Duration::from_micros(at.0));
+    }
+}
+
+async fn sleep_until(at: Option<tokio::time::Instant>) {
+    match at {
+        Some(at) => tokio::time::sleep_until(at).await,
+        None => std::future::pending().await,
+    }
+}
+
+impl Inner {
+    /// The line's handle, where it is open.
+    pub(super) fn handle(&self, line: &str) -> Option<Line> {
+        let mut driven = lock(&self.driven);
+        let id = driven.core.state(self.now()).lines.get(line)?.id?;
+        driven.lines.get(&id).cloned()
+    }
+
+    /// Takes a line's handle out: commands that come from now on find none.
+    pub(super) fn take_line(&self, line: &str) -> Option<Line> {
+        let mut driven = lock(&self.driven);
+        let known = driven.core.state(self.now()).lines.get_mut(line);
+        let id = known?.id.take()?;
+        driven.lines.remove(&id)
+    }
+
+    pub(super) fn now(&self) -> Now {
+        let passed = self.start.elapsed().as_micros();
+        Now {
+            site: Micros(u64::try_from(passed).unwrap_or(u64::MAX)),
+            wall: SystemTime::now(),
+        }
+    }
+
+    /// Looks at what is known.
+    pub(super) fn read<T>(&self, look: impl FnOnce(&mut State) -> T) -> T {
+        look(lock(&self.driven).core.state(self.now()))
+    }
+
+    /// Changes what is known, as one step.
+    pub(super) fn change<T>(self: &Arc<Inner>, change: impl FnOnce(&mut State) -> T) -> T {
+        self.drive(|core, now| core.change(now, |context| context.with(change)))
+    }
+
+    /// Lets the core take a step, and does what it says.
+    pub(super) fn drive<T>(self: &Arc<Inner>, step: impl FnOnce(&mut Core, Now) -> T) -> T {
+        let mut driven = lock(&self.driven);
+        let result = step(&mut driven.core, self.now());
+        while let Some(output) = driven.core.poll() {
+            self.carry_out(&mut driven, output);
+        }
+        let next = driven.core.deadline();
+        if let Some(at) = next
+            && driven.alarm_at.is_none_or(|alarm_at| at < alarm_at)
+        {
+            driven.alarm_at = next;
+            self.alarm.notify_one();
+        }
+        driven.site = driven.core.is_busy().then(|| Arc::clone(self));
+        result
+    }
+
+    /// Begins what the core says; nothing here waits.
+    fn carry_out(self: &Arc<Inner>, driven: &mut Driven, output: Output) {
+        let inner = Arc::clone(self);
+        match output {
+            // Fails where nobody listens, which does not matter.
+            Output::Publish(update) => _ = self.updates.send(update),
+            Output::Run {
+                request,
+                at,
+                op,
+                verify,
+                expires,
+            } => {
+                let Some(line) = driven.lines.get(&at.line).cloned() else {
+                    let closed = Reply::Ran(Err(Fault::Closed));
+                    let input = Input::Done(request, closed);
+                    return driven.core.handle(self.now(), input);
+                };
+                let left = expires - self.now().site;
+                let expires = Some(line.now() + left);
+                let terms = Terms { verify, expires };
+                self.runtime.spawn(async move {
+                    let end = line.run(at.module, op, terms).await;
+                    inner.done(request, Reply::Ran(end));
+                });
+            }
+            Output::Begin {
+                request,
+                module,
+                label,
+                note,
+                before,
+            } => {
+                _ = self.runtime.spawn(async move {
+                    let begun = inner.begin(&module, label, note, before).await;
+                    inner.done(request, Reply::Begun(begun));
+                })
+            }
+            Output::End {
+                request,
+                begun,
+                end,
+                after,
+            } => {
+                _ = self.runtime.spawn(async move {
+                    inner.end(begun, end, after).await;
+                    inner.done(request, Reply::Ended);
+                })
+            }
+            Output::Keep(promises) => match self.folder.clone() {
+                None => driven.core.handle(self.now(), Input::Kept(Ok(()))),
+                Some(folder) => {
+                    _ = self.runtime.spawn(async move {
+                        let write = move || promise_file::write(&folder, &promises);
+                        let end = tokio::task::spawn_blocking(write).await;
+                        let end = end.unwrap_or_else(|why| Err(std::io::Error::other(why)));
+                        let end = end.map_err(|why| why.kind());
+                        inner.drive(|core, now| core.handle(now, Input::Kept(end)));
+                    })
+                }
+            },
+        }
+    }
+
+    fn done(self: &Arc<Inner>, request: RequestId, reply: Reply) {
+        self.drive(|core, now| core.handle(now, Input::Done(request, reply)));
+    }
+
+    /// Fails where nobody listens, which does not matter.
+    pub(super) fn tell(&self, update: Update) {
+        let _ = self.updates.send(update);
+    }
+}
