@@ -9,6 +9,7 @@
 mod batch;
 mod commands;
 mod context;
+mod disk;
 mod guard;
 mod lease;
 mod order;
@@ -355,14 +356,8 @@ fn observed(context: &Context) {
     });
     for change in changed {
         context.watch_on(&change);
-        context.with(|state| {
-            let place = Place::new(&change.module, change.point);
-            let safety = state.site.config().safety(&place);
-            if safety.is_some_and(|safety| safety.min_off.is_some()) {
-                let outputs = state.must_stay_off();
-                state.keep_off(outputs);
-            }
-        });
+        let place = Place::new(&change.module, change.point);
+        context.with(|state| state.keep_off_of([&place]));
     }
     for module in returned {
         context.spawn(context.clone().returned(module));

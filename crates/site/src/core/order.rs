@@ -367,6 +367,8 @@ impl State {
                 self.guard.doubt(place, doubt);
                 self.went_off(place, now);
             }
+            // Where the switching on before it was never seen, no reading is news.
+            self.keep_off_of(rising.iter().chain(falling));
             return;
         }
         // What was never sent has begun no longest time; one that ran before goes on.

@@ -2,6 +2,7 @@
 //! another command was carried out, and that is on the disk before it is told.
 
 use super::context::{Context, TaskId};
+use super::disk::Disk;
 use super::promises::{Board, Boards, Kept, Key, Promise, Why};
 use super::state::State;
 use crate::Left;
@@ -12,8 +13,6 @@ use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::time::Duration;
 
-/// A disk that refuses is tried again after this time: what it says may be out of date.
-const WRITE_AGAIN: Micros = Micros::from_secs(1);
 /// When the site ends, its pulses have this time to be released.
 pub(crate) const STOP_MAX: Micros = Micros::from_millis(1_400);
 
@@ -21,7 +20,7 @@ pub(crate) const STOP_MAX: Micros = Micros::from_millis(1_400);
 #[derive(Debug, Default)]
 pub(super) struct Schedule {
     newest: u64,
-    by_number: BTreeMap<u64, Action>,
+    pub(super) by_number: BTreeMap<u64, Action>,
     /// For how long outputs must stay off. Nothing is done then.
     off: Vec<(Place, Promise)>,
     /// What the names of modules stand for.
@@ -36,51 +35,27 @@ pub(super) struct Schedule {
     pub(super) is_stopping: bool,
     /// Who waits for that.
     stops: Vec<TaskId>,
-    disk: Disk,
+    pub(super) disk: Disk,
     /// Whose wait may be over since this was last taken.
     pub(super) woken: Vec<TaskId>,
 }
 
-/// Which changes the disk has.
-#[derive(Debug, Default)]
-struct Disk {
-    /// Counts the changes: the file has all up to one of them.
-    version: u64,
-    written: u64,
-    /// The version that is on its way.
-    writing: Option<u64>,
-    /// Nobody waits for it, and it is to be written all the same.
-    soon: bool,
-    /// The disk has refused, and is tried again then.
-    again_at: Option<Micros>,
-    newest: u64,
-    waiting: BTreeMap<u64, Waiting>,
-}
-
-/// Somebody waits until the disk has a version.
-#[derive(Debug)]
-struct Waiting {
-    version: u64,
-    task: TaskId,
-    end: Option<Result<(), ErrorKind>>,
-}
-
 /// Something that is to be done to an output.
 #[derive(Debug)]
-struct Action {
+pub(super) struct Action {
     key: Key,
     promise: Promise,
     /// When it is due, in the time of the site; none where nobody sees to it.
     due: Option<Micros>,
     /// The procedure that sees to it.
-    task: Option<TaskId>,
+    pub(super) task: Option<TaskId>,
     /// What failed is to be tried again at once.
     again: bool,
     /// The output is being released, or about to be: it is too late to put that off.
     is_ending: bool,
     /// It is not to be done any more, and the file does not have it from this version on. Until
     /// then it stays here.
-    left_out: Option<u64>,
+    pub(super) left_out: Option<u64>,
 }
 
 impl Action {
@@ -329,7 +304,7 @@ impl Schedule {
         of_key.filter_map(|action| action.due).min()
     }
 
-    fn promises(&self) -> Vec<Kept> {
+    pub(super) fn promises(&self) -> Vec<Kept> {
         let actions = self.by_number.values();
         let actions = actions.filter(|action| action.is_to_be_done());
         let actions = actions.map(|action| (action.key.clone(), action.promise));
@@ -354,49 +329,6 @@ impl Schedule {
     #[cfg(test)]
     pub(super) fn len(&self) -> usize {
         self.by_number.len()
-    }
-
-    /// What is to be written now, where somebody waits for it and nothing is on its way.
-    pub(super) fn next_write(&mut self, now: Micros) -> Option<Vec<Kept>> {
-        let disk = &self.disk;
-        let again = disk.again_at.is_some_and(|at| at <= now);
-        let is_wanted = (disk.soon || again) && disk.version > disk.written
-            || disk.waiting.values().any(|waiting| waiting.end.is_none());
-        if disk.writing.is_some() || !is_wanted {
-            return None;
-        }
-        self.disk.again_at = None;
-        self.disk.soon = false;
-        self.disk.writing = Some(self.disk.version);
-        Some(self.promises())
-    }
-
-    /// When the disk is tried again that has refused.
-    pub(super) const fn writes_again_at(&self) -> Option<Micros> {
-        self.disk.again_at
-    }
-
-    /// What was on its way is on the disk, or is not.
-    pub(super) fn written(&mut self, end: Result<(), ErrorKind>, now: Micros) {
-        let Some(version) = self.disk.writing.take() else {
-            return;
-        };
-        if end.is_err() {
-            self.disk.again_at = Some(now + WRITE_AGAIN);
-        } else {
-            self.disk.written = version;
-            let is_gone =
-                |_: &u64, action: &mut Action| action.left_out.is_some_and(|at| at <= version);
-            let gone = self.by_number.extract_if(.., is_gone);
-            self.woken
-                .extend(gone.filter_map(|(_, action)| action.task));
-        }
-        for waiting in self.disk.waiting.values_mut() {
-            if waiting.end.is_none() && waiting.version <= version {
-                waiting.end = Some(end);
-                self.woken.push(waiting.task);
-            }
-        }
     }
 }
 
@@ -506,10 +438,16 @@ impl State {
         off.collect()
     }
 
-    /// Writes down how long outputs must stay off yet, in place of what was said before.
-    pub(super) fn keep_off(&mut self, outputs: Vec<(Place, Duration)>) {
+    /// Writes down how long outputs must stay off yet, in place of what was said before, where
+    /// that is said of one of these.
+    pub(super) fn keep_off_of<'a>(&mut self, outputs: impl IntoIterator<Item = &'a Place>) {
+        let config = self.site.config();
+        let min_off = |place: &Place| config.safety(place).is_some_and(|s| s.min_off.is_some());
+        if !outputs.into_iter().any(min_off) {
+            return;
+        }
         let wall = self.now.wall;
-        let off = outputs.into_iter();
+        let off = self.must_stay_off().into_iter();
         let off = off.map(|(place, left)| (place, Promise::after(wall, left, None)));
         self.schedule.off = off.collect();
         self.schedule.disk.version += 1;
@@ -530,25 +468,6 @@ impl Context {
     pub(super) fn running(&self) -> Running {
         self.with(|state| state.schedule.running += 1);
         Running(self.clone())
-    }
-
-    /// Brings all of it to the disk as it is now.
-    ///
-    /// # Errors
-    /// Why the disk refuses.
-    pub(crate) async fn keep(&self) -> Result<(), ErrorKind> {
-        let number = self.with(|state| {
-            let (task, disk) = (state.runs.current, &mut state.schedule.disk);
-            let version = disk.version;
-            let end = (disk.written >= version).then_some(Ok(()));
-            disk.newest += 1;
-            disk.waiting
-                .insert(disk.newest, Waiting { version, task, end });
-            disk.newest
-        });
-        let waits = Keeping(self.clone(), number);
-        self.wait(|state| state.schedule.disk.waiting.get(&waits.1)?.end)
-            .await
     }
 
     /// The same for one change, which is taken back where the disk refuses.
@@ -692,15 +611,5 @@ impl Context {
             state.now.site + STOP_MAX
         });
         self.until(until, self.all_ended()).await;
-    }
-}
-
-/// Somebody waits for the disk until this is dropped.
-struct Keeping(Context, u64);
-
-impl Drop for Keeping {
-    fn drop(&mut self) {
-        self.0
-            .with(|state| state.schedule.disk.waiting.remove(&self.1));
     }
 }

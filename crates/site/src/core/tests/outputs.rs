@@ -226,6 +226,27 @@ fn an_output_that_may_have_gone_off_must_stay_off() {
     assert_eq!(world.relays("oven"), 0);
 }
 
+/// The `on` before the `off` was never seen: no reading was news.
+#[test]
+fn an_output_that_was_on_unseen_must_stay_off_after_a_restart() {
+    let mut world = oven("k1.min_off = \"5s\"\n");
+    world.pass(ms(6_000));
+    world.faults.reply_lost = 1;
+    let on = world.write("li", ("oven", 1), true);
+    let asked = world.now;
+    while on.get().is_none() && world.step(asked + ms(200)) {}
+    world.faults = Faults::default();
+    let off = world.write("li", ("oven", 1), false);
+    world.pass(ms(100));
+    assert!(on.now().is_err() && off.now().is_ok());
+    world.kill();
+    world.start();
+    let soon = world.write("li", ("oven", 1), true);
+    world.pass(ms(500));
+    assert!(matches!(soon.now(), Err(Failure::MinOff { .. })));
+    assert_eq!(world.acted.len(), 2);
+}
+
 #[test]
 fn what_an_output_must_stay_off_outlives_the_process() {
     let mut world = oven("k1.min_off = \"1m\"\n");

@@ -1,0 +1,112 @@
+//! Which of what is promised the disk has. There is one write at a time, of all of it; whoever
+//! waits for a version hears how the first write went that had it.
+
+use super::context::{Context, TaskId};
+use super::promises::Kept;
+use super::schedule::{Action, Schedule};
+use railbus_wire::Micros;
+use std::collections::BTreeMap;
+use std::io::ErrorKind;
+
+/// A disk that refuses is tried again after this time: what it says may be out of date.
+const WRITE_AGAIN: Micros = Micros::from_secs(1);
+
+/// Which changes the disk has.
+#[derive(Debug, Default)]
+pub(super) struct Disk {
+    /// Counts the changes: the file has all up to one of them.
+    pub(super) version: u64,
+    written: u64,
+    /// The version that is on its way.
+    writing: Option<u64>,
+    /// Nobody waits for it, and it is to be written all the same.
+    pub(super) soon: bool,
+    /// The disk has refused, and is tried again then.
+    again_at: Option<Micros>,
+    newest: u64,
+    waiting: BTreeMap<u64, Waiting>,
+}
+
+/// Somebody waits until the disk has a version.
+#[derive(Debug)]
+struct Waiting {
+    version: u64,
+    task: TaskId,
+    end: Option<Result<(), ErrorKind>>,
+}
+
+impl Schedule {
+    /// What is to be written now, where somebody waits for it and nothing is on its way.
+    pub(super) fn next_write(&mut self, now: Micros) -> Option<Vec<Kept>> {
+        let disk = &self.disk;
+        let again = disk.again_at.is_some_and(|at| at <= now);
+        let is_wanted = (disk.soon || again) && disk.version > disk.written
+            || disk.waiting.values().any(|waiting| waiting.end.is_none());
+        if disk.writing.is_some() || !is_wanted {
+            return None;
+        }
+        self.disk.again_at = None;
+        self.disk.soon = false;
+        self.disk.writing = Some(self.disk.version);
+        Some(self.promises())
+    }
+
+    /// When the disk is tried again that has refused.
+    pub(super) const fn writes_again_at(&self) -> Option<Micros> {
+        self.disk.again_at
+    }
+
+    /// What was on its way is on the disk, or is not.
+    pub(super) fn written(&mut self, end: Result<(), ErrorKind>, now: Micros) {
+        let Some(version) = self.disk.writing.take() else {
+            return;
+        };
+        if end.is_err() {
+            self.disk.again_at = Some(now + WRITE_AGAIN);
+        } else {
+            self.disk.written = version;
+            let is_gone =
+                |_: &u64, action: &mut Action| action.left_out.is_some_and(|at| at <= version);
+            let gone = self.by_number.extract_if(.., is_gone);
+            self.woken
+                .extend(gone.filter_map(|(_, action)| action.task));
+        }
+        for waiting in self.disk.waiting.values_mut() {
+            if waiting.end.is_none() && waiting.version <= version {
+                waiting.end = Some(end);
+                self.woken.push(waiting.task);
+            }
+        }
+    }
+}
+
+impl Context {
+    /// Brings all of it to the disk as it is now.
+    ///
+    /// # Errors
+    /// Why the disk refuses.
+    pub(crate) async fn keep(&self) -> Result<(), ErrorKind> {
+        let number = self.with(|state| {
+            let (task, disk) = (state.runs.current, &mut state.schedule.disk);
+            let version = disk.version;
+            let end = (disk.written >= version).then_some(Ok(()));
+            disk.newest += 1;
+            disk.waiting
+                .insert(disk.newest, Waiting { version, task, end });
+            disk.newest
+        });
+        let waits = Keeping(self.clone(), number);
+        self.wait(|state| state.schedule.disk.waiting.get(&waits.1)?.end)
+            .await
+    }
+}
+
+/// Somebody waits for the disk until this is dropped.
+struct Keeping(Context, u64);
+
+impl Drop for Keeping {
+    fn drop(&mut self) {
+        self.0
+            .with(|state| state.schedule.disk.waiting.remove(&self.1));
+    }
+}
