@@ -52,8 +52,8 @@ railbus_words::texts! {
         zh: "尝试次数：{attempts}；收到 {bytes} 字节，不是有效应答",
     }
     AnswersAs {
-        en: "the module there says it is {found}; the configuration says {model}",
-        zh: "该处模块自报型号为 {found}，配置中为 {model}",
+        en: "the module reports {found}; the configuration says {model}",
+        zh: "模块报告的型号为 {found}，配置中为 {model}",
     }
     HeldBy { en: "held by {holder}", zh: "占用者：{holder}" }
     OfGroup { en: "the port belongs to the group {group}", zh: "端口属于用户组 {group}" }

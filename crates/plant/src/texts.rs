@@ -8,7 +8,7 @@ texts! {
     // The demo.
     Served {
         en: "The demo line, 9600 8N1, until you press Ctrl-C. Connect any master to:",
-        zh: "演示总线，9600 8N1，按 Ctrl-C 结束。任何上位机均可连接：",
+        zh: "演示总线，9600 8N1，按 Ctrl-C 结束。任何主站均可连接：",
     }
     RawBytes { en: "raw bytes, several clients share the line", zh: "原始字节，多个客户端共用总线" }
     Modules { en: "On it:", zh: "总线上的模块：" }
@@ -28,7 +28,7 @@ texts! {
         zh: "{file}：{lines} 条总线，{modules} 个模块，均为仿真，按 Ctrl-C 结束：",
     }
     LinesHead { en: "LINE|SETTINGS|MODULES|PTY|TCP", zh: "总线|参数|模块|PTY|TCP" }
-    ControlledBy { en: "orders: railbus sim ctl {path} …", zh: "命令：railbus sim ctl {path} …" }
+    ControlledBy { en: "commands: railbus sim ctl {path} …", zh: "命令：railbus sim ctl {path} …" }
     NoLines { en: "{file} has no line to simulate", zh: "{file} 中没有可仿真的总线" }
     NoSuchLine {
         en: "there is no line \"{name}\" in the plant; there are: {names}",
@@ -88,11 +88,11 @@ texts! {
     }
     Left { en: "{words} ({left} left)", zh: "{words}（剩余 {left}）" }
     PowerIs { en: "{name}: power {value}", zh: "{name}：电源{value}" }
-    Cycled { en: "{name}: power went and came back", zh: "{name}：已断电重启" }
+    Cycled { en: "{name}: power-cycled", zh: "{name}：已断电重启" }
     DipIs { en: "{name}: DIP switch at {value}", zh: "{name}：DIP 开关为 {value}" }
     InitIs { en: "{name}: INIT* {value}", zh: "{name}：INIT* {value}" }
     ProtocolIs { en: "{name}: restarted with protocol {value}", zh: "{name}：已改用协议 {value} 并重启" }
-    WasReset { en: "{name}: restarted with the factory's settings", zh: "{name}：已恢复出厂设置并重启" }
+    WasReset { en: "{name}: restarted with factory settings", zh: "{name}：已恢复出厂设置并重启" }
     FaultsOf { en: "{name}: faults: {faults}", zh: "{name}：故障：{faults}" }
     Checksummed { en: "checksum on", zh: "有校验和" }
     Kept { en: "after a restart {value}", zh: "重启后 {value}" }

@@ -34,7 +34,7 @@ fn plant(site: &Site) -> String {
 fn forty_new_modules_are_commissioned_by_a_script() {
     let mut site = Site::empty("forty");
     std::fs::write(site.folder.join("plant.toml"), plant(&site)).expect("a file");
-    site.start(&["sim", "plant.toml", "--control", "./ctl"], "orders");
+    site.start(&["sim", "plant.toml", "--control", "./ctl"], "commands");
     let program = std::path::Path::new(env!("CARGO_BIN_EXE_railbus"));
     let path = std::env::var("PATH").unwrap_or_default();
     let script = std::process::Command::new("sh")

@@ -34,7 +34,7 @@ pub const EXITS: &[Exit] = &[
         0,
         "ok",
         "done, and read back where asked",
-        "完成；需要时已回读证实",
+        "完成；需要时已回读确认",
     ),
     exit(1, "error", "anything not below", "以下未列出的错误"),
     exit(2, "usage", "wrong arguments", "参数有误"),

@@ -70,7 +70,7 @@ pub const ALL: &[Finding] = &[
             "the port is in use by another program",
             "端口被其他程序占用",
         ],
-        ["one line has one master", "一条总线只能有一个上位机"],
+        ["one line has one master", "一条总线只能有一个主站"],
         [
             "stop that program, or use only that one",
             "停止该程序，或只由它使用",
@@ -189,7 +189,7 @@ pub const ALL: &[Finding] = &[
     ),
     finding(
         "D201",
-        ["unsolicited data on the line", "总线上有无人请求的数据"],
+        ["unsolicited data on the line", "总线上有非请求数据"],
         [
             "bias or termination missing · A/B swapped · interference from a machine nearby",
             "缺少偏置或终端电阻 · A/B 接反 · 附近设备干扰",
@@ -202,14 +202,14 @@ pub const ALL: &[Finding] = &[
     ),
     finding(
         "D202",
-        ["another master is on the line", "总线上另有上位机"],
+        ["another master is on the line", "总线上另有主站"],
         [
             "a PLC, another program or another adapter polls the same modules",
             "PLC、其他程序或其他转换器在轮询同一批模块",
         ],
         [
             "one line has one master: disconnect the other one, or only listen",
-            "一条总线只能有一个上位机：断开另一个，或只监听",
+            "一条总线只能有一个主站：断开另一个，或只监听",
         ],
     ),
     finding(
@@ -233,7 +233,7 @@ pub const ALL: &[Finding] = &[
         ],
         [
             "unplug the modules one by one until the line is idle",
-            "逐个断开模块直到总线安静",
+            "逐个断开模块，直到总线空闲",
         ],
     ),
     finding(
@@ -432,7 +432,7 @@ pub const ALL: &[Finding] = &[
     finding(
         "D508",
         [
-            "no daemon can be asked at the socket that was named",
+            "no daemon answers at the given socket",
             "无法通过所指定的套接字访问守护进程",
         ],
         [
@@ -465,7 +465,7 @@ pub const ALL: &[Finding] = &[
         ["an address that Modbus reserves", "Modbus 保留的地址"],
         [
             "248 to 255: some modules accept them, some masters do not poll them",
-            "248 至 255：部分模块可用，部分上位机不会询问",
+            "248 至 255：部分模块可用，部分主站不会访问",
         ],
         ["use 1 to 247", "使用 1 至 247"],
     ),

@@ -16,7 +16,10 @@ pub fn reason(lang: Lang, kind: &Kind) -> String {
     match kind {
         Kind::Syntax(words) => {
             let words = reasons::told(lang, words);
-            both(format!("no TOML: {words}"), format!("不是 TOML：{words}"))
+            both(
+                format!("not valid TOML: {words}"),
+                format!("不是 TOML：{words}"),
+            )
         }
         Kind::UnknownKey(Some(meant)) => both(
             format!("unknown key; did you mean \"{meant}\"?"),
@@ -58,7 +61,7 @@ pub fn reason(lang: Lang, kind: &Kind) -> String {
         ),
         Kind::NoSuchLine => fixed(["there is no such line", "没有此总线"]),
         Kind::NoSuchModule => fixed(["there is no such module", "没有此模块"]),
-        Kind::NoSuchPoint => fixed(["the module has no such point", "该模块没有此点"]),
+        Kind::NoSuchPoint => fixed(["the module has no such point", "该模块没有此测点"]),
         Kind::NoSuchSetting(known) => {
             let known = known.join(", ");
             both(
@@ -77,11 +80,14 @@ pub fn reason(lang: Lang, kind: &Kind) -> String {
         ),
         Kind::NoSuchPath => fixed([
             "there is no such point; write MODULE.POINT, as \"oven.k1\"",
-            "没有此点；应写为 模块.点，如 \"oven.k1\"",
+            "没有此测点；应写为 模块.测点，如 \"oven.k1\"",
         ]),
-        Kind::NotAnOutput => fixed(["this is about outputs only", "仅适用于输出点"]),
-        Kind::InterlockSelf => fixed(["an output can't exclude itself", "输出不能与自身互锁"]),
-        Kind::NamedTwice => fixed(["it was named before", "重复列出"]),
+        Kind::NotAnOutput => fixed(["only outputs are allowed here", "仅适用于输出点"]),
+        Kind::InterlockSelf => fixed([
+            "an output can't interlock with itself",
+            "输出不能与自身互锁",
+        ]),
+        Kind::NamedTwice => fixed(["it is listed twice", "重复列出"]),
         Kind::TooMany(most) => both(
             format!("more than {most} of them"),
             format!("多于 {most} 个"),
@@ -121,7 +127,7 @@ pub fn reason(lang: Lang, kind: &Kind) -> String {
         ]),
         Kind::OtherUnit(unit) => both(
             format!("the unit of the point is \"{unit}\""),
-            format!("该点的单位是 \"{unit}\""),
+            format!("该测点的单位是 \"{unit}\""),
         ),
         Kind::BadUrl => fixed([
             "write http://HOST[:PORT]/… or https://…, without a name and a password",

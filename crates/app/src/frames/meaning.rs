@@ -17,7 +17,7 @@ pub fn request(lang: Lang, exchange: &Exchange<'_>) -> String {
             if exchange.expects_reply() {
                 text
             } else {
-                say!(lang, "{text}, not to be answered", "{text}，不应答")
+                say!(lang, "{text}, no reply expected", "{text}，不应答")
             }
         }
     }
@@ -194,10 +194,10 @@ fn of_ascii(lang: Lang, request: &ascii::Request) -> String {
         R::WritePulse { mask, width } => pulse(lang, mask, width),
         R::ReadLatched => say!(lang, "read the latched sample", "读取锁存的采样"),
         R::SampleAll => say!(lang, "all modules: sample now", "全部模块：立即采样"),
-        R::ReadReset => say!(lang, "has it restarted?", "查询是否重启过"),
-        R::ReadInit => say!(lang, "is INIT* grounded?", "查询 INIT* 是否接地"),
+        R::ReadReset => say!(lang, "read the reset flag", "读取重启标志"),
+        R::ReadInit => say!(lang, "read INIT*", "读取 INIT* 状态"),
         R::ReadAll => say!(lang, "read outputs and inputs (@)", "读取输出和输入 (@)"),
-        R::HostOk => say!(lang, "all modules: the host lives", "全部模块：主机正常"),
+        R::HostOk => say!(lang, "all modules: host OK", "全部模块：主机正常"),
         R::ReadWatchdogStatus => say!(lang, "read watchdog status", "读取看门狗状态"),
         R::ClearWatchdog => say!(lang, "clear the watchdog", "清除看门狗"),
         R::ReadWatchdog => say!(lang, "read the watchdog's time", "读取看门狗时间"),

@@ -14,7 +14,7 @@ railbus_words::texts! {
     UnknownCommand { en: "unknown command", zh: "未知命令" }
     UnknownFunction { en: "unknown function {code}h", zh: "未知功能码 {code}h" }
     WrongChecksum { en: "wrong checksum {is}, should be {should}", zh: "校验和 {is} 错误，应为 {should}" }
-    NoChecksum { en: "without the checksum that its request had", zh: "缺少请求所带的校验和" }
+    NoChecksum { en: "no checksum, although the request had one", zh: "缺少请求所带的校验和" }
     CutShort { en: "incomplete, {count} bytes", zh: "仅 {count} 字节，不完整" }
-    NotAsAsked { en: "not a reply to what was asked", zh: "与请求不符的应答" }
+    NotAsAsked { en: "does not match the request", zh: "与请求不符的应答" }
 }

@@ -41,7 +41,7 @@ railbus_words::texts! {
         en: "update address and baud of [module.{module}] to {place}",
         zh: "请将 [module.{module}] 的地址和波特率改为 {place}",
     }
-    CallsItself { en: "it identifies itself as {name}", zh: "它自称 {name}" }
+    CallsItself { en: "it identifies itself as {name}", zh: "其报告的型号为 {name}" }
     NotAsModel { en: "its replies do not match that model", zh: "其应答与该型号不符" }
     TakenBy { en: "at {place} in {protocol}: {module}", zh: "位于 {place}，协议 {protocol}：{module}" }
     TakenGarbled { en: "the reply was not valid: there may be two modules", zh: "应答无效：可能有两个模块" }

@@ -84,7 +84,7 @@ fn an_export_names_what_it_leaves_out() {
     );
     assert!(
         ran.err
-            .ends_with("on a line that mbpoll has: gate pump yard\n"),
+            .ends_with("on a line that mbpoll does not support): gate pump yard\n"),
         "{ran:?}"
     );
     let csv = site.run("export csv").out;

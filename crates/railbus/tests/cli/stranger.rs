@@ -22,7 +22,7 @@ fn site(name: &str) -> Site {
     let line = site.folder.join("line").display().to_string();
     let plant = PLANT.replace("LINE", &line);
     std::fs::write(site.folder.join("plant.toml"), plant).expect("a file");
-    site.start(&["sim", "plant.toml", "--control", "./ctl"], "orders");
+    site.start(&["sim", "plant.toml", "--control", "./ctl"], "commands");
     site.configure(&CONFIG.replace("LINE", &line));
     site
 }
@@ -138,7 +138,7 @@ fn another_model_is_told_everywhere_and_gets_no_commands() {
         refused(&run(&site, order));
     }
     let told = run(&site, "set pump.do0 on").err;
-    let why = "the module there says it is EDA9050; the configuration says EDA9060A";
+    let why = "the module reports EDA9050; the configuration says EDA9060A";
     assert!(told.contains(why), "{told}");
     assert!(is_untouched(&site, "wrong"));
     let doctor = run(&site, "doctor").out;

@@ -330,7 +330,7 @@ codes! {
         next: ["see the range in the message", "查看提示中的范围"],
     }
     ConfigStep = "E0869" {
-        title: ["a step of a scene can't be read", "无法理解场景的步骤"],
+        title: ["a step of a scene can't be read", "场景的步骤有误"],
         likely: ["\"set\" without \"to\", or together with \"wait\"",
             "只有 \"set\" 没有 \"to\"，或与 \"wait\" 并用"],
         next: ["write { set = \"oven.k1\", to = true } or { wait = \"2s\" }",
@@ -343,14 +343,14 @@ codes! {
         next: ["add them by hand as railbus scan shows them", "按 railbus scan 的结果手动写入"],
     }
     RuleWhen = "E0871" {
-        title: ["the condition of a rule can't be read", "无法理解规则的条件"],
+        title: ["the condition of a rule can't be read", "规则的条件有误"],
         likely: ["\"is\" of an analog value, \"above\" of an output · \"for\" with a time of day",
             "对模拟量用了 \"is\"，或对输出用了 \"above\" · 对时刻用了 \"for\""],
         next: ["write { point = \"tank.ai1\", above = 8.5 } or { time = \"06:30\" }",
             "应写为 { point = \"tank.ai1\", above = 8.5 } 或 { time = \"06:30\" }"],
     }
     RuleThen = "E0872" {
-        title: ["the action of a rule can't be read", "无法理解规则的动作"],
+        title: ["the action of a rule can't be read", "规则的动作有误"],
         likely: ["\"set\" without \"to\" · an empty or long text",
             "只有 \"set\" 没有 \"to\" · 文字为空或过长"],
         next: ["write { set = \"oven.k1\", to = true }, { pulse = … } or { notify = … }",
@@ -417,7 +417,7 @@ codes! {
             "指明站点：--socket 使用该守护进程，--config 使用此文件"],
     }
     ConfigFault = "E0890" {
-        title: ["unknown simulated fault", "不是可仿真的故障"],
+        title: ["unknown simulated fault", "未知的仿真故障"],
         likely: ["a typing mistake · a value is missing", "输入错误 · 缺少数值"],
         next: ["railbus help sim     lists them", "railbus help sim     列出所有故障"],
     }
@@ -435,11 +435,11 @@ codes! {
     }
     ConfigInput = "E0893" {
         title: ["a simulated level at a point that is not an input", "仿真电平所在的测点不是输入"],
-        likely: ["outputs and variables are set by the module and its master", "输出和变量由模块和上位机控制"],
+        likely: ["outputs and variables are set by the module and its master", "输出和变量由模块和主站控制"],
         next: ["use an input: di0, k1 of an input board, ai1", "使用输入：di0、输入板的 k1、ai1"],
     }
     AuditBroken = "E0894" {
-        title: ["the audit log has been altered", "审计日志与写入时不一致"],
+        title: ["the audit log has been altered", "审计日志已被改动"],
         likely: ["a part was changed or removed · a failing disk",
             "部分内容被改动或删除 · 磁盘故障"],
         next: ["compare with a copy: railbus audit export", "与备份比对：railbus audit export"],

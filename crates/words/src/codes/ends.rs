@@ -9,7 +9,7 @@ codes! {
         next: ["use the daemon's own machine", "请在守护进程所在机器上操作"],
     }
     Unauthenticated = "E0902" {
-        title: ["log in first, or use a token", "请先登录，或出示令牌"],
+        title: ["log in first, or use a token", "请先登录，或使用令牌"],
         likely: ["no cookie and no Authorization header · the session or token has expired",
             "没有 Cookie 或 Authorization 头 · 会话或令牌已失效"],
         next: ["railbus token create NAME --role viewer", "railbus token create 名称 --role viewer"],

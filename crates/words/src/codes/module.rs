@@ -39,7 +39,7 @@ codes! {
     NothingHeard = "E0380" {
         title: ["nothing was heard on the line", "总线上没有任何通信"],
         likely: ["no master is sending · A/B not connected · the adapter does not receive",
-            "没有上位机通信 · A/B 未接 · 转换器未在接收"],
+            "没有主站通信 · A/B 未接 · 转换器未在接收"],
         next: ["railbus doctor", "railbus doctor"],
     }
     Refused = "E0401" {
@@ -100,8 +100,8 @@ codes! {
             "先启动 railbus serve，再不带 --direct 重试"],
     }
     NoLease = "E0454" {
-        title: ["the output has no lease", "该输出未被租用"],
-        likely: ["the lease expired · another command took over", "租约已到期 · 被其他命令接管"],
+        title: ["the output has no lease", "该输出没有限时保持"],
+        likely: ["the lease expired · another command took over", "限时保持已到期 · 已被其他命令接管"],
         next: ["railbus get", "railbus get"],
     }
     NotTried = "E0455" {
@@ -146,9 +146,9 @@ codes! {
             "railbus config recover --addr N     说明如何分开两个模块"],
     }
     ScanNoise = "E0570" {
-        title: ["scan aborted: the line is never idle", "放弃扫描：总线上一直有干扰"],
+        title: ["scan aborted: the line is never idle", "扫描中止：总线始终不空闲"],
         likely: ["A/B swapped · no bias · a module stuck in transmit · another master",
-            "A/B 接反 · 无偏置电阻 · 某模块不停发送 · 另有上位机"],
+            "A/B 接反 · 无偏置电阻 · 某模块持续发送 · 另有主站"],
         next: ["disconnect modules one by one, or swap A and B", "逐个断开模块，或对调 A、B"],
     }
     NoSpeed = "E0580" {
@@ -162,7 +162,7 @@ codes! {
         title: ["not verified: acknowledged, but reads back differently", "未证实：已应答，但回读不一致"],
         likely: ["the output is in pulse mode and is off again · someone else switched it · \
             the module's own logic",
-            "输出为点动方式且已断开 · 另有上位机操作 · 模块自身逻辑"],
+            "输出为点动方式且已断开 · 另有主站操作 · 模块自身逻辑"],
         next: ["railbus get --fresh", "railbus get --fresh"],
     }
     SettingIgnored = "E0640" {

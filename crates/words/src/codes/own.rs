@@ -20,7 +20,7 @@ codes! {
     }
     Expired = "E0106" {
         title: ["not sent: the command expired", "未发送：已超过有效时间"],
-        likely: ["the line is busy, or silent modules delay it", "总线繁忙，或被无应答的模块拖住"],
+        likely: ["the line is busy, or silent modules delay it", "总线繁忙，或因模块无应答而延误"],
         next: ["railbus ls", "railbus ls"],
     }
     Locked = "E0107" {
@@ -41,7 +41,7 @@ codes! {
             "railbus serve；若守护进程已停止响应，请重新启动它"],
     }
     NoPage = "E0110" {
-        title: ["there is nothing at this address", "没有此地址"],
+        title: ["there is nothing at this address", "该地址不存在"],
         likely: ["the daemon has a different version than this command", "守护进程与此命令版本不同"],
         next: ["restart the daemon", "重新启动守护进程"],
     }
@@ -76,7 +76,7 @@ codes! {
     }
     NotKept = "E0150" {
         title: ["not sent: required state can't be saved to disk",
-            "未发送：必须记住的内容无法写入磁盘"],
+            "未发送：必要的状态信息无法写入磁盘"],
         likely: ["disk full · no write permission for the state folder", "磁盘已满 · 状态文件夹无写权限"],
         next: ["free disk space or restore write permission for the state folder, then repeat",
             "腾出空间或恢复状态文件夹的写权限，然后重试"],
@@ -84,18 +84,18 @@ codes! {
     NoCommand = "E0151" {
         title: ["unknown command number", "没有此编号的命令记录"],
         likely: ["too long ago · the daemon was restarted", "时间已久 · 守护进程已重新启动"],
-        next: ["see the audit log", "查看操作记录"],
+        next: ["see the audit log", "查看审计日志"],
     }
     NotTakenOver = "E0152" {
         title: ["done, but an earlier pulse or lease will still end: its takeover could not \
             be saved",
-            "命令已执行，但之前的点动或租约仍会到期动作：无法记录其已被取代"],
+            "命令已执行，但之前的点动或限时保持仍会到时动作：接管记录无法保存"],
         likely: ["disk full · no write permission for the state folder", "磁盘已满 · 状态文件夹无写权限"],
         next: ["free disk space, then repeat the command", "腾出空间，然后重新下达命令"],
     }
     OutputDue = "E0153" {
         title: ["line not available: one of its outputs must be switched off soon",
-            "总线未借出：其上有输出即将到达最长接通时间，须按时断开"],
+            "总线暂时不能独占：其上有输出即将达到最长接通时间，须按时断开"],
         likely: ["the output has a max_on, and is on", "该输出设有 max_on，且当前接通"],
         next: ["switch the output off, or wait until it is off", "先断开该输出，或等它断开后再试"],
     }
@@ -220,7 +220,7 @@ codes! {
             "railbus scan --full；其他波特率须在服务器上逐一更改"],
     }
     BadFilter = "E0280" {
-        title: ["the filter can't be read", "无法理解过滤条件"],
+        title: ["the filter can't be read", "过滤条件有误"],
         likely: ["a typing mistake", "输入错误"],
         next: ["railbus sniff --filter 'addr=3 and (bad or slow>50ms)'",
             "railbus sniff --filter 'addr=3 and (bad or slow>50ms)'"],

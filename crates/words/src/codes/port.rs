@@ -33,7 +33,7 @@ codes! {
     PortBusy = "E0706" {
         title: ["the port is in use by another program", "端口被其他程序占用"],
         likely: ["a daemon or another master has it open; one line has one master",
-            "守护进程或其他上位机已打开；一条总线只能有一个上位机"],
+            "守护进程或其他主站已打开；一条总线只能有一个主站"],
         next: ["railbus ls ports", "railbus ls ports"],
     }
     PortDenied = "E0707" {

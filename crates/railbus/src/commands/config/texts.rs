@@ -111,7 +111,7 @@ texts! {
             \x20\x20railbus config restore site.json --map pump=pump2",
     }
     RestoreModule { en: "Only this module; may be repeated", zh: "只恢复该模块；可重复" }
-    RestoreMap { en: "What the backup calls OLD is NEW here", zh: "备份中的 OLD 在此为 NEW" }
+    RestoreMap { en: "The backup's module OLD is called NEW here", zh: "备份中的 OLD 在此为 NEW" }
     DiffAbout { en: "Compare modules with their backup.", zh: "比较模块与其备份。" }
     DiffExamples {
         en: "  railbus config diff site.json\n  railbus config diff site.json pump --exit-code",
@@ -212,7 +212,7 @@ texts! {
     }
     Same {
         en: "{module}  unchanged, at {place}: nothing written",
-        zh: "{module}  已是如此（{place}）：未写入",
+        zh: "{module}  无需更改（{place}）：未写入",
     }
     Filed { en: "updated {file}", zh: "已更新 {file}" }
     NoFile { en: "the module is now at {place}", zh: "此后模块位于 {place}" }

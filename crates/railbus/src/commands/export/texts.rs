@@ -12,7 +12,7 @@ railbus_words::texts! {
     }
     Form { en: "mbpoll or csv", zh: "mbpoll 或 csv" }
     LeftOut {
-        en: "left out, since they are not Modbus or not on a line that mbpoll has: {modules}",
+        en: "left out (not Modbus, or on a line that mbpoll does not support): {modules}",
         zh: "未导出，因非 Modbus 或 mbpoll 不支持其总线：{modules}",
     }
 }

@@ -22,7 +22,7 @@ railbus_words::texts! {
 
   -l main                     a line of railbus.toml
   -l /dev/ttyUSB0             a serial port; better by its stable name: /dev/serial/by-id/…
-  -l tcp:10.0.0.5:4001        a serial server that passes bytes on as they are
+  -l tcp:10.0.0.5:4001        a serial server that forwards raw bytes
   -l mbtcp:10.0.0.5           a gateway that speaks Modbus TCP; default port 502
   -l pty:/tmp/railbus-main    a pseudo-terminal, such as that of railbus sim
 
@@ -35,22 +35,22 @@ EDA modules count from 0 (do0, di0), ERC-8 and 0x55 boards from 1 (k1), EMD-2A2Q
 (k1, ai1). JSON has both the label and an index that counts from 0.
 
 Addresses are written 10, 0x0A or 0Ah, and shown as 10 (0Ah), since manuals of ASCII modules
-are hexadecimal and those of Modbus modules decimal. 0 is for all modules (Modbus), and so is
-245 (F5h) with 0x55 boards.
+use hexadecimal and those of Modbus modules decimal. The broadcast address is 0 (Modbus) or
+245 (F5h, 0x55 boards).
 
 The configuration is the first of --config, RAILBUS_CONFIG, railbus.toml here or in a folder
 above, ~/.config/railbus/railbus.toml and /etc/railbus/railbus.toml: railbus config path shows
 which. Without one: railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8
 
 The daemon is found by its socket: --socket, RAILBUS_SOCKET, or railbus.sock in XDG_RUNTIME_DIR,
-/run/railbus or the user's temporary folder; RAILBUS_RUN names a folder in place of these. A
-daemon that serves another configuration than the one found here is not asked: name the site
-with --socket or --config.",
+/run/railbus or the user's temporary folder; RAILBUS_RUN sets a folder that replaces these. If
+the daemon serves a different configuration than the one found here, the command is refused:
+name the site with --socket or --config.",
         zh: "总线、模块和测点的名称
 
   -l main                     railbus.toml 中的总线
   -l /dev/ttyUSB0             串口；最好用固定名称 /dev/serial/by-id/…
-  -l tcp:10.0.0.5:4001        透传字节的串口服务器
+  -l tcp:10.0.0.5:4001        透传的串口服务器
   -l mbtcp:10.0.0.5           Modbus TCP 网关；默认端口 502
   -l pty:/tmp/railbus-main    伪终端，例如 railbus sim 所建
 
@@ -66,7 +66,7 @@ JSON 中同时给出标签和从 0 起的序号。
 0 为广播地址（Modbus），0x55 板的广播地址为 245 (F5h)。
 
 配置依次取 --config、RAILBUS_CONFIG、当前及上级目录的 railbus.toml、
-~/.config/railbus/railbus.toml 和 /etc/railbus/railbus.toml：railbus config path 说明所用者。
+~/.config/railbus/railbus.toml 和 /etc/railbus/railbus.toml：railbus config path 显示所用的文件。
 无配置时：railbus -l /dev/ttyUSB0 -m erc8 -a 3 get erc8
 
 守护进程依次在以下套接字查找：--socket、RAILBUS_SOCKET，XDG_RUNTIME_DIR、/run/railbus
@@ -76,21 +76,21 @@ JSON 中同时给出标签和从 0 起的序号。
     Units {
         en: "Numbers and units
 
-Times carry their unit: 500ms, 1.5s, 2m, 1h. A number without a unit is
-refused. Programs get whole milliseconds, in keys that end in _ms, and moments as RFC 3339 in UTC.
+Times carry their unit: 500ms, 1.5s, 2m, 1h. A number without a unit is refused. Programs get
+whole milliseconds, in keys that end in _ms, and timestamps as RFC 3339 in UTC.
 
-Analog values carry the unit of the configuration, default V, with as many decimals as the
-module resolves. EMD-2A2Q counts hundredths: --raw shows the register, 871 for 8.71 V.
+Analog values have the configured unit, default V, and as many decimals as the module resolves.
+EMD-2A2Q counts hundredths: --raw shows the register, 871 for 8.71 V.
 
 Bytes are hexadecimal, with or without blanks: 01 03 00 02. Addresses may be 10, 0x0A or 0Ah.
-Speeds are bits in a second; a format is data bits, parity (N, E, O) and stop bits, as 8N1.
+Speeds are in bits per second; a format is data bits, parity (N, E, O) and stop bits, as 8N1.
 
 Outputs and inputs are on or off, in tables, CSV and bare values; true or false in JSON. An input
 is on while its terminal is at the active level. In a row of bits 1 is on, in the order of the
 terminals: 1100 is do0 and do1 on.",
         zh: "数值与单位
 
-时间须带单位：500ms、1.5s、2m、1h。不带单位的数值因含义不明而被拒绝。
+时间须带单位：500ms、1.5s、2m、1h。不带单位的数值会被拒绝。
 程序得到的时间为整毫秒，键名以 _ms 结尾；时刻为 UTC 的 RFC 3339 格式。
 
 模拟量带配置中的单位，默认 V，小数位数与模块分辨率一致。
@@ -103,7 +103,7 @@ EMD-2A2Q 以百分之一计：--raw 显示寄存器值，8.71 V 为 871。
 输入端子处于有效电平时为接通。成串显示时 1 为接通，按端子顺序排列：1100 表示 do0 和 do1 接通。",
     }
     Protocols {
-        en: "The protocols of one pair of wires
+        en: "The protocols of a line
 
   ascii   text such as $016 and !030200, ended by CR; with or without a checksum  (EDA)
   lc02    bytes that begin with 4C 57 and end with 0D, replies with 6C            (EDA)
@@ -112,12 +112,12 @@ EMD-2A2Q 以百分之一计：--raw 显示寄存器值，8.71 V 为 871。
 
 Modules of several protocols can share a line: railbus never sends a frame that another
 protocol of the line would take for a command. Each module has one protocol at a time; where no
-command switches it, the maker's software or a jumper does. All modules of a line want the same
-speed; railbus switches where they differ, and that costs time (railbus explain L012).
+command switches it, the vendor's software or a jumper does. All modules of a line should have
+the same speed; if they differ, railbus switches, which costs time (railbus explain L012).
 
-A reply is judged together with its request: whoever answers late, or answers somebody else, is
-never taken for another module.",
-        zh: "同一对线上的协议
+A reply is always checked against its request: a late reply, or one to another request, is never
+taken for that of another module.",
+        zh: "总线上的协议
 
   ascii   文本，如 $016 和 !030200，以 CR 结束；可带校验和             （EDA）
   lc02    以 4C 57 开头、0D 结尾的字节，应答以 6C 开头                 （EDA）
@@ -128,34 +128,34 @@ never taken for another module.",
 每个模块同时只用一种协议；没有切换命令时，由厂家软件或跳线切换。
 同一总线上的模块应使用相同波特率；不同时 railbus 会切换，但要花时间（railbus explain L012）。
 
-应答总是与其请求一并判断：迟到的应答或对他人的应答不会被误认为另一模块的应答。",
+应答总是与对应的请求一并校验：迟到的应答或其他请求的应答不会被误认为另一模块的应答。",
     }
     Safety {
         en: "What is sent, and what is not
 
   live        outputs: sent at once, and read back where the module can
-  settings    kept in EEPROM (address, speed, calibration): asked about first, or --yes
-  broadcast   for all modules: asked about first, or --yes
+  settings    stored in EEPROM (address, speed, calibration): after confirmation, or with --yes
+  broadcast   to all modules: after confirmation, or with --yes
 
 scan, get, ls, watch and doctor only read. set -n shows the frames and sends nothing.
 
-\"done\" means that the module said so. What was acknowledged but reads back otherwise ends with
-exit code 6; where a command may have acted, though no reply came, the error says so. What must
-not happen twice (toggle, pulse) is never repeated by itself.
+\"done\" means that the module confirmed it. If an output is acknowledged but reads back
+differently, the exit code is 6; if a command without a reply may have acted, the error says so. A
+command that must not be carried out twice (toggle, pulse) is never repeated automatically.
 
-locked = true at a point of the configuration forbids writing it, to every command and program.
+locked = true for a point in the configuration keeps every command and program from switching it.
 
-Ctrl-C lets the frame on the wire end, and releases an output whose pulse is timed here. Killed
-by force, a pulse timed here leaves its output on: the daemon (railbus serve) or a module that
-times pulses itself does not.
+Ctrl-C waits for the frame on the wire to end, and switches off an output whose pulse is timed by
+this command. If the command is killed, such an output stays on; pulses timed by the daemon
+(railbus serve) or by the module still end.
 
-railbus switches relays and reads inputs; it is not a safety device. Whatever protects people needs
-a circuit of its own.",
+railbus switches relays and reads inputs; it is not a safety device. Protecting people requires
+a separate circuit.",
         zh: "发送什么，不发送什么
 
   输出      立即发送，能回读的模块会回读
-  设置      保存在 EEPROM（地址、波特率、校准）：先询问，或用 --yes
-  广播      面向所有模块：先询问，或用 --yes
+  设置      保存在 EEPROM（地址、波特率、校准）：须确认，或用 --yes
+  广播      面向所有模块：须确认，或用 --yes
 
 scan、get、ls、watch 和 doctor 只读取。set 加 -n 只显示报文而不发送。
 
@@ -167,6 +167,6 @@ scan、get、ls、watch 和 doctor 只读取。set 加 -n 只显示报文而不�
 Ctrl-C 会等线路上的报文结束，并断开由本程序计时的点动输出。若被强行终止，由本程序计时的点动会保持
 接通；守护进程（railbus serve）或自行计时的模块则不会。
 
-railbus 用于操作继电器和读取输入，不是安全装置。人身保护须另设电路。",
+railbus 用于操作继电器和读取输入，不是安全装置。人身保护须使用独立的电路。",
     }
 }

@@ -5,7 +5,7 @@ railbus_words::texts! {
 
     ReplayAbout {
         en: "Replay a capture file, as its modules or as its host.",
-        zh: "重放抓包文件：充当其中的模块或上位机。",
+        zh: "重放抓包文件：充当其中的模块或主站。",
     }
     ReplayExamples {
         en: "  railbus replay night.pcapng --as-module -l pty:/tmp/v0
@@ -32,7 +32,7 @@ railbus_words::texts! {
     Count { en: "Stop after this many replies", zh: "应答若干请求后结束" }
     Writes {
         en: "As host: also replay writes (requires --yes)",
-        zh: "作上位机：也发送控制输出的请求；需加 --yes",
+        zh: "作主站：也发送控制输出的请求；需加 --yes",
     }
     Yes { en: "Do not ask about writes", zh: "写入不再询问" }
     Confirm {

@@ -33,12 +33,12 @@ railbus_words::texts! {
     }
     Describe {
         en: "Ask the modules found for vendor, product and firmware version",
-        zh: "询问所发现模块的厂商、产品和固件版本",
+        zh: "查询所发现模块的厂商、产品和固件版本",
     }
     Follow { en: "Show each module as soon as it is found", zh: "每发现一个模块立即显示" }
     Add {
         en: "Add the modules found to railbus.toml, after asking; uncertain ones need --model",
-        zh: "将发现的模块写入 railbus.toml（先询问）；型号不确定的须加 --model",
+        zh: "将发现的模块写入 railbus.toml（须确认）；型号不确定的须加 --model",
     }
     Yes { en: "Add without asking", zh: "不询问直接写入" }
     Outputs {
@@ -79,7 +79,7 @@ railbus_words::texts! {
     }
     Skipped {
         en: "requests left out, as another module could take them for a command: {count}",
-        zh: "跳过 {count} 次询问：其他模块可能误认为命令",
+        zh: "跳过 {count} 次请求：其他模块可能误认为命令",
     }
     NextSlow {
         en: "next:  {command}      waits for others: modules here reply slowly",
@@ -114,8 +114,8 @@ railbus_words::texts! {
     AllOff { en: "no channel is on", zh: "所有通道均为断开" }
     Differ { en: "replies differ, {tries} of {tries} wrong", zh: "应答不一致，{tries} 次中 {tries} 次有误" }
     Wrong { en: "{tries} of {tries} replies wrong", zh: "{tries} 次应答中 {tries} 次有误" }
-    Twice { en: "two replies to one question", zh: "一次询问收到两个应答" }
-    Says { en: "says \"{text}\"", zh: "自述“{text}”" }
+    Twice { en: "two replies to one request", zh: "一次请求收到两个应答" }
+    Says { en: "says \"{text}\"", zh: "自报“{text}”" }
     AsciiWithChecksum { en: "ascii with checksum", zh: "ascii（带校验和）" }
     KnownAs { en: "module {name}", zh: "已配置为 {name}" }
     NotAsConfigured { en: "{name} is another model in the configuration", zh: "与配置中的 {name} 不符" }

@@ -5,7 +5,7 @@ railbus_words::texts! {
 
     About {
         en: "Simulate lines for any master, byte by byte at real line speed.",
-        zh: "按实际线路速度逐字节仿真总线，供任何上位机访问。",
+        zh: "按实际线路速度逐字节仿真总线，供任何主站访问。",
     }
     Examples {
         en: "  railbus sim --demo                    five modules on a PTY and on TCP
@@ -20,7 +20,7 @@ railbus_words::texts! {
   railbus sim ctl ./ctl power yard cycle",
     }
     Guide {
-        en: "A plant is a configuration such as railbus.toml, with more for the simulation:
+        en: "A plant is a configuration such as railbus.toml, with keys for the simulation:
   [sim]               seed, speed
   [line.NAME.sim]     pty, tcp, faults
   [module.NAME.sim]   factory, power, dip, init, init_sampled, faults, inputs,
@@ -31,19 +31,19 @@ railbus_words::texts! {
   inputs = { ai1 = 8.71, ai2 = { from = 1.2, to = 8.8, every = \"4m\" } }
   inputs = { ai1 = { from = 4, to = 6, every = \"20s\", soft = true } }
 
-Faults, parted by commas; each may have a time after which it ends (mute 10s),
-or, of a module, a number of replies (bad once, mute 3x):
+Faults, separated by commas; each may have a duration (mute 10s), or, for a
+module, a number of replies (bad once, mute 3x):
   mute            obeys, never answers    drop 5%         requests, replies lost
-  deaf            hears nothing           flip 1e-4       bits turn over
+  deaf            receives nothing        flip 1e-4       bit errors
   dead            has no power            skip 1e-4       characters are lost
-  echo            of a line: its adapter  noise 1e-4|2s   of a line: while idle
+  echo            line: adapter echoes    noise 1e-4|2s   line: noise while idle
   delay 200ms±50  late replies            glitch 10%      00 before, FF after
-  duplicate 10%   replies come twice      split 20% 30ms  replies in pieces
+  duplicate 10%   duplicated replies      split 20% 30ms  replies in pieces
   babble|5%       garbage, or as a reply  cuts 10m 2s     no power: every, for
-  dup-address 6   as if set so by mistake bad             last character wrong
+  dup-address 6   address set by mistake  bad             last character wrong
   stuck k1        the output does not move
 
-At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
+At the prompt, one command per line; also on stdin, and with railbus sim ctl:
   pump.di1 = 1            power yard on|off|cycle     fault tank mute 10s
   tank.ai1 = 8.71 V       dip yard 3                  fault line main noise 1e-3
   tank.ai1 = auto         reset tank                  fault tank clear mute
@@ -64,9 +64,9 @@ At the prompt, one order to a line; also on stdin, and by railbus sim ctl:
 故障，多个以逗号分隔，均可附加持续时间（mute 10s），
 模块的故障也可附加应答次数（bad once、mute 3x）：
   mute            执行但从不应答      drop 5%         请求或应答丢失
-  deaf            听不到请求          flip 1e-4       字符位翻转
+  deaf            收不到请求          flip 1e-4       字符位翻转
   dead            断电                skip 1e-4       字符丢失
-  echo            总线：适配器回显    noise 1e-4|2s   总线：空闲时的干扰
+  echo            总线：转换器回显    noise 1e-4|2s   总线：空闲时的干扰
   delay 200ms±50  应答延迟            glitch 10%      应答前多 00、后多 FF
   duplicate 10%   应答重复            split 20% 30ms  应答分段
   babble|5%       持续乱码或以其应答  cuts 10m 2s     断电：平均间隔、时长

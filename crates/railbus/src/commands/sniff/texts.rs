@@ -4,7 +4,7 @@ railbus_words::texts! {
     pub(crate) SniffText;
 
     SniffAbout {
-        en: "Listen to a line and decode what passes. Never sends.",
+        en: "Listen to a line and decode its traffic. Never sends.",
         zh: "监听总线并解释通信内容，绝不发送。",
     }
     SniffExamples {
