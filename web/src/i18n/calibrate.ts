@@ -5,7 +5,7 @@ export const calibrate = {
   cal: ["Calibration", "校准"],
   cal_about: [
     "Two steps: zero with all inputs disconnected, then span with a known voltage at all of them. Steps cannot be undone. Polling of the line pauses until you finish.",
-    "分两步：先断开所有输入校零，再给所有输入加上已知电压校满度。每步均无法撤销；期间占用总线，其上模块暂停轮询。",
+    "分两步：先断开所有输入校零，再给所有输入加上已知电压校满度。每步均无法撤销；结束前独占总线，暂停轮询。",
   ],
   cal_voltage: ["Voltage of the second step", "第二步所加电压"],
   cal_begin: ["Start…", "开始…"],

@@ -2,12 +2,12 @@ import type { Pair } from "./index.svelte";
 
 /** Looking for a module, and parting two on one address. */
 export const recover = {
-  rec: ["Look for the module", "寻找模块"],
+  rec: ["Look for the module", "查找模块"],
   rec_about: [
     "Looks at the configured address first, then at every address and speed of this family. Read-only. If found, the configuration is updated. This may take minutes; polling of the line pauses.",
-    "先在应在的位置询问，再逐一尝试该型号的各种波特率和地址。不向模块写入任何内容；找到后配置随之更新。可能需要几分钟，期间总线上其他模块暂停轮询。",
+    "先在配置的位置查找，再逐一尝试该型号的各种波特率和地址。只读取，不写入；找到后自动更新配置。可能需要几分钟，期间暂停轮询该总线。",
   ],
-  rec_begin: ["Start", "开始寻找"],
+  rec_begin: ["Start", "开始查找"],
   rec_looking: ["looking at {place}", "正在查找 {place}"],
   rec_stop: ["Stop", "停止"],
   rec_stopped: ["Stopped: not found yet", "已停止：尚未找到"],
