@@ -1,5 +1,5 @@
 //! Procedures: what takes more than one step is an `async fn` without a runtime
-//! (docs/decisions/0005, 0032). The core polls them one at a time; what a procedure does between
+//! (docs/decisions/0005, 0033). The core polls them one at a time; what a procedure does between
 //! two awaits, nothing else comes between.
 
 use super::state::State;

@@ -53,6 +53,9 @@ impl Context {
             let end = state.end_of_lease(&key.0, value);
             let held = state.schedule.find(&key);
             let held = held.filter(|(_, held)| held.end == end);
+            // What could not be taken over ends still: that is taken over first.
+            let is_alone = state.schedule.held(|other| *other == key.0).len() < 2;
+            let held = held.filter(|_| is_alone);
             (end, held.filter(|_| state.known(&key.0) == Some(value)))
         });
         if let Some((number, _)) = held {

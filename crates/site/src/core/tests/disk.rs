@@ -70,6 +70,32 @@ fn a_takeover_is_done_or_refused_and_never_half() {
     assert_eq!(world.relays("oven"), 0);
 }
 
+/// Who says again that an output is held has it from then on, and no pulse ends that.
+#[test]
+fn a_lease_that_could_not_take_over_does_so_when_it_is_said_again() {
+    let mut world = oven();
+    let begun = world.pulse("li", ("oven", 1), pulse(10_000));
+    world.pass(ms(1_000));
+    assert!(begun.now().is_ok());
+    let held = world.lease("wang", ("oven", 1), (false, ms(4_000)));
+    // Its promise is on the disk, and the takeover is not.
+    while world.acted.len() < 2 && world.step(ms(2_000)) {}
+    world.faults.disk = 1;
+    world.pass(ms(500));
+    world.faults.disk = 0;
+    assert_eq!(
+        held.now(),
+        Err(Failure::NotTakenOver(ErrorKind::StorageFull))
+    );
+    world.pass(ms(2_000));
+    let again = world.lease("wang", ("oven", 1), (false, ms(15_000)));
+    world.pass(ms(10_000));
+    assert!(again.now().is_ok());
+    assert_eq!(world.relays("oven"), 0, "where the pulse would have ended");
+    world.pass(ms(8_000));
+    assert_eq!(world.relays("oven"), bit(1), "it goes where a lease ends");
+}
+
 /// What the disk says is out of date for as long as it refuses, and no longer.
 #[test]
 fn a_disk_that_refused_is_tried_again() {
