@@ -27,7 +27,7 @@ mod write;
 
 pub use batch::{BatchDone, BatchTerms, GroupState, Part, PartDone};
 pub use commands::{COMMANDS_KEPT, Command};
-pub(crate) use context::{Context, Reply, RequestId};
+pub(crate) use context::{Context, Reply, RequestId, TaskId};
 pub use lease::{LEASE_MAX, LEASE_MIN, Leased};
 pub(crate) use promises::{Board, Kept, Promise, Why, boards};
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
@@ -40,7 +40,7 @@ pub use write::{ToggleTerms, WriteDone, WriteTerms};
 use crate::Config;
 use crate::config::Place;
 use crate::service::Update;
-use context::{Procedure, TaskId};
+use context::Procedure;
 use railbus_device::Op;
 use railbus_host::{LineEvent, ModuleId};
 use railbus_store::audit::Note;
@@ -48,6 +48,7 @@ use railbus_wire::Micros;
 use schedule::Schedule;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::task::Waker;
 use std::time::SystemTime;
@@ -234,18 +235,30 @@ impl Core {
         now: Now,
         procedure: impl FnOnce(Context) -> F,
         end: impl FnOnce(T) + Send + 'static,
-    ) where
+    ) -> TaskId
+    where
         F: Future<Output = T> + Send + 'static,
     {
         self.step(now, |context| {
             let procedure = procedure(context.clone());
-            context.spawn(async move { end(procedure.await) });
-        });
+            context.spawn(async move { end(procedure.await) })
+        })
     }
 
     /// Changes the state from outside, as one step.
     pub(crate) fn change<T>(&mut self, now: Now, change: impl FnOnce(&Context) -> T) -> T {
-        self.step(now, change)
+        self.step(now, |context| {
+            let changed = change(context);
+            // A line may be another now.
+            context.with(State::wake_opening);
+            changed
+        })
+    }
+
+    /// Breaks a procedure off, if it has not ended.
+    pub(crate) fn cancel(&mut self, now: Now, task: TaskId) {
+        let task = self.tasks.remove(&task);
+        self.step(now, |_| drop(task));
     }
 
     /// What is to be done next, if anything.
@@ -331,14 +344,20 @@ impl Core {
         }
         self.state.runs.current = number;
         self.state.runs.deadline = None;
-        let is_over = {
+        let waits = {
             let _lent = self.context.lend(&mut self.state);
-            let mut noop = std::task::Context::from_waker(Waker::noop());
-            task.procedure.as_mut().poll(&mut noop).is_ready()
+            let poll = || {
+                let mut noop = std::task::Context::from_waker(Waker::noop());
+                task.procedure.as_mut().poll(&mut noop).is_pending()
+            };
+            // One that breaks down, which standard error tells, takes nobody with it. What it has
+            // is given back while the state is lent.
+            let waits = catch_unwind(AssertUnwindSafe(poll)).unwrap_or(false);
+            waits.then_some(task)
         };
-        if is_over {
+        let Some(mut task) = waits else {
             return;
-        }
+        };
         task.deadline = self.state.runs.deadline.take();
         if let Some(deadline) = task.deadline {
             self.deadlines.insert((deadline, number));

@@ -23,7 +23,7 @@ pub use send::{Sent, is_refused};
 pub use status::{Left, LineStatus, ModuleStatus, PointStatus};
 pub use update::{Update, Updates};
 
-use crate::core::{Command, Context, Core, Input, LineId, Now, Turn, Who, boards};
+use crate::core::{Command, Context, Core, Input, LineId, Now, TaskId, Turn, Who, boards};
 use crate::{Config, Failure};
 use railbus_device::{Module, SetupError};
 use railbus_host::{
@@ -234,11 +234,9 @@ impl Service {
         let opened = Line::open(config)?;
         // In this order: a reading never seems newer than it is.
         let began = self.inner.now().site - opened.now().since(Instant(0));
-        let mut driven = lock(&self.inner.driven);
-        driven.lines.insert(id, opened);
-        driven
-            .core
-            .handle(self.inner.now(), Input::Opened(name, id, began));
+        lock(&self.inner.driven).lines.insert(id, opened);
+        self.inner
+            .drive(|core, now| core.handle(now, Input::Opened(name, id, began)));
         Ok(())
     }
 
@@ -303,8 +301,26 @@ impl Service {
         self.inner.drive(|core, now| {
             // Fails where nobody waits any more.
             let end = |value| _ = end.send(value);
-            core.start(now, |context| procedure(context, who), end);
+            core.start(now, |context| procedure(context, who), end)
         });
+        ended.await.ok()
+    }
+
+    /// The same of what nobody needs once the caller is gone: it ends with this.
+    async fn ask_while<T, F>(&self, procedure: impl FnOnce(Context) -> F) -> Option<T>
+    where
+        T: Send + 'static,
+        F: Future<Output = T> + Send + 'static,
+    {
+        let (end, ended) = oneshot::channel();
+        let task = self.inner.drive(|core, now| {
+            let end = |value| _ = end.send(value);
+            core.start(now, procedure, end)
+        });
+        let _asking = Asking {
+            inner: Arc::clone(&self.inner),
+            task,
+        };
         ended.await.ok()
     }
 
@@ -390,6 +406,19 @@ async fn close_all(lines: impl Iterator<Item = Line>) {
     for line in closing {
         // Fails only where the runtime itself ends.
         let _ = line.await;
+    }
+}
+
+/// A procedure that ends when this is dropped.
+struct Asking {
+    inner: Arc<Inner>,
+    task: TaskId,
+}
+
+impl Drop for Asking {
+    fn drop(&mut self) {
+        let task = self.task;
+        self.inner.drive(|core, now| core.cancel(now, task));
     }
 }
 

@@ -10,7 +10,7 @@ use railbus_device::Op;
 use railbus_host::{Done, Fault};
 use railbus_store::audit::Note;
 use railbus_wire::Micros;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::future::poll_fn;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex};
@@ -19,7 +19,7 @@ use std::task::Poll;
 /// A procedure under way.
 pub(super) type Procedure = Pin<Box<dyn Future<Output = ()> + Send>>;
 /// A number of a procedure, never given twice.
-pub(super) type TaskId = u64;
+pub(crate) type TaskId = u64;
 
 /// What asked for something outside; the reply carries it back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -89,6 +89,11 @@ impl Runs {
         }
     }
 
+    #[cfg(test)]
+    pub(super) fn nothing_is_pending(&self) -> bool {
+        self.pending.is_empty()
+    }
+
     /// The current procedure is to be polled at this time of the site at the latest.
     fn wakes_at(&mut self, at: Micros) {
         self.deadline = Some(self.deadline.map_or(at, |deadline| deadline.min(at)));
@@ -133,8 +138,8 @@ impl Context {
     }
 
     /// Begins another procedure. It goes on whatever becomes of this one.
-    pub(super) fn spawn(&self, procedure: impl Future<Output = ()> + Send + 'static) {
-        self.with(|state| state.runs.add(Box::pin(procedure)));
+    pub(super) fn spawn(&self, procedure: impl Future<Output = ()> + Send + 'static) -> TaskId {
+        self.with(|state| state.runs.add(Box::pin(procedure)))
     }
 
     /// The same of one whose end this procedure can wait for.
@@ -164,6 +169,28 @@ impl Context {
             None => Poll::Pending,
         })
         .await
+    }
+
+    /// Waits until something is so. Whoever may make it so wakes those who stand in this list.
+    pub(super) async fn wait_in(
+        &self,
+        list: fn(&mut State) -> &mut BTreeSet<TaskId>,
+        mut is_so: impl FnMut(&mut State) -> bool,
+    ) {
+        let task = self.with(|state| state.runs.current);
+        let stands = Listed {
+            context: self.clone(),
+            list,
+            task,
+        };
+        self.wait(|state| {
+            let is_so = is_so(state);
+            if !is_so {
+                (stands.list)(state).insert(task);
+            }
+            is_so.then_some(())
+        })
+        .await;
     }
 
     /// Waits for something until this time of the site, and drops it then.
@@ -279,6 +306,20 @@ impl State {
             self.runs.wakes_at(at);
         }
         is_past
+    }
+}
+
+/// Somebody may stand in a list, until this is dropped.
+struct Listed {
+    context: Context,
+    list: fn(&mut State) -> &mut BTreeSet<TaskId>,
+    task: TaskId,
+}
+
+impl Drop for Listed {
+    fn drop(&mut self) {
+        self.context
+            .with(|state| (self.list)(state).remove(&self.task));
     }
 }
 

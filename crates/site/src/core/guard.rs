@@ -238,6 +238,11 @@ impl Guard {
         }
     }
 
+    #[cfg(test)]
+    pub(super) fn is_at_rest(&self) -> bool {
+        self.outputs.values().all(|output| output.rising == 0)
+    }
+
     /// Leaves out what is no output any more and has nothing under way.
     pub(super) fn retain(&mut self, there: impl Fn(&Place) -> bool) {
         self.outputs

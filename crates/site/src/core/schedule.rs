@@ -9,7 +9,7 @@ use crate::Left;
 use crate::config::Place;
 use railbus_device::PointKind;
 use railbus_wire::Micros;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
 use std::time::Duration;
 
@@ -30,11 +30,11 @@ pub(super) struct Schedule {
     /// How many are seen to.
     running: usize,
     /// Who waits until none is.
-    idle: Vec<TaskId>,
+    pub(super) idle: BTreeSet<TaskId>,
     /// The site is being closed.
     pub(super) is_stopping: bool,
     /// Who waits for that.
-    stops: Vec<TaskId>,
+    stops: BTreeSet<TaskId>,
     pub(super) disk: Disk,
     /// Whose wait may be over since this was last taken.
     pub(super) woken: Vec<TaskId>,
@@ -87,7 +87,7 @@ impl Drop for Running {
             let schedule = &mut state.schedule;
             schedule.running = schedule.running.saturating_sub(1);
             if schedule.running == 0 {
-                schedule.woken.append(&mut schedule.idle);
+                schedule.woken.extend(std::mem::take(&mut schedule.idle));
             }
         });
     }
@@ -320,9 +320,15 @@ impl Schedule {
     /// The site is being closed: whoever sees to something is told.
     pub(super) fn stop(&mut self) {
         self.is_stopping = true;
-        self.woken.append(&mut self.stops);
+        self.woken.extend(std::mem::take(&mut self.stops));
         let tasks = self.by_number.values().filter_map(|action| action.task);
         self.woken.extend(tasks);
+    }
+
+    /// Nobody waits for the end of the site, or of all that is seen to.
+    #[cfg(test)]
+    pub(super) fn nobody_waits(&self) -> bool {
+        self.stops.is_empty() && self.idle.is_empty()
     }
 
     /// How many are known, those included that the disk may still have.
@@ -386,10 +392,10 @@ impl State {
         true
     }
 
-    /// When one is due; none where nobody sees to it any more.
+    /// When one is due; none where nobody sees to it any more. One that is being handed over is
+    /// seen to until that is on the disk: it may be taken back.
     pub(super) fn due_at(&self, number: u64) -> Option<Micros> {
-        let action = self.schedule.by_number.get(&number);
-        action.filter(|action| action.is_to_be_done())?.due
+        self.schedule.by_number.get(&number)?.due
     }
 
     /// Whether what failed is to be tried again now.
@@ -580,28 +586,16 @@ impl Context {
 
     /// Waits until the site is being closed.
     pub(super) async fn stopping(&self) {
-        self.wait(|state| {
-            let is_stopping = state.schedule.is_stopping;
-            let task = state.runs.current;
-            if !is_stopping && !state.schedule.stops.contains(&task) {
-                state.schedule.stops.push(task);
-            }
-            is_stopping.then_some(())
-        })
-        .await;
+        let is_stopping = |state: &mut State| state.schedule.is_stopping;
+        self.wait_in(|state| &mut state.schedule.stops, is_stopping)
+            .await;
     }
 
     /// Waits until none is seen to.
     pub(crate) async fn all_ended(&self) {
-        self.wait(|state| {
-            let is_idle = state.schedule.running == 0;
-            let task = state.runs.current;
-            if !is_idle && !state.schedule.idle.contains(&task) {
-                state.schedule.idle.push(task);
-            }
-            is_idle.then_some(())
-        })
-        .await;
+        let is_idle = |state: &mut State| state.schedule.running == 0;
+        self.wait_in(|state| &mut state.schedule.idle, is_idle)
+            .await;
     }
 
     /// Ends all of them now, and waits for that as long as may be.

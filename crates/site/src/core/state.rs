@@ -35,7 +35,7 @@ pub(crate) struct State {
     /// The site is read again and again.
     pub(crate) polls: bool,
     /// Who waits for a line to be opened for the first time.
-    opening: Vec<TaskId>,
+    pub(super) opening: BTreeSet<TaskId>,
     /// Outputs that the event that is being applied has shown in another state.
     pub(super) changed: Vec<Change>,
     /// Modules that are heard again by it.
@@ -96,7 +96,7 @@ impl State {
             playing: BTreeSet::new(),
             runs: Runs::default(),
             polls,
-            opening: Vec::new(),
+            opening: BTreeSet::new(),
             changed: Vec::new(),
             returned: Vec::new(),
             heard: Vec::new(),
@@ -114,17 +114,18 @@ impl State {
         })
     }
 
-    /// Whether the port of a module's line is open, or could not be opened once; if not, the
-    /// current procedure is polled when that changes.
-    pub(super) fn is_opened(&mut self, module: &str) -> bool {
+    /// Those who wait for a line to be opened look again.
+    pub(super) fn wake_opening(&mut self) {
+        for task in std::mem::take(&mut self.opening) {
+            self.runs.wake(task);
+        }
+    }
+
+    /// Whether the port of a module's line is open, or could not be opened once.
+    pub(super) fn is_opened(&self, module: &str) -> bool {
         let module = self.site.config().modules.get(module);
         let line = module.and_then(|module| self.lines.get(&module.line));
-        let is_opened = line.is_none_or(|line| line.state != LineState::Opening);
-        let task = self.runs.current;
-        if !is_opened && !self.opening.contains(&task) {
-            self.opening.push(task);
-        }
-        is_opened
+        line.is_none_or(|line| line.state != LineState::Opening)
     }
 
     /// The time in which readings of a module are told.
@@ -388,9 +389,7 @@ impl State {
         }
         let updates = self.apply(line, event, self.now.site);
         if matches!(event, LineEvent::State(_)) {
-            for task in std::mem::take(&mut self.opening) {
-                self.runs.wake(task);
-            }
+            self.wake_opening();
         }
         let heard = std::mem::take(&mut self.heard);
         if !heard.is_empty() {
@@ -508,6 +507,14 @@ impl State {
 
     pub(super) fn publish(&mut self, update: Update) {
         self.runs.outputs.push_back(super::Output::Publish(update));
+    }
+}
+
+#[cfg(test)]
+impl State {
+    /// No turn is held or waited for, no output reserved, no reply awaited.
+    pub(super) fn is_at_rest(&self) -> bool {
+        self.turns.is_empty() && self.guard.is_at_rest() && self.runs.nothing_is_pending()
     }
 }
 

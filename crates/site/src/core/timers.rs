@@ -499,8 +499,9 @@ impl Context {
             };
             self.spawn(async move {
                 let module = timer.key.0.module.clone();
-                let is_settled = |state: &mut State| state.is_opened(&module).then_some(());
-                timer.context.wait(is_settled).await;
+                let is_opened = |state: &mut State| state.is_opened(&module);
+                let opens = timer.context.wait_in(|state| &mut state.opening, is_opened);
+                opens.await;
                 timer.wait().await;
             });
         }

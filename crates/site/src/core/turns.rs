@@ -99,6 +99,11 @@ impl Turns {
         }
     }
 
+    #[cfg(test)]
+    pub(super) fn is_empty(&self) -> bool {
+        self.each.is_empty()
+    }
+
     fn has_come(&self, number: u64) -> bool {
         let asked = self.each.get(&number);
         asked.is_none_or(|asked| asked.has_come)

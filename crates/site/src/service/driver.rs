@@ -10,6 +10,7 @@ use tokio::sync::Notify;
 
 /// Tells the core of the time when it wants that.
 pub(super) async fn tell_time(site: Weak<Inner>, alarm: Arc<Notify>) {
+    let _goes = Goes(Weak::clone(&site));
     let mut next = None;
     loop {
         tokio::select! {
@@ -25,6 +26,19 @@ pub(super) async fn tell_time(site: Weak<Inner>, alarm: Arc<Notify>) {
         next = driven
             .alarm_at
             .map(|at| inner.start + Duration::from_micros(at.0));
+    }
+}
+
+/// When nobody tells the time any more, because the runtime ends, nothing under way keeps the
+/// site.
+struct Goes(Weak<Inner>);
+
+impl Drop for Goes {
+    fn drop(&mut self) {
+        if let Some(inner) = self.0.upgrade() {
+            let site = lock(&inner.driven).site.take();
+            drop(site);
+        }
     }
 }
 

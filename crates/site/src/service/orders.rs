@@ -7,6 +7,7 @@ use crate::core::{
     BatchDone, BatchTerms, GroupState, Leased, Pulse, PulseDone, ToggleTerms, WriteDone, WriteTerms,
 };
 use railbus_device::Point;
+use railbus_host::Fault;
 use railbus_wire::Micros;
 
 impl Service {
@@ -64,7 +65,7 @@ impl Service {
 
     /// Waits until all pulses that are timed here have ended.
     pub async fn pulses_ended(&self) {
-        self.ask(|core, _| async move { core.all_ended().await })
+        self.ask_while(|core| async move { core.all_ended().await })
             .await;
     }
 
@@ -150,7 +151,7 @@ impl Service {
     /// [`Failure::NoSuchModule`], or what the line said.
     pub async fn read_fresh(&self, module: &str) -> Result<(), Failure> {
         let module = module.to_owned();
-        self.order(|core, _| async move { core.read_all(&module).await })
-            .await
+        let read = self.ask_while(|core| async move { core.read_all(&module).await });
+        read.await.unwrap_or_else(|| Err(Fault::Unknown.into()))
     }
 }

@@ -96,6 +96,35 @@ fn a_lease_that_could_not_take_over_does_so_when_it_is_said_again() {
     assert_eq!(world.relays("oven"), bit(1), "it goes where a lease ends");
 }
 
+/// A takeover is on its way to the disk, the pulse falls due meanwhile, the disk refuses.
+#[test]
+fn a_pulse_that_falls_due_during_a_refused_takeover_ends() {
+    let mut stuck = Vec::new();
+    for before in 0..200 {
+        let mut world = oven();
+        let begun = world.pulse("li", ("oven", 1), pulse(1_000));
+        world.pass(ms(800));
+        assert!(begun.now().is_ok());
+        world.pass(ms(before));
+        world.faults.disk = 1;
+        let taken = world.write("wang", ("oven", 1), true);
+        world.pass(ms(1_000));
+        world.faults.disk = 0;
+        if taken.now() != Err(Failure::NotTakenOver(ErrorKind::StorageFull)) {
+            continue;
+        }
+        world.pass(ms(600_000));
+        if world.relays("oven") != 0 {
+            stuck.push((
+                before,
+                world.state().left(&at("oven", 1)).pulse,
+                world.disk.len(),
+            ));
+        }
+    }
+    assert!(stuck.is_empty(), "on for ever: {stuck:?}");
+}
+
 /// What the disk says is out of date for as long as it refuses, and no longer.
 #[test]
 fn a_disk_that_refused_is_tried_again() {

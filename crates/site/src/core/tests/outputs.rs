@@ -333,3 +333,72 @@ fn all_or_nothing_leaves_everything_as_it_was() {
     assert_eq!(done.parts[0].end, Err(Failure::Undone));
     assert_eq!(world.relays("oven"), bit(2));
 }
+
+/// Everything that grows has a bound.
+#[test]
+fn who_does_not_wait_for_the_end_of_the_site_any_more_is_forgotten() {
+    let scene =
+        "[scene.evening]\nsteps = [{ wait = \"10ms\" }, { set = \"oven.k1\", to = false }]\n";
+    let mut world = World::new(&format!("{TEXT}{scene}"), 1);
+    world.pass(ms(300));
+    for _ in 0..100 {
+        let played = world.order(|core| async move {
+            let (who, terms) = (who_is("li"), BatchTerms::default());
+            core.play(&who, "evening", terms).await
+        });
+        world.pass(ms(500));
+        assert!(played.now().is_ok());
+    }
+    assert!(world.state().schedule.nobody_waits());
+}
+
+/// The line is busy for longer than a command may wait.
+#[test]
+fn a_command_that_has_expired_is_not_sent() {
+    let mut world = oven("");
+    world.hold_line(ms(6_000));
+    let late = world.write("li", ("oven", 1), true);
+    world.pass(ms(10_000));
+    assert_eq!(late.now(), Err(Failure::Line(Fault::Expired)));
+    assert!(world.acted.is_empty());
+}
+
+/// A reading that began before a command and comes after its end says nothing of what it did.
+#[test]
+fn a_reading_from_before_a_command_does_not_say_that_an_output_is_off() {
+    let mut world = oven("k1.interlock = [\"oven.k2\"]\nk2.interlock = [\"oven.k1\"]\n");
+    world.pass(ms(210));
+    let asked = world.now;
+    world.faults.reply_lost = 1;
+    let first = world.write("li", ("oven", 1), true);
+    while first.get().is_none() && world.step(asked + ms(200)) {}
+    world.faults = Faults::default();
+    assert!(first.now().is_err());
+    world.reads("oven", 0, asked);
+    let second = world.write("wang", ("oven", 2), true);
+    world.pass(ms(500));
+    assert!(
+        matches!(second.now(), Err(Failure::Interlock { .. })),
+        "{:?}",
+        second.now()
+    );
+    assert_eq!(world.relays("oven"), bit(1));
+}
+
+/// Nobody asks whether it is meant before the turn only: the configuration may be another by then.
+#[test]
+fn what_may_be_commanded_is_asked_again_in_its_turn() {
+    let mut world = oven("");
+    let first = world.write("li", ("oven", 1), false);
+    let write = world.write("li", ("oven", 1), true);
+    let pulse = world.pulse("li", ("oven", 1), pulse(100));
+    let text = format!("{TEXT}[module.oven.point]\nk1.locked = true\n");
+    let config = Config::parse(&text).unwrap();
+    world.state().reconfigure(config, |_| true, |_| false);
+    world.pass(ms(1_000));
+    assert!(first.get().is_some());
+    let locked = Failure::Locked(super::world::k(1));
+    assert_eq!(write.now(), Err(locked.clone()));
+    assert_eq!(pulse.now(), Err(locked));
+    assert_eq!(world.acted.len(), 1);
+}

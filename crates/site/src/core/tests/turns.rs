@@ -9,8 +9,13 @@ use std::sync::Mutex;
 const TEXT: &str = "[line.main]\nport = \"/dev/ttyS9\"\n\
     [module.oven]\nline = \"main\"\nmodel = \"erc8\"\naddress = 3\n";
 
-/// Takes a turn until it is told to give it back; says when it came.
-fn take(world: &mut World, places: &[u8], is_end: bool) -> (Arc<Mutex<Option<Micros>>>, Micros) {
+/// Takes a turn for so long; says when it came.
+fn take_for(
+    world: &mut World,
+    places: &[u8],
+    is_end: bool,
+    time: Micros,
+) -> (Arc<Mutex<Option<Micros>>>, Micros) {
     let came = Arc::new(Mutex::new(None));
     let told = Arc::clone(&came);
     let places: Vec<Place> = places.iter().map(|number| at("oven", *number)).collect();
@@ -20,11 +25,15 @@ fn take(world: &mut World, places: &[u8], is_end: bool) -> (Arc<Mutex<Option<Mic
             false => core.turn(places, core.now() + ms(5_000)).await.unwrap(),
         };
         *told.lock().unwrap() = Some(core.now());
-        let until = core.now() + ms(100);
+        let until = core.now() + time;
         core.until(until, std::future::pending::<()>()).await;
         drop(turn);
     });
     (came, world.now)
+}
+
+fn take(world: &mut World, places: &[u8], is_end: bool) -> (Arc<Mutex<Option<Micros>>>, Micros) {
+    take_for(world, places, is_end, ms(100))
 }
 
 #[test]
@@ -45,7 +54,8 @@ fn an_end_waits_for_nobody_who_waits_himself() {
     let mut world = World::new(TEXT, 1);
     let (busy, _) = take(&mut world, &[2], false);
     let (both, _) = take(&mut world, &[1, 2], false);
-    let (end, _) = take(&mut world, &[1], true);
+    // It has gone long before the others can come.
+    let (end, _) = take_for(&mut world, &[1], true, ms(20));
     let (late, _) = take(&mut world, &[1], false);
     let at = |came: &Arc<Mutex<Option<Micros>>>| *came.lock().unwrap();
     assert_eq!(at(&busy), Some(ms(0)));
@@ -120,4 +130,21 @@ fn who_keeps_the_time_of_a_pulse_is_decided_in_its_turn() {
     world.pass(ms(900));
     assert_eq!(given.now().unwrap().by, By::Device);
     assert_eq!(world.audit()[0].0, "pulse do0 500ms by device");
+}
+
+/// A procedure that panics ends alone: its turn is given back, and whoever drives the core goes on.
+#[test]
+fn a_procedure_that_panics_takes_nobody_with_it() {
+    let mut world = World::new(TEXT, 1);
+    world.pass(ms(300));
+    let broken = world.order(|core| async move {
+        let _turn = core.turn([at("oven", 1)], ms(10_000)).await.unwrap();
+        core.until(core.now() + ms(50), std::future::pending::<()>())
+            .await;
+        panic!("breaks down");
+    });
+    let later = world.write("wang", ("oven", 1), true);
+    world.pass(ms(1_000));
+    assert!(broken.get().is_none());
+    assert!(later.now().is_ok());
 }

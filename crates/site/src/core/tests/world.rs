@@ -47,6 +47,8 @@ pub(super) struct Faults {
     pub(super) refused: u64,
     /// The disk refuses promises.
     pub(super) disk: u64,
+    /// The disk takes seconds.
+    pub(super) slow_disk: u64,
     /// The audit log refuses.
     pub(super) audit: u64,
 }
@@ -405,7 +407,10 @@ impl World {
                         true => Err(ErrorKind::StorageFull),
                         false => Ok(()),
                     };
-                    let after = ms(self.dice.between(1, 8));
+                    let after = match self.dice.one_in(self.faults.slow_disk) {
+                        true => ms(self.dice.between(500, 3_000)),
+                        false => ms(self.dice.between(1, 8)),
+                    };
                     self.add(after, Due::Kept(kept, end));
                 }
                 Output::Publish(update) => {
@@ -498,14 +503,24 @@ impl World {
         self.tell(Input::Done(request, Reply::Ran(end.and_then(|end| end))));
     }
 
+    /// A reading comes in that began then.
+    pub(super) fn reads(&mut self, module: &str, relays: u32, asked: Micros) {
+        let at = self.modules[module].at;
+        self.saw_since(at, &Op::ReadOutputs, seen(relays), asked);
+    }
+
     fn saw(&mut self, at: At, op: &Op, seen: Observation) {
-        let now = Instant(0) + (self.now - self.booted);
+        self.saw_since(at, op, seen, self.now);
+    }
+
+    fn saw_since(&mut self, at: At, op: &Op, seen: Observation, asked: Micros) {
+        let time = |at: Micros| Instant(0) + (at - self.booted);
         let event = LineEvent::Bus(Event::Seen {
             module: at.module,
             op: *op,
             seen,
-            asked: now,
-            heard: now,
+            asked: time(asked),
+            heard: time(self.now),
         });
         self.line(at, &event);
     }
@@ -539,6 +554,13 @@ impl World {
     /// The relays of a module, bit by bit.
     pub(super) fn relays(&self, module: &str) -> u32 {
         self.modules[module].relays
+    }
+
+    /// The lines are busy for so long.
+    pub(super) fn hold_line(&mut self, time: Micros) {
+        for number in 0..self.config.lines.len() {
+            self.busy.insert(LineId(number as u64), self.now + time);
+        }
     }
 
     /// Moves relays by hand.
