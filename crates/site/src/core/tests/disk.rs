@@ -171,3 +171,20 @@ fn the_end_of_another_boards_pulse_is_told_and_not_done() {
     assert_eq!(dropped.len(), 1);
     assert_eq!(dropped[0].0, (at("oven", 1), Why::Pulse));
 }
+
+/// The clock on the wall is set back, and the process starts again and again.
+#[test]
+fn a_clock_that_was_set_back_makes_no_pulse_longer() {
+    let mut world = oven();
+    let begun = world.pulse("li", ("oven", 1), pulse(5_000));
+    world.pass(ms(500));
+    assert!(begun.now().is_ok());
+    world.kill();
+    world.wall_behind = ms(3_600_000);
+    for _ in 0..3 {
+        world.start();
+        world.pass(ms(3_000));
+        world.kill();
+    }
+    assert_eq!(world.relays("oven"), 0);
+}

@@ -385,20 +385,132 @@ fn a_reading_from_before_a_command_does_not_say_that_an_output_is_off() {
     assert_eq!(world.relays("oven"), bit(1));
 }
 
-/// Nobody asks whether it is meant before the turn only: the configuration may be another by then.
+/// What the configuration says may be another thing once the turn comes.
 #[test]
 fn what_may_be_commanded_is_asked_again_in_its_turn() {
     let mut world = oven("");
     let first = world.write("li", ("oven", 1), false);
     let write = world.write("li", ("oven", 1), true);
     let pulse = world.pulse("li", ("oven", 1), pulse(100));
-    let text = format!("{TEXT}[module.oven.point]\nk1.locked = true\n");
+    let text = format!("{TEXT}[module.oven.point]\nk1.confirm = true\n");
     let config = Config::parse(&text).unwrap();
     world.state().reconfigure(config, |_| true, |_| false);
     world.pass(ms(1_000));
     assert!(first.get().is_some());
-    let locked = Failure::Locked(super::world::k(1));
-    assert_eq!(write.now(), Err(locked.clone()));
-    assert_eq!(pulse.now(), Err(locked));
+    let asked = Failure::Confirm(super::world::k(1));
+    assert_eq!(write.now(), Err(asked.clone()));
+    assert_eq!(pulse.now(), Err(asked));
     assert_eq!(world.acted.len(), 1);
+}
+
+#[test]
+fn what_a_line_tells_that_was_opened_anew_since_changes_nothing() {
+    let mut world = oven("");
+    let now = world.time();
+    let closed = LineEvent::State(railbus_host::LineState::Closed);
+    let core = world.core.as_mut().unwrap();
+    core.handle(now, Input::Line(LineId(7), "main", &closed));
+    let on = world.write("li", ("oven", 1), true);
+    world.pass(ms(200));
+    assert!(on.now().is_ok());
+    let known = world.state().known(&at("oven", 1));
+    assert_eq!(known, Some(true), "the line is open");
+}
+
+/// A pulse that may have begun gives way to an older one that surely did, and ends otherwise.
+#[test]
+fn the_older_of_two_pulses_has_the_say_where_the_newer_one_is_not_sure() {
+    let mut world = oven("");
+    let off = Pulse {
+        off: true,
+        ..pulse(10_000)
+    };
+    let older = world.pulse("li", ("oven", 1), off);
+    world.pass(ms(300));
+    assert!(older.now().is_ok());
+    world.faults.reply_lost = 1;
+    let newer = world.pulse("wang", ("oven", 1), pulse(1_000));
+    world.pass(ms(200));
+    world.faults = Faults::default();
+    assert!(newer.now().is_err());
+    world.pass(ms(15_000));
+    assert_eq!(world.relays("oven"), bit(1), "where the older one ends");
+}
+
+/// Two that end alike: the first end is the end of both.
+#[test]
+fn what_was_released_is_not_released_once_more() {
+    let mut world = oven("");
+    let older = world.pulse("li", ("oven", 1), pulse(10_000));
+    world.pass(ms(300));
+    assert!(older.now().is_ok());
+    world.faults.reply_lost = 1;
+    let newer = world.pulse("wang", ("oven", 1), pulse(1_000));
+    world.pass(ms(200));
+    world.faults = Faults::default();
+    assert!(newer.now().is_err());
+    world.pass(ms(1_500));
+    assert_eq!(world.relays("oven"), 0);
+    world.move_by_hand("oven", bit(1));
+    world.pass(ms(15_000));
+    assert_eq!(world.relays("oven"), bit(1), "it is no pulse any more");
+}
+
+#[test]
+fn pulses_at_a_module_that_does_not_answer_do_not_pile_up() {
+    let mut world = oven("");
+    world.dead("oven", true);
+    for _ in 0..30 {
+        let begun = world.pulse("li", ("oven", 1), pulse(600_000));
+        world.pass(ms(300));
+        assert!(begun.now().is_err());
+    }
+    let promised = world.state().schedule.len();
+    assert!(promised <= 2, "{promised}");
+}
+
+/// Nothing is known of the other output any more: it is asked for, and then decided.
+#[test]
+fn a_module_is_asked_before_an_output_is_refused() {
+    let mut world = oven("k1.interlock = [\"oven.k2\"]\n");
+    world.polls = false;
+    world.pass(ms(600_000));
+    let on = world.write("li", ("oven", 1), true);
+    world.pass(ms(500));
+    assert!(on.now().is_ok());
+}
+
+#[test]
+fn the_longest_time_counts_anew_after_an_output_was_off() {
+    let mut world = oven("k1.max_on = \"10s\"\n");
+    world.move_by_hand("oven", bit(1));
+    world.pass(ms(6_000));
+    world.move_by_hand("oven", 0);
+    world.pass(ms(1_000));
+    world.move_by_hand("oven", bit(1));
+    world.pass(ms(8_000));
+    assert_eq!(world.relays("oven"), bit(1));
+    world.pass(ms(3_000));
+    assert_eq!(world.relays("oven"), 0);
+}
+
+/// Nobody answers such a frame, and it may not have been heard.
+#[test]
+fn a_frame_that_nobody_answers_takes_nothing_over() {
+    let mut world = oven("");
+    let begun = world.pulse("li", ("oven", 1), pulse(2_000));
+    world.pass(ms(300));
+    assert!(begun.now().is_ok());
+    let set = [(super::world::k(1), true)];
+    let terms = WriteTerms {
+        silent: true,
+        verify: false,
+        ..WriteTerms::default()
+    };
+    let sent = world
+        .order(move |core| async move { core.write(&who_is("wang"), "oven", &set, terms).await });
+    world.pass(ms(300));
+    assert_eq!(sent.now().unwrap().confirmed, railbus_host::Confirmed::Sent);
+    world.pass(ms(2_000));
+    assert_eq!(world.relays("oven"), 0);
 }
