@@ -51,13 +51,13 @@ pub struct BatchAnswer {
 pub struct BatchResult {
     /// Its path.
     pub path: String,
-    /// Its state now; null if it can't be known.
+    /// Its state now; absent if it can't be known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub value: Option<bool>,
     /// Its state before, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub before: Option<bool>,
-    /// How far the result is confirmed; null if it was not switched.
+    /// How far the result is confirmed; absent if it was not switched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirmed: Option<Confirmed>,
     /// From submitting the command to the last byte of its own reply.
@@ -191,7 +191,7 @@ pub struct LeaseAnswer {
     /// Its state now; null if it can't be known.
     #[schema(required)]
     pub value: Option<bool>,
-    /// Until when it is held, as RFC 3339 in UTC; null if it is no longer held.
+    /// Until when it is held, as RFC 3339 in UTC; absent if it is no longer held.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until: Option<String>,
     /// The lease was renewed, and nothing was sent.

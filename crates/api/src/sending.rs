@@ -90,7 +90,7 @@ pub struct SendAnswer {
     pub bytes: String,
     /// The kind of result.
     pub outcome: Outcome,
-    /// The meaning of the reply, in words; null if there is no valid one.
+    /// The meaning of the reply, in words; absent if there is no valid one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub says: Option<String>,
     /// The module refused.

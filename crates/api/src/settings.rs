@@ -33,7 +33,7 @@ pub struct Setting {
     pub value: Option<String>,
     /// Its possible values, for people: `1-32`.
     pub range: String,
-    /// Its possible words; null if it is a number.
+    /// Its possible words; absent if it is a number.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub words: Vec<String>,
     /// The minimum, if it is a number.
@@ -239,7 +239,7 @@ pub struct RegisterRead {
     pub meaning: String,
     /// The bytes received, in hexadecimal; empty if there were none.
     pub bytes: String,
-    /// The meaning of the reply; null if it is not a valid reply.
+    /// The meaning of the reply; absent if it is not a valid reply.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub says: Option<String>,
     /// From the end of the request to the end of the bytes received.
