@@ -514,3 +514,39 @@ fn a_frame_that_nobody_answers_takes_nothing_over() {
     world.pass(ms(2_000));
     assert_eq!(world.relays("oven"), 0);
 }
+
+/// The reply to a release that nobody has seen is not believed.
+#[test]
+fn an_acknowledgement_alone_releases_nothing() {
+    let mut world = oven("");
+    let begun = world.pulse("li", ("oven", 1), pulse(1_000));
+    world.pass(ms(300));
+    assert!(begun.now().is_ok());
+    (world.polls, world.only_acknowledged) = (false, true);
+    world.weld("oven", bit(1));
+    world.pass(ms(20_000));
+    assert!(!world.disk.is_empty(), "it is promised still");
+    world.only_acknowledged = false;
+    world.weld("oven", 0);
+    world.pass(ms(70_000));
+    assert_eq!(world.relays("oven"), 0);
+    assert!(world.disk.is_empty());
+}
+
+/// The `on` never came to the module: the longest time did not begin with it.
+#[test]
+fn a_longest_time_that_began_for_nothing_makes_the_next_one_no_shorter() {
+    let mut world = oven("k1.max_on = \"10s\"\n");
+    world.faults.request_lost = 1;
+    let lost = world.write("li", ("oven", 1), true);
+    world.pass(ms(300));
+    world.faults = Faults::default();
+    assert!(lost.now().is_err());
+    world.pass(ms(7_000));
+    let on = world.write("li", ("oven", 1), true);
+    world.pass(ms(5_000));
+    assert!(on.now().is_ok());
+    assert_eq!(world.relays("oven"), bit(1));
+    world.pass(ms(6_000));
+    assert_eq!(world.relays("oven"), 0);
+}

@@ -134,6 +134,8 @@ pub(super) struct World {
     /// It has refused what is newer.
     pub(super) is_disk_behind: bool,
     pub(super) updates: VecDeque<Update>,
+    /// Writes are acknowledged, and the outputs not read after them.
+    pub(super) only_acknowledged: bool,
     /// The modules are read again and again.
     pub(super) polls: bool,
     /// The clock on the wall is so much behind.
@@ -167,6 +169,7 @@ impl World {
             disk: Vec::new(),
             is_disk_behind: false,
             updates: VecDeque::new(),
+            only_acknowledged: false,
             polls: true,
             wall_behind: Micros::ZERO,
         };
@@ -497,8 +500,13 @@ impl World {
         let end = end.map(|()| {
             self.obey(at, &op);
             let relays = self.modules[&name].relays;
-            if let Op::WriteSilent(_) = op {
-                let (confirmed, seen) = (Confirmed::Sent, None);
+            let unread = match op {
+                Op::WriteSilent(_) => Some(Confirmed::Sent),
+                Op::Write(_) if self.only_acknowledged => Some(Confirmed::Reply),
+                _ => None,
+            };
+            if let Some(confirmed) = unread {
+                let seen = None;
                 return Ok(Done {
                     confirmed,
                     took,
