@@ -150,10 +150,12 @@ impl State {
         }
     }
 
-    /// How long each output must stay off yet that was seen to go off.
+    /// How long each output must stay off yet that was seen to go off, and that nothing may have
+    /// switched on since.
     pub(super) fn must_stay_off(&self) -> Vec<(Place, Duration)> {
         let outputs = self.guard.outputs.iter();
-        let left = outputs.filter_map(|(place, output)| {
+        let off = outputs.filter(|(place, _)| !self.may_be_on(place));
+        let left = off.filter_map(|(place, output)| {
             let left = output.free_at? - self.now.site;
             Some((place.clone(), Duration::from_micros(left.0)))
         });

@@ -125,6 +125,7 @@ impl Context {
                 .await;
             return Err(failure);
         }
+        self.forget_off(&effect.rising).await;
         let limits = self.limit(&effect).await;
         let end = match order.at {
             Some(at) => self.run_at(at, order.op, order.verify, order.expires).await,
@@ -226,6 +227,16 @@ impl Context {
         if let (Some(begun), Some(told)) = (entry.open, entry.failed) {
             self.with(|state| state.commands.end(&begun.id, told));
             self.journal_end(begun, told, String::new()).await;
+        }
+    }
+
+    /// The disk says no more how long these must stay off, before they are switched on: should
+    /// they go off again and the process end before that is written down, the next one waits for
+    /// the whole time.
+    async fn forget_off(&self, rising: &[Place]) {
+        if self.with(|state| state.schedule.forget_off(rising)) {
+            // What the disk refuses is tried again.
+            let _ = self.keep().await;
         }
     }
 

@@ -226,6 +226,16 @@ impl Schedule {
         self.leave_out_where(|at, action| is_alike(at, action) && Some(at) != first);
     }
 
+    /// These may be switched on; [`Context::keep`] brings that to the disk. Says whether that is
+    /// to be done.
+    pub(super) fn forget_off(&mut self, outputs: &[Place]) -> bool {
+        let before = self.off.len();
+        self.off.retain(|(place, _)| !outputs.contains(place));
+        let is_news = self.off.len() < before;
+        self.disk.version += u64::from(is_news);
+        is_news
+    }
+
     /// Somebody does now what was to be done later: it can't be put off any more.
     pub(super) fn anticipate(&mut self, number: u64) {
         if let Some(action) = self.by_number.get_mut(&number) {

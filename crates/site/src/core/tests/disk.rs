@@ -188,3 +188,31 @@ fn a_clock_that_was_set_back_makes_no_pulse_longer() {
     }
     assert_eq!(world.relays("oven"), 0);
 }
+
+/// The disk is slow: what it says of an output that was on meanwhile is out of date by hours.
+#[test]
+fn an_output_that_went_off_just_before_the_end_stays_off_after_the_next_start() {
+    let text = format!("{TEXT}[module.oven.point]\nk1.min_off = \"5s\"\n");
+    for killed in 0..120 {
+        let mut world = World::new(&text, 7);
+        world.pass(ms(7_000));
+        world.faults.slow_disk = 1;
+        let on = world.write("li", ("oven", 1), true);
+        while on.get().is_none() && world.step(ms(20_000)) {}
+        assert!(on.now().is_ok());
+        let off = world.write("li", ("oven", 1), false);
+        world.pass(ms(killed));
+        world.kill();
+        let went_off = world.relays("oven") == 0;
+        world.faults.slow_disk = 0;
+        world.start();
+        world.pass(ms(300));
+        let soon = world.write("li", ("oven", 1), true);
+        world.pass(ms(300));
+        let _ = off.get();
+        if went_off {
+            let refused = matches!(soon.now(), Err(Failure::MinOff { .. }));
+            assert!(refused, "killed after {killed} ms: {:?}", soon.now());
+        }
+    }
+}

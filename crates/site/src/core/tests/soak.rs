@@ -106,8 +106,8 @@ struct Soak {
     /// The newest frame that was judged.
     judged: usize,
     off_at: Option<Micros>,
-    /// When the command ended that counts, output by output.
-    owner_at: BTreeMap<Place, Micros>,
+    /// When the command ended that counts, output by output, and whether that is sure.
+    owner_at: BTreeMap<Place, (Micros, bool)>,
     killed: Vec<Micros>,
     orders: usize,
 }
@@ -276,10 +276,14 @@ impl Soak {
                 }
                 // A part of a batch ends before the batch, and another command may come between.
                 let at = self.ended(number, &place).unwrap_or(now);
-                let owner = self.owner_at.entry(place.clone()).or_default();
+                let (owner, is_sure) = self.owner_at.entry(place.clone()).or_default();
                 if *owner <= at {
-                    *owner = at;
+                    (*owner, *is_sure) = (at, told != Told::Perhaps);
                     self.expect(&place, asked, told);
+                } else if let (Told::Is(state), false) = (told, *is_sure) {
+                    // What came after it may have done nothing.
+                    let expected = self.expected[&place].or(state, false);
+                    self.expected.insert(place, expected);
                 }
             }
         }
