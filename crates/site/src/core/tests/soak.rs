@@ -32,8 +32,11 @@ address = 4
 line = "far"
 model = "erc8"
 address = 3
+[group.all]
+members = ["oven.k6", "kiln.k1", "pump.k2"]
 "#;
 
+const GROUP: [(&str, u8); 3] = [("oven", 6), ("kiln", 1), ("pump", 2)];
 const MODULES: [&str; 3] = ["oven", "kiln", "pump"];
 /// Longer than any lease, pulse or limit, and than the pause between two tries.
 const QUIET: Micros = ms(150_000);
@@ -60,6 +63,7 @@ enum Asked {
     /// This state for a while.
     Timed(bool),
     EndLease,
+    Toggle,
 }
 
 struct Command {
@@ -189,7 +193,7 @@ impl Soak {
         let place = self.output();
         let (module, point) = (place.module.clone(), place.point);
         let on = self.dice.one_in(2);
-        match self.dice.below(10) {
+        match self.dice.below(12) {
             0..=3 => {
                 let asked = vec![(place, Asked::Write(on))];
                 let (who, number, tolds) = self.begin(asked, true);
@@ -235,8 +239,46 @@ impl Soak {
                     tolds.lock().unwrap().push((number, vec![end]));
                 });
             }
+            9 => {
+                let (who, number, tolds) = self.begin(vec![(place, Asked::Toggle)], true);
+                self.world.order(move |core| async move {
+                    let terms = ToggleTerms::default();
+                    let end = core.toggle(&who, &module, point, terms).await;
+                    let end = told(end.map(|done| Told::Is(done.outputs[0].1 == Some(true))));
+                    tolds.lock().unwrap().push((number, vec![end]));
+                });
+            }
+            10 => self.group(),
             _ => self.batch(),
         }
+    }
+
+    /// A group is switched, or switched over.
+    fn group(&mut self) {
+        let to = match self.dice.below(3) {
+            0 => GroupState::Set(false),
+            1 => GroupState::Set(true),
+            _ => GroupState::Toggle,
+        };
+        let terms = BatchTerms {
+            all_or_nothing: self.dice.one_in(2),
+            ..BatchTerms::default()
+        };
+        let asked = GROUP.map(|(module, number)| (at(module, number), Asked::Toggle));
+        let (who, number, tolds) = self.begin(asked.to_vec(), false);
+        self.commands[number].holds_all = terms.all_or_nothing;
+        self.world.order(move |core| async move {
+            let done = core.set_group(&who, "all", to, terms).await;
+            let ends = match done {
+                Ok(done) => {
+                    let ends = done.parts.into_iter();
+                    ends.map(|part| told(part.end.map(|_| Told::Is(part.wanted))))
+                        .collect()
+                }
+                Err(failure) => vec![told(Err(failure)); GROUP.len()],
+            };
+            tolds.lock().unwrap().push((number, ends));
+        });
     }
 
     fn batch(&mut self) {
@@ -314,6 +356,7 @@ impl Soak {
             // Where nothing else is to be done to it, it is released all the same.
             (Told::Perhaps, Asked::Timed(on)) if !before.is_timed => Expected::only(!on, true),
             (Told::Perhaps, Asked::Timed(on)) => before.or(!on, true),
+            (Told::Perhaps, Asked::Toggle) => before.or(true, false).or(false, false),
             (Told::Perhaps, Asked::EndLease) => before.or(true, true).or(false, true),
         };
         self.expected.insert(place.clone(), expected);
@@ -450,7 +493,7 @@ impl Soak {
                 let expected = match asked {
                     Asked::Write(on) => before.or(on, true).or(before.may_be[1], true),
                     Asked::Timed(on) => before.or(!on, true),
-                    Asked::EndLease => before.or(true, true).or(false, true),
+                    Asked::EndLease | Asked::Toggle => before.or(true, true).or(false, true),
                 };
                 self.expected.insert(place, expected);
             }
@@ -467,6 +510,7 @@ impl Soak {
         let clients = self.dice.between(2, 8);
         let kills = [0, 0, 400, 2_000][self.dice.below(4) as usize];
         let mut dead: Option<&str> = None;
+        let mut gone = false;
         while self.orders < orders {
             for _ in 0..self.dice.between(1, clients) {
                 self.order();
@@ -493,9 +537,14 @@ impl Soak {
                     dead = Some(module);
                 }
             }
+            if self.dice.one_in(80) {
+                gone = !gone;
+                self.world.unplug(0, gone);
+            }
             self.forget();
         }
         self.world.faults = Faults::default();
+        self.world.unplug(0, false);
         for module in MODULES {
             self.world.dead(module, false);
         }

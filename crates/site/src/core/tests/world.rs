@@ -136,6 +136,8 @@ pub(super) struct World {
     pub(super) updates: VecDeque<Update>,
     /// Writes are acknowledged, and the outputs not read after them.
     pub(super) only_acknowledged: bool,
+    /// Lines whose port is gone.
+    down: BTreeSet<LineId>,
     /// The modules are read again and again.
     pub(super) polls: bool,
     /// The clock on the wall is so much behind.
@@ -170,6 +172,7 @@ impl World {
             is_disk_behind: false,
             updates: VecDeque::new(),
             only_acknowledged: false,
+            down: BTreeSet::new(),
             polls: true,
             wall_behind: Micros::ZERO,
         };
@@ -227,6 +230,7 @@ impl World {
             }
         }
         self.busy.clear();
+        self.down.clear();
     }
 
     pub(super) fn time(&self) -> Now {
@@ -438,6 +442,10 @@ impl World {
     /// A line does one thing after the other.
     fn run(&mut self, request: RequestId, at: At, op: Op, expires: Micros) {
         let now = self.now;
+        if self.down.contains(&at.line) {
+            let end = Err(Fault::Closed);
+            return self.add(ms(0), Due::Ran(request, at, op, end, ms(0)));
+        }
         let free = self
             .busy
             .get(&at.line)
@@ -562,6 +570,9 @@ impl World {
         for name in names {
             let module = self.modules.get_mut(&name).unwrap();
             let (at, relays) = (module.at, module.relays);
+            if self.down.contains(&at.line) {
+                continue;
+            }
             if std::mem::replace(&mut module.is_silent, module.is_dead) != module.is_dead {
                 let presence = match module.is_dead {
                     true => Presence::Silent,
@@ -579,6 +590,41 @@ impl World {
     /// The relays of a module, bit by bit.
     pub(super) fn relays(&self, module: &str) -> u32 {
         self.modules[module].relays
+    }
+
+    /// The port of a line goes, or comes back. What is under way is cut short.
+    pub(super) fn unplug(&mut self, number: u64, is_gone: bool) {
+        let line = LineId(number);
+        if !is_gone {
+            self.down.remove(&line);
+            return self.line_is(line, LineState::Up);
+        }
+        self.down.insert(line);
+        let is_of = |_: &(Micros, u64), due: &mut Due| match due {
+            Due::Ran(_, at, ..) | Due::Obeys(at, _) => at.line == line,
+            _ => false,
+        };
+        let cut: Vec<Due> = self.due.extract_if(.., is_of).map(|(_, due)| due).collect();
+        for due in cut {
+            let (at, op, request) = match due {
+                Due::Ran(request, at, op, end, _) => (at, op, Some((request, end.is_ok()))),
+                Due::Obeys(at, op) => (at, op, None),
+                _ => continue,
+            };
+            if request.is_none_or(|(_, is_ok)| is_ok) && self.dice.one_in(2) {
+                self.obey(at, &op);
+            }
+            if let Some((request, _)) = request {
+                self.tell(Input::Done(request, Reply::Ran(Err(Fault::Unknown))));
+            }
+        }
+        let gone = Arc::new(railbus_host::PortError::Gone);
+        self.line_is(line, LineState::Absent(gone));
+    }
+
+    fn line_is(&mut self, line: LineId, state: LineState) {
+        let module = ModuleId(0);
+        self.line(At { line, module }, &LineEvent::State(state));
     }
 
     /// The lines are busy for so long.
