@@ -59,7 +59,7 @@ test("what may change something is sent only where each of its dangers is meant"
   assert.equal(lock.status(), 200);
   await frame.fill("03 05 00 3C FF 00");
   await dialog.getByText(t("send_may")).waitFor();
-  await dialog.getByText(/oven\.k2 的规定：锁定/).waitFor();
+  await dialog.getByText(/oven\.k2 的限制：锁定/).waitFor();
   assert.equal(await go.isDisabled(), true);
   await dialog.getByLabel(t("send_mean_output")).check();
   assert.equal(await go.isDisabled(), true, "it goes past a lock");
