@@ -1,7 +1,7 @@
 //! Runs a case on any kind of module.
 
 use crate::read::{Case, CaseStep};
-use railbus_device::{Family, Setup};
+use railbus_device::Setup;
 use railbus_wire::Protocol;
 use std::fmt;
 
@@ -19,14 +19,14 @@ pub struct Outside {
 }
 
 impl Outside {
-    /// Nothing is connected; but an EDA9050 that uses LC-02 has its INIT* pin grounded
+    /// Nothing is connected; but where the INIT* pin chooses LC-02, it is grounded
     /// [EDA9050 §2.1].
     #[must_use]
     pub fn of(setup: &Setup) -> Outside {
         Outside {
             levels: u32::MAX,
             analogs: [0; 2],
-            init: (setup.family, setup.protocol) == (Family::Eda9050, Protocol::Lc02),
+            init: setup.family.datasheet().init_pin && setup.protocol == Protocol::Lc02,
             dip: 0,
         }
     }

@@ -10,7 +10,8 @@ pub(crate) use answer::{ascii, lc02, refuse_ascii, rtu};
 pub(crate) use host::{exchange, group, interpret, recognises};
 
 use crate::Family;
-use railbus_wire::Baud;
+use crate::datasheet::{Access, Bilingual, Factory, Key, PerProtocol, StoredSetting};
+use railbus_wire::{Address, Baud, Protocol, Settings};
 
 /// The baud rates and their codes, the same in all three protocols [EDA §1.2].
 pub(crate) static BAUDS: [(u8, Baud); 5] = [
@@ -20,6 +21,29 @@ pub(crate) static BAUDS: [(u8, Baud); 5] = [
     (0x06, Baud::B9600),
     (0x07, Baud::B19200),
 ];
+
+/// As shipped [EDA §1.1, §1.3].
+pub(crate) const FACTORY: Factory = Factory {
+    address: Address(1),
+    serial: Settings::FACTORY,
+    voltage: None,
+};
+
+/// Only in ASCII frames is there a checksum, and only they set it [EDA §2.12, §3.9].
+pub(crate) const CHECKSUM: StoredSetting = StoredSetting {
+    key: Key::Checksum,
+    access: PerProtocol::except(Access::InAscii, Protocol::Ascii, Access::Written),
+};
+
+/// What is at terminals that both have.
+pub(crate) mod terminal {
+    use super::Bilingual;
+
+    pub(crate) const DATA_PLUS: Bilingual = ["RS-485 positive (A)", "RS-485 正（A）"];
+    pub(crate) const DATA_MINUS: Bilingual = ["RS-485 negative (B)", "RS-485 负（B）"];
+    pub(crate) const SUPPLY: Bilingual = ["supply, positive", "电源正"];
+    pub(crate) const GROUND: Bilingual = ["supply, ground", "电源地"];
+}
 
 /// The registers that FC03 reads on an EDA9060A [EDA9060A §6.6, §6.7, §6.8, §6.9]. Not those
 /// that FC10 writes: the same number means something else there [EDA9060A §6.17].

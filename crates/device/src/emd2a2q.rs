@@ -3,6 +3,10 @@
 //! Its registers are the ERC-8's shifted by one, with other baud rate codes: what sets the speed of
 //! one sets the address of the other [EMD-2A2Q §4.2, ERC-8 §4.2].
 
+use crate::datasheet::{
+    Access, Datasheet, Factory, Holds, Key, PerProtocol, PulseTiming, Recognition, Register,
+    ScanEvidence, Separation, StoredSetting, Terminal, note, same,
+};
 use crate::engine::{Calibration, DeviceState, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
 use crate::sign::{Reply, Sign};
@@ -34,6 +38,87 @@ pub(crate) static PROFILE: Profile = Profile {
     input_label: ("d", 1),
 };
 
+/// What only a host asks. Terminals and ratings are in the tables at the end of the sheet.
+pub(crate) static DATASHEET: Datasheet = Datasheet {
+    title: same("EMD-2A2Q"),
+    names: &[],
+    numbers: &[],
+    signs: &SIGNS,
+    recognition: PerProtocol::same(Recognition::ByRegisters),
+    // [EMD-2A2Q §2.2]
+    refuses: true,
+    evidence: ScanEvidence::Version,
+    channels_vary: false,
+    broadcast: None,
+    // [EMD-2A2Q §1.2, §1.3, §4.5]; a reset leads there, too [EMD-2A2Q §5.8].
+    factory: Factory {
+        address: Address(1),
+        serial: Settings::FACTORY,
+        voltage: Some(500),
+    },
+    serial_as_one: false,
+    settings: &[
+        StoredSetting::new(Key::Address, Access::Written),
+        StoredSetting::new(Key::Baud, Access::Written),
+        StoredSetting::new(Key::Parity, Access::Written),
+        StoredSetting::new(Key::CalibrationVoltage, Access::Written),
+    ],
+    separation: PerProtocol::same(Separation::Plug),
+    pulses: PulseTiming::Host,
+    dip_switch: false,
+    init_pin: false,
+    registers: &REGISTER_MAP,
+    terminals: &[
+        Terminal::new("2 3 4", ["two analog inputs", "两路模拟量输入"]),
+        Terminal::new("5 6", same("RS-485")),
+        Terminal::new("7 8", ["supply, 9 to 28 VDC", "电源 9–28 VDC"]),
+        Terminal::new("11 12 13", same("OUT2")),
+        Terminal::new("16 17 18", same("OUT1")),
+    ],
+    notes: &[
+        ["Accuracy 1 % of full scale", "精度：满量程的 1 %"],
+        note::CONTACTS,
+        note::BUS,
+        // [EMD-2A2Q §1.8]
+        note::POWER_UP,
+    ],
+};
+
+const REGISTER_MAP: [Register; 8] = [
+    Register::new(
+        Holds::Version,
+        ["product version", "产品版本"],
+        "[EMD-2A2Q §4.1]",
+    ),
+    Register::new(Holds::Address, ["address", "地址"], "[EMD-2A2Q §4.2]"),
+    Register::new(Holds::Baud, ["speed code", "波特率代码"], "[EMD-2A2Q §4.3]"),
+    Register::new(
+        Holds::Parity,
+        ["parity code", "校验位代码"],
+        "[EMD-2A2Q §4.4]",
+    ),
+    Register::new(
+        Holds::Voltage,
+        ["calibration voltage in 0.01 V", "校准电压（0.01 V）"],
+        "[EMD-2A2Q §4.5]",
+    ),
+    Register::new(
+        Holds::Calibration,
+        ["calibration under way", "校准进行中"],
+        "[EMD-2A2Q §5.1]",
+    ),
+    Register::new(
+        Holds::Analog(0),
+        ["analog input 1, times 100", "模拟量输入 1（×100）"],
+        "[EMD-2A2Q §4.6]",
+    ),
+    Register::new(
+        Holds::Analog(1),
+        ["analog input 2, times 100", "模拟量输入 2（×100）"],
+        "[EMD-2A2Q §4.6]",
+    ),
+];
+
 /// The coil of OUT1.
 const FIRST_COIL: u16 = 8;
 const RELAYS: u16 = 2;
@@ -63,7 +148,7 @@ const CALIBRATION_TIME: Micros = Micros::from_millis(500);
 
 /// What identifies it: relays at 8 and 9 and nowhere else, and eight registers that hold its own
 /// address and codes [EMD-2A2Q §3.1, §3.2, §3.6, §4.2, §4.3, §4.4, §4.7].
-pub(crate) const SIGNS: [Option<Sign>; 6] = [
+const SIGNS: [Option<Sign>; 6] = [
     Sign::coils(0, 8, Reply::Refusal(Exception::ADDRESS)),
     Sign::coils(60, 8, Reply::Refusal(Exception::ADDRESS)),
     Sign::registers(0, REGISTERS, Reply::Registers(could_be_own)),

@@ -3,12 +3,18 @@
 //! Coils 60 to 67 (decimal) are the relays; three holding registers hold address, speed and parity.
 //! The manual lists functions 01, 05 and 0F, and 06 for writing registers [ERC-8 §2, §3].
 
+use crate::datasheet::{
+    Access, Datasheet, Factory, Holds, Key, PerProtocol, PulseTiming, Recognition, Register,
+    ScanEvidence, Separation, StoredSetting, note, same,
+};
 use crate::engine::{DeviceState, Eeprom};
 use crate::modbus::{self, Answer, respond, run_in};
 use crate::sign::{Reply, Sign};
 use crate::{Bank, Change, Observation, Op, Profile, Setup};
 use railbus_wire::rtu::{self, BitSpan, Exception, Function, Request, WordSpan};
-use railbus_wire::{Address, Baud, Character, Exchange, Frame, Micros, Protocol, Response};
+use railbus_wire::{
+    Address, Baud, Character, Exchange, Frame, Micros, Protocol, Response, Settings,
+};
 
 /// The datasheet as data.
 pub(crate) static PROFILE: Profile = Profile {
@@ -31,6 +37,57 @@ pub(crate) static PROFILE: Profile = Profile {
     input_label: ("d", 1),
 };
 
+/// What only a host asks. Ratings are in the table at the end of the sheet, which numbers no
+/// terminals.
+pub(crate) static DATASHEET: Datasheet = Datasheet {
+    title: same("ERC-8"),
+    names: &[],
+    numbers: &[],
+    signs: &SIGNS,
+    recognition: PerProtocol::same(Recognition::ByBehaviour),
+    // [ERC-8 §2.4]
+    refuses: true,
+    evidence: ScanEvidence::Coils,
+    channels_vary: false,
+    broadcast: None,
+    // [ERC-8 §1.2, §1.3]
+    factory: Factory {
+        address: Address(1),
+        serial: Settings::FACTORY,
+        voltage: None,
+    },
+    serial_as_one: false,
+    settings: &[
+        StoredSetting::new(Key::Address, Access::Written),
+        StoredSetting::new(Key::Baud, Access::Written),
+        StoredSetting::new(Key::Parity, Access::Written),
+    ],
+    separation: PerProtocol::same(Separation::Plug),
+    pulses: PulseTiming::Host,
+    dip_switch: false,
+    init_pin: false,
+    registers: &[
+        Register::new(Holds::Address, ["address", "地址"], "[ERC-8 §4.1]"),
+        Register::new(Holds::Baud, ["speed code", "波特率代码"], "[ERC-8 §4.2]"),
+        Register::new(Holds::Parity, ["parity code", "校验位代码"], "[ERC-8 §4.3]"),
+    ],
+    terminals: &[],
+    notes: &[
+        [
+            "Supply 85 to 265 VAC or 110 to 360 VDC",
+            "电源 85–265 VAC 或 110–360 VDC",
+        ],
+        note::CONTACTS,
+        note::BUS,
+        // [ERC-8 §1.8]
+        note::POWER_UP,
+        [
+            "No timer of its own: pulses are timed by the daemon",
+            "模块无计时器：点动由守护进程计时",
+        ],
+    ],
+};
+
 /// The coil of relay 1, decimal 60 as the manual's example shows.
 const FIRST_COIL: u16 = 60;
 const RELAYS: u16 = 8;
@@ -49,7 +106,7 @@ pub(crate) const ABSENT: &[Function] = &[
 ];
 
 /// What identifies it: relays at 60 to 67 and nowhere else, no inputs [ERC-8 §2.4, §3.1, §3.3].
-pub(crate) const SIGNS: [Option<Sign>; 4] = [
+const SIGNS: [Option<Sign>; 4] = [
     Sign::coils(0, 8, Reply::Refusal(Exception::ADDRESS)),
     Sign::coils(FIRST_COIL, RELAYS, Reply::Answer),
     Sign::coils(FIRST_COIL, RELAYS + 1, Reply::Refusal(Exception::ADDRESS)),

@@ -1,22 +1,27 @@
 //! Families of modules: the datasheet as data, and a module as configured.
 
+use crate::datasheet::Datasheet;
 use crate::{eda9050, eda9060a, emd2a2q, erc8, r55};
 use core::fmt;
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, Settings};
 
 /// A kind of module.
+///
+/// The numbers are those under which stored settings name the families ([`Family::code`]): they
+/// are never reused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
 pub enum Family {
     /// EDA9060A: 4 relays, 4 inputs; ASCII, LC-02 or Modbus RTU.
-    Eda9060a,
+    Eda9060a = 1,
     /// EDA9050: 8 open-collector outputs, 7 inputs; ASCII, LC-02 or Modbus RTU.
-    Eda9050,
+    Eda9050 = 2,
     /// ERC-8: 8 relays; Modbus RTU.
-    Erc8,
+    Erc8 = 3,
     /// The 0x55/0x22 boards: up to 32 relays, inputs, or both.
-    R55,
+    R55 = 4,
     /// EMD-2A2Q: 2 analog inputs, 2 relays; Modbus RTU.
-    Emd2a2q,
+    Emd2a2q = 5,
 }
 
 impl Family {
@@ -45,7 +50,7 @@ impl Family {
         _ => None,
     };
 
-    /// The family's datasheet as data.
+    /// The family's numbers and names, which both ends of the line read.
     #[must_use]
     pub const fn profile(self) -> &'static Profile {
         match self {
@@ -55,6 +60,24 @@ impl Family {
             Family::R55 => &r55::PROFILE,
             Family::Emd2a2q => &emd2a2q::PROFILE,
         }
+    }
+
+    /// What only a host asks about the family.
+    #[must_use]
+    pub const fn datasheet(self) -> &'static Datasheet {
+        match self {
+            Family::Eda9060a => &eda9060a::DATASHEET,
+            Family::Eda9050 => &eda9050::DATASHEET,
+            Family::Erc8 => &erc8::DATASHEET,
+            Family::R55 => &r55::DATASHEET,
+            Family::Emd2a2q => &emd2a2q::DATASHEET,
+        }
+    }
+
+    /// The number under which stored settings name the family, 1 to 5.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        self as u8
     }
 
     /// The name in flags and configuration: `eda9060a`, `eda9050`, `erc8`, `r55`, `emd2a2q`.
@@ -76,7 +99,8 @@ impl fmt::Display for Family {
     }
 }
 
-/// A datasheet as data: all numbers and names of a family.
+/// The numbers and names of a family that both ends of the line read; what only a host asks is in
+/// its [`Datasheet`].
 #[derive(Debug)]
 pub struct Profile {
     /// The name in flags and configuration.

@@ -1,11 +1,19 @@
 //! Five families of DIN-rail I/O modules, both ends of the wire.
 //!
-//! Each family has one module here. It holds the datasheet as data (a [`Profile`]), the host side
+//! Each family has one module here. It holds the datasheet as data (a [`Profile`], and a
+//! [`Datasheet`] of what only a host asks), the host side
 //! ([`Module`]: an [`Op`] becomes one exchange, its reply becomes an [`Observation`]) and the
 //! device side (its half of [`Engine`], which is both the simulated module and the firmware).
 //! Nothing here uses a clock, a port or an allocator.
 //!
 //! Sections in brackets, as `[ERC-8 §2.1]`, are numbered facts of `docs/datasheets`.
+//!
+//! # Where things are
+//! - A family: its own file (`eda9060a`, `eda9050`, `eda` for what both share, `erc8`, `emd2a2q`,
+//!   `r55`). Ranges, terminals and timing are in its [`Profile`]; stored settings, registers and
+//!   identification, which only a host asks for, in its [`Datasheet`]. Nothing above this crate
+//!   matches on a family.
+//! - What a host wants of a module: `op`, `module`. How the module itself behaves: `engine`.
 
 #![no_std]
 #![forbid(unsafe_code)]
@@ -18,6 +26,7 @@
 )]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::indexing_slicing))]
 
+mod datasheet;
 mod eda;
 mod eda9050;
 mod eda9060a;
@@ -32,6 +41,10 @@ mod op;
 mod r55;
 mod sign;
 
+pub use datasheet::{
+    Access, Bilingual, Datasheet, Factory, Holds, Key, PerProtocol, PulseTiming, Recognition,
+    Register, ScanEvidence, Separation, StoredSetting, Terminal,
+};
 pub use engine::{Applies, Calibration, Eeprom, Effect, Engine, Input, Options, Output};
 pub use extensions::Extensions;
 pub use family::{Family, Layout, Point, PointKind, Profile, Setup, SetupError};

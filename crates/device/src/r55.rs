@@ -1,11 +1,16 @@
 //! The 0x55/0x22 relay boards: up to 32 relays, inputs, or 16 of each.
 
+use crate::datasheet::{
+    Access, Datasheet, Factory, Key, PerProtocol, PulseTiming, Recognition, ScanEvidence,
+    Separation, StoredSetting,
+};
 use crate::engine::DeviceState;
 use crate::extensions;
 use crate::{Bank, Change, Family, Layout, Observation, Op, Profile, Setup};
 use railbus_wire::r55::{BROADCAST, Exchange, FRAME_LEN, Request, Response, U24};
 use railbus_wire::{
     Address, Baud, Channel, Character, Decoded, Frame, Instant, Malformed, Micros, Protocol, Reply,
+    Settings,
 };
 
 /// The datasheet as data.
@@ -22,6 +27,58 @@ pub(crate) static PROFILE: Profile = Profile {
     gap: None,
     output_label: ("k", 1),
     input_label: ("d", 1),
+};
+
+/// What only a host asks. The sheet has neither terminals nor ratings.
+pub(crate) static DATASHEET: Datasheet = Datasheet {
+    title: ["0x55 board", "0x55 继电器板"],
+    names: &[],
+    numbers: &[],
+    signs: &[],
+    recognition: PerProtocol::same(Recognition::ByBehaviour),
+    refuses: false,
+    evidence: ScanEvidence::HighestOn,
+    // [R55 §3.4]
+    channels_vary: true,
+    // [R55 §4.1, §4.9]
+    broadcast: Some(BROADCAST),
+    // [R55 §1.5]; the sheet names no address.
+    factory: Factory {
+        address: Address(1),
+        serial: Settings::FACTORY,
+        voltage: None,
+    },
+    serial_as_one: false,
+    settings: &[
+        // [R55 §4.6, §4.8]
+        StoredSetting::new(Key::Address, Access::AtPowerUp),
+        // [R55 §1.5]
+        StoredSetting::new(Key::Baud, Access::Fixed),
+    ],
+    separation: PerProtocol::same(Separation::PowerUp),
+    // [R55 §2.10, §2.11]
+    pulses: PulseTiming::Command,
+    // [R55 §4.8]
+    dip_switch: true,
+    init_pin: false,
+    registers: &[],
+    terminals: &[],
+    notes: &[
+        [
+            "9600 8N1 always; up to 32 channels",
+            "固定 9600 8N1；最多 32 路",
+        ],
+        // [R55 §2.12]
+        [
+            "Times pulses itself, up to 4 h 39 min",
+            "模块自行计时点动，最长 4 小时 39 分",
+        ],
+        [
+            "The address is stored, or set by DIP switch; a new one is taken within 10 s of \
+             power-up",
+            "地址为存储或拨码；上电 10 秒内才接受新地址",
+        ],
+    ],
 };
 
 /// How long after power-up an address can be written [R55 §4.6].

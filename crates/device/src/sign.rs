@@ -4,25 +4,8 @@
 //! That a module answers what a family answers proves nothing: many boards have eight coils there.
 //! A family is only identified if its *refusals* match, too.
 
-use crate::{Family, emd2a2q, erc8};
 use railbus_wire::rtu::{self, BitSpan, Exception, Request, WordSpan};
 use railbus_wire::{Address, Response};
-
-/// The complete names that modules report, with or without the letter
-/// [EDA9060A §1.2, EDA9050 §1.2]. Many DCON modules have names that begin the same.
-const NAMES: [(&[u8], Family); 3] = [
-    (b"9060", Family::Eda9060a),
-    (b"9060A", Family::Eda9060a),
-    (b"9050", Family::Eda9050),
-];
-
-/// The model numbers, in BCD and in binary [EDA9060A §1.3, EDA9050 §1.3].
-const NUMBERS: [(u16, Family); 4] = [
-    (0x9060, Family::Eda9060a),
-    (9060, Family::Eda9060a),
-    (0x9050, Family::Eda9050),
-    (9050, Family::Eda9050),
-];
 
 /// A read, and its outcome according to the datasheet.
 #[derive(Clone, Copy, Debug)]
@@ -110,47 +93,9 @@ impl Sign {
     }
 }
 
-impl Family {
-    /// The family whose modules report this name.
-    #[must_use]
-    pub fn of_name(name: &[u8]) -> Option<Family> {
-        let mut names = NAMES.into_iter();
-        names.find_map(|(known, family)| (known == name).then_some(family))
-    }
-
-    /// The family whose modules have this model number.
-    #[must_use]
-    pub fn of_number(number: u16) -> Option<Family> {
-        let mut numbers = NUMBERS.into_iter();
-        numbers.find_map(|(known, family)| (known == number).then_some(family))
-    }
-
-    /// How a module of the family behaves over Modbus if it reports no name; empty for those that
-    /// do.
-    pub fn signs(self) -> impl Iterator<Item = Sign> {
-        let signs: &[Option<Sign>] = match self {
-            Family::Erc8 => &erc8::SIGNS,
-            Family::Emd2a2q => &emd2a2q::SIGNS,
-            Family::Eda9050 => &EDA9050,
-            Family::Eda9060a | Family::R55 => &[],
-        };
-        signs.iter().copied().flatten()
-    }
-}
-
-/// An EDA9050 refuses nothing and does not answer what it lacks, like many other boards: nothing it
-/// shows proves it [EDA9050 §5.1, §5.2, §5.3, §5.7].
-const EDA9050: [Option<Sign>; 5] = [
-    Sign::coils(0, 8, Reply::Answer),
-    Sign::registers(0, 4, Reply::Silence),
-    Sign::coils(0, 9, Reply::Silence),
-    Sign::inputs(0, 7, Reply::Answer),
-    Sign::inputs(0, 8, Reply::Silence),
-];
-
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use crate::Family;
 
     #[test]
     fn a_name_is_compared_whole() {
@@ -167,8 +112,8 @@ mod tests {
         let proven = Family::ALL.map(|family| family.signs().any(|sign| sign.is_refusal()));
         assert_eq!(proven, [false, false, true, false, true]);
         // None of the reads in the tables is out of range.
-        assert_eq!(Family::Erc8.signs().count(), erc8::SIGNS.len());
-        assert_eq!(Family::Emd2a2q.signs().count(), emd2a2q::SIGNS.len());
-        assert_eq!(Family::Eda9050.signs().count(), EDA9050.len());
+        for family in Family::ALL {
+            assert_eq!(family.signs().count(), family.datasheet().signs.len());
+        }
     }
 }

@@ -233,7 +233,7 @@ fn encode_setup(setup: &Setup, bytes: &mut Writer<'_>) {
         checksum: _,
     } = *setup;
     bytes.put([
-        family_code(family),
+        family.code(),
         outputs,
         inputs,
         variables,
@@ -248,7 +248,7 @@ fn decode_setup(from: &mut Reader<'_>) -> Option<Setup> {
     let [invert_on_off, has_gap] = switches_of(bits)?;
     let gap = decode_time(from);
     Some(Setup {
-        family: find(Family::ALL, family_code, family)?,
+        family: find(Family::ALL, Family::code, family)?,
         outputs,
         inputs,
         variables,
@@ -420,16 +420,6 @@ fn switches_of<const N: usize>(bits: u8) -> Option<[bool; N]> {
 /// The value with this code.
 fn find<T: Copy, const N: usize>(all: [T; N], code_of: fn(T) -> u8, code: u8) -> Option<T> {
     all.into_iter().find(|one| code_of(*one) == code)
-}
-
-const fn family_code(family: Family) -> u8 {
-    match family {
-        Family::Eda9060a => 1,
-        Family::Eda9050 => 2,
-        Family::Erc8 => 3,
-        Family::R55 => 4,
-        Family::Emd2a2q => 5,
-    }
 }
 
 const fn layout_code(layout: Layout) -> u8 {

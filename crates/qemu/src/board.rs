@@ -2,7 +2,7 @@
 
 use crate::hub::is_same;
 use crate::machine::is_silence;
-use crate::{Folder, Hub, Machine, Turn};
+use crate::{Emulator, Folder, Hub, Turn};
 use railbus_conformance::{Bench, Outside};
 use railbus_device::{Eeprom, Family, Options, Setup};
 use railbus_nvm::{Record, slot_image};
@@ -43,7 +43,7 @@ pub fn family_image(images: &Path, family: Family) -> PathBuf {
 /// A board in QEMU with its EEPROM and its surroundings.
 #[derive(Debug)]
 pub struct Board {
-    machine: Option<Machine>,
+    machine: Option<Emulator>,
     outside: Outside,
     image: PathBuf,
     folder: Folder,
@@ -90,7 +90,7 @@ impl Board {
     /// If QEMU does not start.
     pub fn power_on(&mut self) -> io::Result<()> {
         if self.machine.is_none() {
-            let mut machine = Machine::start(&self.image, self.folder.path())?;
+            let mut machine = Emulator::start(&self.image, self.folder.path())?;
             machine.surround(&self.outside)?;
             machine.go()?;
             self.machine = Some(machine);
@@ -107,7 +107,7 @@ impl Board {
     ///
     /// # Errors
     /// If there is no power.
-    pub fn machine(&mut self) -> io::Result<&mut Machine> {
+    pub fn machine(&mut self) -> io::Result<&mut Emulator> {
         self.machine
             .as_mut()
             .ok_or_else(|| io::Error::other("the board has no power"))

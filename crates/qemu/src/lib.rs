@@ -1,6 +1,6 @@
 //! Boards with our firmware in QEMU.
 //!
-//! A [`Machine`] is one QEMU with the chips of `firmware/README.md`: it ends when it is dropped,
+//! A [`Emulator`] is one QEMU with the chips of `firmware/README.md`: it ends when it is dropped,
 //! and when this process ends in any way. A [`Board`] is a machine with its EEPROM file, on a
 //! bench: it runs the datasheets' cases like the simulated module. A [`Hub`] connects boards and a
 //! pseudo terminal to one half-duplex line.
@@ -22,5 +22,5 @@ pub use board::{Board, family_image};
 pub use ear::Ear;
 pub use folder::Folder;
 pub use hub::{Hub, Turn};
-pub use machine::Machine;
+pub use machine::Emulator;
 pub use pty::Pty;

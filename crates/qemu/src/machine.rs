@@ -75,20 +75,20 @@ const STARTS: Timespec = Timespec {
 
 /// A board that has power for as long as this lives.
 #[derive(Debug)]
-pub struct Machine {
+pub struct Emulator {
     qmp: Arc<Mutex<Qmp>>,
     line: UnixStream,
     console: BufReader<UnixStream>,
     qemu: Child,
 }
 
-impl Machine {
+impl Emulator {
     /// Switches a board with this program on; `folder` contains its EEPROM as `ee.bin`. The
-    /// processor does not run before [`Machine::go`].
+    /// processor does not run before [`Emulator::go`].
     ///
     /// # Errors
     /// If QEMU does not start, with its message.
-    pub fn start(image: &Path, folder: &Path) -> io::Result<Machine> {
+    pub fn start(image: &Path, folder: &Path) -> io::Result<Emulator> {
         let sockets = ["line", "console", "qmp"].map(|name| listen(&folder.join(name)));
         let [line, console, qmp] = sockets;
         let says = folder.join("qemu.txt");
@@ -105,7 +105,7 @@ impl Machine {
             .spawn()?;
         let mut connect = |listener: io::Result<UnixListener>| accept(&listener?, &mut qemu, &says);
         let (line, console, qmp) = (connect(line)?, connect(console)?, connect(qmp)?);
-        Ok(Machine {
+        Ok(Emulator {
             qmp: Arc::new(Mutex::new(Qmp::new(qmp)?)),
             line,
             console: BufReader::new(console),
@@ -257,7 +257,7 @@ impl Machine {
     }
 }
 
-impl Drop for Machine {
+impl Drop for Emulator {
     fn drop(&mut self) {
         drop(self.qemu.stdin.take());
         let _ = self.qemu.wait();

@@ -170,7 +170,7 @@ impl Slot {
 
     /// The factory settings.
     pub(crate) fn factory(&self) -> Eeprom {
-        Eeprom::of(&Setup::new(self.setup.family, Address(1)))
+        Eeprom::of(&Setup::factory(self.setup.family))
     }
 
     /// Applies an action to the surroundings; other actions are ignored.

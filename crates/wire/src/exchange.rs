@@ -177,11 +177,27 @@ impl<'a> Exchange<'a> {
     /// This skips a glitch before the reply [MODBUS §4.3]. A position where a reply has only begun
     /// hides what follows it until more bytes come; the caller decides when to stop waiting, drops
     /// the first byte and looks again.
+    #[inline]
     pub fn find_response<'r>(&self, rx: &'r [u8]) -> (usize, Decoded<Reply<Response<'r>>>) {
-        let mut why = Malformed::Start;
-        for skip in 0..rx.len() {
+        if rx.is_empty() {
+            return (0, Decoded::Malformed(Malformed::Start));
+        }
+        match self.decode_response(rx) {
+            Decoded::Malformed(why) => self.find_later_response(rx, why),
+            found => (0, found),
+        }
+    }
+
+    /// The same after the first byte, where it did not begin. On its own, because the reply nearly
+    /// always begins with the first byte, and a loop would be prepared for nothing.
+    #[cold]
+    fn find_later_response<'r>(
+        &self,
+        rx: &'r [u8],
+        why: Malformed,
+    ) -> (usize, Decoded<Reply<Response<'r>>>) {
+        for skip in 1..rx.len() {
             match self.decode_response(rx.get(skip..).unwrap_or_default()) {
-                Decoded::Malformed(reason) if skip == 0 => why = reason,
                 Decoded::Malformed(_) => {}
                 found => return (skip, found),
             }

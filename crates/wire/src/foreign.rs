@@ -27,6 +27,35 @@ pub fn carries_command(bytes: &[u8], protocol: Protocol) -> bool {
     }
 }
 
+/// The first of these protocols, other than the frame's own, whose modules could obey these bytes.
+#[must_use]
+pub fn foreign_command(
+    bytes: &[u8],
+    own: Protocol,
+    others: impl IntoIterator<Item = Protocol>,
+) -> Option<Protocol> {
+    let mut others = others.into_iter().filter(|other| *other != own);
+    others.find(|other| carries_command(bytes, *other))
+}
+
 const fn whole<T>(decoded: &Decoded<T>) -> bool {
     matches!(decoded, Decoded::Whole { .. })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_inside_a_frame_is_found() {
+        let mut frame = [0; 17];
+        frame[..7].copy_from_slice(&[0x01, 0x10, 0x00, 0x00, 0x00, 0x04, 0x08]);
+        frame[7..15].copy_from_slice(&[0x55, 0x04, 0x12, 0, 0, 0, 1, 0x6C]);
+        let sum = crate::crc16(&frame[..15]).to_le_bytes();
+        frame[15..].copy_from_slice(&sum);
+        let found = foreign_command(&frame, Protocol::Rtu, Protocol::ALL);
+        assert_eq!(found, Some(Protocol::R55));
+        let others = [Protocol::Rtu, Protocol::Ascii];
+        assert_eq!(foreign_command(&frame, Protocol::Rtu, others), None);
+    }
 }

@@ -26,6 +26,12 @@
 //! and slower.
 //!
 //! Sections in brackets, as `[ERC-8 §2.1]`, are numbered facts of `docs/datasheets`.
+//!
+//! # Where things are
+//! - A protocol: `rtu` (Modbus), `ascii` (EDA, ADAM/DCON), `lc02`, `r55` (0x55/0x22), `lcus`. A new
+//!   one is a file here and a variant of [`Exchange`].
+//! - What another protocol would make of a frame: `foreign`. Speeds, formats, character times:
+//!   `serial`, `time`.
 
 #![no_std]
 #![forbid(unsafe_code)]
@@ -58,8 +64,8 @@ pub use address::{Address, Channel, PulseWidth};
 pub use checksum::{crc16, sum8};
 pub use decoded::{Decoded, Malformed, Reply};
 pub use exchange::{Exchange, Protocol, Response};
-pub use foreign::carries_command;
+pub use foreign::{carries_command, foreign_command};
 pub use frame::{FRAME_MAX, Frame};
 pub use payload::{Bits, Words};
 pub use serial::{Baud, Character, Settings};
-pub use time::{Instant, Micros};
+pub use time::{Instant, Micros, REPLY_TIMEOUT};

@@ -2,6 +2,10 @@
 
 use core::ops::{Add, AddAssign, Mul, Sub};
 
+/// How long the reply of a module may take to begin that has never answered, or whose usual time is
+/// not known [EDA §1.12, ERC-8 §1.7, EMD-2A2Q §1.7, R55 §3.10].
+pub const REPLY_TIMEOUT: Micros = Micros::from_millis(300);
+
 /// A moment, in microseconds since an origin chosen by the driver (usually its start).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Instant(pub u64);
