@@ -128,6 +128,12 @@ impl Ghosts {
         ghost.is_common() || self.is_crowded()
     }
 
+    /// Whether there is none.
+    #[inline]
+    pub(crate) const fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
     const fn is_crowded(&self) -> bool {
         self.count > GHOSTS_MAX / 2
     }

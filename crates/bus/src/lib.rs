@@ -8,6 +8,9 @@
 //!
 //! Two words are our own: a *ghost* is a request that timed out and whose reply may still come; a
 //! *babble* is a line that somebody else never lets fall silent.
+//!
+//! What is sent next: `schedule`. What came of it: `outcome`, `command`, `event`. Late replies:
+//! `ghost`, `fence`. Silence, health, model: `module_state`, `identity`. Bytes, echo: `rx_buffer`.
 
 #![no_std]
 #![forbid(unsafe_code)]

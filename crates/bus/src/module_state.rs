@@ -5,10 +5,8 @@ use crate::identity::{Identity, IdentityReply};
 use crate::{Config, Plan, Presence};
 use alloc::vec::Vec;
 use railbus_device::{Module, Observation, Op};
-use railbus_wire::{Exchange, Frame, Instant, Micros};
+use railbus_wire::{Exchange, Frame, Instant, Micros, REPLY_TIMEOUT};
 
-/// The reply timeout of a module that has never answered, in addition to the time on the wire.
-const TIMEOUT_UNKNOWN: Micros = Micros::from_millis(300);
 /// The shortest and longest that a learned reply timeout becomes.
 const TIMEOUT_MIN: Micros = Micros::from_millis(20);
 const TIMEOUT_MAX: Micros = Micros::from_millis(300);
@@ -215,7 +213,7 @@ impl ModuleState {
 
     /// A poll is sent.
     pub(crate) fn poll_started(&mut self, op: &Op, now: Instant) {
-        for poll in self.polls.iter_mut().filter(|poll| poll.op == *op) {
+        if let Some(poll) = self.polls.iter_mut().find(|poll| poll.op == *op) {
             poll.due = now + self.plan.interval;
         }
     }
@@ -229,7 +227,7 @@ impl ModuleState {
 
     /// Something was read, by a poll or for a command.
     pub(crate) fn polled(&mut self, op: &Op, asked: Instant) {
-        for poll in self.polls.iter_mut().filter(|poll| poll.op == *op) {
+        if let Some(poll) = self.polls.iter_mut().find(|poll| poll.op == *op) {
             poll.asked = asked;
             poll.due = poll.due.max(asked + self.plan.interval);
         }
@@ -245,7 +243,7 @@ impl ModuleState {
     /// How long to wait for the beginning of a reply, from the end of the request.
     pub(crate) fn timeout(&self) -> Micros {
         match self.turnaround.slowest() {
-            Micros::ZERO => TIMEOUT_UNKNOWN,
+            Micros::ZERO => REPLY_TIMEOUT,
             slowest => (slowest * 2).clamp(TIMEOUT_MIN, TIMEOUT_MAX),
         }
     }

@@ -6,7 +6,7 @@ use crate::in_flight::{Job, Probe, write_frame};
 use crate::module_state::ModuleState;
 use crate::{Bus, Event, Fault, Last, ModuleId, Probed, State, Terms, Ticket};
 use railbus_device::{Bank, Module, Op};
-use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, carries_command};
+use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, foreign_command};
 
 /// The longest queue of commands.
 pub const COMMANDS_MAX: usize = 64;
@@ -259,23 +259,17 @@ impl Bus {
         }
     }
 
-    /// What is sent next. If both urgent reads and commands wait, they alternate.
+    /// What is sent next.
     fn search(&self, search: &mut Search) {
-        // Silent modules come before polls that can wait: a full line must not keep a module
-        // silent.
-        let found = self.polls_have_rivals()
-            && (!self.last.urgent || self.commands.is_empty())
-            && self.search_polls(search, true)
-            || self.search_commands(search)
-            || !self.last.probe && self.search_probe(search)
-            || self.search_silent(search)
-            || self.search_polls(search, false)
-            || self.search_probe(search);
+        let found = if self.polls_have_rivals() {
+            self.search_by_priority(search)
+        } else {
+            self.search_polls(search, false)
+        };
         debug_assert_eq!(found, search.work.is_some());
     }
 
-    /// Whether anything but polls waits. Among polls alone the most overdue goes first, so urgent
-    /// ones need no search.
+    /// Whether anything but polls waits. Among polls alone the most overdue goes first.
     fn polls_have_rivals(&self) -> bool {
         let has_other_reads = |state: &ModuleState| state.is_silent() || state.has_on_online_ops();
         !self.commands.is_empty()
@@ -283,9 +277,44 @@ impl Bus {
             || self.modules.iter().any(has_other_reads)
     }
 
+    /// What is sent first when several kinds of requests wait. Silent modules come before polls
+    /// that can wait: a full line must not keep a module silent.
+    const PRIORITIES: [fn(&Bus, &mut Search) -> bool; 6] = [
+        Bus::search_urgent_polls,
+        Bus::search_commands,
+        Bus::search_probe_in_turn,
+        Bus::search_silent,
+        |bus, search| bus.search_polls(search, false),
+        Bus::search_probe,
+    ];
+
+    #[inline(never)]
+    fn search_by_priority(&self, search: &mut Search) -> bool {
+        Bus::PRIORITIES.iter().any(|kind| kind(self, search))
+    }
+
+    /// Polls that can't wait any longer. If commands wait, too, they alternate.
+    fn search_urgent_polls(&self, search: &mut Search) -> bool {
+        (!self.last.urgent || self.commands.is_empty()) && self.search_polls(search, true)
+    }
+
+    /// The probe, unless one was sent last: then the others have their turn first.
+    fn search_probe_in_turn(&self, search: &mut Search) -> bool {
+        !self.last.probe && self.search_probe(search)
+    }
+
     /// Takes the work unless a ghost forbids it now; then the fence that ends the ghost.
     #[inline]
-    fn offer(&self, search: &mut Search, mut work: Work) -> bool {
+    fn offer(&self, search: &mut Search, work: Work) -> bool {
+        if self.ghosts.is_empty() {
+            search.work = Some(work);
+            return true;
+        }
+        self.offer_among_ghosts(search, work)
+    }
+
+    #[cold]
+    fn offer_among_ghosts(&self, search: &mut Search, mut work: Work) -> bool {
         if let Job::OnOnline {
             module,
             op: Op::Identify,
@@ -615,14 +644,12 @@ impl Bus {
         let own = exchange.protocol();
         let mut frame = railbus_wire::Frame::new();
         write_frame(&job, exchange, &mut frame);
-        Protocol::ALL.into_iter().any(|other| {
-            other != own
-                && self
-                    .modules
-                    .iter()
-                    .any(|state| !state.retired && state.module.setup().protocol == other)
-                && carries_command(frame.bytes(), other)
-        })
+        let is_spoken = |other: &Protocol| {
+            let mut modules = self.modules.iter();
+            modules.any(|state| !state.retired && state.module.setup().protocol == *other)
+        };
+        let others = Protocol::ALL.into_iter().filter(is_spoken);
+        foreign_command(frame.bytes(), own, others).is_some()
     }
 
     /// Ends commands that have timed out.

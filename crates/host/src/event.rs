@@ -91,9 +91,9 @@ impl Publisher {
         self.granted.send_replace(granted);
     }
 
-    pub(crate) fn publish(&mut self, event: Event) {
+    pub(crate) fn publish(&mut self, event: &Event) {
         if self.observer.is_some() || self.events.receiver_count() > 0 {
-            self.send(LineEvent::Bus(event));
+            self.send(LineEvent::Bus(*event));
         }
     }
 
@@ -133,7 +133,7 @@ mod tests {
         let mut publisher = Publisher::new(None);
         let mut events = Events::of(&publisher.events());
         for _ in 0..EVENTS_MAX + 3 {
-            publisher.publish(Event::Babble);
+            publisher.publish(&Event::Babble);
         }
         assert_eq!(events.next().await, Some(LineEvent::Lagged(3)));
         assert_eq!(events.next().await, Some(LineEvent::Bus(Event::Babble)));

@@ -22,6 +22,12 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! # Where things are
+//! - A kind of port: `serial`, `tcp`, `mbtcp`, behind `port`. Losing and reopening it: `task`,
+//!   `backoff`.
+//! - What a caller can ask of a line: `line`; what waits for its result: `pending`. Watching its
+//!   bytes: `tap`.
 
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::panic))]
@@ -48,6 +54,7 @@ mod serial;
 mod tap;
 mod task;
 mod tcp;
+mod wake_flag;
 
 pub use error::{Access, Holder, PortError};
 pub use event::{Events, LineEvent, LineState, Observer};

@@ -5,6 +5,7 @@ use crate::clock::Alarm;
 use crate::event::Publisher;
 use crate::line::{Job, ModuleChanges};
 use crate::pending::{PendingCalls, PendingRun};
+use crate::wake_flag::WakeFlag;
 use crate::{LineState, Port, PortError};
 use railbus_bus::LateReply;
 use railbus_bus::{Bus, Config, Event, Fault, Input, Medium, ModuleId, Output, Plan};
@@ -14,7 +15,7 @@ use std::future::{Future, poll_fn};
 use std::io;
 use std::pin::pin;
 use std::sync::Arc;
-use std::task::Poll;
+use std::task::{Context, Poll, ready};
 use tokio::sync::{mpsc, oneshot};
 
 /// How long pending commands may take to end when the line is closed.
@@ -33,6 +34,8 @@ pub(crate) struct Task<P> {
     pending: PendingCalls,
     publisher: Publisher,
     alarm: Alarm,
+    /// The alarm or the jobs may be ready.
+    others: WakeFlag,
     /// The last moment passed to the state machine.
     told: Instant,
     /// How far its time lags behind the clock. The state machine assumes that a frame is sent at
@@ -137,6 +140,7 @@ impl<P: Port> Task<P> {
             publisher,
             told: alarm.now(),
             alarm,
+            others: WakeFlag::new(),
             lag: Micros::ZERO,
             last: LastFrame {
                 at: Instant(0),
@@ -232,17 +236,25 @@ impl<P: Port> Task<P> {
     /// The line's loop.
     async fn drive(&mut self) -> Stop {
         let mut buffer = [0; BUFFER];
+        // While there was no port, others were polled by the task's own waker.
+        self.others.set();
+        match self.react() {
+            Ok(()) => poll_fn(|cx| self.poll_drive(cx, &mut buffer)).await,
+            Err(stop) => stop,
+        }
+    }
+
+    fn poll_drive(&mut self, cx: &mut Context<'_>, buffer: &mut [u8; BUFFER]) -> Poll<Stop> {
         loop {
-            if let Err(stop) = self.turn(&mut buffer).await {
-                return stop;
+            let wakeup = ready!(self.poll_next(cx, buffer));
+            if let Err(stop) = self.take_wakeup(wakeup, buffer).and_then(|()| self.react()) {
+                return Poll::Ready(stop);
             }
         }
     }
 
-    async fn turn(&mut self, buffer: &mut [u8; BUFFER]) -> Result<(), Stop> {
-        let deadline = self.drain()?;
-        self.alarm.set(deadline)?;
-        match self.next(buffer).await {
+    fn take_wakeup(&mut self, wakeup: Wakeup, buffer: &[u8; BUFFER]) -> Result<(), Stop> {
+        match wakeup {
             Wakeup::Bytes(count) => {
                 let bytes = buffer.get(..count?).unwrap_or_default();
                 self.lag = Micros::ZERO;
@@ -253,6 +265,13 @@ impl<P: Port> Task<P> {
             Wakeup::Deadline(now) => self.handle(now?, Input::Timeout),
             Wakeup::Job(job) => self.take_all(job),
         }
+        Ok(())
+    }
+
+    /// Does what the state machine wants, and sets the alarm for its deadline.
+    fn react(&mut self) -> Result<(), Stop> {
+        let deadline = self.drain()?;
+        self.alarm.set(deadline)?;
         Ok(())
     }
 
@@ -298,21 +317,30 @@ impl<P: Port> Task<P> {
 
     /// Bytes go first: they decide what a deadline means. Jobs go last, so that a flood of them
     /// delays nothing.
-    async fn next(&mut self, buffer: &mut [u8; BUFFER]) -> Wakeup {
-        let takes_jobs = self.closing.is_none();
-        poll_fn(|cx| {
-            if let Poll::Ready(count) = self.port.poll_read(cx, buffer) {
-                return Poll::Ready(Wakeup::Bytes(count));
-            }
-            if let Poll::Ready(now) = self.alarm.poll(cx) {
-                return Poll::Ready(Wakeup::Deadline(now));
-            }
-            if takes_jobs {
-                return self.jobs.poll_recv(cx).map(Wakeup::Job);
-            }
-            Poll::Pending
-        })
-        .await
+    fn poll_next(&mut self, cx: &mut Context<'_>, buffer: &mut [u8; BUFFER]) -> Poll<Wakeup> {
+        if let Poll::Ready(count) = self.port.poll_read(cx, buffer) {
+            return Poll::Ready(Wakeup::Bytes(count));
+        }
+        if !self.others.take(cx) {
+            return Poll::Pending;
+        }
+        let wakeup = self.poll_others();
+        if wakeup.is_ready() {
+            // There may be more.
+            self.others.set();
+        }
+        wakeup
+    }
+
+    fn poll_others(&mut self) -> Poll<Wakeup> {
+        let cx = &mut Context::from_waker(self.others.waker());
+        if let Poll::Ready(now) = self.alarm.poll(cx) {
+            return Poll::Ready(Wakeup::Deadline(now));
+        }
+        if self.closing.is_some() {
+            return Poll::Pending;
+        }
+        self.jobs.poll_recv(cx).map(Wakeup::Job)
     }
 
     fn handle(&mut self, now: Instant, input: Input<'_>) {
@@ -326,7 +354,7 @@ impl<P: Port> Task<P> {
 
     /// Events are published before the caller gets its result: a read after a write sees the write.
     fn on_event(&mut self, event: Event) {
-        self.publisher.publish(event);
+        self.publisher.publish(&event);
         match event {
             Event::Seen {
                 module,
