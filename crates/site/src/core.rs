@@ -1,10 +1,10 @@
-//! Points, deadlines, turns, safety and commands of a site as one state machine: no lock, no
-//! clock, no runtime and no I/O. Whoever drives it says what happened and when
-//! ([`Core::handle`]), starts what somebody asks for ([`Core::start`]), does what
-//! [`Core::poll`] says, and comes back at [`Core::deadline`]. So everything that may come between
-//! two steps can be tried in virtual time, and each of them comes in one order only.
+//! Points, deadlines, turns, safety and commands of a site as one state machine: no lock, no clock,
+//! no runtime and no I/O. The driver reports what happened and when ([`Core::handle`]), starts what
+//! a caller asks for ([`Core::start`]), carries out what [`Core::poll`] returns, and comes back at
+//! [`Core::deadline`]. So everything that may come between two steps can be tried in virtual time,
+//! and steps happen in one order only.
 //!
-//! What takes more than one step is a [`context`] procedure.
+//! Work that takes more than one step is a [`context`] procedure.
 
 mod batch;
 mod commands;
@@ -16,9 +16,11 @@ mod order;
 mod policies;
 mod promises;
 mod pulse;
+mod quality;
 mod scene;
 mod schedule;
 mod state;
+mod stream;
 #[cfg(test)]
 mod tests;
 mod timers;
@@ -33,6 +35,7 @@ pub(crate) use promises::{Board, Kept, Promise, Why, boards};
 pub use pulse::{By, PULSE_MAX, Pulse, PulseDone};
 pub(crate) use schedule::STOP_MAX;
 pub(crate) use state::{LineNow, State};
+pub use stream::{Batch, News, Picture, PointReading};
 pub(crate) use turns::Turn;
 pub(crate) use write::Who;
 pub use write::{ToggleTerms, WriteDone, WriteTerms};
@@ -53,12 +56,12 @@ use std::sync::Arc;
 use std::task::Waker;
 use std::time::SystemTime;
 
-/// What time it is.
+/// The present time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Now {
     /// Since the start of the site.
     pub(crate) site: Micros,
-    /// By the clock on the wall, which may be set.
+    /// By the wall clock, which may be set.
     pub(crate) wall: SystemTime,
 }
 
@@ -71,23 +74,23 @@ impl Default for Now {
     }
 }
 
-/// A line that was opened; one that is opened anew is another.
+/// A line that was opened; reopening it gives another id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct LineId(pub(crate) u64);
 
-/// Where a module hangs.
+/// Where a module is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct At {
     pub(crate) line: LineId,
     pub(crate) module: ModuleId,
 }
 
-/// Something that was written down and is under way.
+/// An audit entry whose command is in progress.
 #[derive(Clone, Debug)]
 pub(crate) struct Begun {
     /// Its number.
     pub(crate) id: String,
-    /// What is told of it at its end.
+    /// The event to report at its end.
     pub(crate) event: Box<railbus_store::history::Event>,
 }
 
@@ -100,64 +103,66 @@ pub(crate) enum Input<'a> {
     Opened(&'a str, LineId, Micros),
     /// Something happened on a line, or to it.
     Line(LineId, &'a str, &'a LineEvent),
-    /// What was asked for is done.
+    /// A request to the driver is done.
     Done(RequestId, Reply),
-    /// What was to be kept is on the disk, or is not.
+    /// The scheduled actions are on the disk, or the write failed.
     Kept(Result<(), ErrorKind>),
-    /// These turns are given back.
+    /// These turns are released.
     Release(Vec<Arc<Turn>>),
 }
 
-/// What is to be done.
+/// What the driver has to do.
 #[derive(Debug)]
 pub(crate) enum Output {
     /// An op with a module. [`Reply::Ran`] says how it ended.
     Run {
-        /// What the reply carries.
+        /// Returned in the reply.
         request: RequestId,
         /// The line and the module there.
         at: At,
-        /// What is wanted of it.
+        /// The operation.
         op: Op,
         /// Read outputs back.
         verify: bool,
-        /// What was not sent by this time of the site is not sent any more.
+        /// After this time of the site it is no longer sent.
         expires: Micros,
     },
-    /// Write down what is about to be done. [`Reply::Begun`] says whether it may be.
+    /// Write an audit entry before acting. [`Reply::Begun`] says whether the command may go on.
     Begin {
-        /// What the reply carries.
+        /// Returned in the reply.
         request: RequestId,
-        /// Of which module.
+        /// The module.
         module: String,
-        /// The label of its output, where it is about one.
+        /// The label of the output, if it is about one.
         label: Option<String>,
-        /// Who asks for what.
+        /// Caller and command.
         note: Note,
-        /// How the outputs are known to be.
+        /// The known states of the outputs.
         before: String,
     },
-    /// Write down how it ended: [`Reply::Ended`].
+    /// Write the end of a command: [`Reply::Ended`].
     End {
-        /// What the reply carries.
+        /// Returned in the reply.
         request: RequestId,
-        /// What has ended.
+        /// The entry that has ended.
         begun: Begun,
-        /// How.
+        /// The end.
         end: &'static str,
-        /// How the outputs are known to be.
+        /// The known states of the outputs.
         after: String,
     },
-    /// Write the promises anew: [`Input::Kept`]. There is one such write at a time.
+    /// Write the scheduled actions: [`Input::Kept`]. There is one such write at a time.
     Keep(Vec<Kept>),
-    /// Tell whoever follows.
+    /// Notify subscribers at once.
     Publish(Update),
+    /// Notify followers of the stream; if there are none, [`Core::is_not_followed`].
+    News(News),
 }
 
-/// A procedure that waits.
+/// A suspended procedure.
 struct Task {
     procedure: Procedure,
-    /// When it is to be polled at the latest.
+    /// When it has to be polled at the latest.
     deadline: Option<Micros>,
 }
 
@@ -179,7 +184,7 @@ impl std::fmt::Debug for Core {
 }
 
 impl Drop for Core {
-    /// What waits gives back what it has.
+    /// Dropped procedures release what they hold.
     fn drop(&mut self) {
         let _lent = self.context.lend(&mut self.state);
         self.tasks.clear();
@@ -187,8 +192,8 @@ impl Drop for Core {
 }
 
 impl Core {
-    /// A site of which nothing is known yet but what was promised before. Its lines are opened
-    /// by [`Input::Opened`].
+    /// A site of which nothing is known yet but its scheduled actions. Its lines are opened by
+    /// [`Input::Opened`].
     pub(crate) fn new(now: Now, config: Config, polls: bool, kept: Vec<Kept>) -> Core {
         let boards = boards(&config);
         let mut state = Box::new(State::new(config, polls));
@@ -202,12 +207,12 @@ impl Core {
         }
     }
 
-    /// Takes up what was promised before, once the lines are open or being opened.
+    /// Resumes scheduled actions, once the lines are open or being opened.
     pub(crate) fn take_up(&mut self, now: Now) {
         self.step(now, |context| context.take_up());
     }
 
-    /// Says what happened.
+    /// Handles an input.
     pub(crate) fn handle(&mut self, now: Now, input: Input<'_>) {
         match input {
             Input::Time => {}
@@ -228,8 +233,7 @@ impl Core {
         self.step(now, |_| {});
     }
 
-    /// Starts a procedure; `end` is given what it ends with. It goes on whether or not somebody
-    /// waits for that.
+    /// Starts a procedure; `end` gets its result. It runs to its end even if the caller goes away.
     pub(crate) fn start<T, F>(
         &mut self,
         now: Now,
@@ -249,42 +253,61 @@ impl Core {
     pub(crate) fn change<T>(&mut self, now: Now, change: impl FnOnce(&Context) -> T) -> T {
         self.step(now, |context| {
             let changed = change(context);
-            // A line may be another now.
+            // A line may have changed.
             context.with(State::wake_opening);
             changed
         })
     }
 
-    /// Breaks a procedure off, if it has not ended.
+    /// Cancels a procedure, unless it has ended.
     pub(crate) fn cancel(&mut self, now: Now, task: TaskId) {
         let task = self.tasks.remove(&task);
         self.step(now, |_| drop(task));
     }
 
-    /// What is to be done next, if anything.
+    /// The next thing to do, if any.
     pub(crate) fn poll(&mut self) -> Option<Output> {
         self.state.runs.outputs.pop_front()
     }
 
-    /// When [`Input::Time`] is to be said at the latest, in the time of the site.
+    /// When [`Input::Time`] has to be reported at the latest, in the time of the site.
     pub(crate) fn deadline(&self) -> Option<Micros> {
         let task = self.deadlines.first().map(|(at, _)| *at);
         let disk = self.state.schedule.writes_again_at();
-        [task, disk].into_iter().flatten().min()
+        let quality = self.state.qualities.deadline();
+        let stream = self.state.stream.deadline();
+        [task, disk, quality, stream].into_iter().flatten().min()
     }
 
-    /// Whether anything is under way.
+    /// Whether anything is in progress.
     pub(crate) fn is_busy(&self) -> bool {
         !self.tasks.is_empty()
     }
 
-    /// All that is known, as of this time.
+    /// The whole state, as of this time.
     pub(crate) fn state(&mut self, now: Now) -> &mut State {
         self.state.now = now;
         &mut self.state
     }
 
-    /// A command that was given lately.
+    /// A snapshot for a new follower of the stream. Changes up to the next step are included.
+    pub(crate) fn follow(&mut self, now: Now) -> Arc<Picture> {
+        self.step(now, |_| {});
+        self.state.begin_to_follow()
+    }
+
+    /// The stream has no followers any more.
+    pub(crate) fn is_not_followed(&mut self) {
+        self.state.stream.end();
+    }
+
+    /// Sends pending updates of the stream.
+    pub(crate) fn finish_stream(&mut self, now: Now) {
+        self.step(now, |_| {});
+        self.state.stream_rest();
+    }
+
+    /// A recent command.
     pub(crate) fn command(&self, id: &str) -> Option<&Command> {
         self.state.commands.find(id)
     }
@@ -302,10 +325,13 @@ impl Core {
             self.state.runs.wake(task);
         }
         self.run();
+        self.state.settle();
+        self.state.stream_out();
         result
     }
 
-    /// Polls whoever can go on, in the order in which that came to be, until nobody can.
+    /// Polls all procedures that can go on, in the order in which they became ready, until none
+    /// can.
     fn run(&mut self) {
         loop {
             let state = &mut self.state;
@@ -350,8 +376,8 @@ impl Core {
                 let mut noop = std::task::Context::from_waker(Waker::noop());
                 task.procedure.as_mut().poll(&mut noop).is_pending()
             };
-            // One that breaks down, which standard error tells, takes nobody with it. What it has
-            // is given back while the state is lent.
+            // A procedure that panics, which standard error reports, does not affect others. What
+            // it holds is released while the state is lent.
             let waits = catch_unwind(AssertUnwindSafe(poll)).unwrap_or(false);
             waits.then_some(task)
         };
@@ -366,8 +392,8 @@ impl Core {
     }
 }
 
-/// An event was applied: what is promised of outputs that it has shown in another state begins
-/// or ends, and modules that are heard again get what their policies want.
+/// After an event: starts or ends scheduled actions of outputs that it has shown in another state,
+/// and applies the policies of modules that answer again.
 fn observed(context: &Context) {
     let (changed, returned) = context.with(|state| {
         let changed = std::mem::take(&mut state.changed);

@@ -1,5 +1,6 @@
 //! Why a command was not done, or is not known to be.
 
+use crate::Role;
 use railbus_device::Point;
 use railbus_host::Fault;
 use railbus_wire::Micros;
@@ -80,6 +81,15 @@ pub enum Failure {
     Undone,
     /// Done, and could not be taken back, though another part of the same command failed.
     NotUndone,
+    /// Whoever asks for it has this role, which is too low. Nothing was sent.
+    RoleTooLow(Role),
+    /// Whoever asks for it is limited to other outputs. Nothing was sent.
+    NotPermitted {
+        /// The output's module.
+        module: String,
+        /// Its label; empty where the module has no such output.
+        label: String,
+    },
     /// There is no such group.
     NoSuchGroup,
     /// There is no such scene.
@@ -118,6 +128,8 @@ impl Failure {
             Failure::NotTried => "not_tried",
             Failure::Undone => "undone",
             Failure::NotUndone => "not_undone",
+            Failure::RoleTooLow(_) => "role_too_low",
+            Failure::NotPermitted { .. } => "not_permitted",
             Failure::NoSuchGroup => "no_such_group",
             Failure::NoSuchScene => "no_such_scene",
             Failure::Playing => "playing",
@@ -151,6 +163,8 @@ impl Failure {
             | Failure::Due { .. }
             | Failure::NotTried
             | Failure::Undone
+            | Failure::RoleTooLow(_)
+            | Failure::NotPermitted { .. }
             | Failure::NoSuchGroup
             | Failure::NoSuchScene
             | Failure::Playing

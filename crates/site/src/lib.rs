@@ -4,6 +4,17 @@
 //! [`Service`] opens the lines of a [`Config`], keeps the truth ([`Site`]) up to date, and takes
 //! commands. Whoever shows or commands a site, over whatever network, does it through a clone of
 //! the one `Service`.
+//!
+//! # Where things are
+//! - What happens between a command and its end, and everything that depends on time (turns,
+//!   interlocks, pulses, leases, limits, policies, scenes, staleness, the stream of changes):
+//!   `core`, a state machine without I/O, one file for each.
+//! - What drives it, and what callers see of it (orders, status, followers, reloads, lines lent,
+//!   rules, raw frames): `service`.
+//! - Who may command what: `rights`. Why something failed: `failure`. What a value is worth:
+//!   `truth`.
+//! - Keys of `railbus.toml`, with their checks and the edits that keep comments: `config`.
+//!   Conditions of rules: `rules`.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -13,18 +24,23 @@ pub mod config;
 mod core;
 mod failure;
 mod health;
+pub mod paths;
+mod rights;
 pub mod rules;
 mod service;
 mod truth;
 
 pub use self::core::{
-    BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, GroupState, LEASE_MAX, LEASE_MIN, Leased,
-    PULSE_MAX, Part, PartDone, Pulse, PulseDone, ToggleTerms, WriteDone, WriteTerms,
+    Batch, BatchDone, BatchTerms, By, COMMANDS_KEPT, Command, GroupState, LEASE_MAX, LEASE_MIN,
+    Leased, News, PULSE_MAX, Part, PartDone, Picture, PointReading, Pulse, PulseDone, ToggleTerms,
+    WriteDone, WriteTerms,
 };
 pub use config::Config;
 pub use failure::Failure;
+pub use rights::{Rights, Role};
 pub use service::{
-    Counts, Events, LOAN_MAX, Left, LineStatus, Loan, ModuleStatus, PointStatus, RawTerms,
-    Reloaded, RuleStatus, STEPS, Sent, Service, StartError, Update, Updates, Work, is_refused,
+    Counts, Events, Follower, LOAN_MAX, Left, LineStatus, Loan, ModuleStatus, PointStatus,
+    RawTerms, Reloaded, RuleStatus, STEPS, Sent, Service, StartError, Update, Updates, Work,
+    is_refused,
 };
 pub use truth::{Change, PointState, Pulses, Quality, Reason, Site, Value};

@@ -1,7 +1,7 @@
-//! A site at work: its lines opened, and its [`Core`] driven by them, by the clock and by whoever
-//! asks for something.
+//! A running site: its open lines, and its [`Core`], driven by them, by the clock and by callers.
 
 mod driver;
+mod follow;
 mod loan;
 mod meter;
 mod orders;
@@ -13,6 +13,7 @@ mod send;
 mod status;
 mod update;
 
+pub use follow::Follower;
 pub use loan::{LOAN_MAX, Loan};
 pub(crate) use meter::Busy;
 pub use meter::{Counts, STEPS};
@@ -23,14 +24,12 @@ pub use send::{Sent, is_refused};
 pub use status::{Left, LineStatus, ModuleStatus, PointStatus};
 pub use update::{Update, Updates};
 
-use crate::core::{Command, Context, Core, Input, LineId, Now, TaskId, Turn, Who, boards};
-use crate::{Config, Failure};
+use crate::core::{Command, Context, Core, Input, LineId, News, Now, TaskId, Turn, boards};
+use crate::{Config, Failure, Rights};
 use railbus_device::{Module, SetupError};
-use railbus_host::{
-    Fault, Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap,
-};
+use railbus_host::{Line, LineConfig, LineName, NameError, PortError, Probe, ProbeResult, Tap};
 use railbus_store::audit::{Audit, Entry, Origin};
-use railbus_wire::{Exchange, Instant, Micros, Settings};
+use railbus_wire::{Exchange, Instant, Micros, REPLY_TIMEOUT, Settings};
 use record::Journal;
 use rules::Standings;
 use std::collections::BTreeMap;
@@ -41,8 +40,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
 use tokio::sync::{Notify, broadcast, oneshot};
 
-/// How long a frame of one's own waits for the reply to begin, where nobody says.
-const RAW_TIMEOUT: Micros = Micros::from_millis(300);
+/// The default timeout of a raw frame.
+const RAW_TIMEOUT: Micros = REPLY_TIMEOUT;
 
 /// How many updates wait for a subscriber before the oldest are dropped.
 const UPDATES_MAX: usize = 256;
@@ -83,6 +82,8 @@ pub struct Service {
     inner: Arc<Inner>,
     /// For whom this handle acts.
     origin: Arc<Origin>,
+    /// What it may do.
+    rights: Rights,
 }
 
 pub(crate) struct Inner {
@@ -96,6 +97,7 @@ pub(crate) struct Inner {
     journal: Journal,
     rules: Standings,
     updates: broadcast::Sender<Update>,
+    news: broadcast::Sender<News>,
     /// Only one at a time may change the configuration.
     reloading: tokio::sync::Mutex<()>,
     runtime: tokio::runtime::Handle,
@@ -109,7 +111,7 @@ struct Driven {
     lines: BTreeMap<LineId, Line>,
     /// When the core is told of the time, of the site, at the latest.
     alarm_at: Option<Micros>,
-    /// While something is under way, the site does not go with its last handle.
+    /// While something is in progress, the site lives on after its last handle is dropped.
     site: Option<Arc<Inner>>,
 }
 
@@ -123,7 +125,7 @@ impl fmt::Debug for Inner {
 }
 
 impl Drop for Inner {
-    /// Whoever tells the time need not any more.
+    /// Stops the task that reports the time.
     fn drop(&mut self) {
         self.alarm.notify_one();
     }
@@ -153,7 +155,7 @@ impl Service {
         Service::start_with(config, true, Some(folder))
     }
 
-    /// The same, but only what is asked for is read: for a single command.
+    /// The same without polling, for a single command.
     ///
     /// # Errors
     /// As [`Service::start`].
@@ -192,12 +194,14 @@ impl Service {
                 journal: Journal::default(),
                 rules: Standings::default(),
                 updates: broadcast::Sender::new(UPDATES_MAX),
+                news: broadcast::Sender::new(follow::NEWS_MAX),
                 reloading: tokio::sync::Mutex::new(()),
                 runtime: tokio::runtime::Handle::current(),
                 start: tokio::time::Instant::now(),
                 polls,
             }),
             origin: Arc::new(Origin::program("railbus")),
+            rights: Rights::all(),
         };
         tokio::spawn(driver::tell_time(
             Arc::downgrade(&service.inner),
@@ -211,12 +215,13 @@ impl Service {
     }
 
     /// A handle of the same site that acts for somebody: what it does is written down under that
-    /// name.
+    /// name, and a command that these rights do not cover is refused.
     #[must_use]
-    pub fn on_behalf_of(&self, origin: Origin) -> Service {
+    pub fn on_behalf_of(&self, origin: Origin, rights: Rights) -> Service {
         Service {
             inner: Arc::clone(&self.inner),
             origin: Arc::new(origin),
+            rights,
         }
     }
 
@@ -240,8 +245,8 @@ impl Service {
         Ok(())
     }
 
-    /// What changes from now on. The newest updates are kept for a slow subscriber, which is
-    /// told how many older ones it missed.
+    /// Changes from now on. The newest updates are buffered for a slow subscriber, which is told
+    /// how many it missed.
     #[must_use]
     pub fn subscribe(&self) -> Updates {
         Updates::new(self.inner.updates.subscribe())
@@ -274,7 +279,7 @@ impl Service {
     /// are switched, commands under way get a second to end, the frames on the wire leave, the
     /// ports are closed. New commands are refused from the beginning on.
     pub async fn close(&self) {
-        self.ask(|core, _| async move {
+        self.ask(|core| async move {
             core.stop_all().await;
             core.exit_policy().await;
         })
@@ -287,26 +292,26 @@ impl Service {
             std::mem::take(&mut driven.lines)
         };
         close_all(lines.into_values()).await;
+        self.inner.drive(|core, now| core.finish_stream(now));
     }
 
-    /// Starts a procedure of the core on behalf of this handle and waits for its end. It goes on
-    /// where nobody waits any more.
-    async fn ask<T, F>(&self, procedure: impl FnOnce(Context, Who) -> F) -> Option<T>
+    /// Starts a procedure of the core and waits for its end. It goes on where nobody waits any
+    /// more.
+    async fn ask<T, F>(&self, procedure: impl FnOnce(Context) -> F) -> Option<T>
     where
         T: Send + 'static,
         F: Future<Output = T> + Send + 'static,
     {
         let (end, ended) = oneshot::channel();
-        let who = Arc::clone(&self.origin);
         self.inner.drive(|core, now| {
-            // Fails where nobody waits any more.
+            // Fails if the caller has gone.
             let end = |value| _ = end.send(value);
-            core.start(now, |context| procedure(context, who), end)
+            core.start(now, procedure, end)
         });
         ended.await.ok()
     }
 
-    /// The same of what nobody needs once the caller is gone: it ends with this.
+    /// The same for a procedure that is cancelled if the caller goes away.
     async fn ask_while<T, F>(&self, procedure: impl FnOnce(Context) -> F) -> Option<T>
     where
         T: Send + 'static,
@@ -324,21 +329,10 @@ impl Service {
         ended.await.ok()
     }
 
-    /// The same of what may fail.
-    async fn order<T, F>(&self, procedure: impl FnOnce(Context, Who) -> F) -> Result<T, Failure>
-    where
-        T: Send + 'static,
-        F: Future<Output = Result<T, Failure>> + Send + 'static,
-    {
-        let end = self.ask(procedure).await;
-        // It has none only where a procedure has broken down.
-        end.unwrap_or_else(|| Err(Fault::Unknown.into()))
-    }
-
-    /// Sends a read of one's own between the line's own exchanges.
+    /// Sends a raw read between the line's own exchanges.
     ///
     /// # Errors
-    /// [`Failure::NoSuchLine`], or what the line said.
+    /// [`Failure::NoSuchLine`], or what the line reported.
     pub async fn raw(
         &self,
         line: &str,
@@ -349,7 +343,7 @@ impl Service {
         Ok(handle.probe(probe).await?)
     }
 
-    /// A line, and a frame of one's own as it is to be sent there.
+    /// A line, and a raw frame for it.
     pub(super) fn probe_of(
         &self,
         line: &str,
@@ -372,8 +366,8 @@ impl Service {
         Ok((handle, probe))
     }
 
-    /// Looks on at what passes on a line, without touching it. The moment is now as the line
-    /// counts.
+    /// Taps the traffic of a line, without affecting it. Also returns the present time on the
+    /// line's clock.
     ///
     /// # Errors
     /// [`Failure::NoSuchLine`], or [`Fault::Closed`] while the line has no port.
@@ -386,7 +380,7 @@ impl Service {
     }
 }
 
-/// On what terms a read of one's own is sent; what is not said is as the line has it.
+/// The terms of a raw read; the default is the line's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RawTerms {
     /// Speed and character format.

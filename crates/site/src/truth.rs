@@ -6,7 +6,9 @@ use railbus_bus::Presence;
 use railbus_device::{Bank, Family, Observation, Point, PointKind};
 use railbus_host::MISSES_SILENT;
 use railbus_wire::{Channel, Instant, PulseWidth};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::SystemTime;
 
 /// The value of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +45,7 @@ pub enum Reason {
     LineAbsent,
     /// Another program has the port of its line.
     LineBusy,
-    /// Somebody has borrowed its line.
+    /// Its line is borrowed.
     Exclusive,
     /// Its line was closed.
     LineClosed,
@@ -56,6 +58,9 @@ pub struct PointState {
     pub value: Value,
     /// When the request began that read it: the value may be so old.
     pub read: Instant,
+    /// The same by the wall clock. It is fixed with the reading: whenever it is printed, and
+    /// however that clock is set meanwhile, the same reading has the same time.
+    pub time: SystemTime,
 }
 
 /// A point got another value.
@@ -107,25 +112,46 @@ impl Pulses {
 /// The truth about a site. [`Site::saw`] and [`Site::heard`] are its only writers.
 #[derive(Clone, Debug)]
 pub struct Site {
-    config: Config,
+    config: Arc<Config>,
     modules: BTreeMap<String, ModuleState>,
+    /// Modules whose points may have another quality, or something else that is not a value.
+    touched: BTreeSet<String>,
 }
 
 impl Site {
     /// A site of which nothing is known yet.
     #[must_use]
-    pub fn new(config: Config) -> Site {
+    pub fn new(config: impl Into<Arc<Config>>) -> Site {
+        let config = config.into();
         let modules = config
             .modules
             .keys()
             .map(|name| (name.clone(), ModuleState::default()))
             .collect();
-        Site { config, modules }
+        let touched = config.modules.keys().cloned().collect();
+        Site {
+            config,
+            modules,
+            touched,
+        }
     }
 
-    /// Its configuration.
+    /// Modules of which something other than values changed since this was last called; all of a
+    /// new configuration. There are never more than it has.
+    pub(crate) fn take_touched(&mut self) -> BTreeSet<String> {
+        std::mem::take(&mut self.touched)
+    }
+
+    /// A module's points are to be looked at.
+    pub(crate) fn touch(&mut self, module: &str) {
+        if self.modules.contains_key(module) && !self.touched.contains(module) {
+            self.touched.insert(module.to_owned());
+        }
+    }
+
+    /// Its configuration, which is never changed, only replaced.
     #[must_use]
-    pub const fn config(&self) -> &Config {
+    pub const fn config(&self) -> &Arc<Config> {
         &self.config
     }
 
@@ -147,6 +173,7 @@ impl Site {
                 state.points.clear();
                 state.pulse = None;
             }
+            self.touch(module);
         }
     }
 
@@ -169,12 +196,20 @@ impl Site {
         state.missing = Some(misses);
         if misses >= MISSES_SILENT {
             (state.presence, state.missing) = (Presence::Silent, None);
+            self.touch(module);
         }
         misses >= MISSES_SILENT
     }
 
-    /// A module said something that was true at `read` or later; gives back what is new in it.
-    pub fn saw(&mut self, module: &str, seen: &Observation, read: Instant) -> Vec<Change> {
+    /// A module said something that was true at `read` or later, which was `time` by the clock on
+    /// the wall; gives back what is new in it.
+    pub fn saw(
+        &mut self,
+        module: &str,
+        seen: &Observation,
+        read: Instant,
+        time: SystemTime,
+    ) -> Vec<Change> {
         let Some(config) = self.config.modules.get(module) else {
             return Vec::new();
         };
@@ -183,13 +218,14 @@ impl Site {
         };
         if let Observation::Pulse { mask, width } = *seen {
             state.pulse = Some(Pulses { mask, width });
+            self.touched.insert(module.to_owned());
         }
         if let Some(says) = model_of(seen) {
             state.says = Some(says);
         }
         let mut changes = Vec::new();
         for (point, value) in values(config, seen) {
-            let before = state.points.insert(point, PointState { value, read });
+            let before = state.points.insert(point, PointState { value, read, time });
             let before = before.map(|before| before.value);
             if before != Some(value) {
                 changes.push(Change {
@@ -210,7 +246,7 @@ impl Site {
     }
 
     /// Takes another configuration. Of the modules that `keep` names, what is known stays known.
-    pub fn reconfigure(&mut self, config: Config, keep: impl Fn(&str) -> bool) {
+    pub fn reconfigure(&mut self, config: impl Into<Arc<Config>>, keep: impl Fn(&str) -> bool) {
         let mut known = std::mem::take(&mut self.modules);
         *self = Site::new(config);
         for (name, state) in &mut self.modules {
@@ -224,7 +260,8 @@ impl Site {
 
     /// What was known of these modules is not known any more.
     pub fn forget(&mut self, of: impl Fn(&str) -> bool) {
-        for (_, state) in self.modules.iter_mut().filter(|(name, _)| of(name)) {
+        for (name, state) in self.modules.iter_mut().filter(|(name, _)| of(name)) {
+            self.touched.insert(name.clone());
             let was_heard = state.presence != Presence::Unheard || state.missing.is_some();
             *state = ModuleState {
                 missing: was_heard.then_some(0),
@@ -235,7 +272,8 @@ impl Site {
 
     /// The values of these modules' points are not known any more; whether they are heard still is.
     pub fn doubt(&mut self, of: impl Fn(&str) -> bool) {
-        for (_, state) in self.modules.iter_mut().filter(|(name, _)| of(name)) {
+        for (name, state) in self.modules.iter_mut().filter(|(name, _)| of(name)) {
+            self.touched.insert(name.clone());
             state.points.clear();
             state.pulse = None;
         }

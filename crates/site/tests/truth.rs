@@ -4,6 +4,7 @@ use railbus_device::{Bank, Observation, Point, PointKind};
 use railbus_host::Presence;
 use railbus_site::{Config, Quality, Reason, Site, Value};
 use railbus_wire::{Instant, Micros};
+use std::time::SystemTime;
 
 const CONFIG: &str = r#"
 [line.main]
@@ -18,6 +19,8 @@ line = "main"
 model = "emd2a2q"
 address = 5
 "#;
+
+const WALL: SystemTime = SystemTime::UNIX_EPOCH;
 
 const K1: Point = Point {
     kind: PointKind::Output,
@@ -47,7 +50,7 @@ fn a_value_is_good_then_stale_then_bad() {
         Quality::Bad(Reason::NeverRead),
         "heard, but never read"
     );
-    site.saw("oven", &outputs(1), at(100));
+    site.saw("oven", &outputs(1), at(100), WALL);
     assert_eq!(quality(&site, 2_100), Quality::Good);
     assert_eq!(quality(&site, 2_101), Quality::Stale);
     site.heard("oven", Presence::Silent);
@@ -65,22 +68,22 @@ fn a_value_is_good_then_stale_then_bad() {
 #[test]
 fn only_what_is_new_is_told() {
     let mut site = site();
-    let told = site.saw("oven", &outputs(0), Instant(0));
+    let told = site.saw("oven", &outputs(0), Instant(0), WALL);
     assert_eq!(told.len(), 8, "all of them for the first time");
     assert!(told.iter().all(|change| change.before.is_none()));
-    assert!(site.saw("oven", &outputs(0), Instant(1)).is_empty());
-    let told = site.saw("oven", &outputs(1), Instant(2));
+    assert!(site.saw("oven", &outputs(0), Instant(1), WALL).is_empty());
+    let told = site.saw("oven", &outputs(1), Instant(2), WALL);
     assert_eq!(told.len(), 1);
     assert_eq!(told[0].point, K1);
     assert_eq!(told[0].before, Some(Value::Bool(false)));
     assert_eq!(told[0].value, Value::Bool(true));
-    assert!(site.saw("nobody", &outputs(1), Instant(3)).is_empty());
+    assert!(site.saw("nobody", &outputs(1), Instant(3), WALL).is_empty());
 }
 
 #[test]
 fn analog_registers_are_hundredths() {
     let mut site = site();
-    site.saw("tank", &Observation::Analogs([871, 0]), Instant(0));
+    site.saw("tank", &Observation::Analogs([871, 0]), Instant(0), WALL);
     let point = Point {
         kind: PointKind::Analog,
         index: 0,
@@ -105,7 +108,12 @@ range = "0-20mA"
 point.ai2 = { range = { signal = "4-20mA", low = 0, high = 16, unit = "bar" } }
 "#;
     let mut site = Site::new(Config::parse(text).unwrap());
-    site.saw("tank", &Observation::Analogs([1_200, 1_200]), Instant(0));
+    site.saw(
+        "tank",
+        &Observation::Analogs([1_200, 1_200]),
+        Instant(0),
+        WALL,
+    );
     let value = |index| {
         let kind = PointKind::Analog;
         let (known, _) = site.point("tank", Point { kind, index }, Instant(0));
@@ -118,8 +126,8 @@ point.ai2 = { range = { signal = "4-20mA", low = 0, high = 16, unit = "bar" } }
 #[test]
 fn another_configuration_keeps_what_is_known_of_kept_modules() {
     let mut site = site();
-    site.saw("oven", &outputs(1), Instant(0));
-    site.saw("tank", &Observation::Analogs([871, 0]), Instant(0));
+    site.saw("oven", &outputs(1), Instant(0), WALL);
+    site.saw("tank", &Observation::Analogs([871, 0]), Instant(0), WALL);
     let config = site.config().clone();
     site.reconfigure(config, |module| module == "oven");
     assert!(site.point("oven", K1, Instant(0)).0.is_some());

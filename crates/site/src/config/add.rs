@@ -2,7 +2,7 @@
 //! comments and blanks included.
 
 use super::Config;
-use railbus_device::{Family, Setup};
+use railbus_device::Setup;
 use railbus_wire::Settings;
 use toml_edit::{DocumentMut, Item, Table, value};
 
@@ -42,7 +42,7 @@ pub fn with_modules(text: &str, line: NewLine<'_>, modules: &[(String, Setup)]) 
             table.insert("protocol", value(setup.protocol.name()));
         }
         serial_keys(&mut table, setup.serial, serial);
-        if setup.family == Family::R55 {
+        if setup.family.datasheet().channels_vary {
             // No reply tells it: it stands where it can be put right.
             table.insert("outputs", value(i64::from(setup.outputs)));
         }
@@ -106,6 +106,7 @@ fn insert(document: &mut DocumentMut, kind: &str, name: &str, mut table: Table) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use railbus_device::Family;
     use railbus_wire::{Address, Baud, Protocol};
 
     const LINE: NewLine<'_> = NewLine {

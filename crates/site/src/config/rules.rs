@@ -5,7 +5,7 @@ use super::problem::Kind;
 use super::read::{Reader, Section, Value};
 use super::{Config, Name, Place, SAFETY_MAX};
 use crate::PULSE_MAX;
-use railbus_device::{Family, PointKind};
+use railbus_device::{PointKind, PulseTiming};
 use railbus_wire::Micros;
 use std::ops::Range as Span;
 use toml::de::DeTable;
@@ -433,7 +433,7 @@ impl<'t> Reader<'t> {
         let family = config.modules.get(&place.module)?.setup.family;
         let (at, path) = (section.place_of("width"), &section.path);
         match width {
-            None if family != Family::Eda9060a => {
+            None if family.datasheet().pulses != PulseTiming::Stored => {
                 self.problem(at, path, Kind::MissingKey("width"));
                 None
             }

@@ -1,4 +1,4 @@
-//! Several outputs at once: in as few frames as can be, all or nothing where that is asked for.
+//! Several outputs at once: in as few frames as possible, and all or nothing on request.
 
 use super::context::Context;
 use super::order::TTL;
@@ -13,14 +13,14 @@ use railbus_wire::Micros;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-/// On what terms several outputs are switched.
+/// The terms of a batch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BatchTerms {
     /// Read the outputs back and compare, where the module can.
     pub verify: bool,
-    /// Who asks means it, also for outputs that want that to be said.
+    /// The caller confirms outputs that require it.
     pub confirm: bool,
-    /// Where one fails, what was done is taken back.
+    /// If one fails, what was done is undone.
     pub all_or_nothing: bool,
 }
 
@@ -34,43 +34,43 @@ impl Default for BatchTerms {
     }
 }
 
-/// One output of several, and what came of it.
+/// One output of a batch, and its result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Part {
     /// Which output.
     pub place: Place,
-    /// What it was to become.
+    /// The requested state.
     pub wanted: bool,
     /// How it ended.
     pub end: Result<PartDone, Failure>,
 }
 
-/// How one output of several was switched.
+/// How one output of a batch was switched.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PartDone {
-    /// What it is now; none where nobody can know.
+    /// The state now; none if it is unknown.
     pub value: Option<bool>,
-    /// What it was before, where that was known.
+    /// The state before, if it was known.
     pub before: Option<bool>,
     /// How far that is certain.
     pub confirmed: Confirmed,
-    /// From handing the command in to the last byte of its own reply.
+    /// From submitting the command to the last byte of its own reply.
     pub took: Micros,
     /// The number of its audit entry.
     pub audit: String,
 }
 
-/// What came of several outputs.
+/// The result of a batch.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct BatchDone {
-    /// Each of them, in the order asked.
+    /// Each of them, in the order of the request.
     pub parts: Vec<Part>,
-    /// One failed, and all that was done was taken back.
+    /// One failed, and everything that was done was undone.
     pub undone: bool,
 }
 
 impl BatchDone {
-    /// Nobody knows what came of these.
+    /// A result for outputs whose outcome is unknown.
     pub(crate) fn unknown(set: &[(Place, bool)]) -> BatchDone {
         BatchDone {
             parts: parts(set, |_, _| Err(Fault::Unknown.into())),
@@ -83,12 +83,12 @@ impl BatchDone {
     }
 }
 
-/// What a group is brought into.
+/// The new state of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroupState {
     /// All of it on, or all of it off.
     Set(bool),
-    /// Off where any of it is on or may be, else on.
+    /// Off if any of it is on or may be, otherwise on.
     Toggle,
 }
 
@@ -98,7 +98,7 @@ type States = BTreeMap<Place, bool>;
 /// An output of a batch and its number there.
 type Item = (usize, Place, bool);
 
-/// Whose turn it is while several outputs are switched.
+/// Who holds the turn while a batch is switched.
 #[derive(Clone, Debug)]
 enum Held {
     /// Each command waits for a turn of its own.
@@ -106,14 +106,14 @@ enum Held {
     /// What was decided holds for all of them. The outputs of a command are given back with its
     /// end.
     Each(Arc<Turn>),
-    /// Until all of it has ended: what was done may have to be taken back.
+    /// Until all of it has ended: what was done may have to be undone.
     All(Arc<Turn>),
 }
 
 impl Context {
-    /// Switches outputs of any modules. Those of one module go together; where some of them
-    /// exclude each other, what goes off goes before what goes on. Where it is all or nothing,
-    /// nobody else commands the outputs meanwhile.
+    /// Switches outputs of any modules. Those of one module are joined; if some of them are
+    /// interlocked, what goes off precedes what goes on. With all or nothing, nobody else commands
+    /// the outputs meanwhile.
     pub(crate) async fn batch(
         &self,
         who: &Who,
@@ -127,11 +127,11 @@ impl Context {
             return done;
         }
         let places: Vec<Place> = items.iter().map(|item| item.1.clone()).collect();
-        // Before the turn: nobody has to wait while a silent module is asked.
+        // Before the turn: nobody has to wait while a silent module is read.
         self.ask_unknown(&places).await;
         match self.turn(places, self.now() + TTL).await {
             Ok(turn) => {
-                // Meanwhile the configuration may have changed, or the site begun to end.
+                // Meanwhile the configuration may have changed, or the site may be closing.
                 let (done, items) = self.with(|state| state.checked(set, terms));
                 if items.is_empty() {
                     return done;
@@ -160,7 +160,7 @@ impl Context {
         self.switch_in_turn(who, &mut done, items, terms, &held)
             .await;
         if done.has_failed() {
-            // Taken back, the outputs are as they were found, in their pulses and leases.
+            // Once undone, the outputs are as before, with their pulses and leases.
             self.undo(who, &mut done, items, &before, &held).await;
             return done;
         }
@@ -173,11 +173,11 @@ impl Context {
         done
     }
 
-    /// Brings a group into a state.
+    /// Switches a group.
     ///
     /// # Errors
-    /// [`Failure::NoSuchGroup`]; where it is to be toggled, also as [`Service::write`] while
-    /// others command it.
+    /// [`Failure::NoSuchGroup`]; for a toggle also those of [`Service::write`] while others command
+    /// it.
     pub(crate) async fn set_group(
         &self,
         who: &Who,
@@ -198,20 +198,20 @@ impl Context {
         }
     }
 
-    /// What it becomes is decided in the turn with all of it: of two at once, the later one sees
-    /// what the first has done.
+    /// Its new state is decided while holding the turn of all its outputs: of two toggles at once,
+    /// the later one sees the result of the first.
     async fn toggle_group(
         &self,
         who: &Who,
         members: Vec<Place>,
         terms: BatchTerms,
     ) -> Result<BatchDone, Failure> {
-        // Before the turn: nobody has to wait while a silent module is asked.
+        // Before the turn: nobody has to wait while a silent module is read.
         self.ask_unknown(&members).await;
         let turn = self.turn(members.clone(), self.now() + TTL);
         let turn = turn.await?;
         let before = self.read_in_turn(&members).await;
-        // Where nothing is known, any of it may be on.
+        // If nothing is known, any of it may be on.
         let are_off = members.iter().all(|at| before.get(at) == Some(&false));
         let set: Vec<_> = members.into_iter().map(|at| (at, are_off)).collect();
         let (mut done, items) = self.with(|state| state.checked(&set, terms));
@@ -226,7 +226,7 @@ impl Context {
         Ok(done)
     }
 
-    /// Asks the modules of outputs of which nothing is known now.
+    /// Reads the modules of outputs whose state is unknown.
     async fn ask_unknown(&self, places: &[Place]) {
         let modules: BTreeSet<String> = self.with(|state| {
             let unknown = places.iter().filter(|place| state.known(place).is_none());
@@ -238,8 +238,8 @@ impl Context {
         }
     }
 
-    /// What outputs are, read in their turn: what was known before may have been acknowledged and
-    /// not read, or moved by hand since. Nobody waits for a module of which nothing is known.
+    /// The states of outputs, read in their turn: cached ones may have been acknowledged and not
+    /// read, or changed by hand. Modules of which nothing is known are not waited for.
     async fn read_in_turn(&self, places: &[Place]) -> States {
         let mut modules: BTreeMap<&str, bool> = BTreeMap::new();
         self.with(|state| {
@@ -262,8 +262,8 @@ impl Context {
         })
     }
 
-    /// Switches them, in two turns where they exclude each other. After a failure in the first
-    /// turn, the second is not begun where it is all or nothing.
+    /// Switches them, in two steps if they are interlocked. With all or nothing, a failure in the
+    /// first prevents the second.
     async fn switch_in_turn(
         &self,
         who: &Who,
@@ -285,7 +285,7 @@ impl Context {
         }
     }
 
-    /// Switches the outputs of all modules side by side.
+    /// Switches the outputs of all modules in parallel.
     async fn switch_at_once(
         &self,
         who: &Who,
@@ -312,8 +312,8 @@ impl Context {
         }
     }
 
-    /// Switches outputs of one module with one command. Where one of them must not be, the
-    /// others still are, unless it is all or nothing.
+    /// Switches outputs of one module with one command. If one of them is refused, the others are
+    /// still switched, unless it is all or nothing.
     async fn switch_module(
         &self,
         who: &Who,
@@ -354,7 +354,7 @@ impl Context {
             confirm: terms.confirm,
             ..WriteTerms::default()
         };
-        // The site may have begun to end since: its own policies have the last word.
+        // The site may have begun to close since: its own policies take precedence.
         let ends = self.with(|state| state.schedule.is_stopping);
         let expires = self.now() + TTL;
         let done = match held {
@@ -381,7 +381,7 @@ impl Context {
         }
     }
 
-    /// Takes back what was done, and what may have been.
+    /// Undoes what was done, and what may have been.
     async fn undo(
         &self,
         who: &Who,
@@ -440,8 +440,8 @@ impl Context {
 }
 
 impl State {
-    /// Outputs with why each of them is not tried yet, and those that can be. Where it is all or
-    /// nothing and one can't be, none is.
+    /// The outputs that are refused, with the reason, and those that can be tried. With all or
+    /// nothing, one refusal refuses all.
     fn checked(&self, set: &[(Place, bool)], terms: BatchTerms) -> (BatchDone, Vec<Item>) {
         let may = |place: &Place, on| self.may_switch(place, on, terms.confirm);
         let checked = |place: &Place, on| Err(may(place, on).err().unwrap_or(Failure::NotTried));
@@ -475,7 +475,7 @@ impl State {
         excluded.any(|other| items.iter().any(|item| item.1 == *other))
     }
 
-    /// In how many frames these outputs can be brought into one state.
+    /// The number of frames in which these outputs can be switched to one state.
     pub(crate) fn frames_of(&self, outputs: &[Place]) -> usize {
         let mut masks: BTreeMap<&str, u32> = BTreeMap::new();
         for place in outputs {

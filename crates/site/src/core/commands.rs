@@ -1,4 +1,4 @@
-//! The newest commands, by their numbers.
+//! Recent commands, by their ids.
 
 use railbus_store::audit::Origin;
 use std::collections::VecDeque;
@@ -7,24 +7,24 @@ use std::time::SystemTime;
 /// How many commands are remembered.
 pub const COMMANDS_KEPT: usize = 1_024;
 
-/// A command that was given.
+/// A command.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Command {
     /// Its number, which is that of its audit entry.
     pub id: String,
-    /// When it was asked for.
+    /// When it was requested.
     pub at: SystemTime,
-    /// Who asked for it.
+    /// Who requested it.
     pub origin: Origin,
     /// The module.
     pub module: String,
-    /// What was asked of it.
+    /// What was requested.
     pub what: String,
-    /// How it ended; none while it is under way.
+    /// How it ended; none while it is in progress.
     pub end: Option<&'static str>,
 }
 
-/// The newest commands.
+/// Recent commands.
 #[derive(Debug, Default)]
 pub(super) struct Commands(VecDeque<Command>);
 

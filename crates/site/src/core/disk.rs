@@ -1,5 +1,5 @@
-//! Which of what is promised the disk has. There is one write at a time, of all of it; whoever
-//! waits for a version hears how the first write went that had it.
+//! Which scheduled actions are on the disk. There is one write at a time, of all of them; a caller
+//! that waits for a version gets the result of the first write that contains it.
 
 use super::context::{Context, TaskId};
 use super::promises::Kept;
@@ -8,26 +8,26 @@ use railbus_wire::Micros;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 
-/// A disk that refuses is tried again after this time: what it says may be out of date.
+/// A failed write is retried after this time: what is on the disk may be out of date.
 const WRITE_AGAIN: Micros = Micros::from_secs(1);
 
-/// Which changes the disk has.
+/// Which changes are on the disk.
 #[derive(Debug, Default)]
 pub(super) struct Disk {
     /// Counts the changes: the file has all up to one of them.
     pub(super) version: u64,
     written: u64,
-    /// The version that is on its way.
+    /// The version that is being written.
     writing: Option<u64>,
-    /// Nobody waits for it, and it is to be written all the same.
+    /// Nobody waits for it, but it has to be written.
     pub(super) soon: bool,
-    /// The disk has refused, and is tried again then.
+    /// The last write failed, and is retried then.
     again_at: Option<Micros>,
     newest: u64,
     waiting: BTreeMap<u64, Waiting>,
 }
 
-/// Somebody waits until the disk has a version.
+/// A caller that waits for a version.
 #[derive(Debug)]
 struct Waiting {
     version: u64,
@@ -56,7 +56,7 @@ impl Schedule {
         self.disk.again_at
     }
 
-    /// What was on its way is on the disk, or is not.
+    /// A write has ended.
     pub(super) fn written(&mut self, end: Result<(), ErrorKind>, now: Micros) {
         let Some(version) = self.disk.writing.take() else {
             return;
@@ -81,10 +81,10 @@ impl Schedule {
 }
 
 impl Context {
-    /// Brings all of it to the disk as it is now.
+    /// Writes all of it as it is now.
     ///
     /// # Errors
-    /// Why the disk refuses.
+    /// Why the write failed.
     pub(crate) async fn keep(&self) -> Result<(), ErrorKind> {
         let number = self.with(|state| {
             let (task, disk) = (state.runs.current, &mut state.schedule.disk);

@@ -1,6 +1,6 @@
-//! What keeps outputs safe below whoever commands them: outputs that exclude each other, and
-//! times that an output stays off. All of it is decided in one step of the core, so that of two
-//! commands at once the second one sees what the first one is about to do.
+//! Protection of outputs, whoever commands them: interlocks and minimum off times. All of it is
+//! decided in one step of the core, so that of two simultaneous commands the second one sees what
+//! the first one is about to do.
 
 use super::state::State;
 use crate::config::Place;
@@ -9,32 +9,31 @@ use railbus_wire::{Instant, Micros};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// What is known of outputs beside their values.
+/// What is known of outputs besides their values.
 #[derive(Debug, Default)]
 pub(super) struct Guard {
     outputs: BTreeMap<Place, Output>,
-    /// The site is read again and again, so that what was never seen to go off went off before
-    /// its start.
+    /// The site polls, so an output that was never seen going off went off before the start.
     polls: bool,
 }
 
 #[derive(Debug, Default)]
 struct Output {
-    /// Commands under way that may switch it on.
+    /// Commands in progress that may switch it on.
     rising: u32,
-    /// Only a reading that began at this time of its line, or later, says how it is.
+    /// Only a reading that began at this time of its line, or later, counts.
     doubt: Option<Instant>,
-    /// So long its module goes on by itself with what it was told, in the time of the site: until
-    /// then nothing says that it stays as it is.
+    /// Until this time of the site the module may change it by itself: until then a reading does
+    /// not prove that it stays as it is.
     busy_until: Micros,
-    /// From when on it may be switched on, in the time of the site; none where it is on, or was
-    /// never seen to go off.
+    /// When it may be switched on, in the time of the site; none if it is on, or was never seen
+    /// going off.
     free_at: Option<Micros>,
 }
 
 impl State {
-    /// Takes note that a command is about to switch these outputs on, and refuses it where that
-    /// is not safe. What was noted ends with [`Guard::ended`].
+    /// Registers a command that is about to switch these outputs on, or refuses it if that is not
+    /// safe. Ends with [`Guard::ended`].
     pub(super) fn rise(&mut self, rising: &[Place]) -> Result<(), Failure> {
         for place in rising {
             self.check_interlock(place, rising)?;
@@ -84,14 +83,14 @@ impl State {
         }
     }
 
-    /// Whether an output may be on. Only a good reading that says off, of a time after whatever
-    /// was done to it, says that it is not.
+    /// Whether an output may be on. Only a good reading of off, from after everything that was done
+    /// to it, proves that it is not.
     fn may_be_on(&self, place: &Place) -> bool {
         let rising = self.guard.outputs.get(place).map_or(0, |out| out.rising);
         rising > 0 || !self.is(place, false)
     }
 
-    /// Whether an output is in this state beyond doubt.
+    /// Whether an output is certainly in this state.
     fn is(&self, place: &Place, wanted: bool) -> bool {
         let at = self.line_time(&place.module);
         let (known, quality) = self.site.point(&place.module, place.point, at);
@@ -106,7 +105,7 @@ impl State {
         })
     }
 
-    /// Takes note of a value that was read.
+    /// Takes a reading into account.
     pub(super) fn watch_off(&mut self, change: &Change) {
         let place = Place::new(&change.module, change.point);
         match (change.value, change.before) {
@@ -136,8 +135,8 @@ impl State {
         }
     }
 
-    /// Nobody looked on: those outputs of these modules that are off, may have gone off just now.
-    /// Where they are on, a reading says so.
+    /// Nobody was reading: outputs of these modules that are off may have gone off just now. If
+    /// they are on, a reading will show it.
     pub(super) fn may_have_gone_off(&mut self, of: impl Fn(&str) -> bool, at: Micros) {
         let modules = self.site.config().modules.iter();
         let modules = modules.filter(|(name, _)| of(name));
@@ -150,7 +149,7 @@ impl State {
         }
     }
 
-    /// How long each output must stay off yet that was seen to go off, and that nothing may have
+    /// The remaining off time of each output that was seen going off, and that nothing may have
     /// switched on since.
     pub(super) fn must_stay_off(&self) -> Vec<(Place, Duration)> {
         let outputs = self.guard.outputs.iter();
@@ -162,7 +161,7 @@ impl State {
         left.collect()
     }
 
-    /// The modules that must be asked before it is known whether these outputs may be switched
+    /// The modules that have to be read before it is known whether these outputs may be switched
     /// on.
     pub(super) fn to_be_asked(&self, rising: &[Place]) -> BTreeSet<String> {
         let safety = rising
@@ -176,13 +175,14 @@ impl State {
             .collect()
     }
 
-    /// Of these outputs, those that are off beyond doubt, and that nothing is about to switch on.
+    /// Those of these outputs that are certainly off, with no command in progress to switch them
+    /// on.
     pub(super) fn surely_off(&self, places: &[Place]) -> Vec<Place> {
         let off = places.iter().filter(|place| !self.may_be_on(place));
         off.cloned().collect()
     }
 
-    /// Of these outputs, those that are not off beyond doubt.
+    /// Those of these outputs that are not certainly off.
     pub(super) fn not_off(&self, places: Vec<Place>) -> Vec<Place> {
         let off = |place: &Place| self.is(place, false);
         places.into_iter().filter(|place| !off(place)).collect()
@@ -206,8 +206,8 @@ impl Guard {
         self.output(place).rising += 1;
     }
 
-    /// A command that may have switched an output on has ended. Where it is not known what
-    /// became of it, only a reading from `doubt` on says that the output is off.
+    /// A command that may have switched an output on has ended. If its outcome is unknown, only a
+    /// reading from `doubt` on proves that the output is off.
     pub(super) fn ended(&mut self, place: &Place, doubt: Option<Instant>) {
         let output = self.output(place);
         output.rising = output.rising.saturating_sub(1);
@@ -232,7 +232,7 @@ impl Guard {
         output.free_at = output.free_at.max(Some(at));
     }
 
-    /// The clocks of these modules' lines begin anew, and nothing is known of their outputs; what
+    /// The clocks of these modules' lines start anew, and nothing is known of their outputs; what
     /// the modules do by themselves goes on.
     pub(super) fn forget_doubts(&mut self, of: impl Fn(&str) -> bool) {
         for (_, output) in self.outputs.iter_mut().filter(|(at, _)| of(&at.module)) {
@@ -245,7 +245,7 @@ impl Guard {
         self.outputs.values().all(|output| output.rising == 0)
     }
 
-    /// Leaves out what is no output any more and has nothing under way.
+    /// Drops what is no output any more and has nothing in progress.
     pub(super) fn retain(&mut self, there: impl Fn(&Place) -> bool) {
         self.outputs
             .retain(|place, output| output.rising > 0 || there(place));
@@ -258,6 +258,7 @@ mod tests {
     use crate::Config;
     use railbus_device::{Bank, Observation, Point, PointKind};
     use railbus_host::Presence;
+    use std::time::SystemTime;
 
     /// A board lets go of a relay for an hour, and pulls it in again by itself.
     #[test]
@@ -279,7 +280,9 @@ mod tests {
             inputs: Bank::default(),
         };
         state.site.heard("gate", Presence::Online);
-        state.site.saw("gate", &off, Instant(0));
+        state
+            .site
+            .saw("gate", &off, Instant(0), SystemTime::UNIX_EPOCH);
         state.lines.get_mut("main").unwrap().began = Micros::from_secs(9);
         state.now.site = Micros::from_secs(9);
         let refused = state.rise(&[place(1)]);

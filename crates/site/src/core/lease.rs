@@ -1,4 +1,4 @@
-//! Outputs that somebody holds: they stay as they are only for as long as that is said again.
+//! Leases: outputs that keep their state only for as long as the lease is renewed.
 
 use super::context::Context;
 use super::order::{TTL, places};
@@ -12,22 +12,22 @@ use railbus_device::Point;
 use railbus_wire::Micros;
 use std::time::Duration;
 
-/// The shortest lease: who holds an output must have the time to say so again.
+/// The shortest lease: its holder must have the time to renew it.
 pub const LEASE_MIN: Micros = Micros::from_millis(200);
 /// The longest lease.
 pub const LEASE_MAX: Micros = Micros::from_secs(3_600);
 
-/// How an output was taken, or is held on.
+/// How an output was leased, or its lease renewed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Leased {
-    /// How it was switched; none where it was held already and is so still.
+    /// How it was switched; none for a renewal.
     pub written: Option<WriteDone>,
-    /// How long it is held from now on.
+    /// How long the lease lasts from now on.
     pub left: Duration,
 }
 
 impl Context {
-    /// Brings an output into a state and holds it there for a time.
+    /// Switches an output and holds it in this state for a time.
     pub(crate) async fn lease(
         &self,
         who: &Who,
@@ -46,14 +46,14 @@ impl Context {
         let length = Duration::from_micros(time.0);
         let expires = self.now() + TTL;
         let turn = self.turn(places(module, &[point]), expires).await?;
-        // Meanwhile the configuration may have changed, or the site begun to end.
+        // Meanwhile the configuration may have changed, or the site may be closing.
         self.with(|state| state.may_command(module, &[point], confirm))?;
         let key = (Place::new(module, point), Why::Lease);
         let (end, held) = self.with(|state| {
             let end = state.end_of_lease(&key.0, value);
             let held = state.schedule.find(&key);
             let held = held.filter(|(_, held)| held.end == end);
-            // What could not be taken over ends still: that is taken over first.
+            // What could not be taken over before still ends: that is taken over first.
             let is_alone = state.schedule.held(|other| *other == key.0).len() < 2;
             let held = held.filter(|_| is_alone);
             (end, held.filter(|_| state.known(&key.0) == Some(value)))
@@ -85,7 +85,7 @@ impl Context {
         })
     }
 
-    /// Gives an output back before its time is over: it goes where it would have gone then.
+    /// Ends a lease early: the output is switched as at its end.
     pub(crate) async fn end_lease(
         &self,
         who: &Who,
@@ -105,14 +105,14 @@ impl Context {
             self.give_up(&key).await.map_err(Failure::NotTakenOver)?;
             return Ok(None);
         };
-        // Where this fails, it is switched by itself when its time is over.
+        // If this fails, it is switched when its time is over.
         self.with(|state| state.schedule.anticipate(number));
         let set = [(point, on)];
         let terms = WriteTerms::default();
         let done = self.write_in_turn(who, &turn, module, &set, terms, expires);
         let done = done.await?;
         if !is_released(&done) {
-            // It was acknowledged and not seen: that is tried again.
+            // It was acknowledged and not seen: that is retried.
             self.with(|state| state.schedule.hasten(number, state.now.site));
             return Ok(Some(done));
         }

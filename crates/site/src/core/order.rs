@@ -1,5 +1,5 @@
-//! A command of the line to outputs of one module: what it may switch on is reserved from before
-//! its first frame until it has ended. Every switching of an output comes through here, in its
+//! A command to outputs of one module: outputs that it may switch on are reserved from before its
+//! first frame until it has ended. All switching of outputs goes through here, in the output's
 //! turn.
 
 use super::commands::Command;
@@ -15,29 +15,29 @@ use railbus_host::{Confirmed, Done, Fault};
 use railbus_store::audit::Note;
 use railbus_wire::{Channel, Micros};
 
-/// How long after it was asked for a command may still be sent.
+/// How long after its request a command may still be sent.
 pub(super) const TTL: Micros = Micros::from_secs(5);
 
-/// A command of the line to outputs of one module.
+/// A command to outputs of one module.
 pub(super) struct Order<'a> {
     pub(super) module: &'a str,
-    /// Where the module hung when the output's turn came: while a command is under way, its name
-    /// may become that of another board. One that has left answers [`Fault::Closed`].
+    /// Where the module was when the output's turn came: while a command is in progress, its name
+    /// may become that of another board. A module that has left gives [`Fault::Closed`].
     pub(super) at: Option<At>,
     pub(super) points: &'a [Point],
     pub(super) op: Op,
     pub(super) verify: bool,
-    /// What was not sent by then is not sent any more.
+    /// It is no longer sent after this time.
     pub(super) expires: Micros,
 }
 
-/// What is written down of a command. One that is tried again and again is written down when it
-/// fails first, and then once more for all tries after that.
+/// The audit entries of a command. One that is retried gets an entry for its first failure, and one
+/// more for all later attempts.
 pub(super) struct Entry {
     note: Note,
-    /// The end of what was promised: it is done once it is read back.
+    /// The end of a scheduled action: done once it is read back.
     is_release: bool,
-    /// How it failed last.
+    /// The last failure.
     failed: Option<&'static str>,
     /// Of the tries after the first.
     open: Option<Begun>,
@@ -63,7 +63,7 @@ impl Entry {
     }
 }
 
-/// What a command does to outputs of which something is to be watched.
+/// The effect of a command on outputs that are watched.
 #[derive(Debug, Default)]
 struct Effect {
     /// Those that it may switch on.
@@ -72,7 +72,7 @@ struct Effect {
     off: Vec<Place>,
     /// Those that it switches off, and that are not off already.
     falling: Vec<Place>,
-    /// How long the module goes on by itself once it has the command.
+    /// How long the module acts by itself after the command.
     busy: Micros,
 }
 
@@ -81,7 +81,7 @@ struct Effect {
 enum Acted {
     /// Nothing.
     No,
-    /// Nobody knows until it is read.
+    /// Unknown until it is read.
     Perhaps,
     /// What it was to do; that was read.
     Surely,
@@ -100,8 +100,7 @@ impl Acted {
 }
 
 impl Context {
-    /// Carries a command out: what it is allowed to do, its audit entry, and the states before
-    /// and after.
+    /// Carries a command out: permission, audit entry, and the states before and after.
     pub(super) async fn command(
         &self,
         _turn: &Turn,
@@ -136,7 +135,7 @@ impl Context {
             let done = end.as_ref().ok()?;
             match (done.confirmed, done.seen) {
                 (Confirmed::Sent, _) => None,
-                // What was read counts for more than what was wanted: a pulse may be over.
+                // A reading takes precedence over the request: a pulse may be over.
                 (_, Some(Observation::Channels { outputs, .. })) => bank_state(outputs, *point),
                 (Confirmed::Readback | Confirmed::Reply, _) => wanted(*point),
             }
@@ -202,8 +201,7 @@ impl Context {
         Ok((begun, before))
     }
 
-    /// Writes down how a command ended, or keeps that back where it failed not for the first
-    /// time.
+    /// Records how a command ended, unless it failed again like before.
     async fn end_command(
         &self,
         begun: Begun,
@@ -222,7 +220,7 @@ impl Context {
         }
     }
 
-    /// Nobody tries any more.
+    /// It is not retried any more.
     pub(super) async fn close(&self, entry: Entry) {
         if let (Some(begun), Some(told)) = (entry.open, entry.failed) {
             self.with(|state| state.commands.end(&begun.id, told));

@@ -1,4 +1,4 @@
-//! What becomes of outputs when something is lost or comes back.
+//! What happens to outputs when something is lost or comes back.
 
 use super::context::Context;
 use super::promises::{Key, Promise, Why};
@@ -11,7 +11,7 @@ use railbus_wire::Micros;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// When the site ends, its outputs have this time to be switched.
+/// How long closing the site may take to switch its outputs.
 const EXIT_MAX: Micros = Micros::from_millis(1_200);
 
 /// Outputs by their modules, and the state that each of them goes into.
@@ -28,7 +28,7 @@ impl Context {
         });
         let switching: Vec<_> = switching.collect();
         let until = self.now() + EXIT_MAX;
-        // What is not done by then, is told by its audit entry.
+        // What is not done by then shows in its audit entry.
         let _ = self.until(until, self.all(switching)).await;
     }
 
@@ -48,8 +48,8 @@ impl Context {
         }
     }
 
-    /// A module is heard again: its outputs go where their policies say, what goes off first.
-    /// What fails is tried again until it is done, or somebody else commands the output.
+    /// A module answers again: its outputs are switched according to their policies, off before on.
+    /// Failures are retried until it is done, or somebody else commands the output.
     pub(super) async fn returned(self, module: String) {
         let wanted = self.with(|state| state.wanted(Some(&module), |safety| safety.on_return));
         let outputs: Vec<_> = wanted.into_values().flatten().collect();

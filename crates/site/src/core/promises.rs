@@ -1,4 +1,4 @@
-//! What the site has promised to do to outputs later.
+//! The scheduled actions of a site.
 
 use crate::Config;
 use crate::config::Place;
@@ -6,19 +6,19 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
 
-/// What a promise is about.
+/// The reason of a scheduled action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Why {
     /// A pulse that is timed here ends.
     Pulse,
-    /// Who holds an output does not say so any more.
+    /// A lease was not renewed.
     Lease,
-    /// An output has been on for as long as it may.
+    /// An output has been on for as long as it may be.
     MaxOn,
-    /// A module is heard again.
+    /// A module answers again.
     OnReturn,
-    /// An output has been off for as long as it must. Nothing is done then.
+    /// An output has been off for as long as it has to be. No action follows.
     MinOff,
 }
 
@@ -35,9 +35,9 @@ pub(crate) type Key = (Place, Why);
 /// What will be done, and when.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Promise {
-    /// The state to bring the output into, if any.
+    /// The state to switch the output to, if any.
     pub(crate) end: Option<bool>,
-    /// When, by the clock on the wall: no other one goes on while the process is not there.
+    /// When, by the wall clock: no other clock runs while the process does not.
     pub(crate) at: SystemTime,
     /// How long that was from the beginning.
     pub(crate) length: Duration,
@@ -50,8 +50,8 @@ impl Promise {
         Promise { end, at, length }
     }
 
-    /// How long it is until then. A clock on the wall may have been set: it is never longer than
-    /// at the beginning.
+    /// The remaining time. The wall clock may have been set: it is never longer than at the
+    /// beginning.
     pub(crate) fn left(&self, wall: SystemTime) -> Duration {
         let left = self.at.duration_since(wall);
         left.unwrap_or_default().min(self.length)
@@ -65,7 +65,7 @@ impl Promise {
     }
 }
 
-/// Where a module hangs. Its name alone may stand for another board after a restart.
+/// Where a module is. After a restart its name alone may stand for another board.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Board {
     pub(crate) line: String,

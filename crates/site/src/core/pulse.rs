@@ -1,5 +1,5 @@
-//! Pulses: by the module where it keeps the time, else timed here, and then released whatever
-//! becomes of the caller.
+//! Pulses: by the module if it can time them, otherwise timed here, and released whatever happens
+//! to the caller.
 
 use super::context::Context;
 use super::order::{Entry, Order, TTL, channel, places};
@@ -8,7 +8,7 @@ use super::timers::Begin;
 use super::write::{Who, note};
 use crate::config::Place;
 use crate::{Failure, Pulses};
-use railbus_device::{Bank, Family, Observation, Op, Point};
+use railbus_device::{Bank, Observation, Op, Point, PulseTiming};
 use railbus_host::Confirmed;
 use railbus_wire::{Micros, r55::U24};
 use std::time::Duration;
@@ -16,23 +16,23 @@ use std::time::Duration;
 /// The longest pulse: 24 bits of milliseconds, 4 h 39 min [R55 §3.6].
 pub const PULSE_MAX: Micros = Micros::from_millis(0x00FF_FFFF);
 
-/// A pulse to give.
+/// A requested pulse.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pulse {
-    /// How long; none is the module's own width.
+    /// How long; none for the module's own width.
     pub width: Option<Micros>,
-    /// Who keeps the time.
+    /// Who times it.
     pub by: By,
     /// Release first and pull in after the time, instead of the reverse.
     pub off: bool,
-    /// Who asks means it, also for outputs that want that to be said.
+    /// The caller confirms an output that requires it.
     pub confirm: bool,
 }
 
-/// Who keeps the time of a pulse.
+/// Who times a pulse.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum By {
-    /// The module where it can.
+    /// The module if it can.
     #[default]
     Auto,
     /// The module.
@@ -41,26 +41,26 @@ pub enum By {
     Host,
 }
 
-/// How a pulse was begun.
+/// How a pulse began.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PulseDone {
     /// The state during the pulse.
     pub value: bool,
-    /// What it was before, where that was known.
+    /// The state before, if it was known.
     pub before: Option<bool>,
-    /// Who keeps the time.
+    /// Who times it.
     pub by: By,
     /// How long it is.
     pub width: Micros,
     /// How far it is certain that it began.
     pub confirmed: Confirmed,
-    /// From handing the command in to the last byte of its own reply.
+    /// From submitting the command to the last byte of its own reply.
     pub took: Micros,
     /// The number of its audit entry.
     pub audit: String,
 }
 
-/// What a pulse comes down to.
+/// How a pulse is carried out.
 enum Way {
     /// One command; the module does the rest.
     Device(Op, Micros),
@@ -69,7 +69,7 @@ enum Way {
 }
 
 impl Context {
-    /// Gives a pulse; ends when it has begun.
+    /// Starts a pulse; returns when it has begun.
     pub(crate) async fn pulse(
         &self,
         who: &Who,
@@ -146,8 +146,8 @@ impl Context {
         if pulse.width.is_some() && width.is_none() {
             return Err(refused(None));
         }
-        match (setup.family, pulse.by) {
-            (Family::R55, By::Auto | By::Device) => {
+        match (setup.family.datasheet().pulses, pulse.by) {
+            (PulseTiming::Command, By::Auto | By::Device) => {
                 let width = width.ok_or_else(|| refused(None))?;
                 let millis = u32::try_from(width.0 / 1_000).ok().and_then(U24::new);
                 let jog = Op::Jog {
@@ -157,7 +157,7 @@ impl Context {
                 };
                 Ok(Way::Device(jog, width))
             }
-            (Family::Eda9060a, by) => {
+            (PulseTiming::Stored, by) => {
                 let pulses = self.pulses(module).await?;
                 let own = pulses.of(point).map(|_| own_width(pulses));
                 match (own, by, width) {
@@ -192,11 +192,12 @@ impl Context {
     /// Whether switching an output on begins a pulse of the module's own. Where the module does not
     /// say so, it may.
     pub(super) async fn gives_pulses(&self, place: &Place) -> bool {
-        let is_other = self.with(|state| {
+        let gives_none = self.with(|state| {
             let described = state.described(&place.module);
-            described.is_ok_and(|module| module.setup.family != Family::Eda9060a)
+            described
+                .is_ok_and(|module| module.setup.family.datasheet().pulses != PulseTiming::Stored)
         });
-        if is_other {
+        if gives_none {
             return false;
         }
         let pulses = self.pulses(&place.module).await;

@@ -1,4 +1,4 @@
-//! Scenes: steps that are done one after the other, up to the first that fails.
+//! Scenes: steps that are carried out one after the other, up to the first failure.
 
 use super::batch::{BatchDone, BatchTerms, Part, parts_of};
 use super::context::Context;
@@ -7,7 +7,7 @@ use crate::config::{Place, Scene, Step};
 use crate::{Failure, WriteTerms};
 use railbus_wire::Micros;
 
-/// A scene that is being played. It ends with this.
+/// A running scene. It ends when this is dropped.
 struct Playing {
     context: Context,
     scene: String,
@@ -27,9 +27,8 @@ struct Run {
 }
 
 impl Context {
-    /// Plays a scene: its steps in their order, those of one module that follow each other and
-    /// go the same way with one command. After a step that fails, nothing more is done: later
-    /// ones may rely on it.
+    /// Runs a scene: its steps in order, consecutive ones for one module and state with one
+    /// command. After a step that fails, nothing more is done: later steps may rely on it.
     pub(crate) async fn play(
         &self,
         who: &Who,

@@ -1,5 +1,5 @@
-//! What is to be done to outputs later, and when. A pulse or a lease is not done any more once
-//! another command was carried out, and that is on the disk before it is told.
+//! Scheduled actions on outputs. The action of a pulse or a lease is cancelled once another command
+//! was carried out, and that is on the disk before it is reported.
 
 use super::context::{Context, TaskId};
 use super::disk::Disk;
@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
 use std::time::Duration;
 
-/// When the site ends, its pulses have this time to be released.
+/// How long closing the site may take to release its pulses.
 pub(crate) const STOP_MAX: Micros = Micros::from_millis(1_400);
 
 /// All that is to be done later, and what of it the disk has.
@@ -312,6 +312,14 @@ impl Schedule {
         let each = self.by_number.values();
         let of_key = each.filter(|action| action.key == *key && action.is_to_be_done());
         of_key.filter_map(|action| action.due).min()
+    }
+
+    /// What people are told of that is due, and when, in the time of the site.
+    pub(super) fn ends(&self) -> impl Iterator<Item = (&Key, Micros)> {
+        let told = |why| matches!(why, Why::Pulse | Why::Lease | Why::MaxOn);
+        let actions = self.by_number.values().filter(|a| a.is_to_be_done());
+        let actions = actions.filter(move |action| told(action.key.1));
+        actions.filter_map(|action| Some((&action.key, action.due?)))
     }
 
     pub(super) fn promises(&self) -> Vec<Kept> {

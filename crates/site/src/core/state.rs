@@ -4,7 +4,9 @@ use super::commands::Commands;
 use super::context::{Runs, TaskId};
 use super::guard::Guard;
 use super::promises::{Board, Boards, Key, boards};
+use super::quality::Qualities;
 use super::schedule::Schedule;
+use super::stream::Stream;
 use super::turns::Turns;
 use super::{At, LineId, Now};
 use crate::config::{ModuleConfig, Place};
@@ -16,7 +18,8 @@ use railbus_host::{Event, Fault, LineEvent, LineState, ModuleId, PortError, Pres
 use railbus_wire::{Instant, Micros};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
-use std::time::Duration;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
 
 /// All that is known of a site.
 #[derive(Debug)]
@@ -32,6 +35,10 @@ pub(crate) struct State {
     /// The scenes that are being played.
     pub(super) playing: BTreeSet<String>,
     pub(super) runs: Runs,
+    /// What was last told of every point.
+    pub(super) qualities: Qualities,
+    /// What is about to be told to all who follow.
+    pub(super) stream: Stream,
     /// The site is read again and again.
     pub(crate) polls: bool,
     /// Who waits for a line to be opened for the first time.
@@ -55,6 +62,8 @@ pub(crate) struct LineNow {
     pub(crate) busy: Busy,
     /// Somebody else has it for a while.
     pub(crate) lent: bool,
+    /// Why nothing can be known over it, as it was last told of its points.
+    pub(super) told: Option<Reason>,
     /// When its clock began, in the time of the site: values grow old without it, too.
     pub(crate) began: Micros,
     /// The names of its modules, by their numbers on the line; empty for those that left.
@@ -69,11 +78,29 @@ impl LineNow {
             babble: false,
             busy: Busy::default(),
             lent: false,
+            told: None,
             began: Micros::ZERO,
             modules: config
                 .modules_of(line)
                 .map(|(name, _)| name.clone())
                 .collect(),
+        }
+    }
+}
+
+impl LineNow {
+    /// Why nothing can be known over it now. One that is only just being opened may have nothing
+    /// to tell yet, but is no fault.
+    pub(super) fn fault(&self) -> Option<Reason> {
+        match &self.state {
+            _ if self.lent => Some(Reason::Exclusive),
+            LineState::Up | LineState::Opening => None,
+            LineState::Absent(why) => Some(match **why {
+                PortError::Busy { .. } => Reason::LineBusy,
+                PortError::Exclusive => Reason::Exclusive,
+                _ => Reason::LineAbsent,
+            }),
+            LineState::Closed => Some(Reason::LineClosed),
         }
     }
 }
@@ -95,6 +122,8 @@ impl State {
             commands: Commands::default(),
             playing: BTreeSet::new(),
             runs: Runs::default(),
+            qualities: Qualities::default(),
+            stream: Stream::default(),
             polls,
             opening: BTreeSet::new(),
             changed: Vec::new(),
@@ -256,20 +285,9 @@ impl State {
         line.is_some_and(|line| line.state == LineState::Up)
     }
 
-    /// Why nothing can be known over a line now. One that is only just being opened may have
-    /// nothing to tell yet, but is no fault.
+    /// Why nothing can be known over a line now.
     pub(crate) fn line_fault(&self, line: &str) -> Option<Reason> {
-        let line = self.lines.get(line)?;
-        match &line.state {
-            _ if line.lent => Some(Reason::Exclusive),
-            LineState::Up | LineState::Opening => None,
-            LineState::Absent(why) => Some(match **why {
-                PortError::Busy { .. } => Reason::LineBusy,
-                PortError::Exclusive => Reason::Exclusive,
-                _ => Reason::LineAbsent,
-            }),
-            LineState::Closed => Some(Reason::LineClosed),
-        }
+        self.lines.get(line)?.fault()
     }
 
     /// An exchange with a module failed.
@@ -318,7 +336,14 @@ impl State {
                 known.busy.add(now, took);
                 self.health_of(&module).replied(took);
                 let stranger = self.site.stranger(&module).map(str::to_owned);
-                let changes = self.site.saw(&module, seen, *asked);
+                // Events come at once, so the request began so long ago. The line's clock is not
+                // asked: when that began may not be known yet.
+                let time = self.now.wall.checked_sub(Duration::from_micros(took.0));
+                let time = time.unwrap_or(SystemTime::UNIX_EPOCH);
+                let changes = self.site.saw(&module, seen, *asked, time);
+                if !changes.is_empty() || !self.qualities.is_good(&module) {
+                    self.site.touch(&module);
+                }
                 for change in &changes {
                     self.watch_off(change);
                 }
@@ -438,10 +463,11 @@ impl State {
     /// `is_other` are those whose name stands for another board now.
     pub(crate) fn reconfigure(
         &mut self,
-        config: Config,
+        config: impl Into<Arc<Config>>,
         keep: impl Fn(&str) -> bool,
         is_other: impl Fn(&str) -> bool,
     ) {
+        let config = config.into();
         self.schedule.now_of(boards(&config));
         self.site.reconfigure(config, &keep);
         self.health.retain(|module, _| keep(module));
@@ -505,7 +531,8 @@ impl State {
             .collect()
     }
 
-    pub(super) fn publish(&mut self, update: Update) {
+    pub(crate) fn publish(&mut self, update: Update) {
+        self.stream.take(&update);
         self.runs.outputs.push_back(super::Output::Publish(update));
     }
 }

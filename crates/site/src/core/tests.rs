@@ -3,5 +3,6 @@
 mod disk;
 mod outputs;
 mod soak;
+mod stream;
 mod turns;
 mod world;

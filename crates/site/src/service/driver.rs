@@ -29,8 +29,8 @@ pub(super) async fn tell_time(site: Weak<Inner>, alarm: Arc<Notify>) {
     }
 }
 
-/// When nobody tells the time any more, because the runtime ends, nothing under way keeps the
-/// site.
+/// If nothing reports the time any more, because the runtime shuts down, nothing in progress keeps
+/// the site alive.
 struct Goes(Weak<Inner>);
 
 impl Drop for Goes {
@@ -105,8 +105,13 @@ impl Inner {
     fn carry_out(self: &Arc<Inner>, driven: &mut Driven, output: Output) {
         let inner = Arc::clone(self);
         match output {
-            // Fails where nobody listens, which does not matter.
+            // Fails if there are no subscribers, which does not matter.
             Output::Publish(update) => _ = self.updates.send(update),
+            Output::News(news) => {
+                if self.news.send(news).is_err() {
+                    driven.core.is_not_followed();
+                }
+            }
             Output::Run {
                 request,
                 at,
@@ -169,8 +174,8 @@ impl Inner {
         self.drive(|core, now| core.handle(now, Input::Done(request, reply)));
     }
 
-    /// Fails where nobody listens, which does not matter.
-    pub(super) fn tell(&self, update: Update) {
-        let _ = self.updates.send(update);
+    /// Tells it as the core does.
+    pub(super) fn tell(self: &Arc<Inner>, update: Update) {
+        self.change(|state| state.publish(update));
     }
 }

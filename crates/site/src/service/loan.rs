@@ -1,4 +1,4 @@
-//! A line left to somebody else for a while: who changes what modules keep needs it for himself.
+//! Exclusive access to a line, for callers that change settings of modules.
 
 use super::{Service, Update, close_all};
 use crate::Failure;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// The longest loan: what takes longer is asked for again.
+/// The longest exclusive access; for longer ones it is requested again.
 pub const LOAN_MAX: Duration = Duration::from_secs(900);
 /// The shortest loan that is of use: a change of one setting, and the way back.
 const LOAN_MIN: Duration = Duration::from_secs(60);
@@ -18,9 +18,9 @@ const LOAN_MIN: Duration = Duration::from_secs(60);
 /// still verified, and the line is opened.
 const SAFE: Duration = Duration::from_secs(30);
 
-/// A line that is lent. Its port is closed, and its points grow stale with `lent` as the reason,
-/// until [`Loan::end`], or until this is dropped: whatever becomes of who has it, the line comes
-/// back.
+/// Exclusive access to a line. Its port is closed, and its points become stale with the reason
+/// `lent`, until [`Loan::end`], or until this is dropped: whatever happens to the holder, the line
+/// comes back.
 #[derive(Debug)]
 pub struct Loan {
     service: Service,
@@ -39,7 +39,7 @@ impl Service {
     /// where an output must be switched off soon, which nobody could do meanwhile.
     pub async fn lend(&self, line: &str) -> Result<Loan, Failure> {
         let (service, line) = (self.clone(), line.to_owned());
-        // Where nobody waits for it any more, it comes back at once.
+        // If the caller has gone, it comes back at once.
         let lent = tokio::spawn(async move { service.lend_asked(&line).await });
         lent.await.unwrap_or_else(|_| Err(Fault::Unknown.into()))
     }
@@ -74,7 +74,7 @@ impl Service {
         loan.until = match self.time_to_lend(of_line) {
             Ok(time) => Instant::now() + time,
             Err(failure) => {
-                // Somebody has switched such an output on meanwhile. The port was not closed.
+                // Such an output was switched on in the meantime. The port was not closed.
                 loan.is_over = true;
                 self.inner.change(|state| {
                     if let Some(now) = state.lines.get_mut(line) {
@@ -113,7 +113,7 @@ impl Service {
 }
 
 impl Loan {
-    /// When it is over: who has the line ends what he does by then, and gives it back.
+    /// Resolves when it is over: the holder has to finish and release the line.
     #[must_use]
     pub const fn until(&self) -> Instant {
         self.until
@@ -152,18 +152,18 @@ async fn take_back(service: &Service, line: &str, text: Option<&str>) {
         }
     });
     if let Some(text) = text {
-        // What is wrong with it is told by whoever asks for a reload.
+        // Errors in it are reported to the caller of a reload.
         let _ = service.reload(text).await;
     }
     let _one_at_a_time = service.inner.reloading.lock().await;
     let config = service.config();
-    // Somebody else may have been quicker to borrow it again.
+    // Another caller may already have borrowed it again.
     let (is_lent, is_open) = service.inner.read(|state| {
         let now = state.lines.get(line);
         now.map_or((false, false), |now| (now.lent, now.id.is_some()))
     });
     if !is_open && !is_lent && config.lines.contains_key(line) {
-        // Who had it may have done anything, and the line's clock begins anew.
+        // The holder may have done anything, and the line's clock starts anew.
         let of_line = |module: &str| {
             let config = config.modules.get(module);
             config.is_some_and(|config| config.line == line)

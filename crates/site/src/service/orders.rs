@@ -1,16 +1,88 @@
-//! What is asked of outputs: each call starts a procedure of the core and waits for its end.
+//! What is asked of outputs: each call starts a procedure of the core and waits for its end. A
+//! procedure gets the name it acts under from [`Service::order`] only, which asks for the rights
+//! first: a command that forgets to ask does not compile.
 
 use super::Service;
-use crate::Failure;
-use crate::config::Place;
+use crate::config::{Place, Step};
 use crate::core::{
-    BatchDone, BatchTerms, GroupState, Leased, Pulse, PulseDone, ToggleTerms, WriteDone, WriteTerms,
+    BatchDone, BatchTerms, Context, GroupState, Leased, Pulse, PulseDone, ToggleTerms, Who,
+    WriteDone, WriteTerms,
 };
+use crate::{Config, Failure, Rights};
 use railbus_device::Point;
 use railbus_host::Fault;
 use railbus_wire::Micros;
+use std::sync::Arc;
+use tokio::sync::oneshot;
+
+/// The outputs that a command may switch.
+#[derive(Clone, Copy)]
+enum Outputs<'a> {
+    Point(&'a str, Point),
+    OfModule(&'a str, &'a [(Point, bool)]),
+    Places(&'a [(Place, bool)]),
+    Group(&'a str),
+    Scene(&'a str),
+}
+
+impl Outputs<'_> {
+    /// Whether these rights cover all of them. A group or scene that does not exist has none.
+    fn permitted(self, config: &Config, rights: &Rights) -> Result<(), Failure> {
+        rights.may_command()?;
+        if rights.points.is_empty() {
+            return Ok(());
+        }
+        let point = |module: &str, point: Point| {
+            let known = config.modules.get(module);
+            let label = known.map(|known| known.setup.label(point));
+            let label = label.map(|(letters, number)| format!("{letters}{number}"));
+            rights.may_switch(module, &label.unwrap_or_default())
+        };
+        let place = |place: &Place| point(&place.module, place.point);
+        match self {
+            Outputs::Point(module, at) => point(module, at),
+            Outputs::OfModule(module, set) => set.iter().try_for_each(|(at, _)| point(module, *at)),
+            Outputs::Places(set) => set.iter().try_for_each(|(at, _)| place(at)),
+            Outputs::Group(name) => match config.groups.get(name) {
+                Some(group) => group.members.iter().try_for_each(place),
+                None => Ok(()),
+            },
+            Outputs::Scene(name) => match config.scenes.get(name) {
+                Some(scene) => scene.steps.iter().try_for_each(|step| match step {
+                    Step::Set(at, _) => place(at),
+                    Step::Wait(_) => Ok(()),
+                }),
+                None => Ok(()),
+            },
+        }
+    }
+}
 
 impl Service {
+    /// Starts a command if this handle's rights cover its outputs, both as one step: whatever the
+    /// configuration says in between. It goes on where nobody waits any more.
+    async fn order<T, F>(
+        &self,
+        outputs: Outputs<'_>,
+        procedure: impl FnOnce(Context, Who) -> F,
+    ) -> Result<T, Failure>
+    where
+        T: Send + 'static,
+        F: Future<Output = Result<T, Failure>> + Send + 'static,
+    {
+        let (end, ended) = oneshot::channel();
+        let who = Arc::clone(&self.origin);
+        self.inner.drive(|core, now| {
+            outputs.permitted(core.state(now).site.config(), &self.rights)?;
+            // Fails where nobody waits any more.
+            let end = |value| _ = end.send(value);
+            core.start(now, |context| procedure(context, who), end);
+            Ok::<(), Failure>(())
+        })?;
+        // There is none only where a procedure has broken down.
+        ended.await.unwrap_or_else(|_| Err(Fault::Unknown.into()))
+    }
+
     /// Brings outputs of one module into these states with one command of the line, and leaves
     /// the others alone.
     ///
@@ -23,9 +95,12 @@ impl Service {
         set: &[(Point, bool)],
         terms: WriteTerms,
     ) -> Result<WriteDone, Failure> {
-        let (module, set) = (module.to_owned(), set.to_vec());
-        self.order(|core, who| async move { core.write(&who, &module, &set, terms).await })
-            .await
+        let (name, asked) = (module.to_owned(), set.to_vec());
+        let outputs = Outputs::OfModule(module, set);
+        self.order(outputs, |core, who| async move {
+            core.write(&who, &name, &asked, terms).await
+        })
+        .await
     }
 
     /// Switches an output over. Where it is read first and then set, someone else may come
@@ -39,9 +114,11 @@ impl Service {
         point: Point,
         terms: ToggleTerms,
     ) -> Result<WriteDone, Failure> {
-        let module = module.to_owned();
-        self.order(|core, who| async move { core.toggle(&who, &module, point, terms).await })
-            .await
+        let name = module.to_owned();
+        self.order(Outputs::Point(module, point), |core, who| async move {
+            core.toggle(&who, &name, point, terms).await
+        })
+        .await
     }
 
     /// Gives a pulse; returns when it has begun. One that is timed here is ended by the site,
@@ -58,9 +135,11 @@ impl Service {
         point: Point,
         pulse: Pulse,
     ) -> Result<PulseDone, Failure> {
-        let module = module.to_owned();
-        self.order(|core, who| async move { core.pulse(&who, &module, point, pulse).await })
-            .await
+        let name = module.to_owned();
+        self.order(Outputs::Point(module, point), |core, who| async move {
+            core.pulse(&who, &name, point, pulse).await
+        })
+        .await
     }
 
     /// Waits until all pulses that are timed here have ended.
@@ -82,9 +161,11 @@ impl Service {
         held: (bool, Micros),
         confirm: bool,
     ) -> Result<Leased, Failure> {
-        let module = module.to_owned();
-        self.order(|core, who| async move { core.lease(&who, &module, point, held, confirm).await })
-            .await
+        let name = module.to_owned();
+        self.order(Outputs::Point(module, point), |core, who| async move {
+            core.lease(&who, &name, point, held, confirm).await
+        })
+        .await
     }
 
     /// Gives an output back before its time is over: it goes where it would have gone then.
@@ -97,18 +178,32 @@ impl Service {
         module: &str,
         point: Point,
     ) -> Result<Option<WriteDone>, Failure> {
-        let module = module.to_owned();
-        self.order(|core, who| async move { core.end_lease(&who, &module, point).await })
-            .await
+        let name = module.to_owned();
+        self.order(Outputs::Point(module, point), |core, who| async move {
+            core.end_lease(&who, &name, point).await
+        })
+        .await
     }
 
     /// Switches outputs of any modules. Those of one module go together; where some of them
     /// exclude each other, what goes off goes before what goes on. Where it is all or nothing,
     /// nobody else commands the outputs meanwhile.
-    pub async fn batch(&self, set: &[(Place, bool)], terms: BatchTerms) -> BatchDone {
+    ///
+    /// # Errors
+    /// [`Failure::RoleTooLow`], [`Failure::NotPermitted`]: then none of them was commanded.
+    pub async fn batch(
+        &self,
+        set: &[(Place, bool)],
+        terms: BatchTerms,
+    ) -> Result<BatchDone, Failure> {
         let asked = set.to_vec();
-        let end = self.ask(|core, who| async move { core.batch(&who, &asked, terms).await });
-        end.await.unwrap_or_else(|| BatchDone::unknown(set))
+        let done = self.order(Outputs::Places(set), |core, who| async move {
+            Ok(core.batch(&who, &asked, terms).await)
+        });
+        match done.await {
+            Err(Failure::Line(Fault::Unknown)) => Ok(BatchDone::unknown(set)),
+            done => done,
+        }
     }
 
     /// Brings a group into a state.
@@ -122,9 +217,11 @@ impl Service {
         to: GroupState,
         terms: BatchTerms,
     ) -> Result<BatchDone, Failure> {
-        let group = group.to_owned();
-        self.order(|core, who| async move { core.set_group(&who, &group, to, terms).await })
-            .await
+        let name = group.to_owned();
+        self.order(Outputs::Group(group), |core, who| async move {
+            core.set_group(&who, &name, to, terms).await
+        })
+        .await
     }
 
     /// Plays a scene: its steps in their order, those of one module that follow each other and
@@ -134,9 +231,11 @@ impl Service {
     /// # Errors
     /// [`Failure::NoSuchScene`]; [`Failure::Playing`] while it is played already.
     pub async fn play(&self, scene: &str, terms: BatchTerms) -> Result<BatchDone, Failure> {
-        let scene = scene.to_owned();
-        self.order(|core, who| async move { core.play(&who, &scene, terms).await })
-            .await
+        let name = scene.to_owned();
+        self.order(Outputs::Scene(scene), |core, who| async move {
+            core.play(&who, &name, terms).await
+        })
+        .await
     }
 
     /// In how many frames these outputs can be brought into one state.

@@ -1,5 +1,5 @@
-//! What the site has promised to do to outputs later, as a file: whoever ends the process does
-//! not end a pulse in the middle of it.
+//! The scheduled actions of the site as a file: a pulse ends even if the process does not live
+//! until then.
 
 use crate::config::Place;
 use crate::core::{Board, Kept, Promise, Why};

@@ -1,9 +1,9 @@
-//! What is kept of what happens: who wrote what, when a line or module came or went, and which
-//! value every point had.
+//! What is recorded: who wrote what, when a line or module came or went, and the values of every
+//! point.
 
-use super::{Inner, Service, Update, Updates};
-use crate::core::{Begun, State, Why};
-use crate::{Failure, Quality, Value};
+use super::{Follower, Inner, LineStatus, PointStatus, Service};
+use crate::core::{Begun, News, State, Why};
+use crate::{Failure, Quality, Rights, Value};
 use railbus_device::Point;
 use railbus_host::{LineState, Presence};
 use railbus_store::audit::{AuditLog, NotWritten, Note, Origin};
@@ -12,11 +12,12 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock, Weak};
 use std::time::{Duration, SystemTime};
 use tokio::sync::{broadcast, mpsc};
+use tokio::time::Instant;
 
 /// How many events wait for a listener before the oldest are dropped.
 const EVENTS_MAX: usize = 256;
-/// How often the quality of every point is looked at: values grow stale by themselves.
-const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// After the queue of the history was full, so long until what it did not take is tried again.
+const AGAIN: Duration = Duration::from_secs(1);
 
 /// Where events go.
 #[derive(Debug)]
@@ -61,7 +62,7 @@ impl Service {
             return;
         }
         let recorder = Recorder::new(Arc::downgrade(&self.inner), history.clone());
-        tokio::spawn(recorder.run(self.subscribe(), history.notices()));
+        tokio::spawn(recorder.run(self.follow(), history.notices()));
     }
 
     /// From now on nothing is written to a module that is not durable in this log before.
@@ -86,7 +87,7 @@ impl Service {
         self.inner.audit.log()
     }
 
-    /// Tells of something that happened: to the history, and to all who follow.
+    /// Reports an event: to the history, and to all followers.
     pub fn tell_event(&self, event: Event) {
         self.inner.tell_event(event);
     }
@@ -162,7 +163,7 @@ impl Inner {
         if let Some(history) = self.journal.history.get() {
             history.event(event.clone());
         }
-        // Fails where nobody listens, which does not matter.
+        // Fails if there are no subscribers, which does not matter.
         let _ = self.journal.told.send(event);
     }
 
@@ -218,12 +219,16 @@ impl Inner {
     }
 }
 
-/// What was last recorded of a point.
+/// A value, where there is one, and how good it is.
+type Graded = (Option<f64>, Grade);
+
+/// How a point is, and what of that is recorded.
 #[derive(Debug)]
 struct Recorded {
     path: Arc<str>,
-    value: Option<f64>,
-    grade: Grade,
+    now: Graded,
+    /// What the history has. It takes as bad what it does not know.
+    kept: Graded,
 }
 
 /// Records the values of all points, and what becomes of lines and modules.
@@ -234,8 +239,8 @@ struct Recorder {
     points: BTreeMap<String, BTreeMap<Point, Recorded>>,
     presence: BTreeMap<String, Presence>,
     lines: BTreeMap<String, (LineState, bool)>,
-    /// Which opening of the database knows what was recorded.
-    generation: u64,
+    /// When what the history did not take is tried again.
+    again: Option<Instant>,
 }
 
 impl Recorder {
@@ -246,7 +251,7 @@ impl Recorder {
             points: BTreeMap::new(),
             presence: BTreeMap::new(),
             lines: BTreeMap::new(),
-            generation: 0,
+            again: None,
         }
     }
 
@@ -254,117 +259,90 @@ impl Recorder {
         Some(Service {
             inner: self.site.upgrade()?,
             origin: Arc::new(Origin::program("history")),
+            rights: Rights::all(),
         })
     }
 
     /// Works until the site has gone.
-    async fn run(mut self, mut updates: Updates, notices: Option<mpsc::Receiver<Event>>) {
+    async fn run(mut self, mut follower: Follower, notices: Option<mpsc::Receiver<Event>>) {
         let mut notices = notices;
-        let mut look = tokio::time::interval(LOOK_EVERY);
-        look.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-        if let Some(site) = self.site() {
-            self.modules_changed(&site);
-        }
+        let mut opened = self.history.opened();
         loop {
+            let again = self.again;
             tokio::select! {
                 biased;
-                update = updates.next() => match (update, self.site()) {
-                    (Some(update), Some(site)) => self.take(&site, update).await,
+                news = follower.next() => match (news, self.site()) {
+                    (Some(news), Some(site)) => self.take(&site, &news),
                     _ => return,
                 },
                 notice = next_notice(&mut notices) => match self.site() {
                     Some(site) => site.tell_event(notice),
                     None => return,
                 },
-                _ = look.tick() => match self.site() {
-                    Some(site) => self.look(&site).await,
-                    None => return,
-                },
+                Ok(()) = opened.changed() => {
+                    let all = self.points.values_mut().flat_map(BTreeMap::values_mut);
+                    all.for_each(|point| point.kept = UNKNOWN);
+                    self.record_all();
+                }
+                () = sleep_until(again) => self.record_all(),
             }
         }
     }
 
-    async fn take(&mut self, site: &Service, update: Update) {
-        match update {
-            Update::Point(change) => {
-                let value = Some(number(change.value));
-                self.record(site, &change.module, change.point, value, Grade::Good);
-            }
-            Update::Module(module) => {
-                self.module(site, &module);
-                self.look_at(site, &module);
-            }
-            Update::Line(line) => {
-                self.line(site, &line);
-                let status = site.line(&line);
-                for module in status.map(|status| status.modules).unwrap_or_default() {
-                    self.look_at(site, &module);
-                }
-            }
-            // What was missed may have been another configuration.
-            Update::Reloaded | Update::Gap(_) => {
+    fn take(&mut self, site: &Service, news: &News) {
+        match news {
+            // It may be that of another configuration.
+            News::Picture(picture) => {
                 self.modules_changed(site);
-                let past = site.config().past;
+                let past = &site.config().past;
                 self.history.keep(past.history);
                 if let Some(log) = site.audit_log() {
                     log.require(past.audit_required);
                     log.keep(past.audit_bytes);
                 }
-                self.look(site).await;
+                for status in &picture.points {
+                    self.record(status, picture.at);
+                }
+            }
+            News::Batch(batch) => {
+                for status in &batch.lines {
+                    self.line(site, status);
+                }
+                for status in &batch.modules {
+                    self.module(site, &status.name);
+                }
+                for reading in &batch.points {
+                    self.record(&reading.status, reading.at);
+                }
             }
         }
     }
 
-    /// Looks at every point; others have their turn meanwhile.
-    async fn look(&mut self, site: &Service) {
-        let generation = self.history.generation();
-        if std::mem::replace(&mut self.generation, generation) != generation {
-            self.points.values_mut().for_each(BTreeMap::clear);
-        }
-        let modules: Vec<String> = self.points.keys().cloned().collect();
-        for module in modules {
-            self.look_at(site, &module);
-            tokio::task::yield_now().await;
-        }
-    }
-
-    fn look_at(&mut self, site: &Service, module: &str) {
-        for status in site.points(module) {
-            let grade = match status.quality {
-                Quality::Good => Grade::Good,
-                Quality::Stale => Grade::Stale,
-                _ => Grade::Bad,
-            };
-            let value = status.value.map(number);
-            let value = value.filter(|_| grade != Grade::Bad);
-            self.record(site, module, status.point, value, grade);
-        }
-    }
-
-    /// Records what is new.
-    fn record(
-        &mut self,
-        site: &Service,
-        module: &str,
-        point: Point,
-        value: Option<f64>,
-        grade: Grade,
-    ) {
-        let Some(points) = self.points.get_mut(module) else {
+    /// Records how a point is from this moment on.
+    fn record(&mut self, status: &PointStatus, from: SystemTime) {
+        let Some(points) = self.points.get_mut(&status.module) else {
             return;
         };
-        let known = points.entry(point).or_insert_with(|| Recorded {
-            path: Arc::from(path(site, module, point)),
-            value: None,
-            grade: Grade::Bad,
+        let known = points.entry(status.point).or_insert_with(|| Recorded {
+            path: Arc::from(format!("{}.{}", status.module, status.label)),
+            now: UNKNOWN,
+            kept: UNKNOWN,
         });
-        if (known.value, known.grade) == (value, grade) {
-            return;
+        known.now = graded(status);
+        if !known.record(&self.history, from) {
+            self.again = Some(Instant::now() + AGAIN);
         }
-        let t = millis(SystemTime::now());
-        let sample = Sample { t, value, grade };
-        if self.history.sample(Arc::clone(&known.path), sample) {
-            (known.value, known.grade) = (value, grade);
+    }
+
+    /// Records what the history does not have, as of now.
+    fn record_all(&mut self) {
+        self.again = None;
+        let now = SystemTime::now();
+        for known in self.points.values_mut().flat_map(BTreeMap::values_mut) {
+            if !known.record(&self.history, now) {
+                self.again = Some(Instant::now() + AGAIN);
+                return;
+            }
         }
     }
 
@@ -389,8 +367,8 @@ impl Recorder {
         }
         self.presence
             .retain(|name, _| self.points.contains_key(name));
-        let names = site.config().lines;
-        self.lines.retain(|name, _| names.contains_key(name));
+        let config = site.config();
+        self.lines.retain(|name, _| config.lines.contains_key(name));
     }
 
     /// A module is heard, or no longer.
@@ -418,12 +396,10 @@ impl Recorder {
     }
 
     /// A line's port was opened or lost, or a babble began or ended.
-    fn line(&mut self, site: &Service, name: &str) {
-        let Some(status) = site.line(name) else {
-            return;
-        };
-        let now = (status.state, status.babble);
-        let before = self.lines.insert(name.to_owned(), now.clone());
+    fn line(&mut self, site: &Service, status: &LineStatus) {
+        let name = &status.name;
+        let now = (status.state.clone(), status.babble);
+        let before = self.lines.insert(name.clone(), now.clone());
         let (state_before, babble_before) = before.unwrap_or((LineState::Opening, false));
         let tell = |severity, code: &str, text: Option<String>| {
             let mut event = Event::new(EventKind::Line, severity, code).line(name);
@@ -445,6 +421,41 @@ impl Recorder {
             (true, false) => tell(Severity::Info, "line_quiet", None),
             _ => {}
         }
+    }
+}
+
+impl Recorded {
+    /// False where the history does not take it.
+    fn record(&mut self, history: &History, from: SystemTime) -> bool {
+        if self.now == self.kept {
+            return true;
+        }
+        let (value, grade) = self.now;
+        let t = millis(from);
+        let is_taken = history.sample(Arc::clone(&self.path), Sample { t, value, grade });
+        if is_taken {
+            self.kept = self.now;
+        }
+        is_taken
+    }
+}
+
+/// What the history takes a point for of which it knows nothing.
+const UNKNOWN: Graded = (None, Grade::Bad);
+
+fn graded(status: &PointStatus) -> Graded {
+    let value = status.value.map(number);
+    match status.quality {
+        Quality::Good => (value, Grade::Good),
+        Quality::Stale => (value, Grade::Stale),
+        Quality::Bad(_) => UNKNOWN,
+    }
+}
+
+async fn sleep_until(at: Option<Instant>) {
+    match at {
+        Some(at) => tokio::time::sleep_until(at).await,
+        None => std::future::pending().await,
     }
 }
 
@@ -496,17 +507,26 @@ mod tests {
         let history = History::open(&folder, Keep::default()).unwrap();
         let service = Service::start(Config::parse(&oven("erc8")).unwrap()).unwrap();
         let mut recorder = Recorder::new(Arc::downgrade(&service.inner), history.clone());
-        recorder.modules_changed(&service);
+        let mut follower = service.follow();
+        recorder.take(&service, &follower.next().await.unwrap());
         let first = Point {
             kind: PointKind::Output,
             index: 0,
         };
-        recorder.record(&service, "oven", first, Some(1.0), Grade::Good);
+        let read = |recorder: &mut Recorder, on| {
+            let mut status = service.point("oven", first).unwrap();
+            (status.value, status.quality) = (Some(Value::Bool(on)), Quality::Good);
+            recorder.record(&status, SystemTime::now());
+        };
+        read(&mut recorder, true);
         // Two samples of one millisecond are one.
         tokio::time::sleep(Duration::from_millis(20)).await;
         service.reload(&oven("eda9060a")).await.unwrap();
-        recorder.take(&service, Update::Gap(7)).await;
-        recorder.record(&service, "oven", first, Some(0.0), Grade::Good);
+        while !matches!(follower.next().await, Some(news @ News::Picture(_)) if {
+            recorder.take(&service, &news);
+            true
+        }) {}
+        read(&mut recorder, false);
         let now = millis(SystemTime::now());
         let values = async |path: &str| match history.chart(path, 0, now + 1_000, 60).await {
             Ok(Chart::Samples(samples)) => samples.iter().map(|sample| sample.value).collect(),

@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// How many modules a line may have had before it is opened anew rather than changed once more.
 const SLOTS_MAX: usize = 512;
 
-/// So long commands under way may take to end before their module's name is another's.
+/// How long commands in progress may take to end before the name of their module becomes another's.
 const TURN_MAX: Micros = Micros::from_secs(30);
 
 /// What another configuration changed.
@@ -93,7 +93,7 @@ impl Service {
                 .collect(),
         };
 
-        // Nobody commands those until they are where they belong.
+        // Their outputs accept no commands until they are where they belong.
         let (turns, left) = self.end_on_others(&old, &config).await;
         if let Err(why) = written.await {
             self.inner.change(|state| state.hasten(&left));
@@ -143,7 +143,7 @@ impl Service {
         }
         drop(turns);
         for line in &reloaded.opened {
-            // Who has it gives it back.
+            // The holder releases it.
             let lent = |state: &mut State| state.lines.get(line).is_some_and(|now| now.lent);
             if !self.inner.read(lent) {
                 self.open_again(&config, line);
@@ -166,7 +166,7 @@ impl Service {
     }
 
     fn is_other(&self, old: &Config, new: &Config, place: &Place) -> bool {
-        // Who has a line that is lent may have moved its modules: there the name counts.
+        // The holder of a line may have moved its modules: then the name counts.
         let is_here = || self.inner.read(|state| state.at(&place.module).is_some());
         !same_board(old, new, &place.module) && is_here()
     }
@@ -193,7 +193,7 @@ impl Service {
         of: BTreeSet<Place>,
         patience: Micros,
     ) -> (HeldTurns, Vec<u64>) {
-        let ended = self.ask(move |core, _| async move {
+        let ended = self.ask(move |core| async move {
             core.end_now(|place| of.contains(place), patience).await
         });
         let (turns, left) = ended.await.unwrap_or_default();
@@ -203,7 +203,7 @@ impl Service {
 
     /// Brings what is promised to the disk. What that refuses holds as long as the process does.
     async fn keep(&self) {
-        self.ask(|core, _| async move { core.keep().await.is_ok() })
+        self.ask(|core| async move { core.keep().await.is_ok() })
             .await;
     }
 

@@ -1,4 +1,4 @@
-//! Rules at work: what changes is told to their engines, and what these say is done.
+//! Running rules: changes are passed to their engines, whose actions are carried out.
 
 mod acts;
 mod status;
@@ -8,12 +8,11 @@ pub use status::RuleStatus;
 use super::{Inner, Service, Update, Updates, lock};
 use crate::config::{Place, Rule, When};
 use crate::rules::{Deadline, Engine, Fact, Moment, Output, Phase, Tried, try_against};
-use crate::{Quality, Value};
+use crate::{Quality, Rights, Value};
 use jiff::tz::TimeZone;
 use railbus_host::{LineState, PortError, Presence};
 use railbus_store::audit::Origin;
 use railbus_store::history::{HistoryError, Severity, millis};
-use railbus_wire::Micros;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, Weak};
@@ -21,9 +20,6 @@ use std::time::{Duration, SystemTime};
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-/// How long after nothing was known of a point it is looked at again: that a value was read anew
-/// and is as it was is not told.
-const LOOK_AGAIN: Duration = Duration::from_secs(1);
 /// A clock can be set while one waits for it.
 const CLOCK_MAX: Duration = Duration::from_secs(30);
 /// How many rules are remembered as tried: more than a site has.
@@ -47,9 +43,7 @@ struct Standing {
     /// None where it is not armed.
     engine: Option<Engine>,
     is_known: bool,
-    /// For so long from now on that is certain to be so.
-    good_until: Option<Instant>,
-    /// What it did is still under way.
+    /// An action of it is still in progress.
     busy: Arc<AtomicBool>,
     last: Option<i64>,
     count: u64,
@@ -79,12 +73,12 @@ impl Service {
         let now = self.inner.moment();
         let config = self.config();
         let all = lock(&self.inner.rules.all);
-        let rules = config.rules.into_iter();
+        let rules = config.rules.iter();
         rules
             .map(|(id, rule)| {
-                let is_tried = self.is_tried(&rule);
-                let standing = all.get(&id);
-                RuleStatus::of(id, rule, is_tried, standing, now)
+                let is_tried = self.is_tried(rule);
+                let standing = all.get(id);
+                RuleStatus::of(id.clone(), rule.clone(), is_tried, standing, now)
             })
             .collect()
     }
@@ -134,10 +128,10 @@ impl Service {
         let config = self.config();
         let mut all = lock(&self.inner.rules.all);
         let mut before = std::mem::take(&mut *all);
-        for (id, rule) in config.rules {
-            let known = before.remove(&id);
+        for (id, rule) in &config.rules {
+            let known = before.remove(id);
             let known = known.unwrap_or_else(|| Standing::new(rule.clone()));
-            all.insert(id, known.with(rule));
+            all.insert(id.clone(), known.with(rule.clone()));
         }
     }
 
@@ -189,21 +183,20 @@ impl Service {
                 standing.learn(now, Fact::Unknown);
                 true
             }
+            Some(Update::Quality(place)) => standing.rule.when.place() == Some(place),
             Some(_) => true,
+            // The time of a rule may come in the moment in which its value becomes stale.
             None => is_holding || !standing.is_known,
         };
         if looks && !standing.rule.when.is_clock() {
-            let (fact, good_for) = self.look(&standing.rule.when);
-            standing.learn(now, fact);
-            standing.good_until = good_for.map(|time| Instant::now() + time);
+            standing.learn(now, self.look(&standing.rule.when));
         }
         let deadline = standing.drain(id, now, due);
-        standing.wake(now, deadline)
+        deadline.map(|deadline| wake(now, deadline))
     }
 
-    /// What is known now of what a rule waits for, and for how long that is certain not to be
-    /// too old.
-    fn look(&self, when: &When) -> (Fact, Option<Duration>) {
+    /// What is known now of what a rule waits for.
+    fn look(&self, when: &When) -> Fact {
         match when {
             When::Switch(place, _) | When::Analog(place, _) => self.look_at(place),
             When::ModuleOffline(module) => {
@@ -211,35 +204,23 @@ impl Service {
                 let line = config.modules.get(module).map(|module| &module.line);
                 let down = line.map_or(Fact::Unknown, |line| self.is_down(line));
                 let presence = self.inner.read(|state| state.site.presence(module));
-                let fact = match (down, presence) {
+                match (down, presence) {
                     (Fact::Is(false), Presence::Online) => Fact::Is(false),
                     (Fact::Is(false), Presence::Silent | Presence::OtherModel) => Fact::Is(true),
                     (Fact::Is(false), Presence::Unheard) => Fact::Unknown,
                     (down, _) => down,
-                };
-                (fact, None)
+                }
             }
-            When::LineOffline(line) => (self.is_down(line), None),
-            When::Clock(_) => (Fact::Unknown, None),
+            When::LineOffline(line) => self.is_down(line),
+            When::Clock(_) => Fact::Unknown,
         }
     }
 
-    fn look_at(&self, place: &Place) -> (Fact, Option<Duration>) {
-        let Some(status) = self.point(&place.module, place.point) else {
-            return (Fact::Unknown, None);
-        };
-        match (status.quality, status.value) {
-            (Quality::Good, Some(value)) => {
-                let max_age = self.inner.read(|state| {
-                    let module = state.site.config().modules.get(&place.module);
-                    module.map_or(Micros(0), |module| module.plan.max_age)
-                });
-                let left = max_age - status.age.unwrap_or_default();
-                // Just after it, so that it is certain then.
-                let left = Duration::from_micros(left.0) + Duration::from_millis(1);
-                (fact_of(value), Some(left))
-            }
-            _ => (Fact::Unknown, None),
+    fn look_at(&self, place: &Place) -> Fact {
+        let status = self.point(&place.module, place.point);
+        match status.map(|status| (status.quality, status.value)) {
+            Some((Quality::Good, Some(value))) => fact_of(value),
+            _ => Fact::Unknown,
         }
     }
 
@@ -267,6 +248,7 @@ async fn run(site: Weak<Inner>, mut updates: Updates) {
         let service = Service {
             inner,
             origin: Arc::clone(&origin),
+            rights: Rights::all(),
         };
         let wake = service.turn(update.take().as_ref());
         let again = Arc::clone(&service.inner.rules.again);
@@ -306,7 +288,6 @@ impl Standing {
             rule,
             engine: None,
             is_known: false,
-            good_until: None,
             busy: Arc::default(),
             last: None,
             count: 0,
@@ -347,24 +328,18 @@ impl Standing {
             }
         }
     }
+}
 
-    /// When it is to be asked again.
-    fn wake(&self, now: Moment, deadline: Option<Deadline>) -> Option<Instant> {
-        let from_now = |time: Duration| Instant::now() + time;
-        let asked = deadline.map(|deadline| match deadline {
-            Deadline::Steady(due) => from_now(Duration::from_micros((due - now.steady).0)),
-            Deadline::Wall(due) => {
-                let left = u64::try_from(due - now.wall).unwrap_or_default();
-                from_now(Duration::from_millis(left).min(CLOCK_MAX))
-            }
-        });
-        let look = match self.engine.as_ref()?.phase() {
-            Phase::Holding(_) => self.good_until,
-            Phase::Resting if !self.is_known => Some(from_now(LOOK_AGAIN)),
-            _ => None,
-        };
-        [asked, look].into_iter().flatten().min()
-    }
+/// When a rule is to be asked again.
+fn wake(now: Moment, deadline: Deadline) -> Instant {
+    let left = match deadline {
+        Deadline::Steady(due) => Duration::from_micros((due - now.steady).0),
+        Deadline::Wall(due) => {
+            let left = u64::try_from(due - now.wall).unwrap_or_default();
+            Duration::from_millis(left).min(CLOCK_MAX)
+        }
+    };
+    Instant::now() + left
 }
 
 fn fact_of(value: Value) -> Fact {

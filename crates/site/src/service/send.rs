@@ -1,7 +1,6 @@
-//! A frame of somebody's own that may change something. It goes out between the polls of its
-//! line, once, and is no command: no rule of the configuration holds it back. So from before it
-//! is sent nothing that was known of the outputs of its modules counts any more, until they are
-//! read anew.
+//! A raw frame that may change something. It is sent between the polls of its line, once, and is
+//! not a command: no restriction of the configuration applies to it. So from before it is sent, no
+//! cached state of the outputs of its modules is valid any more, until they are read again.
 
 use super::{Inner, RawTerms, Service};
 use crate::Failure;
@@ -15,7 +14,7 @@ use std::time::Duration;
 /// What was not sent by then is taken back: it may be long after it was wanted.
 const SEND_TTL: Duration = Duration::from_secs(5);
 
-/// What came of a frame of somebody's own.
+/// The result of a raw frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sent {
     /// What came back.
@@ -38,8 +37,8 @@ impl Service {
         of_line.map(|(name, _)| name.clone()).collect()
     }
 
-    /// Sends a frame that may change something, once. What is written down of it beforehand says
-    /// `what`. Whoever calls this has told what it may do.
+    /// Sends a frame that may change something, once. Its audit entry contains `what`. The caller
+    /// has reported what it may do.
     ///
     /// # Errors
     /// [`Failure`]; [`Failure::may_have_acted`] says whether it may have been sent.
@@ -77,7 +76,7 @@ impl Service {
             return Err(Fault::Unsupported.into());
         }
         if let Some(module) = alone {
-            // Where it does not answer, nothing is known of it, and that is what is told.
+            // If it does not answer, nothing is known of it, and that is reported.
             let _ = self.read_fresh(&module).await;
         }
         Ok(Sent { met, audit })

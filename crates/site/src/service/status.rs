@@ -1,4 +1,4 @@
-//! What is known, for whoever asks.
+//! The known state of the site.
 
 use super::Service;
 use crate::config::{ModuleConfig, Name, Place, PointConfig, Range};
@@ -7,7 +7,8 @@ use crate::{Config, Quality, Value};
 use railbus_device::{Point, PointKind, Setup};
 use railbus_host::{Evidence, LineState, Presence};
 use railbus_wire::{Instant, Micros, Settings};
-use std::time::Duration;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
 
 /// A line, as it is.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,7 +38,7 @@ pub struct ModuleStatus {
     pub line: String,
     /// What it is.
     pub setup: Setup,
-    /// Whether it is heard. Nobody is while the line is not open.
+    /// Whether it answers. No module does while the line is not open.
     pub presence: Presence,
     /// What answers in its place, where that says that it is another model.
     pub stranger: Option<String>,
@@ -72,6 +73,8 @@ pub struct PointStatus {
     pub quality: Quality,
     /// How old it is at most.
     pub age: Option<Micros>,
+    /// When the request began that read it, by the clock on the wall as it was then.
+    pub time: Option<SystemTime>,
     /// From which age on it is stale; none where it never is.
     pub max_age: Option<Micros>,
     /// The paths of the outputs that must not be on while this one is.
@@ -89,17 +92,17 @@ pub struct PointStatus {
 pub struct Left {
     /// A pulse that is timed here ends.
     pub pulse: Option<Duration>,
-    /// Who holds it must say so again.
+    /// Its holder must renew it.
     pub lease: Option<Duration>,
     /// It has been on for as long as it may.
     pub max_on: Option<Duration>,
 }
 
 impl Service {
-    /// The configuration in force.
+    /// The configuration in force. It does not change; after a reload there is another one.
     #[must_use]
-    pub fn config(&self) -> Config {
-        self.inner.read(|state| state.site.config().clone())
+    pub fn config(&self) -> Arc<Config> {
+        self.inner.read(|state| Arc::clone(state.site.config()))
     }
 
     /// All lines.
@@ -173,7 +176,7 @@ impl State {
             .then(|| self.point(module, config, point, now))
     }
 
-    fn line(&self, name: &str) -> Option<LineStatus> {
+    pub(crate) fn line(&self, name: &str) -> Option<LineStatus> {
         let config = self.site.config().lines.get(name)?;
         let now = self.lines.get(name)?;
         Some(LineStatus {
@@ -187,7 +190,7 @@ impl State {
         })
     }
 
-    fn module(&mut self, name: &str) -> Option<ModuleStatus> {
+    pub(crate) fn module(&mut self, name: &str) -> Option<ModuleStatus> {
         let presence = match self.site.presence(name) {
             Presence::Online | Presence::OtherModel if !self.is_up(name) => Presence::Silent,
             presence => presence,
@@ -241,6 +244,7 @@ impl State {
             value: known.map(|known| known.value),
             quality,
             age: known.map(|known| now.since(known.read)),
+            time: known.map(|known| known.time),
             max_age: config.plan.enabled.then_some(config.plan.max_age),
             range: (point.kind == PointKind::Analog).then(|| config.range_of(point).clone()),
             pulse: pulses

@@ -1,6 +1,7 @@
-//! What changes, for whoever follows.
+//! Updates for subscribers.
 
 use crate::Change;
+use crate::config::Place;
 use tokio::sync::broadcast;
 
 /// Something changed.
@@ -8,6 +9,9 @@ use tokio::sync::broadcast;
 pub enum Update {
     /// A point got another value.
     Point(Change),
+    /// A point has another quality: its value became stale, or was read again; its module is
+    /// silent or back; its line was lost or lent.
+    Quality(Place),
     /// A module is heard, or no longer.
     Module(String),
     /// A line's port changed, or a babble began or ended.

@@ -78,7 +78,7 @@ async fn all_or_nothing_that_is_taken_back_leaves_a_pulse_its_end() {
         all_or_nothing: true,
         ..BatchTerms::default()
     };
-    let done = service.batch(&both, terms).await;
+    let done = service.batch(&both, terms).await.unwrap();
     assert_eq!(done.parts[0].end, Err(Failure::Undone));
     let left = || service.point("oven", k(1)).unwrap().left.lease;
     until(|| left().is_some() || boards.relays(3) == 0).await;

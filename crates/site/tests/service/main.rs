@@ -1,11 +1,13 @@
 //! A site at work, over TCP with relay boards of a few lines.
 
 mod board;
+mod following;
 mod held;
 mod otherwise;
 mod owners;
 mod policies;
 mod promised;
+mod rights;
 mod safety;
 mod sending;
 mod several;

@@ -136,7 +136,7 @@ async fn rival(service: Service, boards: Arc<Boards>, rival: Rival) -> bool {
                 ..BatchTerms::default()
             };
             boards.mute(4, true);
-            let done = service.batch(&set, terms).await;
+            let done = service.batch(&set, terms).await.unwrap();
             boards.mute(4, false);
             let mut ends = done.parts.iter().take(2);
             return ends.all(|part| part.end == Err(Failure::Undone));

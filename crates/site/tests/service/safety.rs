@@ -298,7 +298,8 @@ fn a_pulse_ends_though_the_process_ends_in_the_middle_of_it() {
     process.block_on(async {
         let service = Service::start_in(config(&port, ""), &folder).unwrap();
         service.opened("main").await.unwrap();
-        service.pulse("oven", k(1), pulse(400)).await.unwrap();
+        // Longer than a busy machine takes until the process ends.
+        service.pulse("oven", k(1), pulse(3_000)).await.unwrap();
         service.pulse("oven", k(2), pulse(600_000)).await.unwrap();
         // Another command takes one over: it is nobody's pulse any more.
         service.pulse("oven", k(3), pulse(400)).await.unwrap();
@@ -308,7 +309,7 @@ fn a_pulse_ends_though_the_process_ends_in_the_middle_of_it() {
     });
     // All at once, as a signal that can't be caught does.
     process.shutdown_background();
-    std::thread::sleep(Duration::from_millis(500));
+    std::thread::sleep(Duration::from_millis(3_100));
     assert_eq!(boards.relays(3), 0b111, "nobody is there to end it");
 
     runtime().block_on(async {

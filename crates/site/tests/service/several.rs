@@ -27,7 +27,7 @@ pub(crate) fn failures(done: &BatchDone) -> Vec<Option<&'static str>> {
 async fn outputs_of_a_module_go_in_one_frame() {
     let (service, boards) = site("").await;
     let all = set(&[("oven", 1, true), ("yard", 8, true), ("oven", 2, true)]);
-    let done = service.batch(&all, BatchTerms::default()).await;
+    let done = service.batch(&all, BatchTerms::default()).await.unwrap();
     assert_eq!(failures(&done), [None; 3]);
     let first = done.parts[0].end.as_ref().unwrap();
     assert_eq!((first.value, first.before), (Some(true), Some(false)));
@@ -46,14 +46,15 @@ async fn some_may_fail_and_all_or_nothing_takes_back() {
     let (service, boards) = site("[module.oven.point]\nk8.locked = true\n").await;
     switch(&service, "oven", 2, true).await.unwrap();
     let locked = set(&[("oven", 1, true), ("oven", 8, true)]);
-    let done = service.batch(&locked, BatchTerms::default()).await;
+    let done = service.batch(&locked, BatchTerms::default()).await.unwrap();
     assert_eq!(failures(&done), [None, Some("locked")]);
     assert_eq!(boards.relays(3), 0b11);
     // What can be known before is: nothing is sent.
     let frames = boards.states().len();
     let done = service
         .batch(&set(&[("oven", 3, true), ("oven", 8, true)]), ALL)
-        .await;
+        .await
+        .unwrap();
     assert_eq!(failures(&done), [Some("not_tried"), Some("locked")]);
     assert_eq!((boards.states().len(), done.undone), (frames, false));
 
@@ -66,7 +67,7 @@ async fn some_may_fail_and_all_or_nothing_takes_back() {
     };
     until(bad).await;
     let mixed = set(&[("oven", 1, false), ("oven", 3, true), ("yard", 1, true)]);
-    let done = service.batch(&mixed, ALL).await;
+    let done = service.batch(&mixed, ALL).await.unwrap();
     assert_eq!(
         failures(&done),
         [Some("undone"), Some("undone"), Some("no_reply")]
@@ -96,7 +97,7 @@ async fn what_can_not_be_taken_back_is_told() {
     };
     until(bad).await;
     let mixed = set(&[("oven", 1, false), ("yard", 1, true)]);
-    let done = service.batch(&mixed, ALL).await;
+    let done = service.batch(&mixed, ALL).await.unwrap();
     assert_eq!(failures(&done), [Some("not_undone"), Some("no_reply")]);
     assert!(!done.undone);
     assert_eq!(boards.relays(3), 0);
@@ -108,12 +109,12 @@ async fn what_excludes_goes_off_before_the_other_goes_on() {
     let (service, boards) = site("[module.oven.point]\nk1.interlock = [\"oven.k2\"]\n").await;
     switch(&service, "oven", 1, true).await.unwrap();
     let over = set(&[("oven", 2, true), ("oven", 1, false)]);
-    let done = service.batch(&over, ALL).await;
+    let done = service.batch(&over, ALL).await.unwrap();
     assert_eq!(failures(&done), [None, None]);
     assert!(boards.states().iter().all(|state| state[3] != 0b11));
     // One that must not be leaves the others.
     let both = set(&[("oven", 1, true), ("oven", 3, true)]);
-    let done = service.batch(&both, BatchTerms::default()).await;
+    let done = service.batch(&both, BatchTerms::default()).await.unwrap();
     assert_eq!(failures(&done), [Some("interlock"), None]);
     assert_eq!(boards.relays(3), 0b110);
     service.close().await;

@@ -55,7 +55,7 @@ async fn taking_back_begins_no_pulse_again() {
     let is_good = |module| service.point(module, k(1)).unwrap().quality == Quality::Good;
     until(|| is_good("gate") && is_good("oven")).await;
     let set = ["gate", "oven"].map(|module| (Place::new(module, k(1)), true));
-    let done = service.batch(&set, ALL).await;
+    let done = service.batch(&set, ALL).await.unwrap();
     assert!(!done.undone, "{done:?}");
     assert_eq!(done.parts[0].end, Err(Failure::NotUndone), "{done:?}");
     assert!(done.parts[1].end.is_err(), "{done:?}");
@@ -81,7 +81,7 @@ async fn what_is_taken_back_goes_where_it_was_and_not_where_it_was_read_before()
     boards.set(3, 1);
     boards.refuse_together(1);
     let set = set(&[("oven", 1, true), ("yard", 1, true), ("yard", 2, true)]);
-    let done = service.batch(&set, ALL).await;
+    let done = service.batch(&set, ALL).await.unwrap();
     let refused = Some("refused");
     assert_eq!(failures(&done), [Some("undone"), refused, refused]);
     assert!(done.undone);
@@ -107,7 +107,7 @@ async fn what_it_may_is_asked_again_in_its_turn() {
     service.reload(&asks).await.unwrap();
     assert!(!first.is_finished(), "the other one waits yet");
     first.await.unwrap().unwrap();
-    let done = waits.await.unwrap();
+    let done = waits.await.unwrap().unwrap();
     assert_eq!(failures(&done), [Some("confirm"), Some("not_tried")]);
     assert!(!done.undone, "nothing was done");
     assert!(boards.writes().iter().all(|write| write.on == 0));

@@ -111,7 +111,8 @@ fn who_keeps_the_time_of_a_pulse_is_decided_in_its_turn() {
     let says = |world: &mut World, mask| {
         let seen = railbus_device::Observation::Pulse { mask, width };
         let state = world.state();
-        state.site.saw("gate", &seen, railbus_wire::Instant(0));
+        let (read, time) = (railbus_wire::Instant(0), SystemTime::UNIX_EPOCH);
+        state.site.saw("gate", &seen, read, time);
     };
     says(&mut world, 0);
     world.order(|core| async move {

@@ -134,6 +134,7 @@ pub(super) struct World {
     /// It has refused what is newer.
     pub(super) is_disk_behind: bool,
     pub(super) updates: VecDeque<Update>,
+    pub(super) news: Vec<News>,
     /// Writes are acknowledged, and the outputs not read after them.
     pub(super) only_acknowledged: bool,
     /// Lines whose port is gone.
@@ -171,6 +172,7 @@ impl World {
             disk: Vec::new(),
             is_disk_behind: false,
             updates: VecDeque::new(),
+            news: Vec::new(),
             only_acknowledged: false,
             down: BTreeSet::new(),
             polls: true,
@@ -429,6 +431,7 @@ impl World {
                     };
                     self.add(after, Due::Kept(kept, end));
                 }
+                Output::News(news) => self.news.push(news),
                 Output::Publish(update) => {
                     self.updates.push_back(update);
                     if self.updates.len() > 64 {
@@ -542,11 +545,11 @@ impl World {
         self.saw_since(at, &Op::ReadOutputs, seen(relays), asked);
     }
 
-    fn saw(&mut self, at: At, op: &Op, seen: Observation) {
+    pub(super) fn saw(&mut self, at: At, op: &Op, seen: Observation) {
         self.saw_since(at, op, seen, self.now);
     }
 
-    fn saw_since(&mut self, at: At, op: &Op, seen: Observation, asked: Micros) {
+    pub(super) fn saw_since(&mut self, at: At, op: &Op, seen: Observation, asked: Micros) {
         let time = |at: Micros| Instant(0) + (at - self.booted);
         let event = LineEvent::Bus(Event::Seen {
             module: at.module,
@@ -558,7 +561,7 @@ impl World {
         self.line(at, &event);
     }
 
-    fn line(&mut self, at: At, event: &LineEvent) {
+    pub(super) fn line(&mut self, at: At, event: &LineEvent) {
         let line = self.config.lines.keys().nth(at.line.0 as usize).unwrap();
         let line = line.clone();
         self.tell(Input::Line(at.line, &line, event));

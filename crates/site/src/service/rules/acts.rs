@@ -1,8 +1,8 @@
-//! What a rule does, and what is told of it.
+//! The actions of rules, and their reports.
 
 use super::super::Service;
 use crate::config::{Action, Place, Rule};
-use crate::{Failure, Pulse, WriteTerms};
+use crate::{Failure, Pulse, Rights, WriteTerms};
 use railbus_store::audit::Origin;
 use railbus_store::history::{Event, EventKind, Severity};
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 impl Service {
     /// A handle that acts for a rule.
     pub(super) fn acting(&self, id: &str) -> Service {
-        self.on_behalf_of(Origin::program(&format!("rule:{id}")))
+        self.on_behalf_of(Origin::program(&format!("rule:{id}")), Rights::all())
     }
 
     fn label(&self, place: &Place) -> String {
@@ -32,8 +32,8 @@ impl Service {
         self.tell_event(more(event));
     }
 
-    /// Does what a rule says. After an output that could not be switched no other is: they may
-    /// rely on it. Who is to be told is told all the same.
+    /// Carries out the actions of a rule. After an output that could not be switched no other is:
+    /// later ones may rely on it. Notifications are sent all the same.
     pub(super) async fn act(self, id: String, rule: Rule, busy: Arc<AtomicBool>) {
         let about = |event: Event| match rule.when.place() {
             Some(place) => event.module(&place.module).point(&self.label(place)),

@@ -1,4 +1,4 @@
-//! How a rule is, for whoever asks.
+//! The status of a rule.
 
 use super::Standing;
 use crate::config::Rule;
