@@ -1,4 +1,4 @@
-//! Calibration and factory reset of an EMD-2A2Q, step by step.
+//! Calibration of analog inputs and factory reset, step by step.
 
 use super::change::{carry_all, untold};
 use super::desk::{Desk, Reply};
@@ -8,8 +8,8 @@ use super::stages::{Stage, applied, stages};
 use super::{
     Ended, Job, Procedure, Progress, Question, Record, Refused, Spot, State, Trouble, vacant,
 };
-use railbus_device::{Change, Family, Module, Observation, Op, Refusal, Setup};
-use railbus_wire::{Address, Frame, Micros};
+use railbus_device::{Change, Module, Observation, Op, Refusal, Setup};
+use railbus_wire::{Frame, Micros};
 
 /// How long a calibration may take [EMD-2A2Q §5.5].
 const PATIENCE: Micros = Micros::from_secs(10);
@@ -48,7 +48,7 @@ pub enum Hindrance {
 pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Trouble>> {
     Procedure::new(move |desk| async move {
         let place = Place::of(&job.setup);
-        let found = first_emd(&desk, &job, place).await?;
+        let found = first_calibrated(&desk, &job, place).await?;
         let mut done = Calibrated {
             before: found.analogs,
             zero: None,
@@ -106,16 +106,16 @@ pub fn calibrate(job: Job, voltage: u16) -> Procedure<Result<Calibrated, Trouble
     })
 }
 
-/// A procedure that resets an EMD-2A2Q to factory settings, and looks for it at address 1, 9600 8N1
+/// A procedure that resets a module to factory settings, and looks for it where they lead
 /// [EMD-2A2Q §5.8].
 #[must_use]
 pub fn restore_factory(job: Job) -> Procedure<Result<Ended, Trouble>> {
     Procedure::new(move |desk| async move {
         let place = Place::of(&job.setup);
-        let found = first_emd(&desk, &job, place).await?;
+        let found = first_calibrated(&desk, &job, place).await?;
         let before = found.kept();
-        let after = applied(Change::Restore, before);
-        let to = Place::of(&Setup::new(Family::Emd2a2q, Address(1)));
+        let after = applied(&job.setup, Change::Restore, before);
+        let to = Place::of(&Setup::factory(job.setup.family));
         if to != place {
             let serials = [to.serial];
             vacant::check(&desk, &job.setup, to.address, &serials, &job.neighbours).await?;
@@ -131,9 +131,9 @@ pub fn restore_factory(job: Job) -> Procedure<Result<Ended, Trouble>> {
     })
 }
 
-/// Only this family can be calibrated.
-async fn first_emd(desk: &Desk, job: &Job, place: Place) -> Result<Found, Trouble> {
-    if job.setup.family != Family::Emd2a2q {
+/// The first look at a module that can be calibrated: only such a one can be reset, too.
+async fn first_calibrated(desk: &Desk, job: &Job, place: Place) -> Result<Found, Trouble> {
+    if !job.setup.family.datasheet().is_calibrated() {
         return Err(Refused::NoCommand.into());
     }
     desk.tell(Progress::Reading(place)).await;

@@ -6,7 +6,7 @@ use super::sight::{find, first_alone};
 use super::stages::{Stage, stages};
 use super::{By, Procedure, Progress, Record, Refused, Spot, State, Trouble, vacant};
 use crate::settings::{Wanted, differences};
-use railbus_device::{Change, Family, Module, Observation, Op, Refusal, Setup};
+use railbus_device::{Change, Module, Observation, Op, Refusal, Setup};
 use railbus_wire::{Frame, Micros, Protocol, Settings};
 
 /// Pause after a write [EDA §1.7].
@@ -230,9 +230,11 @@ impl Writer<'_> {
         self.desk
             .tell(Progress::Writing(self.step, self.steps))
             .await;
-        let end = match self.job.setup.family {
-            Family::R55 => self.write_board(stage).await?,
-            _ => self.write(stage).await?,
+        let sheet = self.job.setup.family.datasheet();
+        let end = if sheet.needs_power_cycle() {
+            self.write_board(stage).await?
+        } else {
+            self.write(stage).await?
         };
         let (state, found) = match &end {
             StageEnd::Done(found) => (State::Done, Some(found)),

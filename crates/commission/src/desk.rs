@@ -8,15 +8,15 @@ use super::{Place, Record, Refused, Taken};
 use crate::risk::Risk;
 use railbus_bus::LATE_MIN;
 use railbus_device::{Module, Observation, Op, Setup};
-use railbus_wire::{Exchange, Frame, Instant, Micros, Protocol, Settings, carries_command};
+use railbus_wire::{
+    Exchange, Frame, Instant, Micros, Protocol, REPLY_TIMEOUT, Settings, foreign_command,
+};
 use std::fmt;
 use std::future::{Future, poll_fn};
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll, Waker};
 
-/// Timeout of a reply whose duration is not learned yet [EDA §1.12].
-pub(crate) const REPLY_TIMEOUT: Micros = Micros::from_millis(300);
 /// Gap before every request: adapters deliver bytes late.
 const QUIET: Micros = Micros::from_millis(20);
 
@@ -417,13 +417,10 @@ impl Desk {
 }
 
 /// The protocol of another module that could take the request for a command.
-fn carried(exchange: &Exchange<'_>) -> Option<Protocol> {
+pub(crate) fn carried(exchange: &Exchange<'_>) -> Option<Protocol> {
     let mut frame = Frame::new();
     exchange.encode(&mut frame);
-    let mut others = Protocol::ALL.into_iter();
-    others.find(|protocol| {
-        *protocol != exchange.protocol() && carries_command(frame.bytes(), *protocol)
-    })
+    foreign_command(frame.bytes(), exchange.protocol(), Protocol::ALL)
 }
 
 impl From<Refused> for Trouble {

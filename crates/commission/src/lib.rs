@@ -5,6 +5,13 @@
 //! clock: it hands out one [`Act`] after the other and takes in the results ([`Procedure::next`]),
 //! so the same code runs on a real line and, interrupted at every step, on a simulated one. Nothing
 //! is written to a module before it is in the journal.
+//!
+//! # Where things are
+//! - Finding modules: `scan` (what to ask, whom to believe). Frames typed by hand: `frame`, and
+//!   what they may do: `risk`.
+//! - A change of settings, step by step: `change`, in the order of `stages`, looking with `sight`;
+//!   after an interruption `recover`. Calibration: `calibrate`. What a settings word means:
+//!   `settings`. How procedures talk to a driver: `desk`.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -33,7 +40,7 @@ pub use frame::{read_request, request};
 pub use journal::{By, Log, RECORDS_MAX, Record, Spot, State};
 pub use place::{Found, Kept, Place, Pulse};
 pub use recover::{Recovered, Search, look_up, recover};
-pub use risk::{Risk, is_answered, stowaway};
+pub use risk::{Risk, is_answered};
 pub use sight::{Sight, read};
 pub use stages::{Refused, Stage, stages};
 pub use vacant::{Taken, vacant};

@@ -215,7 +215,7 @@ fn outwards(search: &Search) -> Vec<Place> {
             places.push(place);
         }
     };
-    let factory = Setup::new(search.setup.family, Address(1));
+    let factory = Setup::factory(search.setup.family);
     add(Place::of(&factory));
     for near in &search.first {
         for (_, baud) in profile.bauds {

@@ -1,6 +1,6 @@
 //! What a raw request may do to a line.
 
-use railbus_wire::{Exchange, Protocol, ascii, lc02, r55, rtu};
+use railbus_wire::{Exchange, ascii, lc02, r55, rtu};
 
 /// What a request may do, least first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -38,14 +38,6 @@ impl Risk {
 #[must_use]
 pub fn is_answered(asked: &Exchange<'_>) -> bool {
     asked.expects_reply() && Risk::of(asked) != Risk::All
-}
-
-/// The protocol, among those given and other than the request's own, in which the bytes contain a
-/// complete command that a module would obey.
-#[must_use]
-pub fn stowaway(bytes: &[u8], own: Protocol, others: &[Protocol]) -> Option<Protocol> {
-    let mut others = others.iter().copied().filter(|other| *other != own);
-    others.find(|other| railbus_wire::carries_command(bytes, *other))
 }
 
 fn of_rtu(e: &rtu::Exchange<'_>) -> Risk {
@@ -87,17 +79,6 @@ const fn of_ascii(request: &ascii::Request) -> Risk {
 mod tests {
     use super::*;
     use railbus_wire::{Address, Channel};
-
-    #[test]
-    fn a_command_inside_a_frame_is_found() {
-        let mut frame = vec![0x01, 0x10, 0x00, 0x00, 0x00, 0x04, 0x08];
-        frame.extend([0x55, 0x04, 0x12, 0, 0, 0, 1, 0x6C]);
-        frame.extend(railbus_wire::crc16(&frame).to_le_bytes());
-        let found = stowaway(&frame, Protocol::Rtu, &Protocol::ALL);
-        assert_eq!(found, Some(Protocol::R55));
-        let none = stowaway(&frame, Protocol::Rtu, &[Protocol::Rtu, Protocol::Ascii]);
-        assert_eq!(none, None);
-    }
 
     #[test]
     fn what_a_request_may_do_is_known() {

@@ -25,7 +25,7 @@ pub use found::{Detail, Found, Verdict};
 pub use identify::{Answer, Identity};
 pub use planner::Scanner;
 pub use reach::{Counts, LeftOut, Place, Progress};
-pub use scope::{Depth, Known, Run, Scope, Wish};
+pub use scope::{Depth, Known, Run, SPEEDS, Scope, Wish};
 
 use railbus_bus::LateReply;
 use railbus_bus::{Probe, Probed};

@@ -1,125 +1,20 @@
-//! The stored settings of modules, family by family: which there are, their values, which of them a
-//! command can change, and when a change takes effect. The datasheets, as data.
+//! The stored settings of modules: their values, and the words that change them. Which ones there
+//! are, and which of them a command can change, is in the datasheet of the family.
+
+pub use railbus_device::{Access, Key};
 
 use crate::{Kept, Pulse};
-use railbus_device::{Family, Setup};
+use railbus_device::Setup;
 use railbus_wire::{Address, Baud, Character, Micros, Protocol, PulseWidth};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// One setting of a module.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Key {
-    /// The address.
-    Address,
-    /// The speed.
-    Baud,
-    /// Parity.
-    Parity,
-    /// ASCII frames carry a checksum.
-    Checksum,
-    /// The protocol.
-    Protocol,
-    /// Whether an output follows its commands or gives pulses.
-    Mode(u8),
-    /// The width of all pulses.
-    PulseWidth,
-    /// The voltage applied for the span step.
-    CalibrationVoltage,
-}
-
-impl fmt::Display for Key {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Key::Address => f.write_str("address"),
-            Key::Baud => f.write_str("baud"),
-            Key::Parity => f.write_str("parity"),
-            Key::Checksum => f.write_str("checksum"),
-            Key::Protocol => f.write_str("protocol"),
-            // Only EDA modules have modes, and their labels count from 0.
-            Key::Mode(channel) => write!(f, "do{channel}.mode"),
-            Key::PulseWidth => f.write_str("pulse_width"),
-            Key::CalibrationVoltage => f.write_str("calibration_voltage"),
-        }
-    }
-}
-
-/// Whether a command changes a setting, and what prevents it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Access {
-    /// A command does; effective after the reply [EDA §1.7, ERC-8 §4.4, EMD-2A2Q §4.10].
-    Written,
-    /// A command does, within 10 s of power-up and with the DIP switch at 0 [R55 §4.6, §4.8].
-    AtPowerUp,
-    /// The manufacturer's software does, by undocumented means [EDA9060A §2.2].
-    MakersSoftware,
-    /// The level at the INIT* pin does [EDA9050 §2.1, §2.2].
-    InitPin,
-    /// Only while the module speaks ASCII: its current protocol has no frame for it [EDA §3.9].
-    InAscii,
-    /// The family has only one value.
-    Fixed,
-}
-
-impl Access {
-    /// Whether a command can change it now.
-    #[must_use]
-    pub const fn is_writable(self) -> bool {
-        matches!(self, Access::Written | Access::AtPowerUp)
-    }
-
-    /// The name in JSON.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Access::Written => "written",
-            Access::AtPowerUp => "at_power_up",
-            Access::MakersSoftware => "makers_software",
-            Access::InitPin => "init_pin",
-            Access::InAscii => "in_ascii",
-            Access::Fixed => "fixed",
-        }
-    }
-}
-
 /// All settings of a module, in the order in which they are shown.
 #[must_use]
 pub fn settings(setup: &Setup) -> Vec<(Key, Access)> {
-    let eda = |modes: u8, protocol: Access| {
-        let checksum = match setup.protocol {
-            Protocol::Ascii => Access::Written,
-            _ => Access::InAscii,
-        };
-        let mut all = vec![
-            (Key::Address, Access::Written),
-            (Key::Baud, Access::Written),
-            (Key::Checksum, checksum),
-            (Key::Protocol, protocol),
-        ];
-        all.extend((0..modes).map(|channel| (Key::Mode(channel), Access::Written)));
-        all.extend((modes > 0).then_some((Key::PulseWidth, Access::Written)));
-        all
-    };
-    match (setup.family, setup.protocol) {
-        (Family::Eda9060a, _) => eda(setup.outputs, Access::MakersSoftware),
-        (Family::Eda9050, Protocol::Rtu) => eda(0, Access::MakersSoftware),
-        (Family::Eda9050, _) => eda(0, Access::InitPin),
-        (Family::Erc8, _) => vec![
-            (Key::Address, Access::Written),
-            (Key::Baud, Access::Written),
-            (Key::Parity, Access::Written),
-        ],
-        (Family::Emd2a2q, _) => vec![
-            (Key::Address, Access::Written),
-            (Key::Baud, Access::Written),
-            (Key::Parity, Access::Written),
-            (Key::CalibrationVoltage, Access::Written),
-        ],
-        (Family::R55, _) => vec![
-            (Key::Address, Access::AtPowerUp),
-            (Key::Baud, Access::Fixed),
-        ],
-    }
+    let all = setup.family.datasheet().settings.iter();
+    all.map(|setting| (setting.key, setting.access.of(setup.protocol)))
+        .collect()
 }
 
 /// The setting with that name.
@@ -166,8 +61,8 @@ pub fn choice(setup: &Setup, key: Key) -> Choice {
     match key {
         Key::Address => {
             let (low, high) = addresses(setup);
-            let all = (setup.family == Family::R55).then_some(railbus_wire::r55::BROADCAST.0);
-            Choice::Number(low, high, all)
+            let all = setup.family.datasheet().broadcast;
+            Choice::Number(low, high, all.map(|all| all.0))
         }
         Key::Baud => {
             let rates = profile.bauds.iter();
@@ -307,8 +202,7 @@ impl Wanted {
             Key::Address => {
                 let address = address(value)?;
                 let (low, high) = addresses(setup);
-                let is_broadcast =
-                    setup.family == Family::R55 && Address(address) == railbus_wire::r55::BROADCAST;
+                let is_broadcast = setup.family.datasheet().broadcast == Some(Address(address));
                 if !(low..=high).contains(&address) || is_broadcast {
                     return None;
                 }
@@ -434,6 +328,7 @@ pub fn differences(setup: &Setup, before: &Kept, after: &Kept) -> Vec<(Key, Stri
 #[cfg(test)]
 mod tests {
     use super::*;
+    use railbus_device::Family;
 
     fn parse(family: Family, words: &str) -> Result<Wanted, Wrong> {
         Wanted::parse(&Setup::new(family, Address(1)), words.split(' '))

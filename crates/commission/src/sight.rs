@@ -1,11 +1,11 @@
 //! Looks for a module at a place: is it there, is it the expected model, and which settings has it
 //! stored?
 
-use super::desk::{Desk, REPLY_TIMEOUT, Reply};
+use super::desk::{Desk, Reply};
 use super::{Found, Kept, Place, Procedure, Progress, Pulse, Trouble};
-use railbus_device::{Family, Module, Observation, Op, Setup};
+use railbus_device::{Holds, Module, Observation, Op, PulseTiming, Recognition, Setup};
 use railbus_wire::rtu::{self, Request, WordSpan};
-use railbus_wire::{Address, Decoded, Exchange, Protocol, Response, Words};
+use railbus_wire::{Address, Decoded, Exchange, REPLY_TIMEOUT, Response, Words};
 
 /// What was found at a place.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -39,9 +39,6 @@ impl Look {
         }
     }
 }
-
-/// Registers 0 to 7 of an EMD-2A2Q [EMD-2A2Q §4].
-const EMD_REGISTERS: u16 = 8;
 
 /// A procedure that reads everything a module reports, or says why it can't be read.
 #[must_use]
@@ -91,17 +88,10 @@ pub(crate) async fn look(
     let Ok(module) = Module::new(here) else {
         return Ok(Sight::Silent);
     };
-    match (here.family, here.protocol) {
-        (Family::Emd2a2q, _) => emd(desk, &here, place, look).await,
-        (Family::Eda9050, Protocol::Rtu) => eda9050_rtu(desk, &module, place, look).await,
-        (Family::Eda9060a | Family::Eda9050, _) => eda(desk, &module, place, look).await,
-        (Family::Erc8, _) => erc8(desk, &module, place, look).await,
-        (Family::R55, _) => {
-            let seen = desk
-                .read_times(&module, &Op::ReadOutputs, look.times())
-                .await?;
-            Ok(sighted(seen, |_| Some(Found::at(place))))
-        }
+    match here.family.datasheet().recognition.of(here.protocol) {
+        Recognition::ByName => by_name(desk, &module, place, look).await,
+        Recognition::ByRegisters => by_registers(desk, &here, place, look).await,
+        Recognition::ByBehaviour => by_behaviour(desk, &module, place, look).await,
     }
 }
 
@@ -123,8 +113,8 @@ fn name(seen: &Observation) -> Option<String> {
     }
 }
 
-/// In ASCII and LC-02 it identifies itself; over Modbus registers 0 and 1 do [EDA9060A §6.18].
-async fn eda(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<Sight, Trouble> {
+/// It identifies itself.
+async fn by_name(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<Sight, Trouble> {
     if look == Look::First {
         match desk.read(module, &Op::Identify).await? {
             Reply::Said(seen) if module.recognises(&seen) && seen != Observation::Unexpected => {}
@@ -152,7 +142,8 @@ async fn eda(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<S
         }
         other => return Ok(sighted(other, |_| None)),
     }
-    if module.setup().family == Family::Eda9060a
+    let sheet = module.setup().family.datasheet();
+    if sheet.pulses == PulseTiming::Stored
         && let Reply::Said(Observation::Pulse { mask, width }) =
             desk.read(module, &Op::ReadPulse).await?
     {
@@ -190,8 +181,8 @@ async fn behaves(desk: &Desk, setup: &Setup, place: Place) -> Result<bool, Troub
     Ok(true)
 }
 
-/// No request reads its settings or its name [EDA9050 §5.7].
-async fn eda9050_rtu(
+/// It reports its outputs. Its settings may or may not be readable [ERC-8 §2.5, EDA9050 §5.7].
+async fn by_behaviour(
     desk: &Desk,
     module: &Module,
     place: Place,
@@ -207,28 +198,14 @@ async fn eda9050_rtu(
     if look == Look::First && !behaves(desk, module.setup(), place).await? {
         return Ok(Sight::Wrong(None));
     }
-    Ok(Sight::Clear(Found::at(place)))
-}
-
-/// It answers coils 60 to 67. Its settings may or may not be readable [ERC-8 §2.5].
-async fn erc8(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<Sight, Trouble> {
-    match desk
-        .read_times(module, &Op::ReadOutputs, look.times())
-        .await?
-    {
-        Reply::Said(Observation::Channels { .. }) => {}
-        other => return Ok(sighted(other, |_| None)),
-    }
-    if look == Look::First && !behaves(desk, module.setup(), place).await? {
-        return Ok(Sight::Wrong(None));
-    }
     let mut found = Found::at(place);
-    if let Reply::Said(Observation::Config {
-        address,
-        baud,
-        character,
-        ..
-    }) = desk.read(module, &Op::ReadConfig).await?
+    if module.exchange(&Op::ReadConfig).is_ok()
+        && let Reply::Said(Observation::Config {
+            address,
+            baud,
+            character,
+            ..
+        }) = desk.read(module, &Op::ReadConfig).await?
     {
         found.told = Kept {
             address,
@@ -240,9 +217,15 @@ async fn erc8(desk: &Desk, module: &Module, place: Place, look: Look) -> Result<
     Ok(Sight::Clear(found))
 }
 
-/// All eight registers at once.
-async fn emd(desk: &Desk, setup: &Setup, place: Place, look: Look) -> Result<Sight, Trouble> {
-    let Some(span) = WordSpan::new(0, EMD_REGISTERS) else {
+/// All its registers at once.
+async fn by_registers(
+    desk: &Desk,
+    setup: &Setup,
+    place: Place,
+    look: Look,
+) -> Result<Sight, Trouble> {
+    let count = u16::try_from(setup.registers().len()).ok();
+    let Some(span) = count.and_then(|count| WordSpan::new(0, count)) else {
         return Ok(Sight::Silent);
     };
     let exchange = Exchange::rtu(place.address, Request::ReadHoldingRegisters(span));
@@ -252,7 +235,7 @@ async fn emd(desk: &Desk, setup: &Setup, place: Place, look: Look) -> Result<Sig
         last = match exchange.find_response(&heard).1 {
             Decoded::Whole { value, .. } => {
                 let found = match value.response {
-                    Response::Rtu(rtu::Response::Words(words)) => emd_found(setup, place, &words),
+                    Response::Rtu(rtu::Response::Words(words)) => told_by(setup, place, &words),
                     _ => None,
                 };
                 let Some(found) = found else {
@@ -270,20 +253,22 @@ async fn emd(desk: &Desk, setup: &Setup, place: Place, look: Look) -> Result<Sig
     Ok(last)
 }
 
-fn emd_found(setup: &Setup, place: Place, words: &Words<'_>) -> Option<Found> {
-    let profile = setup.family.profile();
-    let code = |at| u8::try_from(words.get(at)?).ok();
+fn told_by(setup: &Setup, place: Place, words: &Words<'_>) -> Option<Found> {
+    let (profile, sheet) = (setup.family.profile(), setup.family.datasheet());
+    let word = |holds| words.get(sheet.register(holds)?);
+    let code = |holds| u8::try_from(word(holds)?).ok();
     Some(Found {
         told: Kept {
-            address: code(1).map(Address),
-            baud: code(2).and_then(|code| profile.baud_of(code)),
-            character: code(3).and_then(|code| profile.character_of(code)),
-            voltage: words.get(4),
+            address: code(Holds::Address).map(Address),
+            baud: code(Holds::Baud).and_then(|code| profile.baud_of(code)),
+            character: code(Holds::Parity).and_then(|code| profile.character_of(code)),
+            voltage: word(Holds::Voltage),
             ..Kept::default()
         },
-        version: words.get(0),
-        busy: words.get(5)? & 0b111 != 0,
-        analogs: Some([words.get(6)?, words.get(7)?]),
+        version: word(Holds::Version),
+        // Bits 3 to 15 have no meaning [EMD-2A2Q §5.2].
+        busy: word(Holds::Calibration)? & 0b111 != 0,
+        analogs: Some([word(Holds::Analog(0))?, word(Holds::Analog(1))?]),
         ..Found::at(place)
     })
 }

@@ -2,7 +2,7 @@
 //! at its place, then its address, then its speed, then its parity.
 
 use super::{Kept, Place};
-use railbus_device::{Change, Family, Module, Op, Setup, SetupError};
+use railbus_device::{Change, Module, Op, Setup, SetupError};
 use railbus_wire::Protocol;
 
 /// One write, and where the module answers before and after it.
@@ -68,7 +68,7 @@ pub fn stages(
             .map_or((known.or(Kept::at(place)), place), |last| {
                 (last.after, last.to)
             });
-        let mut after = applied(change, before);
+        let mut after = applied(setup, change, before);
         let mut to = after.place(from);
         if !ascii {
             after.checksum = before.checksum;
@@ -94,29 +94,26 @@ fn serial(setup: &Setup, place: Place, target: Place) -> Vec<Change> {
     if place == target {
         return Vec::new();
     }
-    match setup.family {
-        // One frame covers all three [EDA §2.15, §3.9, §4.6].
-        Family::Eda9060a | Family::Eda9050 => vec![Change::Serial {
+    if setup.family.datasheet().serial_as_one {
+        return vec![Change::Serial {
             address: target.address,
             baud: target.serial.baud,
             checksum: target.checksum,
-        }],
-        Family::Erc8 | Family::Emd2a2q | Family::R55 => {
-            let address = Change::Address(target.address);
-            let baud = Change::Baud(target.serial.baud);
-            let character = Change::Character(target.serial.character);
-            let wanted = [
-                (target.address != place.address).then_some(address),
-                (target.serial.baud != place.serial.baud).then_some(baud),
-                (target.serial.character != place.serial.character).then_some(character),
-            ];
-            wanted.into_iter().flatten().collect()
-        }
+        }];
     }
+    let address = Change::Address(target.address);
+    let baud = Change::Baud(target.serial.baud);
+    let character = Change::Character(target.serial.character);
+    let wanted = [
+        (target.address != place.address).then_some(address),
+        (target.serial.baud != place.serial.baud).then_some(baud),
+        (target.serial.character != place.serial.character).then_some(character),
+    ];
+    wanted.into_iter().flatten().collect()
 }
 
 /// The settings of a module after a change.
-pub(crate) fn applied(change: Change, before: Kept) -> Kept {
+pub(crate) fn applied(setup: &Setup, change: Change, before: Kept) -> Kept {
     let mut after = before;
     match change {
         Change::Serial {
@@ -135,10 +132,9 @@ pub(crate) fn applied(change: Change, before: Kept) -> Kept {
         Change::CalibrationVoltage(voltage) => after.voltage = Some(voltage),
         Change::CalibrateZero | Change::CalibrateSpan => {}
         Change::Restore => {
-            let factory = Setup::new(Family::Emd2a2q, railbus_wire::Address(1));
             after = Kept {
-                voltage: Some(500),
-                ..Kept::at(Place::of(&factory))
+                voltage: setup.family.datasheet().factory.voltage,
+                ..Kept::at(Place::of(&Setup::factory(setup.family)))
             };
         }
     }
@@ -148,6 +144,7 @@ pub(crate) fn applied(change: Change, before: Kept) -> Kept {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use railbus_device::Family;
     use railbus_wire::{Address, Baud, Character};
 
     fn wanted() -> Kept {

@@ -1,12 +1,12 @@
 //! Checks that nothing answers at an address before a module is moved there.
 
-use super::desk::{Desk, REPLY_TIMEOUT};
+use super::desk::{Desk, carried};
 use super::{Neighbour, Place, Progress, Trouble};
 use railbus_bus::LATE_MIN;
 use railbus_device::Setup;
 use railbus_wire::rtu::{BitSpan, Request};
 use railbus_wire::{
-    Address, Exchange, Frame, Micros, Protocol, Settings, ascii, carries_command, lc02, r55,
+    Address, Exchange, Micros, Protocol, REPLY_TIMEOUT, Settings, ascii, lc02, r55,
 };
 
 /// Timeout of a reply, the same as on the line itself.
@@ -63,7 +63,7 @@ pub(crate) async fn check(
                 neighbour.place.address == address && neighbour.protocol == exchange.protocol()
             });
             let expected = known.is_some() && exchange.protocol() != setup.protocol;
-            if expected || !is_safe(&exchange) {
+            if expected || carried(&exchange).is_some() {
                 continue;
             }
             let there = Setup {
@@ -111,13 +111,6 @@ fn probes(address: Address, own: Protocol) -> Vec<Exchange<'static>> {
     let mut probes: Vec<Exchange<'_>> = eda.into_iter().chain(modbus).chain(board).collect();
     probes.sort_by_key(|exchange| exchange.protocol() == own);
     probes
-}
-
-fn is_safe(exchange: &Exchange<'_>) -> bool {
-    let mut frame = Frame::new();
-    exchange.encode(&mut frame);
-    let mut others = Protocol::ALL.into_iter();
-    !others.any(|other| other != exchange.protocol() && carries_command(frame.bytes(), other))
 }
 
 /// A procedure that checks whether an address is free in every protocol.

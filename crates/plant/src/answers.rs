@@ -1,8 +1,8 @@
 //! Executes commands on a line, and produces their answers: one line of text for each module.
 
+use super::active_faults::Told;
 use super::orders::{LineOrder, path};
-use super::stage::{Deed, Part, Stage, Whose};
-use super::standing::Told;
+use super::stage::{FaultTarget, ManualAction, Part, Stage};
 use super::texts::SimText;
 use railbus_device::PointKind;
 use railbus_sim::Power;
@@ -23,19 +23,19 @@ pub(super) fn perform(
             stage.act(now, index, deed);
             vec![done(lang, &stage.parts()[index], deed)]
         }
-        LineOrder::Faults(whose, orders) => {
+        LineOrder::Faults(target, orders) => {
             for order in &orders {
-                stage.add_fault(now, whose, order);
+                stage.add_fault(now, target, order);
             }
-            vec![standing(lang, stage, whose, now)]
+            vec![faults_line(lang, stage, target, now)]
         }
-        LineOrder::Clear(whose) => {
-            stage.clear_faults(now, whose);
-            vec![standing(lang, stage, whose, now)]
+        LineOrder::Clear(target) => {
+            stage.clear_faults(now, target);
+            vec![faults_line(lang, stage, target, now)]
         }
-        LineOrder::ClearSome(whose, words) => {
-            stage.clear_some(now, whose, &words);
-            vec![standing(lang, stage, whose, now)]
+        LineOrder::ClearSome(target, words) => {
+            stage.clear_some(now, target, &words);
+            vec![faults_line(lang, stage, target, now)]
         }
         LineOrder::ClearAll => {
             stage.clear_all(now);
@@ -54,14 +54,14 @@ pub(super) fn perform(
     }
 }
 
-fn done(lang: Lang, part: &Part, deed: Deed) -> String {
+fn done(lang: Lang, part: &Part, deed: ManualAction) -> String {
     let name = &part.name;
     let with = |text: SimText, value: &dyn std::fmt::Display| {
         lang.fill(text, &[("name", name), ("value", value)])
     };
     let state = |on| lang.get(if on { SimText::On } else { SimText::Off });
     match deed {
-        Deed::Input(point, signal) => {
+        ManualAction::Input(point, signal) => {
             let path = path(name, &part.setup, point);
             match signal {
                 Some(Signal::Value(hundredths)) => format!("{path} = {}", decimal(hundredths)),
@@ -72,11 +72,11 @@ fn done(lang: Lang, part: &Part, deed: Deed) -> String {
                 _ => format!("{path} = auto"),
             }
         }
-        Deed::Power(Power::On) => with(SimText::PowerIs, &state(true)),
-        Deed::Power(Power::Off) => with(SimText::PowerIs, &state(false)),
-        Deed::Power(Power::Cycle) => lang.fill(SimText::Cycled, &[("name", name)]),
-        Deed::Dip(dip) => with(SimText::DipIs, &dip),
-        Deed::Init(grounded) => {
+        ManualAction::Power(Power::On) => with(SimText::PowerIs, &state(true)),
+        ManualAction::Power(Power::Off) => with(SimText::PowerIs, &state(false)),
+        ManualAction::Power(Power::Cycle) => lang.fill(SimText::Cycled, &[("name", name)]),
+        ManualAction::Dip(dip) => with(SimText::DipIs, &dip),
+        ManualAction::Init(grounded) => {
             let pin = if grounded {
                 SimText::Grounded
             } else {
@@ -84,24 +84,24 @@ fn done(lang: Lang, part: &Part, deed: Deed) -> String {
             };
             with(SimText::InitIs, &lang.get(pin))
         }
-        Deed::Protocol(protocol) => with(SimText::ProtocolIs, &protocol),
-        Deed::Reset => lang.fill(SimText::WasReset, &[("name", name)]),
+        ManualAction::Protocol(protocol) => with(SimText::ProtocolIs, &protocol),
+        ManualAction::Reset => lang.fill(SimText::WasReset, &[("name", name)]),
     }
 }
 
-fn standing(lang: Lang, stage: &Stage, whose: Whose, now: Instant) -> String {
-    let name = match whose {
-        Whose::Line => lang.fill(SimText::LineNamed, &[("name", &stage.name())]),
-        Whose::Module(index) => stage.parts()[index].name.clone(),
+fn faults_line(lang: Lang, stage: &Stage, target: FaultTarget, now: Instant) -> String {
+    let name = match target {
+        FaultTarget::Line => lang.fill(SimText::LineNamed, &[("name", &stage.name())]),
+        FaultTarget::Module(index) => stage.parts()[index].name.clone(),
     };
-    let faults = faults(lang, stage, whose, now);
+    let faults = faults(lang, stage, target, now);
     lang.fill(SimText::FaultsOf, &[("name", &name), ("faults", &faults)])
 }
 
-fn faults(lang: Lang, stage: &Stage, whose: Whose, now: Instant) -> String {
+fn faults(lang: Lang, stage: &Stage, target: FaultTarget, now: Instant) -> String {
     let words: Vec<String> = stage
-        .faults_of(whose)
-        .told(now, stage.replies(whose))
+        .faults_of(target)
+        .told(now, stage.replies(target))
         .map(
             |Told {
                  words,
@@ -125,7 +125,7 @@ fn faults(lang: Lang, stage: &Stage, whose: Whose, now: Instant) -> String {
 /// The state of a line: settings, counters, faults.
 fn show_line(lang: Lang, stage: &Stage, now: Instant) -> String {
     let line = stage.line();
-    let faults = faults(lang, stage, Whose::Line, now);
+    let faults = faults(lang, stage, FaultTarget::Line, now);
     let name = lang.fill(SimText::LineNamed, &[("name", &stage.name())]);
     lang.fill(
         SimText::ShowLine,
@@ -185,7 +185,7 @@ fn show(lang: Lang, stage: &Stage, index: usize, now: Instant) -> String {
     say(SimText::ShowRestarts, &counts.restarts);
     say(
         SimText::ShowFaults,
-        &faults(lang, stage, Whose::Module(index), now),
+        &faults(lang, stage, FaultTarget::Module(index), now),
     );
     parts.join("; ")
 }

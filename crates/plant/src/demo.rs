@@ -2,7 +2,7 @@
 //! inputs.
 
 use super::orders::Directory;
-use super::plant::{self, Wanted};
+use super::plant::{self, PlantOptions};
 use super::stage::Stage;
 use super::system;
 use railbus_app::failure::Failure;
@@ -22,10 +22,10 @@ pub(super) fn stage(lang: Lang, seed: u64, verbose: bool) -> Result<(Stage, Dire
     let broken = || system(lang, std::io::Error::other("demo.toml"));
     let config = Config::parse(&text("pty:/tmp/line")).map_err(|_| broken())?;
     let directory = Directory::of(&config);
-    let wanted = Wanted {
+    let wanted = PlantOptions {
         seed: Some(seed),
         verbose,
-        ..Wanted::default()
+        ..PlantOptions::default()
     };
     let stages = plant::stages(lang, &config, &directory, None, &wanted)?;
     let stage = stages.into_iter().next().ok_or_else(broken)?;

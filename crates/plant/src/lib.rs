@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+mod active_faults;
 mod answers;
 pub mod background;
 pub mod demo;
@@ -17,7 +18,6 @@ mod pty;
 pub mod remote;
 mod serve;
 mod stage;
-mod standing;
 mod tcp;
 mod texts;
 
@@ -69,7 +69,7 @@ fn served_json(lines: &[Value], control: Option<&str>) -> String {
 
 /// Options of the demo line.
 #[derive(Clone, Debug, Default)]
-pub struct DemoWanted {
+pub struct DemoOptions {
     /// The link to its PTY; `/tmp/railbus-main` if not given.
     pub pty: Option<PathBuf>,
     /// The TCP address it listens on; `127.0.0.1:4001` if not given.
@@ -83,7 +83,7 @@ pub struct DemoWanted {
 }
 
 /// The same, parsed.
-struct Wanted {
+struct Demo {
     pty: PathBuf,
     tcp: SocketAddr,
     seed: u64,
@@ -91,8 +91,8 @@ struct Wanted {
     json: bool,
 }
 
-impl Wanted {
-    fn read(lang: Lang, asked: &DemoWanted) -> Result<Wanted, Failure> {
+impl Demo {
+    fn read(lang: Lang, asked: &DemoOptions) -> Result<Demo, Failure> {
         let tcp = match &asked.tcp {
             None => DEMO_TCP,
             Some(text) => text.parse().map_err(|_| {
@@ -100,7 +100,7 @@ impl Wanted {
                 Failure::new(Code::Usage, message).with_try("railbus sim --demo --tcp 127.0.0.1:0")
             })?,
         };
-        Ok(Wanted {
+        Ok(Demo {
             pty: asked.pty.clone().unwrap_or_else(|| DEMO_PTY.into()),
             tcp,
             seed: asked.seed,
@@ -114,24 +114,24 @@ impl Wanted {
 ///
 /// # Errors
 /// If the PTY or the address is not available, or the system refuses something it normally grants.
-pub async fn serve_demo(lang: Lang, asked: &DemoWanted) -> Result<(), Failure> {
-    let wanted = &Wanted::read(lang, asked)?;
-    serve_wanted(lang, wanted).await
+pub async fn serve_demo(lang: Lang, asked: &DemoOptions) -> Result<(), Failure> {
+    let demo = &Demo::read(lang, asked)?;
+    serve_read(lang, demo).await
 }
 
-async fn serve_wanted(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+async fn serve_read(lang: Lang, demo: &Demo) -> Result<(), Failure> {
     let mut stop = serve::Stop::new().map_err(|error| system(lang, error))?;
     // TCP first: a second simulator fails here, before it replaces the first one's link.
-    let tcp = listen(lang, wanted.tcp, "railbus sim --demo --tcp 127.0.0.1:0").await?;
+    let tcp = listen(lang, demo.tcp, "railbus sim --demo --tcp 127.0.0.1:0").await?;
     let elsewhere = "railbus sim --demo --pty /tmp/railbus-2";
     let pty =
-        Pty::open(&wanted.pty).map_err(|error| error.into_failure(lang, &wanted.pty, elsewhere))?;
-    announce(lang, wanted, tcp.address());
-    let frames = wanted.verbose.then(|| {
-        frames::heading(lang, frames::WIDTH, wanted.json);
-        frames::Frames::new(None, frames::WIDTH, wanted.json)
+        Pty::open(&demo.pty).map_err(|error| error.into_failure(lang, &demo.pty, elsewhere))?;
+    announce(lang, demo, tcp.address());
+    let frames = demo.verbose.then(|| {
+        frames::heading(lang, frames::WIDTH, demo.json);
+        frames::Frames::new(None, frames::WIDTH, demo.json)
     });
-    let (stage, _) = demo::stage(lang, wanted.seed, wanted.verbose)?;
+    let (stage, _) = demo::stage(lang, demo.seed, demo.verbose)?;
     let served = demo_line(stage, pty, Some(tcp), frames, None);
     serve::serve(Clock::new(1.0), served, stop.requested())
         .await
@@ -183,13 +183,13 @@ pub fn unreachable(lang: Lang, path: &Path, error: &std::io::Error) -> Failure {
 
 /// Prints what is served and how to connect. The reader may have gone; the line is served
 /// nevertheless.
-fn announce(lang: Lang, wanted: &Wanted, tcp: SocketAddr) {
-    let text = if wanted.json {
-        let (pty, modules) = (Some(wanted.pty.as_path()), modules().len());
+fn announce(lang: Lang, demo: &Demo, tcp: SocketAddr) {
+    let text = if demo.json {
+        let (pty, modules) = (Some(demo.pty.as_path()), modules().len());
         let line = line_row(demo::LINE, Settings::FACTORY, modules, pty, Some(tcp));
         served_json(&[line], None)
     } else {
-        told(lang, wanted, tcp)
+        told(lang, demo, tcp)
     };
     let mut stdout = std::io::stdout();
     let _ = stdout
@@ -197,11 +197,11 @@ fn announce(lang: Lang, wanted: &Wanted, tcp: SocketAddr) {
         .and_then(|()| stdout.flush());
 }
 
-fn told(lang: Lang, wanted: &Wanted, tcp: SocketAddr) -> String {
+fn told(lang: Lang, demo: &Demo, tcp: SocketAddr) -> String {
     let mut text = format!(
         "{}\n  PTY  {}\n  TCP  {tcp}   {}\n\n{}\n  {}\n",
         lang.get(SimText::Served),
-        wanted.pty.display(),
+        demo.pty.display(),
         lang.get(SimText::RawBytes),
         lang.get(SimText::Modules),
         lang.get(SimText::Columns),

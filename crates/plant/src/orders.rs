@@ -1,11 +1,11 @@
 //! Commands typed at the simulator's prompt, or sent to its control socket.
 
-use super::stage::{Deed, Whose};
+use super::stage::{FaultTarget, ManualAction};
 use super::texts::SimText;
 use railbus_app::address;
 use railbus_app::api::config_words;
 use railbus_app::failure::Failure;
-use railbus_device::{Family, Point, PointKind, Setup};
+use railbus_device::{Datasheet, Point, PointKind, Setup};
 use railbus_sim::Power;
 use railbus_site::Config;
 use railbus_site::config::{FaultOrder, FaultsOf, ModuleConfig, Range, Signal, parse_faults};
@@ -27,11 +27,11 @@ pub(super) enum Order {
 /// A command for one line.
 #[derive(Clone, Debug)]
 pub(super) enum LineOrder {
-    Do(usize, Deed),
-    Faults(Whose, Vec<FaultOrder>),
-    Clear(Whose),
+    Do(usize, ManualAction),
+    Faults(FaultTarget, Vec<FaultOrder>),
+    Clear(FaultTarget),
     /// Only those with this specification or name.
-    ClearSome(Whose, String),
+    ClearSome(FaultTarget, String),
     ClearAll,
     /// Unplugs the adapter, or plugs it in.
     Plug(bool),
@@ -119,10 +119,10 @@ impl Directory {
             lang,
             directory: self,
         };
-        let (whose, faults) = text
+        let (target, faults) = text
             .split_once([':', '：'])
             .ok_or_else(|| reader.form("pump: drop 5%"))?;
-        reader.fault(&format!("{} {faults}", whose.trim()))
+        reader.fault(&format!("{} {faults}", target.trim()))
     }
 }
 
@@ -156,29 +156,29 @@ impl Reader<'_> {
                 ];
                 let power = powers.into_iter().find(|(word, _)| *word == value);
                 let (_, power) = power.ok_or_else(|| self.form("power pump on|off|cycle"))?;
-                self.deed(name, Deed::Power(power))
+                self.deed(name, ManualAction::Power(power))
             }
             "dip" => {
                 let dip = address(value).map_err(|_| self.form("dip yard 3"))?;
-                self.has(name, Family::R55, SimText::NoDip)?;
-                self.deed(name, Deed::Dip(dip))
+                self.has(name, |sheet| sheet.dip_switch, SimText::NoDip)?;
+                self.deed(name, ManualAction::Dip(dip))
             }
             "init" => {
                 let grounded = switch(value).ok_or_else(|| self.form("init gate on|off"))?;
-                self.has(name, Family::Eda9050, SimText::NoInit)?;
-                self.deed(name, Deed::Init(grounded))
+                self.has(name, |sheet| sheet.init_pin, SimText::NoInit)?;
+                self.deed(name, ManualAction::Init(grounded))
             }
             "protocol" => {
                 let known = self.module(name)?;
                 let protocols = known.setup.family.profile().protocols;
                 let found = protocols.iter().find(|known| known.name() == value);
-                let deed = found.copied().map(Deed::Protocol).ok_or_else(|| {
+                let deed = found.copied().map(ManualAction::Protocol).ok_or_else(|| {
                     let names: Vec<&str> = protocols.iter().map(|known| known.name()).collect();
                     self.form(&format!("protocol {name} {}", names.join("|")))
                 });
                 self.deed(name, deed?)
             }
-            "reset" if value.is_empty() => self.deed(name, Deed::Reset),
+            "reset" if value.is_empty() => self.deed(name, ManualAction::Reset),
             "show" if rest.is_empty() => Ok(Order::All(LineOrder::ShowAll)),
             "show" => self.show(rest),
             "help" | "?" if rest.is_empty() => Ok(Order::Help),
@@ -187,60 +187,60 @@ impl Reader<'_> {
         }
     }
 
-    fn deed(&self, name: &str, deed: Deed) -> Result<Order, Failure> {
+    fn deed(&self, name: &str, deed: ManualAction) -> Result<Order, Failure> {
         let known = self.module(name)?;
         Ok(Order::Line(known.line, LineOrder::Do(known.part, deed)))
     }
 
-    /// Checks for something that only one family has.
-    fn has(&self, name: &str, family: Family, lacks: SimText) -> Result<(), Failure> {
-        match self.module(name)?.setup.family == family {
+    /// Checks for something that not every family has.
+    fn has(&self, name: &str, has: fn(&Datasheet) -> bool, lacks: SimText) -> Result<(), Failure> {
+        match has(self.module(name)?.setup.family.datasheet()) {
             true => Ok(()),
             false => Err(self.wrong(lacks, &[("name", &name)])),
         }
     }
 
     fn show(&self, rest: &str) -> Result<Order, Failure> {
-        let (whose, line, after) = self.target(rest)?;
-        match whose {
+        let (target, line, after) = self.target(rest)?;
+        match target {
             _ if !after.is_empty() => Err(self.form("show pump")),
-            Whose::Line => Ok(Order::Line(line, LineOrder::ShowAll)),
-            Whose::Module(part) => Ok(Order::Line(line, LineOrder::Show(part))),
+            FaultTarget::Line => Ok(Order::Line(line, LineOrder::ShowAll)),
+            FaultTarget::Module(part) => Ok(Order::Line(line, LineOrder::Show(part))),
         }
     }
 
     fn fault(&self, text: &str) -> Result<Order, Failure> {
-        let (whose, line, faults) = self.target(text)?;
+        let (target, line, faults) = self.target(text)?;
         if faults == "clear" {
-            return Ok(Order::Line(line, LineOrder::Clear(whose)));
+            return Ok(Order::Line(line, LineOrder::Clear(target)));
         }
         if let Some(words) = faults.strip_prefix("clear ") {
             let words = words.trim().to_owned();
-            return Ok(Order::Line(line, LineOrder::ClearSome(whose, words)));
+            return Ok(Order::Line(line, LineOrder::ClearSome(target, words)));
         }
-        let of = match (whose, self.directory.modules.get(split(text).0)) {
-            (Whose::Module(_), Some(known)) => FaultsOf::Module(&known.setup),
+        let of = match (target, self.directory.modules.get(split(text).0)) {
+            (FaultTarget::Module(_), Some(known)) => FaultsOf::Module(&known.setup),
             _ => FaultsOf::Line,
         };
         let orders = self.directory.faults(self.lang, of, faults)?;
-        Ok(Order::Line(line, LineOrder::Faults(whose, orders)))
+        Ok(Order::Line(line, LineOrder::Faults(target, orders)))
     }
 
     /// The target, the index of the line, and the rest. If there is only one line, `line` alone
     /// refers to it.
-    fn target<'t>(&self, text: &'t str) -> Result<(Whose, usize, &'t str), Failure> {
+    fn target<'t>(&self, text: &'t str) -> Result<(FaultTarget, usize, &'t str), Failure> {
         let (word, rest) = split(text);
         if word != "line" || self.directory.modules.contains_key("line") {
             let known = self.module(word)?;
-            return Ok((Whose::Module(known.part), known.line, rest));
+            return Ok((FaultTarget::Module(known.part), known.line, rest));
         }
         let (name, after) = split(rest);
         let lines = &self.directory.lines;
         if let Some(line) = lines.iter().position(|known| known == name) {
-            return Ok((Whose::Line, line, after));
+            return Ok((FaultTarget::Line, line, after));
         }
         if lines.len() == 1 {
-            return Ok((Whose::Line, 0, rest));
+            return Ok((FaultTarget::Line, 0, rest));
         }
         let names = lines.join(", ");
         Err(self.wrong(SimText::WhichLine, &[("names", &names)]))
@@ -266,7 +266,7 @@ impl Reader<'_> {
             PointKind::Analog => self.form(&format!("{path} = 8.71 {unit}")),
             _ => self.form(&format!("{path} = 1")),
         })?;
-        self.deed(name, Deed::Input(point, signal))
+        self.deed(name, ManualAction::Input(point, signal))
     }
 
     fn module(&self, name: &str) -> Result<&Known, Failure> {
@@ -401,20 +401,24 @@ mod tests {
     #[test]
     fn a_line_may_go_unnamed_where_it_is_the_only_one() {
         let faults = |directory: &Directory, text: &str| match directory.read(Lang::En, text) {
-            Ok(Order::Line(line, LineOrder::Faults(whose, orders))) => {
-                (line, whose, orders[0].fault)
+            Ok(Order::Line(line, LineOrder::Faults(target, orders))) => {
+                (line, target, orders[0].fault)
             }
             other => panic!("{text}: {other:?}"),
         };
         let one = directory(&["main"]);
         for text in ["fault line echo", "fault line main echo"] {
-            assert_eq!(faults(&one, text), (0, Whose::Line, Fault::Echo), "{text}");
+            assert_eq!(
+                faults(&one, text),
+                (0, FaultTarget::Line, Fault::Echo),
+                "{text}"
+            );
         }
         let two = directory(&["main", "yard"]);
         let second = faults(&two, "fault line yard echo");
-        assert_eq!(second, (1, Whose::Line, Fault::Echo));
+        assert_eq!(second, (1, FaultTarget::Line, Fault::Echo));
         let module = faults(&two, "fault tank mute 10s");
-        assert_eq!(module, (0, Whose::Module(1), Fault::Mute));
+        assert_eq!(module, (0, FaultTarget::Module(1), Fault::Mute));
     }
 
     #[test]
@@ -438,7 +442,7 @@ mod tests {
     fn values_of_inputs_are_read() {
         let one = directory(&["main"]);
         let signal = |text: &str| match one.read(Lang::En, text) {
-            Ok(Order::Line(_, LineOrder::Do(_, Deed::Input(_, Some(signal))))) => signal,
+            Ok(Order::Line(_, LineOrder::Do(_, ManualAction::Input(_, Some(signal))))) => signal,
             other => panic!("{text}: {other:?}"),
         };
         for text in ["pump.di1 = 1", "pump.di1=high", " pump.di1 = on "] {

@@ -1,9 +1,9 @@
 //! The front panels of the modules of a line: their true state, whatever was read over the line.
 
 use super::orders::Directory;
-use super::stage::{Part, Stage, Whose};
+use super::stage::{FaultTarget, Part, Stage};
 use railbus_api::sim::{SimFaultInfo, SimLineInfo, SimModuleInfo, SimPointInfo, SimValue};
-use railbus_device::{Family, Point, PointKind};
+use railbus_device::{Point, PointKind};
 use railbus_wire::Instant;
 
 /// A line and everything on it.
@@ -20,7 +20,7 @@ pub(super) fn line(
         format: stage.serial().character.to_string(),
         plugged,
         collisions: stage.line().collisions(),
-        faults: faults(stage, Whose::Line, now),
+        faults: faults(stage, FaultTarget::Line, now),
         modules: modules
             .map(|index| module(stage, directory, index, now))
             .collect(),
@@ -30,6 +30,7 @@ pub(super) fn line(
 fn module(stage: &Stage, directory: &Directory, index: usize, now: Instant) -> SimModuleInfo {
     let (line, part) = (stage.line(), &stage.parts()[index]);
     let (id, family) = (part.id(), part.setup.family);
+    let sheet = family.datasheet();
     let (engine, counts) = (line.engine(id), line.counts(id));
     let active = engine.active();
     let points = part.setup.points();
@@ -43,14 +44,14 @@ fn module(stage: &Stage, directory: &Directory, index: usize, now: Instant) -> S
         baud: active.serial.baud.rate(),
         format: active.serial.character.to_string(),
         checksum: active.checksum,
-        dip: (family == Family::R55).then(|| line.dip(id)),
-        init: (family == Family::Eda9050).then(|| line.init_grounded(id)),
+        dip: sheet.dip_switch.then(|| line.dip(id)),
+        init: sheet.init_pin.then(|| line.init_grounded(id)),
         powered: line.is_powered(id),
         lit: line.is_lit(id),
         replies: counts.replies,
         restarts: counts.restarts,
         points: points.collect(),
-        faults: faults(stage, Whose::Module(index), now),
+        faults: faults(stage, FaultTarget::Module(index), now),
     }
 }
 
@@ -82,8 +83,8 @@ fn point(stage: &Stage, part: &Part, directory: &Directory, at: Point) -> Option
     })
 }
 
-fn faults(stage: &Stage, whose: Whose, now: Instant) -> Vec<SimFaultInfo> {
-    let told = stage.faults_of(whose).told(now, stage.replies(whose));
+fn faults(stage: &Stage, target: FaultTarget, now: Instant) -> Vec<SimFaultInfo> {
+    let told = stage.faults_of(target).told(now, stage.replies(target));
     told.map(|told| SimFaultInfo {
         fault: told.words.to_owned(),
         left_ms: told.left.map(|left| left.0.div_ceil(1_000)),

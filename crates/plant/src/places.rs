@@ -1,7 +1,7 @@
 //! The places at which the lines of a plant are served.
 
 use super::orders::Directory;
-use super::plant::Wanted;
+use super::plant::PlantOptions;
 use super::texts::SimText;
 use railbus_app::failure::Failure;
 use railbus_app::socket;
@@ -26,7 +26,7 @@ pub(super) fn places(
     lang: Lang,
     config: &Config,
     directory: &Directory,
-    wanted: &Wanted,
+    wanted: &PlantOptions,
 ) -> Result<Vec<Place>, Failure> {
     let mut places = vec![Place::default(); directory.lines.len()];
     for text in &wanted.ptys {

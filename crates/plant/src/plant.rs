@@ -6,7 +6,7 @@ use super::places::{Place, places};
 use super::prompt::{self, Prompt, Typed};
 use super::pty::Pty;
 use super::serve::{self, Clock, Job, Jobs, Served, Stop, line_config};
-use super::stage::{Stage, Whose};
+use super::stage::{FaultTarget, Stage};
 use super::tcp::Tcp;
 use super::texts::SimText;
 use super::{answers, frames, line_row, listen, served_json, system, unreachable};
@@ -29,7 +29,7 @@ const JOBS_MAX: usize = 16;
 
 /// Options from the command line.
 #[derive(Clone, Debug, Default)]
-pub struct Wanted {
+pub struct PlantOptions {
     /// The configuration whose lines and modules are simulated.
     pub file: PathBuf,
     /// `[LINE=]PATH`.
@@ -53,7 +53,7 @@ pub struct Wanted {
 }
 
 /// Serves all lines until it is stopped.
-pub async fn run(lang: Lang, wanted: &Wanted) -> Result<(), Failure> {
+pub async fn run(lang: Lang, wanted: &PlantOptions) -> Result<(), Failure> {
     let mut stop = Stop::new().map_err(|error| system(lang, error))?;
     let found = config_file::read(lang, Some(&wanted.file))
         .map_err(|problem| Failure::of_problem(lang, &problem))?;
@@ -132,7 +132,7 @@ pub(super) fn stages(
     config: &Config,
     directory: &Directory,
     store: Option<&Store>,
-    wanted: &Wanted,
+    wanted: &PlantOptions,
 ) -> Result<Vec<Stage>, Failure> {
     let seed = wanted.seed.or(config.plant.seed).unwrap_or_default();
     let mut stages = Vec::new();
@@ -151,7 +151,7 @@ pub(super) fn stages(
                 .map_err(|error| system(lang, std::io::Error::other(error)))?;
         }
         for order in config.plant.lines.get(name).iter().flat_map(|s| &s.faults) {
-            stage.add_fault(Instant(0), Whose::Line, order);
+            stage.add_fault(Instant(0), FaultTarget::Line, order);
         }
         stages.push(stage);
     }
@@ -163,7 +163,7 @@ pub(super) fn stages(
     Ok(stages)
 }
 
-fn control(lang: Lang, wanted: &Wanted) -> Result<Option<Socket>, Failure> {
+fn control(lang: Lang, wanted: &PlantOptions) -> Result<Option<Socket>, Failure> {
     let listen = |path: &PathBuf| {
         Socket::listen(lang, path).map_err(|error| unreachable(lang, path, &error))
     };
@@ -178,7 +178,7 @@ async fn open(
     stages: Vec<Stage>,
     places: Vec<Place>,
     store: Option<Store>,
-    wanted: &Wanted,
+    wanted: &PlantOptions,
 ) -> Result<Vec<(Served, Place)>, Failure> {
     let mut tcps = Vec::new();
     for place in &places {
@@ -230,7 +230,7 @@ fn width_of_names(directory: &Directory) -> usize {
 /// nevertheless.
 fn announce(
     lang: Lang,
-    wanted: &Wanted,
+    wanted: &PlantOptions,
     directory: &Directory,
     config: &Config,
     served: &[(Served, Place)],

@@ -3,7 +3,7 @@
 
 use super::orders::{Directory, LineOrder, Order};
 use super::serve::{Job, Jobs};
-use super::stage::Whose;
+use super::stage::FaultTarget;
 use railbus_api::sim::SimLineInfo;
 use railbus_app::failure::Failure;
 use railbus_site::config::FaultsOf;
@@ -24,7 +24,7 @@ pub struct Remote {
 
 /// A valid action on it.
 #[derive(Clone, Debug)]
-pub struct Errand(LineOrder);
+pub struct LineRequest(LineOrder);
 
 impl Remote {
     /// The only line of a directory, and the receiver of its commands.
@@ -58,9 +58,9 @@ impl Remote {
     ///
     /// # Errors
     /// Why it is not valid.
-    pub fn read(&self, lang: Lang, text: &str) -> Result<Option<Errand>, Failure> {
+    pub fn read(&self, lang: Lang, text: &str) -> Result<Option<LineRequest>, Failure> {
         match self.directory.read(lang, text)? {
-            Order::Line(_, order) => Ok(Some(Errand(order))),
+            Order::Line(_, order) => Ok(Some(LineRequest(order))),
             Order::All(_) | Order::Help | Order::Quit => Ok(None),
         }
     }
@@ -69,29 +69,32 @@ impl Remote {
     ///
     /// # Errors
     /// Why they are not valid.
-    pub fn read_faults(&self, lang: Lang, text: &str) -> Result<Errand, Failure> {
+    pub fn read_faults(&self, lang: Lang, text: &str) -> Result<LineRequest, Failure> {
         let faults = self.directory.faults(lang, FaultsOf::Line, text)?;
-        Ok(Errand(LineOrder::Faults(Whose::Line, faults)))
+        Ok(LineRequest(LineOrder::Faults(FaultTarget::Line, faults)))
     }
 
     /// Ends faults of the line: all, or those with this specification or name.
-    pub fn clear_faults(which: Option<&str>) -> Errand {
-        Errand(match which {
-            Some(words) => LineOrder::ClearSome(Whose::Line, words.to_owned()),
-            None => LineOrder::Clear(Whose::Line),
+    pub fn clear_faults(which: Option<&str>) -> LineRequest {
+        LineRequest(match which {
+            Some(words) => LineOrder::ClearSome(FaultTarget::Line, words.to_owned()),
+            None => LineOrder::Clear(FaultTarget::Line),
         })
     }
 
     /// Unplugs the adapter, or plugs it in.
-    pub const fn plug(plugged: bool) -> Errand {
-        Errand(LineOrder::Plug(plugged))
+    pub const fn plug(plugged: bool) -> LineRequest {
+        LineRequest(LineOrder::Plug(plugged))
     }
 
     /// Carries out these actions in order, and returns the state of the line afterwards; `None` if
     /// it has ended.
-    pub async fn order(&self, errands: Vec<Errand>) -> Option<SimLineInfo> {
+    pub async fn order(&self, errands: Vec<LineRequest>) -> Option<SimLineInfo> {
         let (sender, answer) = oneshot::channel();
-        let orders = errands.into_iter().map(|Errand(order)| order).collect();
+        let orders = errands
+            .into_iter()
+            .map(|LineRequest(order)| order)
+            .collect();
         self.jobs.send(Job::Show(orders, sender)).await.ok()?;
         answer.await.ok()
     }

@@ -7,7 +7,7 @@ mod tests;
 
 pub(super) use part::Part;
 
-use super::standing::Standing;
+use super::active_faults::ActiveFaults;
 use railbus_device::{Eeprom, Point, Setup, SetupError};
 use railbus_sim::{Act, Input, Line, LineConfig, Output, Power};
 use railbus_site::config::{Fault, FaultOrder, Signal, SimModule};
@@ -25,21 +25,21 @@ pub(super) struct Stage {
     name: String,
     line: Line,
     serial: Settings,
-    faults: Standing,
+    faults: ActiveFaults,
     parts: Vec<Part>,
     step_at: Instant,
 }
 
 /// The target of faults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Whose {
+pub(super) enum FaultTarget {
     Line,
     Module(usize),
 }
 
 /// A manual action at a module.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Deed {
+pub(super) enum ManualAction {
     /// Sets an input, or releases it.
     Input(Point, Option<Signal>),
     Power(Power),
@@ -59,7 +59,7 @@ impl Stage {
             name: name.to_owned(),
             line: Line::new(config),
             serial,
-            faults: Standing::default(),
+            faults: ActiveFaults::default(),
             parts: Vec::new(),
             step_at: Instant(0),
         }
@@ -83,7 +83,7 @@ impl Stage {
         let mut part = Part {
             name: name.to_owned(),
             setup: *setup,
-            faults: Standing::default(),
+            faults: ActiveFaults::default(),
             id,
             script: sim.inputs.clone(),
             by_hand: BTreeMap::new(),
@@ -107,7 +107,7 @@ impl Stage {
         let index = self.parts.len() - 1;
         self.power(now, index);
         for order in &sim.faults {
-            self.add_fault(now, Whose::Module(index), order);
+            self.add_fault(now, FaultTarget::Module(index), order);
         }
         Ok(())
     }
@@ -157,29 +157,29 @@ impl Stage {
     }
 
     /// Carries out a manual action.
-    pub(super) fn act(&mut self, now: Instant, index: usize, deed: Deed) {
+    pub(super) fn act(&mut self, now: Instant, index: usize, deed: ManualAction) {
         self.catch_up(now);
         let Some(part) = self.parts.get_mut(index) else {
             return;
         };
         let id = part.id;
         match deed {
-            Deed::Input(point, signal) => {
+            ManualAction::Input(point, signal) => {
                 match signal {
                     Some(signal) => part.by_hand.insert(point, signal),
                     None => part.by_hand.remove(&point),
                 };
                 part.move_inputs(now, &mut self.line);
             }
-            Deed::Dip(dip) => self.line.handle(now, Input::Act(id, Act::Dip(dip))),
-            Deed::Init(grounded) if part.init_at_power_up && part.has_power => {
+            ManualAction::Dip(dip) => self.line.handle(now, Input::Act(id, Act::Dip(dip))),
+            ManualAction::Init(grounded) if part.init_at_power_up && part.has_power => {
                 part.init_unseen = Some(grounded);
             }
-            Deed::Init(grounded) => {
+            ManualAction::Init(grounded) => {
                 part.init_unseen = None;
                 self.line.handle(now, Input::Act(id, Act::Init(grounded)));
             }
-            Deed::Power(power) => {
+            ManualAction::Power(power) => {
                 part.wanted_power = power != Power::Off;
                 if power == Power::Cycle && part.has_power {
                     part.has_power = false;
@@ -188,7 +188,7 @@ impl Stage {
                 }
                 self.power(now, index);
             }
-            Deed::Protocol(protocol) => {
+            ManualAction::Protocol(protocol) => {
                 let eeprom = *self.line.engine(id).eeprom();
                 let eeprom = Eeprom {
                     protocol,
@@ -197,7 +197,7 @@ impl Stage {
                 };
                 self.rewrite(now, index, Act::Rewrite(eeprom));
             }
-            Deed::Reset => {
+            ManualAction::Reset => {
                 part.own_address = None;
                 self.rewrite(now, index, Act::FactoryReset);
             }
@@ -205,26 +205,26 @@ impl Stage {
     }
 
     /// Adds a fault.
-    pub(super) fn add_fault(&mut self, now: Instant, whose: Whose, order: &FaultOrder) {
-        let replies = self.replies(whose);
-        self.change_faults(now, whose, |standing| standing.add(now, replies, order));
+    pub(super) fn add_fault(&mut self, now: Instant, target: FaultTarget, order: &FaultOrder) {
+        let replies = self.replies(target);
+        self.change_faults(now, target, |faults| faults.add(now, replies, order));
     }
 
     /// Ends a kind of fault.
-    pub(super) fn clear_faults(&mut self, now: Instant, whose: Whose) {
-        self.change_faults(now, whose, Standing::clear);
+    pub(super) fn clear_faults(&mut self, now: Instant, target: FaultTarget) {
+        self.change_faults(now, target, ActiveFaults::clear);
     }
 
     /// Ends the faults with this specification or name.
-    pub(super) fn clear_some(&mut self, now: Instant, whose: Whose, words: &str) {
-        self.change_faults(now, whose, |standing| standing.clear_some(words));
+    pub(super) fn clear_some(&mut self, now: Instant, target: FaultTarget, words: &str) {
+        self.change_faults(now, target, |faults| faults.clear_some(words));
     }
 
     /// Ends all faults.
     pub(super) fn clear_all(&mut self, now: Instant) {
-        self.clear_faults(now, Whose::Line);
+        self.clear_faults(now, FaultTarget::Line);
         for index in 0..self.parts.len() {
-            self.clear_faults(now, Whose::Module(index));
+            self.clear_faults(now, FaultTarget::Module(index));
         }
     }
 
@@ -247,28 +247,28 @@ impl Stage {
     /// Ends expired faults. One limited by a number of replies ends before the next request, which
     /// is soon enough.
     fn expire(&mut self, at: Instant) {
-        let modules = (0..self.parts.len()).map(Whose::Module);
-        for whose in std::iter::once(Whose::Line).chain(modules) {
-            let replies = self.replies(whose);
-            if self.faults_of(whose).is_due(at, replies) {
-                self.change_faults(at, whose, |standing| standing.expire(at, replies));
+        let modules = (0..self.parts.len()).map(FaultTarget::Module);
+        for target in std::iter::once(FaultTarget::Line).chain(modules) {
+            let replies = self.replies(target);
+            if self.faults_of(target).is_due(at, replies) {
+                self.change_faults(at, target, |faults| faults.expire(at, replies));
             }
         }
     }
 
     /// Number of replies given; faults of a line are not counted by them.
-    pub(super) fn replies(&self, whose: Whose) -> u64 {
-        match whose {
-            Whose::Line => 0,
-            Whose::Module(index) => self.line.counts(self.parts[index].id).replies,
+    pub(super) fn replies(&self, target: FaultTarget) -> u64 {
+        match target {
+            FaultTarget::Line => 0,
+            FaultTarget::Module(index) => self.line.counts(self.parts[index].id).replies,
         }
     }
 
     /// The faults of a module, or of the line.
-    pub(super) fn faults_of(&self, whose: Whose) -> &Standing {
-        match whose {
-            Whose::Line => &self.faults,
-            Whose::Module(index) => &self.parts[index].faults,
+    pub(super) fn faults_of(&self, target: FaultTarget) -> &ActiveFaults {
+        match target {
+            FaultTarget::Line => &self.faults,
+            FaultTarget::Module(index) => &self.parts[index].faults,
         }
     }
 
@@ -278,14 +278,19 @@ impl Stage {
         ends.chain(self.faults.next_end()).chain(moves).min()
     }
 
-    fn change_faults(&mut self, now: Instant, whose: Whose, change: impl FnOnce(&mut Standing)) {
-        match whose {
-            Whose::Line => self.change_line_faults(now, change),
-            Whose::Module(index) => self.change_module_faults(now, index, change),
+    fn change_faults(
+        &mut self,
+        now: Instant,
+        target: FaultTarget,
+        change: impl FnOnce(&mut ActiveFaults),
+    ) {
+        match target {
+            FaultTarget::Line => self.change_line_faults(now, change),
+            FaultTarget::Module(index) => self.change_module_faults(now, index, change),
         }
     }
 
-    fn change_line_faults(&mut self, now: Instant, change: impl FnOnce(&mut Standing)) {
+    fn change_line_faults(&mut self, now: Instant, change: impl FnOnce(&mut ActiveFaults)) {
         let babbled = self.faults.has(Fault::Babble(None));
         change(&mut self.faults);
         self.line.set_faults(self.faults.faults(self.serial));
@@ -304,7 +309,7 @@ impl Stage {
         &mut self,
         now: Instant,
         index: usize,
-        change: impl FnOnce(&mut Standing),
+        change: impl FnOnce(&mut ActiveFaults),
     ) {
         let part = &mut self.parts[index];
         let id = part.id;
@@ -380,6 +385,6 @@ fn as_new(setup: &Setup) -> Setup {
         variables: setup.variables,
         layout: setup.layout,
         invert_on_off: setup.invert_on_off,
-        ..Setup::new(setup.family, Address(1))
+        ..Setup::factory(setup.family)
     }
 }

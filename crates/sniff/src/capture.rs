@@ -9,7 +9,7 @@
 mod read;
 mod write;
 
-pub use read::{Broken, Interface, Packet, Reader, Step, Why};
+pub use read::{Broken, Damage, Interface, Packet, ReadStep, Reader};
 pub use write::{header, interface, packet};
 
 /// LINKTYPE_USER0: the meaning of the bytes is private to the programs at both ends.

@@ -57,7 +57,7 @@ pub struct Reading {
     /// The protocol.
     pub protocol: Protocol,
     /// Request or reply; none for unknown functions.
-    pub role: Option<Role>,
+    pub role: Option<FrameRole>,
     /// Whether an ASCII frame has a checksum. The others always have one.
     pub checksum: bool,
     /// The address it carries, or that of the request it answers.
@@ -66,7 +66,7 @@ pub struct Reading {
 
 /// The role of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
+pub enum FrameRole {
     /// Sent by the master.
     Request,
     /// Sent by a module.

@@ -1,6 +1,6 @@
 //! Judges bytes between valid frames.
 
-use crate::frame::{Flaw, Reading, Role, Verdict};
+use crate::frame::{Flaw, FrameRole, Reading, Verdict};
 use railbus_wire::{Address, Decoded, Exchange, Malformed, Protocol, crc16, lc02, r55, rtu};
 
 /// What bytes that match no protocol probably were.
@@ -18,7 +18,7 @@ pub(crate) fn judge(bytes: &[u8], pending: Option<&Exchange<'_>>) -> (Vec<Readin
 
 type Found = Option<(Reading, Verdict)>;
 
-fn reading(protocol: Protocol, role: Option<Role>, address: Option<u8>) -> Reading {
+fn reading(protocol: Protocol, role: Option<FrameRole>, address: Option<u8>) -> Reading {
     Reading {
         protocol,
         role,
@@ -36,7 +36,7 @@ fn whole_but_unknown(bytes: &[u8]) -> Found {
         return None;
     }
     if bytes.len() == 5 && code & 0x80 != 0 {
-        let reply = reading(Protocol::Rtu, Some(Role::Reply), Some(address));
+        let reply = reading(Protocol::Rtu, Some(FrameRole::Reply), Some(address));
         return Some((reply, Verdict::Refused));
     }
     Some((
@@ -51,7 +51,7 @@ fn bare_exception(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
         return None;
     };
     asked.decode_bare_exception(bytes)?;
-    let reply = reading(Protocol::Rtu, Some(Role::Reply), Some(asked.address.0));
+    let reply = reading(Protocol::Rtu, Some(FrameRole::Reply), Some(asked.address.0));
     Some((reply, Verdict::Refused))
 }
 
@@ -74,7 +74,11 @@ fn broken_reply(bytes: &[u8], pending: Option<&Exchange<'_>>) -> Found {
     if bytes.len() > asked.response_len_max().max(8) + 2 {
         return None;
     }
-    let mut reply = reading(asked.protocol(), Some(Role::Reply), Some(asked.address().0));
+    let mut reply = reading(
+        asked.protocol(),
+        Some(FrameRole::Reply),
+        Some(asked.address().0),
+    );
     reply.checksum = matches!(asked, Exchange::Ascii(e) if e.checksum);
     Some((reply, Verdict::Bad(flaw)))
 }
@@ -88,8 +92,8 @@ fn marked(bytes: &[u8]) -> Found {
             if bytes.len() <= r55::FRAME_LEN && broken_rtu(bytes).is_none() =>
         {
             let role = match start {
-                r55::REQUEST_START => Role::Request,
-                _ => Role::Reply,
+                r55::REQUEST_START => FrameRole::Request,
+                _ => FrameRole::Reply,
             };
             let flaw = match bytes.len() {
                 r55::FRAME_LEN => Flaw::Checksum,
@@ -101,8 +105,8 @@ fn marked(bytes: &[u8]) -> Found {
         }
         [b'L', b'W', ..] | [b'l', b'c', ..] => {
             let role = match bytes.first() {
-                Some(b'L') => Role::Request,
-                _ => Role::Reply,
+                Some(b'L') => FrameRole::Request,
+                _ => FrameRole::Reply,
             };
             let at = reading(Protocol::Lc02, Some(role), address(2));
             let ended = bytes.len() >= 5 && bytes.last() == Some(&lc02::envelope::END);
@@ -121,8 +125,8 @@ fn marked(bytes: &[u8]) -> Found {
             ref rest @ ..,
         ] if rest.len() >= 2 && rest.iter().all(|byte| matches!(byte, b' '..=b'~')) => {
             let role = match bytes.first() {
-                Some(b'!' | b'>' | b'?') => Role::Reply,
-                _ => Role::Request,
+                Some(b'!' | b'>' | b'?') => FrameRole::Reply,
+                _ => FrameRole::Request,
             };
             bad(reading(Protocol::Ascii, Some(role), None), Flaw::Short)
         }
@@ -152,9 +156,9 @@ fn broken_rtu(bytes: &[u8]) -> Found {
         F::Identify => (len == 7, third == 0x0E && len >= 10),
     };
     let role = match (code & 0x80 != 0, as_request, as_reply) {
-        (true, _, _) if len == 5 => Role::Reply,
-        (false, true, _) => Role::Request,
-        (false, false, true) => Role::Reply,
+        (true, _, _) if len == 5 => FrameRole::Reply,
+        (false, true, _) => FrameRole::Request,
+        (false, false, true) => FrameRole::Reply,
         _ => return None,
     };
     let at = reading(Protocol::Rtu, Some(role), Some(address));

@@ -4,14 +4,14 @@
 //! two frames may come as one piece. So frames are recognised by their content, at every position
 //! in turn; pauses only decide when to stop waiting for the rest of one.
 
-use crate::frame::{Asked, Frame, Heard, Missing, Reading, Role, Verdict};
+use crate::frame::{Asked, Frame, FrameRole, Heard, Missing, Reading, Verdict};
 use crate::judge::judge;
 use crate::look::{Find, Look, Trust, look};
-use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings, r55};
+use railbus_wire::{Exchange, Instant, Micros, Protocol, REPLY_TIMEOUT, Settings, r55};
 use std::collections::VecDeque;
 
 /// The default reply timeout.
-pub const PATIENCE: Micros = Micros::from_millis(300);
+pub const PATIENCE: Micros = REPLY_TIMEOUT;
 /// A reply later than this after its request is no longer paired with it.
 const LATE_MAX: Micros = Micros::from_secs(2);
 /// How long adapters may pause inside a frame: FTDI's timer is 16 ms.
@@ -286,10 +286,11 @@ impl Listener {
             let noise = self.bytes.get(..len).unwrap_or_default();
             let (readings, verdict) = judge(noise, pending.as_ref());
             let answers = readings.first().is_some_and(|reading| {
-                reading.role == Some(Role::Reply)
+                reading.role == Some(FrameRole::Reply)
                     && pending.is_some_and(|asked| asked.protocol() == reading.protocol)
             });
-            let asks = readings.first().and_then(|reading| reading.role) == Some(Role::Request);
+            let asks =
+                readings.first().and_then(|reading| reading.role) == Some(FrameRole::Request);
             if asks && verdict == Verdict::Unknown {
                 // The master sends another request: it no longer waits.
                 self.give_up(self.time(0));
@@ -312,10 +313,10 @@ impl Listener {
         let reading = best.reading;
         let bytes = self.bytes.get(..best.len).unwrap_or_default();
         let asked = match reading.role {
-            Some(Role::Request) => Asked::new(reading, bytes),
+            Some(FrameRole::Request) => Asked::new(reading, bytes),
             _ => None,
         };
-        if reading.role == Some(Role::Request) {
+        if reading.role == Some(FrameRole::Request) {
             self.give_up(self.time(0));
             self.pending = None;
         }

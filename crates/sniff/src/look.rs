@@ -1,6 +1,6 @@
 //! Finds what begins at a position, in any protocol.
 
-use crate::frame::{Reading, Role, Verdict};
+use crate::frame::{FrameRole, Reading, Verdict};
 use crate::replies;
 use railbus_wire::{
     Address, Decoded, Exchange, Malformed, Protocol, Response, ascii, lc02, r55, rtu, sum8,
@@ -53,7 +53,7 @@ impl Look {
         let best = self.finds.iter().rev().max_by_key(key).copied()?;
         let again = |find: &&Find| {
             find.len == best.len
-                && find.reading.role == Some(Role::Request)
+                && find.reading.role == Some(FrameRole::Request)
                 && find.reading.protocol == best.reading.protocol
         };
         let again = self.finds.iter().find(again).copied();
@@ -129,7 +129,7 @@ fn reply(
         }
         Reading {
             protocol: asked.protocol(),
-            role: Some(Role::Reply),
+            role: Some(FrameRole::Reply),
             checksum,
             address: reply.from.or(paired),
         }
@@ -148,7 +148,7 @@ const fn is_refusal(response: &Response<'_>) -> bool {
 fn request(protocol: Protocol, address: Option<Address>, checksum: bool) -> Reading {
     Reading {
         protocol,
-        role: Some(Role::Request),
+        role: Some(FrameRole::Request),
         checksum,
         address,
     }
@@ -169,8 +169,8 @@ fn of_r55(look: &mut Look, rx: &[u8]) {
     let right = rx.get(..7).is_some_and(|head| sum8(head) == sum);
     if right && look.finds.len() == before {
         let role = match start {
-            r55::REQUEST_START => Role::Request,
-            _ => Role::Reply,
+            r55::REQUEST_START => FrameRole::Request,
+            _ => FrameRole::Reply,
         };
         look.finds.push(Find {
             len: r55::FRAME_LEN,
@@ -286,7 +286,11 @@ fn of_ascii(look: &mut Look, rx: &[u8], line: Line, pending: Option<&Exchange<'_
     }
     let is_reply = matches!(rx.first(), Some(b'!' | b'>' | b'?'));
     if look.finds.is_empty() && !(judged && is_reply) {
-        let role = if is_reply { Role::Reply } else { Role::Request };
+        let role = if is_reply {
+            FrameRole::Reply
+        } else {
+            FrameRole::Request
+        };
         let rules = ascii::Rules {
             checksum: false,
             lower_case: true,

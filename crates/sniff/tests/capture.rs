@@ -1,6 +1,6 @@
 //! Capture files, ours and everybody's.
 
-use railbus_sniff::capture::{self, Broken, Direction, Packet, Reader, Step, Why};
+use railbus_sniff::capture::{self, Broken, Damage, Direction, Packet, ReadStep, Reader};
 use railbus_wire::Instant;
 
 fn file() -> Vec<u8> {
@@ -20,9 +20,9 @@ fn read(mut bytes: &[u8]) -> Result<(usize, Vec<(Packet<'_>, String)>), Broken> 
     let mut packets = Vec::new();
     loop {
         match reader.next(bytes)? {
-            Step::More(_) => return Ok((reader.interfaces().len(), packets)),
-            Step::Other(len) => bytes = &bytes[len..],
-            Step::Packet(len, packet) => {
+            ReadStep::More(_) => return Ok((reader.interfaces().len(), packets)),
+            ReadStep::Other(len) => bytes = &bytes[len..],
+            ReadStep::Packet(len, packet) => {
                 let name = reader.interfaces()[packet.line].name.clone();
                 packets.push((packet, name));
                 bytes = &bytes[len..];
@@ -65,33 +65,33 @@ fn other_machines_order_and_resolution_are_read() {
 fn what_is_no_capture_is_told_so_with_its_place() {
     let whole = file();
     let why = |bytes: &[u8]| read(bytes).map(|_| ()).map_err(|broken| broken.why);
-    assert_eq!(why(b"PK\x03\x04 something else"), Err(Why::NoCapture));
-    assert_eq!(why(b"PK"), Err(Why::NoCapture));
+    assert_eq!(why(b"PK\x03\x04 something else"), Err(Damage::NoCapture));
+    assert_eq!(why(b"PK"), Err(Damage::NoCapture));
     let mut wrong = whole.clone();
     wrong[8] = 0;
-    assert_eq!(why(&wrong), Err(Why::NoCapture));
+    assert_eq!(why(&wrong), Err(Damage::NoCapture));
     let head = capture::header("railbus 0.1.0").len();
     let mut wrong = whole.clone();
     wrong[head + 4] = 0xFF;
-    assert_eq!(why(&wrong), Err(Why::Length));
+    assert_eq!(why(&wrong), Err(Damage::Length));
     wrong[head + 4..head + 8].copy_from_slice(&[0, 0, 0, 0x7F]);
     let broken = read(&wrong).unwrap_err();
     assert_eq!(
         broken,
         Broken {
             at: head as u64,
-            why: Why::TooMuch
+            why: Damage::TooMuch
         }
     );
     let lost = [
         capture::header("x"),
         capture::packet(3, Instant(0), b"x", None, ""),
     ];
-    assert_eq!(why(&lost.concat()), Err(Why::Interface));
+    assert_eq!(why(&lost.concat()), Err(Damage::Interface));
     let mut long = whole.clone();
     let packet = head + capture::interface("main", "9600 8N1").len();
     long[packet + 20..packet + 24].copy_from_slice(&[0xFF; 4]);
-    assert_eq!(why(&long), Err(Why::Packet));
+    assert_eq!(why(&long), Err(Damage::Packet));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! What a listener makes of lines good and bad.
 
-use railbus_sniff::{Flaw, Frame, Heard, Input, Listener, Output, Role, Verdict};
+use railbus_sniff::{Flaw, Frame, FrameRole, Heard, Input, Listener, Output, Verdict};
 use railbus_wire::{Instant, Micros, Protocol, Settings, crc16};
 
 /// A line that is listened to, and its time.
@@ -73,8 +73,8 @@ fn words(heard: &Heard) -> String {
         Heard::Frame(frame) => {
             let readings = frame.readings.iter().map(|reading| {
                 let role = match reading.role {
-                    Some(Role::Request) => "→",
-                    Some(Role::Reply) => "←",
+                    Some(FrameRole::Request) => "→",
+                    Some(FrameRole::Reply) => "←",
                     None => "?",
                 };
                 let address = reading.address.map_or("–".to_owned(), |a| a.0.to_string());

@@ -9,7 +9,9 @@ mod tail;
 
 pub use chain::{Numbered, Record};
 pub use log::{AuditLog, NotWritten};
-pub use read::{Exported, Filter, Logged, Page, Place, Verified, export_folder, verify_folder};
+pub use read::{
+    Exported, Filter, LogPage, LogPosition, Logged, Verified, export_folder, verify_folder,
+};
 pub use tail::Found;
 
 use crate::ulid::Ulids;

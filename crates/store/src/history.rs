@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::timeout;
 use writer::{Job, Writer};
 
@@ -91,7 +91,7 @@ pub(crate) struct Counters {
     /// The last transaction failed.
     failing: AtomicBool,
     /// How often the database was opened.
-    generation: AtomicU64,
+    generation: watch::Sender<u64>,
 }
 
 /// The history of a site. Clones are handles to the same one; it is closed by [`History::close`],
@@ -152,8 +152,8 @@ impl History {
 
     /// How often the database was opened: each new one needs the current values again.
     #[must_use]
-    pub fn generation(&self) -> u64 {
-        self.counters.generation.load(Ordering::Relaxed)
+    pub fn opened(&self) -> watch::Receiver<u64> {
+        self.counters.generation.subscribe()
     }
 
     /// The writer's notices; for the first caller.

@@ -1,6 +1,11 @@
 //! What a site keeps on disk: its history, its audit log, and the journal of changed settings. No
 //! command waits for the history; if there is a working audit log, no output is switched before the
 //! command is in it.
+//!
+//! # Where things are
+//! - Samples, charts, events, pruning: `history`. Who did what, and its chain of hashes: `audit`.
+//! - What must be whole after a loss of power: `durable`; the journal of changed settings:
+//!   `journal`.
 
 #![forbid(unsafe_code)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]

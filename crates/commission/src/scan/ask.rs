@@ -4,8 +4,8 @@
 use railbus_bus::Probe;
 use railbus_device::{Family, Sign};
 use railbus_wire::{
-    Address, Decoded, Exchange, Frame, Micros, Protocol, Settings, ascii, carries_command, lc02,
-    r55, rtu,
+    Address, Decoded, Exchange, Frame, Micros, Protocol, REPLY_TIMEOUT, Settings, ascii,
+    foreign_command, lc02, r55, rtu,
 };
 
 /// How much longer the second pass waits for each Modbus module. An exception that arrives while
@@ -13,7 +13,7 @@ use railbus_wire::{
 /// arrives at another moment.
 const SECOND_LOOK: Micros = Micros::from_millis(15);
 /// Timeout for a module that is there, or may be slow.
-pub(super) const PATIENCE: Micros = Micros::from_millis(300);
+pub(super) const PATIENCE: Micros = REPLY_TIMEOUT;
 /// The scan timeout for slow modules: each gets at least as long as in the retry after an empty
 /// scan, and the reply at a low speed fits in as well.
 pub const SLOW_TIMEOUT: Micros = Micros::from_millis(400);
@@ -188,6 +188,14 @@ impl Ask {
         all.find(|ask| ask.modbus() == Some(sign.request))
     }
 
+    /// The longest gap that a family needs which this request helps to identify.
+    fn gap_of_families(self) -> Option<Micros> {
+        let asks = |sign: Sign| Ask::of(&sign) == Some(self);
+        let families = Family::ALL.into_iter();
+        let families = families.filter(|family| family.signs().any(asks));
+        families.filter_map(|family| family.profile().gap).max()
+    }
+
     /// The request to one module; `None` if no module has that address, or if it would be a
     /// broadcast.
     fn exchange(self, address: Address) -> Option<Exchange<'static>> {
@@ -252,7 +260,8 @@ impl Question {
     pub(super) fn safe(self, before: &[u8]) -> Option<Question> {
         let frame = self.frame()?;
         let bytes = frame.bytes();
-        if is_foreign_command(self.ask.protocol(), bytes) || make_command(before, bytes) {
+        let foreign = foreign_command(bytes, self.ask.protocol(), Protocol::ALL);
+        if foreign.is_some() || make_command(before, bytes) {
             return self.with(self.ask.instead()?).safe(before);
         }
         Some(self)
@@ -267,8 +276,8 @@ impl Question {
     fn gap(&self) -> Micros {
         let slow = SLOW_ADDRESSES.contains(&self.address.0);
         if let Ask::Registers8 | Ask::NineRegisters | Ask::Coils8 | Ask::Coil10 = self.ask {
-            // A module that gets this request has proved not to be an ERC-8.
-            let gap = Family::Emd2a2q.profile().gap.unwrap_or(SLOW_GAP);
+            // A module that gets this request has proved to be none of those that need more.
+            let gap = self.ask.gap_of_families().unwrap_or(SLOW_GAP);
             return gap.max(self.settings.t3_5());
         }
         match self.ask.protocol() {
@@ -328,13 +337,6 @@ impl Question {
     pub(super) fn shows_after(&self, begin: Micros) -> Micros {
         begin + self.reply_time()
     }
-}
-
-/// Whether modules of other protocols could take these bytes for a command.
-fn is_foreign_command(own: Protocol, bytes: &[u8]) -> bool {
-    let others = Protocol::ALL.into_iter().filter(|other| *other != own);
-    let mut others = others;
-    others.any(|other| carries_command(bytes, other))
 }
 
 /// Whether a module that searches for frames at every byte could take the end of one frame and the
@@ -414,7 +416,8 @@ mod tests {
             };
             assert!(reads, "{question:?}");
             let own = question.ask.protocol();
-            assert!(!is_foreign_command(own, frame.bytes()), "{question:?}");
+            let foreign = foreign_command(frame.bytes(), own, Protocol::ALL);
+            assert_eq!(foreign, None, "{question:?}");
         }
         // Hardly any frame had to be left out.
         assert!(all.len() > 2_200, "{}", all.len());
@@ -462,7 +465,8 @@ mod tests {
             for address in 0..=255 {
                 let asked = question(ask, address);
                 let Some(frame) = asked.frame() else { continue };
-                let foreign = is_foreign_command(ask.protocol(), frame.bytes());
+                let foreign =
+                    foreign_command(frame.bytes(), ask.protocol(), Protocol::ALL).is_some();
                 assert_eq!(asked.safe(&[]) != Some(asked), foreign, "{asked:?}");
             }
         }

@@ -4,7 +4,7 @@ use super::ask::{Ask, PATIENCE, Question};
 use super::identify::{
     Answer, Identity, describe, description, identify, rules_out, state, version,
 };
-use railbus_device::Family;
+use railbus_device::{Family, ScanEvidence};
 use railbus_wire::{Micros, Protocol};
 
 /// The verdict on a module's replies. A module that never replied is silent, and not reported.
@@ -170,18 +170,20 @@ impl Found {
         if self.twice {
             return Detail::Twice;
         }
-        match self.identity.family {
-            None => Detail::None,
-            Some(Family::Erc8) => Detail::CoilsAt60,
-            Some(Family::Emd2a2q) => {
+        let Some(family) = self.identity.family else {
+            return Detail::None;
+        };
+        match family.datasheet().evidence {
+            ScanEvidence::Coils => Detail::CoilsAt60,
+            ScanEvidence::Version => {
                 version(self.asked, &self.answers).map_or(Detail::None, Detail::Version)
             }
-            Some(Family::R55) => {
+            ScanEvidence::HighestOn => {
                 let state = state(self.asked, &self.answers).unwrap_or_default();
                 let highest = u32::BITS - state.leading_zeros();
                 u8::try_from(highest).map_or(Detail::None, Detail::AtLeast)
             }
-            Some(family @ (Family::Eda9060a | Family::Eda9050)) => {
+            ScanEvidence::Channels => {
                 let profile = family.profile();
                 Detail::Channels(profile.outputs, profile.inputs)
             }

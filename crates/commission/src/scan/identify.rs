@@ -54,7 +54,7 @@ pub(super) fn follow_up(asked: Question, answers: &[Answer]) -> Option<Ask> {
         (!answers.iter().any(|(known, _)| *known == ask)).then_some(ask)
     };
     let open = |family: &Family| case(asked, answers, *family) != Case::RuledOut;
-    let mut families = UNNAMED.into_iter().filter(open);
+    let mut families = unnamed().filter(open);
     families.find_map(|family| family.signs().find_map(unasked))
 }
 
@@ -66,7 +66,13 @@ pub(super) fn is_certain(asked: Question, answers: &[Answer], ask: Ask) -> bool 
 }
 
 /// The families that do not identify themselves over Modbus, those with refusals first.
-const UNNAMED: [Family; 3] = [Family::Erc8, Family::Emd2a2q, Family::Eda9050];
+fn unnamed() -> impl Iterator<Item = Family> {
+    let refuses = |family: &Family| family.signs().any(|sign| sign.is_refusal());
+    let named = |family: &Family| family.signs().next().is_none();
+    let proven = Family::ALL.into_iter().filter(refuses);
+    let others = Family::ALL.into_iter();
+    proven.chain(others.filter(move |family| !refuses(family) && !named(family)))
+}
 
 fn case(asked: Question, answers: &[Answer], family: Family) -> Case {
     let (low, high) = family.profile().addresses;
@@ -106,7 +112,7 @@ pub(super) fn rules_out(asked: Question, answers: &[Answer], family: Family) -> 
     let is = identify(asked, answers).family;
     match asked.ask.protocol() {
         _ if is.is_some() => is != Some(family),
-        Protocol::Rtu if family == Family::Eda9060a => {
+        Protocol::Rtu if family.datasheet().says_model_in_registers() => {
             took(asked.with(Ask::Registers4), answers) == Some(Took::Answered)
                 && says_so(asked, answers).is_none()
         }
@@ -127,7 +133,8 @@ fn says_so(asked: Question, answers: &[Answer]) -> Option<Family> {
         Response::Rtu(rtu::Response::Words(words)) => {
             let [address, _] = words.get(1)?.to_be_bytes();
             let family = Family::of_number(words.get(0)?);
-            family.filter(|is| *is == Family::Eda9060a && address == asked.address.0)
+            family
+                .filter(|is| is.datasheet().says_model_in_registers() && address == asked.address.0)
         }
         _ => None,
     };
@@ -143,8 +150,8 @@ fn says_so(asked: Question, answers: &[Answer]) -> Option<Family> {
     said.find_map(Option::flatten)
 }
 
-/// The next identification request for a module that was found. Original modules refuse it, or, if
-/// EDA modules, stay silent: the cheaper request goes first.
+/// The next identification request for a module that was found. Original modules refuse it, or stay
+/// silent: then the cheaper request goes first.
 pub(super) fn describe(asked: Question, answers: &[Answer]) -> Option<Ask> {
     let was_asked = |ask: Ask| answers.iter().any(|(known, _)| *known == ask);
     let knows = |ask: Ask| took(asked.with(ask), answers) == Some(Took::Answered);
@@ -152,7 +159,7 @@ pub(super) fn describe(asked: Question, answers: &[Answer]) -> Option<Ask> {
         Ask::AsciiName(checksum) => Ask::AsciiFirmware(checksum),
         ask if ask.protocol() != Protocol::Rtu => return None,
         _ => match identify(asked, answers).family {
-            Some(Family::Eda9060a | Family::Eda9050) if !knows(Ask::Diagnosis) => Ask::Diagnosis,
+            Some(family) if !family.datasheet().refuses && !knows(Ask::Diagnosis) => Ask::Diagnosis,
             _ => Ask::Identification,
         },
     };
@@ -194,10 +201,14 @@ pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
     }
     // A 0x55 board reports neither its model nor its number of relays.
     if took(asked.with(Ask::R55State), answers) == Some(Took::Answered) {
-        return known(Family::R55, true);
+        let mut families = Family::ALL.into_iter();
+        let speaks = |family: &Family| family.profile().protocols.contains(&Protocol::R55);
+        if let Some(family) = families.find(speaks) {
+            return known(family, true);
+        }
     }
     let is = |wanted: Case| move |family: &Family| case(asked, answers, *family) == wanted;
-    if let Some(family) = UNNAMED.into_iter().find(is(Case::Proven)) {
+    if let Some(family) = unnamed().find(is(Case::Proven)) {
         return known(family, true);
     }
     let took = |ask: Ask| took(asked.with(ask), answers);
@@ -209,7 +220,7 @@ pub(super) fn identify(asked: Question, answers: &[Answer]) -> Identity {
         family: None,
         model: named(asked, answers),
         by_behaviour: false,
-        could_be: UNNAMED.into_iter().filter(is(Case::Possible)).collect(),
+        could_be: unnamed().filter(is(Case::Possible)).collect(),
         refused: any(Took::Refused) && !any(Took::Answered),
     }
 }

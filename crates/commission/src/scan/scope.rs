@@ -38,13 +38,14 @@ impl Depth {
     }
 }
 
-/// The speeds of a deep scan, likely ones first.
-const DEEP: [Baud; 5] = [
+/// The speeds that the five families have, likely ones first. A deep scan leaves out the last.
+pub const SPEEDS: [Baud; 6] = [
     Baud::B9600,
     Baud::B19200,
     Baud::B4800,
     Baud::B38400,
     Baud::B2400,
+    Baud::B1200,
 ];
 /// The highest speed that EDA modules support [EDA §1.4].
 const EDA_FASTEST: Baud = Baud::B19200;
@@ -180,7 +181,10 @@ impl Scope {
         });
         let bauds = wish.bauds.clone().unwrap_or_else(|| match wish.depth {
             Depth::Quick | Depth::Full => vec![own.baud],
-            Depth::Deep => DEEP.to_vec(),
+            Depth::Deep => SPEEDS
+                .into_iter()
+                .filter(|baud| *baud != Baud::B1200)
+                .collect(),
         });
         let characters = wish.characters.clone();
         let characters = characters.unwrap_or_else(|| vec![own.character]);

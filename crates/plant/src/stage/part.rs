@@ -1,6 +1,6 @@
 //! A module of a stage, and manual changes to it.
 
-use crate::standing::Standing;
+use crate::active_faults::ActiveFaults;
 use railbus_device::{Eeprom, Point, PointKind, Setup};
 use railbus_sim::{Act, Input, Line, ModuleId};
 use railbus_site::config::{Signal, Swing};
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 pub(crate) struct Part {
     pub(crate) name: String,
     pub(crate) setup: Setup,
-    pub(crate) faults: Standing,
+    pub(crate) faults: ActiveFaults,
     pub(super) id: ModuleId,
     /// The automatic signals at the inputs.
     pub(super) script: BTreeMap<Point, Signal>,

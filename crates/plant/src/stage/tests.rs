@@ -59,10 +59,10 @@ impl Bench {
     fn with(text: &str, seed: u64, faults: &[&str]) -> Bench {
         let config = Config::parse(text).expect("a good plant");
         let directory = Directory::of(&config);
-        let wanted = plant::Wanted {
+        let wanted = plant::PlantOptions {
             seed: Some(seed),
             faults: faults.iter().map(|text| (*text).to_owned()).collect(),
-            ..plant::Wanted::default()
+            ..plant::PlantOptions::default()
         };
         let stages = plant::stages(Lang::En, &config, &directory, None, &wanted);
         let mut bench = Bench {

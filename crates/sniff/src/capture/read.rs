@@ -48,7 +48,7 @@ pub struct Packet<'a> {
 
 /// What the available bytes begin with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Step<'a> {
+pub enum ReadStep<'a> {
     /// At least this many bytes are missing. At the end of a file there must be none left.
     More(usize),
     /// A frame, with the length of its block.
@@ -63,12 +63,12 @@ pub struct Broken {
     /// The offset of the block in the file.
     pub at: u64,
     /// What is wrong with it.
-    pub why: Why,
+    pub why: Damage,
 }
 
 /// What is wrong with a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Why {
+pub enum Damage {
     /// The file does not begin like a capture file.
     NoCapture,
     /// Its length is impossible, or differs between its two ends.
@@ -98,22 +98,22 @@ impl Reader {
     ///
     /// # Errors
     /// [`Broken`]: reading can't continue, because the start of the next block is unknown.
-    pub fn next<'a>(&mut self, rx: &'a [u8]) -> Result<Step<'a>, Broken> {
+    pub fn next<'a>(&mut self, rx: &'a [u8]) -> Result<ReadStep<'a>, Broken> {
         let at = self.offset;
         let step = self.step(rx).map_err(|why| Broken { at, why })?;
-        if let Step::Packet(len, _) | Step::Other(len) = step {
+        if let ReadStep::Packet(len, _) | ReadStep::Other(len) = step {
             self.offset += len as u64;
         }
         Ok(step)
     }
 
-    fn step<'a>(&mut self, rx: &'a [u8]) -> Result<Step<'a>, Why> {
+    fn step<'a>(&mut self, rx: &'a [u8]) -> Result<ReadStep<'a>, Damage> {
         let Some(head) = rx.first_chunk::<12>() else {
             let known = rx.len().min(4);
             let begins = rx.get(..known) == SECTION.to_le_bytes().get(..known);
             return match self.big_endian {
-                None if !begins => Err(Why::NoCapture),
-                _ => Ok(Step::More(12 - rx.len())),
+                None if !begins => Err(Damage::NoCapture),
+                _ => Ok(ReadStep::More(12 - rx.len())),
             };
         };
         let [kind, len, magic] = words(head);
@@ -122,44 +122,46 @@ impl Reader {
             self.big_endian = Some(match magic(false) {
                 MAGIC => false,
                 _ if magic(true) == MAGIC => true,
-                _ => return Err(Why::NoCapture),
+                _ => return Err(Damage::NoCapture),
             });
             self.interfaces.clear();
         }
-        let big = self.big_endian.ok_or(Why::NoCapture)?;
+        let big = self.big_endian.ok_or(Damage::NoCapture)?;
         let len = len(big) as usize;
         if len < 12 || !len.is_multiple_of(4) {
-            return Err(Why::Length);
+            return Err(Damage::Length);
         }
         if len > BLOCK_MAX {
-            return Err(Why::TooMuch);
+            return Err(Damage::TooMuch);
         }
         let Some(block) = rx.get(..len) else {
-            return Ok(Step::More(len - rx.len()));
+            return Ok(ReadStep::More(len - rx.len()));
         };
         let fields = Fields { big, bytes: block };
         if fields.word(len - 4) != Some(len as u32) {
-            return Err(Why::Length);
+            return Err(Damage::Length);
         }
         let body = Fields {
             big,
             bytes: block.get(8..len - 4).unwrap_or_default(),
         };
         match kind(big) {
-            INTERFACE => self.interface(body).map(|()| Step::Other(len)),
-            ENHANCED_PACKET => self.packet(body).map(|packet| Step::Packet(len, packet)),
-            _ => Ok(Step::Other(len)),
+            INTERFACE => self.interface(body).map(|()| ReadStep::Other(len)),
+            ENHANCED_PACKET => self
+                .packet(body)
+                .map(|packet| ReadStep::Packet(len, packet)),
+            _ => Ok(ReadStep::Other(len)),
         }
     }
 
-    fn interface(&mut self, body: Fields<'_>) -> Result<(), Why> {
+    fn interface(&mut self, body: Fields<'_>) -> Result<(), Damage> {
         if self.interfaces.len() >= INTERFACES_MAX {
-            return Err(Why::TooMuch);
+            return Err(Damage::TooMuch);
         }
         let mut interface = Interface {
             name: String::new(),
             description: String::new(),
-            link_type: body.half(0).ok_or(Why::Length)?,
+            link_type: body.half(0).ok_or(Damage::Length)?,
             ticks: 1_000_000,
         };
         for (code, value) in body.options(8) {
@@ -170,7 +172,7 @@ impl Reader {
                     let resolution = value.first().copied().unwrap_or(6);
                     let base: u128 = if resolution & 0x80 == 0 { 10 } else { 2 };
                     let ticks = base.checked_pow(u32::from(resolution & 0x7F));
-                    interface.ticks = ticks.ok_or(Why::Length)?;
+                    interface.ticks = ticks.ok_or(Damage::Length)?;
                 }
                 _ => {}
             }
@@ -179,14 +181,14 @@ impl Reader {
         Ok(())
     }
 
-    fn packet<'a>(&self, body: Fields<'a>) -> Result<Packet<'a>, Why> {
-        let word = |at| body.word(at).ok_or(Why::Packet);
+    fn packet<'a>(&self, body: Fields<'a>) -> Result<Packet<'a>, Damage> {
+        let word = |at| body.word(at).ok_or(Damage::Packet);
         let line = word(0)? as usize;
-        let interface = self.interfaces.get(line).ok_or(Why::Interface)?;
+        let interface = self.interfaces.get(line).ok_or(Damage::Interface)?;
         let ticks = u128::from(word(4)?) << 32 | u128::from(word(8)?);
         let len = word(12)? as usize;
-        let end = len.checked_add(20).ok_or(Why::Packet)?;
-        let bytes = body.bytes.get(20..end).ok_or(Why::Packet)?;
+        let end = len.checked_add(20).ok_or(Damage::Packet)?;
+        let bytes = body.bytes.get(20..end).ok_or(Damage::Packet)?;
         let mut packet = Packet {
             line,
             at: micros(ticks, interface.ticks),

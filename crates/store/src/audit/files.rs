@@ -3,7 +3,7 @@
 //! `audit.anchor` stores the record that the first of the others follows.
 
 use super::chain::{LINE_MAX, NOTHING, decode};
-use super::read::Place;
+use super::read::LogPosition;
 use super::tail::{Reach, read_at};
 use crate::durable;
 use std::fs::{File, OpenOptions};
@@ -109,9 +109,9 @@ pub(super) fn open(folder: &Path, first: u64, reach: &Reach) -> Result<(File, u6
 }
 
 /// The end of a file, as a position.
-pub(super) fn end(folder: &Path, first: u64, reach: &Reach) -> Result<Place> {
+pub(super) fn end(folder: &Path, first: u64, reach: &Reach) -> Result<LogPosition> {
     let at = open(folder, first, reach)?.1;
-    Ok(Place { first, at })
+    Ok(LogPosition { first, at })
 }
 
 /// What precedes the first remaining record.

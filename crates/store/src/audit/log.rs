@@ -2,7 +2,7 @@
 //! wait at the same time share one commit.
 
 use super::chain::Record;
-use super::read::{Filter, Page, Place, Verified};
+use super::read::{Filter, LogPage, LogPosition, Verified};
 use super::tail::{Found, Reach, Tail};
 use super::{Exported, read};
 use std::path::Path;
@@ -139,10 +139,10 @@ impl AuditLog {
     /// The system's error.
     pub async fn page(
         &self,
-        before: Option<Place>,
+        before: Option<LogPosition>,
         limit: usize,
         filter: Filter,
-    ) -> std::io::Result<Page> {
+    ) -> std::io::Result<LogPage> {
         let (folder, reach) = (Arc::clone(&self.folder), self.reach());
         aside(move || read::page(&folder, before, &reach, limit, &filter)).await
     }
@@ -161,7 +161,7 @@ impl AuditLog {
     ///
     /// # Errors
     /// The system's error; `NotFound` if the position is no longer kept.
-    pub async fn export(&self, from: Option<Place>) -> std::io::Result<Exported> {
+    pub async fn export(&self, from: Option<LogPosition>) -> std::io::Result<Exported> {
         let (folder, reach) = (Arc::clone(&self.folder), self.reach());
         aside(move || read::export(&folder, from, &reach)).await
     }

@@ -53,25 +53,25 @@ pub struct Logged {
 
 /// A position between two records. It stays valid when the log continues in another file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place {
+pub struct LogPosition {
     /// The first record of its file.
     pub(super) first: u64,
     /// The offset in that file.
     pub(super) at: u64,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for LogPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}-{}", self.first, self.at)
     }
 }
 
-impl FromStr for Place {
+impl FromStr for LogPosition {
     type Err = std::num::ParseIntError;
 
-    fn from_str(text: &str) -> std::result::Result<Place, Self::Err> {
+    fn from_str(text: &str) -> std::result::Result<LogPosition, Self::Err> {
         let (first, at) = text.split_once('-').unwrap_or((text, ""));
-        Ok(Place {
+        Ok(LogPosition {
             first: first.parse()?,
             at: at.parse()?,
         })
@@ -80,11 +80,11 @@ impl FromStr for Place {
 
 /// A page of entries.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Page {
+pub struct LogPage {
     /// The newest first.
     pub entries: Vec<Logged>,
     /// Where to continue; `None` at the beginning of the log.
-    pub next: Option<Place>,
+    pub next: Option<LogPosition>,
 }
 
 /// The result of verifying the chain.
@@ -106,7 +106,7 @@ pub struct Exported {
     /// The oldest first, each with its hash.
     pub records: Vec<(String, Numbered)>,
     /// Where to continue.
-    pub next: Place,
+    pub next: LogPosition,
 }
 
 /// Verifies the whole log. It must end where its writer says.
@@ -234,15 +234,15 @@ impl Walk {
 }
 
 /// Records from a position on.
-pub(super) fn export(folder: &Path, from: Option<Place>, reach: &Reach) -> Result<Exported> {
+pub(super) fn export(folder: &Path, from: Option<LogPosition>, reach: &Reach) -> Result<Exported> {
     let all = files::all(folder, reach)?;
     let first = all.first().copied().unwrap_or(reach.first);
-    let mut from = from.unwrap_or(Place { first, at: 0 });
+    let mut from = from.unwrap_or(LogPosition { first, at: 0 });
     let (mut file, mut len) = files::open(folder, from.first, reach)?;
     if from.at >= len
         && let Some(first) = all.into_iter().find(|first| *first > from.first)
     {
-        from = Place { first, at: 0 };
+        from = LogPosition { first, at: 0 };
         (file, len) = files::open(folder, first, reach)?;
     }
     let mut exported = Exported {
@@ -267,7 +267,7 @@ pub(super) fn export(folder: &Path, from: Option<Place>, reach: &Reach) -> Resul
 ///
 /// # Errors
 /// The system's error.
-pub fn export_folder(folder: &Path, from: Option<Place>) -> Result<Exported> {
+pub fn export_folder(folder: &Path, from: Option<LogPosition>) -> Result<Exported> {
     let mut newest = File::open(files::newest(folder))?;
     let reach = Reach {
         // Nothing can be newer than the end.
@@ -281,11 +281,11 @@ pub fn export_folder(folder: &Path, from: Option<Place>) -> Result<Exported> {
 /// Entries before a position, newest first.
 pub(super) fn page(
     folder: &Path,
-    before: Option<Place>,
+    before: Option<LogPosition>,
     reach: &Reach,
     limit: usize,
     filter: &Filter,
-) -> Result<Page> {
+) -> Result<LogPage> {
     let all = files::all(folder, reach)?;
     let end = files::end(folder, reach.first, reach)?;
     let mut place = before.map_or(end, |before| before.min(end));
@@ -310,13 +310,13 @@ pub(super) fn page(
             place = files::end(folder, *first, reach)?;
         }
         if back.is_enough() {
-            return Ok(Page {
+            return Ok(LogPage {
                 entries: back.entries,
                 next: Some(place),
             });
         }
     }
-    Ok(Page {
+    Ok(LogPage {
         entries: back.entries,
         next: None,
     })
@@ -339,7 +339,13 @@ impl Back<'_> {
     }
 
     /// Collects the results that follow the entries still to be read.
-    fn look_ahead(&mut self, folder: &Path, from: Place, reach: &Reach, all: &[u64]) -> Result<()> {
+    fn look_ahead(
+        &mut self,
+        folder: &Path,
+        from: LogPosition,
+        reach: &Reach,
+        all: &[u64],
+    ) -> Result<()> {
         let mut left = AHEAD;
         for first in all.iter().copied().filter(|first| *first >= from.first) {
             let start = if first == from.first { from.at } else { 0 };

@@ -155,7 +155,7 @@ impl Readers {
     }
 
     fn connection(&self) -> Result<(u64, Connection), HistoryError> {
-        let generation = self.counters.generation.load(Ordering::Relaxed);
+        let generation = *self.counters.generation.borrow();
         let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
         idle.retain(|(of, _)| *of == generation);
         if let Some(known) = idle.pop() {

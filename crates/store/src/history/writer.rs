@@ -132,6 +132,8 @@ impl Writer {
                 let _ = done.send(());
                 return;
             }
+            // Whoever follows the site says them again after each gap.
+            Job::Keep(keep) if keep == self.keep => return,
             Job::Keep(keep) => {
                 self.keep = keep;
                 self.tidy_at = Instant::now();
@@ -235,7 +237,7 @@ impl Writer {
         )?;
         step.commit()?;
         // Readers reopen it, and the recorder starts anew.
-        self.counters.generation.fetch_add(1, Ordering::Relaxed);
+        self.counters.generation.send_modify(|number| *number += 1);
         // There are many inserts, with few different statements.
         db.set_prepared_statement_cache_capacity(16);
         Ok(db)

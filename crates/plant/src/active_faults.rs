@@ -6,7 +6,7 @@ use railbus_wire::{Instant, Micros, Settings};
 
 /// The faults of a module or of a line.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Standing(Vec<Stands>);
+pub(super) struct ActiveFaults(Vec<Stands>);
 
 /// An active fault.
 #[derive(Clone, Debug)]
@@ -29,7 +29,7 @@ pub(super) struct Told<'a> {
     pub(super) times_left: Option<u64>,
 }
 
-impl Standing {
+impl ActiveFaults {
     /// Adds a fault, which replaces one of the same kind. `replies` is how many the module has
     /// given.
     pub(super) fn add(&mut self, now: Instant, replies: u64, order: &FaultOrder) {
@@ -175,62 +175,62 @@ mod tests {
     use railbus_site::config::{FaultsOf, parse_faults};
     use railbus_wire::Address;
 
-    fn standing(text: &str) -> Standing {
-        let mut standing = Standing::default();
+    fn active(text: &str) -> ActiveFaults {
+        let mut faults = ActiveFaults::default();
         let oven = Setup::new(Family::Erc8, Address(1));
         let of = match text.starts_with("noise") {
             true => FaultsOf::Line,
             false => FaultsOf::Module(&oven),
         };
         for order in parse_faults(text, of).unwrap() {
-            standing.add(Instant(0), 5, &order);
+            faults.add(Instant(0), 5, &order);
         }
-        standing
+        faults
     }
 
     #[test]
     fn the_later_of_a_kind_holds_and_all_add_up() {
-        let faults = standing("drop 5%, flip 1%, drop 10%").faults(Settings::FACTORY);
+        let faults = active("drop 5%, flip 1%, drop 10%").faults(Settings::FACTORY);
         assert_eq!(faults.lose_request, Chance::percent(10));
         assert_eq!(faults.lose_reply, Chance::percent(10));
         assert_eq!(faults.flip, Chance::percent(1));
-        let faults = standing("drop 5%, mute").faults(Settings::FACTORY);
+        let faults = active("drop 5%, mute").faults(Settings::FACTORY);
         assert_eq!(faults.lose_reply, Chance::ALWAYS);
         assert_eq!(faults.lose_request, Chance::percent(5));
     }
 
     #[test]
     fn noise_counts_by_characters() {
-        let faults = standing("noise 1e-3").faults(Settings::FACTORY);
+        let faults = active("noise 1e-3").faults(Settings::FACTORY);
         assert_eq!(faults.noise_every, Some(Micros(1_042_000)));
     }
 
     #[test]
     fn a_fault_ends_when_its_time_is_over() {
-        let mut standing = standing("mute 10s, deaf");
-        assert_eq!(standing.next_end(), Some(Instant(10_000_000)));
-        standing.expire(Instant(9_999_999), 9);
-        assert!(standing.has(Fault::Mute));
-        assert!(standing.is_due(Instant(10_000_000), 9));
-        standing.expire(Instant(10_000_000), 9);
-        assert!(!standing.has(Fault::Mute) && standing.has(Fault::Deaf));
-        assert_eq!(standing.next_end(), None);
+        let mut faults = active("mute 10s, deaf");
+        assert_eq!(faults.next_end(), Some(Instant(10_000_000)));
+        faults.expire(Instant(9_999_999), 9);
+        assert!(faults.has(Fault::Mute));
+        assert!(faults.is_due(Instant(10_000_000), 9));
+        faults.expire(Instant(10_000_000), 9);
+        assert!(!faults.has(Fault::Mute) && faults.has(Fault::Deaf));
+        assert_eq!(faults.next_end(), None);
     }
 
     #[test]
     fn a_fault_ends_when_all_its_replies_were_given() {
-        let mut standing = standing("bad 2x, stuck k1, stuck k3, stuck k1");
-        assert_eq!(standing.stuck(), 0b101);
-        let left = |standing: &Standing, replies| {
-            let told = standing.told(Instant(0), replies);
+        let mut faults = active("bad 2x, stuck k1, stuck k3, stuck k1");
+        assert_eq!(faults.stuck(), 0b101);
+        let left = |faults: &ActiveFaults, replies| {
+            let told = faults.told(Instant(0), replies);
             told.filter_map(|told| told.times_left).collect::<Vec<_>>()
         };
-        assert_eq!((left(&standing, 5), left(&standing, 6)), (vec![2], vec![1]));
-        assert!(!standing.is_due(Instant(0), 6));
-        standing.expire(Instant(0), 6);
-        assert!(standing.has(Fault::Bad) && standing.is_due(Instant(0), 7));
-        standing.expire(Instant(0), 7);
-        assert!(!standing.has(Fault::Bad));
-        assert_eq!(standing.told(Instant(0), 7).count(), 2);
+        assert_eq!((left(&faults, 5), left(&faults, 6)), (vec![2], vec![1]));
+        assert!(!faults.is_due(Instant(0), 6));
+        faults.expire(Instant(0), 6);
+        assert!(faults.has(Fault::Bad) && faults.is_due(Instant(0), 7));
+        faults.expire(Instant(0), 7);
+        assert!(!faults.has(Fault::Bad));
+        assert_eq!(faults.told(Instant(0), 7).count(), 2);
     }
 }
