@@ -110,6 +110,18 @@ pub enum Parting {
     Boards,
 }
 
+/// What times the pulses of a model's outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PulseTimer {
+    /// The daemon.
+    Host,
+    /// The module, which stores which outputs give pulses, and one width for all of them.
+    Stored,
+    /// The module: each command says how long.
+    Command,
+}
+
 /// A step of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]

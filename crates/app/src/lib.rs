@@ -1,6 +1,14 @@
 //! Shared by the command line, the gateway and the simulated plant: failures for people and
 //! programs, results in all output formats, the state of a site in the types of the API, the
 //! doctor's findings, changes of settings, and the paths of files and sockets.
+//!
+//! # Where things are
+//! - The site in the types of the API, both ways: `api`. A failure with its code, cause and next
+//!   step: `failure`.
+//! - Findings of the doctor: `doctor`; of `config check`: `config_check`. Finding the
+//!   configuration: `config_file`.
+//! - Frames in words: `frames`. Tables and JSON: `render`. A scan, and a change of settings:
+//!   `scan`, `settings`.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(test, allow(clippy::unwrap_used, clippy::expect_used, clippy::panic))]

@@ -21,7 +21,7 @@ railbus_words::texts! {
     }
     NotVerifiedAt {
         en: "not verified: {point} was acknowledged but reads back differently",
-        zh: "未证实：{point} 已应答，但回读不一致",
+        zh: "回读不一致：{point} 已应答，但回读的状态与命令不同",
     }
     OnlyGarbled {
         en: "no valid reply from {module}: {lost}",

@@ -375,7 +375,7 @@ impl Remote {
     }
 
     /// Sends any other request, to a path below that of the API.
-    pub async fn order(
+    pub async fn request(
         &self,
         method: Method,
         path: &[&str],

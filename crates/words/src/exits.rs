@@ -91,7 +91,7 @@ pub const EXITS: &[Exit] = &[
         12,
         "timeout",
         "the points did not get the values waited for in time",
-        "等待的测点未按时达到指定的值",
+        "等待的点位未按时达到指定的值",
     ),
     exit(130, "interrupted", "Ctrl-C", "被 Ctrl-C 中断"),
 ];

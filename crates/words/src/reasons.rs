@@ -141,7 +141,7 @@ const REASONS: &[[&str; 2]] = &[
     ["true / false", "true 或 false"],
     ["list of actions", "动作列表"],
     ["list of steps", "步骤列表"],
-    ["list of points", "测点列表"],
+    ["list of points", "点位列表"],
     ["list of patterns", "通配名称列表"],
     ["list of kinds", "事件种类列表"],
     ["list of names", "名称列表"],

@@ -1,13 +1,14 @@
 //! Queries and commands in terms of the API: for the server's clients, and for commands that run
 //! without a server.
 
-use super::{convert, failures, paths};
+use super::{convert, failures};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::{
     CommandInfo, LineInfo, ModuleInfo, OutputWritten, OutputsRequest, OutputsWritten, PointInfo,
     PulseRequest, Pulsed, Quality, Reason, ToggleRequest, WriteRequest, Written,
 };
 use railbus_device::Point;
+use railbus_site::paths;
 use railbus_site::{Failure, Pulse, Service, ToggleTerms, WriteDone, WriteTerms};
 use railbus_wire::Micros;
 use std::time::Instant;
@@ -28,9 +29,9 @@ pub fn modules(service: &Service) -> Vec<ModuleInfo> {
 /// All modules, each read now: see [`fresh_points`]. One that does not answer is listed as offline.
 pub async fn fresh_modules(service: &Service) -> Vec<ModuleInfo> {
     let mut modules = Vec::new();
-    for name in service.config().modules.into_keys() {
-        let _ = service.read_fresh(&name).await;
-        let status = service.module(&name);
+    for name in service.config().modules.keys() {
+        let _ = service.read_fresh(name).await;
+        let status = service.module(name);
         modules.extend(status.map(|status| convert::module(service, status)));
     }
     modules
@@ -38,9 +39,10 @@ pub async fn fresh_modules(service: &Service) -> Vec<ModuleInfo> {
 
 /// The selected points.
 pub fn points(service: &Service, selectors: &[String]) -> Vec<PointInfo> {
-    let modules = service.config().modules.into_keys();
+    let config = service.config();
+    let modules = config.modules.keys();
     modules
-        .flat_map(|module| points_of(service, &module, selectors))
+        .flat_map(|module| points_of(service, module, selectors))
         .collect()
 }
 
@@ -252,9 +254,10 @@ pub fn find(service: &Service, path: &str) -> Result<(String, Point), Problem> {
 
 /// The only line.
 pub fn only_line(service: &Service) -> Result<String, Problem> {
-    let mut names = service.config().lines.into_keys();
+    let config = service.config();
+    let mut names = config.lines.keys();
     match (names.next(), names.next()) {
-        (Some(line), None) => Ok(line),
+        (Some(line), None) => Ok(line.clone()),
         _ => Err(failures::of_line(service, "", &Failure::NoSuchLine)),
     }
 }

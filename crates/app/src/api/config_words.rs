@@ -61,7 +61,7 @@ pub fn reason(lang: Lang, kind: &Kind) -> String {
         ),
         Kind::NoSuchLine => fixed(["there is no such line", "没有此总线"]),
         Kind::NoSuchModule => fixed(["there is no such module", "没有此模块"]),
-        Kind::NoSuchPoint => fixed(["the module has no such point", "该模块没有此测点"]),
+        Kind::NoSuchPoint => fixed(["the module has no such point", "该模块没有此点位"]),
         Kind::NoSuchSetting(known) => {
             let known = known.join(", ");
             both(
@@ -80,7 +80,7 @@ pub fn reason(lang: Lang, kind: &Kind) -> String {
         ),
         Kind::NoSuchPath => fixed([
             "there is no such point; write MODULE.POINT, as \"oven.k1\"",
-            "没有此测点；应写为 模块.测点，如 \"oven.k1\"",
+            "没有此点位；应写为 模块.点位，如 \"oven.k1\"",
         ]),
         Kind::NotAnOutput => fixed(["only outputs are allowed here", "仅适用于输出点"]),
         Kind::InterlockSelf => fixed([
@@ -127,7 +127,7 @@ pub fn reason(lang: Lang, kind: &Kind) -> String {
         ]),
         Kind::OtherUnit(unit) => both(
             format!("the unit of the point is \"{unit}\""),
-            format!("该测点的单位是 \"{unit}\""),
+            format!("该点位的单位是 \"{unit}\""),
         ),
         Kind::BadUrl => fixed([
             "write http://HOST[:PORT]/… or https://…, without a name and a password",

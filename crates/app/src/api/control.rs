@@ -38,7 +38,9 @@ pub async fn batch(service: &Service, wanted: BatchRequest) -> Result<BatchAnswe
         confirm: wanted.confirm,
         all_or_nothing: wanted.all_or_nothing,
     };
-    Ok(answer(service, service.batch(&set, terms).await))
+    let done = service.batch(&set, terms).await;
+    let done = done.map_err(|failure| failures::problem(service, "", None, &failure))?;
+    Ok(answer(service, done))
 }
 
 /// All groups.
@@ -81,7 +83,7 @@ pub async fn set_group(
     };
     match service.set_group(group, to, terms).await {
         Ok(done) => Ok(answer(service, done)),
-        Err(_) => Err(no_such_group(&service.config(), group)),
+        Err(failure) => Err(of_group(service, group, &failure)),
     }
 }
 
@@ -132,8 +134,7 @@ pub async fn play(
     };
     match service.play(scene, terms).await {
         Ok(done) => Ok(answer(service, done)),
-        Err(Failure::Playing) => Err(Problem::new(codes::PLAYING).with("scene", scene)),
-        Err(_) => Err(no_such_scene(&service.config(), scene)),
+        Err(failure) => Err(of_scene(service, scene, &failure)),
     }
 }
 
@@ -246,6 +247,22 @@ pub fn names(name: &Name) -> BTreeMap<String, String> {
         .into_iter()
         .filter_map(|(lang, name)| Some((lang.to_owned(), name.clone()?)));
     named.collect()
+}
+
+/// Why a group was not switched.
+pub fn of_group(service: &Service, group: &str, failure: &Failure) -> Problem {
+    match failure {
+        Failure::NoSuchGroup => no_such_group(&service.config(), group),
+        failure => failures::of_several(failure).with("group", group),
+    }
+}
+
+/// Why a scene was not played.
+pub fn of_scene(service: &Service, scene: &str, failure: &Failure) -> Problem {
+    match failure {
+        Failure::NoSuchScene => no_such_scene(&service.config(), scene),
+        failure => failures::of_several(failure).with("scene", scene),
+    }
 }
 
 fn no_such_group(config: &Config, name: &str) -> Problem {

@@ -13,7 +13,7 @@ use railbus_site::{By, LineStatus, ModuleStatus, PointStatus, Service};
 use railbus_wire::{Instant, Micros};
 use railbus_words::time::rfc3339;
 use std::collections::BTreeMap;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// Milliseconds, rounded.
 pub const fn millis(time: Micros) -> u64 {
@@ -71,8 +71,10 @@ pub fn module(service: &Service, status: ModuleStatus) -> ModuleInfo {
             .collect()
     };
     let is_online = status.presence == Presence::Online;
-    let ages = points.iter().filter_map(|point| point.age);
-    let last_good = ages.min().filter(|_| !is_online).and_then(ago);
+    // By age, not by time: the clock on the wall may have been set between two readings.
+    let read = points.iter().filter(|_| !is_online);
+    let newest = read.min_by_key(|point| point.age.unwrap_or(Micros(u64::MAX)));
+    let last_good = newest.and_then(|point| point.time).and_then(wall);
     ModuleInfo {
         outputs: bits(PointKind::Output),
         inputs: bits(PointKind::Input),
@@ -139,7 +141,7 @@ pub fn point(status: PointStatus) -> PointInfo {
         },
         age_ms: status.age.map(millis),
         max_age_ms: status.max_age.map(millis),
-        time: status.age.and_then(ago),
+        time: status.time.and_then(wall),
         hidden: config.hidden,
         locked: config.locked,
         confirm: safety.confirm.is_some(),
@@ -165,11 +167,9 @@ fn by_language(Name { en, zh }: Name) -> BTreeMap<String, String> {
     named.collect()
 }
 
-/// The time this long ago.
-fn ago(age: Micros) -> Option<String> {
-    let age = i64::try_from(age.0).ok()?;
-    let then = Timestamp::now().checked_sub(SignedDuration::from_micros(age));
-    then.ok().map(rfc3339)
+/// A time by the clock on the wall.
+fn wall(time: SystemTime) -> Option<String> {
+    Timestamp::try_from(time).ok().map(rfc3339)
 }
 
 /// The time this long from now.
@@ -200,9 +200,7 @@ pub fn command(command: railbus_site::Command) -> CommandInfo {
         what: command.what,
         who: command.origin.who,
         via: command.origin.via,
-        at: Timestamp::try_from(command.at)
-            .map(rfc3339)
-            .unwrap_or_default(),
+        at: wall(command.at).unwrap_or_default(),
         end: command.end.map(str::to_owned),
     }
 }

@@ -3,10 +3,10 @@
 use railbus_api::problem::{Kind, Problem, codes};
 use railbus_api::types::LineInfo;
 use railbus_bus::Evidence;
-use railbus_device::{Family, Point, Refusal};
+use railbus_device::{Point, Refusal};
 use railbus_host::{Access, Fault, LineState, PortError, Presence};
 use railbus_site::config::Problem as ConfigProblem;
-use railbus_site::{Failure, Service};
+use railbus_site::{Failure, Role, Service};
 use railbus_wire::Micros;
 use railbus_words::Lang;
 use serde_json::json;
@@ -66,6 +66,14 @@ pub fn problem(
         Failure::NotTried => about(service, Problem::new(codes::NOT_TRIED), module),
         Failure::Undone => about(service, Problem::new(codes::UNDONE), module),
         Failure::NotUndone => about(service, Problem::new(codes::NOT_UNDONE), module),
+        Failure::RoleTooLow(role) => {
+            let problem = Problem::new(codes::ROLE).with("role", role.name());
+            problem.with("need", Role::Operator.name())
+        }
+        Failure::NotPermitted { module, label } => {
+            let problem = Problem::new(codes::POINT_RIGHT).with("module", module.as_str());
+            problem.with("point", label.as_str())
+        }
         Failure::NoSuchGroup => Problem::new(codes::NO_SUCH_GROUP),
         Failure::NoSuchScene => Problem::new(codes::NO_SUCH_SCENE),
         Failure::Playing => Problem::new(codes::PLAYING),
@@ -89,9 +97,9 @@ pub fn problem(
 /// A board that does not report its number of channels may lack the one that does not respond while
 /// the board does.
 fn of_channel(service: &Service, module: &str, fault: &Fault, problem: Problem) -> Problem {
-    let board = service
-        .module(module)
-        .filter(|status| status.setup.family == Family::R55 && status.presence == Presence::Online);
+    let board = service.module(module).filter(|status| {
+        status.setup.family.datasheet().channels_vary && status.presence == Presence::Online
+    });
     match (fault, board) {
         (Fault::NoReply(_), Some(_)) => problem.with("channel_doubtful", true),
         _ => problem,
@@ -134,7 +142,7 @@ fn pulse_hints(
 
 /// There is no such module; these are the existing ones.
 pub fn no_such_module(service: &Service, name: &str) -> Problem {
-    let known: Vec<String> = service.config().modules.into_keys().collect();
+    let known: Vec<String> = service.config().modules.keys().cloned().collect();
     Problem::new(codes::NO_SUCH_MODULE)
         .with("name", name)
         .with("known", known)
@@ -152,7 +160,7 @@ pub fn no_such_point(service: &Service, module: &str, name: &str) -> Problem {
 
 /// There is no such line; these are the existing ones.
 pub fn no_such_line(service: &Service, name: &str) -> Problem {
-    let known: Vec<String> = service.config().lines.into_keys().collect();
+    let known: Vec<String> = service.config().lines.keys().cloned().collect();
     Problem::new(codes::NO_SUCH_LINE)
         .with("name", name)
         .with("known", known)
@@ -270,6 +278,17 @@ pub fn of_line(service: &Service, line: &str, failure: &Failure) -> Problem {
         may_have_acted: failure.may_have_acted(),
         ..problem
     }
+}
+
+/// Why a command to outputs of several modules was not carried out.
+pub fn of_several(failure: &Failure) -> Problem {
+    let problem = match failure {
+        Failure::Playing => Problem::new(codes::PLAYING),
+        Failure::NotRead(fault) | Failure::Line(fault) => Problem::new(kind_of(fault)),
+        // Everything else is the result of one of its outputs.
+        _ => Problem::new(codes::INTERNAL).with("reason", failure.name()),
+    };
+    problem.perhaps_acted(failure.may_have_acted())
 }
 
 const fn kind_of(fault: &Fault) -> Kind {

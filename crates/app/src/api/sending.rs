@@ -9,12 +9,14 @@ use crate::frames::meaning;
 use railbus_api::problem::{Problem, codes};
 use railbus_api::sending::{LateAnswer, Override, SendAnswer, SendPlan, SendRequest};
 use railbus_api::types::SCHEMA;
-use railbus_commission::{Risk, is_answered, request, stowaway};
+use railbus_commission::{Risk, is_answered, request};
 use railbus_device::PointKind;
 use railbus_host::{Fault, LateReply};
 use railbus_site::config::{Place, PointConfig};
 use railbus_site::{Config, Failure, RawTerms, Service};
-use railbus_wire::{Baud, Character, Exchange, Frame, Micros, Protocol, Settings, lc02};
+use railbus_wire::{
+    Baud, Character, Exchange, Frame, Micros, Protocol, Settings, foreign_command, lc02,
+};
 use railbus_words::Lang;
 use railbus_words::hex;
 use std::fmt::Display;
@@ -95,8 +97,8 @@ pub fn plan(
         let mut modules = config.modules_of(line);
         modules.any(|(_, module)| module.setup.protocol == *other)
     };
-    let spoken: Vec<Protocol> = Protocol::ALL.into_iter().filter(speaks).collect();
-    if let Some(other) = stowaway(&bytes, protocol, &spoken)
+    let spoken = Protocol::ALL.into_iter().filter(speaks);
+    if let Some(other) = foreign_command(&bytes, protocol, spoken)
         && risk > Risk::Read
     {
         let reason = format!("a module of {other} on this line would take it for a command");
@@ -134,7 +136,7 @@ pub fn plan(
             &asked,
             &modules,
             &overrides,
-            stowaway(&bytes, protocol, &Protocol::ALL),
+            foreign_command(&bytes, protocol, Protocol::ALL),
         ),
         modules: modules.clone(),
         overrides,

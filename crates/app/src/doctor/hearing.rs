@@ -4,11 +4,11 @@ use super::finding::{Finding, Section};
 use super::texts::FindingText;
 use railbus_host::{Line, Module, Probe};
 use railbus_wire::rtu::{Identification, Request, Response, diagnosis};
-use railbus_wire::{Address, Exchange, Micros, Protocol};
+use railbus_wire::{Address, Exchange, Micros, Protocol, REPLY_TIMEOUT};
 use railbus_words::Lang;
 
 /// How long a module is waited for that has just answered.
-const PATIENCE: Micros = Micros::from_millis(300);
+const PATIENCE: Micros = REPLY_TIMEOUT;
 /// The bit of the diagnostic register that a tripped host watchdog sets [BEYOND §1.8].
 const TRIPPED: u16 = 0x04;
 /// Fewer than one frame in so many may fail to arrive whole.

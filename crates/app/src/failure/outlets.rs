@@ -2,7 +2,7 @@
 //! agree on whether it may have acted.
 
 use super::{Code, Failure};
-use crate::api::failures;
+use crate::api::{control, failures};
 use crate::render::Format;
 use crate::render::colour::Paint;
 use crate::texts::AppText;
@@ -10,7 +10,7 @@ use railbus_api::problem::Problem;
 use railbus_bus::Evidence;
 use railbus_device::{Point, PointKind, Refusal};
 use railbus_host::Fault;
-use railbus_site::{Config, Failure as SiteFailure, Service};
+use railbus_site::{Config, Failure as SiteFailure, Role, Service};
 use railbus_wire::Micros;
 use railbus_words::Lang;
 use std::io::ErrorKind;
@@ -100,6 +100,11 @@ fn failures() -> Vec<(SiteFailure, bool)> {
         SiteFailure::NotTried,
         SiteFailure::Undone,
         SiteFailure::NotUndone,
+        SiteFailure::RoleTooLow(Role::Viewer),
+        SiteFailure::NotPermitted {
+            module: "oven".to_owned(),
+            label: "k1".to_owned(),
+        },
         SiteFailure::NoSuchGroup,
         SiteFailure::NoSuchScene,
         SiteFailure::Playing,
@@ -136,6 +141,8 @@ fn failures() -> Vec<(SiteFailure, bool)> {
             | SiteFailure::Due { .. }
             | SiteFailure::NotTried
             | SiteFailure::Undone
+            | SiteFailure::RoleTooLow(_)
+            | SiteFailure::NotPermitted { .. }
             | SiteFailure::NoSuchGroup
             | SiteFailure::NoSuchScene
             | SiteFailure::Playing
@@ -198,6 +205,9 @@ async fn whether_it_may_have_acted_is_the_same_everywhere() {
         }
         let problem = failures::of_line(&service, "main", &failure);
         said_everywhere(&name, &problem, acted);
+        for several in [control::of_group, control::of_scene] {
+            said_everywhere(&name, &several(&service, "heat", &failure), acted);
+        }
     }
     service.close().await;
 }

@@ -2,7 +2,7 @@
 
 use railbus_api::types::ModuleInfo;
 use railbus_commission::Risk;
-use railbus_sniff::{Asked, Heard, Role, Verdict};
+use railbus_sniff::{Asked, FrameRole, Heard, Verdict};
 use railbus_wire::{Address, Exchange, Micros, Protocol};
 
 /// A module, by what identifies it on a line.
@@ -41,7 +41,7 @@ pub struct Facts<'a> {
     /// The module with that protocol and address, if there is one.
     pub module: Option<&'a str>,
     /// Whether it is a request or a reply, if that can be decided.
-    pub role: Option<Role>,
+    pub role: Option<FrameRole>,
     /// `None` for a request without a reply.
     pub verdict: Option<Verdict>,
     /// It is a write, or belongs to one; `None` if that can't be decided.
@@ -72,7 +72,7 @@ impl<'a> Facts<'a> {
             Heard::Frame(frame) => {
                 let best = frame.readings.first();
                 let asked = match best {
-                    Some(reading) if reading.role == Some(Role::Request) => {
+                    Some(reading) if reading.role == Some(FrameRole::Request) => {
                         reading.request(&frame.bytes)
                     }
                     _ => frame.asked.as_ref().and_then(Asked::exchange),

@@ -3,7 +3,7 @@
 use super::facts::Facts;
 use super::words;
 use jiff::Timestamp;
-use railbus_sniff::{Heard, Reading, Role};
+use railbus_sniff::{FrameRole, Heard, Reading};
 use railbus_wire::{Instant, Micros};
 use railbus_words::Lang;
 use railbus_words::{hex, time};
@@ -63,10 +63,10 @@ pub fn as_json(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Valu
     json
 }
 
-fn role(role: Option<Role>) -> Option<&'static str> {
+fn role(role: Option<FrameRole>) -> Option<&'static str> {
     role.map(|role| match role {
-        Role::Request => "request",
-        Role::Reply => "reply",
+        FrameRole::Request => "request",
+        FrameRole::Reply => "reply",
     })
 }
 

@@ -2,7 +2,7 @@
 
 use super::words;
 use railbus_sniff::capture::{self, Direction};
-use railbus_sniff::{Frame, Heard, Role, Verdict};
+use railbus_sniff::{Frame, FrameRole, Heard, Verdict};
 use railbus_words::Lang;
 
 /// A frame as stored in a capture file; `None` for events without bytes.
@@ -27,7 +27,7 @@ fn direction(frame: &Frame) -> Option<Direction> {
         return None;
     }
     match frame.readings.first()?.role? {
-        Role::Request => Some(Direction::Out),
-        Role::Reply => Some(Direction::In),
+        FrameRole::Request => Some(Direction::Out),
+        FrameRole::Reply => Some(Direction::In),
     }
 }

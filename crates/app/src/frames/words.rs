@@ -2,7 +2,7 @@
 
 use super::texts::FrameText;
 use super::{meaning, readings};
-use railbus_sniff::{Asked, Flaw, Frame, Heard, Reading, Role, Verdict};
+use railbus_sniff::{Asked, Flaw, Frame, FrameRole, Heard, Reading, Verdict};
 use railbus_wire::{Micros, Protocol};
 use railbus_words::Lang;
 
@@ -45,7 +45,7 @@ fn of_frame(lang: Lang, frame: &Frame) -> String {
 /// The meaning of a valid frame in one of its readings.
 fn said(lang: Lang, frame: &Frame, reading: &Reading) -> String {
     let bytes = frame.bytes.as_slice();
-    if reading.role == Some(Role::Request) {
+    if reading.role == Some(FrameRole::Request) {
         if let Some(asked) = reading.request(bytes) {
             return meaning::request(lang, &asked);
         }

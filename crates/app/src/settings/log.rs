@@ -6,8 +6,7 @@ use super::texts::SettingsText;
 use crate::failure::Failure;
 use railbus_commission::settings::Wanted;
 use railbus_commission::{Log, Record, State};
-use railbus_device::{Family, Setup};
-use railbus_wire::Protocol;
+use railbus_device::{Separation, Setup};
 use railbus_words::Code;
 use railbus_words::Lang;
 
@@ -80,10 +79,10 @@ pub fn not_found(lang: Lang, target: &Target, garbled: bool) -> Failure {
 }
 
 /// How to separate two modules at one address: its name, and the steps.
-pub const fn parting(setup: &Setup) -> (&'static str, SettingsText) {
-    match (setup.family, setup.protocol) {
-        (Family::R55, _) => ("boards", SettingsText::PartBoards),
-        (Family::Eda9050, Protocol::Ascii) => ("pin", SettingsText::PartByPin),
-        _ => ("plug", SettingsText::PartByPlug),
+pub fn parting(setup: &Setup) -> (&'static str, SettingsText) {
+    match setup.family.datasheet().separation.of(setup.protocol) {
+        Separation::PowerUp => ("boards", SettingsText::PartBoards),
+        Separation::InitPin => ("pin", SettingsText::PartByPin),
+        Separation::Plug => ("plug", SettingsText::PartByPlug),
     }
 }

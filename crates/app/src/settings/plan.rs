@@ -4,7 +4,6 @@ use super::target::Target;
 use super::texts::SettingsText;
 use railbus_commission::settings::{Access, Key, shown};
 use railbus_commission::{Found, Kept, Stage};
-use railbus_device::Family;
 use railbus_wire::{Frame, Protocol};
 use railbus_words::Lang;
 use railbus_words::hex;
@@ -56,7 +55,7 @@ pub fn warnings(lang: Lang, target: &Target, stages: &[Stage]) -> Vec<String> {
     if last.to.address.0 == 85 && boards > 0 {
         warnings.push(lang.get(SettingsText::Address85).to_owned());
     }
-    if target.setup.family == Family::R55 {
+    if target.setup.family.datasheet().needs_power_cycle() {
         warnings.push(lang.get(SettingsText::BoardNeedsPower).to_owned());
     }
     warnings

@@ -4,12 +4,12 @@ use super::{Code, codes};
 
 codes! {
     NoModule = "E0801" {
-        title: ["there is no such module or point", "没有该模块或测点"],
+        title: ["there is no such module or point", "没有该模块或点位"],
         likely: ["a typing mistake · wrong configuration file", "输入错误 · 使用了别的配置"],
         next: ["railbus ls points", "railbus ls points"],
     }
     NoPoint = "E0802" {
-        title: ["the module has no such point", "模块没有该测点"],
+        title: ["the module has no such point", "模块没有该点位"],
         likely: ["labels are those printed on the module: do0, di0, k1, ai1",
             "标签与模块上所印一致：do0、di0、k1、ai1"],
         next: ["railbus ls points", "railbus ls points"],
@@ -40,7 +40,7 @@ codes! {
         next: ["correct the value and try again", "改正后重试"],
     }
     NotAnOutput = "E0807" {
-        title: ["not an output", "该测点不是输出"],
+        title: ["not an output", "该点位不是输出"],
         likely: ["inputs and analog values can only be read", "开关量输入和模拟量只能读取"],
         next: ["railbus ls points", "railbus ls points"],
     }
@@ -116,7 +116,7 @@ codes! {
         next: ["add [line.NAME] or correct the name", "添加 [line.NAME] 或改正名称"],
     }
     ConfigPoint = "E0821" {
-        title: ["the module has no such point", "模块没有该测点"],
+        title: ["the module has no such point", "模块没有该点位"],
         likely: ["labels are those printed on the module: do0, di0, k1, ai1",
             "标签与模块上所印一致：do0、di0、k1、ai1"],
         next: ["railbus ls models", "railbus ls models"],
@@ -320,7 +320,7 @@ codes! {
         next: ["name the other output", "写另一个输出的名称"],
     }
     ConfigAgain = "E0867" {
-        title: ["a point appears twice in a list", "列表中某测点重复"],
+        title: ["a point appears twice in a list", "列表中某点位重复"],
         likely: ["copied and not changed", "复制后未修改"],
         next: ["remove one of them", "删去其中一个"],
     }
@@ -363,9 +363,9 @@ codes! {
         next: ["use another output, or remove \"confirm\"", "换用其他输出，或去掉 \"confirm\""],
     }
     RuleUnit = "E0874" {
-        title: ["the unit of a rule differs from the unit of its point", "规则的单位与测点的单位不同"],
-        likely: ["the scale of the point was changed", "测点的量程已更改"],
-        next: ["write the limit in the unit of the point", "按测点的单位填写限值"],
+        title: ["the unit of a rule differs from the unit of its point", "规则的单位与点位的单位不同"],
+        likely: ["the scale of the point was changed", "点位的量程已更改"],
+        next: ["write the limit in the unit of the point", "按点位的单位填写限值"],
     }
     ConfigUrl = "E0876" {
         title: ["not a valid receiver address", "配置中的该项不是接收方地址"],
@@ -434,7 +434,7 @@ codes! {
         next: ["railbus help sim", "railbus help sim"],
     }
     ConfigInput = "E0893" {
-        title: ["a simulated level at a point that is not an input", "仿真电平所在的测点不是输入"],
+        title: ["a simulated level at a point that is not an input", "仿真电平所在的点位不是输入"],
         likely: ["outputs and variables are set by the module and its master", "输出和变量由模块和主站控制"],
         next: ["use an input: di0, k1 of an input board, ai1", "使用输入：di0、输入板的 k1、ai1"],
     }

@@ -33,8 +33,8 @@ codes! {
         next: ["ask an administrator: railbus user list", "请联系管理员：railbus user list"],
     }
     PointRight = "E0906" {
-        title: ["you may not switch this point", "您无权操作该测点"],
-        likely: ["the user or the token is limited to some points", "该用户或令牌只限于部分测点"],
+        title: ["you may not switch this point", "您无权操作该点位"],
+        likely: ["the user or the token is limited to some points", "该用户或令牌只限于部分点位"],
         next: ["ask an administrator: railbus user list", "请联系管理员：railbus user list"],
     }
     TooManyTries = "E0907" {
@@ -117,17 +117,17 @@ codes! {
         next: ["choose another name", "换一个名称"],
     }
     BadPoints = "E0921" {
-        title: ["invalid point pattern", "测点匹配模式无效"],
+        title: ["invalid point pattern", "点位匹配模式无效"],
         likely: ["patterns look like pump, pump.* or *.do0; at most 32",
             "模式如 pump、pump.* 或 *.do0，最多 32 个"],
         next: ["railbus ls points", "railbus ls points"],
     }
     Limited = "E0922" {
         title: ["your access is limited to some points, and this may affect others",
-            "您的权限只限于部分测点，而此操作可能影响其他测点"],
+            "您的权限只限于部分点位，而此操作可能影响其他点位"],
         likely: ["with access limited to points you can switch and name these, but change \
             nothing else",
-            "权限限于部分测点者只能操作和命名这些测点，不能更改其他内容"],
+            "权限限于部分点位者只能操作和命名这些点位，不能更改其他内容"],
         next: ["ask an engineer or an administrator without this limit: railbus user list",
             "请由不受此限制的工程师或管理员操作：railbus user list"],
     }
@@ -175,11 +175,11 @@ codes! {
     }
     WaitedInVain = "E1201" {
         title: ["the points did not get the values waited for in time",
-            "等待的测点未按时达到指定的值"],
+            "等待的点位未按时达到指定的值"],
         likely: ["the value did not come · it came and went between two reads · the module does \
             not answer",
             "值未出现 · 值在两次读取之间出现又消失 · 模块无应答"],
-        next: ["railbus watch POINT", "railbus watch 测点"],
+        next: ["railbus watch POINT", "railbus watch 点位"],
     }
     Interrupted = "E1300" {
         title: ["interrupted", "已中断"],

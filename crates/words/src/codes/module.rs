@@ -159,7 +159,7 @@ codes! {
         next: ["railbus sniff --baud N -v", "railbus sniff --baud N -v"],
     }
     NotVerified = "E0601" {
-        title: ["not verified: acknowledged, but reads back differently", "未证实：已应答，但回读不一致"],
+        title: ["not verified: acknowledged, but reads back differently", "回读不一致：已应答，但回读的状态与命令不同"],
         likely: ["the output is in pulse mode and is off again · someone else switched it · \
             the module's own logic",
             "输出为点动方式且已断开 · 另有主站操作 · 模块自身逻辑"],

@@ -24,7 +24,7 @@ codes! {
         next: ["railbus ls", "railbus ls"],
     }
     Locked = "E0107" {
-        title: ["not sent: the point is locked", "未发送：该测点已锁定"],
+        title: ["not sent: the point is locked", "未发送：该点位已锁定"],
         likely: ["locked = true in the configuration", "配置中有 locked = true"],
         next: ["remove the lock from the configuration if you are allowed to", "如有权限，请在配置中解除锁定"],
     }
@@ -124,7 +124,7 @@ codes! {
     }
     TooMuch = "E0174" {
         title: ["too much data for one request", "一次查询的内容过多"],
-        likely: ["a long period of a point that changes often", "时间跨度长且测点变化频繁"],
+        likely: ["a long period of a point that changes often", "时间跨度长且点位变化频繁"],
         next: ["use a shorter period or longer steps", "缩短查询时间或加大时段"],
     }
     AuditHeld = "E0175" {
@@ -227,7 +227,7 @@ codes! {
     }
     SimOrder = "E0290" {
         title: ["unknown simulator command", "无法识别的仿真命令"],
-        likely: ["a typing mistake · a module or point of another plant", "输入错误 · 属于其他仿真文件的模块或测点"],
+        likely: ["a typing mistake · a module or point of another plant", "输入错误 · 属于其他仿真文件的模块或点位"],
         next: ["type help at its prompt", "在提示符下输入 help"],
     }
 }
