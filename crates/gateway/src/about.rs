@@ -2,7 +2,8 @@
 
 use super::access::Need;
 use super::doc::Doc;
-use super::routes::{Answer, Asked, Route, Site};
+use super::route::{Answer, Asked, Route};
+use super::site::Site;
 use super::{answer, language};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
@@ -39,9 +40,9 @@ pub(super) const ROUTES: &[Route] = &[
 struct SystemInfo {
     schema: u8,
     version: String,
-    /// How long it has run.
+    /// How long it has been running.
     uptime_ms: u64,
-    /// Since when.
+    /// When it started.
     started: String,
     /// The memory that it uses.
     rss_bytes: Option<u64>,
@@ -68,7 +69,7 @@ async fn system(State(site): State<Site>) -> Answer {
 }
 
 /// `GET /site`: commands compare it with the configuration that they find, so that nobody switches
-/// another site than the one meant.
+/// outputs of the wrong site.
 async fn site(State(site): State<Site>) -> Answer {
     let text = |path: &std::path::Path| config_file::real(path).display().to_string();
     answer::json(Ok(SiteInfo {
@@ -79,7 +80,7 @@ async fn site(State(site): State<Site>) -> Answer {
     }))
 }
 
-/// The memory that the process uses, where the system says it.
+/// The memory that the process uses, if the system reports it.
 pub(super) fn resident() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let mut lines = status.lines();
@@ -93,20 +94,20 @@ pub(super) fn resident() -> Option<u64> {
 struct LoadInfo {
     schema: u8,
     line: String,
-    /// What exchanges that were answered took of the last minute.
+    /// The share of the last minute taken by exchanges that were answered.
     busy_percent: f64,
-    /// What the polls of all modules take, as they are configured; more than 100 is too much.
+    /// The share that the polls of all modules take, as configured; more than 100 is too much.
     planned_percent: u32,
     polls: Vec<PollInfo>,
     /// Exchanges since the start.
     exchanges: u64,
-    /// Those that failed, by the name of what went wrong.
+    /// Failed exchanges, by the name of the failure.
     errors: BTreeMap<String, u64>,
-    /// Replies that came too late.
+    /// Late replies.
     late: u64,
 }
 
-/// What the polls of a module take of its line.
+/// The share of its line that the polls of a module take.
 #[derive(Serialize, ToSchema)]
 struct PollInfo {
     module: String,
@@ -157,10 +158,10 @@ async fn examine(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> 
     let points = ask::points(&site.service, &[]);
     let certificate = site.tls.as_ref().map(|tls| tls.expiry());
     let config = config_file::Found {
-        config: site.service.config(),
+        config: (*site.service.config()).clone(),
         path: site.desk.file().to_owned(),
     };
-    // It walks through all programs, and reads files.
+    // It goes through all processes, and reads files.
     let found = tokio::task::spawn_blocking(move || {
         doctor::of_daemon(lang, lines, modules, &points, certificate, &config)
     });
@@ -170,7 +171,7 @@ async fn examine(State(site): State<Site>, asked: Asked, headers: HeaderMap) -> 
     answer::json(found.map(|findings| json!({ "schema": SCHEMA, "findings": findings })))
 }
 
-/// `GET /readyz`: ready once every line was tried; which are not open is no matter of readiness.
+/// `GET /readyz`: ready once every port was tried; whether it could be opened does not matter here.
 pub(super) async fn ready(State(site): State<Site>) -> Answer {
     use railbus_api::types::PortState;
     let lines = ask::lines(&site.service);

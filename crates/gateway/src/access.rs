@@ -1,8 +1,9 @@
-//! Who asks, and what each may do.
+//! Authentication and permissions.
 
 pub(crate) mod accounts;
 pub mod desk;
 mod gate;
+mod notes;
 pub(crate) mod password;
 pub mod secret;
 mod session_routes;
@@ -18,71 +19,48 @@ pub(super) use session_routes::{ROUTES as SESSION_ROUTES, read};
 pub(super) use user_routes::ROUTES as USER_ROUTES;
 
 use super::answer;
-use super::routes::Site;
 use axum::extract::{Request, State};
 use axum::http::Method;
 use axum::http::header::{HeaderValue, WWW_AUTHENTICATE};
 use axum::middleware::Next;
 use axum::response::Response;
 use railbus_api::problem::{Problem, codes};
-use railbus_app::api::paths;
-use railbus_app::render::out;
+pub(crate) use railbus_site::Role;
+use railbus_site::{Rights, paths};
 use railbus_store::audit::Origin;
-use railbus_store::history::{Event, EventKind, Severity};
 use secret::Fingerprint;
-use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::sync::Arc;
-use std::time::Instant;
-use utoipa::ToSchema;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
 
-/// What somebody may do; each may do what those before it may.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Role {
-    /// Look.
-    Viewer,
-    /// Switch outputs.
-    Operator,
-    /// Change modules, lines and the configuration.
-    Engineer,
-    /// Say who may what.
-    Admin,
-}
+/// How [`Role`] is described in the OpenAPI document.
+struct RoleSchema;
 
-impl Role {
-    /// All of them, the least first.
-    pub(crate) const ALL: [Role; 4] = [Role::Viewer, Role::Operator, Role::Engineer, Role::Admin];
-
-    /// As it is written.
-    pub(crate) const fn name(self) -> &'static str {
-        match self {
-            Role::Viewer => "viewer",
-            Role::Operator => "operator",
-            Role::Engineer => "engineer",
-            Role::Admin => "admin",
-        }
+impl PartialSchema for RoleSchema {
+    fn schema() -> RefOr<Schema> {
+        let role = ObjectBuilder::new().schema_type(Type::String);
+        let role = role.enum_values(Some(Role::NAMES));
+        let description = "What somebody may do; each may do what those before it may.";
+        role.description(Some(description)).into()
     }
 }
 
-/// The names of all roles, the least first.
-pub const ROLES: [&str; 4] = {
-    let [viewer, operator, engineer, admin] = Role::ALL;
-    [
-        viewer.name(),
-        operator.name(),
-        engineer.name(),
-        admin.name(),
-    ]
-};
+impl ToSchema for RoleSchema {
+    fn name() -> Cow<'static, str> {
+        "Role".into()
+    }
+}
 
-/// What a route asks of those who use it.
+/// The permission that a route requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Need {
-    /// Nothing: anybody may.
+    /// None: it is open to anybody.
     Nothing,
     /// At least this role.
     Role(Role),
-    /// To be the user who runs the daemon: over the socket only.
+    /// The user who runs the daemon: over the socket only.
     Owner,
 }
 
@@ -93,20 +71,20 @@ impl Need {
     pub(super) const ADMIN: Need = Need::Role(Role::Admin);
 }
 
-/// What a route is to those who are limited to points. One that says nothing of it is closed to
-/// them if it changes anything: a route that was forgotten lets nobody through.
+/// What a route means for callers that are limited to some points. The default for one that changes
+/// anything is closed: a route that was forgotten lets nobody through.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Reach {
-    /// The same as to everybody: it reads, or is about the caller alone.
+    /// The same as for everybody: it only reads, or concerns the caller alone.
     Harmless,
-    /// Its handler asks of each output, or each point, whether it is one of theirs.
+    /// Its handler checks each output, or each point, against the caller's rights.
     Points,
-    /// Nothing: it may reach other outputs, by whatever way.
+    /// Forbidden: it may affect other outputs, in whatever way.
     Beyond,
 }
 
 impl Reach {
-    /// What a route has that says nothing of it.
+    /// The default for a route.
     pub(super) const fn of(method: &str, need: Need) -> Reach {
         let reads = matches!(method.as_bytes(), b"GET");
         let is_own = matches!(need, Need::Nothing | Need::Role(Role::Viewer));
@@ -117,7 +95,7 @@ impl Reach {
     }
 }
 
-/// How a caller is known.
+/// How a caller was authenticated.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Known {
     /// Not at all.
@@ -127,31 +105,32 @@ pub(super) enum Known {
     /// By a session's cookie.
     Session {
         key: Fingerprint,
-        /// The request carries what only pages of ours know.
+        /// The request carries the CSRF token, which only our own pages know.
         is_ours: bool,
     },
     /// By a token of this id.
     Token(String),
 }
 
-/// Who asks.
+/// The caller of a request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Caller {
-    /// The name under which it is written down.
+    /// The name for logs.
     pub(super) name: String,
-    /// Whose is what is kept of it: a name that is given again is another one's.
+    /// Distinguishes accounts of the same name: a name that is used again belongs to somebody else.
     pub(super) id: String,
-    /// None for somebody unknown.
+    /// None if not authenticated.
     pub(super) role: Option<Role>,
-    /// From where: `socket`; `http` for this machine, and with an address for another.
+    /// Where the request came from: `socket`; `http` for this machine, and with an address for
+    /// another.
     pub(super) via: String,
-    /// The points whose outputs may be switched, as patterns; empty for all of them.
+    /// The points whose outputs may be switched, as patterns; empty for all.
     pub(super) points: Arc<[String]>,
     pub(super) known: Known,
 }
 
 impl Caller {
-    /// The user who runs the daemon, who alone may open its socket.
+    /// The user who runs the daemon, who alone can open its socket.
     pub(super) fn owner() -> Caller {
         Caller {
             name: "owner".to_owned(),
@@ -163,7 +142,7 @@ impl Caller {
         }
     }
 
-    /// As it is written down.
+    /// As recorded in logs.
     pub(super) fn origin(&self) -> Origin {
         Origin {
             who: self.name.clone(),
@@ -171,32 +150,39 @@ impl Caller {
         }
     }
 
-    /// Whether the output of this path, as `pump.do0`, may be switched. Every handler that
-    /// switches something asks this of every output before it begins.
+    /// What it may do at the site. An unknown caller may do nothing; no route lets one that far.
+    pub(super) fn rights(&self) -> Rights {
+        Rights {
+            role: self.role.unwrap_or(Role::Viewer),
+            points: Arc::clone(&self.points),
+        }
+    }
+
+    /// Whether the output with this path, such as `pump.do0`, may be switched.
     pub(super) fn may_write(&self, path: &str) -> Result<(), Problem> {
         let (module, label) = paths::split(path).unwrap_or((path, ""));
         may_write(&self.points, module, label)
     }
 
-    /// Whether some points only may be switched: then nothing may be changed from which another
-    /// could be.
+    /// Whether the caller is limited to some points: then nothing may be changed that could affect
+    /// others.
     pub(super) fn is_limited(&self) -> bool {
         !self.points.is_empty()
     }
 
-    /// Why somebody who is limited to points may not do this.
+    /// Why a caller limited to some points may not do this.
     pub(super) fn limited(&self) -> Problem {
         limited(&self.points)
     }
 
-    /// Why this caller may not do what needs and reaches this.
+    /// Why this caller may not use a route with these requirements.
     fn refused(
         &self,
         (need, reach): (Need, Reach),
         method: &Method,
         is_upgrade: bool,
     ) -> Option<Problem> {
-        // Routes for the owner alone are not there for others.
+        // Routes for the owner alone do not exist for others.
         let (Need::Role(least), Some(role)) = (need, self.role) else {
             let is_unknown = matches!(need, Need::Role(_));
             return is_unknown.then(|| Problem::new(codes::UNAUTHENTICATED));
@@ -225,12 +211,12 @@ pub(super) fn may_write(points: &[String], module: &str, label: &str) -> Result<
     Err(problem.with("point", label))
 }
 
-/// Why somebody who is limited to these points may not do what could reach another.
+/// Why a caller limited to these points may not do what could affect others.
 pub(super) fn limited(points: &[String]) -> Problem {
     Problem::new(codes::LIMITED).with("points", points)
 }
 
-/// Lets through who may.
+/// Lets permitted requests through.
 pub(super) async fn check(
     State(rule): State<(Need, Reach)>,
     request: Request,
@@ -239,7 +225,7 @@ pub(super) async fn check(
     let is_upgrade = gate::is_upgrade(request.headers());
     let refused = match request.extensions().get::<Caller>() {
         Some(caller) => caller.refused(rule, request.method(), is_upgrade),
-        // Nobody said who asks: nobody is let through.
+        // Without an authenticated caller nothing is let through.
         None => Some(Problem::new(codes::UNAUTHENTICATED)),
     };
     let Some(problem) = refused else {
@@ -253,62 +239,13 @@ pub(super) async fn check(
     response
 }
 
-/// Notes a try to log in: the one place that does. A name that there is not may be a password
-/// that somebody typed into the wrong field, and so it is not written down.
-fn note_login(site: &Site, name: Option<&str>, via: &str, refused: Option<&Problem>) {
-    if refused.is_some_and(|why| why.code == codes::TRIES.code) {
-        return note_tries(site, via);
-    }
-    let known = |name: &&str| site.access.read(|accounts| accounts.user(name).is_some());
-    let name = name.filter(known).unwrap_or("an unknown name");
-    let end = refused.map_or("logged in", |problem| problem.title.as_str());
-    out::note(&format!("login: {name} via {via}: {end}"));
-    let origin = Origin {
-        who: name.to_owned(),
-        via: via.to_owned(),
-    };
-    let event = match refused {
-        None => Event::new(EventKind::Login, Severity::Info, "logged_in"),
-        Some(why) => {
-            Event::new(EventKind::Login, Severity::Warning, "login_refused").text(&why.code)
-        }
-    };
-    site.service.tell_event(event.by(&origin));
-}
-
-/// Who tries too often is told of once in a while: whoever wants to fill the history with it can't.
-fn note_tries(site: &Site, via: &str) {
-    if !site.access.is_time_to_tell(Instant::now()) {
-        return;
-    }
-    out::note(&format!("login: too many tries, the last via {via}"));
-    let event = Event::new(EventKind::Login, Severity::Warning, "logins_many");
-    site.service.tell_event(event.by(&Origin {
-        who: "an unknown name".to_owned(),
-        via: via.to_owned(),
-    }));
-}
-
-/// Does what was asked to its end, whether or not the caller waits for it: what was changed is
-/// told, by an event and to the sessions that it ends.
+/// Runs a request to its end, even if the caller goes away: a change is always reported, by an
+/// event and to the sessions that it ends.
 async fn to_its_end(asked: impl Future<Output = Response> + Send + 'static) -> Response {
     tokio::spawn(asked).await.unwrap_or_else(|error| {
         let problem = Problem::new(codes::INTERNAL).with("reason", error.to_string());
         answer::problem(&problem)
     })
-}
-
-/// Tells that somebody changed who may what, and of whom.
-fn note_change(site: &Site, who: &Caller, code: &str, of: &str, text: Option<&str>) {
-    let event = Event::new(EventKind::Login, Severity::Info, code).by(&who.origin());
-    let event = match of {
-        "" => event,
-        of => event.what(of),
-    };
-    site.service.tell_event(match text {
-        Some(text) => event.text(text),
-        None => event,
-    });
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Answers as HTTP carries them.
+//! HTTP responses.
 
 use axum::body::{Body, Bytes};
 use axum::http::header::{CONTENT_TYPE, HeaderValue};
@@ -11,7 +11,7 @@ pub(super) fn json(result: Result<impl Serialize, Problem>) -> Response<Body> {
     text(result.map(|value| serde_json::to_vec(&value).unwrap_or_default()))
 }
 
-/// The same where it is text already.
+/// The same for JSON that is text already.
 pub(super) fn text(result: Result<impl Into<Bytes>, Problem>) -> Response<Body> {
     match result {
         Ok(body) => with(StatusCode::OK, "application/json", body),

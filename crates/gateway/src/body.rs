@@ -2,8 +2,8 @@
 
 use serde::de::{DeserializeOwned, Error};
 
-/// A body as one of these. It must be an object: a list would pass for one whose keys may all be
-/// left out, and `[]` is no command.
+/// Parses a body. It must be an object: a list would be accepted for a type whose fields are all
+/// optional, and `[]` is no command.
 pub(super) fn parse<T: DeserializeOwned>(body: &[u8]) -> Result<T, serde_json::Error> {
     match body.trim_ascii_start().first() {
         Some(b'{') => serde_json::from_slice(body),

@@ -1,10 +1,11 @@
-//! `GET /api/v1/frames`: what passes on a line from now on for some seconds, as a file.
+//! `GET /api/v1/frames`: records the traffic of a line for some seconds, as a file.
 
 use super::access::{Caller, Need};
 use super::doc::Doc;
-use super::ear::{Ear, modules};
+use super::frame_listener::{FrameListener, modules};
 use super::order::bad_request;
-use super::routes::{Answer, Asked, Route, Site};
+use super::route::{Answer, Asked, Route};
+use super::site::Site;
 use super::{answer, language};
 use axum::Extension;
 use axum::body::{Body, Bytes};
@@ -39,20 +40,20 @@ pub(super) const ROUTES: &[Route] = &[Route::new("GET", "/frames", Need::VIEWER,
             .media(&["application/octet-stream", "application/x-ndjson"]),
     )];
 
-/// How many pieces wait for a slow reader; more wait at the line, which drops the oldest.
+/// How many chunks are buffered for a slow reader; more wait at the line, which drops the oldest.
 const PIECES_MAX: usize = 64;
-/// How long it lasts where nobody says, and at most.
+/// The default and the longest duration.
 const SECONDS: u64 = 10;
 const SECONDS_MAX: u64 = 600;
 
-/// The form of a file.
+/// The file format.
 #[derive(Clone, Copy)]
 enum Form {
     Pcapng,
     Ndjson,
 }
 
-/// Whose frames go where.
+/// The recording of one line.
 struct Recording {
     service: Service,
     line: String,
@@ -135,7 +136,7 @@ async fn begin(
 }
 
 impl Recording {
-    /// Until its time is over, the reader has gone, or may no longer look.
+    /// Until its time is over, the reader has gone, or loses its permission.
     async fn run(
         self,
         start: u64,
@@ -144,7 +145,7 @@ impl Recording {
         over: impl Future<Output = ()>,
     ) {
         let mut over = std::pin::pin!(over);
-        let mut ear = Ear::new(start, self.settings);
+        let mut listener = FrameListener::new(start, self.settings);
         let mut heard = Vec::new();
         let mut pieces = self.head();
         loop {
@@ -157,21 +158,21 @@ impl Recording {
                     return;
                 }
             }
-            let due = ear.hear(&mut heard);
+            let due = listener.hear(&mut heard);
             tokio::select! {
-                // What has come goes first: it decides what a deadline means.
+                // What has arrived goes first: it decides what a deadline means.
                 biased;
                 () = &mut over => return,
                 () = sleep_until(self.end) => return,
                 passed = tap.next() => match passed {
                     None => return,
-                    Some(Ok(passed)) => ear.take(&passed, &mut heard),
-                    // A capture has no place to say so; its times show it.
+                    Some(Ok(passed)) => listener.take(&passed, &mut heard),
+                    // A capture file has no place to say so; its times show it.
                     Some(Err(_)) => {}
                 },
-                () = ear.until(due) => ear.timeout(),
+                () = listener.until(due) => listener.timeout(),
             }
-            ear.hear(&mut heard);
+            listener.hear(&mut heard);
             pieces = self.pieces(&mut heard);
         }
     }

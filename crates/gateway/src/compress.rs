@@ -1,5 +1,5 @@
-//! Answers made shorter for those who take them so. Only what is read is, and nothing with a secret
-//! in it; answers to orders are short, and may hold one.
+//! Compresses responses for clients that accept it. Only responses to reads without a secret in
+//! them; those to commands are short, and may contain one.
 
 use super::web::takes;
 use axum::body::{Body, to_bytes};
@@ -13,12 +13,12 @@ use flate2::write::GzEncoder;
 use hyper::body::Body as _;
 use std::io::Write;
 
-/// What is shorter fits a packet as it is.
+/// Shorter ones fit into a packet as they are.
 const LEN_MIN: u64 = 1_024;
-/// What is longer would take too long: lines wait meanwhile.
+/// Longer ones would take too long: lines wait meanwhile.
 const LEN_MAX: u64 = 1 << 20;
 
-/// Compresses an answer that is whole. What streams on goes as it comes.
+/// Compresses a response that is complete. Streams are sent as they are.
 pub(super) async fn answer(request: Request, next: Next) -> Response {
     let accepted = request.headers().get_all(ACCEPT_ENCODING).iter();
     let is_taken = accepted
@@ -41,7 +41,7 @@ pub(super) async fn answer(request: Request, next: Next) -> Response {
     let (mut head, body) = response.into_parts();
     let most = usize::try_from(LEN_MAX).unwrap_or(usize::MAX);
     let Ok(plain) = to_bytes(body, most).await else {
-        // A body whose length is known is there already.
+        // A body of known length is complete.
         return Response::from_parts(head, Body::empty());
     };
     let body = match shorter(&plain) {
@@ -56,7 +56,7 @@ pub(super) async fn answer(request: Request, next: Next) -> Response {
     Response::from_parts(head, body)
 }
 
-/// The same in fewer bytes, if it is any fewer.
+/// The compressed text, if it is any shorter.
 fn shorter(plain: &[u8]) -> Option<Vec<u8>> {
     let mut gzip = GzEncoder::new(Vec::new(), Compression::fast());
     gzip.write_all(plain).ok()?;

@@ -1,5 +1,5 @@
-//! The configuration over HTTP: the file as a text, and changes of single lines, modules and
-//! points, which keep its comments.
+//! The configuration over HTTP: the file as text, and changes of single lines, modules and points,
+//! which keep its comments.
 
 mod bring;
 mod desk;
@@ -10,7 +10,8 @@ mod tables;
 use super::access::{Caller, Need};
 use super::doc::Doc;
 use super::order::Order;
-use super::routes::{Answer, Asked, Route, Site};
+use super::route::{Answer, Asked, Route};
+use super::site::Site;
 use super::{answer, language};
 use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::HeaderMap;
@@ -31,7 +32,7 @@ use serde_json::{Value, json};
 pub(super) use tables::{ROUTES as TABLES, keys};
 use utoipa::ToSchema;
 
-/// The longest body that brings a whole configuration: each of its bytes may be escaped.
+/// The largest body with a whole configuration: each of its bytes may be escaped.
 const BODY_MAX: usize = 2 * TEXT_MAX;
 
 /// The routes of this file.
@@ -105,7 +106,7 @@ async fn show(State(site): State<Site>) -> Answer {
         Err(problem) => return answer::problem(&problem),
     };
     let tag = etag(&text);
-    let in_force = Config::parse(&text).is_ok_and(|config| config == site.service.config());
+    let in_force = Config::parse(&text).is_ok_and(|config| config == *site.service.config());
     let file = site.desk.file().display().to_string();
     let told = json!({
         "schema": 1, "file": file, "text": text, "etag": tag, "in_force": in_force,
@@ -138,7 +139,7 @@ async fn check(order: Order) -> Answer {
     };
     let lang = language::spoken(&order.headers, order.site.lang);
     let file = order.site.desk.file().display().to_string();
-    // What the adapters are called is a matter of the disk.
+    // Listing the adapters needs the disk.
     let told = tokio::task::spawn_blocking(move || checked(lang, &file, &text)).await;
     answer::json(told.map_err(broken))
 }
@@ -272,7 +273,7 @@ async fn change_point(Path((module, label)): Path<(String, String)>, order: Orde
     edit(&order, change).await
 }
 
-/// Who is limited to points gives them names; whatever else is said of a point may switch another.
+/// A caller limited to some points may name these; any other key may switch another.
 fn may_change_point(who: &Caller, path: &str, keys: &edits::Keys) -> Result<(), Problem> {
     who.may_write(path)?;
     match who.is_limited() && keys.keys().any(|key| key != "name") {
@@ -281,7 +282,7 @@ fn may_change_point(who: &Caller, path: &str, keys: &edits::Keys) -> Result<(), 
     }
 }
 
-/// Changes the file for somebody, and says what came of it.
+/// Changes the file for a caller, and reports the result.
 pub(super) async fn edit(
     order: &Order,
     change: impl FnOnce(&str) -> Result<String, Problem>,
@@ -289,7 +290,7 @@ pub(super) async fn edit(
     let Order {
         site, who, headers, ..
     } = order;
-    let service = site.service.on_behalf_of(who.origin());
+    let service = site.service.on_behalf_of(who.origin(), who.rights());
     let asks = Asks {
         service: &service,
         lang: language::spoken(headers, site.lang),
@@ -315,7 +316,7 @@ fn told(changed: &Changed) -> Value {
     })
 }
 
-/// The texts that the caller may have seen; none where he does not say, or means any.
+/// The versions of the text that the caller accepts (`If-Match`); none if any is accepted.
 pub(super) fn seen(headers: &HeaderMap) -> Option<Vec<String>> {
     let said = headers.get(IF_MATCH)?.to_str().unwrap_or_default();
     if said.trim() == "*" {

@@ -1,10 +1,11 @@
-//! Several outputs at once, groups, scenes, and outputs that are held.
+//! Several outputs at once, groups, scenes, and leases.
 
 use super::access::{Need, may_write};
 use super::answer;
 use super::doc::Doc;
 use super::order::Order;
-use super::routes::{Answer, Route, Site};
+use super::route::{Answer, Route};
+use super::site::Site;
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, post, put};
 use railbus_api::control::{
@@ -14,8 +15,7 @@ use railbus_api::control::{
 use railbus_api::problem::Problem;
 use railbus_api::types::SCHEMA;
 use railbus_app::api::control;
-use railbus_app::api::paths;
-use railbus_site::Service;
+use railbus_site::{Service, paths};
 use serde_json::Value;
 
 /// The routes of this file.
@@ -69,7 +69,7 @@ pub(super) const ROUTES: &[Route] = &[
     .doc(Doc::new("Give an output back").answers::<LeaseAnswer>()),
 ];
 
-/// Whether somebody may switch all of these.
+/// Whether the rights cover all of these outputs.
 fn may_write_all(rights: &[String], outputs: &[String]) -> Result<(), Problem> {
     outputs.iter().try_for_each(|path| {
         let (module, label) = paths::split(path).unwrap_or((path, ""));

@@ -1,30 +1,30 @@
-//! What the API's own document says of a route: written beside the route, as data.
+//! The documentation of a route for the OpenAPI document: written beside the route, as data.
 
 use utoipa::ToSchema;
 use utoipa::openapi::{ObjectBuilder, Ref, RefOr, Schema, Type};
 
-/// The shapes of values, by name.
+/// Schemas by name.
 pub(super) type Shapes = Vec<(String, RefOr<Schema>)>;
 
-/// Adds the shape of a value to those there are, and says where it is.
+/// Adds a schema to the others, and returns a reference to it.
 type Shape = fn(&mut Shapes) -> RefOr<Schema>;
 
-/// What is said of one route. Who may use it and what its address holds, the route knows itself.
+/// The documentation of one route. Permission and path parameters are known from the route itself.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Doc {
     /// What it does, in a few English words.
     pub(super) summary: &'static str,
-    /// What may follow the `?`: names, and what each means.
+    /// Query parameters, with descriptions.
     pub(super) query: &'static [(&'static str, &'static str)],
-    /// The body it takes; none where it takes none.
+    /// The body; none if it takes none.
     pub(super) takes: Option<Shape>,
     /// The status of success.
     pub(super) status: &'static str,
-    /// As what the answer comes: what it is where nobody says, and what else it can be.
+    /// The media types of the answer, the default first.
     pub(super) media: &'static [&'static str],
-    /// The answer's shape; none for any text.
+    /// The answer's schema; none for any text.
     pub(super) answer: Option<Shape>,
-    /// What 200 answers where `?dry_run=1` asks what would be done; none where nobody can ask.
+    /// The answer to `?dry_run=1`, with status 200; none if that is not supported.
     pub(super) plan: Option<Shape>,
 }
 
@@ -48,37 +48,38 @@ impl Doc {
         self
     }
 
-    /// Takes a JSON body whose keys are told elsewhere: those of a table of the configuration.
+    /// Takes a JSON body whose fields are described elsewhere: those of a table of the
+    /// configuration.
     pub(super) const fn takes_object(mut self) -> Doc {
         self.takes = Some(object);
         self
     }
 
-    /// Answers with JSON of this shape; of a stream it is the shape of each event.
+    /// Answers with JSON of this schema; for a stream it is the schema of each event.
     pub(super) const fn answers<T: ToSchema>(mut self) -> Doc {
         self.answer = Some(shape::<T>);
         self
     }
 
-    /// Says with 200 and JSON of this shape what it would do, where `?dry_run=1` asks for it.
+    /// Answers `?dry_run=1` with 200 and JSON of this schema.
     pub(super) const fn plans<T: ToSchema>(mut self) -> Doc {
         self.plan = Some(shape::<T>);
         self
     }
 
-    /// Answers with something else than JSON, or with one of several.
+    /// Answers with something else than JSON, or with one of several types.
     pub(super) const fn media(mut self, media: &'static [&'static str]) -> Doc {
         self.media = media;
         self
     }
 
-    /// Another status than 200 is success.
+    /// The status of success, if it is not 200.
     pub(super) const fn status(mut self, status: &'static str) -> Doc {
         self.status = status;
         self
     }
 
-    /// What may follow the `?`: names, and what each means.
+    /// Query parameters, with descriptions.
     pub(super) const fn query(mut self, query: &'static [(&'static str, &'static str)]) -> Doc {
         self.query = query;
         self

@@ -1,11 +1,12 @@
-//! What happened, and what was done by whom.
+//! Events and the audit log.
 
 use super::access::{Caller, Need};
 use super::doc::Doc;
 use super::export::{self, File};
 use super::history::kept;
 use super::order::bad_request;
-use super::routes::{Answer, Asked, Route, Site};
+use super::route::{Answer, Asked, Route};
+use super::site::Site;
 use super::{answer, body, language};
 use axum::Extension;
 use axum::body::Bytes;
@@ -16,7 +17,7 @@ use railbus_api::past::{AckRequest, AuditPage, EventInfo, EventPage, VerifiedInf
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::SCHEMA;
 use railbus_app::api::past::{self, AUDIT_COLUMNS, audit_text, unread};
-use railbus_app::api::paths::split;
+use railbus_site::paths::split;
 use railbus_store::audit::{AuditLog, Filter};
 use railbus_store::history::{Ack, Asked as Wanted, EventKind, millis};
 use std::time::SystemTime;
@@ -62,7 +63,7 @@ const CURSOR: (&str, &str) = ("cursor", "what the page before says as its `next`
 pub(super) const FORMAT: (&str, &str) = ("format", "csv or ndjson");
 pub(super) const LANG: (&str, &str) = ("lang", "zh: a CSV file begins with the mark of UTF-8");
 
-/// How many items a page has, where nobody says, and at most.
+/// The default and the largest number of items on a page.
 const PAGE: usize = 50;
 const PAGE_MAX: usize = 500;
 /// The longest comment, in characters.
@@ -102,7 +103,7 @@ fn limit(asked: &Asked) -> Result<usize, Problem> {
     }
 }
 
-/// What `point` and `module` name.
+/// The filter for `point` and `module`.
 fn filter(asked: &Asked) -> Result<Filter, Problem> {
     let Some(path) = asked.get("point") else {
         return Ok(Filter {
@@ -190,7 +191,7 @@ async fn verify(State(site): State<Site>) -> Answer {
     answer::json(found.map(past::verified))
 }
 
-/// `GET /api/v1/audit/export`: every record of the log as it is, with its hash.
+/// `GET /api/v1/audit/export`: every record of the log with its hash.
 async fn save(
     State(site): State<Site>,
     who: Extension<Caller>,

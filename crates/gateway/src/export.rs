@@ -1,7 +1,8 @@
-//! Tables that are sent row by row: nothing is held but what is under way.
+//! Tables that are sent row by row, without keeping them in memory.
 
 use super::access::Caller;
-use super::routes::{Answer, Asked, Site};
+use super::route::{Answer, Asked};
+use super::site::Site;
 use axum::body::{Body, Bytes};
 use axum::http::Response;
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue};
@@ -11,21 +12,21 @@ use railbus_words::Lang;
 use std::convert::Infallible;
 use std::pin::Pin;
 
-/// How many pieces wait for a slow reader.
+/// How many chunks are buffered for a slow reader.
 const PIECES_MAX: usize = 4;
-/// What tells a spreadsheet that a file is UTF-8.
+/// The byte order mark, which tells a spreadsheet that a file is UTF-8.
 const MARK: &str = "\u{FEFF}";
 
-/// The form of a file.
+/// The file format.
 pub(super) struct File {
     csv: bool,
-    /// Spreadsheets of Chinese systems take a file for GBK without it.
+    /// Without it, spreadsheets on Chinese systems assume GBK.
     mark: bool,
     name: &'static str,
 }
 
 impl File {
-    /// What is asked for; none where there is no such format.
+    /// The requested format; none if it does not exist.
     pub(super) fn asked(asked: &Asked, lang: Lang, name: &'static str) -> Option<File> {
         let csv = match asked.get("format").map(String::as_str) {
             None | Some("csv") => true,
@@ -43,7 +44,7 @@ impl File {
         self.csv
     }
 
-    /// What stands before the rows.
+    /// What precedes the rows.
     pub(super) fn head(&self, columns: &[&str]) -> String {
         let mark = if self.mark { MARK } else { "" };
         match self.csv {
@@ -53,15 +54,15 @@ impl File {
     }
 }
 
-/// Where rows are sent to.
+/// Where rows are sent.
 pub(super) struct Sink {
     sender: Sender<Bytes, Infallible>,
-    /// Comes when nobody may read any more.
+    /// Resolves when the caller loses its permission.
     over: Pin<Box<dyn Future<Output = ()> + Send>>,
 }
 
 impl Sink {
-    /// Sends some rows; false where nobody reads any more, or the daemon ends.
+    /// Sends rows; false if the reader has gone or the daemon stops.
     pub(super) async fn send(&mut self, rows: String) -> bool {
         if rows.is_empty() {
             return true;
@@ -73,7 +74,7 @@ impl Sink {
     }
 }
 
-/// An answer that is sent piece by piece.
+/// A response that is sent in chunks.
 pub(super) fn stream(site: &Site, who: &Caller, file: &File) -> (Answer, Sink) {
     let (sender, body) = Channel::<Bytes, Infallible>::new(PIECES_MAX);
     let mut response = Response::new(Body::new(body));

@@ -1,9 +1,9 @@
-//! What passes on a line, for those who look on: JSON line by line. The line is not touched, and
-//! while nobody looks on it does no work for this.
+//! The traffic of a line as JSON lines. The line is not affected, and while nobody is watching, it
+//! does no work for this.
 
 use super::access::Caller;
 use super::answer;
-use super::routes::Site;
+use super::site::Site;
 use axum::Extension;
 use axum::body::{Body, Bytes};
 use axum::extract::{Query, State};
@@ -18,9 +18,9 @@ use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::time::Duration;
 
-/// How many pieces wait for a slow reader; more wait at the line, which drops the oldest.
+/// How many chunks are buffered for a slow reader; more wait at the line, which drops the oldest.
 const PIECES_MAX: usize = 64;
-/// After so long without an event an empty line is sent, to see whether anyone is there.
+/// After this time without an event an empty line is sent, to detect readers that have gone.
 const ALIVE: Duration = Duration::from_secs(15);
 
 /// `GET /api/v1/frames/stream`.
@@ -59,7 +59,7 @@ async fn begin(site: &Site, who: &Caller, line: Option<&String>) -> Result<Body,
     Ok(Body::new(body))
 }
 
-/// Sends until the reader has gone, or may no longer look, or the line or the daemon ends.
+/// Sends until the reader has gone or loses its permission, or the line or the daemon ends.
 async fn send(
     first: Option<FrameEvent>,
     mut tap: Tap,

@@ -1,5 +1,5 @@
-//! What is refused whoever asks: web pages of anywhere else, for which a browser that is logged
-//! in here would gladly ask, and names that were made to lead here.
+//! Protects browsers: refuses requests from pages of other sites, which a browser that is logged in
+//! here would send, and host names that were made to point here (DNS rebinding).
 
 use super::answer;
 use axum::body::{Body, Bytes};
@@ -20,13 +20,13 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::time::Sleep;
 
-/// A request's body must have come after this time.
+/// The timeout of a request's body.
 const BODY_WITHIN: Duration = Duration::from_secs(20);
-/// What a page of ours may do: use what comes from here, and nothing that stands in the page.
+/// What our pages may do: use resources from here, and no inline code.
 const POLICY: &str = "default-src 'self'; img-src 'self' data:; object-src 'none'; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// What every answer carries.
+/// Headers of every response.
 const HEADERS: [(HeaderName, &str); 4] = [
     (CONTENT_SECURITY_POLICY, POLICY),
     (X_CONTENT_TYPE_OPTIONS, "nosniff"),
@@ -34,7 +34,7 @@ const HEADERS: [(HeaderName, &str); 4] = [
     (CACHE_CONTROL, "no-store"),
 ];
 
-/// Adds the headers that tell a browser what it must not do.
+/// Adds security headers.
 pub(super) async fn headers(request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     for (name, value) in HEADERS {
@@ -44,7 +44,7 @@ pub(super) async fn headers(request: Request, next: Next) -> Response {
     response
 }
 
-/// Tells browsers to come by TLS ever after.
+/// Adds HSTS.
 pub(super) async fn strict(request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     let value = HeaderValue::from_static("max-age=31536000");
@@ -54,20 +54,20 @@ pub(super) async fn strict(request: Request, next: Next) -> Response {
     response
 }
 
-/// What clients over TCP find, and as what.
+/// How clients reach the daemon over TCP.
 #[derive(Debug)]
 pub(super) struct Front {
     pub(super) port: u16,
     pub(super) is_tls: bool,
-    /// Other machines may come, too.
+    /// It is reachable from other machines.
     pub(super) is_wide: bool,
-    /// Names under which they find it, beside its addresses.
+    /// Names by which it is reached, besides its addresses.
     pub(super) names: Vec<String>,
-    /// The certificate is one that browsers trust.
+    /// The certificate is trusted by browsers.
     pub(super) is_trusted: bool,
 }
 
-/// Lets through what is meant for this daemon and comes from its own pages, or from none.
+/// Lets requests through that are for this daemon and come from its own pages, or from no page.
 pub(super) async fn front(
     State(front): State<Arc<Front>>,
     request: Request,
@@ -80,14 +80,14 @@ pub(super) async fn front(
 }
 
 impl Front {
-    /// Why a request is not let through.
+    /// Why a request is refused.
     fn refused(&self, method: &Method, headers: &HeaderMap) -> Option<&'static str> {
         let text = |name| {
             headers
                 .get(name)
                 .map(|value| value.to_str().unwrap_or_default())
         };
-        // A page whose name was made to lead here still sends its own name.
+        // A page whose name was made to point here still sends its own name.
         let host = text(HOST).unwrap_or_default();
         if headers.get_all(HOST).iter().count() != 1 || !self.is_here(host) {
             return Some("the Host header does not name this machine");
@@ -105,8 +105,8 @@ impl Front {
         None
     }
 
-    /// Whether `host` or `host:port` is this daemon. An address can't be made to lead here by
-    /// somebody else, as a name can.
+    /// Whether `host` or `host:port` is this daemon. Unlike a name, an address can't be made to
+    /// point here by somebody else.
     fn is_here(&self, host: &str) -> bool {
         let usual = if self.is_tls { 443 } else { 80 };
         let (name, named) = match host.rsplit_once(':') {
@@ -134,7 +134,7 @@ fn is_address(name: &str) -> bool {
     }
 }
 
-/// A body that must have come in time: nobody holds a place by sending a letter now and then.
+/// A body with a timeout: a client can't hold a connection by sending a byte now and then.
 pub(super) async fn timely(request: Request, next: Next) -> Response {
     let (head, body) = request.into_parts();
     if body.is_end_stream() {
@@ -147,7 +147,7 @@ pub(super) async fn timely(request: Request, next: Next) -> Response {
     next.run(Request::from_parts(head, Body::new(timely))).await
 }
 
-/// A body, and until when it must have come.
+/// A body and its deadline.
 struct Timely {
     body: Body,
     end: Pin<Box<Sleep>>,

@@ -1,11 +1,12 @@
-//! What was: charts of points, their samples as a file, and how much is kept.
+//! History: charts of points, their samples as a file, and how much is stored.
 
 use super::access::{Caller, Need};
 use super::doc::Doc;
 use super::events::{FORMAT, LANG};
 use super::export::{self, File};
 use super::order::bad_request;
-use super::routes::{Answer, Asked, Route, Site};
+use super::route::{Answer, Asked, Route};
+use super::site::Site;
 use super::{answer, language};
 use axum::Extension;
 use axum::extract::State;
@@ -64,11 +65,11 @@ const LIMIT: (&str, &str) = (
     "only the last samples, at most so many, and no stretches",
 );
 
-/// Into how many stretches of time a chart is parted, where nobody says.
+/// The default number of intervals of a chart.
 const BUCKETS: usize = 600;
-/// What is shown where nobody says from when on.
+/// The default period.
 const HOUR_MS: i64 = 3_600_000;
-/// How many points one file may hold.
+/// The most points in one file.
 const POINTS_MAX: usize = 64;
 
 /// The history, or why there is none.
@@ -98,7 +99,7 @@ async fn drawn(site: &Site, asked: &Asked) -> Result<HistoryInfo, Problem> {
         (None, None) => history.chart(path, from, to, buckets).await,
     };
     let chart = match chart {
-        // It is there, but nothing was ever heard of it.
+        // It exists, but has never been read.
         Err(HistoryError::NoSuchPoint) if known.is_ok() => Ok(Chart::Samples(Vec::new())),
         Err(HistoryError::NoSuchPoint) => return Err(known.err().unwrap_or_else(nothing)),
         chart => chart,
@@ -108,7 +109,7 @@ async fn drawn(site: &Site, asked: &Asked) -> Result<HistoryInfo, Problem> {
     Ok(past::chart(path, (from, to), unit, chart))
 }
 
-/// A number, where there is one.
+/// A number, if given.
 fn number<T: FromStr>(asked: &Asked, key: &str) -> Result<Option<T>, Problem> {
     let number = asked.get(key).map(|text| text.parse());
     number.transpose().map_err(|_| unreadable(key))
@@ -118,13 +119,13 @@ fn nothing() -> Problem {
     Problem::new(codes::NO_SUCH_POINT)
 }
 
-/// A point of the site as it is now. What is no more may still have a history.
+/// A point of the site as it is now. One that was removed may still have a history.
 fn known(site: &Site, path: &str) -> Result<PointStatus, Problem> {
     let (module, point) = ask::find(&site.service, path)?;
     site.service.point(&module, point).ok_or_else(nothing)
 }
 
-/// From when to when, in milliseconds since 1970.
+/// The period, in milliseconds since 1970.
 fn span(asked: &Asked) -> Result<(i64, i64), Problem> {
     let now = millis(SystemTime::now());
     let to = time(asked, "to")?.unwrap_or(now + 1);
@@ -191,7 +192,7 @@ async fn save(
         for point in points {
             let mut from = from;
             loop {
-                // A point of which nothing is known has no rows.
+                // A point without history has no rows.
                 let samples = history.samples(&point, from, to).await.unwrap_or_default();
                 let rows = samples.iter().map(|sample| row(&file, &point, sample));
                 if !sink.send(rows.collect()).await {

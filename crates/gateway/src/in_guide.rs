@@ -3,7 +3,8 @@
 
 use super::access::{Need, Role};
 use super::doc::{Doc, Shapes};
-use super::routes::{ALL, BASE, Route, TOP};
+use super::route::{BASE, Route};
+use super::routes::{ALL, TOP};
 use serde_json::Value;
 use std::path::Path;
 use utoipa::openapi::{RefOr, Schema};

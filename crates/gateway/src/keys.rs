@@ -1,9 +1,9 @@
-//! Commands that are told twice and done once: an `Idempotency-Key` names the command, and who
-//! asks again under it gets the first answer, also after a restart. Everybody has keys of his own.
+//! Commands with an `Idempotency-Key` are carried out once: a repeated request gets the first
+//! answer, even after a restart. Keys are separate for each caller.
 //!
-//! The file `keys.log` in the state folder says that a command began before it does, and what was
-//! answered. A command that began and whose end is not there may have acted: that is told, and it
-//! is not done again. docs/decisions/0028
+//! The file `keys.log` in the state folder records that a command began before it does, and what
+//! was answered. A command that began without a recorded end may have acted: that is reported, and
+//! it is not repeated. docs/decisions/0028
 
 use axum::body::Bytes;
 use railbus_api::problem::{Problem, codes};
@@ -21,17 +21,17 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 use tokio::sync::OnceCell;
 
-/// How many keys of all callers are remembered. Who has the most gives way to others.
+/// How many keys of all callers are remembered. The caller with the most loses keys first.
 const KEYS_MAX: usize = 256;
-/// For how long at most.
+/// How long they are remembered.
 const AGE_MAX: Duration = Duration::from_secs(24 * 60 * 60);
 /// The longest key.
 pub(super) const KEY_LEN_MAX: usize = 128;
 /// The file's name in the folder of the site's state.
 const NAME: &str = "keys.log";
-/// A longer file is not read: this is far more than so many answers have.
+/// A larger file is not read: this is far more than that many answers need.
 const LEN_MAX: u64 = 256 << 20;
-/// What is forgotten is taken out of the file when it has become twice as long, and by so much.
+/// The file is rewritten without forgotten keys when it has doubled in size, by at least this much.
 const SLACK: u64 = 1 << 20;
 
 /// The end of a command, as JSON text.
@@ -39,21 +39,21 @@ pub(super) type End = Result<Bytes, Problem>;
 
 type Slot = Arc<OnceCell<End>>;
 
-/// A key of somebody, and which command it stands for.
+/// A caller's key, and the command it stands for.
 #[derive(Debug)]
 struct Known {
     key: String,
     who: String,
     command: String,
-    /// When it was named first, or this program began; and how old it was then. A clock that is
-    /// set while the program runs changes nothing.
+    /// When it was first used, or this process started; and how old it was then. Setting the system
+    /// clock while the process runs changes nothing.
     since: Instant,
     aged: Duration,
     slot: Slot,
 }
 
 impl Known {
-    /// Whether somebody waits for the end of its command, which would be done again without it.
+    /// Whether its command is in progress; without the key it would be carried out again.
     fn is_under_way(&self) -> bool {
         !self.slot.initialized() && Arc::strong_count(&self.slot) > 1
     }
@@ -67,12 +67,12 @@ impl Known {
 #[derive(Debug)]
 pub(super) struct Keys {
     known: Mutex<VecDeque<Known>>,
-    /// Where they are written down; or why they can't be.
+    /// The file; or why it can't be written.
     file: Result<Arc<Mutex<KeyFile>>, String>,
 }
 
 impl Keys {
-    /// Those of a state folder. Where they can't be written down, nothing is done under a key.
+    /// The keys of a state folder. If they can't be written, nothing is carried out under a key.
     pub(super) fn open(folder: &Path) -> (Keys, Option<io::Error>) {
         let (file, rows, failed) = match KeyFile::open(folder) {
             Ok((file, rows)) => (Ok(Arc::new(Mutex::new(file))), rows, None),
@@ -94,8 +94,8 @@ impl Keys {
         (keys, failed)
     }
 
-    /// Does this once under a key: who asks again gets the first answer. The command is who asks
-    /// for what.
+    /// Carries this out once per key: a repeated request gets the first answer. A command is
+    /// identified by its caller and its content.
     pub(super) async fn once(
         &self,
         key: &str,
@@ -117,7 +117,7 @@ impl Keys {
                 Problem::new(codes::NOT_KEPT).with("reason", why)
             })?;
             let end = tokio::spawn(work).await.unwrap_or_else(broken);
-            // Where the disk refuses, a restart forgets the answer, and not that it began.
+            // If the disk fails, a restart forgets the answer, but not that it began.
             let _ = self
                 .write(Row::End {
                     key: key.to_owned(),
@@ -130,7 +130,7 @@ impl Keys {
         slot.get_or_try_init(begin).await.cloned()?
     }
 
-    /// The place for the end of the command under this key.
+    /// The slot for the result of the command under this key.
     fn slot(&self, key: &str, who: &str, command: &str, now: Instant) -> Result<Slot, Problem> {
         let mut known = lock(&self.known);
         known.retain(|one| one.is_under_way() || !one.is_old(now));
@@ -158,8 +158,8 @@ impl Keys {
         Ok(slot)
     }
 
-    /// Writes a row where it holds nothing up. That a command begins is durable when this
-    /// returns; what was answered outlives the process.
+    /// Writes a row without blocking. When this returns, the beginning of a command is durable, and
+    /// an answer survives the process.
     async fn write(&self, row: Row) -> Result<(), String> {
         let file = Arc::clone(self.file.as_ref().map_err(String::clone)?);
         let write = move || lock(&file).add(&row);
@@ -169,14 +169,15 @@ impl Keys {
     }
 }
 
-/// The end of a command whose task broke off.
+/// The result of a command whose task panicked.
 pub(super) fn broken(error: tokio::task::JoinError) -> End {
     let problem = Problem::new(codes::INTERNAL).with("reason", error.to_string());
     Err(problem.perhaps_acted(true))
 }
 
-/// Which of all keys, with whose it is and whether it may go, gives way to one more of somebody:
-/// the oldest of who has the most of them. Who has fewer than the asker would have then loses none.
+/// Which key is dropped for a new one of this caller, given the owner of each and whether it may be
+/// dropped: the oldest of the caller that has the most. Callers with fewer keys than this one would
+/// then have lose none.
 fn gives_way<'a>(
     keys: impl Iterator<Item = (&'a str, bool)> + Clone,
     asker: &str,
@@ -200,7 +201,7 @@ fn millis(at: SystemTime) -> u64 {
     u64::try_from(since.unwrap_or_default().as_millis()).unwrap_or(u64::MAX)
 }
 
-/// Who asks for what, as one number: each part with its length, so that none runs into the next.
+/// A hash of caller and content: each part with its length, so that they can't run into each other.
 fn digest(who: &str, command: &[&[u8]]) -> String {
     let mut hash = Sha256::new();
     for part in [who.as_bytes()].iter().chain(command) {
@@ -221,10 +222,10 @@ fn digest(who: &str, command: &[&[u8]]) -> String {
 enum Row {
     /// A command is about to begin.
     Begin(Begin),
-    /// What was answered.
+    /// The answer.
     End {
         key: String,
-        /// None in a file of a version in which a key was of nobody.
+        /// None in files of a version in which keys had no owner.
         #[serde(default)]
         who: Option<String>,
         answer: Told,
@@ -240,19 +241,18 @@ struct Begin {
 }
 
 impl Begin {
-    /// How long ago that was, by the clock on the wall: no other one goes on while the program does
-    /// not run.
+    /// How long ago that was, by the system clock: no other clock runs while the process does not.
     fn age(&self, today: SystemTime) -> Duration {
         self.age_at(millis(today))
     }
 
-    /// How long ago it was at such a time, in milliseconds since 1970.
+    /// How long before this time it was, in milliseconds since 1970.
     const fn age_at(&self, at_ms: u64) -> Duration {
         Duration::from_millis(at_ms.saturating_sub(self.at_ms))
     }
 }
 
-/// An answer as it is written down.
+/// An answer as stored.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Told {
@@ -269,7 +269,7 @@ impl Told {
     }
 }
 
-/// What the file says of a key.
+/// A key as found in the file.
 struct Kept {
     begin: Begin,
     answer: Option<Told>,
@@ -289,16 +289,15 @@ impl Kept {
     }
 }
 
-/// The file, open for writing. The daemon that has the accounts of the folder has it, too.
+/// The file, open for writing. The daemon that has locked the accounts of the folder has it, too.
 #[derive(Debug)]
 struct KeyFile {
     path: PathBuf,
     file: File,
     len: u64,
-    /// How long it was when it was last written anew.
+    /// Its size when it was last rewritten.
     new: u64,
-    /// What was written last was not taken back, whole or in part: the next line begins on one of
-    /// its own.
+    /// A failed write could not be removed completely: the next line starts with a newline.
     is_torn: bool,
 }
 
@@ -310,7 +309,7 @@ impl KeyFile {
             let today = SystemTime::now();
             kept.retain(|one| one.begin.age(today) <= AGE_MAX);
             for one in kept {
-                // A clock that was set back makes none last longer, nor does the next start.
+                // If the clock was set back, no key lasts longer, not even after the next start.
                 one.begin.at_ms = one.begin.at_ms.min(millis(today));
             }
         })?;
@@ -347,7 +346,7 @@ impl KeyFile {
         });
         match written {
             Ok(()) => (self.len, self.is_torn) = (self.len + line.len() as u64, false),
-            // A part of a line would spoil the one after it.
+            // A partial line would damage the one after it.
             Err(_) => self.is_torn |= self.file.set_len(self.len).is_err(),
         }
         written
@@ -358,8 +357,8 @@ fn append_to(path: &Path) -> io::Result<File> {
     OpenOptions::new().append(true).mode(0o600).open(path)
 }
 
-/// Reads what is kept, takes out what is forgotten, and writes the rest in its place. A last line
-/// that was torn by a loss of power began nothing.
+/// Reads the keys, drops those that are forgotten, and rewrites the file. A last line that was
+/// truncated by a loss of power began nothing.
 fn rewrite(path: &Path, change: impl FnOnce(&mut Vec<Kept>)) -> io::Result<Vec<Kept>> {
     let bytes = match std::fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
@@ -386,7 +385,7 @@ fn rewrite(path: &Path, change: impl FnOnce(&mut Vec<Kept>)) -> io::Result<Vec<K
     Ok(kept)
 }
 
-/// What the lines of the file say of the newest keys.
+/// The newest keys in the lines of the file.
 fn fold(bytes: &[u8]) -> Vec<Kept> {
     let mut kept: Vec<Kept> = Vec::new();
     for line in bytes.split(|byte| *byte == b'\n') {
@@ -394,13 +393,13 @@ fn fold(bytes: &[u8]) -> Vec<Kept> {
             Ok(Row::Begin(begin)) => {
                 kept.retain(|one| !one.is_of(&begin.key, Some(&begin.who)));
                 if kept.len() >= KEYS_MAX {
-                    // One that was forgotten by then pushes out none that was not.
+                    // Keys that were forgotten by then displace none that were not.
                     let old = kept
                         .iter()
                         .position(|one| one.begin.age_at(begin.at_ms) > AGE_MAX);
                     let ended = kept.iter();
                     let ended = ended.map(|one| (&*one.begin.who, one.answer.is_some()));
-                    // Where none has ended, nobody knows of any how it did.
+                    // While none has ended, the result of none is known.
                     let all = kept.iter().map(|one| (&*one.begin.who, true));
                     let over = old.or_else(|| gives_way(ended, &begin.who));
                     let over = over.or_else(|| gives_way(all, &begin.who));

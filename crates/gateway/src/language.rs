@@ -1,12 +1,12 @@
-//! In which language somebody is answered.
+//! The language of an answer.
 
-use super::routes::Site;
+use super::site::Site;
 use axum::http::HeaderMap;
 use axum::http::header::ACCEPT_LANGUAGE;
 use railbus_words::Lang;
 use std::collections::BTreeMap;
 
-/// As `?lang=` says, or else the browser, or else as the daemon speaks.
+/// From `?lang=`, or else the browser, or else the daemon's default.
 pub(super) fn of(site: &Site, asked: &BTreeMap<String, String>, headers: &HeaderMap) -> Lang {
     match asked.get("lang").map(String::as_str) {
         Some("en") => Lang::En,
@@ -15,14 +15,14 @@ pub(super) fn of(site: &Site, asked: &BTreeMap<String, String>, headers: &Header
     }
 }
 
-/// The language that a browser asks for, or else the daemon's.
+/// The language that the browser prefers, or else the default.
 pub(super) fn spoken(headers: &HeaderMap, otherwise: Lang) -> Lang {
     let accepted = headers.get(ACCEPT_LANGUAGE);
     let accepted = accepted.and_then(|value| value.to_str().ok());
     accepted.and_then(language).unwrap_or(otherwise)
 }
 
-/// The first language of a list that is one of ours.
+/// The first supported language of a list.
 fn language(list: &str) -> Option<Lang> {
     list.split(',').map(str::trim).find_map(|name| {
         let head = name.get(..2)?;

@@ -1,5 +1,14 @@
-//! The gateway: what `railbus serve` runs. It has the lines, and everyone else asks it: over HTTP,
-//! and over a Unix socket. It knows no command line.
+//! The gateway: what `railbus serve` runs. It has the lines, and other programs use it over HTTP
+//! and a Unix socket. It knows no command line.
+//!
+//! # Where things are
+//! - An endpoint: the file of its subject (`points`, `control`, `history`, `config`, `scans`,
+//!   `settings`, …), with a row in that file's `ROUTES`; all tables are listed in `routes`. What
+//!   every handler needs: `site`. What must be so before one is called (who it is, what it may,
+//!   limits, headers): `access`, `guard`, `listen`.
+//! - What is sent as it changes: `ws`, `stream`, `happening`. A system that the site is published
+//!   to: `northbound`, a folder each.
+//! - Repeated requests: `keys`. Long operations: `ops`. Pages: `web`. Figures: `metrics`.
 
 #![forbid(unsafe_code)]
 
@@ -13,12 +22,12 @@ mod config;
 mod control;
 mod deadline;
 mod doc;
-mod ear;
+mod event_stream;
 mod events;
 mod export;
+mod frame_listener;
 mod frames;
 mod guard;
-mod happening;
 mod history;
 #[cfg(test)]
 mod in_guide;
@@ -26,7 +35,10 @@ mod keys;
 mod language;
 mod listen;
 mod loan;
+mod localize;
 mod metrics;
+mod models;
+mod northbound;
 mod notify;
 mod openapi;
 mod ops;
@@ -35,18 +47,19 @@ mod points;
 mod ports;
 #[cfg(test)]
 mod rights;
+mod route;
 mod routes;
 mod scans;
 mod send;
 mod settings;
 mod sim;
-mod spoken;
+mod site;
 mod stores;
 mod stream;
 mod texts;
 mod tls;
 mod web;
-mod webhook;
+
 mod ws;
 
 use access::Gate;
@@ -54,6 +67,7 @@ use config::Desk;
 use guard::Front;
 use keys::Keys;
 use listen::Room;
+use northbound::webhook::Hooks;
 use notify::Notify;
 use railbus_api::problem::Problem;
 use railbus_app::api::failures::bad_config;
@@ -67,8 +81,8 @@ use railbus_site::{Config, Service};
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::width;
-use routes::Site;
 use serde_json::json;
+use site::Site;
 use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::os::unix::fs::DirBuilderExt;
@@ -82,34 +96,33 @@ use tls::Tls;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
-use webhook::Hooks;
 
-/// Where it listens unless it is told otherwise.
+/// The default address.
 pub const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7485);
 
-/// What the daemon is started with.
+/// The options of the daemon.
 #[derive(Clone, Debug)]
 pub struct ServeOptions {
-    /// The file of the configuration, where one is named.
+    /// The configuration file, if one is named.
     pub config: Option<PathBuf>,
-    /// A simulated line in the place of a configuration.
+    /// A simulated line instead of a configuration.
     pub demo: bool,
     /// Where it listens.
     pub listen: SocketAddr,
-    /// Certificate and key, where it speaks TLS.
+    /// Certificate and key, if it uses TLS.
     pub tls: Option<CertificateSource>,
-    /// Names under which browsers find it.
+    /// Names by which browsers reach it.
     pub names: Vec<String>,
-    /// The socket, where one is named.
+    /// The socket, if one is named.
     pub socket: Option<PathBuf>,
-    /// Only the configuration is read, and what is in it told in this form.
+    /// Only check the configuration, and report the result in this format.
     pub check: Option<Format>,
 }
 
 /// Serves until it is stopped.
 ///
 /// # Errors
-/// It may not listen there, or something that it needs can't be had.
+/// It may not listen there, or something that it needs is not available.
 pub fn run(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
     if !wanted.listen.ip().is_loopback() {
         may_listen_widely(lang, wanted)?;
@@ -124,7 +137,7 @@ pub fn run(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
         .block_on(open_and_serve(lang, wanted))
 }
 
-/// Others than this machine are let in by TLS, and where there is somebody to log in.
+/// Other machines are only let in with TLS, and if there is a user who can log in.
 fn may_listen_widely(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
     let listen = wanted.listen;
     let port = listen.port();
@@ -145,20 +158,20 @@ fn may_listen_widely(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
         (None, true) => {
             Err(refused().with_try(format!("railbus serve --listen {listen} --tls auto")))
         }
-        // The demo begins without users each time.
+        // The demo starts without users each time.
         (_, false) if wanted.demo => Err(refused()),
         (_, false) => Err(refused().with_try("railbus user add NAME --role admin")),
     }
 }
 
-/// How long ports may take to be tried before the daemon says that it serves: a network may take
-/// longer than people wait.
+/// How long to wait for ports before the daemon reports that it serves: a network port may take
+/// longer.
 const TRIED_WITHIN: Duration = Duration::from_secs(1);
 
 /// How many names are tried for the demo's folder.
 const OWN_FOLDERS_MAX: u32 = 16;
 
-/// The system refuses what it always grants.
+/// The system refuses something that it usually grants.
 fn system(lang: Lang, error: impl ToString) -> Failure {
     Failure::new(
         Code::System,
@@ -167,7 +180,7 @@ fn system(lang: Lang, error: impl ToString) -> Failure {
     .because(error)
 }
 
-/// Reads the configuration and says what is in it.
+/// Checks the configuration and reports the result.
 fn check(lang: Lang, wanted: &ServeOptions, format: Format) -> Result<(), Failure> {
     let found = config_file::read(lang, wanted.config.as_deref());
     let found = found.map_err(|problem| Failure::of_problem(lang, &problem))?;
@@ -189,19 +202,19 @@ fn check(lang: Lang, wanted: &ServeOptions, format: Format) -> Result<(), Failur
 struct Source {
     config: Config,
     file: PathBuf,
-    /// What is to be remembered lies here.
+    /// The state folder.
     state: PathBuf,
     /// Ends with the daemon, after the lines.
     demo: Option<Demo>,
 }
 
-/// The demo line, and the folder of its site, which goes last.
+/// The demo line, and the folder of its site, which is removed last.
 struct Demo {
     line: Background,
     _folder: OwnFolder,
 }
 
-/// A folder of this daemon alone, for as long as it runs.
+/// A temporary folder for this daemon.
 struct OwnFolder(PathBuf);
 
 impl Drop for OwnFolder {
@@ -216,10 +229,10 @@ impl Source {
         if wanted.demo {
             return Source::demo(lang);
         }
-        // Where there is none anywhere, one is begun here.
+        // If there is none anywhere, one is created here.
         let file = config_file::path(wanted.config.as_deref());
         let file = file.unwrap_or_else(|_| config_file::real(Path::new(config_file::NAME)));
-        // A site may begin with nothing: its first line is added in the browser.
+        // A site may start empty: its first line is added in the browser.
         let config = match file.exists() {
             true => {
                 config_file::read(lang, Some(&file))
@@ -246,7 +259,7 @@ impl Source {
         let config = Config::parse(&text).map_err(|problems| {
             Failure::of_problem(lang, &bad_config(lang, config_file::NAME, &problems))
         })?;
-        // Its own, whatever the state of real sites is said to be.
+        // Its own, whatever is set as the state folder of real sites.
         let state = folder.0.join(".railbus");
         let demo = Demo {
             line,
@@ -270,7 +283,7 @@ impl Source {
 }
 
 impl OwnFolder {
-    /// One that is there already is somebody else's.
+    /// An existing folder belongs to somebody else.
     fn make() -> std::io::Result<OwnFolder> {
         let mut refused = std::io::ErrorKind::AlreadyExists.into();
         for number in 0..OWN_FOLDERS_MAX {
@@ -287,7 +300,7 @@ impl OwnFolder {
 
 async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure> {
     let mut signals = Signals::new().map_err(|error| system(lang, error))?;
-    // The places to listen first: a second daemon fails here, before it touches a line.
+    // Listen first: a second daemon fails here, before it touches a line.
     let tcp = TcpListener::bind(wanted.listen).await.map_err(|error| {
         let message = lang.fill(
             railbus_app::texts::AppText::NoTcp,
@@ -310,10 +323,10 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     stores::tell_of_keys(&service, keys.1.as_ref());
     service.run_rules();
 
-    // Who hears that it serves may ask at once: every port was tried by then.
+    // Clients may send requests as soon as it reports that it serves: by then every port was tried.
     let tried = async {
         for line in source.config.lines.keys() {
-            // The reason why not is a part of the line's status.
+            // The reason for a failure is part of the line's status.
             let _ = service.opened(line).await;
         }
     };
@@ -321,7 +334,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     let names = [tls::own_names(), wanted.names.clone()].concat();
     let tls = open_tls(lang, wanted, &source, &names)?;
     let scheme = if tls.is_some() { "https" } else { "http" };
-    // Every address of this machine is none that a browser can go to.
+    // An unspecified address is none that a browser can open.
     let host = match names.first().filter(|_| address.ip().is_unspecified()) {
         Some(name) => format!("{name}:{}", address.port()),
         None => address.to_string(),
@@ -329,7 +342,7 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
     let origin = format!("{scheme}://{host}");
     announce(lang, &source, &access, &origin, tls.as_deref(), &socket);
     let desk = Arc::new(Desk::new(&source.file, &source.state, &source.config));
-    let name = routes::name_of(source.demo.is_some(), &source.file);
+    let name = site::name_of(source.demo.is_some(), &source.file);
     let hooks = Hooks::start(name, &source.state, service.clone(), events, desk.changes());
     let hooks = hooks.map_err(|error| system(lang, error))?;
     let (stop, stopped) = watch::channel(false);
@@ -340,7 +353,8 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         simulated: source.simulated().into(),
         stop: stopped.clone(),
         keys: Arc::new(keys.0),
-        sockets: ws::Room::new(),
+        sockets: ws::SocketLimit::new(),
+        printer: Arc::default(),
         ops: Arc::new(ops::Ops::default()),
         desk: Arc::clone(&desk),
         hooks: Arc::clone(&hooks),
@@ -389,20 +403,20 @@ async fn open_and_serve(lang: Lang, wanted: &ServeOptions) -> Result<(), Failure
         complain_of(lang, &failure);
         std::process::exit(failure.code().exit().into());
     });
-    // Fails where nobody listens any more.
+    // Fails if there is no receiver left.
     let _ = stop.send(true);
     for task in listening {
-        // Fails where it panicked, which was told.
+        // Fails if it panicked, which was reported.
         let _ = task.await;
     }
     tokio::join!(room.emptied(), room_of_socket.emptied());
     service.close().await;
-    // That it stops is told to webhooks, too.
+    // Webhooks are notified of the stop, too.
     tokio::join!(stores.close(&service), hooks.close());
     Ok(())
 }
 
-/// Certificate and key, where they are wished for.
+/// Certificate and key, if configured.
 fn open_tls(
     lang: Lang,
     wanted: &ServeOptions,
@@ -432,7 +446,7 @@ fn reload_tls(lang: Lang, tls: Option<&Tls>) {
     }
 }
 
-/// The socket that was named must be there; of the usual ones, the first that can be had.
+/// A socket that was named must be available; of the default ones, the first that is.
 fn listen_on_socket(
     lang: Lang,
     wanted: &ServeOptions,
@@ -455,7 +469,7 @@ fn listen_on_socket(
     Ok(tried)
 }
 
-/// Takes the configuration again. Where it has problems they are told, and all stays as it was.
+/// Reloads the configuration. If it has errors they are reported, and everything stays as it was.
 async fn reload(lang: Lang, service: &Service, desk: &Desk) {
     match desk.reload(service, lang).await {
         Ok(config::Changed { reloaded: done, .. }) => {
@@ -475,7 +489,7 @@ async fn reload(lang: Lang, service: &Service, desk: &Desk) {
     }
 }
 
-/// Says what is served, and how to connect.
+/// Prints what is served, and how to connect.
 fn announce(
     lang: Lang,
     source: &Source,
@@ -495,7 +509,7 @@ fn announce(
         Ok(socket) => socket.path().display().to_string(),
         Err((path, error)) => format!("– ({}: {error})", path.display()),
     };
-    // Where there is a user already there is no link.
+    // If there is a user already, there is no link.
     let setup = access.setup_link(origin).map(|link| {
         let once = lang.get(GatewayText::ServeSetup);
         format!("\n  setup   {link}   {once}")
@@ -510,7 +524,7 @@ fn announce(
     ));
 }
 
-/// Who reads it may have gone; the site is served all the same.
+/// The output may be closed; the site is served all the same.
 fn say(text: &str) {
     let mut stdout = std::io::stdout();
     let _ = writeln!(stdout, "{text}").and_then(|()| stdout.flush());
@@ -531,7 +545,7 @@ enum Asked {
     Reload,
 }
 
-/// The signals. From their making on they no longer end the program at once.
+/// The signals. Once this is created, they no longer end the process at once.
 struct Signals {
     interrupt: Signal,
     terminate: Signal,

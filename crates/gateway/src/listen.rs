@@ -21,46 +21,46 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, watch};
 
-/// How many connections there may be over TCP, and as many over the socket, so that nobody from
-/// without keeps its owner out; more wait to be let in.
-/// A browser opens six; WebSockets have a room of their own.
+/// The most connections over TCP, and as many over the socket, so that other machines can't keep
+/// its owner out; more wait to be accepted. A browser opens six; WebSockets have a limit of their
+/// own.
 const CONNECTIONS_MAX: usize = 128;
 /// How many of them another machine may have.
 const OF_ADDRESS_MAX: usize = 16;
-/// A client must have been greeted by TLS after this time.
+/// The timeout of the TLS handshake.
 const GREETING_MAX: Duration = Duration::from_secs(10);
-/// A request's head must have come after this time; an idle connection is closed then.
+/// The timeout of a request's head, after which an idle connection is closed, too.
 const HEAD_MAX: Duration = Duration::from_secs(10);
-/// The longest head.
+/// The largest head.
 const HEAD_LEN_MAX: usize = 16 << 10;
-/// After a connection could not be let in, so long until the next.
+/// The pause after a connection could not be accepted.
 const PAUSE: Duration = Duration::from_millis(100);
-/// At the end, connections have this time to finish what they are at.
+/// How long connections have to finish when the daemon stops.
 const LINGER: Duration = Duration::from_millis(600);
 
-/// The place of a connection, given back when it ends.
+/// The slot of a connection, released when it ends.
 type Place = (Arc<Seat>, Option<OfAddress>);
 
-/// The room for connections. When it is full, the one leaves whose client has been awaited for the
-/// longest time: who is slow, or has nothing to ask, keeps nobody out who has.
+/// Limits connections. When it is full, the one is closed that has been waiting for its client for
+/// longest: slow or idle clients keep nobody out.
 #[derive(Clone, Debug)]
 pub(super) struct Room {
     places: Arc<Semaphore>,
     seats: Arc<Mutex<Seats>>,
 }
 
-/// Who is in a room.
+/// The connections.
 #[derive(Debug, Default)]
 struct Seats {
     next: u64,
     taken: BTreeMap<u64, Taken>,
 }
 
-/// A connection in its room.
+/// A connection.
 #[derive(Debug)]
 struct Taken {
-    /// Since when its client is awaited, with a request or with the taking of an answer; none while
-    /// the daemon is at work for it.
+    /// Since when its client has been waited for, to send a request or to receive an answer; none
+    /// while the daemon is working for it.
     awaited: Option<Instant>,
     leave: Arc<Notify>,
 }
@@ -77,7 +77,7 @@ impl Room {
         self.seats.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A place, as soon as there is one. Where there is none, somebody makes room.
+    /// A slot, as soon as there is one. If there is none, another connection is closed.
     async fn place(&self) -> Option<Arc<Seat>> {
         let permit = loop {
             if self.places.available_permits() == 0 {
@@ -86,7 +86,7 @@ impl Room {
             let place = Arc::clone(&self.places).acquire_owned();
             match tokio::time::timeout(PAUSE, place).await {
                 Ok(place) => break place.ok()?,
-                // By now somebody may be awaited.
+                // Some connection may be waiting for its client by now.
                 Err(_) => continue,
             }
         };
@@ -108,7 +108,7 @@ impl Room {
         }))
     }
 
-    /// Has the one leave whose client has been awaited longest, if any is.
+    /// Closes the connection that has been waiting for its client for longest, if any.
     fn make_room(&self) {
         let mut seats = self.seats();
         let awaited = seats
@@ -121,25 +121,25 @@ impl Room {
         }
     }
 
-    /// Waits until all have left, as long as they may take.
+    /// Waits until all are closed, as long as they may take.
     pub(super) async fn emptied(&self) {
         let all = self.places.acquire_many(CONNECTIONS_MAX as u32);
         let _ = tokio::time::timeout(LINGER, all).await;
     }
 }
 
-/// A connection's place in a room.
+/// A connection's slot.
 #[derive(Debug)]
 struct Seat {
     room: Room,
     number: u64,
-    /// Another needs the place more.
+    /// The slot is needed for another connection.
     leave: Arc<Notify>,
     _permit: OwnedSemaphorePermit,
 }
 
 impl Seat {
-    /// It is for the client to go on, or for the daemon.
+    /// Notes whether it is the client's turn or the daemon's.
     fn awaits_client(&self, awaits: bool) {
         let now = awaits.then(Instant::now);
         if let Some(seat) = self.room.seats().taken.get_mut(&self.number) {
@@ -154,7 +154,7 @@ impl Drop for Seat {
     }
 }
 
-/// A request's body, which the client is awaited with.
+/// A request's body, during which the client is waited for.
 struct Coming {
     body: Incoming,
     seat: Arc<Seat>,
@@ -181,14 +181,14 @@ impl Body for Coming {
 }
 
 impl Drop for Coming {
-    /// It is whole, or not wanted: from now on the daemon is at work.
+    /// It is complete, or not wanted: from now on the daemon is working.
     fn drop(&mut self) {
         self.seat.awaits_client(false);
     }
 }
 
-/// An answer's body. Between two parts of it the client is awaited, who has to take the one before
-/// the next is asked for; while a part is not there yet, it is the daemon's turn.
+/// A response's body. Between two parts the client is waited for, as it has to receive one before
+/// the next is asked for; while a part is not ready yet, it is the daemon's turn.
 struct Going {
     body: axum::body::Body,
     seat: Arc<Seat>,
@@ -222,9 +222,9 @@ impl Drop for Going {
     }
 }
 
-/// Waits for the end of the daemon.
+/// Waits until the daemon stops.
 pub(super) async fn ended(stop: &mut watch::Receiver<bool>) {
-    // Fails where the other end has gone, which is the end too.
+    // Fails if the sender is gone, which means the same.
     let _ = stop.wait_for(|stop| *stop).await;
 }
 
@@ -232,12 +232,12 @@ pub(super) async fn ended(stop: &mut watch::Receiver<bool>) {
 #[derive(Clone, Debug, Default)]
 struct Addresses(Arc<Mutex<HashMap<IpAddr, usize>>>);
 
-/// One of an address's connections.
+/// One connection of an address.
 struct OfAddress(Addresses, IpAddr);
 
 impl Addresses {
-    /// A place for one more; none where an address has as many as it may. This machine may have
-    /// all there are: what forwards for others does so from here.
+    /// A slot for one more; none if an address has as many as it may. This machine may use all of
+    /// them: proxies connect from here.
     fn place(&self, address: IpAddr) -> Option<OfAddress> {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let count = all.entry(address).or_default();
@@ -261,7 +261,7 @@ impl Drop for OfAddress {
     }
 }
 
-/// Lets clients in over TCP until the daemon ends.
+/// Accepts clients over TCP until the daemon stops.
 pub(super) async fn tcp(
     listener: TcpListener,
     tls: Option<Arc<Tls>>,
@@ -276,7 +276,7 @@ pub(super) async fn tcp(
             accepted = listener.accept() => accepted,
         };
         let Ok((stream, peer)) = accepted else {
-            // One client's own error, or a lack of file handles, which takes time to pass.
+            // A client's own error, or a lack of file handles, which takes time to pass.
             tokio::time::sleep(PAUSE).await;
             continue;
         };
@@ -298,12 +298,12 @@ pub(super) async fn tcp(
             None => tokio::spawn(serve(stream, peer, router, place, stop)),
             Some(tls) => tokio::spawn(greet(Arc::clone(tls), stream, peer, router, place, stop)),
         };
-        // Who has just come is heard before the next one is let in.
+        // Lets the new connection run before the next one is accepted.
         tokio::task::yield_now().await;
     }
 }
 
-/// Greets a client by TLS, and serves it then. Whoever is not done in time leaves.
+/// Performs the TLS handshake, and serves the client then. One that is not done in time is closed.
 async fn greet(
     tls: Arc<Tls>,
     stream: TcpStream,
@@ -329,7 +329,7 @@ async fn greet(
     }
 }
 
-/// Lets clients in over the socket until the daemon ends; then the socket goes away.
+/// Accepts clients over the socket until the daemon stops; then the socket is removed.
 pub(super) async fn unix(
     socket: Socket,
     router: Router,
@@ -350,7 +350,7 @@ pub(super) async fn unix(
     }
 }
 
-/// Serves one connection. Whatever ends it is the client's business alone.
+/// Serves one connection. However it ends, only its client is affected.
 async fn serve(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
     peer: Option<Peer>,
@@ -405,7 +405,7 @@ mod tests {
             seats.push(room.place().await.expect("a place"));
         }
         let leaves = |seat: &Arc<Seat>| Arc::clone(&seat.leave);
-        // The first is served, the second awaited longest, the third heard from lately.
+        // The first is being served, the second has waited longest, the third was active lately.
         seats[0].awaits_client(false);
         seats[2].awaits_client(true);
         let (first, second) = (leaves(&seats[0]), leaves(&seats[1]));

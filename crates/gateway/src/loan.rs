@@ -1,18 +1,19 @@
-//! A line lent to a command that changes what its modules keep. The loan lasts as long as the
-//! connection: whatever ends the command, ends it.
+//! Exclusive access to a line for a command that changes settings of its modules. It lasts as long
+//! as the connection: however the command ends, it is released.
 
 use super::access::{Caller, Need};
 use super::answer;
 use super::doc::Doc;
 use super::listen::ended;
-use super::routes::{Route, Site};
+use super::route::Route;
+use super::site::Site;
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::Response;
 use axum::routing::post;
 use hyper::body::Frame;
 use railbus_app::api::failures;
-use railbus_site::Loan;
+use railbus_site::{Loan, Rights};
 use std::convert::Infallible;
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -26,8 +27,8 @@ pub(super) const ROUTES: &[Route] =
         ),
     ];
 
-/// `POST /api/v1/lines/{line}/loan`: an empty line when the port is free, and then nothing for as
-/// long as it is lent.
+/// `POST /api/v1/lines/{line}/loan`: sends an empty line when the port is free, and then nothing
+/// for as long as it is lent.
 pub(super) async fn lend(State(site): State<Site>, Path(line): Path<String>) -> Response<Body> {
     let loan = match site.service.lend(&line).await {
         Ok(loan) => loan,
@@ -43,9 +44,9 @@ pub(super) async fn lend(State(site): State<Site>, Path(line): Path<String>) -> 
     }))
 }
 
-/// Once nobody reads any more; at the end of the daemon there is nothing to take back. When the
-/// loan is over, that is told by the end of the answer: whoever has the line stops where that is
-/// safe, and its port is free then.
+/// Releases the line once the reader has gone; when the daemon stops, there is nothing to release.
+/// When the access is revoked, the response ends: the holder stops where that is safe, and its port
+/// is free then.
 async fn take_back(
     mut site: Site,
     loan: Loan,
@@ -58,14 +59,16 @@ async fn take_back(
         () = tokio::time::sleep_until(loan.until()) => {}
     }
     drop(lent);
-    let owner = site.service.on_behalf_of(Caller::owner().origin());
+    let owner = site
+        .service
+        .on_behalf_of(Caller::owner().origin(), Rights::all());
     site.desk.take_back(loan, &owner).await;
 }
 
-/// What is sent: it is dropped with the connection.
+/// The response body: dropped with the connection.
 struct Held {
     told: bool,
-    /// Closed when the loan is over.
+    /// Closed when the access ends.
     over: oneshot::Receiver<()>,
     _held: oneshot::Sender<()>,
 }

@@ -1,8 +1,9 @@
-//! `/metrics`, as OpenMetrics has it.
+//! `/metrics`, in the OpenMetrics format.
 
 use super::answer;
-use super::routes::{Answer, Asked, Site};
-use super::webhook::HookFigures;
+use super::northbound::webhook::HookFigures;
+use super::route::{Answer, Asked};
+use super::site::Site;
 use axum::extract::State;
 use axum::http::StatusCode;
 use prometheus_client::collector::Collector;
@@ -17,7 +18,7 @@ use std::fmt::Error;
 
 const FORM: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-/// `GET /metrics`; with `?points=1` the values of points, too.
+/// `GET /metrics`; with `?points=1` also the values of points.
 pub(super) async fn metrics(State(site): State<Site>, asked: Asked) -> Answer {
     let mut registry = Registry::default();
     registry.register_collector(Box::new(Scrape {
@@ -33,7 +34,7 @@ pub(super) async fn metrics(State(site): State<Site>, asked: Asked) -> Answer {
     answer::with(StatusCode::OK, FORM, text)
 }
 
-/// All that is told at one moment.
+/// All metrics at one moment.
 #[derive(Debug)]
 struct Scrape {
     service: Service,
@@ -59,7 +60,7 @@ impl Collector for Scrape {
 }
 
 impl Scrape {
-    /// The modules, and what their exchanges came to.
+    /// The modules, and the counters of their exchanges.
     fn counted(&self) -> impl Iterator<Item = (&ModuleInfo, &Counts)> {
         let modules = self.modules.iter();
         modules.filter_map(|module| Some((module, self.counts.get(&module.module)?)))
@@ -181,7 +182,7 @@ impl Scrape {
         Ok(())
     }
 
-    /// Values that are not good are left out: a gap says more than an old number.
+    /// Only good values are included: a gap says more than an old number.
     fn values(&self, to: &mut DescriptorEncoder<'_>) -> Result<(), Error> {
         let about = "The value of a point while it is good";
         let name = "railbus_point_value";

@@ -1,5 +1,5 @@
-//! Telling systemd that the daemon is ready, alive, or about to stop: a word in a datagram to the
-//! socket that it names, and nothing where it names none.
+//! Notifies systemd that the daemon is ready, alive, or about to stop: a datagram to the socket
+//! that systemd names; nothing if it names none.
 
 use std::io;
 use std::os::linux::net::SocketAddrExt;
@@ -8,23 +8,23 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::path::Path;
 use std::time::Duration;
 
-/// It serves.
+/// The daemon is ready.
 pub(super) const READY: &str = "READY=1\n";
-/// It is about to stop.
+/// The daemon is about to stop.
 pub(super) const STOPPING: &str = "STOPPING=1\n";
-/// It is alive.
+/// The daemon is alive.
 const ALIVE: &str = "WATCHDOG=1\n";
 
-/// The one to tell.
+/// systemd's socket.
 #[derive(Debug)]
 pub(super) struct Notify {
     to: Option<(UnixDatagram, SocketAddr)>,
-    /// How often it wants to hear that the daemon is alive.
+    /// The watchdog interval.
     every: Option<Duration>,
 }
 
 impl Notify {
-    /// As the environment says.
+    /// From the environment.
     pub(super) fn of_environment() -> Notify {
         let text = |name| std::env::var(name).ok();
         let socket = std::env::var_os("NOTIFY_SOCKET").filter(|path| !path.is_empty());
@@ -32,7 +32,7 @@ impl Notify {
         // The watchdog may be meant for another process of the service.
         let of_us = text("WATCHDOG_PID").is_none_or(|pid| pid == std::process::id().to_string());
         let micros = text("WATCHDOG_USEC").and_then(|micros| micros.parse().ok());
-        // Twice in the time after which it would be taken for dead.
+        // Twice per watchdog timeout.
         let every = micros.map(|micros: u64| Duration::from_micros(micros / 2));
         Notify {
             every: every.filter(|every| of_us && to.is_some() && !every.is_zero()),
@@ -46,19 +46,19 @@ impl Notify {
             None => SocketAddr::from_pathname(path)?,
         };
         let socket = UnixDatagram::unbound()?;
-        // Who does not read must not stop the daemon.
+        // A receiver that does not read must not stop the daemon.
         socket.set_nonblocking(true)?;
         Ok((socket, address))
     }
 
-    /// Tells it. Who can't hear it finds out by itself.
+    /// Sends a notification. Errors are ignored.
     pub(super) fn tell(&self, word: &str) {
         if let Some((socket, address)) = &self.to {
             let _ = socket.send_to_addr(word.as_bytes(), address);
         }
     }
 
-    /// Says again and again that the daemon is alive; never comes back.
+    /// Keeps notifying that the daemon is alive; never returns.
     pub(super) async fn stay_alive(&self) {
         let Some(every) = self.every else {
             return std::future::pending().await;

@@ -1,9 +1,10 @@
-//! The API's own document [OpenAPI 3.1], made of the routes and the types they speak in.
+//! The API's own document [OpenAPI 3.1], generated from the routes and their types.
 
 use super::access::{Need, Role};
 use super::answer;
 use super::doc::{Doc, Shapes};
-use super::routes::{ALL, Answer, BASE, Route};
+use super::route::{Answer, BASE, Route};
+use super::routes::ALL;
 use axum::http::StatusCode;
 use axum::routing::get;
 use railbus_api::problem::Problem;
@@ -158,7 +159,7 @@ fn operation(route: &Route, doc: &Doc, shapes: &mut Shapes) -> Operation {
     operation.build()
 }
 
-/// A body may be left out where all its keys may be: none at all is one that says nothing.
+/// A body may be omitted if all its fields may be.
 fn must_say_something(shape: &RefOr<Schema>, shapes: &Shapes) -> Required {
     let shape = match shape {
         RefOr::Ref(to) => {
@@ -183,7 +184,7 @@ fn operation_id(route: &Route) -> String {
     })
 }
 
-/// The first word of the address.
+/// The first segment of the path.
 fn tag(path: &str) -> &str {
     let path = path.trim_start_matches('/');
     path.split(['/', '.']).next().unwrap_or(path)
@@ -242,7 +243,7 @@ mod tests {
         assert_eq!(told, served, "each Route needs its .doc(Doc::new(…))");
     }
 
-    /// Who reads it sees no Rust: a link to an item leads nowhere there.
+    /// Readers of the document do not see the Rust code, so it must contain no links to items.
     #[test]
     fn no_description_links_to_code() {
         fn descriptions<'a>(value: &'a Value, all: &mut Vec<&'a str>) {

@@ -1,15 +1,11 @@
-//! What takes its time: begun by one request, looked at and ended by others.
+//! Long-running operations: started by one request, followed and cancelled by others.
 
-use super::access::Need;
-use super::answer;
-use super::doc::Doc;
-use super::order::Order;
-use super::routes::{Answer, Route, Site};
-use axum::extract::{Path, State};
-use axum::routing::{delete, get, post};
-use railbus_api::ops::{OpAnswer, OpInfo, OpState, Ops as OpList, ScanResult};
+mod routes;
+
+pub(super) use routes::ROUTES;
+
+use railbus_api::ops::{OpInfo, OpState, ScanResult};
 use railbus_api::problem::{Problem, codes};
-use railbus_api::types::SCHEMA;
 use railbus_store::Ulids;
 use railbus_words::time::rfc3339;
 use std::collections::VecDeque;
@@ -17,68 +13,53 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
 use tokio::sync::{oneshot, watch};
 
-/// The routes of this file.
-pub(super) const ROUTES: &[Route] = &[
-    Route::new("GET", "/ops", Need::VIEWER, || get(list))
-        .doc(Doc::new("What runs, and what ended lately").answers::<OpList>()),
-    Route::new("GET", "/ops/{op}", Need::VIEWER, || get(look))
-        .doc(Doc::new("How something is that takes its time").answers::<OpInfo>()),
-    Route::new("DELETE", "/ops/{op}", Need::ENGINEER, || delete(cancel))
-        .doc(Doc::new("End it; what was found stays").answers::<OpInfo>()),
-    Route::new("POST", "/ops/{op}/answer", Need::ENGINEER, || post(reply)).doc(
-        Doc::new("Answer what it asks")
-            .takes::<OpAnswer>()
-            .answers::<OpInfo>(),
-    ),
-];
-
 /// How many are remembered.
 const OPS_MAX: usize = 32;
 
-/// One of them: how it is, and whether it shall end.
+/// An operation: its state, and whether it has been cancelled.
 #[derive(Clone, Debug)]
 pub(super) struct Op {
     told: watch::Sender<OpInfo>,
     cancel: watch::Sender<bool>,
-    /// Who waits for an answer.
+    /// The task that waits for an answer.
     asks: Arc<Mutex<Option<oneshot::Sender<bool>>>>,
 }
 
 impl Op {
-    /// How it is.
+    /// Its state.
     pub(super) fn info(&self) -> OpInfo {
         self.told.borrow().clone()
     }
 
-    /// How it is, whenever that changes.
+    /// Its state, whenever that changes.
     pub(super) fn follow(&self) -> watch::Receiver<OpInfo> {
         self.told.subscribe()
     }
 
-    /// Says how it is now.
+    /// Updates its state.
     pub(super) fn tell(&self, change: impl FnOnce(&mut OpInfo)) {
         self.told.send_modify(change);
     }
 
-    /// Until somebody wants it to end.
+    /// Resolves when it is cancelled.
     pub(super) async fn cancelled(&self) {
-        // The sender is this very handle's.
+        // This handle owns the sender.
         let _ = self.cancel.subscribe().wait_for(|cancel| *cancel).await;
     }
 
-    /// Asks it to end, as somebody outside may.
+    /// Cancels it, as a client can.
     pub(super) fn end_early(&self) {
         self.cancel.send_replace(true);
     }
 
-    /// Waits for an answer from outside.
+    /// Waits for an answer from a client.
     pub(super) fn ask(&self) -> oneshot::Receiver<bool> {
         let (asks, answer) = oneshot::channel();
         *self.asks.lock().unwrap_or_else(PoisonError::into_inner) = Some(asks);
         answer
     }
 
-    /// Gives the answer; false where nothing is asked.
+    /// Gives the answer; false if nothing was asked.
     fn answer(&self, go: bool) -> bool {
         let asks = self
             .asks
@@ -93,7 +74,7 @@ impl Op {
     }
 }
 
-/// What runs, and what ended lately.
+/// Operations that run, and those that have ended lately.
 #[derive(Debug, Default)]
 pub(super) struct Ops {
     all: Mutex<VecDeque<Op>>,
@@ -105,7 +86,7 @@ impl Ops {
         self.all.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// One by its number.
+    /// An operation by its id.
     pub(super) fn get(&self, number: &str) -> Result<Op, Problem> {
         let all = self.all();
         let found = all.iter().find(|op| op.told.borrow().op == number);
@@ -113,7 +94,7 @@ impl Ops {
         found.cloned().ok_or_else(unknown)
     }
 
-    /// One that begins now, of which nothing is done yet. Its number is a ULID: they sort by time.
+    /// A new operation. Its id is a ULID: they sort by time.
     pub(super) fn begins_now(&self, kind: &str, lines: Vec<String>, who: String) -> OpInfo {
         OpInfo {
             op: self.ulids.next(SystemTime::now()),
@@ -134,7 +115,7 @@ impl Ops {
         }
     }
 
-    /// Takes note of a new one. There is only one on a line at a time.
+    /// Registers a new operation. There is only one per line at a time.
     pub(super) fn begin(&self, info: OpInfo) -> Result<Op, Problem> {
         let mut all = self.all();
         for running in all.iter().filter(|op| op.is_running()) {
@@ -161,37 +142,6 @@ impl Ops {
         all.push_back(op.clone());
         Ok(op)
     }
-}
-
-async fn list(State(site): State<Site>) -> Answer {
-    let ops = site.ops.all().iter().map(Op::info).collect();
-    let schema = SCHEMA;
-    answer::json(Ok(OpList { schema, ops }))
-}
-
-async fn look(State(site): State<Site>, Path(op): Path<String>) -> Answer {
-    answer::json(site.ops.get(&op).map(|op| op.info()))
-}
-
-async fn cancel(State(site): State<Site>, Path(op): Path<String>) -> Answer {
-    let op = match site.ops.get(&op) {
-        Ok(op) => op,
-        Err(problem) => return answer::problem(&problem),
-    };
-    op.end_early();
-    let mut told = op.follow();
-    let ended = told.wait_for(|info| info.state != OpState::Running).await;
-    let info = ended.map(|info| info.clone());
-    answer::json(info.map_err(|_| Problem::new(codes::INTERNAL)))
-}
-
-async fn reply(Path(number): Path<String>, order: Order) -> Answer {
-    let told = order.read::<OpAnswer>().and_then(|answer| {
-        let op = order.site.ops.get(&number)?;
-        let nothing = || Problem::new(codes::BAD_REQUEST).with("reason", "it asks nothing now");
-        op.answer(answer.go).then(|| op.info()).ok_or_else(nothing)
-    });
-    answer::json(told)
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
-//! An order: who wants something done, and what. Whatever switches an output or changes the
-//! configuration begins with one.
+//! A mutating request: the caller and what it wants. Everything that switches an output or changes
+//! the configuration begins with one.
 
 use super::access::Caller;
 use super::keys::{KEY_LEN_MAX, broken};
-use super::routes::{Answer, Site};
+use super::route::Answer;
+use super::site::Site;
 use super::{answer, body};
 use axum::Extension;
 use axum::body::Bytes;
@@ -16,7 +17,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::sync::Arc;
 
-/// What came with a request.
+/// The content of a request.
 pub(super) struct Order {
     pub(super) site: Site,
     pub(super) who: Caller,
@@ -43,7 +44,7 @@ impl FromRequest<Site> for Order {
 }
 
 impl Order {
-    /// Its body as one of these. None at all is one that says nothing.
+    /// Parses its body. No body is the same as an empty object.
     pub(super) fn read<T: DeserializeOwned>(&self) -> Result<T, Problem> {
         let text: &[u8] = if self.body.is_empty() {
             b"{}"
@@ -54,13 +55,12 @@ impl Order {
         body::parse(text).map_err(wrong)
     }
 
-    /// The same where the body holds a secret, which is never told: only the place is of what
-    /// is wrong with it.
+    /// The same for a body that contains a secret: an error only reports the position.
     pub(super) fn read_secret<T: DeserializeOwned>(&self) -> Result<T, Problem> {
         super::access::read(&self.body)
     }
 
-    /// What the caller may switch.
+    /// The outputs that the caller may switch.
     pub(super) fn rights(&self) -> Arc<[String]> {
         Arc::clone(&self.who.points)
     }
@@ -85,8 +85,8 @@ impl Order {
         }
     }
 
-    /// Carries it out on a task of its own: who asked may go away, the command still ends as it
-    /// should. Under an `Idempotency-Key` it is carried out once.
+    /// Carries it out on a task of its own: even if the caller goes away, the command ends
+    /// properly. With an `Idempotency-Key` it is carried out once.
     pub(super) async fn carry_out<T, R, F, Fut>(
         self,
         what: (&'static str, String),
@@ -101,9 +101,8 @@ impl Order {
         self.carry_out_if(what, |_, _, _| Ok(()), run).await
     }
 
-    /// The same, where that is allowed. Who may not do it any more is not told either what came of
-    /// it when he did, and so it is asked before the key is looked up; and once more before
-    /// anything is done, since the configuration may have changed.
+    /// The same, if it is allowed. A caller that has lost its permission must not learn the result
+    /// of an earlier request either, so this is checked before the key is looked up.
     pub(super) async fn carry_out_if<T, R, F, Fut>(
         self,
         what: (&'static str, String),
@@ -130,10 +129,13 @@ impl Order {
             Ok(wanted) => wanted,
             Err(problem) => return answer::problem(&problem),
         };
-        let service = self.site.service.on_behalf_of(self.who.origin());
+        let service = self
+            .site
+            .service
+            .on_behalf_of(self.who.origin(), self.who.rights());
         let name = what.1.clone();
         let end = async move {
-            may(&service, &name, &wanted)?;
+            // The site asks for the rights once more, in the step in which the command begins.
             run(service, name, wanted).await.map(as_json)
         };
         let (keys, who, body) = (Arc::clone(&self.site.keys), self.who.id, self.body);
@@ -147,7 +149,7 @@ impl Order {
 }
 
 fn as_json(value: impl Serialize) -> Bytes {
-    // The API's own types are all JSON.
+    // The API's own types are always valid JSON.
     Bytes::from(serde_json::to_vec(&value).unwrap_or_default())
 }
 

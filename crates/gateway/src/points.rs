@@ -1,9 +1,10 @@
-//! What there is to read and to switch: lines, modules and points.
+//! Lines, modules and points: reading and switching.
 
 use super::access::{Need, may_write};
 use super::doc::Doc;
 use super::order::Order;
-use super::routes::{Answer, Asked, Route, Site};
+use super::route::{Answer, Asked, Route};
+use super::site::Site;
 use super::{answer, frames, stream};
 use axum::extract::{Path, State};
 use axum::routing::{get, post, put};
@@ -92,7 +93,7 @@ pub(super) const ROUTES: &[Route] = &[
     ),
 ];
 
-/// How points are named in a query.
+/// How points are selected in a query.
 const SELECT: (&str, &str) = (
     "select",
     "paths or modules, with `*` and `?`, divided by commas",
@@ -176,7 +177,7 @@ fn is_set(asked: &Asked, key: &str) -> bool {
         .is_some_and(|value| value != "0" && value != "false")
 }
 
-/// What `select` and `module` name.
+/// The selectors in `select` and `module`.
 pub(super) fn selectors(service: &Service, asked: &Asked) -> Result<Vec<String>, Problem> {
     let named = ["select", "module"]
         .into_iter()

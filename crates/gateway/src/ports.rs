@@ -1,16 +1,17 @@
-//! The ports of this machine, for who sets lines up. To list them opens none.
+//! The ports of this machine, for setting up lines. Listing them opens none.
 
 use super::access::Need;
 use super::answer;
 use super::doc::Doc;
-use super::routes::{Answer, Route, Site};
+use super::route::{Answer, Route};
+use super::site::Site;
 use axum::extract::State;
 use axum::routing::get;
 use railbus_api::problem::{Problem, codes};
-use railbus_app::api::paths::matches;
 use railbus_app::machine::Machine;
 use railbus_app::machine::ports::{Adapter, adapters};
 use railbus_site::Config;
+use railbus_site::paths::matches;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs::Metadata;
@@ -24,18 +25,18 @@ pub(super) const ROUTES: &[Route] = &[Route::new("GET", "/ports", Need::ENGINEER
 
 async fn ports(State(site): State<Site>) -> Answer {
     let config = site.service.config();
-    // A walk through all programs takes a while.
+    // Going through all processes takes a while.
     let rows = tokio::task::spawn_blocking(move || rows(&Machine::this(), &config)).await;
     let rows =
         rows.map_err(|error| Problem::new(codes::INTERNAL).with("reason", error.to_string()));
     answer::json(rows.map(|rows| json!({ "schema": 1, "ports": rows })))
 }
 
-/// The ports that a configuration from the network may open unasked.
+/// The ports that a configuration from the network may use without the owner's consent.
 const USUAL: [&str; 2] = ["/dev/tty*", "/dev/serial/by-id/*"];
 
-/// Whether a line may have this port though the owner did not bring it: a serial port, a pseudo
-/// terminal of the daemon's own user, or one of those that the owner allows. All else could be
+/// Whether a line may use this port if the owner did not configure it: a serial port, a
+/// pseudo-terminal of the daemon's own user, or one that the owner allows. Anything else could be
 /// any host that the daemon reaches, or any file.
 pub(super) fn may_be_opened(allowed: &[String], port: &str) -> bool {
     let climbs = port.split('/').any(|part| part == "..");
@@ -46,7 +47,7 @@ pub(super) fn may_be_opened(allowed: &[String], port: &str) -> bool {
             || leads_to_terminal(port))
 }
 
-/// Whether a name leads to a serial port, or to a pseudo terminal of the daemon's own user.
+/// Whether a name leads to a serial port, or to a pseudo-terminal of the daemon's own user.
 fn leads_to_terminal(port: &str) -> bool {
     let path = Path::new(port.strip_prefix("pty:").unwrap_or(port));
     let Ok(device) = path.canonicalize() else {
@@ -58,7 +59,7 @@ fn leads_to_terminal(port: &str) -> bool {
     is_serial || device.starts_with("/dev/pts") && std::fs::metadata(device).is_ok_and(is_own)
 }
 
-/// The adapters, and the ports of lines that are none or are not plugged in.
+/// The adapters, and the ports of lines that are no adapters or not plugged in.
 fn rows(machine: &Machine, config: &Config) -> Vec<Value> {
     let own = std::process::id();
     let mut lines: BTreeMap<PathBuf, &String> = BTreeMap::new();
@@ -77,7 +78,7 @@ fn rows(machine: &Machine, config: &Config) -> Vec<Value> {
     rows
 }
 
-/// The device that a port's name leads to.
+/// The device behind a port's name.
 fn device(machine: &Machine, port: &str) -> PathBuf {
     let path = machine.path(Path::new(port.strip_prefix("pty:").unwrap_or(port)));
     path.canonicalize().unwrap_or(path)

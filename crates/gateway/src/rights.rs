@@ -1,11 +1,13 @@
-//! Who may use which route: the table of `SECURITY.md` is that of the routes, and every handler is
-//! asked by everybody, as the router has it, without a connection in between.
+//! Who may use which route: the table in `SECURITY.md` is generated from the routes, and every
+//! handler is called as every caller, through the router but without a connection.
 
 use super::access::{Caller, Gate, Known, Need, Reach, Role};
 use super::config::Desk;
 use super::keys::Keys;
-use super::routes::{ALL, BASE, Route, Site, TOP, handlers};
-use super::webhook::Hooks;
+use super::northbound::webhook::Hooks;
+use super::route::{BASE, Route};
+use super::routes::{ALL, TOP, handlers};
+use super::site::Site;
 use super::{ops, ws};
 use axum::body::{Body, to_bytes};
 use axum::http::{Request, StatusCode};
@@ -37,7 +39,7 @@ members = ["oven.k1"]
 [scene.heat]
 steps = [{ set = "oven.k1", to = true }]
 "#;
-/// What each route that holds its callers to their points is asked of somebody else's.
+/// Requests for somebody else's points to each route that checks points.
 const OF_OTHERS: [(&str, &str, &str); 11] = [
     ("PUT", "/points/oven/k1", r#"{"value":true}"#),
     ("POST", "/points/oven/k1/toggle", ""),
@@ -78,7 +80,7 @@ fn table() -> String {
             Need::Owner => "owner",
         };
         let limited = match (route.need, route.reach) {
-            // Who comes by the socket is limited by nothing.
+            // The owner, over the socket, is not limited.
             (Need::Owner, _) => "–",
             (_, Reach::Harmless) => "as others",
             (_, Reach::Points) => "their points",
@@ -93,7 +95,7 @@ fn table() -> String {
     table
 }
 
-/// `UPDATE=1` writes it anew.
+/// `UPDATE=1` rewrites it.
 #[test]
 fn the_table_of_rights_is_that_of_the_routes() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../SECURITY.md");
@@ -108,7 +110,7 @@ fn the_table_of_rights_is_that_of_the_routes() {
     }
 }
 
-/// A site in a folder of its own, of which no line can be opened.
+/// A site in a temporary folder, none of whose lines can be opened.
 struct Here {
     site: Site,
     folder: PathBuf,
@@ -142,7 +144,8 @@ impl Here {
             simulated: Arc::default(),
             stop: stopped,
             keys: Arc::new(Keys::open(&folder).0),
-            sockets: ws::Room::new(),
+            sockets: ws::SocketLimit::new(),
+            printer: Arc::default(),
             ops: Arc::new(ops::Ops::default()),
             desk,
             hooks: hooks.unwrap(),
@@ -169,7 +172,7 @@ impl Drop for Here {
     }
 }
 
-/// Everybody who may ask: nobody known, each role, each of them limited to `pump`, and the owner.
+/// All kinds of callers: unauthenticated, each role, each role limited to `pump`, and the owner.
 fn callers() -> Vec<Caller> {
     let with = |role: Option<Role>, points: &[&str]| Caller {
         name: "token:x".to_owned(),
@@ -189,7 +192,7 @@ fn callers() -> Vec<Caller> {
     all
 }
 
-/// Status and code of an answer. What streams on and on is let go.
+/// Status and code of an answer. Streams are dropped.
 async fn ask(router: Router, method: &str, path: &str, body: &str) -> (StatusCode, String) {
     let request = Request::builder().method(method).uri(path);
     answered(router, request.body(Body::from(body.to_owned())).unwrap()).await
@@ -211,7 +214,7 @@ async fn answered(router: Router, request: Request<Body>) -> (StatusCode, String
     )
 }
 
-/// The code with which a caller must be refused; none where the route is for it.
+/// The code with which a caller must be refused; none if it may use the route.
 fn refusal(route: &Route, caller: &Caller) -> Option<&'static str> {
     match (route.need, caller.role) {
         (Need::Owner, _) if caller.known != Known::Owner => Some("E0110"),
@@ -223,7 +226,7 @@ fn refusal(route: &Route, caller: &Caller) -> Option<&'static str> {
     }
 }
 
-/// An address of a route, with names that nothing has.
+/// A path with names that do not exist.
 fn filled(path: &str) -> String {
     let parts = path.split('/').map(|part| match part.starts_with('{') {
         true => "nothing",
@@ -284,7 +287,7 @@ async fn who_is_limited_is_held_to_his_points_by_each_handler_that_says_so() {
     );
 }
 
-/// What came of it is not told either to who may not do it any more.
+/// A caller that has lost its permission does not learn the result of an earlier request, either.
 #[tokio::test]
 async fn an_answer_under_a_key_is_told_to_who_may_ask_for_it_only() {
     let here = Here::new("key");
@@ -297,7 +300,7 @@ async fn an_answer_under_a_key_is_told_to_who_may_ask_for_it_only() {
         known: Known::Token("x".to_owned()),
     });
     let asked = OF_OTHERS.iter().filter(|(method, path, _)| {
-        // What is asked of an engineer has no key, or nothing to send.
+        // Requests of engineers have no key, or nothing to send.
         *method != "PATCH" && !path.ends_with("/send")
     });
     for (number, (method, path, body)) in asked.enumerate() {

@@ -1,12 +1,12 @@
-//! `POST /api/v1/scans`: who is on the lines, asked between the daemon's own polls. It only
-//! reads.
+//! `POST /api/v1/scans`: finds the modules on lines, between the daemon's own polls. It only reads.
 
 use super::access::Need;
 use super::doc::Doc;
 use super::listen::ended;
 use super::ops::Op;
 use super::order::Order;
-use super::routes::{Answer, Route, Site};
+use super::route::{Answer, Route};
+use super::site::Site;
 use axum::http::StatusCode;
 use axum::routing::post;
 use railbus_api::ops::{
@@ -38,7 +38,7 @@ pub(super) const ROUTES: &[Route] = &[Route::new("POST", "/scans", Need::ENGINEE
             .status("202"),
     )];
 
-/// A question that takes so long to be sent and answered waits for a silence that never comes.
+/// A request that takes this long waits for a silence that never comes.
 const UNSENT_MAX: Duration = Duration::from_secs(10);
 
 async fn begin(order: Order) -> Answer {
@@ -53,7 +53,7 @@ async fn begin(order: Order) -> Answer {
     answer
 }
 
-/// Checks all that can be checked, and lets it run.
+/// Checks everything that can be checked, and starts it.
 fn start(
     site: Site,
     service: Service,
@@ -74,7 +74,7 @@ fn start(
         .iter()
         .map(|(_, scanner)| scanner.progress().left.0);
     let info = OpInfo {
-        // The lines are asked side by side.
+        // The lines are scanned in parallel.
         estimate_ms: estimates.max().unwrap_or_default() / 1_000,
         ..site.ops.begins_now("scan", lines, who)
     };
@@ -84,7 +84,7 @@ fn start(
     Ok(begun)
 }
 
-/// What is to be asked on a line.
+/// What to scan on a line.
 fn scope(service: &Service, line: &str, wanted: &ScanRequest) -> Result<Scope, Problem> {
     let status = service.line(line);
     let status = status.ok_or_else(|| failures::no_such_line(service, line))?;
@@ -142,7 +142,7 @@ fn wish(wanted: &ScanRequest, line: &LineStatus) -> Result<Wish, Problem> {
     })
 }
 
-/// Each once, in the order in which they were named.
+/// Removes duplicates, keeping the order.
 fn distinct<T: PartialEq>(
     named: impl Iterator<Item = Result<T, Problem>>,
 ) -> Result<Vec<T>, Problem> {
@@ -170,7 +170,7 @@ fn known(service: &Service, line: &str) -> Vec<Known> {
     known.collect()
 }
 
-/// How the scan of a line is.
+/// The state of the scan of a line.
 #[derive(Clone, Debug, Default)]
 struct Part {
     done: u64,
@@ -179,7 +179,7 @@ struct Part {
     found: Vec<(ScanModule, bool)>,
     setups: Vec<Option<Setup>>,
     missing: Vec<String>,
-    /// The line, if others may have been missed on it.
+    /// The line, if slow modules may have been missed on it.
     slow: Option<String>,
     left_out: Vec<ScanLeftOut>,
 }
@@ -269,7 +269,7 @@ struct Run {
 }
 
 impl Run {
-    /// A line's part is so now.
+    /// Updates the part of a line.
     fn put(&self, index: usize, part: Part) {
         let mut parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(old) = parts.get_mut(index) {
@@ -283,7 +283,7 @@ impl Run {
         });
     }
 
-    /// A line's scan is so far now.
+    /// Updates the progress of a line.
     fn progress(&self, index: usize, progress: Progress) {
         let mut parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(part) = parts.get_mut(index) {
@@ -293,7 +293,7 @@ impl Run {
     }
 }
 
-/// How far all lines are together.
+/// The progress of all lines together.
 fn sum_up(info: &mut OpInfo, parts: &[Part]) {
     info.done = parts.iter().map(|part| part.done).sum();
     info.total = parts.iter().map(|part| part.total).sum();
@@ -302,7 +302,7 @@ fn sum_up(info: &mut OpInfo, parts: &[Part]) {
     info.left_ms = left.unwrap_or_default() / 1_000;
 }
 
-/// What was found on all lines, with names for what is new.
+/// The modules found on all lines, with names for new ones.
 fn result(service: &Service, parts: &[Part]) -> ScanResult {
     let config = service.config();
     let mut taken: Vec<(String, Setup)> = Vec::new();
@@ -334,7 +334,7 @@ fn result(service: &Service, parts: &[Part]) -> ScanResult {
     result
 }
 
-/// Scans the lines side by side, and says how it ended.
+/// Scans the lines in parallel, and reports the end.
 async fn all(site: Site, service: Service, op: Op, scanners: Vec<(String, Scanner)>) {
     let parts = scanners
         .iter()
@@ -370,7 +370,7 @@ async fn all(site: Site, service: Service, op: Op, scanners: Vec<(String, Scanne
     });
 }
 
-/// Asks everyone on a line.
+/// Scans a line.
 async fn scan(
     mut site: Site,
     run: Arc<Run>,

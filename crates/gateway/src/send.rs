@@ -1,9 +1,9 @@
-//! `POST /api/v1/lines/{line}/send`: a frame of one's own.
+//! `POST /api/v1/lines/{line}/send`: sends a raw frame.
 
 use super::access::{Need, limited, may_write};
 use super::doc::Doc;
 use super::order::Order;
-use super::routes::{Answer, Asked, Route};
+use super::route::{Answer, Asked, Route};
 use super::{answer, language};
 use axum::extract::Path;
 use axum::routing::post;
@@ -45,20 +45,24 @@ async fn send(Path(line): Path<String>, asked: Asked, order: Order) -> Answer {
         may_send(service, &rights, &plan)?;
         sending::check_meant(&plan, wanted)
     };
+    let rights = order.rights();
     let run = move |service: Service, line: String, wanted: SendRequest| async move {
         let plan = sending::plan(&service, lang, &line, &wanted)?;
+        // Once more: the configuration may have changed.
+        may_send(&service, &rights, &plan)?;
+        sending::check_meant(&plan, &wanted)?;
         sending::carry_out(&service, lang, plan).await
     };
     order.carry_out_if(("send", line), may, run).await
 }
 
-/// Whether somebody's rights cover all that the frame may do: who may switch some points only
-/// sends nothing that could switch another.
+/// Whether the rights cover everything that the frame may do: a caller limited to some points sends
+/// nothing that could affect others.
 fn may_send(service: &Service, rights: &[String], plan: &Plan) -> Result<(), Problem> {
     if rights.is_empty() || !plan.changes() {
         return Ok(());
     }
-    // What a module keeps is its address, too: another would answer to the name of this one.
+    // Stored settings include the address: another module would answer to the name of this one.
     if plan.risk() > Risk::Output {
         return Err(limited(rights));
     }

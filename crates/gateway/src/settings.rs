@@ -1,20 +1,21 @@
-//! `/api/v1/modules/{module}/settings`: what a module keeps. It is read between the polls of its
-//! line; for a write the line is taken for as long as that lasts, by the procedure of `railbus
-//! config set`.
+//! `/api/v1/modules/{module}/settings`: the settings stored in a module. They are read between the
+//! polls of its line; for a write the line is taken exclusively, and the procedure is that of
+//! `railbus config set`.
 
+mod apply;
 mod calibrate;
-mod carry;
 mod drive;
 mod look;
 mod recover;
 mod registers;
-mod wish;
+mod settings_request;
 
 use super::access::Need;
 use super::config::tagged;
 use super::doc::Doc;
 use super::order::Order;
-use super::routes::{Answer, Asked, Route, Site};
+use super::route::{Answer, Asked, Route};
+use super::site::Site;
 use super::{answer, language};
 use axum::extract::{Path, State};
 use axum::http::header::IF_MATCH;
@@ -28,7 +29,7 @@ use railbus_api::settings::{
 use railbus_site::Service;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
-use wish::{Want, Wish};
+use settings_request::{SettingsRequest, Want};
 
 /// The routes of this file.
 pub(super) const ROUTES: &[Route] = &[
@@ -100,7 +101,7 @@ pub(super) const ROUTES: &[Route] = &[
     ),
 ];
 
-/// What lies at the inputs of a calibration, where nobody says.
+/// The default voltage at the inputs of a calibration.
 const VOLTAGE: &str = "5.00V";
 
 const DRY_RUN: (&str, &str) = ("dry_run", "1: say which frames it takes, and write nothing");
@@ -112,7 +113,7 @@ async fn show(
     headers: HeaderMap,
 ) -> Answer {
     let lang = language::of(&site, &asked, &headers);
-    let wish = Wish::new(&site, &site.service, lang, module, None);
+    let wish = SettingsRequest::new(&site, &site.service, lang, module, None);
     match wish.settings().await {
         Ok(told) => {
             let etag = told.etag.clone();
@@ -129,12 +130,12 @@ async fn registers(
     headers: HeaderMap,
 ) -> Answer {
     let lang = language::of(&site, &asked, &headers);
-    let wish = Wish::new(&site, &site.service, lang, module, None);
+    let wish = SettingsRequest::new(&site, &site.service, lang, module, None);
     answer::json(wish.registers().await)
 }
 
 async fn log(State(site): State<Site>, Path(module): Path<String>) -> Answer {
-    let wish = Wish::new(&site, &site.service, site.lang, module, None);
+    let wish = SettingsRequest::new(&site, &site.service, site.lang, module, None);
     answer::json(wish.log().await)
 }
 
@@ -154,7 +155,7 @@ async fn calibration(Path(module): Path<String>, order: Order) -> Answer {
     let lang = language::spoken(&order.headers, order.site.lang);
     let (site, who) = (order.site.clone(), order.who.name.clone());
     let run = move |service: Service, module: String, wanted: CalibrateRequest| async move {
-        let wish = Wish::new(&site, &service, lang, module, None);
+        let wish = SettingsRequest::new(&site, &service, lang, module, None);
         let voltage = wanted.voltage.as_deref().unwrap_or(VOLTAGE);
         calibrate::begin(wish, who, voltage).await
     };
@@ -165,12 +166,16 @@ async fn recovery(Path(module): Path<String>, order: Order) -> Answer {
     let lang = language::spoken(&order.headers, order.site.lang);
     let (site, who) = (order.site.clone(), order.who.name.clone());
     let run = move |service: Service, module: String, _: Map<String, Value>| async move {
-        recover::begin(Wish::new(&site, &service, lang, module, None), who).await
+        recover::begin(
+            SettingsRequest::new(&site, &service, lang, module, None),
+            who,
+        )
+        .await
     };
     accepted(order.carry_out(("recover", module), run).await)
 }
 
-/// What was begun is no end yet.
+/// A change that was started has no result yet.
 fn accepted(mut answer: Answer) -> Answer {
     if answer.status() == StatusCode::OK {
         *answer.status_mut() = StatusCode::ACCEPTED;
@@ -182,7 +187,7 @@ fn is_dry(asked: &Asked) -> bool {
     asked.get("dry_run").is_some_and(|value| value == "1")
 }
 
-/// Says what it would take, or begins it.
+/// Returns the plan, or starts the change.
 async fn carry_out<T: DeserializeOwned + Send + 'static>(
     order: Order,
     what: &'static str,
@@ -195,7 +200,7 @@ async fn carry_out<T: DeserializeOwned + Send + 'static>(
     let site = order.site.clone();
     let who = order.who.name.clone();
     if is_dry(asked) {
-        let wish = Wish::new(&site, &site.service, lang, module, seen);
+        let wish = SettingsRequest::new(&site, &site.service, lang, module, seen);
         let told: Result<SettingsPlan, Problem> = match order.read().map(want) {
             Ok(want) => wish.plan(want).await.map(|plan| plan.told(lang)),
             Err(problem) => Err(problem),
@@ -203,9 +208,9 @@ async fn carry_out<T: DeserializeOwned + Send + 'static>(
         return answer::json(told);
     }
     let run = move |service: Service, module: String, wanted: T| async move {
-        let wish = Wish::new(&site, &service, lang, module, seen);
+        let wish = SettingsRequest::new(&site, &service, lang, module, seen);
         let plan = wish.plan(want(wanted)).await?;
-        carry::begin(wish, who, plan).await
+        apply::begin(wish, who, plan).await
     };
     accepted(order.carry_out((what, module), run).await)
 }

@@ -1,12 +1,13 @@
-//! Simulated lines: the modules as they really are, and what is done to them from outside. What
-//! the site knows of them is what the line told, and may differ.
+//! Simulated lines: the modules as they really are, and controls for them. What the site knows of
+//! them came over the line, and may differ.
 
 use super::access::Need;
 use super::answer;
 use super::doc::Doc;
 use super::language::spoken;
 use super::order::Order;
-use super::routes::{Answer, Asked, Route, Site};
+use super::route::{Answer, Asked, Route};
+use super::site::Site;
 use axum::extract::{Path, State};
 use axum::routing::{delete, get, post, put};
 use railbus_api::problem::{Problem, codes};
@@ -16,7 +17,7 @@ use railbus_api::sim::{
 };
 use railbus_api::types::SCHEMA;
 use railbus_app::failure::Failure;
-use railbus_plant::remote::{Errand, Remote};
+use railbus_plant::remote::{LineRequest, Remote};
 use railbus_store::history::{Event, EventKind, Severity};
 use railbus_words::Lang;
 
@@ -88,7 +89,7 @@ pub(super) const ROUTES: &[Route] = &[
 
 const WHICH: (&str, &str) = ("fault", "only this one: its words, or its name");
 
-/// The longest order that the event of it repeats, in characters.
+/// The longest command that its event repeats, in characters.
 const TOLD_MAX: usize = 200;
 
 /// A line that is simulated here.
@@ -136,11 +137,11 @@ async fn clear_line_faults(Path(name): Path<String>, asked: Asked, order: Order)
     answer::json(on_line(&name, &order, |_| Ok(errand)).await)
 }
 
-/// Does something with a line.
+/// Runs commands on a simulated line.
 async fn on_line(
     name: &str,
     order: &Order,
-    errand: impl FnOnce(&Remote) -> Result<(Errand, String), Problem>,
+    errand: impl FnOnce(&Remote) -> Result<(LineRequest, String), Problem>,
 ) -> Result<SimLineInfo, Problem> {
     let line = line(&order.site, name)?;
     let (errand, told) = errand(line)?;
@@ -163,7 +164,7 @@ async fn change_module(Path(place): Path<(String, String)>, order: Order) -> Ans
     answer::json(carry_out(&place, &order, words).await)
 }
 
-/// As the prompt has it; of an input it is high.
+/// As the prompt has it; for an input it means high.
 const fn on(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
@@ -198,7 +199,7 @@ async fn clear_faults(Path(place): Path<(String, String)>, asked: Asked, order: 
     answer::json(carry_out(&place, &order, words).await)
 }
 
-/// Does all that the words say, or nothing of it where one of them can't be understood.
+/// Runs all commands, or none if one of them can't be parsed.
 async fn carry_out(
     (name, module): &(String, String),
     order: &Order,
@@ -212,7 +213,8 @@ async fn carry_out(
     let words = words(module)?;
     let lang = language(order);
     let read = words.iter().map(|text| line.read(lang, text));
-    let errands: Vec<Option<Errand>> = read.collect::<Result<_, _>>().map_err(not_understood)?;
+    let errands: Vec<Option<LineRequest>> =
+        read.collect::<Result<_, _>>().map_err(not_understood)?;
     let info = line.order(errands.into_iter().flatten().collect()).await;
     let info = info.ok_or_else(ended)?;
     tell(order, name, Some(module), &words);
@@ -235,7 +237,8 @@ fn ended() -> Problem {
     Problem::new(codes::INTERNAL).with("reason", "the simulated line has ended")
 }
 
-/// Whoever wonders later why a module fell silent finds who did it.
+/// Records an event, so that somebody who wonders later why a module fell silent finds out who did
+/// it.
 fn tell(order: &Order, line: &str, module: Option<&str>, words: &[String]) {
     if words.is_empty() {
         return;

@@ -1,18 +1,17 @@
-//! What outlives the daemon: history and audit log, in the folder of the site's state.
+//! What survives the daemon: history and audit log, in the state folder.
 
 use railbus_site::Service;
 use railbus_store::audit::{AuditLog, Found};
 use railbus_store::history::{Event, EventKind, History, Severity};
 use std::path::Path;
 
-/// The stores of a site at work.
+/// The open stores of a site.
 pub(super) struct Stores {
     history: Option<History>,
 }
 
 impl Stores {
-    /// Opens them for a site, in a folder. What is wrong with them is told as events: the site
-    /// is served all the same.
+    /// Opens them for a site. Failures are reported as events: the site is served all the same.
     pub(super) fn open(service: &Service, folder: &Path) -> Stores {
         let past = service.config().past;
         let history = History::open(folder, past.history);
@@ -53,7 +52,7 @@ impl Stores {
     }
 }
 
-/// Commands under an `Idempotency-Key` are refused, where that can't be written down.
+/// Reports that commands with an `Idempotency-Key` are refused, because keys can't be written.
 pub(super) fn tell_of_keys(service: &Service, failed: Option<&std::io::Error>) {
     if let Some(error) = failed {
         tell(service, Severity::Error, "keys_fail", error);
@@ -65,7 +64,7 @@ fn tell(service: &Service, severity: Severity, code: &str, text: impl ToString) 
     service.tell_event(event.text(text.to_string()));
 }
 
-/// What was found when the log was opened.
+/// Reports what was found when the log was opened.
 fn tell_found(service: &Service, found: &Found) {
     if let Some(aside) = &found.put_aside {
         tell(service, Severity::Error, "audit_put_aside", aside.display());

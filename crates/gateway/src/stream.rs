@@ -1,9 +1,9 @@
-//! What happens, as it happens: JSON line by line, or events for a browser.
+//! Changes as they happen: as JSON lines, or as events for a browser.
 
 use super::access::Caller;
 use super::answer;
 use super::points::selectors;
-use super::routes::Site;
+use super::site::Site;
 use axum::Extension;
 use axum::body::{Body, Bytes};
 use axum::extract::{Query, State};
@@ -16,10 +16,10 @@ use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::time::Duration;
 
-/// How many pieces wait for a slow reader; what happens meanwhile waits at the site, which
-/// drops the oldest and says how many.
+/// How many chunks are buffered for a slow reader; further changes wait at the site, which drops
+/// the oldest and reports how many.
 const PIECES_MAX: usize = 16;
-/// After so long without an event something is sent, to see whether anyone is there.
+/// After this time without an event something is sent, to detect readers that have gone.
 const ALIVE: Duration = Duration::from_secs(15);
 
 /// The two forms.
@@ -58,7 +58,7 @@ pub(super) async fn watch(
     response
 }
 
-/// Sends until the reader has gone, or may no longer look, or the daemon ends.
+/// Sends until the reader has gone or loses its permission, or the daemon stops.
 async fn send(
     form: Form,
     mut watching: Watching,

@@ -1,4 +1,4 @@
-//! What the daemon itself says: on its terminal, and on the page that stands where no pages are.
+//! The texts of the daemon itself: on its terminal, and on the page that replaces missing pages.
 
 railbus_words::texts! {
     pub(crate) GatewayText;

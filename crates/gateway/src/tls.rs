@@ -1,4 +1,4 @@
-//! TLS: certificate and key, from files or made here, and read again when they change.
+//! TLS: certificate and key, from files or generated, and reloaded when they change.
 
 mod expiry;
 
@@ -21,26 +21,26 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use tokio_rustls::TlsAcceptor;
 
-/// The file in the state folder in which a pair that was made here is kept.
+/// The file of a generated pair in the state folder.
 const NAME: &str = "tls.pem";
-/// A certificate that is made here is good for so many years.
+/// How many years a generated certificate is valid.
 const YEARS: i16 = 10;
 
 /// Where certificate and key come from.
 #[derive(Clone, Debug)]
 pub enum CertificateSource {
-    /// Made here, once, and kept.
+    /// Generated once, and stored.
     Auto,
     /// From files.
     Files {
-        /// The certificate, and those up to its root.
+        /// The certificate and its chain.
         cert: PathBuf,
         /// Its private key.
         key: PathBuf,
     },
 }
 
-/// What is shown to clients from now on.
+/// The pair that is used for new clients.
 #[derive(Debug)]
 struct Shown(RwLock<Arc<CertifiedKey>>);
 
@@ -51,7 +51,7 @@ impl ResolvesServerCert for Shown {
     }
 }
 
-/// What tells whether a file is another one than before.
+/// Shows whether a file has changed.
 type Mark = (u64, i64, i64, u64);
 
 /// Certificate and key in use.
@@ -73,7 +73,7 @@ impl std::fmt::Debug for Tls {
 }
 
 impl Tls {
-    /// Certificate and key as wished; made where they are to be and are not there yet.
+    /// Certificate and key as configured; generated if wanted and not there yet.
     pub(super) fn open(
         wish: &CertificateSource,
         state: &Path,
@@ -109,8 +109,8 @@ impl Tls {
         })
     }
 
-    /// Whoever greets the next client. Files that have changed since the last are read first;
-    /// where they can't be used, those before stay. No client, no look at the disk.
+    /// The acceptor for the next client. Files that have changed are reloaded first; if they can't
+    /// be used, the previous ones stay. Without clients the disk is not accessed.
     pub(super) fn acceptor(&self) -> (TlsAcceptor, Result<bool, Problem>) {
         let now = [mark(&self.cert), mark(&self.key)];
         let changed = {
@@ -124,14 +124,14 @@ impl Tls {
         (self.acceptor.clone(), read)
     }
 
-    /// Reads the files again.
+    /// Reloads the files.
     pub(super) fn reload(&self) -> Result<(), Problem> {
         let pair = read(&self.cert, &self.key, &self.provider)?;
         *self.shown.0.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(pair);
         Ok(())
     }
 
-    /// The certificate's file, and when it ends where that is known.
+    /// The certificate's file, and when it expires if that is known.
     pub(super) fn expiry(&self) -> (String, Option<Timestamp>) {
         let shown = self.shown.0.read().unwrap_or_else(PoisonError::into_inner);
         let first = shown.cert.first();
@@ -139,7 +139,7 @@ impl Tls {
         (self.cert.display().to_string(), end)
     }
 
-    /// By what people know the certificate.
+    /// The fingerprint by which people recognise the certificate.
     pub(super) fn fingerprint(&self) -> String {
         let shown = self.shown.0.read().unwrap_or_else(PoisonError::into_inner);
         let first = shown.cert.first().map(Sha256::digest);
@@ -149,8 +149,7 @@ impl Tls {
     }
 }
 
-/// What this machine is called, here and on its network; and its addresses as far as they are
-/// known.
+/// The names of this machine, here and on its network; and its addresses as far as they are known.
 pub(super) fn own_names() -> Vec<String> {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = name.trim().to_ascii_lowercase();
@@ -162,14 +161,14 @@ pub(super) fn own_names() -> Vec<String> {
     vec![name, local]
 }
 
-/// The names that a certificate made here is for.
+/// The names in a generated certificate.
 pub(super) fn names_for(listen: IpAddr, names: &[String]) -> Vec<String> {
     let here = ["localhost", "127.0.0.1", "::1"].map(str::to_owned);
     let one = (!listen.is_unspecified() && !listen.is_loopback()).then(|| listen.to_string());
     here.into_iter().chain(one).chain(names.to_vec()).collect()
 }
 
-/// Makes a key and a certificate that it signs itself, in one file, whole or not at all.
+/// Generates a key and a self-signed certificate, written whole or not at all.
 fn make(kept: &Path, names: &[String]) -> Result<(), String> {
     let failed = |error: rcgen::Error| error.to_string();
     let mut params = CertificateParams::new(names.to_vec()).map_err(failed)?;
@@ -187,7 +186,7 @@ fn make(kept: &Path, names: &[String]) -> Result<(), String> {
 }
 
 fn read(cert: &Path, key: &Path, provider: &CryptoProvider) -> Result<CertifiedKey, Problem> {
-    // What is told never holds what was read: it could be a key.
+    // Errors never contain what was read: it could be a key.
     let certs: Result<Vec<_>, _> = CertificateDer::pem_file_iter(cert)
         .map_err(|error| problem(cert, error.to_string()))?
         .collect();

@@ -1,7 +1,8 @@
-//! The web pages, as they lie in the program: made by `cargo xtask web`, each file in three
-//! forms (plain, gzip, brotli), so that nothing is compressed while the daemon runs.
+//! The web pages, embedded in the program: built by `cargo xtask web`, each file in three encodings
+//! (plain, gzip, brotli), so that nothing is compressed at run time.
 
-use super::routes::{Answer, Site};
+use super::route::Answer;
+use super::site::Site;
 use super::{answer, language};
 use crate::texts::GatewayText;
 use axum::body::{Body, Bytes};
@@ -15,28 +16,28 @@ use railbus_api::problem::{Problem, codes};
 use railbus_words::Lang;
 use std::borrow::Cow;
 
-/// What `npm run build` left. A debug build reads it from the folder each time.
+/// The output of `npm run build`. A debug build reads it from the folder each time.
 #[derive(rust_embed::Embed)]
 #[folder = "../../web/dist/"]
 #[allow_missing = true]
 struct Dist;
 
-/// What the pages may do: load what is ours, and talk with us. Nothing stands in the markup
-/// itself, neither script nor style, so nothing smuggled into it runs.
+/// What the pages may do: load our resources, and connect to us. The markup contains neither script
+/// nor style, so nothing injected into it runs.
 const POLICY: &str = "default-src 'self'; script-src 'self'; style-src 'self'; img-src 'self'; \
                       connect-src 'self'; object-src 'none'; base-uri 'none'; \
                       form-action 'none'; frame-ancestors 'none'";
 
-/// The one page; which of its faces is shown is for its script to say.
+/// The only HTML page; its script decides what it shows.
 const INDEX: &str = "index.html";
 
-/// The folder whose files carry a hash of their content in their names.
+/// The folder of files with a content hash in their names.
 const HASHED: &str = "assets/";
 
 /// A file by its name.
 type Find<'f> = &'f dyn Fn(&str) -> Option<Cow<'static, [u8]>>;
 
-/// Everything that is no address of the API.
+/// Everything that is not a path of the API.
 pub(super) async fn page(
     State(site): State<Site>,
     method: Method,
@@ -52,7 +53,7 @@ pub(super) async fn page(
     served(path, &headers, site.lang, &find)
 }
 
-/// A file, the page for any other address, or why there is none.
+/// A file, the page for any other path, or why there is none.
 fn served(path: &str, headers: &HeaderMap, lang: Lang, find: Find<'_>) -> Answer {
     let name = match path {
         "" => INDEX,
@@ -71,7 +72,7 @@ fn served(path: &str, headers: &HeaderMap, lang: Lang, find: Find<'_>) -> Answer
     file(INDEX, encodings, find).unwrap_or_else(|| missing(language::spoken(headers, lang)))
 }
 
-/// A file in the best form that the browser takes.
+/// A file in the best encoding that the browser accepts.
 fn file(name: &str, encodings: &str, find: Find<'_>) -> Option<Answer> {
     let kind = content_type(name)?;
     let plain = find(name)?;
@@ -106,7 +107,7 @@ fn file(name: &str, encodings: &str, find: Find<'_>) -> Option<Answer> {
     Some(response)
 }
 
-/// What a file is; the page has no others.
+/// The type of a file; the pages have no others.
 fn content_type(name: &str) -> Option<&'static str> {
     Some(match name.rsplit_once('.')?.1 {
         "html" => "text/html; charset=utf-8",
@@ -118,7 +119,7 @@ fn content_type(name: &str) -> Option<&'static str> {
     })
 }
 
-/// Whether a list such as `gzip, br;q=0.9` has an encoding, and does not forbid it.
+/// Whether a list such as `gzip, br;q=0.9` contains an encoding and does not forbid it.
 pub(super) fn takes(list: &str, encoding: &str) -> bool {
     list.split(',').any(|one| {
         let (name, weight) = one.split_once(';').unwrap_or((one, ""));

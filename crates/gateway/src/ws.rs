@@ -1,18 +1,24 @@
-//! `GET /api/v1/ws`: what changes, as it changes, for a page that is looked at.
+//! `GET /api/v1/ws`: changes as they happen, for the web pages.
 //!
-//! Every topic is a task that looks at the site for one client, and hands what it has to tell to
-//! the connection through a short queue. Where the client is slow the queue is full, the task
-//! waits, and what happens meanwhile waits at the site, which drops the oldest and says how many:
-//! then the client is told so, and how everything is. Nothing grows.
+//! Every topic is a task that follows the site for one client, and passes messages to the
+//! connection through a short queue. If the client is slow the queue fills up, the task waits, and
+//! further changes wait at the site, which drops the oldest and reports how many: then the client
+//! gets that number and a new snapshot. Nothing grows without bound.
 
 mod frames;
+mod limit;
 mod news;
+mod print;
 mod sim;
 mod topic;
 
+pub(super) use limit::SocketLimit;
+pub(super) use print::Printer;
+
 use super::access::{Caller, Need};
 use super::doc::Doc;
-use super::routes::{Answer, Asked, Route, Site};
+use super::route::{Answer, Asked, Route};
+use super::site::Site;
 use super::{answer, language};
 use axum::Extension;
 use axum::extract::State;
@@ -25,9 +31,8 @@ use railbus_api::problem::{Problem, codes};
 use railbus_words::Lang;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep_until, timeout};
 use topic::Topic;
@@ -42,32 +47,22 @@ pub(super) const ROUTES: &[Route] = &[Route::new("GET", "/ws", Need::VIEWER, || 
         .status("101"),
 )];
 
-/// How many WebSockets there may be.
-const SOCKETS_MAX: usize = 64;
 /// The longest message of a client.
 const MESSAGE_MAX: usize = 64 << 10;
+/// How much is read of it at a time: clients say little, and each has room for so much.
+const READ_MAX: usize = 4 << 10;
 /// How many topics one connection may have.
 const TOPICS_MAX: usize = 32;
-/// How many messages wait for a slow client.
+/// How many messages are queued for a slow client.
 const WAITING_MAX: usize = 4;
-/// A client that was not heard for so long is asked whether it is there.
+/// After this time without a message a client is pinged.
 const QUIET_MAX: Duration = Duration::from_secs(30);
-/// It must be heard after that time, and take a message within it.
+/// How long it may take to answer, and to receive a message.
 const PATIENCE: Duration = Duration::from_secs(15);
-/// A topic tells the first change at once, and then no more often than this: 20 Hz.
+/// A topic sends the first change at once, and then no more often than this: 20 Hz.
 const PACE: Duration = Duration::from_millis(50);
 
-/// The room for WebSockets.
-#[derive(Clone, Debug)]
-pub(super) struct Room(Arc<Semaphore>);
-
-impl Room {
-    pub(super) fn new() -> Room {
-        Room(Arc::new(Semaphore::new(SOCKETS_MAX)))
-    }
-}
-
-/// What a client says.
+/// A message of the client.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Wish {
@@ -91,13 +86,14 @@ async fn connect(
             return refuse(status, "no request for a WebSocket");
         }
     };
-    let Ok(place) = Arc::clone(&site.sockets.0).try_acquire_owned() else {
+    let Some(place) = site.sockets.acquire() else {
         return answer::problem(&Problem::new(codes::OVERLOADED));
     };
     let lang = language::of(&site, &asked, &headers);
     upgrade
         .max_message_size(MESSAGE_MAX)
         .max_frame_size(MESSAGE_MAX)
+        .read_buffer_size(READ_MAX)
         .on_upgrade(move |socket| Connection::new(site, lang, socket, place).run(who))
 }
 
@@ -118,13 +114,13 @@ impl Drop for Feed {
     }
 }
 
-/// Where a topic tells what it has to tell.
+/// Where a topic sends its messages.
 #[derive(Debug)]
 struct Out {
     topic: String,
     seq: u64,
     messages: mpsc::Sender<String>,
-    /// When it may tell a change again.
+    /// When it may send the next change.
     next: Instant,
 }
 
@@ -133,37 +129,41 @@ struct Out {
 struct Gone;
 
 impl Out {
-    /// How everything is.
+    /// Sends the whole state.
     async fn snapshot(&mut self, data: &impl Serialize) -> Result<(), Gone> {
-        self.tell("snapshot", "data", data).await
+        self.tell("snapshot", "data", &json(data)).await
     }
 
-    /// What changed; from now on it waits for its pace.
+    /// Sends a change; the next one waits for its pace.
     async fn delta(&mut self, key: &str, data: &impl Serialize) -> Result<(), Gone> {
         self.next = Instant::now() + PACE;
-        self.tell("delta", key, data).await
+        self.tell("delta", key, &json(data)).await
     }
 
-    /// So many changes are lost to this client.
+    /// This many changes were lost to this client.
     async fn dropped(&mut self, count: u64) -> Result<(), Gone> {
-        self.tell("dropped", "n", &count).await
+        self.tell("dropped", "n", &json(&count)).await
     }
 
-    async fn tell(&mut self, kind: &str, key: &str, data: &impl Serialize) -> Result<(), Gone> {
-        let data = serde_json::to_string(data).unwrap_or_default();
-        let topic = serde_json::to_string(&self.topic).unwrap_or_default();
+    /// Tells what is JSON already.
+    async fn tell(&mut self, kind: &str, key: &str, data: &str) -> Result<(), Gone> {
+        let topic = json(&self.topic);
         let seq = self.seq;
         self.seq += 1;
         let text = format!(r#"{{"type":"{kind}","topic":{topic},"seq":{seq},"{key}":{data}}}"#);
         self.messages.send(text).await.map_err(|_| Gone)
     }
 
-    /// Until a change may be told.
+    /// Waits until the next change may be sent.
     async fn paced(&self) {
         if Instant::now() < self.next {
             sleep_until(self.next).await;
         }
     }
+}
+
+fn json(data: &impl Serialize) -> String {
+    serde_json::to_string(data).unwrap_or_default()
 }
 
 /// One client.
@@ -188,7 +188,8 @@ impl Connection {
         }
     }
 
-    /// Until the client goes, is silent for too long, or the daemon or its rights end.
+    /// Runs until the client goes, is silent for too long, loses its permission, or the daemon
+    /// stops.
     async fn run(mut self, who: Caller) {
         let mut over = std::pin::pin!(self.site.over(&who));
         let mut due = Instant::now() + QUIET_MAX;
@@ -227,7 +228,7 @@ impl Connection {
         sent.is_ok_and(|sent| sent.is_ok())
     }
 
-    /// What the client says; false where it can't be answered any more.
+    /// Handles a message of the client; false if it can't be answered any more.
     async fn take(&mut self, message: Message) -> bool {
         let text = match &message {
             Message::Text(text) => text.as_str(),
@@ -265,7 +266,7 @@ impl Connection {
         self.send(Message::Text(told.to_string().into())).await
     }
 
-    /// Begins a topic; one that is subscribed to already begins again with a snapshot.
+    /// Subscribes to a topic; one that is subscribed to already starts again with a snapshot.
     fn subscribe(&mut self, name: &str) -> Result<(), Problem> {
         let topic = Topic::parse(&self.site, name)?;
         self.topics.remove(name);

@@ -1,30 +1,30 @@
-//! Users and tokens: what there is, and what may become of it. Kept by [`super::store`].
+//! Users and tokens, and the rules for changing them. Stored by [`super::store`].
 
-use super::Role;
 use super::password::Hashed;
 use super::secret::{Secret, fingerprint, hex, random};
 use super::sessions::as_text;
+use super::{Role, RoleSchema};
 use jiff::Timestamp;
 use railbus_api::problem::{Problem, codes};
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use utoipa::ToSchema;
 
-/// So many users, tokens, and patterns of one of them there may be.
+/// The most users, tokens, and patterns of one of them.
 const USERS_MAX: usize = 64;
 const TOKENS_MAX: usize = 64;
 const PATTERNS_MAX: usize = 32;
-/// The longest name, in letters, and the longest pattern.
+/// The longest name in characters, and the longest pattern.
 const NAME_MAX: usize = 32;
 const PATTERN_MAX: usize = 65;
-/// Tokens live so long at most.
+/// The longest life of a token, in days.
 const DAYS_MAX: u32 = 3_650;
-/// What every token begins with, so that people and scanners know it for what it is.
+/// The prefix of every token, by which people and scanners recognise it.
 const TOKEN_PREFIX: &str = "rb_";
-/// Names under which others are written down.
+/// Names that logs use for others.
 const RESERVED: [&str; 2] = ["owner", "local"];
 
-/// A user as kept.
+/// A user as stored.
 #[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct User {
     pub(crate) name: String,
@@ -34,17 +34,17 @@ pub(crate) struct User {
     pub(crate) password: Hashed,
     #[serde(default)]
     pub(crate) locked: bool,
-    /// The language of choice.
+    /// The preferred language.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) lang: Option<String>,
-    /// What the user's sessions have to carry. Another password or a lock makes it another one, in
-    /// the same write: sessions from before are over from then on, whatever is left of them.
+    /// A value that the user's sessions have to carry. A new password or a lock replaces it in the
+    /// same write, so all earlier sessions become invalid, whatever is left of them.
     #[serde(default)]
     pub(crate) logins: String,
     pub(crate) created: Timestamp,
 }
 
-/// A token as kept: what it is remembered by, never the token.
+/// A token as stored: its fingerprint, never the token.
 #[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct Token {
     pub(crate) id: String,
@@ -58,31 +58,33 @@ pub(crate) struct Token {
     pub(crate) expires: Timestamp,
 }
 
-/// A user for all to see who may.
+/// A user as shown to those who may see it.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub(crate) struct UserInfo {
     pub(crate) name: String,
+    #[schema(value_type = RoleSchema)]
     pub(crate) role: Role,
     pub(crate) points: Vec<String>,
     pub(crate) locked: bool,
     pub(crate) created: String,
 }
 
-/// A token for all to see who may.
+/// A token as shown to those who may see it.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub(crate) struct TokenInfo {
     pub(crate) id: String,
     pub(crate) name: String,
+    #[schema(value_type = RoleSchema)]
     pub(crate) role: Role,
     pub(crate) points: Vec<String>,
     pub(crate) by: String,
     pub(crate) created: String,
     pub(crate) expires: String,
-    /// It is no longer good.
+    /// It has expired.
     pub(crate) expired: bool,
 }
 
-/// What is to change of a user; what is not there stays.
+/// Changes to a user; missing fields stay as they are.
 #[derive(Default)]
 pub(crate) struct UserChange {
     pub(crate) role: Option<Role>,
@@ -91,7 +93,7 @@ pub(crate) struct UserChange {
     pub(crate) locked: Option<bool>,
 }
 
-/// A token that is wished for.
+/// A token to create.
 pub(crate) struct TokenWish {
     pub(crate) name: String,
     pub(crate) role: Role,
@@ -118,7 +120,7 @@ impl Default for Accounts {
 }
 
 impl Accounts {
-    /// Whether there is nobody yet.
+    /// Whether there are no users yet.
     pub(crate) const fn is_empty(&self) -> bool {
         self.users.is_empty()
     }
@@ -135,20 +137,20 @@ impl Accounts {
         self.users.iter().find(|user| user.name == name)
     }
 
-    /// The token that this is, while it is good.
+    /// The token with this text, if it is valid.
     pub(crate) fn token(&self, presented: &str, now: Timestamp) -> Option<&Token> {
         let sha256 = hex(&fingerprint(presented));
         let token = self.tokens.iter().find(|token| token.sha256 == sha256)?;
         token.is_good(now).then_some(token)
     }
 
-    /// The token of this id, while it is good.
+    /// The token of this id, if it is valid.
     pub(crate) fn token_by_id(&self, id: &str, now: Timestamp) -> Option<&Token> {
         let token = self.tokens.iter().find(|token| token.id == id)?;
         token.is_good(now).then_some(token)
     }
 
-    /// Adds a user; the first has to be an administrator.
+    /// Adds a user; the first one has to be an administrator.
     pub(crate) fn add_user(&mut self, user: User) -> Result<UserInfo, Problem> {
         check_name(&user.name)?;
         check_points(&user.points)?;
@@ -205,8 +207,7 @@ impl Accounts {
         self.needs_an_admin()
     }
 
-    /// There must be somebody left who may say who may what. Who calls this throws the change
-    /// away where there is not.
+    /// Somebody must remain who can manage permissions. The caller discards the change otherwise.
     fn needs_an_admin(&self) -> Result<(), Problem> {
         let is_admin = |user: &User| user.role == Role::Admin && !user.locked;
         match self.users.iter().any(is_admin) {
@@ -215,7 +216,7 @@ impl Accounts {
         }
     }
 
-    /// Adds a token; the token itself comes back this once.
+    /// Adds a token; the token itself is returned only this once.
     pub(crate) fn add_token(
         &mut self,
         wish: TokenWish,
@@ -267,7 +268,7 @@ impl Accounts {
     }
 }
 
-/// What no session carries yet.
+/// A new value that no session carries yet.
 pub(crate) fn new_logins() -> Result<String, Problem> {
     let number = random::<8>();
     let number =
@@ -310,7 +311,7 @@ pub(crate) fn no_such_user(name: &str) -> Problem {
     Problem::new(codes::NO_SUCH_USER).with("name", name)
 }
 
-/// Names of people in any script; nothing that could be taken for something else in a log.
+/// Names in any script, without anything that could be mistaken for something else in a log.
 fn check_name(name: &str) -> Result<(), Problem> {
     let letters = name.chars().count();
     let begins = name.chars().next().is_some_and(char::is_alphanumeric);

@@ -1,11 +1,11 @@
-//! What may be asked of the accounts, for the daemon's API and for commands where no daemon runs:
-//! both read the same requests and give the same answers.
+//! Requests concerning accounts, for the daemon's API and for commands when no daemon runs: both
+//! take the same requests and give the same answers.
 
 use super::accounts::{Accounts, TokenInfo, TokenWish, User, UserChange, UserInfo, new_logins};
 use super::gate::Gate;
 use super::password;
 use super::secret::{Fingerprint, Secret};
-use super::{Role, session_routes::read};
+use super::{Role, RoleSchema, session_routes::read};
 use jiff::Timestamp;
 use railbus_api::problem::Problem;
 use serde::{Deserialize, Serialize};
@@ -13,10 +13,11 @@ use serde_json::{Value, json};
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// A user that is wished for.
+/// A user to create.
 #[derive(Deserialize, ToSchema)]
 pub(super) struct AddUser {
     name: String,
+    #[schema(value_type = RoleSchema)]
     role: Role,
     #[serde(default)]
     points: Vec<String>,
@@ -24,9 +25,10 @@ pub(super) struct AddUser {
     password: Secret,
 }
 
-/// What is to change of a user; what is not there stays.
+/// Changes to a user; missing fields stay as they are.
 #[derive(Deserialize, ToSchema)]
 pub(super) struct ChangeUser {
+    #[schema(value_type = Option<RoleSchema>)]
     role: Option<Role>,
     points: Option<Vec<String>>,
     #[schema(value_type = Option<String>)]
@@ -34,10 +36,11 @@ pub(super) struct ChangeUser {
     locked: Option<bool>,
 }
 
-/// A token that is wished for.
+/// A token to create.
 #[derive(Deserialize, ToSchema)]
 pub(super) struct AddToken {
     name: String,
+    #[schema(value_type = RoleSchema)]
     role: Role,
     #[serde(default)]
     points: Vec<String>,
@@ -59,7 +62,7 @@ pub(super) struct Tokens {
     tokens: Vec<TokenInfo>,
 }
 
-/// A token that was made: the only time that it is told itself.
+/// A token that was created: the only time that it is shown.
 #[derive(Serialize, ToSchema)]
 pub(super) struct MadeToken {
     #[serde(flatten)]
@@ -67,13 +70,13 @@ pub(super) struct MadeToken {
     token: String,
 }
 
-/// What is no longer there.
+/// What was removed.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Removed {
     pub(super) removed: String,
 }
 
-/// Tokens live for a season unless told otherwise.
+/// The default life of a token: a season.
 const fn usual_days() -> u32 {
     90
 }
@@ -87,7 +90,7 @@ pub fn users(access: &Arc<Gate>) -> Value {
 /// Adds a user.
 ///
 /// # Errors
-/// What is wrong with the request, or that it was not written.
+/// What is wrong with the request, or that it could not be stored.
 pub async fn add_user(access: &Arc<Gate>, body: &[u8]) -> Result<Value, Problem> {
     let wanted: AddUser = read(body)?;
     password::check(&wanted.name, &wanted.password)?;
@@ -106,7 +109,7 @@ pub async fn add_user(access: &Arc<Gate>, body: &[u8]) -> Result<Value, Problem>
     Ok(json!(info))
 }
 
-/// Changes a user. Another password, or none any more, ends all sessions but the one that asks.
+/// Changes a user. A new password, or none, ends all sessions but the caller's.
 ///
 /// # Errors
 /// There is no such user, or what is wrong with the request.
@@ -140,7 +143,7 @@ pub async fn change_user(
 /// Removes a user.
 ///
 /// # Errors
-/// There is no such user, or it was not written.
+/// There is no such user, or it could not be stored.
 pub async fn remove_user(access: &Arc<Gate>, name: &str) -> Result<Value, Problem> {
     let remove = |accounts: &mut Accounts| accounts.remove_user(name);
     access.change_and_end(Some((name, None)), remove).await?;
@@ -155,10 +158,10 @@ pub fn tokens(access: &Arc<Gate>) -> Value {
     json!(Tokens { schema: 1, tokens })
 }
 
-/// Makes a token, which is told this once.
+/// Creates a token, which is shown this once.
 ///
 /// # Errors
-/// What is wrong with the request, or that it was not written.
+/// What is wrong with the request, or that it could not be stored.
 pub async fn add_token(access: &Arc<Gate>, by: &str, body: &[u8]) -> Result<Value, Problem> {
     let wanted: AddToken = read(body)?;
     let wish = TokenWish {
@@ -176,7 +179,7 @@ pub async fn add_token(access: &Arc<Gate>, by: &str, body: &[u8]) -> Result<Valu
 /// Removes a token, by its id or its name.
 ///
 /// # Errors
-/// There is no such token, or it was not written.
+/// There is no such token, or it could not be stored.
 pub async fn remove_token(access: &Arc<Gate>, named: &str) -> Result<Value, Problem> {
     let remove = access.change(|accounts| accounts.remove_token(named));
     let removed = named.to_owned();

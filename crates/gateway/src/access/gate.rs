@@ -1,4 +1,4 @@
-//! The gate: accounts, sessions and tries of one daemon, and who a request comes from.
+//! Accounts, sessions and login attempts of one daemon, and the authentication of requests.
 
 use super::accounts::{Accounts, User, UserChange};
 use super::password::{Hashed, Hashers};
@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 
-/// How the name of the session's cookie begins.
+/// The prefix of the session cookie's name.
 const COOKIE_NAME: &str = "railbus_session";
 /// The header that a session's mutating requests carry.
 const CSRF_HEADER: &str = "x-csrf-token";
@@ -30,29 +30,29 @@ const CSRF_HEADER: &str = "x-csrf-token";
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Peer(pub(crate) IpAddr);
 
-/// It is told so often at most that somebody tries too often.
+/// The shortest time between two events about too many login attempts.
 const TRIES_TOLD_EVERY: Duration = Duration::from_secs(60);
 
-/// Accounts, sessions and tries of one daemon.
+/// Accounts, sessions and login attempts of one daemon.
 #[derive(Debug)]
 pub struct Gate {
     accounts: Mutex<Arc<Kept>>,
-    /// The file, for whoever changes accounts: one at a time.
+    /// The file, for changing accounts: one change at a time.
     store: Arc<tokio::sync::Mutex<Store>>,
     pub(super) sessions: Sessions,
-    /// The name of the session's cookie. Browsers keep one jar for all ports of a host, so that two
-    /// daemons there would throw out each other's sessions if it were the same.
+    /// The name of the session's cookie. Browsers share cookies among all ports of a host, so two
+    /// daemons there would end each other's sessions if it were the same.
     pub(super) cookie_name: String,
     pub(super) hashers: Hashers,
     pub(super) setup: Setup,
     tries: Tries,
-    /// When it was last told that somebody tries too often.
+    /// When too many attempts were last reported.
     tries_told: Mutex<Option<Instant>>,
-    /// Counts what may end somebody's rights.
+    /// Counts changes that may revoke somebody's rights.
     changes: watch::Sender<u64>,
 }
 
-/// Accounts that can't be shown by mistake.
+/// Accounts without `Debug` output.
 struct Kept(Accounts);
 
 impl std::fmt::Debug for Kept {
@@ -62,7 +62,7 @@ impl std::fmt::Debug for Kept {
 }
 
 impl Gate {
-    /// The accounts of a state folder, held from now on.
+    /// Opens and locks the accounts of a state folder.
     pub fn open(folder: &Path) -> Result<Gate, Problem> {
         let store = Store::open(folder)?;
         let accounts = store.read()?;
@@ -83,7 +83,7 @@ impl Gate {
         })
     }
 
-    /// Whether a state folder holds a user, whoever holds the folder.
+    /// Whether a state folder has a user, without locking it.
     pub(crate) fn has_user(folder: &Path) -> bool {
         Store::look(folder).is_ok_and(|accounts| !accounts.is_empty())
     }
@@ -92,7 +92,7 @@ impl Gate {
         Arc::clone(&self.accounts.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Looks something up in the accounts as they are.
+    /// Reads from the accounts.
     pub(super) fn read<T>(&self, look: impl FnOnce(&Accounts) -> T) -> T {
         look(&self.now().0)
     }
@@ -102,8 +102,9 @@ impl Gate {
         self.read(Accounts::is_empty)
     }
 
-    /// Changes the accounts: they are on the disk before they count, and stay as they were where
-    /// the change is refused or can't be kept. Who asks may go away: it is whole, or not at all.
+    /// Changes the accounts: they are stored before they apply, and stay as they were if the change
+    /// is refused or can't be stored. Even if the caller goes away, a change is whole or not made
+    /// at all.
     pub(super) async fn change<T>(
         self: &Arc<Self>,
         change: impl FnOnce(&mut Accounts) -> Result<T, Problem>,
@@ -111,7 +112,7 @@ impl Gate {
         self.change_and_end(None, change).await
     }
 
-    /// The same, and with it all sessions of a user but one end, for good.
+    /// The same, and ends all sessions of a user but one, for good.
     pub(super) async fn change_and_end<T>(
         self: &Arc<Self>,
         sessions: Option<(&str, Option<&Fingerprint>)>,
@@ -144,13 +145,13 @@ impl Gate {
         Ok(done)
     }
 
-    /// Those who look on find out whether they still may.
+    /// Makes open streams check whether they are still permitted.
     pub(super) fn changed(&self) {
         self.changes
             .send_modify(|count| *count = count.wrapping_add(1));
     }
 
-    /// A new link for the first user, on this daemon's own page.
+    /// A new link for creating the first user, on this daemon's own page.
     pub(crate) fn setup_link(&self, origin: &str) -> Result<String, Problem> {
         if !self.is_new() {
             return Err(Problem::new(codes::HAS_USER));
@@ -161,7 +162,7 @@ impl Gate {
         Ok(format!("{origin}/setup#k={}", key.expose()))
     }
 
-    /// One try to log in, of a name and from an address.
+    /// Counts one attempt to log in, for a name and an address.
     pub(super) fn take_try(&self, whose: &[Who]) -> Result<(), Problem> {
         self.tries.take(whose, Instant::now()).map_err(|wait| {
             let wait = u64::try_from(wait.as_millis()).unwrap_or(u64::MAX);
@@ -169,7 +170,7 @@ impl Gate {
         })
     }
 
-    /// Whether it is time to tell again that somebody tries too often.
+    /// Whether too many attempts should be reported again.
     pub(super) fn is_time_to_tell(&self, now: Instant) -> bool {
         let mut told = self
             .tries_told
@@ -182,12 +183,12 @@ impl Gate {
         is_time
     }
 
-    /// It was the right one: what was tried before is forgotten.
+    /// The password was right: earlier attempts are forgotten.
     pub(super) fn forget_tries(&self, whose: &[Who]) {
         self.tries.give_back(whose);
     }
 
-    /// A session for the user whose password this is.
+    /// A session for the user with this password.
     pub(super) async fn log_in(
         &self,
         name: &str,
@@ -198,8 +199,8 @@ impl Gate {
         self.begin_session(name, &logins, address).await
     }
 
-    /// Whether this is a user's password, and if so what his sessions have to carry. It takes as
-    /// long for a name that there is not.
+    /// Whether this is the user's password, and if so the value that the user's sessions have to
+    /// carry. It takes the same time for a name that does not exist.
     pub(super) async fn confirm(
         &self,
         name: &str,
@@ -210,7 +211,7 @@ impl Gate {
         self.take_try(&whose)?;
         let hashed = self.password_of(name);
         let is_right = self.hashers.is_right(password, hashed.clone()).await?;
-        // The user may have been locked, or given another password, meanwhile.
+        // The user may have been locked, or given a new password, in the meantime.
         let user = self.unlocked(name);
         let user = user.filter(|user| is_right && Some(&user.password) == hashed.as_ref());
         let user = user.ok_or_else(|| Problem::new(codes::WRONG_LOGIN))?;
@@ -218,8 +219,8 @@ impl Gate {
         Ok(user.logins)
     }
 
-    /// Another password for somebody who showed to know the one before, which let him carry these
-    /// `logins`. One that an administrator gave meanwhile stays.
+    /// Sets a new password for a user who has proved to know the old one, when these `logins` were
+    /// valid. One that an administrator has set in the meantime stays.
     pub(super) async fn change_own_password(
         self: &Arc<Self>,
         (name, logins): (&str, &str),
@@ -239,7 +240,7 @@ impl Gate {
         self.change_and_end(sessions, own).await.map(|_| ())
     }
 
-    /// A session of somebody who showed who he is.
+    /// A session for a user who has been authenticated.
     pub(super) async fn begin_session(
         &self,
         name: &str,
@@ -250,12 +251,12 @@ impl Gate {
         let secret = self
             .sessions
             .begin((name, logins), &address, Instant::now())?;
-        // Who changes the password after this ends the session with the others.
+        // A password changed after this ends the session along with the others.
         if self.logins_of(name).as_deref() != Some(logins) {
             self.sessions.end(&secret.fingerprint());
             return Err(Problem::new(codes::WRONG_LOGIN));
         }
-        // One that can't be kept lasts as long as the program.
+        // A session that can't be stored lasts as long as the process.
         let _ = self.sessions.keep().await;
         Ok(secret)
     }
@@ -285,7 +286,7 @@ impl Gate {
         user.filter(|user| !user.locked)
     }
 
-    /// Who a request over TCP comes from.
+    /// The caller of a request over TCP.
     fn caller(&self, headers: &HeaderMap, query: Option<&str>, peer: IpAddr) -> Caller {
         let via = match peer.to_canonical() {
             address if address.is_loopback() => "http".to_owned(),
@@ -299,7 +300,7 @@ impl Gate {
             points: Arc::default(),
             known: Known::Not,
         };
-        // Who shows a token is known by it alone: a cookie may come along unasked.
+        // A token takes precedence: browsers send cookies unasked.
         if let Some(presented) = header(headers, AUTHORIZATION.as_str()) {
             return self.of_token(presented, nobody);
         }
@@ -336,7 +337,7 @@ impl Gate {
             return nobody;
         };
         let presented = match is_upgrade(headers) {
-            // A browser can't give a header to a WebSocket.
+            // A browser can't set headers for a WebSocket.
             true => query.and_then(csrf_in),
             false => header(headers, CSRF_HEADER),
         };
@@ -381,7 +382,7 @@ impl Gate {
         }
     }
 
-    /// Ends all sessions of a user but one, which lasts only where he is not locked.
+    /// Ends all sessions of a user but one, which stays only if the user is not locked.
     fn end_of_user(&self, user: &str, but: Option<&Fingerprint>) {
         let lasts = self.unlocked(user);
         let but = but.filter(|_| lasts.is_some());
@@ -389,7 +390,7 @@ impl Gate {
         self.sessions.end_of_user((user, &logins), but);
     }
 
-    /// The session of a caller, where it has one.
+    /// The session of a caller, if there is one.
     pub(super) fn session_of(caller: &Caller) -> Option<&Fingerprint> {
         match &caller.known {
             Known::Session { key, .. } => Some(key),
@@ -398,12 +399,12 @@ impl Gate {
     }
 }
 
-/// What a task broke off with.
+/// The problem of a task that panicked.
 fn broken(error: &tokio::task::JoinError) -> Problem {
     Problem::new(codes::INTERNAL).with("reason", error.to_string())
 }
 
-/// Says of every request over TCP who it comes from.
+/// Authenticates every request over TCP.
 pub(crate) async fn identify(
     State(access): State<Arc<Gate>>,
     mut request: Request,
@@ -418,7 +419,7 @@ pub(crate) async fn identify(
     };
     if access.sessions.is_time_to_note(Instant::now()) {
         let access = Arc::clone(&access);
-        // What can't be noted now will be the next time.
+        // What can't be stored now is stored the next time.
         tokio::spawn(async move { access.sessions.keep().await });
     }
     if let Some(caller) = caller {

@@ -1,5 +1,5 @@
-//! Passwords: Argon2id, which takes time and memory on purpose, and so is kept from being the
-//! daemon's weak spot itself.
+//! Passwords: Argon2id, which takes time and memory on purpose, and is limited so that it can't be
+//! used to overload the daemon.
 
 use super::secret::{Secret, random};
 use argon2::password_hash::{PasswordHasher, PasswordVerifier};
@@ -10,31 +10,31 @@ use tokio::sync::Semaphore;
 
 /// Memory of one run, in KiB.
 const MEMORY: u32 = 19 << 10;
-/// How often the memory is gone through.
+/// The number of passes over the memory.
 const PASSES: u32 = 2;
-/// So many run at once: 38 MiB and two cores at most.
+/// How many run at once: 38 MiB and two cores at most.
 const RUNNING_MAX: usize = 2;
-/// So many run or wait; more are refused at once.
+/// How many run or wait; more are refused at once.
 const WAITING_MAX: usize = 16;
-/// The shortest and the longest password, in letters and in bytes.
+/// The shortest password in characters and the longest in bytes.
 const LETTERS_MIN: usize = 10;
 const BYTES_MAX: usize = 256;
-/// What a password is compared with where there is no such user, so that it takes as long.
+/// What a password is compared with if there is no such user, so that it takes the same time.
 const NOBODY: &str = "$argon2id$v=19$m=19456,t=2,p=1$cmFpbGJ1cy1ub2JvZHkhIQ$\
                       AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA";
 
-/// A password as it is kept: its hash with salt and costs.
+/// A stored password: its hash with salt and costs.
 #[derive(Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(transparent)]
 pub(crate) struct Hashed(String);
 
 fn argon() -> Argon2<'static> {
-    // These are the default, and so it does not matter that this can't fail.
+    // These are the defaults, so this can't fail.
     let costs = Params::new(MEMORY, PASSES, 1, None).unwrap_or_default();
     Argon2::new(Algorithm::Argon2id, Version::V0x13, costs)
 }
 
-/// Refuses passwords that are too easily guessed, or too long to be one.
+/// Refuses passwords that are easy to guess or too long.
 pub(crate) fn check(name: &str, password: &Secret) -> Result<(), Problem> {
     let text = password.expose();
     let weak = |why: &str| Err(Problem::new(codes::WEAK_PASSWORD).with("why_weak", why));
@@ -60,14 +60,14 @@ pub(crate) fn hash(password: &Secret) -> Result<Hashed, Problem> {
     Ok(Hashed(hash.to_string()))
 }
 
-/// Whether this is the password; never, but after as long, where there is no user.
+/// Whether this is the password; false, but after the same time, if there is no user.
 fn is_right(password: &Secret, of_user: Option<&Hashed>) -> bool {
     let hash = of_user.map_or(NOBODY, |hashed| &hashed.0);
     let fits = argon().verify_password(password.expose().as_bytes(), hash);
     of_user.is_some() && fits.is_ok()
 }
 
-/// Those who hash for the daemon, beside its own thread.
+/// Hashes passwords outside the daemon's own thread.
 #[derive(Debug)]
 pub(crate) struct Hashers {
     running: Arc<Semaphore>,
@@ -87,7 +87,7 @@ impl Hashers {
         self.run(move || hash(&password)).await?
     }
 
-    /// Whether this is the password of a user, if there is one. Gives it back.
+    /// Whether this is the user's password, if there is such a user. Returns the password.
     pub(crate) async fn is_right(
         &self,
         password: Secret,
@@ -107,7 +107,7 @@ impl Hashers {
         let running = running.map_err(|_| full())?;
         let done = tokio::task::spawn_blocking(move || {
             let done = job();
-            // Given back when the work is done, not when its caller has lost patience.
+            // Released when the work is done, not when its caller has given up.
             drop(running);
             done
         });

@@ -1,37 +1,37 @@
-//! Secrets: passwords, tokens, keys. They can be neither shown nor logged nor sent by mistake,
-//! since nothing here says how.
+//! Secrets: passwords, tokens, keys. They can't be shown, logged or sent by mistake, since they
+//! have no such methods.
 
 use serde::{Deserialize, Deserializer};
 use sha2::{Digest, Sha256};
 
-/// The bytes of a secret that is made here.
+/// The length in bytes of a generated secret.
 const LEN: usize = 32;
 
-/// What a secret is remembered by: nobody finds the secret from it.
+/// A hash of a secret, from which it can't be derived.
 pub type Fingerprint = [u8; LEN];
 
-/// A secret in memory. It has no `Debug`, `Display`, `Serialize` nor `Clone` on purpose.
+/// A secret in memory. It has no `Debug`, `Display`, `Serialize` or `Clone` on purpose.
 #[expect(missing_debug_implementations, reason = "a secret is not shown")]
 pub struct Secret(String);
 
 impl Secret {
-    /// Takes a text for a secret from here on.
+    /// Makes a text a secret.
     pub const fn new(text: String) -> Secret {
         Secret(text)
     }
 
-    /// 256 random bits in hexadecimal, after a prefix that says what it is for.
+    /// 256 random bits in hexadecimal, after a prefix that tells what it is for.
     pub(crate) fn random(prefix: &str) -> Result<Secret, getrandom::Error> {
         let bytes = random::<LEN>()?;
         Ok(Secret(format!("{prefix}{}", hex(&bytes))))
     }
 
-    /// The text itself, for the one place that must have it.
+    /// The text itself, for the one place that needs it.
     pub fn expose(&self) -> &str {
         &self.0
     }
 
-    /// What it is remembered by.
+    /// Its fingerprint.
     pub fn fingerprint(&self) -> Fingerprint {
         fingerprint(&self.0)
     }
@@ -43,20 +43,20 @@ impl<'de> Deserialize<'de> for Secret {
     }
 }
 
-/// What a secret of this text is remembered by. Fingerprints are compared, never secrets: how
-/// long that takes says nothing about the secret.
+/// The fingerprint of a secret with this text. Fingerprints are compared, never secrets, so the
+/// time of the comparison reveals nothing.
 pub(crate) fn fingerprint(text: &str) -> Fingerprint {
     Sha256::digest(text.as_bytes()).into()
 }
 
-/// Bytes that nobody can guess.
+/// Cryptographically random bytes.
 pub(crate) fn random<const N: usize>() -> Result<[u8; N], getrandom::Error> {
     let mut bytes = [0; N];
     getrandom::fill(&mut bytes)?;
     Ok(bytes)
 }
 
-/// Bytes as text.
+/// Bytes in hexadecimal.
 pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -2,12 +2,14 @@
 
 use super::accounts::{User, new_logins};
 use super::gate::{Gate, Peer};
+use super::notes::{note_change, note_login};
 use super::secret::Secret;
 use super::sessions::csrf;
 use super::tries::Who;
-use super::{Caller, Known, Need, Role, note_change, note_login, password, to_its_end};
+use super::{Caller, Known, Need, Role, RoleSchema, password, to_its_end};
 use crate::doc::Doc;
-use crate::routes::{Answer, Route, Site};
+use crate::route::{Answer, Route};
+use crate::site::Site;
 use crate::{answer, body};
 use axum::Extension;
 use axum::body::Bytes;
@@ -69,7 +71,7 @@ struct LoginRequest {
     password: Secret,
 }
 
-/// The password so far, and the one from now on.
+/// The old password and the new one.
 #[derive(Deserialize, ToSchema)]
 struct PasswordRequest {
     #[schema(value_type = String)]
@@ -78,19 +80,19 @@ struct PasswordRequest {
     new: Secret,
 }
 
-/// Who asks, and what there is to know before one has logged in.
+/// The caller, and what the page needs to know before login.
 #[derive(Serialize, ToSchema)]
 struct SessionTold {
-    /// None for somebody unknown.
+    /// None if not authenticated.
     #[schema(required)]
     user: Option<WhoTold>,
-    /// There is no user yet.
+    /// There are no users yet.
     setup: bool,
-    /// What mutating requests of this session carry as `X-CSRF-Token`.
+    /// What mutating requests of this session have to carry as `X-CSRF-Token`.
     #[schema(required)]
     csrf: Option<String>,
     demo: bool,
-    /// Some of its lines are simulated here, and take orders.
+    /// Some of its lines are simulated here, and can be controlled.
     simulated: bool,
     version: &'static str,
     #[schema(value_type = railbus_api::words::Language)]
@@ -98,10 +100,11 @@ struct SessionTold {
     site: String,
 }
 
-/// A caller as such.
+/// The caller.
 #[derive(Serialize, ToSchema)]
 struct WhoTold {
     name: String,
+    #[schema(value_type = RoleSchema)]
     role: Role,
     points: Vec<String>,
 }
@@ -112,16 +115,16 @@ struct Changed {
     changed: String,
 }
 
-/// A one-time link for the first user, and how long it is good.
+/// A one-time link for the first user, and how long it is valid.
 #[derive(Serialize, ToSchema)]
 struct SetupLink {
     setup_link: String,
     minutes: u64,
 }
 
-/// The body as one of these.
+/// Parses a body.
 pub(crate) fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T, Problem> {
-    // What a parser met could be a secret, and so only where it met it is told.
+    // The parser's message could contain a secret, so only the position is reported.
     body::parse(body).map_err(|error| {
         let place = format!(
             "no such request: line {} column {}",
@@ -141,7 +144,7 @@ async fn session(State(site): State<Site>, who: Extension<Caller>, headers: Head
     answer::json(Ok(told(&site, &who, csrf)))
 }
 
-/// A session as its owner sees it.
+/// A session as reported to its owner.
 fn told(site: &Site, who: &Caller, csrf: Option<String>) -> SessionTold {
     let chosen = site.access.read(|accounts| {
         let user = accounts.user(&who.name);
@@ -163,7 +166,7 @@ fn told(site: &Site, who: &Caller, csrf: Option<String>) -> SessionTold {
     }
 }
 
-/// `POST /setup`: the first user, who may do everything.
+/// `POST /setup`: creates the first user, who may do everything.
 async fn set_up(
     State(site): State<Site>,
     who: Extension<Caller>,
@@ -218,7 +221,7 @@ async fn first_user(
     let logins = user.logins.clone();
     let key = wanted.key;
     let add = |accounts: &mut super::accounts::Accounts| {
-        // Two may have come this far at once.
+        // Two requests may have come this far at once.
         if !accounts.is_empty() || !access.setup.fits(&key, Instant::now()) {
             return Err(Problem::new(codes::HAS_USER));
         }
@@ -250,7 +253,7 @@ async fn log_in(
     .await
 }
 
-/// The answer to a login: the session, and the cookie that carries it from now on.
+/// The answer to a login: the session, and its cookie.
 fn begun((site, who): (&Site, &Caller), end: Result<(String, Secret), Problem>) -> Answer {
     let (name, secret) = match end {
         Ok(begun) => begun,
@@ -302,7 +305,7 @@ async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
         if let Some(key) = Gate::session_of(&who) {
             site.access.sessions.end(key);
             site.access.changed();
-            // It is told to have ended when it stays so.
+            // Reported as ended once that is stored.
             if let Err(problem) = site.access.sessions.keep().await {
                 return answer::problem(&problem);
             }
@@ -318,7 +321,7 @@ async fn log_out(State(site): State<Site>, who: Extension<Caller>) -> Answer {
     .await
 }
 
-/// `POST /password`: a new one for oneself. All other sessions of the user end.
+/// `POST /password`: changes one's own password. All other sessions of the user end.
 async fn new_password(
     State(site): State<Site>,
     who: Extension<Caller>,
@@ -358,7 +361,7 @@ async fn change_password(
     Ok(())
 }
 
-/// `POST /setup-link`, for the owner: another link for the first user.
+/// `POST /setup-link`, for the owner: a new link for the first user.
 async fn setup_link(State(site): State<Site>) -> Answer {
     let link = site.access.setup_link(&site.origin);
     let minutes = super::setup::LIFE.as_secs() / 60;
@@ -368,7 +371,7 @@ async fn setup_link(State(site): State<Site>) -> Answer {
     }))
 }
 
-/// Where a request comes from; over the socket, from this machine.
+/// The address of a request; over the socket, this machine's.
 fn address(peer: Option<Extension<Peer>>) -> IpAddr {
     let here = IpAddr::V4(std::net::Ipv4Addr::LOCALHOST);
     peer.map_or(here, |Extension(Peer(address))| address)

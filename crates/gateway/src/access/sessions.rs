@@ -1,5 +1,5 @@
-//! Who is logged in. Sessions outlive the daemon: what they are known by, never their secrets,
-//! lies in the state folder.
+//! Login sessions. They survive a restart of the daemon: their fingerprints, never their secrets,
+//! are stored in the state folder.
 
 use super::secret::{Fingerprint, Secret, fingerprint, hex, random};
 use jiff::Timestamp;
@@ -16,17 +16,17 @@ use utoipa::ToSchema;
 
 /// Its name in the state folder.
 const NAME: &str = "sessions.json";
-/// The longest file: more than all sessions of all users take.
+/// The largest size of the file: more than all sessions of all users need.
 const LEN_MAX: u64 = 1 << 20;
 /// The most sessions of all users together.
 const ALL_MAX: usize = 64 * OF_USER_MAX;
-/// A session nobody used for so long ends.
+/// A session that is not used for this long ends.
 const IDLE_MAX: Duration = Duration::from_secs(12 * 3_600);
-/// A session ends after so long in any case.
+/// A session ends after this time in any case.
 const AGE_MAX: Duration = Duration::from_secs(7 * 24 * 3_600);
-/// So many sessions a user may have; a new one ends the one longest unused.
+/// The most sessions of a user; a new one ends the one that was unused for longest.
 const OF_USER_MAX: usize = 8;
-/// That sessions were used is written down no more often than this.
+/// The use of sessions is stored no more often than this.
 const NOTE_EVERY: Duration = Duration::from_secs(600);
 
 /// One session.
@@ -34,14 +34,14 @@ const NOTE_EVERY: Duration = Duration::from_secs(600);
 struct Session {
     id: String,
     user: String,
-    /// Of the user's record when it began.
+    /// The value of the user's record when it began.
     logins: String,
     address: String,
-    /// When it began, or this program did; and how old it was then.
+    /// When it began, or this process did; and how old it was then.
     since: Instant,
     aged: Duration,
     began_at: Timestamp,
-    /// When it was used last, or this program began; and how long it had rested then.
+    /// When it was last used, or this process started; and how long it had been idle then.
     used: Instant,
     rested: Duration,
     used_at: Timestamp,
@@ -54,10 +54,10 @@ impl Session {
     }
 }
 
-/// A session as it lies in the file.
+/// A session as stored in the file.
 #[derive(Serialize, Deserialize)]
 struct Kept {
-    /// What its secret is remembered by.
+    /// The fingerprint of its secret.
     key: String,
     id: String,
     user: String,
@@ -76,7 +76,7 @@ struct Text {
     sessions: Vec<Kept>,
 }
 
-/// A session as administrators see it.
+/// A session as shown to administrators.
 #[derive(Debug, Serialize, ToSchema)]
 pub(crate) struct SessionInfo {
     pub(crate) id: String,
@@ -84,32 +84,30 @@ pub(crate) struct SessionInfo {
     pub(crate) address: String,
     pub(crate) began: String,
     pub(crate) used: String,
-    /// It is the one that asks.
+    /// It is the caller's.
     pub(crate) current: bool,
 }
 
-/// All sessions, by what their secrets are remembered by. There are at most as many as all users
-/// may have.
+/// All sessions, by their fingerprints. There are at most as many as all users may have.
 #[derive(Debug)]
 pub(crate) struct Sessions {
     now: Mutex<Now>,
     cookie: String,
     path: PathBuf,
-    /// One at a time writes the file; nobody else waits for the disk.
+    /// Serialises writes of the file; nothing else waits for the disk.
     turn: Arc<tokio::sync::Mutex<()>>,
 }
 
 #[derive(Debug)]
 struct Now {
     all: HashMap<Fingerprint, Session>,
-    /// When it was last written down how they are.
+    /// When they were last stored.
     noted: Instant,
 }
 
 impl Sessions {
-    /// Those of a state folder that last, of users that `is_user` knows with what their sessions
-    /// carry. A file that can't be read
-    /// holds none: whoever was logged in does so again.
+    /// The valid sessions of a state folder, of users for whom `is_user` accepts what their
+    /// sessions carry. A file that can't be read contains none: users log in again.
     pub(crate) fn open(
         folder: &Path,
         is_user: impl Fn(&str, &str) -> bool,
@@ -148,8 +146,8 @@ impl Sessions {
         Ok(sessions)
     }
 
-    /// What this daemon's cookies have in their name, so that those of another on the same host
-    /// are others.
+    /// What this daemon's cookies have in their name, so that they differ from those of another
+    /// daemon on the same host.
     pub(crate) fn cookie(&self) -> &str {
         &self.cookie
     }
@@ -158,8 +156,8 @@ impl Sessions {
         self.now.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Writes down how they are: comes back when that is safe. What was ended has ended in any
-    /// case, but without this only for as long as the program runs.
+    /// Stores the sessions; returns when that is durable. A session that was ended has ended in any
+    /// case, but without this only for as long as the process runs.
     pub(crate) async fn keep(&self) -> Result<(), Problem> {
         let turn = Arc::clone(&self.turn).lock_owned().await;
         let text = self.text();
@@ -190,7 +188,7 @@ impl Sessions {
         }
     }
 
-    /// Whether it is time to write down which of them are used.
+    /// Whether it is time to store which of them are used.
     pub(crate) fn is_time_to_note(&self, at: Instant) -> bool {
         let mut now = self.now();
         let is_time = !now.all.is_empty() && at.duration_since(now.noted) >= NOTE_EVERY;
@@ -200,7 +198,7 @@ impl Sessions {
         is_time
     }
 
-    /// Begins a session of a user, with what it has to carry; what comes back is its secret.
+    /// Begins a session of a user, with the value it has to carry; returns its secret.
     pub(crate) fn begin(
         &self,
         (user, logins): (&str, &str),
@@ -228,7 +226,7 @@ impl Sessions {
         Ok(secret)
     }
 
-    /// The user of a session, which is used by this.
+    /// The user of a session; counts as using it.
     pub(crate) fn user(&self, secret: &str, now: Instant) -> Option<(Fingerprint, String)> {
         let key = fingerprint(secret);
         let all = &mut self.now().all;
@@ -242,7 +240,7 @@ impl Sessions {
         Some((key, session.user.clone()))
     }
 
-    /// Whether a session still lasts; it is not used by this.
+    /// Whether a session is still valid; does not count as using it.
     pub(crate) fn lasts(&self, key: &Fingerprint, now: Instant) -> bool {
         let all = &self.now().all;
         all.get(key).is_some_and(|session| !session.is_over(now))
@@ -254,7 +252,7 @@ impl Sessions {
         all.remove(key);
     }
 
-    /// Ends the session that administrators know by this; whether there was one.
+    /// Ends the session with this public id; returns whether there was one.
     pub(crate) fn end_by_id(&self, id: &str) -> bool {
         let all = &mut self.now().all;
         let before = all.len();
@@ -262,7 +260,7 @@ impl Sessions {
         all.len() < before
     }
 
-    /// Ends all sessions of a user but one, which carries this from now on.
+    /// Ends all sessions of a user but one, which carries this value from now on.
     pub(crate) fn end_of_user(&self, (user, logins): (&str, &str), but: Option<&Fingerprint>) {
         let all = &mut self.now().all;
         all.retain(|key, session| session.user != user || Some(key) == but);
@@ -271,7 +269,7 @@ impl Sessions {
         }
     }
 
-    /// All that last, the one used last first.
+    /// All valid sessions, the one used last first.
     pub(crate) fn list(&self, current: Option<&Fingerprint>, now: Instant) -> Vec<SessionInfo> {
         let all = &mut self.now().all;
         all.retain(|_, session| !session.is_over(now));
@@ -289,8 +287,8 @@ impl Sessions {
     }
 }
 
-/// What was kept, by this program's clock. A clock that was set back makes nothing older, and
-/// nothing begin later than now: the next start does not find it so again.
+/// A stored session, on this process's clock. If the system clock was set back, nothing gets older,
+/// and nothing begins later than now, so that the next start does not see that again.
 fn begun_before(kept: Kept, now: Instant, today: Timestamp) -> Session {
     let ago = |at: Timestamp| Duration::try_from(today.duration_since(at)).unwrap_or_default();
     Session {
@@ -327,7 +325,7 @@ fn failed(error: getrandom::Error) -> Problem {
     Problem::new(codes::INTERNAL).with("reason", error.to_string())
 }
 
-/// What [`hex`] made of a fingerprint.
+/// Parses what [`hex`] made of a fingerprint.
 fn unhex(text: &str) -> Option<Fingerprint> {
     let mut key = Fingerprint::default();
     if text.len() != 2 * key.len() || !text.is_ascii() {
@@ -339,18 +337,18 @@ fn unhex(text: &str) -> Option<Fingerprint> {
     Some(key)
 }
 
-/// The time as the API writes it.
+/// A time as the API writes it.
 pub(crate) fn as_text(at: Timestamp) -> String {
     format!("{at:.3}")
 }
 
-/// What a session's mutating requests carry, which only pages of ours can know. It follows from
-/// the session's secret, and does not lead back to it.
+/// What a session's mutating requests have to carry, which only our own pages can know. It is
+/// derived from the session's secret, and does not reveal it.
 pub(crate) fn csrf(session: &str) -> String {
     hex(&fingerprint(&format!("railbus csrf {session}")))
 }
 
-/// Ends the session that its user has not used for the longest time, where there are too many.
+/// Ends the session that its user has not used for longest, if there are too many.
 fn make_room(all: &mut HashMap<Fingerprint, Session>, user: &str) {
     let of_user = || all.iter().filter(|(_, session)| session.user == user);
     if of_user().count() < OF_USER_MAX {
@@ -366,7 +364,7 @@ fn make_room(all: &mut HashMap<Fingerprint, Session>, user: &str) {
 mod tests {
     use super::*;
 
-    /// Sessions in a folder that goes away with them.
+    /// Sessions in a temporary folder.
     struct Here(Sessions, PathBuf);
 
     impl Here {
@@ -472,13 +470,13 @@ mod tests {
             (user(&third, &one), user(&third, &other).is_some()),
             (None, true)
         );
-        // What lay there too long has ended, and a file that is none holds nobody.
+        // Sessions that are too old have ended, and an invalid file contains none.
         let old = Timestamp::now() - jiff::SignedDuration::from_hours(13);
         let mut kept = third.text();
         kept.sessions.iter_mut().for_each(|kept| kept.used = old);
         write(&file, &kept).unwrap();
         assert!(Here::open(&here.1).list(None, Instant::now()).is_empty());
-        // Nor does one last anew at every start whose clock was set back since.
+        // Nor does a session last anew at every start after the clock was set back.
         let ahead = Timestamp::now() + jiff::SignedDuration::from_hours(1_000);
         let mut kept = sessions.text();
         kept.sessions.iter_mut().for_each(|kept| kept.began = ahead);

@@ -1,15 +1,15 @@
-//! The one-time link with which the first user is made. It is good for a while, only while there
-//! is no user, and only the newest one.
+//! The one-time link for creating the first user. It is valid for a while, only while there is no
+//! user, and only the newest one.
 
 use super::secret::{Fingerprint, Secret, fingerprint, random};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// A link is good for so long.
+/// How long a link is valid.
 pub(crate) const LIFE: Duration = Duration::from_secs(15 * 60);
-/// What keys are written in: digits and letters that are not taken for each other.
+/// The alphabet of keys: digits and letters that are not easily confused.
 const LETTERS: &[u8; 32] = b"0123456789ABCDEFGHJKMNPQRSTVWXYZ";
-/// A key has so many letters, of five random bits each, in groups.
+/// The length of a key in characters, of five random bits each.
 const LEN: usize = 28;
 const GROUP: usize = 4;
 
@@ -18,7 +18,7 @@ const GROUP: usize = 4;
 pub(crate) struct Setup(Mutex<Option<(Fingerprint, Instant)>>);
 
 impl Setup {
-    /// A new key; the one before is good no more.
+    /// A new key; the previous one becomes invalid.
     pub(crate) fn key(&self, now: Instant) -> Result<Secret, getrandom::Error> {
         let bytes = random::<LEN>()?;
         let letter = |byte: &u8| LETTERS.get(usize::from(byte % 32)).copied();
@@ -30,14 +30,14 @@ impl Setup {
         Ok(key)
     }
 
-    /// Whether this is the key, and still good.
+    /// Whether this is the key, and still valid.
     pub(crate) fn fits(&self, key: &Secret, now: Instant) -> bool {
         let newest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let given = fingerprint(key.expose().trim());
         newest.is_some_and(|(known, end)| known == given && now < end)
     }
 
-    /// It was used.
+    /// The key was used.
     pub(crate) fn close(&self) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }

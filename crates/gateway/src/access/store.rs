@@ -1,4 +1,4 @@
-//! The file that accounts are kept in: whole or not at all, for its owner's eyes only.
+//! The file of accounts: written whole or not at all, readable by its owner only.
 
 use super::accounts::Accounts;
 use railbus_api::problem::{Problem, codes};
@@ -10,21 +10,21 @@ use std::path::{Path, PathBuf};
 
 /// Its name in the state folder.
 const NAME: &str = "accounts.json";
-/// Whoever holds this file's lock, may change accounts.
+/// The holder of this file's lock may change accounts.
 const LOCK: &str = "accounts.lock";
-/// The longest file.
+/// The largest size of the file.
 const LEN_MAX: u64 = 1 << 20;
 
-/// The file, held against others who would write it too.
+/// The file, locked against other writers.
 #[derive(Debug)]
 pub(crate) struct Store {
     folder: PathBuf,
-    /// Let go when this is dropped, or the program ends.
+    /// Released when this is dropped, or the process ends.
     _lock: File,
 }
 
 impl Store {
-    /// Takes the file of a state folder, which is made where it is missing.
+    /// Opens the file of a state folder, which is created if needed.
     pub(crate) fn open(folder: &Path) -> Result<Store, Problem> {
         let failed = |error: io::Error| problem(&folder.join(NAME), &error);
         durable::folder(folder).map_err(failed)?;
@@ -48,12 +48,12 @@ impl Store {
         }
     }
 
-    /// What is kept; nobody at first.
+    /// The stored accounts; none at first.
     pub(crate) fn read(&self) -> Result<Accounts, Problem> {
         Store::look(&self.folder)
     }
 
-    /// What is kept in a folder, whoever holds it.
+    /// The accounts stored in a folder, without locking it.
     pub(crate) fn look(folder: &Path) -> Result<Accounts, Problem> {
         let path = folder.join(NAME);
         let failed = |error: io::Error| problem(&path, &error);
@@ -66,14 +66,14 @@ impl Store {
         file.take(LEN_MAX)
             .read_to_string(&mut text)
             .map_err(failed)?;
-        // A parser's words may repeat what it read, and so its place only is told.
+        // The parser's message may repeat what it read, so only the position is reported.
         serde_json::from_str(&text).map_err(|error| {
             let place = format!("line {} column {}", error.line(), error.column());
             problem(&path, &io::Error::new(io::ErrorKind::InvalidData, place))
         })
     }
 
-    /// Keeps these from now on: after this has come back they are there whatever happens.
+    /// Stores these accounts: once this has returned they are durable.
     pub(crate) fn write(&self, accounts: &Accounts) -> Result<(), Problem> {
         let path = self.folder.join(NAME);
         let text = serde_json::to_vec_pretty(accounts).unwrap_or_default();

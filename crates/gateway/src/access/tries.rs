@@ -1,18 +1,19 @@
-//! How often may be tried to log in: by account, and by address.
+//! Limits login attempts, per account and per address.
 
 use std::collections::HashMap;
 use std::net::IpAddr;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// So many tries at once; then one more each [`PAUSE`], which is as many in a minute.
+/// How many attempts may be made at once; then one more each [`PAUSE`], which is as many per
+/// minute.
 const TRIES_MAX: u32 = 5;
-/// After so long there is one more try.
+/// The time after which one more attempt is allowed.
 const PAUSE: Duration = Duration::from_secs(12);
-/// So many accounts and addresses are remembered; the one longest not seen makes room.
+/// How many accounts and addresses are remembered; the one not seen for longest is dropped.
 const REMEMBERED_MAX: usize = 1_024;
 
-/// Whose tries are counted.
+/// Whose attempts are counted.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Who {
     Account(String),
@@ -20,7 +21,7 @@ pub(crate) enum Who {
 }
 
 impl Who {
-    /// One host of IPv6 has a whole network of addresses to try from.
+    /// A host with IPv6 has a whole network of addresses, which counts as one.
     pub(crate) fn address(address: IpAddr) -> Who {
         Who::Address(match address.to_canonical() {
             IpAddr::V6(address) => IpAddr::V6((address.to_bits() >> 64 << 64).into()),
@@ -29,12 +30,12 @@ impl Who {
     }
 }
 
-/// Tries made, in time: when the last of them is forgotten.
+/// The attempts made, as the time when the last of them is forgotten.
 #[derive(Debug, Default)]
 pub(crate) struct Tries(Mutex<HashMap<Who, Instant>>);
 
 impl Tries {
-    /// Takes one try of each; how long to wait where one of them has none.
+    /// Counts one attempt for each; the error is how long to wait if one of them has none left.
     pub(crate) fn take(&self, all: &[Who], now: Instant) -> Result<(), Duration> {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let free = |who: &Who| known.get(who).map_or(now, |free| (*free).max(now));
@@ -53,8 +54,8 @@ impl Tries {
         Ok(())
     }
 
-    /// It was the right one: the account has all its tries again, and the address the one that it
-    /// took, so that nobody wins tries at others' accounts with one of his own.
+    /// The password was right: the account gets all its attempts back, and the address the one it
+    /// used, so that logging in to one's own account gives no attempts at those of others.
     pub(crate) fn give_back(&self, all: &[Who]) {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         for who in all {
@@ -66,7 +67,7 @@ impl Tries {
     }
 }
 
-/// Makes room: those who may try again all they want, or else whoever is nearest to that.
+/// Drops an entry: those without any attempts to remember, or else the one nearest to that.
 fn forget_one(known: &mut HashMap<Who, Instant>, now: Instant) {
     known.retain(|_, free| *free > now);
     if known.len() >= REMEMBERED_MAX {

@@ -1,13 +1,15 @@
-//! Users, tokens and sessions, for those who say who may what.
+//! Users, tokens and sessions, for administrators.
 
 use super::accounts::UserInfo;
 use super::desk::{AddToken, AddUser, ChangeUser, MadeToken, Removed, Tokens, Users};
 use super::gate::Gate;
+use super::notes::note_change;
 use super::sessions::SessionInfo;
-use super::{Caller, Need, desk, note_change, to_its_end};
+use super::{Caller, Need, desk, to_its_end};
 use crate::answer;
 use crate::doc::Doc;
-use crate::routes::{Answer, Route, Site};
+use crate::route::{Answer, Route};
+use crate::site::Site;
 use axum::Extension;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
@@ -69,8 +71,8 @@ async fn users(State(site): State<Site>) -> Answer {
     answer::json(Ok(desk::users(&site.access)))
 }
 
-/// The answer to a change that is told as an event where it was made: of whom, by the key of the
-/// answer, and what of it.
+/// The answer to a change, which is also reported as an event: whom it concerns, by the key of the
+/// answer, and what changed.
 fn noted(
     (site, who, code): (&Site, &Caller, &str),
     (key, text): (&str, Option<&str>),

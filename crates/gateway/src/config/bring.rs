@@ -1,17 +1,18 @@
-//! What a text of the configuration may bring, and from whom: a whole text says in one go what is
-//! asked for one by one elsewhere, and is held to the same. Who edits the file itself is not asked.
+//! What a text of the configuration may contain, depending on the caller: a whole text can do
+//! everything that other routes do one by one, and needs the same permissions. Editing the file
+//! itself needs none.
 
 use super::super::access::{Caller, Known, Role};
 use super::super::order::Order;
 use super::super::ports;
-use super::super::webhook::target;
 use super::rules;
+use crate::northbound::webhook::target;
 use railbus_api::problem::{Problem, codes};
 use railbus_site::Config;
 
-/// Whether a whole text may take the place of that one.
+/// Whether a whole text may replace the present one.
 pub(super) fn may_bring(order: &Order, before: &str, text: &str) -> Result<(), Problem> {
-    // What is wrong with a text is told when it is checked.
+    // Errors in the text are reported when it is checked.
     let Ok(new) = Config::parse(text) else {
         return Ok(());
     };
@@ -20,12 +21,12 @@ pub(super) fn may_bring(order: &Order, before: &str, text: &str) -> Result<(), P
     rules::are_tried(&order.site.service, &old, &new)
 }
 
-/// A file that somebody broke by hand says nothing; what is in force does.
+/// If the file was broken by hand, the configuration in force counts.
 fn known(order: &Order, before: &str) -> Config {
-    Config::parse(before).unwrap_or_else(|_| order.site.service.config())
+    Config::parse(before).unwrap_or_else(|_| Config::clone(&order.site.service.config()))
 }
 
-/// What only administrators say: who is told of events, and whether everything is written down.
+/// What only administrators may change: receivers of events, and whether everything is recorded.
 fn administrators(who: &Caller, old: &Config, new: &Config) -> Result<(), Problem> {
     let Some(role) = who.role.filter(|role| *role < Role::Admin) else {
         return Ok(());
@@ -41,8 +42,8 @@ fn administrators(who: &Caller, old: &Config, new: &Config) -> Result<(), Proble
     Err(problem.with("reason", tables.join(" ")))
 }
 
-/// Whether a change leads nowhere that the owner has not allowed. Only the owner says what is
-/// allowed, by the socket or in the file.
+/// Whether a change contains only destinations that the owner has allowed. Only the owner can allow
+/// more, over the socket or in the file.
 pub(super) fn may_lead(order: &Order, before: &str, text: &str) -> Result<(), Problem> {
     if order.who.known == Known::Owner {
         return Ok(());
@@ -76,7 +77,7 @@ pub(super) fn may_lead(order: &Order, before: &str, text: &str) -> Result<(), Pr
         if places.contains(&place) {
             continue;
         }
-        // The address of a name is looked at when something is sent there.
+        // The address behind a name is checked when something is sent there.
         let inner = place.and_then(|(host, port)| {
             let address = target::literal(&host).filter(|address| target::is_inner(*address))?;
             Some((host, port, address))

@@ -1,5 +1,5 @@
-//! Where the configuration is changed, one change at a time, and always the same way: text, edit,
-//! check, write, reload.
+//! The only place where the configuration is changed, one change at a time, and always in the same
+//! way: text, edit, check, write, reload.
 
 use crate::access::Caller;
 use railbus_api::problem::{Problem, codes};
@@ -18,50 +18,50 @@ use std::sync::Arc;
 use tokio::sync::{Mutex, OwnedMutexGuard, watch};
 use tokio::task::JoinError;
 
-/// How many tables an event names that have changed.
+/// How many changed tables an event names.
 const TABLES_TOLD: usize = 8;
 
-/// The desk of a daemon's configuration.
+/// Changes the configuration of a daemon.
 #[derive(Debug)]
 pub(crate) struct Desk {
     keeper: Keeper,
-    /// What is remembered of the site lies here.
+    /// The state folder of the site.
     state: PathBuf,
-    /// The ports of the text that the daemon began with, which is its owner's.
+    /// The ports of the text with which the daemon started, which is its owner's.
     ports_at_start: BTreeSet<String>,
-    /// Whose turn it is to change the file, or to bring it into force.
+    /// Serialises changes of the file and reloads.
     turn: Arc<Mutex<()>>,
-    /// Counts how often another one was brought into force.
+    /// Counts reloads.
     changes: watch::Sender<u64>,
 }
 
-/// An event about the configuration, with the tables that are others now.
+/// An event about the configuration, with the tables that have changed.
 fn told(code: &str, tables: &[String]) -> Event {
     let event = Event::new(EventKind::Config, Severity::Info, code);
     let named = tables.iter().take(TABLES_TOLD).map(String::as_str);
     let more = (tables.len() > TABLES_TOLD).then_some("…");
     match named.chain(more).collect::<Vec<_>>().join(" ") {
-        // Comments, or nothing at all.
+        // Only comments have changed, or nothing.
         none if none.is_empty() => event,
         tables => event.what(&tables),
     }
 }
 
-/// Who changes it, and what they have seen of it.
+/// Who makes a change, and which versions they have seen.
 #[derive(Debug)]
 pub(crate) struct Asks<'a> {
     pub(crate) service: &'a Service,
     pub(crate) lang: Lang,
-    /// The name that is written down with the change.
+    /// The name for the record of the change.
     pub(crate) who: &'a str,
-    /// The marks of the texts that may be changed; none where any may.
+    /// The versions of the text that may be changed; none if any may.
     pub(crate) seen: Option<Vec<String>>,
 }
 
-/// What came of a change.
+/// The result of a change.
 #[derive(Debug)]
 pub(crate) struct Changed {
-    /// The mark of the text in force now.
+    /// The version of the text now in force.
     pub(crate) etag: String,
     pub(crate) reloaded: Reloaded,
 }
@@ -79,12 +79,12 @@ impl Desk {
         }
     }
 
-    /// Tells whenever another configuration is in force.
+    /// Notifies of every reload.
     pub(crate) fn changes(&self) -> watch::Receiver<u64> {
         self.changes.subscribe()
     }
 
-    /// The ports that the file had when the daemon began.
+    /// The ports that the file had when the daemon started.
     pub(super) fn ports_at_start(&self) -> &BTreeSet<String> {
         &self.ports_at_start
     }
@@ -97,12 +97,12 @@ impl Desk {
         &self.state
     }
 
-    /// Nobody else changes the file or what is in force meanwhile.
+    /// Excludes other changes and reloads.
     async fn turn(&self) -> OwnedMutexGuard<()> {
         Arc::clone(&self.turn).lock_owned().await
     }
 
-    /// What the file says.
+    /// The text of the file.
     pub(crate) async fn text(&self) -> Result<String, Problem> {
         let read = self.at_disk(|keeper| keeper.read()).await;
         read.and_then(|text| text)
@@ -115,7 +115,7 @@ impl Desk {
         kept.map_err(|error| self.unreadable(&error))
     }
 
-    /// One of them; without a number the text before the one that the file has.
+    /// One generation; without a number, the one before the text in the file.
     pub(crate) async fn generation(&self, id: Option<u64>) -> Result<Generation, Problem> {
         let found = match id {
             Some(id) => self.at_disk(move |keeper| keeper.generation(id)).await,
@@ -128,7 +128,7 @@ impl Desk {
         found.ok_or_else(|| Problem::new(codes::NO_GENERATION))
     }
 
-    /// Changes the text, and brings it into force. Where anything is wrong, nothing changes.
+    /// Changes the text and applies it. If anything is wrong, nothing changes.
     pub(crate) async fn change(
         self: &Arc<Desk>,
         asks: &Asks<'_>,
@@ -152,7 +152,7 @@ impl Desk {
         let is_other = text != before;
         let (desk, service) = (Arc::clone(self), asks.service.clone());
         let (lang, who) = (asks.lang, asks.who.to_owned());
-        // From here on it goes to its end, whether or not somebody waits.
+        // From here on it runs to its end, whether or not the caller waits.
         let end = tokio::spawn(async move {
             let _turn = turn;
             let (writer, to_write) = (Arc::clone(&desk), text.clone());
@@ -175,7 +175,7 @@ impl Desk {
         end.await.unwrap_or_else(broken)
     }
 
-    /// Brings into force what the file says.
+    /// Applies the text of the file.
     pub(crate) async fn reload(&self, service: &Service, lang: Lang) -> Result<Changed, Problem> {
         let _turn = self.turn().await;
         let text = config_file::text_of(self.file())?;
@@ -192,7 +192,8 @@ impl Desk {
         Ok(changed)
     }
 
-    /// Takes a line back, and the configuration as it is by now: a module may have moved.
+    /// Ends exclusive access to a line, and applies the present configuration: a module may have
+    /// moved.
     pub(crate) async fn take_back(&self, loan: Loan, service: &Service) {
         let _turn = self.turn().await;
         let text = config_file::text_of(self.file()).ok();
@@ -205,7 +206,7 @@ impl Desk {
         }
     }
 
-    /// Tells those who follow that another configuration is in force.
+    /// Notifies followers of a reload.
     fn is_another(&self) {
         self.changes
             .send_modify(|count| *count = count.wrapping_add(1));
@@ -243,16 +244,16 @@ impl Desk {
         }
     }
 
-    /// A file that is gone is not begun anew over the lines at work.
+    /// A file that was deleted is not started anew over running lines.
     fn must_be_new(&self, service: &Service) -> Result<(), Problem> {
-        let is_gone = !self.file().exists() && service.config() != Config::default();
+        let is_gone = !self.file().exists() && *service.config() != Config::default();
         match is_gone {
             true => Err(self.unreadable(&io::ErrorKind::NotFound.into())),
             false => Ok(()),
         }
     }
 
-    /// Disks may be slow, and the lines are not to wait for them.
+    /// Disks may be slow, and lines must not wait for them.
     async fn at_disk<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Keeper) -> T + Send + 'static,

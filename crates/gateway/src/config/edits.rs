@@ -1,4 +1,4 @@
-//! What requests want of the configuration, as changes of its text.
+//! Requests that change the configuration, as edits of its text.
 
 use railbus_api::problem::{Problem, codes};
 use railbus_device::{Family, Setup};
@@ -11,12 +11,12 @@ use serde_json::Value;
 /// The most modules that one request adds: more than all lines of a machine have.
 const MODULES_MAX: usize = 1_024;
 
-/// The keys of a line or a module, as they are written.
+/// The fields of a line or a module, as written to the file.
 pub(super) fn read(text: &str, kind: &'static str, name: &str) -> Result<Keys, Problem> {
     change::keys_of(text, &[kind, name]).ok_or_else(|| problem(kind, name, Refused::NotThere))
 }
 
-/// A line of its own name and port.
+/// Adds a line with its name and port.
 pub(super) fn add_line(text: &str, mut keys: Keys) -> Result<String, Problem> {
     let name = name_in(&mut keys, "line")?;
     if known(text).lines.contains_key(&name) {
@@ -26,7 +26,7 @@ pub(super) fn add_line(text: &str, mut keys: Keys) -> Result<String, Problem> {
     change::set(text, &["line", &name], &keys).map_err(|why| problem("line", &name, why))
 }
 
-/// Modules, as a scan found them. What holds anyway is not written.
+/// Adds modules, as found by a scan. Default values are not written.
 pub(super) fn add_modules(text: &str, modules: Vec<Keys>) -> Result<String, Problem> {
     if modules.is_empty() || modules.len() > MODULES_MAX {
         let words = format!("modules: 1 to {MODULES_MAX}");
@@ -55,7 +55,7 @@ pub(super) fn add_modules(text: &str, modules: Vec<Keys>) -> Result<String, Prob
     Ok(text)
 }
 
-/// Keys of a line or a module; `rename` gives it another name.
+/// Changes fields of a line or a module; `rename` gives it another name.
 pub(super) fn change(
     text: &str,
     kind: &'static str,
@@ -77,7 +77,7 @@ pub(super) fn change(
     }
 }
 
-/// Keys of a point.
+/// Changes fields of a point.
 pub(super) fn change_point(
     text: &str,
     module: &str,
@@ -96,7 +96,7 @@ pub(super) fn change_point(
     change::set(text, &path, keys).map_err(|why| problem("module", module, why))
 }
 
-/// A line, and where that is wanted its modules.
+/// Removes a line and, if wanted, its modules.
 pub(super) fn remove_line(text: &str, line: &str, modules: bool) -> Result<String, Problem> {
     must_be(text, "line", line)?;
     let config = known(text);
@@ -114,7 +114,7 @@ pub(crate) fn remove(text: &str, kind: &'static str, name: &str) -> Result<Strin
     change::remove(text, &[kind, name]).map_err(|why| problem(kind, name, why))
 }
 
-/// A group, a scene, a rule or a webhook as a whole.
+/// Writes a whole group, scene, rule or webhook.
 pub(crate) fn put(
     text: &str,
     kind: &'static str,
@@ -124,7 +124,7 @@ pub(crate) fn put(
     change::put(text, &[kind, name], keys).map_err(|why| problem(kind, name, why))
 }
 
-/// What the text says; nothing where it has problems, which are told when the change is checked.
+/// The parsed text; empty if it has errors, which are reported when the change is checked.
 fn known(text: &str) -> Config {
     Config::parse(text).unwrap_or_default()
 }
@@ -147,8 +147,8 @@ fn must_be(text: &str, kind: &'static str, name: &str) -> Result<(), Problem> {
     }
 }
 
-/// The key of a new module that says under which name it is written. `name` does where it is a
-/// text and `module` is not there; else it is what people call it.
+/// The key of a new module that holds its id. `name` if it is a text and `module` is missing;
+/// otherwise `name` is the display name.
 fn name_key(keys: &Keys) -> Option<&'static str> {
     match (keys.contains_key("module"), keys.get("name")) {
         (true, _) => Some("module"),
@@ -157,7 +157,7 @@ fn name_key(keys: &Keys) -> Option<&'static str> {
     }
 }
 
-/// Takes the name out of what is to be said under it.
+/// Takes the id out of the fields.
 fn name_in(keys: &mut Keys, key: &str) -> Result<String, Problem> {
     match keys.remove(key) {
         Some(Value::String(name)) => Ok(name),
@@ -165,9 +165,9 @@ fn name_in(keys: &mut Keys, key: &str) -> Result<String, Problem> {
     }
 }
 
-/// A name that nothing has: `erc8_3`, `erc8_3_2`.
+/// An unused name: `erc8_3`, `erc8_3_2`.
 fn name_for(config: &Config, keys: &Keys) -> Result<String, Problem> {
-    let family = text_in(keys, "model").and_then(family);
+    let family = text_in(keys, "model").and_then(Family::from_name);
     let address = keys.get("address").and_then(Value::as_u64);
     let address = address.and_then(|address| u8::try_from(address).ok());
     let (Some(family), Some(address)) = (family, address) else {
@@ -182,11 +182,7 @@ fn text_in<'k>(keys: &'k Keys, key: &str) -> Option<&'k str> {
     keys.get(key)?.as_str()
 }
 
-fn family(name: &str) -> Option<Family> {
-    Family::ALL.into_iter().find(|family| family.name() == name)
-}
-
-/// What holds for a module of a line without being said.
+/// The defaults of a module on a line.
 fn anyway(serial: Settings) -> [(&'static str, Value); 3] {
     [
         ("baud", serial.baud.rate().into()),
@@ -195,7 +191,7 @@ fn anyway(serial: Settings) -> [(&'static str, Value); 3] {
     ]
 }
 
-/// As the configuration says it: a parity is a part of the character format.
+/// As the configuration has it: parity is a part of the character format.
 fn in_its_words(mut keys: Keys, anyway: &[(&str, Value)]) -> Keys {
     if let Some(parity) = keys.remove("parity") {
         let format = match parity.as_str() {
@@ -215,7 +211,7 @@ fn in_its_words(mut keys: Keys, anyway: &[(&str, Value)]) -> Keys {
 }
 
 fn without_usual_protocol(mut keys: Keys) -> Keys {
-    let usual = text_in(&keys, "model").and_then(family);
+    let usual = text_in(&keys, "model").and_then(Family::from_name);
     let usual = usual.and_then(|family| family.profile().protocols.first());
     if usual.is_some_and(|usual| text_in(&keys, "protocol") == Some(usual.name())) {
         keys.remove("protocol");

@@ -1,4 +1,4 @@
-//! Rules: how they are, what the configuration says of them, and when they would have acted.
+//! Rules: their state, their text in the configuration, and test runs on the history.
 
 use super::super::access::Need;
 use super::super::answer;
@@ -6,7 +6,8 @@ use super::super::doc::Doc;
 use super::super::history::kept;
 use super::super::language;
 use super::super::order::Order;
-use super::super::routes::{Answer, Route, Site};
+use super::super::route::{Answer, Route};
+use super::super::site::Site;
 use super::{edit, edits};
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
@@ -58,10 +59,10 @@ pub(crate) const ROUTES: &[Route] = &[
 ];
 
 const HOUR_MS: i64 = 3_600_000;
-/// How long a part of the past one try takes, in hours: what is usual, and at most.
+/// The default and the longest period of a test run, in hours.
 const HOURS: u64 = 24;
 const HOURS_MAX: u64 = 168;
-/// The name of a rule that is tried before it has one.
+/// The name of a rule that is tested before it has one.
 const NAMELESS: &str = "new_rule";
 
 async fn all(State(site): State<Site>) -> Answer {
@@ -87,11 +88,11 @@ fn no_such_rule(id: &str) -> Problem {
 }
 
 fn known(service: &Service, id: &str) -> Result<Rule, Problem> {
-    let found = service.config().rules.remove(id);
+    let found = service.config().rules.get(id).cloned();
     found.ok_or_else(|| no_such_rule(id))
 }
 
-/// A rule that acts otherwise than the one before it was not tried, and is not armed.
+/// A rule that acts differently from the previous one has not been tested, and is not armed.
 async fn write(Path(id): Path<String>, order: Order) -> Answer {
     let change = |text: &str| {
         let wanted: RuleText = order.read()?;
@@ -111,11 +112,11 @@ async fn remove(Path(id): Path<String>, order: Order) -> Answer {
     edit(&order, |text| edits::remove(text, "rule", &id)).await
 }
 
-/// A text of the configuration with a rule in it.
+/// The text of the configuration with a rule added.
 fn with_rule(text: &str, id: &str, rule: &RuleText, armed: bool) -> Result<String, Problem> {
     let mut keys = match serde_json::to_value(rule) {
         Ok(Value::Object(keys)) => keys,
-        // A rule is an object.
+        // A rule is always an object.
         _ => edits::Keys::new(),
     };
     if armed {
@@ -132,7 +133,7 @@ async fn try_known(Path(id): Path<String>, order: Order) -> Answer {
     answer::json(tried.await)
 }
 
-/// The rule is read as if it stood in the file, so that what is wrong with it is told as always.
+/// The rule is read as if it were in the file, so that errors are reported in the usual form.
 async fn try_text(order: Order) -> Answer {
     let tried = async {
         let wanted: TryRequest = order.read()?;
@@ -161,7 +162,7 @@ async fn tried(site: &Site, rule: &Rule, wanted: &TryRequest) -> Result<TriedInf
         .map_err(|error| past::problem(&error))
 }
 
-/// From when to when, in milliseconds since 1970. Of what is to come nothing is known.
+/// The period, in milliseconds since 1970. It can't be in the future.
 fn span(wanted: &TryRequest) -> Result<(i64, i64), Problem> {
     let wrong = |reason: &str| Problem::new(codes::BAD_REQUEST).with("reason", reason);
     let now = millis(SystemTime::now());
@@ -192,7 +193,7 @@ async fn arm(Path(id): Path<String>, order: Order) -> Answer {
         return answer::problem(&untried());
     }
     let change = |text: &str| {
-        // The file may say something else than what was tried.
+        // The file may differ from what was tested.
         let now = Config::parse(text).ok();
         let now = now.and_then(|mut config| config.rules.remove(&id));
         match now.is_some_and(|now| now.acts_as(&rule)) {
@@ -207,7 +208,7 @@ async fn arm(Path(id): Path<String>, order: Order) -> Answer {
     answer
 }
 
-/// A rule that acts, and did not already, was tried just as it is.
+/// A rule that is newly armed must have been tested exactly as it is.
 pub(super) fn are_tried(service: &Service, old: &Config, new: &Config) -> Result<(), Problem> {
     let armed = new.rules.iter().filter(|(_, rule)| rule.armed);
     let acts_already = |id: &str, rule: &Rule| {
@@ -217,7 +218,7 @@ pub(super) fn are_tried(service: &Service, old: &Config, new: &Config) -> Result
     let mut acting = armed.filter(|(id, rule)| !acts_already(id, rule));
     acting.try_for_each(|(id, rule)| match service.is_tried(rule) {
         true => Ok(()),
-        // The text is no part of the site yet, and nor is its rule.
+        // The text is not part of the site yet, and neither is its rule.
         false => Err(not_tried(id, "/rules/try-text")),
     })
 }

@@ -4,7 +4,7 @@ use super::super::access::Need;
 use super::super::answer;
 use super::super::doc::Doc;
 use super::super::order::Order;
-use super::super::routes::{Answer, Route};
+use super::super::route::{Answer, Route};
 use super::{edit, edits};
 use axum::extract::Path;
 use axum::http::StatusCode;
@@ -43,11 +43,11 @@ async fn schema() -> Answer {
     answer::with(StatusCode::OK, "application/schema+json", SCHEMA)
 }
 
-/// What people call something.
+/// A display name.
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 enum Name {
-    /// In all languages the same.
+    /// The same in all languages.
     One(String),
     /// In each language.
     Each(BTreeMap<String, String>),
@@ -99,7 +99,7 @@ async fn remove_scene(Path(scene): Path<String>, order: Order) -> Answer {
     edit(&order, change).await
 }
 
-/// What a body says, as keys of the configuration.
+/// A body as fields of the configuration.
 pub(crate) fn keys<T: Serialize + DeserializeOwned>(order: &Order) -> Result<edits::Keys, Problem> {
     let said = serde_json::to_value(order.read::<T>()?);
     match said {

@@ -1,7 +1,7 @@
-//! A calibration as an operation: it asks before each of its two steps, and may be ended there.
+//! A calibration as an operation: it asks before each of its two steps, and may be cancelled there.
 
 use super::drive::{Drive, journal, on_loan, open};
-use super::wish::Wish;
+use super::settings_request::SettingsRequest;
 use railbus_api::ops::{OpBegun, OpInfo};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::settings::{Calibration, SettingsRun};
@@ -11,26 +11,29 @@ use railbus_app::settings::outcome::{self, hindered};
 use railbus_app::settings::target::Target;
 use railbus_commission::settings::{Key, Wanted};
 use railbus_commission::{By, Calibrated, Hindrance, Job, Trouble, calibrate};
-use railbus_device::Family;
 use railbus_words::Code;
 
 /// The steps of a calibration, zero and span.
 const STEPS: u64 = 2;
 
-/// A calibration under way.
+/// A calibration in progress.
 struct Work {
-    wish: Wish,
+    wish: SettingsRequest,
     target: Target,
     job: Job,
-    /// What lies at the inputs in the second step, in hundredths.
+    /// The voltage at the inputs in the second step, in hundredths.
     voltage: u16,
     drive: Drive,
 }
 
-/// Begins it, where the module has one.
-pub(super) async fn begin(wish: Wish, who: String, voltage: &str) -> Result<OpBegun, Problem> {
+/// Starts it, if the module has one.
+pub(super) async fn begin(
+    wish: SettingsRequest,
+    who: String,
+    voltage: &str,
+) -> Result<OpBegun, Problem> {
     let target = wish.target()?;
-    if target.setup.family != Family::Emd2a2q {
+    if !target.setup.family.datasheet().is_calibrated() {
         let told = format!("{} ({})", target.name, target.setup.family);
         return Err(Failure::of(wish.lang, Code::SettingFixed)
             .because(told)
@@ -83,7 +86,7 @@ pub(super) async fn begin(wish: Wish, who: String, voltage: &str) -> Result<OpBe
     Ok(begun)
 }
 
-/// What is known of a calibration that ended: a module says that it did it, and no more.
+/// The result of a calibration for the audit log: a module reports that it did it, and no more.
 fn audited(end: &Result<Calibrated, Trouble>, has_written: bool) -> &'static str {
     match end {
         Ok(done) => match done.hindered {
@@ -104,7 +107,7 @@ impl Work {
         self.drive.end(end);
     }
 
-    /// With its entry in the audit log, on a line that nobody else has.
+    /// With its entry in the audit log, and exclusive access to the line.
     async fn logged(&mut self) -> Result<(), Problem> {
         let (site, service) = (self.wish.site.clone(), self.wish.service.clone());
         let op = self.drive.op.clone();

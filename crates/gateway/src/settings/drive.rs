@@ -1,12 +1,12 @@
-//! A procedure driven on the port of a line that was taken for it, as an operation that tells how
-//! it goes, asks whoever follows it, and can be ended.
+//! Drives a procedure on the port of a line with exclusive access, as an operation: reports its
+//! progress, asks its followers, and can be cancelled.
 
-use super::wish::Wish;
+use super::settings_request::SettingsRequest;
 use crate::config::Asks;
 use crate::listen::ended;
+use crate::localize;
 use crate::ops::Op;
-use crate::routes::Site;
-use crate::spoken;
+use crate::site::Site;
 use railbus_api::ops::OpState;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{failures, settings as told};
@@ -26,31 +26,31 @@ use std::pin::pin;
 use std::time::Duration;
 use tokio::sync::watch;
 
-/// So long somebody may take to answer: meanwhile the line is taken from its polls.
+/// How long to wait for an answer: the line is not polled meanwhile.
 const ANSWER_MAX: Duration = Duration::from_secs(300);
 
-/// A procedure under way.
+/// A procedure in progress.
 pub(super) struct Drive {
     lang: Lang,
     pub(super) op: Op,
     stop: watch::Receiver<bool>,
-    /// The journal; none while it is at the disk.
+    /// The journal; none while it is being written.
     store: Option<Store>,
     is_stopped: bool,
-    /// A write was begun: what fails from then on may have acted.
+    /// A write was started: failures from then on may have acted.
     pub(super) has_written: bool,
 }
 
-/// The journal, held for one who changes what modules keep.
-pub(super) async fn journal(wish: &Wish) -> Result<Store, Problem> {
+/// The journal, locked for a change of settings.
+pub(super) async fn journal(wish: &SettingsRequest) -> Result<Store, Problem> {
     let (state, folder) = (wish.state(), wish.state());
     let store = tokio::task::spawn_blocking(move || Store::open(&state)).await;
     let store = store.map_err(std::io::Error::other).and_then(|store| store);
     store.map_err(|error| store_failure(wish.lang, &folder, &error).to_problem())
 }
 
-/// Does something on a line that nobody else has meanwhile. When the loan is over, the operation
-/// ends as if somebody had asked for that: where it is safe to stop.
+/// Does something with exclusive access to a line. When the access is revoked, the operation ends
+/// as if it had been cancelled: where it is safe to stop.
 pub(super) async fn on_loan<T>(
     (site, op): (&Site, &Op),
     service: &Service,
@@ -67,7 +67,7 @@ pub(super) async fn on_loan<T>(
             work.await
         }
     };
-    // At the end of the daemon there is nothing to give back.
+    // When the daemon stops, there is nothing to release.
     let is_ending = *site.stop.borrow();
     match is_ending {
         true => loan.leave(),
@@ -76,7 +76,7 @@ pub(super) async fn on_loan<T>(
     end
 }
 
-/// The port of a module's line.
+/// Opens the port of a module's line.
 pub(super) async fn open(target: &Target) -> Result<Talk, Problem> {
     let talk = Talk::open(&target.port, target.setup.serial).await;
     talk.map_err(|error| {
@@ -88,7 +88,7 @@ pub(super) async fn open(target: &Target) -> Result<Talk, Problem> {
 }
 
 impl Drive {
-    pub(super) fn new(wish: &Wish, op: Op, store: Store) -> Drive {
+    pub(super) fn new(wish: &SettingsRequest, op: Op, store: Store) -> Drive {
         Drive {
             lang: wish.lang,
             op,
@@ -117,7 +117,7 @@ impl Drive {
                 Err(problem) if problem.code == Code::Interrupted.name() => {
                     (OpState::Cancelled, None)
                 }
-                Err(problem) => (OpState::Failed, Some(spoken::told(lang, problem))),
+                Err(problem) => (OpState::Failed, Some(localize::told(lang, problem))),
             };
             if info.state == OpState::Done {
                 (info.done, info.percent) = (info.total, 100.0);
@@ -125,7 +125,7 @@ impl Drive {
         });
     }
 
-    /// Asks whoever follows the operation. Who ends it, or says nothing for too long, says no.
+    /// Asks the followers of the operation. Cancelling it, or not answering in time, counts as no.
     async fn ask(&mut self, question: Question) -> bool {
         if self.is_stopped {
             return false;
@@ -190,7 +190,7 @@ impl Drive {
         }
     }
 
-    /// Does one act; where somebody wants all this to end, the procedure learns it meanwhile.
+    /// Carries out one action; if the operation is cancelled meanwhile, the procedure is informed.
     async fn unless_stopped<T, A: Future>(
         &mut self,
         procedure: &mut Procedure<T>,
@@ -210,7 +210,7 @@ impl Drive {
         act.await
     }
 
-    /// Writes a record down; true once it is safe.
+    /// Writes a record to the journal; true once it is durable.
     pub(super) async fn keep(&mut self, record: Record) -> bool {
         let Some(mut store) = self.store.take() else {
             return false;
@@ -257,15 +257,15 @@ impl Drive {
         });
     }
 
-    /// The configuration's file says where the module is now.
+    /// Updates the module's place in the configuration file.
     pub(super) async fn follow(
         &mut self,
-        wish: &Wish,
+        wish: &SettingsRequest,
         who: &str,
         place: Place,
         last: Option<Record>,
     ) -> Result<(), Problem> {
-        let Wish {
+        let SettingsRequest {
             site,
             service,
             lang,
@@ -295,7 +295,7 @@ impl Drive {
             return Err(not_followed(*lang, file, module, place, &why).to_problem());
         }
         if let Some(last) = last {
-            // The file is right already: should this fail, a recovery only finds that it is.
+            // The file is right already: if this fails, a recovery will only confirm that.
             let state = State::Filed;
             self.keep(Record { state, ..last }).await;
         }

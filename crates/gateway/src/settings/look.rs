@@ -1,4 +1,4 @@
-//! A module is read between the polls of its line: nobody else loses a poll by that.
+//! Reads a module between the polls of its line, without delaying those of others.
 
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::failures;
@@ -12,10 +12,10 @@ use railbus_words::Lang;
 use std::time::Duration;
 use tokio::time::Instant as Moment;
 
-/// A question that takes so long to be sent and answered waits for a silence that never comes.
+/// A request that takes this long waits for a silence that never comes.
 const UNSENT_MAX: Duration = Duration::from_secs(10);
 
-/// Everything that a module tells.
+/// Reads everything that a module reports.
 pub(super) async fn look(service: &Service, lang: Lang, target: &Target) -> Result<Found, Problem> {
     let start = Moment::now();
     let now = || Instant(u64::try_from(start.elapsed().as_micros()).unwrap_or(u64::MAX));
@@ -34,14 +34,14 @@ pub(super) async fn look(service: &Service, lang: Lang, target: &Target) -> Resu
                 Event::Over
             }
             Step::Do(Act::Tell(_)) => Event::Over,
-            // A look writes nothing, and asks nobody.
+            // Reading writes nothing, and asks nobody.
             Step::Do(Act::Journal(_)) => Event::Kept(false),
             Step::Do(Act::Confirm(_)) => Event::Answer(false),
         };
     }
 }
 
-/// What a module answers; none where two do.
+/// A module's answer to one request; none if two modules answer.
 async fn put(service: &Service, target: &Target, ask: &Ask) -> Result<Option<Heard>, Problem> {
     let terms = RawTerms {
         settings: Some(ask.settings),
@@ -55,7 +55,7 @@ async fn put(service: &Service, target: &Target, ask: &Ask) -> Result<Option<Hea
     }
     let bytes = match met.reply(&ask.exchange) {
         Some(own) => own.to_vec(),
-        // What looks like a reply here is a part of somebody else's.
+        // What looks like a reply here is a part of another module's.
         None if ask.exchange.find_response(&met.bytes).1.whole().is_some() => return Ok(None),
         None => met.bytes,
     };
@@ -65,7 +65,7 @@ async fn put(service: &Service, target: &Target, ask: &Ask) -> Result<Option<Hea
     }))
 }
 
-/// Sends a read between the polls, and hears what comes.
+/// Sends a read between the polls, and returns the reply.
 pub(super) async fn send(
     service: &Service,
     target: &Target,

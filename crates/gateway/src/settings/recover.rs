@@ -1,8 +1,8 @@
-//! Looking for a module as an operation: one whose change was cut short, or that is not where it
-//! should be. It only reads; where the module is found, the configuration follows it.
+//! Searches for a module as an operation: one whose change was interrupted, or that is not where it
+//! should be. It only reads; where the module is found, the configuration is updated.
 
 use super::drive::{Drive, journal, on_loan, open};
-use super::wish::Wish;
+use super::settings_request::SettingsRequest;
 use railbus_api::ops::{OpBegun, OpInfo};
 use railbus_api::problem::Problem;
 use railbus_api::settings::SettingsRun;
@@ -12,21 +12,21 @@ use railbus_app::settings::target::Target;
 use railbus_commission::{Found, Place, Record, Recovered, Search, State, Trouble};
 use railbus_commission::{look_up, recover};
 
-/// A search under way.
+/// A search in progress.
 struct Work {
-    wish: Wish,
+    wish: SettingsRequest,
     target: Target,
     who: String,
-    /// The last record of a change whose end is not known.
+    /// The last record of a change without a known end.
     open: Option<Record>,
     drive: Drive,
 }
 
-/// What it found out, in one word, and the module.
+/// The result in one word, and the module.
 type Traced = (&'static str, Option<Found>);
 
-/// Begins it.
-pub(super) async fn begin(wish: Wish, who: String) -> Result<OpBegun, Problem> {
+/// Starts it.
+pub(super) async fn begin(wish: SettingsRequest, who: String) -> Result<OpBegun, Problem> {
     let target = wish.target()?;
     let store = journal(&wish).await?;
     let mut records = store.log().open().into_iter();
@@ -89,7 +89,7 @@ impl Work {
         self.drive.follow(&self.wish, &who, found.place, last).await
     }
 
-    /// Looks where it should be, then outwards. Other modules are not taken for it.
+    /// Looks where it should be, then further out. Other modules are not mistaken for it.
     async fn search(&mut self) -> Result<Result<Traced, Trouble>, Problem> {
         let target = &self.target;
         let same = |other: &&railbus_commission::Neighbour| other.protocol == target.setup.protocol;

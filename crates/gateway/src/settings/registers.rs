@@ -1,8 +1,8 @@
-//! `GET /api/v1/modules/{module}/registers`: what a module says of itself, byte for byte. Each of
-//! its reads is sent between the polls of its line, and once more where no good reply comes.
+//! `GET /api/v1/modules/{module}/registers`: what a module reports, byte for byte. Each read is
+//! sent between the polls of its line, and repeated if there is no good reply.
 
 use super::look::send;
-use super::wish::Wish;
+use super::settings_request::SettingsRequest;
 use railbus_api::problem::Problem;
 use railbus_api::settings::{Cell, RegisterRead, Registers};
 use railbus_api::types::SCHEMA;
@@ -11,62 +11,16 @@ use railbus_app::frames::meaning;
 use railbus_app::settings::outcome;
 use railbus_app::settings::target::Target;
 use railbus_commission::{Place, Trouble};
-use railbus_device::{Family, Module, Op, Point, PointKind, Setup};
+use railbus_device::{Module, Op, Point, PointKind, Setup};
 use railbus_host::Probed;
 use railbus_site::RawTerms;
 use railbus_wire::rtu::{Request, Response as RtuResponse, WordSpan};
-use railbus_wire::{Exchange, Frame, Protocol, Response};
+use railbus_wire::{Exchange, Frame, Response};
 use railbus_words::Lang;
 use railbus_words::hex;
 
-/// A register that reads: what it is, in both languages, and the fact that says so.
-type Word = ([&'static str; 2], &'static str);
-
-/// The holding registers of a module, from 0.
-const fn words(setup: &Setup) -> &'static [Word] {
-    match (setup.family, setup.protocol) {
-        (Family::Eda9060a, Protocol::Rtu) => &[
-            (["model", "型号"], "[EDA9060A §6.6]"),
-            (
-                ["address, speed code", "地址、波特率代码"],
-                "[EDA9060A §6.7]",
-            ),
-            (
-                ["pulse mode, width in 0.1 s", "脉冲方式、宽度（0.1 秒）"],
-                "[EDA9060A §6.8]",
-            ),
-            (["protocol, checksum", "协议、校验和"], "[EDA9060A §6.9]"),
-        ],
-        (Family::Erc8, _) => &[
-            (["address", "地址"], "[ERC-8 §4.1]"),
-            (["speed code", "波特率代码"], "[ERC-8 §4.2]"),
-            (["parity code", "校验位代码"], "[ERC-8 §4.3]"),
-        ],
-        (Family::Emd2a2q, _) => &[
-            (["product version", "产品版本"], "[EMD-2A2Q §4.1]"),
-            (["address", "地址"], "[EMD-2A2Q §4.2]"),
-            (["speed code", "波特率代码"], "[EMD-2A2Q §4.3]"),
-            (["parity code", "校验位代码"], "[EMD-2A2Q §4.4]"),
-            (
-                ["calibration voltage in 0.01 V", "校准电压（0.01 V）"],
-                "[EMD-2A2Q §4.5]",
-            ),
-            (["calibration under way", "校准进行中"], "[EMD-2A2Q §5.1]"),
-            (
-                ["analog input 1, times 100", "模拟量输入 1（×100）"],
-                "[EMD-2A2Q §4.6]",
-            ),
-            (
-                ["analog input 2, times 100", "模拟量输入 2（×100）"],
-                "[EMD-2A2Q §4.6]",
-            ),
-        ],
-        _ => &[],
-    }
-}
-
-impl Wish {
-    /// What the module says of itself now.
+impl SettingsRequest {
+    /// Reads the registers of the module.
     pub(super) async fn registers(&self) -> Result<Registers, Problem> {
         let target = self.target()?;
         let mut reads = Vec::new();
@@ -96,7 +50,7 @@ impl Wish {
         };
         let mut met = send(&self.service, target, exchange, terms).await?;
         if met.outcome == Probed::Garbled {
-            // It may have been the late reply of another module alone.
+            // It may have been only the late reply of another module.
             met = send(&self.service, target, exchange, terms).await?;
         }
         let mut frame = Frame::new();
@@ -122,7 +76,7 @@ fn exchanges(setup: &Setup) -> Vec<Exchange<'static>> {
     let Ok(module) = Module::new(*setup) else {
         return Vec::new();
     };
-    let whole = u16::try_from(words(setup).len()).ok();
+    let whole = u16::try_from(setup.registers().len()).ok();
     let whole = whole.and_then(|count| WordSpan::new(0, count));
     let whole = whole.map(|span| Exchange::rtu(setup.address, Request::ReadHoldingRegisters(span)));
     let mut ops = vec![Op::ReadOutputs, Op::ReadInputs];
@@ -139,7 +93,7 @@ fn exchanges(setup: &Setup) -> Vec<Exchange<'static>> {
     all
 }
 
-/// What is in a reply, coil by coil and register by register.
+/// The content of a reply, coil by coil and register by register.
 fn cells(lang: Lang, setup: &Setup, asked: &Exchange<'_>, reply: &Response<'_>) -> Vec<Cell> {
     let (Exchange::Rtu(asked), Response::Rtu(reply)) = (asked, reply) else {
         return Vec::new();
@@ -160,14 +114,14 @@ fn cells(lang: Lang, setup: &Setup, asked: &Exchange<'_>, reply: &Response<'_>) 
             bits.to_mask(),
         ),
         (Request::ReadHoldingRegisters(span), RtuResponse::Words(values)) => {
-            let known = (0_u16..).zip(words(setup));
-            let known = known.filter_map(|(at, word)| Some((at, word, values.get(at)?)));
+            let known = (0_u16..).zip(setup.registers());
+            let known = known.filter_map(|(at, register)| Some((at, register, values.get(at)?)));
             known
-                .map(|(at, (name, fact), value)| Cell {
+                .map(|(at, register, value)| Cell {
                     kind: "holding".to_owned(),
                     at: span.start() + at,
-                    name: lang.of(*name).to_owned(),
-                    fact: Some((*fact).to_owned()),
+                    name: lang.of(register.name).to_owned(),
+                    fact: Some(register.fact.to_owned()),
                     value,
                 })
                 .collect()

@@ -1,4 +1,4 @@
-//! When a certificate ends: the one thing that is read of it here.
+//! When a certificate expires: the only field that is parsed here.
 
 use jiff::Timestamp;
 use jiff::civil::DateTime;
@@ -11,14 +11,14 @@ const GENERALIZED_TIME: u8 = 0x18;
 /// Two digits of a year mean 1950 to 2049, as RFC 5280 has it.
 const PIVOT: u32 = 50;
 
-/// The end of a certificate's validity, by the form of RFC 5280; none where it can't be found.
+/// The end of a certificate's validity, as encoded in RFC 5280; none if it can't be found.
 pub(super) fn not_after(der: &[u8]) -> Option<Timestamp> {
     let (_, certificate, _) = take(der)?;
     let (_, mut rest, _) = take(certificate)?;
     if let (VERSION, _, behind) = take(rest)? {
         rest = behind;
     }
-    // Serial number, algorithm and issuer stand before it.
+    // Serial number, algorithm and issuer precede it.
     for _ in 0..3 {
         (_, _, rest) = take(rest)?;
     }
@@ -28,7 +28,7 @@ pub(super) fn not_after(der: &[u8]) -> Option<Timestamp> {
     time(tag, std::str::from_utf8(text).ok()?)
 }
 
-/// The tag and the content of what comes first, and what follows it.
+/// Tag and content of the first element, and the rest.
 fn take(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (&tag, rest) = bytes.split_first()?;
     let (&first, rest) = rest.split_first()?;

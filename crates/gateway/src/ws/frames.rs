@@ -1,8 +1,8 @@
-//! What passes on a line, frame by frame and in words. Nothing is sent for it, and while nobody
-//! looks on nothing is done.
+//! The frames of a line with their meaning. Nothing is sent on the line for it, and while nobody is
+//! watching, it does no work.
 
 use super::{Gone, Out};
-use crate::ear::{Ear, modules};
+use crate::frame_listener::{FrameListener, modules};
 use railbus_app::api::convert;
 use railbus_app::frames::{Facts, as_json};
 use railbus_host::Tap;
@@ -11,7 +11,7 @@ use railbus_wire::Settings;
 use railbus_words::Lang;
 use serde_json::Value;
 
-/// How many frames are told at once; more wait at the line, which drops the oldest.
+/// How many frames are sent at once; more wait at the line, which drops the oldest.
 const BATCH_MAX: usize = 64;
 
 /// Follows a line through all its ports.
@@ -26,11 +26,11 @@ pub(super) async fn follow(
     loop {
         if let Ok((now, tap)) = service.tap(&line).await {
             let settings = service.line(&line).map(|status| status.serial);
-            let mut ear = Ear::new(
+            let mut listener = FrameListener::new(
                 convert::start_of(now),
                 settings.unwrap_or(Settings::FACTORY),
             );
-            listen(&service, (&line, lang), tap, &mut ear, &mut out).await?;
+            listen(&service, (&line, lang), tap, &mut listener, &mut out).await?;
         }
         // Its port is closed: it may be lent, or come back with another configuration.
         loop {
@@ -49,17 +49,17 @@ async fn listen(
     service: &Service,
     (line, lang): (&str, Lang),
     mut tap: Tap,
-    ear: &mut Ear,
+    listener: &mut FrameListener,
     out: &mut Out,
 ) -> Result<(), Gone> {
     let mut heard = Vec::new();
     loop {
-        let due = ear.hear(&mut heard);
+        let due = listener.hear(&mut heard);
         tokio::select! {
             biased;
             passed = tap.next(), if heard.len() < BATCH_MAX => match passed {
                 None => return Ok(()),
-                Some(Ok(passed)) => ear.take(&passed, &mut heard),
+                Some(Ok(passed)) => listener.take(&passed, &mut heard),
                 Some(Err(count)) => {
                     out.dropped(count).await?;
                     out.snapshot(&[0; 0]).await?;
@@ -73,7 +73,7 @@ async fn listen(
                     .collect();
                 out.delta("frames", &records).await?;
             }
-            () = ear.until(due) => ear.timeout(),
+            () = listener.until(due) => listener.timeout(),
         }
     }
 }

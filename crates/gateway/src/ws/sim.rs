@@ -1,4 +1,4 @@
-//! How the modules of a simulated line are, and what of that changes.
+//! The state of the modules of a simulated line, and its changes.
 
 use super::{Gone, Out};
 use railbus_api::sim::{SimFaultInfo, SimLineInfo, SimModuleInfo};
@@ -11,7 +11,7 @@ pub(super) use crate::sim::line;
 /// How often a client's view is compared with the modules.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Tells how the line is, and then what changes.
+/// Sends the state of the line, then its changes.
 pub(super) async fn follow(line: &Remote, mut out: Out) -> Result<(), Gone> {
     let Some(mut told) = line.look().await else {
         return Ok(());
@@ -31,7 +31,7 @@ pub(super) async fn follow(line: &Remote, mut out: Out) -> Result<(), Gone> {
     }
 }
 
-/// The line with those of its modules that changed, where anything did.
+/// The line with only those modules that changed, if any did.
 fn changes(before: &SimLineInfo, now: &SimLineInfo) -> Option<SimLineInfo> {
     let mut now = now.clone();
     let known = |module: &SimModuleInfo| {
@@ -48,7 +48,7 @@ fn changes(before: &SimLineInfo, now: &SimLineInfo) -> Option<SimLineInfo> {
     (!is_same).then_some(now)
 }
 
-/// Without what who was told before can reckon.
+/// Without fields that the client can compute.
 fn lasting(module: &SimModuleInfo) -> SimModuleInfo {
     SimModuleInfo {
         faults: without_time(&module.faults),

@@ -1,8 +1,9 @@
-//! What one can subscribe to.
+//! The topics of a WebSocket.
 
+use super::print::View;
 use super::{Gone, Out, frames, news, sim};
 use crate::ops::Op;
-use crate::routes::Site;
+use crate::site::Site;
 use railbus_api::ops::OpState;
 use railbus_api::problem::{Problem, codes};
 use railbus_app::api::{ask, failures, past};
@@ -10,13 +11,13 @@ use railbus_plant::remote::Remote;
 use railbus_site::Service;
 use railbus_words::Lang;
 
-/// How many events are told at once.
+/// How many events are sent at once.
 const BATCH_MAX: usize = 64;
 
-/// What one can subscribe to.
+/// A topic that can be subscribed to.
 #[derive(Clone, Debug)]
 pub(super) enum Topic {
-    /// `points/#`, `points/pump/#`, `points/pump/do0`: those that are selected, or all.
+    /// `points/#`, `points/pump/#`, `points/pump/do0`: the selected points, or all.
     Points(Vec<String>),
     /// `modules`.
     Modules,
@@ -33,7 +34,7 @@ pub(super) enum Topic {
 }
 
 impl Topic {
-    /// By its name. What it names must be there.
+    /// Parses its name. What it names must exist.
     pub(super) fn parse(site: &Site, name: &str) -> Result<Topic, Problem> {
         let parts: Vec<&str> = name.split('/').collect();
         let topic = match parts.as_slice() {
@@ -76,15 +77,13 @@ impl Topic {
         Ok(topic)
     }
 
-    /// Tells what there is to tell until the client has gone, or what it is about.
+    /// Sends messages until the client has gone, or the topic ends.
     pub(super) async fn run(self, site: Site, lang: Lang, out: Out) {
-        // Who has gone needs to be told nothing.
+        // A client that has gone is not an error.
         let _ = match self {
-            Topic::Points(selectors) => {
-                news::follow(site.service, news::View::Points(selectors), out).await
-            }
-            Topic::Modules => news::follow(site.service, news::View::Modules, out).await,
-            Topic::Lines => news::follow(site.service, news::View::Lines, out).await,
+            Topic::Points(selectors) => news::follow(&site, View::Points(selectors), out).await,
+            Topic::Modules => news::follow(&site, View::Modules, out).await,
+            Topic::Lines => news::follow(&site, View::Lines, out).await,
             Topic::Op(op) => follow_op(&op, out).await,
             Topic::Sim(line) => sim::follow(&line, out).await,
             Topic::Events => follow_events(&site.service, out).await,
@@ -93,13 +92,13 @@ impl Topic {
     }
 }
 
-/// Tells how an operation is, until it has ended.
+/// Sends the state of an operation until it has ended.
 async fn follow_op(op: &Op, mut out: Out) -> Result<(), Gone> {
     let mut told = op.follow();
     let mut info = told.borrow_and_update().clone();
     out.snapshot(&info).await?;
     while info.state == OpState::Running && told.changed().await.is_ok() {
-        // What changes meanwhile is in what is told then.
+        // Further changes are included in the next message.
         out.paced().await;
         info = told.borrow_and_update().clone();
         out.delta("op", &info).await?;
@@ -107,7 +106,7 @@ async fn follow_op(op: &Op, mut out: Out) -> Result<(), Gone> {
     Ok(())
 }
 
-/// Tells what happens. What was before is asked for at `/events`.
+/// Sends events as they happen. Earlier ones can be read from `/events`.
 async fn follow_events(service: &Service, mut out: Out) -> Result<(), Gone> {
     let mut events = service.follow_events();
     out.snapshot(&[0; 0]).await?;

@@ -1,6 +1,6 @@
-//! Problems in the language of who asked. Codes and keys are the same in every language; who
-//! says `Accept-Language` gets words of it, too: `detail` says what happened, `help` what it
-//! usually comes from and what to do.
+//! Problems in the language of the request. Codes and keys are the same in every language; with
+//! `Accept-Language` there are texts, too: `detail` says what happened, `help` the likely causes
+//! and what to do.
 
 use super::answer;
 use super::language::spoken;
@@ -18,7 +18,7 @@ use railbus_words::Lang;
 /// Problems are short: a longer body is none of ours.
 const PROBLEM_MAX: usize = 64 << 10;
 
-/// Adds the words to each problem that goes out.
+/// Adds the texts to each problem in a response.
 pub(super) async fn problems(State(lang): State<Lang>, request: Request, next: Next) -> Response {
     let lang = request
         .headers()
@@ -33,8 +33,8 @@ pub(super) async fn problems(State(lang): State<Lang>, request: Request, next: N
     }
 }
 
-/// What is refused before a handler sees it, such as a body that is too long, is told as a
-/// problem like all else.
+/// Errors that occur before a handler runs, such as a body that is too long, are reported as
+/// problems like all others.
 pub(super) async fn only_problems(request: Request, next: Next) -> Response {
     let response = next.run(request).await;
     let status = response.status();
@@ -54,7 +54,7 @@ pub(super) async fn only_problems(request: Request, next: Next) -> Response {
         ..Problem::new(kind)
     };
     let mut told = answer::problem(&problem.with("reason", reason));
-    // `Allow`, where the method is the wrong one.
+    // `Allow`, if the method is wrong.
     if let Some(allowed) = response.headers().get(ALLOW) {
         told.headers_mut().insert(ALLOW, allowed.clone());
     }
@@ -70,7 +70,7 @@ async fn in_words(lang: Lang, response: Response) -> Response {
     };
     let mut response = answer::problem(&told(lang, problem));
     for (name, value) in &head.headers {
-        // `Retry-After` and the like; what describes the body is of the new one.
+        // `Retry-After` and the like; headers about the body are those of the new one.
         if name != CONTENT_LENGTH && name != CONTENT_TYPE {
             response.headers_mut().append(name, value.clone());
         }
@@ -78,12 +78,12 @@ async fn in_words(lang: Lang, response: Response) -> Response {
     response
 }
 
-/// A problem and what it says to people.
+/// A problem with its texts.
 pub(super) fn told(lang: Lang, problem: Problem) -> Problem {
     let failure = Failure::of_problem(lang, &problem);
     let acted = lang.get(AppText::MayHaveActed);
     let why = failure.why().iter().map(String::as_str);
-    // That is `may_have_acted`: who reads the answer says it once, in their own place.
+    // This is `may_have_acted`: clients show that themselves, in a place of its own.
     let mut help: Vec<&str> = why.filter(|line| *line != acted).collect();
     help.extend([
         failure.code().page().likely(lang),

@@ -1,7 +1,7 @@
-//! What is wanted of the settings of a module, checked against what it keeps now.
+//! Requests concerning the settings of a module, checked against those it has now.
 
 use super::look::look;
-use crate::routes::Site;
+use crate::site::Site;
 use railbus_api::problem::{Problem, codes};
 use railbus_api::settings::{
     LoggedChange, Setting, SettingChange, SettingFrame, Settings, SettingsLog, SettingsPlan,
@@ -17,7 +17,6 @@ use railbus_commission::settings::{
     Access, Choice, Key, Wanted, choice, differences, settings, shown,
 };
 use railbus_commission::{By, Found, Log, Record, Stage};
-use railbus_device::Family;
 use railbus_site::Service;
 use railbus_site::config::keeper::etag;
 use railbus_store::journal::Store;
@@ -26,30 +25,30 @@ use railbus_words::Lang;
 use serde_json::{Map, Value};
 use std::path::PathBuf;
 
-/// The most changes that are told at once.
+/// The most changes that are listed at once.
 const LOGGED_MAX: usize = 200;
 
-/// Who wants something of the settings of a module.
-pub(super) struct Wish {
+/// A request concerning the settings of a module.
+pub(super) struct SettingsRequest {
     pub(super) site: Site,
     pub(super) service: Service,
     pub(super) lang: Lang,
     pub(super) module: String,
-    /// The marks of the values that may be changed; none where any may.
+    /// The versions of the values that may be changed; none if any may.
     seen: Option<Vec<String>>,
 }
 
-/// What is wanted.
+/// The requested change.
 pub(super) enum Want {
-    /// These settings, by their names.
+    /// These settings, by name.
     Set(Map<String, Value>),
-    /// What was before this change, or the last one.
+    /// Undo this change, or the last one.
     Undo(Option<u64>),
 }
 
-/// What it takes.
+/// The steps of a change.
 pub(super) struct Plan {
-    /// The module, where it was found.
+    /// The module, at the place where it was found.
     pub(super) target: Target,
     pub(super) found: Found,
     pub(super) wanted: Wanted,
@@ -58,15 +57,15 @@ pub(super) struct Plan {
     pub(super) undoes: Option<u64>,
 }
 
-impl Wish {
+impl SettingsRequest {
     pub(super) fn new(
         site: &Site,
         service: &Service,
         lang: Lang,
         module: String,
         seen: Option<Vec<String>>,
-    ) -> Wish {
-        Wish {
+    ) -> SettingsRequest {
+        SettingsRequest {
             site: site.clone(),
             service: service.clone(),
             lang,
@@ -75,7 +74,7 @@ impl Wish {
         }
     }
 
-    /// Where the journal lies.
+    /// The folder of the journal.
     pub(super) fn state(&self) -> PathBuf {
         self.site.desk.state().to_owned()
     }
@@ -88,7 +87,7 @@ impl Wish {
         })
     }
 
-    /// What the module keeps now.
+    /// Reads the module's settings.
     pub(super) async fn settings(&self) -> Result<Settings, Problem> {
         let target = self.target()?;
         let found = look(&self.service, self.lang, &target).await?;
@@ -105,7 +104,7 @@ impl Wish {
         })
     }
 
-    /// What it takes to do what is wanted, of a module that is as the caller has seen it.
+    /// The plan for a change, of a module whose settings are as the caller has seen them.
     pub(super) async fn plan(&self, want: Want) -> Result<Plan, Problem> {
         let target = self.target()?;
         let (wanted, by, undoes) = match want {
@@ -154,7 +153,7 @@ impl Wish {
         Ok(wanted)
     }
 
-    /// A change of this module, and what takes it back.
+    /// A change of this module, and the change that undoes it.
     async fn undoing(
         &self,
         target: &Target,
@@ -184,7 +183,7 @@ impl Wish {
         })
     }
 
-    /// The changes of the module.
+    /// The journal of the module.
     pub(super) async fn log(&self) -> Result<SettingsLog, Problem> {
         self.target()?;
         let log = self.journal().await?;
@@ -202,7 +201,7 @@ impl Wish {
 }
 
 impl Plan {
-    /// What would change.
+    /// The differences.
     pub(super) fn changes(&self) -> Vec<SettingChange> {
         let before = self.found.kept();
         let after = self.stages.last().map_or(before, |stage| stage.after);
@@ -230,12 +229,13 @@ impl Plan {
             changes: self.changes(),
             frames: self.stages.iter().map(frame).collect(),
             warnings: plan::warnings(lang, &self.target, &self.stages),
-            power_cycle: self.target.setup.family == Family::R55 && !self.stages.is_empty(),
+            power_cycle: self.target.setup.family.datasheet().needs_power_cycle()
+                && !self.stages.is_empty(),
         }
     }
 }
 
-/// The mark of what a module keeps.
+/// The version of a module's settings.
 fn mark(target: &Target, found: &Found) -> String {
     let known = plan::known(target, found);
     let all = settings(&target.setup).into_iter();

@@ -1,4 +1,4 @@
-//! The daemon's own ear on a line: what passes, frame by frame.
+//! The daemon's view of the traffic of a line, frame by frame.
 
 use railbus_app::api::ask;
 use railbus_app::frames::Named;
@@ -9,28 +9,28 @@ use railbus_wire::{Instant, Settings};
 use std::time::Duration;
 use tokio::time::sleep_until;
 
-/// The modules that frames may be of.
+/// The modules that frames may belong to.
 pub(super) fn modules(service: &Service, line: &str) -> Vec<Named> {
     let modules = ask::modules(service).into_iter();
     let here = modules.filter(|module| module.line == line);
     here.filter_map(Named::of).collect()
 }
 
-/// Finds the frames in what passes.
-pub(super) struct Ear {
+/// Finds the frames in the traffic.
+pub(super) struct FrameListener {
     listener: Listener,
     settings: Settings,
-    /// When the line's time began, in microseconds since 1970.
+    /// When the line's clock started, in microseconds since 1970.
     start: u64,
-    /// Its own time began then.
+    /// The same moment on tokio's clock.
     began: tokio::time::Instant,
     at: u64,
 }
 
-impl Ear {
-    pub(super) fn new(start: u64, settings: Settings) -> Ear {
+impl FrameListener {
+    pub(super) fn new(start: u64, settings: Settings) -> FrameListener {
         let epoch = u64::try_from(jiff::Timestamp::now().as_microsecond());
-        Ear {
+        FrameListener {
             listener: Listener::new(settings).with_silence(PIECE_PAUSE),
             settings,
             start,
@@ -44,7 +44,7 @@ impl Ear {
         Instant(self.at.saturating_add(passed))
     }
 
-    /// Until then; where nothing is due, for ever.
+    /// Sleeps until then; for ever if nothing is due.
     pub(super) async fn until(&self, due: Option<Instant>) {
         match due {
             Some(due) => {
@@ -55,12 +55,12 @@ impl Ear {
         }
     }
 
-    /// What was due is due now.
+    /// Handles the deadline that has come.
     pub(super) fn timeout(&mut self) {
         self.listener.handle(self.now(), Input::Timeout);
     }
 
-    /// Takes out what was heard; says when it is due again.
+    /// Takes the frames found so far; returns the next deadline.
     pub(super) fn hear(&mut self, heard: &mut Vec<Heard>) -> Option<Instant> {
         loop {
             match self.listener.poll() {
@@ -70,11 +70,11 @@ impl Ear {
         }
     }
 
-    /// What passed, after every timeout that fell due before it.
+    /// Handles traffic, after every timeout that was due before it.
     pub(super) fn take(&mut self, passed: &TapFrame, heard: &mut Vec<Heard>) {
         let at = Instant(self.start.saturating_add(passed.at.0));
         let time = self.settings.frame_time(passed.bytes.len());
-        // What is sent is told when it is handed to the port, what is heard when it has ended.
+        // Sent bytes are time-stamped when written to the port, received ones when they have ended.
         let (begins, ends) = match passed.sent {
             Some(settings) => (at, at + settings.frame_time(passed.bytes.len())),
             None => (Instant(at.0.saturating_sub(time.0)), at),
@@ -97,7 +97,7 @@ mod tests {
     use super::*;
     use railbus_sniff::Verdict;
 
-    /// The line master takes such a reply as good, so the list of frames must not call it cut.
+    /// The line master accepts such a reply, so the list of frames must not call it incomplete.
     #[tokio::test]
     async fn a_reply_that_the_line_takes_in_pieces_is_one_frame() {
         let settings = Settings::FACTORY;
@@ -106,12 +106,12 @@ mod tests {
             sent: sent.then_some(settings),
             bytes: bytes.into(),
         };
-        let mut ear = Ear::new(1_000_000, settings);
+        let mut listener = FrameListener::new(1_000_000, settings);
         let mut heard = Vec::new();
-        ear.take(&passed(0, true, b"$016\r"), &mut heard);
-        ear.take(&passed(20_000, false, b"!0302"), &mut heard);
-        ear.take(&passed(68_000, false, b"00\r"), &mut heard);
-        ear.hear(&mut heard);
+        listener.take(&passed(0, true, b"$016\r"), &mut heard);
+        listener.take(&passed(20_000, false, b"!0302"), &mut heard);
+        listener.take(&passed(68_000, false, b"00\r"), &mut heard);
+        listener.hear(&mut heard);
         let verdicts: Vec<_> = heard
             .iter()
             .map(|heard| match heard {

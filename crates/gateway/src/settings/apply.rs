@@ -1,8 +1,8 @@
-//! A change of settings as an operation: the line is taken, the procedure is driven on its port,
-//! the configuration follows the module, and the line is given back.
+//! A change of settings as an operation: takes exclusive access to the line, drives the procedure
+//! on its port, updates the configuration, and releases the line.
 
 use super::drive::{Drive, journal, on_loan, open};
-use super::wish::{Plan, Wish};
+use super::settings_request::{Plan, SettingsRequest};
 use railbus_api::ops::{OpBegun, OpInfo};
 use railbus_api::problem::Problem;
 use railbus_api::settings::SettingsRun;
@@ -12,20 +12,24 @@ use railbus_app::settings::outcome::{self, placed};
 use railbus_commission::{Ended, Job, Trouble, Why, change};
 use railbus_words::Code;
 
-/// A change under way.
-struct Carry {
-    wish: Wish,
+/// A change in progress.
+struct Apply {
+    wish: SettingsRequest,
     plan: Plan,
     who: String,
     drive: Drive,
     /// The number of the change.
     change: u64,
-    /// How it ended, as the audit log tells it.
+    /// How it ended, for the audit log.
     audited: &'static str,
 }
 
-/// Begins it, where nothing stands in its way.
-pub(super) async fn begin(wish: Wish, who: String, plan: Plan) -> Result<OpBegun, Problem> {
+/// Starts it, if nothing prevents it.
+pub(super) async fn begin(
+    wish: SettingsRequest,
+    who: String,
+    plan: Plan,
+) -> Result<OpBegun, Problem> {
     let store = journal(&wish).await?;
     let change = match plan.stages.is_empty() {
         true => 0,
@@ -34,7 +38,7 @@ pub(super) async fn begin(wish: Wish, who: String, plan: Plan) -> Result<OpBegun
     let op = wish.site.ops.begin(info(&wish, &who, &plan, change))?;
     let begun = OpBegun { op: op.info().op };
     let drive = Drive::new(&wish, op, store);
-    let carry = Carry {
+    let carry = Apply {
         wish,
         plan,
         who,
@@ -46,7 +50,7 @@ pub(super) async fn begin(wish: Wish, who: String, plan: Plan) -> Result<OpBegun
     Ok(begun)
 }
 
-/// Only what was read back is told as done, and only what was never written as not tried.
+/// Only what was read back counts as done, and only what was never written as not tried.
 const fn audited(end: &Result<Ended, Trouble>, has_written: bool) -> &'static str {
     match end {
         Ok(Ended::Same(_) | Ended::Done(_)) => "readback",
@@ -56,13 +60,13 @@ const fn audited(end: &Result<Ended, Trouble>, has_written: bool) -> &'static st
         Ok(Ended::RolledBack(..)) => "undone",
         Ok(Ended::Halfway(..)) => "not_undone",
         Ok(Ended::Untold(_) | Ended::Lost(_)) => "unknown",
-        // The port was lost, or the journal, and maybe behind a write that went out.
+        // The port or the journal failed, possibly after a write was sent.
         Err(_) if has_written => "unknown",
         Err(_) => "not_tried",
     }
 }
 
-fn info(wish: &Wish, who: &str, plan: &Plan, change: u64) -> OpInfo {
+fn info(wish: &SettingsRequest, who: &str, plan: &Plan, change: u64) -> OpInfo {
     let lines = vec![plan.target.line.clone()];
     OpInfo {
         total: u64::try_from(plan.stages.len()).unwrap_or_default(),
@@ -77,7 +81,7 @@ fn info(wish: &Wish, who: &str, plan: &Plan, change: u64) -> OpInfo {
     }
 }
 
-impl Carry {
+impl Apply {
     async fn run(mut self) {
         let end = match self.plan.stages.is_empty() {
             true => {
@@ -142,7 +146,7 @@ impl Carry {
         told.map_err(|failure| failure.to_problem())
     }
 
-    /// Says how it ended.
+    /// Reports how it ended.
     fn found(&self, end: &Ended) {
         let place = end.found().map(|found| placed(self.wish.lang, found.place));
         self.drive.op.tell(|info| {

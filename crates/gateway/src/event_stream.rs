@@ -1,8 +1,9 @@
-//! `GET /api/v1/events/stream`: what happens, as it happens, as events for a browser or `curl`.
+//! `GET /api/v1/events/stream`: events as they happen, for a browser or `curl`.
 
 use super::access::{Caller, Need};
 use super::doc::Doc;
-use super::routes::{Answer, Route, Site};
+use super::route::{Answer, Route};
+use super::site::Site;
 use axum::Extension;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
@@ -26,9 +27,9 @@ pub(super) const ROUTES: &[Route] =
         ),
     ];
 
-/// How many pieces wait for a slow reader; more wait at the site, which drops the oldest.
+/// How many chunks are buffered for a slow reader; more wait at the site, which drops the oldest.
 const PIECES_MAX: usize = 16;
-/// After so long without an event something is sent, to see whether anyone is there.
+/// After this time without an event something is sent, to detect readers that have gone.
 const ALIVE: Duration = Duration::from_secs(15);
 
 async fn stream(State(site): State<Site>, who: Extension<Caller>) -> Answer {
@@ -40,14 +41,14 @@ async fn stream(State(site): State<Site>, who: Extension<Caller>) -> Answer {
     response
 }
 
-/// Sends until the reader has gone, or may no longer look, or the daemon ends.
+/// Sends until the reader has gone or loses its permission, or the daemon stops.
 async fn send(
     mut events: Events,
     mut sender: Sender<Bytes, Infallible>,
     over: impl Future<Output = ()>,
 ) {
     let mut over = std::pin::pin!(over);
-    // The first piece lets the reader know that it is heard.
+    // The first chunk shows the reader that it is connected.
     let mut piece = String::from(":\n\n");
     loop {
         let sent = tokio::select! {

@@ -7,8 +7,9 @@ use crate::access::secret::{Secret, hex, random};
 use crate::config::{edit, edits, keys};
 use crate::doc::Doc;
 use crate::order::Order;
-use crate::routes::{Answer, Route, Site};
-use crate::{answer, language, spoken};
+use crate::route::{Answer, Route};
+use crate::site::Site;
+use crate::{answer, language, localize};
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
 use axum::routing::{delete, get, post, put};
@@ -119,7 +120,7 @@ fn about(site: &Site, headers: &HeaderMap, name: &str, wish: &Webhook) -> Webhoo
 
 /// A problem within an answer, as it would be told alone.
 fn in_words(site: &Site, headers: &HeaderMap, problem: Problem) -> Problem {
-    spoken::told(language::spoken(headers, site.lang), problem)
+    localize::told(language::spoken(headers, site.lang), problem)
 }
 
 async fn change(Path(webhook): Path<String>, order: Order) -> Answer {
@@ -188,7 +189,7 @@ async fn test(Path(webhook): Path<String>, order: Order) -> Answer {
 /// Sends an event past the queue, once.
 async fn tested(order: &Order, webhook: String) -> Result<WebhookTest, Problem> {
     let url = known(&order.site, &webhook)?.url;
-    let allowed = order.site.service.config().allowed.webhooks;
+    let allowed = order.site.service.config().allowed.webhooks.clone();
     let internal = |reason: String| Problem::new(codes::INTERNAL).with("reason", reason);
     let number = random::<8>().map_err(|error| internal(error.to_string()))?;
     let event = Event {

@@ -2,7 +2,7 @@
 //! listens on its own machine, or beside it where no other machine is let in.
 
 use railbus_api::problem::{Problem, codes};
-use railbus_app::api::paths::matches;
+use railbus_site::paths::matches;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, UdpSocket};
 
 /// The host and the port of an address of a webhook; none of what is no such address.

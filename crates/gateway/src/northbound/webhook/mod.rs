@@ -6,9 +6,9 @@ mod hook;
 mod request;
 mod routes;
 mod secrets;
-pub(super) mod target;
+pub(crate) mod target;
 
-pub(super) use routes::ROUTES;
+pub(crate) use routes::ROUTES;
 
 use hook::Hook;
 use hyper::body::Bytes;
@@ -42,14 +42,14 @@ enum Phase {
 
 /// A webhook, what became of the events for it, and how many wait.
 #[derive(Debug)]
-pub(super) struct HookFigures {
-    pub(super) name: String,
-    pub(super) results: [(&'static str, u64); 4],
-    pub(super) queue: usize,
+pub(crate) struct HookFigures {
+    pub(crate) name: String,
+    pub(crate) results: [(&'static str, u64); 4],
+    pub(crate) queue: usize,
 }
 
 /// The webhooks of a site.
-pub(super) struct Hooks {
+pub(crate) struct Hooks {
     /// What the site is called.
     site: String,
     carrier: Carrier,
@@ -73,7 +73,7 @@ impl Hooks {
     ///
     /// # Errors
     /// What the system says where it has no thread left.
-    pub(super) fn start(
+    pub(crate) fn start(
         site: String,
         state: &Path,
         service: Service,
@@ -152,7 +152,7 @@ impl Hooks {
     }
 
     /// Has the webhooks of the configuration, and no others, at work.
-    fn configure(self: &Arc<Self>, service: &Service) -> Config {
+    fn configure(self: &Arc<Self>, service: &Service) -> Arc<Config> {
         let config = service.config();
         self.carrier.trust_anew();
         let mut all = self.all();
@@ -185,7 +185,7 @@ impl Hooks {
         };
         let send = move |url, event: Arc<Event>| {
             let (hooks, name) = (Arc::clone(&hooks), name.clone());
-            let allowed = service.config().allowed.webhooks;
+            let allowed = service.config().allowed.webhooks.clone();
             async move { hooks.send((url, allowed), &name, &event).await }
         };
         self.thread.spawn(hook.work(send, tell)).abort_handle()
@@ -222,7 +222,7 @@ impl Hooks {
     }
 
     /// Ends them: what happened so far is told where that can be done at once.
-    pub(super) async fn close(&self) {
+    pub(crate) async fn close(&self) {
         let mut phase = self.phase.subscribe();
         self.phase.send_if_modified(|phase| {
             let is_open = *phase == Phase::Open;
@@ -236,7 +236,7 @@ impl Hooks {
     }
 
     /// For `/metrics`.
-    pub(super) fn figures(&self) -> Vec<HookFigures> {
+    pub(crate) fn figures(&self) -> Vec<HookFigures> {
         let all = self.all();
         let each = all.iter().map(|(name, (hook, _))| {
             let (figures, queue) = hook.figures();

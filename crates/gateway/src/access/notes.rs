@@ -1,0 +1,58 @@
+//! Events about logins, and about changes of permissions.
+
+use super::Caller;
+use crate::site::Site;
+use railbus_api::problem::{Problem, codes};
+use railbus_app::render::out;
+use railbus_store::audit::Origin;
+use railbus_store::history::{Event, EventKind, Severity};
+use std::time::Instant;
+
+/// Reports a login attempt; nothing else does. An unknown name may be a password typed into the
+/// wrong field, so it is not recorded.
+pub(super) fn note_login(site: &Site, name: Option<&str>, via: &str, refused: Option<&Problem>) {
+    if refused.is_some_and(|why| why.code == codes::TRIES.code) {
+        return note_tries(site, via);
+    }
+    let known = |name: &&str| site.access.read(|accounts| accounts.user(name).is_some());
+    let name = name.filter(known).unwrap_or("an unknown name");
+    let end = refused.map_or("logged in", |problem| problem.title.as_str());
+    out::note(&format!("login: {name} via {via}: {end}"));
+    let origin = Origin {
+        who: name.to_owned(),
+        via: via.to_owned(),
+    };
+    let event = match refused {
+        None => Event::new(EventKind::Login, Severity::Info, "logged_in"),
+        Some(why) => {
+            Event::new(EventKind::Login, Severity::Warning, "login_refused").text(&why.code)
+        }
+    };
+    site.service.tell_event(event.by(&origin));
+}
+
+/// Reports too many attempts only once in a while, so that nobody can flood the history.
+fn note_tries(site: &Site, via: &str) {
+    if !site.access.is_time_to_tell(Instant::now()) {
+        return;
+    }
+    out::note(&format!("login: too many tries, the last via {via}"));
+    let event = Event::new(EventKind::Login, Severity::Warning, "logins_many");
+    site.service.tell_event(event.by(&Origin {
+        who: "an unknown name".to_owned(),
+        via: via.to_owned(),
+    }));
+}
+
+/// Reports a change of permissions, and whom it concerns.
+pub(super) fn note_change(site: &Site, who: &Caller, code: &str, of: &str, text: Option<&str>) {
+    let event = Event::new(EventKind::Login, Severity::Info, code).by(&who.origin());
+    let event = match of {
+        "" => event,
+        of => event.what(of),
+    };
+    site.service.tell_event(match text {
+        Some(text) => event.text(text),
+        None => event,
+    });
+}

@@ -1,0 +1,86 @@
+//! One route of the API: permission, documentation and handler.
+
+use super::access::{Need, Reach};
+use super::doc::Doc;
+use super::site::Site;
+use axum::body::Body;
+use axum::extract::Query;
+use axum::http::Response;
+use axum::routing::MethodRouter;
+use std::collections::BTreeMap;
+
+/// The prefix of all routes of the API.
+pub(super) const BASE: &str = "/api/v1";
+
+pub(super) type Answer = Response<Body>;
+pub(super) type Asked = Query<BTreeMap<String, String>>;
+
+/// One method of one path of the API.
+pub(super) struct Route {
+    /// Its method, as HTTP writes it.
+    pub(super) method: &'static str,
+    /// Its path below [`BASE`].
+    pub(super) path: &'static str,
+    /// The permission it requires.
+    pub(super) need: Need,
+    /// What it means for callers that are limited to some points.
+    pub(super) reach: Reach,
+    /// Its answer contains a secret, and so is not compressed: the compressed size would reveal
+    /// something of it.
+    pub(super) is_secret: bool,
+    /// Its documentation in the OpenAPI document.
+    pub(super) doc: Option<Doc>,
+    /// The handler.
+    pub(super) handler: fn() -> MethodRouter<Site>,
+}
+
+impl Route {
+    pub(super) const fn new(
+        method: &'static str,
+        path: &'static str,
+        need: Need,
+        handler: fn() -> MethodRouter<Site>,
+    ) -> Route {
+        Route {
+            method,
+            path,
+            need,
+            reach: Reach::of(method, need),
+            is_secret: false,
+            doc: None,
+            handler,
+        }
+    }
+
+    /// Its answer contains a secret.
+    pub(super) const fn secret(self) -> Route {
+        Route {
+            is_secret: true,
+            ..self
+        }
+    }
+
+    /// Its handler checks the caller's points.
+    pub(super) const fn within_points(self) -> Route {
+        Route {
+            reach: Reach::Points,
+            ..self
+        }
+    }
+
+    /// It affects no output and no configuration, though it is not a GET.
+    pub(super) const fn reads(self) -> Route {
+        Route {
+            reach: Reach::Harmless,
+            ..self
+        }
+    }
+
+    /// Documents it. A route without documentation fails a test.
+    pub(super) const fn doc(self, doc: Doc) -> Route {
+        Route {
+            doc: Some(doc),
+            ..self
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! What every handler needs of the daemon.
+
+use super::access::{Caller, Gate};
+use super::config::Desk;
+use super::keys::Keys;
+use super::listen::ended;
+use super::northbound::webhook::Hooks;
+use super::ops::Ops;
+use super::tls::Tls;
+use super::ws::{Printer, SocketLimit};
+use railbus_plant::remote::Remote;
+use railbus_site::Service;
+use railbus_words::Lang;
+use std::path::Path;
+use std::sync::Arc;
+use tokio::sync::watch;
+
+/// What every handler needs.
+#[derive(Clone, Debug)]
+pub(super) struct Site {
+    pub(super) service: Service,
+    /// The default language.
+    pub(super) lang: Lang,
+    /// It is the demo: nothing is real.
+    pub(super) demo: bool,
+    /// The lines that are simulated here, and can be controlled.
+    pub(super) simulated: Arc<[Remote]>,
+    /// Ends streams when the daemon stops.
+    pub(super) stop: watch::Receiver<bool>,
+    pub(super) keys: Arc<Keys>,
+    /// The limit of WebSockets.
+    pub(super) sockets: SocketLimit,
+    /// What is made for all of them together.
+    pub(super) printer: Arc<Printer>,
+    pub(super) ops: Arc<Ops>,
+    /// The configuration file, and its changes.
+    pub(super) desk: Arc<Desk>,
+    /// The receivers of events.
+    pub(super) hooks: Arc<Hooks>,
+    /// Accounts and permissions.
+    pub(super) access: Arc<Gate>,
+    /// The URL of its pages: `http://127.0.0.1:7485`.
+    pub(super) origin: Arc<str>,
+    /// Certificate and key, if browsers use TLS.
+    pub(super) tls: Option<Arc<Tls>>,
+}
+
+impl Site {
+    /// Resolves when a stream must end: the daemon stops, or the caller has lost its permission.
+    pub(super) fn over(&self, caller: &Caller) -> impl Future<Output = ()> + Send + use<> {
+        let (mut stop, access, caller) =
+            (self.stop.clone(), Arc::clone(&self.access), caller.clone());
+        async move {
+            tokio::select! {
+                () = ended(&mut stop) => {}
+                () = access.gone(&caller) => {}
+            }
+        }
+    }
+
+    /// Its name: that of the folder of its configuration.
+    pub(super) fn name(&self) -> String {
+        name_of(self.demo, self.desk.file())
+    }
+}
+
+/// The name of a site with this configuration file.
+pub(super) fn name_of(is_demo: bool, file: &Path) -> String {
+    if is_demo {
+        return "demo".to_owned();
+    }
+    let folder = file.parent().and_then(Path::file_name);
+    folder.map_or_else(
+        || "railbus".to_owned(),
+        |name| name.to_string_lossy().into_owned(),
+    )
+}
