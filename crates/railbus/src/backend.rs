@@ -1,6 +1,6 @@
-//! Whoever does what a command asks for: the daemon, if one runs, or a site opened here and now.
+//! What carries a command out: the daemon, if one runs, or a site opened for this command.
 //!
-//! Both give the same answers in the same types, so that no command knows which one it talks to.
+//! Both return the same answers in the same types, so no command knows which one it talks to.
 
 mod local;
 
@@ -23,52 +23,52 @@ use railbus_words::Lang;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-/// What the flags say about whom to ask.
+/// What the flags say about where a command is carried out.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Wanted {
-    /// The configuration, where a flag names one.
+pub(crate) struct Options {
+    /// The configuration file, if a flag names one.
     pub(crate) config: Option<PathBuf>,
-    /// The daemon's socket, where a flag names one.
+    /// The daemon's socket, if a flag names one.
     pub(crate) socket: Option<PathBuf>,
-    /// Not through a daemon.
+    /// Do not use a daemon.
     pub(crate) direct: bool,
-    /// No configuration at all: this port, and this module on it.
+    /// No configuration: this port, and this module on it.
     pub(crate) ad_hoc: Option<AdHoc>,
-    /// The language in which a configuration's problems are told.
+    /// The language in which problems of a configuration are reported.
     pub(crate) lang: Lang,
-    /// Read all modules again and again, as `watch` needs; else only what is asked for is read.
+    /// Poll all modules, as `watch` needs; otherwise only what is asked for is read.
     pub(crate) polls: bool,
 }
 
-impl Wanted {
+impl Options {
     const fn goes_direct(&self) -> bool {
         self.direct || self.ad_hoc.is_some()
     }
 }
 
-/// A line and a module on it, named by flags alone: `-l PORT -m MODEL -a ADDR`.
+/// A line and a module on it, described by flags alone: `-l PORT -m MODEL -a ADDR`.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AdHoc {
     /// The port; the line is called `line`.
     pub(crate) port: String,
-    /// Its speed; 9600 if not said.
+    /// Its baud rate; 9600 by default.
     pub(crate) baud: Option<u32>,
-    /// Its character format; 8N1 if not said.
+    /// Its character format; 8N1 by default.
     pub(crate) format: Option<Character>,
-    /// The module; none for frames of one's own.
+    /// The module; none for raw frames.
     pub(crate) module: Option<AdHocModule>,
 }
 
 /// The module of an [`AdHoc`] line.
 #[derive(Clone, Debug)]
 pub(crate) struct AdHocModule {
-    /// What it is called: by its model, unless said otherwise.
+    /// Its name: by default that of its model.
     pub(crate) name: String,
-    /// Its kind.
+    /// Its family.
     pub(crate) family: Family,
     /// Its address.
     pub(crate) address: u8,
-    /// The protocol; the model's own if not said.
+    /// The protocol; by default the model's own.
     pub(crate) protocol: Option<Protocol>,
     /// Its ASCII frames carry a checksum.
     pub(crate) checksum: bool,
@@ -78,7 +78,7 @@ pub(crate) struct AdHocModule {
     pub(crate) layout: Option<Layout>,
 }
 
-/// Whoever does what a command asks for.
+/// What carries a command out.
 #[derive(Debug)]
 pub(crate) enum Backend {
     /// A site opened here.
@@ -87,26 +87,26 @@ pub(crate) enum Backend {
     Daemon(Remote),
 }
 
-/// What passes on one line, one piece after the other.
+/// The traffic of one line, event by event.
 #[derive(Debug)]
-pub(crate) enum Tape {
-    /// On a line opened here, whose time began then.
+pub(crate) enum Traffic {
+    /// On a line opened here; the time in microseconds at which its clock started.
     Local(Tap, u64),
     /// On a line of the daemon.
     Daemon(Frames),
 }
 
-impl Tape {
-    /// The next piece; none once the line was closed or the daemon has gone.
+impl Traffic {
+    /// The next event; none once the line was closed or the daemon has gone.
     pub(crate) async fn next(&mut self) -> Option<FrameEvent> {
         match self {
-            Tape::Local(tap, start) => Some(convert::passed(*start, tap.next().await?)),
-            Tape::Daemon(frames) => frames.next().await?.ok(),
+            Traffic::Local(tap, start) => Some(convert::passed(*start, tap.next().await?)),
+            Traffic::Daemon(frames) => frames.next().await?.ok(),
         }
     }
 }
 
-/// What happens, one after the other.
+/// What happens on the site, event by event.
 #[derive(Debug)]
 pub(crate) enum Watch {
     /// On a site opened here.
@@ -116,8 +116,8 @@ pub(crate) enum Watch {
 }
 
 impl Watch {
-    /// The next thing that happens; none once the site was closed. Can be dropped and called
-    /// again without losing anything.
+    /// The next event; none once the site was closed. Cancel-safe: if it is dropped, no event is
+    /// lost.
     pub(crate) async fn next(&mut self) -> Option<Result<WatchEvent, Problem>> {
         match self {
             Watch::Local(watch) => watch.next().await.map(Ok),
@@ -126,10 +126,10 @@ impl Watch {
     }
 }
 
-/// Why nobody is reached at the socket that was named.
+/// Why there is no daemon at the socket that was named.
 fn unreached(lang: Lang, socket: &Path, problem: Problem) -> Problem {
     let reason = match std::os::unix::net::UnixStream::connect(socket) {
-        // Somebody answers, and says something else.
+        // Something answers, but not as a daemon does.
         Ok(_) => return problem,
         Err(error) => match error.kind() {
             ErrorKind::PermissionDenied => [
@@ -146,7 +146,7 @@ fn unreached(lang: Lang, socket: &Path, problem: Problem) -> Problem {
     )
 }
 
-/// A daemon answers, and serves another site than the one meant.
+/// A daemon answers, but serves another site.
 fn other_site(lang: Lang, daemon: &Remote, file: &Path) -> Problem {
     let (socket, file) = (daemon.socket().display(), config_file::real(file));
     let (served, file) = (daemon.name(lang), file.display());
@@ -165,7 +165,7 @@ fn other_site(lang: Lang, daemon: &Remote, file: &Path) -> Problem {
         .with_hint(format!("railbus --config {file} ls"))
 }
 
-/// Calls the same of both.
+/// Calls the same method of whichever it is.
 macro_rules! either {
     ($self:ident . $method:ident ( $($argument:expr),* )) => {
         match $self {
@@ -176,28 +176,28 @@ macro_rules! either {
 }
 
 impl Backend {
-    /// A site from the flags, or from a configuration, opened here. To be called inside a tokio
+    /// Opens a site, described by the flags or by a configuration. Must be called inside a tokio
     /// runtime with I/O and time enabled.
-    pub(crate) async fn here(wanted: &Wanted) -> Result<Backend, Problem> {
-        Local::open(wanted).await.map(Backend::Local)
+    pub(crate) async fn here(options: &Options) -> Result<Backend, Problem> {
+        Local::open(options).await.map(Backend::Local)
     }
 
-    /// The daemon that serves what is meant, or none where the line is to be opened here.
+    /// The daemon to use, or none if the line is to be opened here.
     ///
-    /// A socket that was named is meant: where nobody answers there, no port is opened instead. A
-    /// configuration that was named is meant, too, whatever else is served beside it. Where only
-    /// the folder says which site is meant, a daemon of another one is refused, lest the wrong
-    /// relay moves (docs/decisions/0025).
-    pub(crate) async fn daemon(wanted: &Wanted) -> Result<Option<Remote>, Problem> {
-        if wanted.goes_direct() {
+    /// A socket named by a flag must be served: if it is not, no port is opened instead. A
+    /// configuration named by a flag is the one to use, whatever else is served. If only the
+    /// working directory says which site is meant, a daemon that serves another site is refused, so
+    /// that the wrong relay can't be switched (docs/decisions/0025).
+    pub(crate) async fn daemon(options: &Options) -> Result<Option<Remote>, Problem> {
+        if options.goes_direct() {
             return Ok(None);
         }
-        let own = config_file::chosen(wanted.config.as_deref()).ok();
-        if let Some(socket) = &wanted.socket {
+        let own = config_file::chosen(options.config.as_deref()).ok();
+        if let Some(socket) = &options.socket {
             let daemon = Remote::at(socket).await;
-            let daemon = daemon.map_err(|problem| unreached(wanted.lang, socket, problem))?;
-            return match &wanted.config {
-                Some(file) if !daemon.serves(file) => Err(other_site(wanted.lang, &daemon, file)),
+            let daemon = daemon.map_err(|problem| unreached(options.lang, socket, problem))?;
+            return match &options.config {
+                Some(file) if !daemon.serves(file) => Err(other_site(options.lang, &daemon, file)),
                 _ => Ok(Some(daemon)),
             };
         }
@@ -210,9 +210,9 @@ impl Backend {
             match daemon {
                 Ok(daemon) if daemon.serves(&file) => return Ok(Some(daemon)),
                 Ok(daemon) => {
-                    refused.get_or_insert_with(|| other_site(wanted.lang, &daemon, &file))
+                    refused.get_or_insert_with(|| other_site(options.lang, &daemon, &file))
                 }
-                // It may be the one that is meant.
+                // It may be the right one.
                 Err(problem) => refused.get_or_insert_with(|| {
                     let file = config_file::real(&file);
                     problem.with_hint(format!("railbus --config {} ls", file.display()))
@@ -225,27 +225,27 @@ impl Backend {
         }
     }
 
-    /// The lines that have a port, and what passes on each of them from now on.
-    pub(crate) async fn tapes(&self) -> Vec<(LineInfo, Tape)> {
+    /// The lines that have a port, and their traffic from now on.
+    pub(crate) async fn traffic(&self) -> Vec<(LineInfo, Traffic)> {
         match self {
             Backend::Local(local) => {
                 let taps = local.taps().await.into_iter();
-                taps.map(|(line, now, tap)| (line, Tape::Local(tap, convert::start_of(now))))
+                taps.map(|(line, now, tap)| (line, Traffic::Local(tap, convert::start_of(now))))
                     .collect()
             }
             Backend::Daemon(remote) => {
-                let mut tapes = Vec::new();
+                let mut found = Vec::new();
                 for line in remote.lines().await.unwrap_or_default() {
                     if let Ok(frames) = remote.frames(Some(&line.line)).await {
-                        tapes.push((line, Tape::Daemon(frames)));
+                        found.push((line, Traffic::Daemon(frames)));
                     }
                 }
-                tapes
+                found
             }
         }
     }
 
-    /// Whether it is the daemon, which reads by itself, and whose values have an age.
+    /// Whether it is the daemon, which polls by itself, so its values have an age.
     pub(crate) const fn is_daemon(&self) -> bool {
         matches!(self, Backend::Daemon(_))
     }
@@ -255,7 +255,7 @@ impl Backend {
         either!(self.lines())
     }
 
-    /// The lines that have no port now, and why.
+    /// The lines whose port is not open, and why.
     pub(crate) async fn lines_down(&self) -> Vec<(LineInfo, Problem)> {
         let lines = self.lines().await.unwrap_or_default().into_iter();
         let down = lines.filter(|line| matches!(line.state, PortState::Absent | PortState::Busy));
@@ -269,13 +269,13 @@ impl Backend {
         .collect()
     }
 
-    /// All modules. Here every one of them is asked first.
+    /// All modules. A site opened here reads each of them first.
     pub(crate) async fn modules(&self) -> Result<Vec<ModuleInfo>, Problem> {
         either!(self.modules())
     }
 
-    /// The points that one of the selectors names: `pump`, `pump.do0`, `*.di*`; all where there
-    /// are none. `fresh` asks the line first, as it always is here.
+    /// The points that match one of the selectors: `pump`, `pump.do0`, `*.di*`; all points if there
+    /// are no selectors. `fresh` reads them from the line first; a site opened here always does.
     pub(crate) async fn points(
         &self,
         selectors: &[String],
@@ -284,7 +284,7 @@ impl Backend {
         either!(self.points(selectors, fresh))
     }
 
-    /// The same as they are known now, without asking the line.
+    /// The same from the cache, without reading the line.
     pub(crate) async fn known(&self, selectors: &[String]) -> Result<Vec<PointInfo>, Problem> {
         match self {
             Backend::Local(local) => Ok(local.known(selectors)),
@@ -297,7 +297,7 @@ impl Backend {
         either!(self.write(path, wanted))
     }
 
-    /// Switches several outputs of one module, in as few frames as it can take.
+    /// Switches several outputs of one module, in as few frames as possible.
     pub(crate) async fn outputs(
         &self,
         module: &str,
@@ -311,8 +311,8 @@ impl Backend {
         either!(self.scenes())
     }
 
-    /// Plays a scene, up to the first step that fails. With a daemon it is played to its end,
-    /// whether or not anybody waits for that.
+    /// Runs a scene up to the first step that fails. A daemon runs it to its end even if the caller
+    /// goes away.
     pub(crate) async fn play(
         &self,
         scene: &str,
@@ -335,7 +335,7 @@ impl Backend {
         either!(self.set_group(group, wanted))
     }
 
-    /// Switches an output over.
+    /// Toggles an output.
     pub(crate) async fn toggle(
         &self,
         path: &str,
@@ -344,13 +344,13 @@ impl Backend {
         either!(self.toggle(path, wanted))
     }
 
-    /// Begins a pulse. One that the host times here ends only while this process lives: see
+    /// Starts a pulse. One that is timed here, by the host, ends only while this process lives: see
     /// [`Backend::finish`].
     pub(crate) async fn pulse(&self, path: &str, wanted: PulseRequest) -> Result<Pulsed, Problem> {
         either!(self.pulse(path, wanted))
     }
 
-    /// Sends a frame of one's own.
+    /// Sends a raw frame.
     pub(crate) async fn send(
         &self,
         line: &str,
@@ -359,7 +359,7 @@ impl Backend {
         either!(self.send_frame(line, wanted))
     }
 
-    /// What happens from now on, after every point as it is.
+    /// What happens from now on, preceded by the present value of every point.
     pub(crate) async fn watch(&self, selectors: &[String]) -> Result<Watch, Problem> {
         match self {
             Backend::Local(local) => local.watch(selectors).await.map(Watch::Local),
@@ -367,9 +367,9 @@ impl Backend {
         }
     }
 
-    /// Ends what was begun: outputs of pulses that are timed here are released when their time
-    /// has come, or at once where `now` says so; then ports are closed. To be called before the
-    /// program ends.
+    /// Ends what was started: outputs of pulses that are timed here are released when their time
+    /// has come, or at once with `now`; then the ports are closed. Must be called before the
+    /// program exits.
     pub(crate) async fn finish(self, now: bool) {
         if let Backend::Local(local) = self {
             local.finish(now).await;

@@ -1,5 +1,6 @@
-//! The command line: one definition per command, which gives its parser and its help.
+//! The command line: one definition per command, from which its parser and its help are made.
 
+use crate::args::{LAST, flag, page, verb};
 use crate::commands::{
     audit, bench, complete, completions, config, doctor, explain, export, extcap,
 };
@@ -9,12 +10,10 @@ use crate::commands::{
 use crate::commands::{scene, schema, serve, set, sim, sniff, token, user, version, wait, watch};
 use crate::texts::Text;
 use crate::usage;
-use clap::builder::StyledStr;
 use clap::error::ErrorKind;
-use clap::{Arg, ArgAction, ArgMatches, Command};
+use clap::{ArgAction, ArgMatches, Command};
 use railbus_app::failure::Failure;
 use railbus_words::Lang;
-use railbus_words::Phrase;
 use std::ffi::OsString;
 use std::io::Write;
 
@@ -189,42 +188,28 @@ const VERBS: &[Verb] = &[
     },
 ];
 
-/// No line of help is wider, however wide the terminal is.
+/// The width of the help, however wide the terminal is.
 const WIDTH: usize = 80;
 
-/// Flags that every command has stand below its own.
-pub(crate) const LAST: usize = 1_000;
-
-/// Does what the arguments say.
+/// Runs the command that the arguments name.
 pub(crate) fn run(lang: Lang, arguments: Vec<OsString>) -> Result<(), Failure> {
     let named = |argument: &OsString| names().find(|name| argument == name);
     let verb = arguments.iter().skip(1).find_map(named);
     let matches = match define(lang).try_get_matches_from(arguments) {
         Ok(matches) => matches,
         Err(error) if is_answer(error.kind()) => {
-            // Nothing is wrong where the reader has heard enough and closed the pipe.
+            // A reader that closed the pipe is not an error.
             let _ = write!(std::io::stdout(), "{}", page(lang, &error.render()));
             return Ok(());
         }
         Err(error) => return Err(usage::failure(lang, &error, verb)),
     };
-    // The parser lets nothing through without a command that it knows.
+    // The parser accepts no arguments without a known command.
     let Some((name, matches)) = matches.subcommand() else {
         return Ok(());
     };
     let verb = VERBS.iter().find(|verb| verb.name == name);
     verb.map_or(Ok(()), |verb| (verb.run)(lang, matches))
-}
-
-/// Help as it is shown. The parser ends every heading with an ASCII colon.
-pub(crate) fn page(lang: Lang, help: &StyledStr) -> String {
-    let colon = lang.of([":", "："]);
-    let headings = [Text::Options, Text::Commands].map(|text| lang.get(text));
-    headings
-        .into_iter()
-        .fold(help.to_string(), |page, heading| {
-            page.replace(&format!("\n{heading}:\n"), &format!("\n{heading}{colon}\n"))
-        })
 }
 
 const fn is_answer(kind: ErrorKind) -> bool {
@@ -268,44 +253,6 @@ pub(crate) fn define(lang: Lang) -> Command {
             .global(true),
     )
     .args(global_flags(lang))
-}
-
-/// A command with what all have in common: its help in the language, and `-h`.
-pub(crate) fn verb(
-    lang: Lang,
-    name: &'static str,
-    about: impl Phrase,
-    usage: &'static str,
-) -> Command {
-    let template = format!(
-        "{{about-with-newline}}\n{{before-help}}{}{{usage}}\n\n{{all-args}}{{after-help}}\n",
-        lang.get(Text::Usage)
-    );
-    Command::new(name)
-        .about(lang.get(about))
-        .override_usage(usage)
-        .help_template(template)
-        .next_help_heading(lang.get(Text::Options))
-        .subcommand_help_heading(lang.get(Text::Commands))
-        .disable_help_flag(true)
-        .disable_help_subcommand(true)
-        .disable_version_flag(true)
-        .arg(
-            flag(lang, "help", Text::Help)
-                .short('h')
-                .action(ArgAction::Help)
-                .display_order(LAST),
-        )
-}
-
-/// Examples, to stand at the head of a command's help.
-pub(crate) fn examples(lang: Lang, examples: impl Phrase) -> String {
-    format!("{}\n{}", lang.get(Text::Examples), lang.get(examples))
-}
-
-/// A flag whose long form is its name.
-pub(crate) fn flag(lang: Lang, name: &'static str, help: impl Phrase) -> Arg {
-    Arg::new(name).long(name).help(lang.get(help))
 }
 
 #[cfg(test)]

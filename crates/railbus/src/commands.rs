@@ -31,15 +31,15 @@ pub(crate) mod version;
 pub(crate) mod wait;
 pub(crate) mod watch;
 
+mod accounts_client;
 mod accounts_table;
 mod config_check;
 mod context;
 mod install;
-mod keeper;
-mod look;
 mod own_line;
 mod place;
 mod stop;
+mod trace;
 mod wireshark;
 
 pub(crate) use context::{Context, global_flags};

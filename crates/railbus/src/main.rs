@@ -1,7 +1,16 @@
-//! `railbus`, the one program: every command on every line goes through here.
+//! `railbus`, the one program.
+//!
+//! # Where things are
+//! - A command: its file in `commands`, and a row of `VERBS` in `cli`. What all definitions share:
+//!   `args`.
+//! - Where a command goes, to the daemon or to a line opened here: `backend`. Errors of the command
+//!   line itself: `usage`.
+//! - Texts: `texts`, and next to each command. What gateway and commands share is not here but in
+//!   `railbus_app`.
 
 #![forbid(unsafe_code)]
 
+mod args;
 mod backend;
 mod cli;
 mod commands;
@@ -27,7 +36,7 @@ fn main() -> ExitCode {
         Err(failure) => {
             let paint = Paint::of(colour, &std::io::stderr());
             let text = failure.tell(lang, format, paint, width::of_errors());
-            // Where even stderr is gone there is nobody left to tell.
+            // If stderr is closed, the error can't be reported anywhere.
             let _ = writeln!(std::io::stderr(), "{text}");
             failure.exit_code()
         }

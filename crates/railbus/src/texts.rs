@@ -1,5 +1,5 @@
-//! The texts of all commands, in both languages side by side. What only one command says stands
-//! in a catalogue of its own beside it.
+//! The texts of all commands, in both languages side by side. Texts of a single command are in a
+//! catalogue of its own, in its folder.
 
 railbus_words::texts! {
     pub(crate) Text;
@@ -83,7 +83,7 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
         zh: "广播时必须写：--confirm broadcast",
     }
 
-    // What was met.
+    // Why values or modules are not as wanted.
     StaleModules {
         en: "not read recently, values out of date: {modules}",
         zh: "数据过期，近期未读取：{modules}",
@@ -114,17 +114,17 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     PortClosed { en: "closed", zh: "已关闭" }
     Targets {
         en: "Modules and points: pump, pump.do0, '*.di*'",
-        zh: "模块和测点：pump、pump.do0、'*.di*'",
+        zh: "模块和点位：pump、pump.do0、'*.di*'",
     }
     AllTargets {
         en: "Modules and points: pump, pump.do0, '*.di*'; default all",
-        zh: "模块和测点：pump、pump.do0、'*.di*'；省略则为全部",
+        zh: "模块和点位：pump、pump.do0、'*.di*'；省略则为全部",
     }
 
     // ls
     LsAbout {
         en: "List modules, points, lines and more. Bits are in terminal order, first one first.",
-        zh: "列出模块、测点、总线等。各位按端子顺序排列，首个在前。",
+        zh: "列出模块、点位、总线等。各位按端子顺序排列，首个在前。",
     }
     LsExamples {
         en: "  railbus ls                 the modules and their states
@@ -132,15 +132,15 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
   railbus ls points -o json  every point with its value
   railbus ls ports           the serial ports of this machine",
         zh: "  railbus ls                 模块及其状态
-  railbus ls points pump     某个模块的测点
-  railbus ls points -o json  所有测点及其值
+  railbus ls points pump     某个模块的点位
+  railbus ls points -o json  所有点位及其值
   railbus ls ports           本机串口",
     }
     LsWhat {
         en: "modules (default), points, lines, groups, models or ports",
         zh: "modules（默认）、points、lines、groups、models 或 ports",
     }
-    LsModule { en: "Only the points of these modules", zh: "只列出这些模块的测点" }
+    LsModule { en: "Only the points of these modules", zh: "只列出这些模块的点位" }
     LsModulesHead {
         en: "MODULE|NAME|LINE|ADDR|PROTOCOL|MODEL|STATE|RTT|ERRORS 1h|OUTPUTS|INPUTS",
         zh: "模块|名称|总线|地址|协议|型号|状态|响应时间|1 小时错误|输出|输入",
@@ -158,12 +158,12 @@ Topics: railbus help exit-codes, addressing, units, protocols, safety",
     Late { en: "({late} late)", zh: "（{late} 次迟到）" }
 
     // get
-    GetAbout { en: "Read points.", zh: "读取测点的值。" }
+    GetAbout { en: "Read points.", zh: "读取点位的值。" }
     GetExamples {
         en: "  railbus get pump                   all points of a module
   railbus get tank.ai1 -o value      the bare value
   railbus get '*.di*' -o csv         all inputs",
-        zh: "  railbus get pump                   一个模块的所有测点
+        zh: "  railbus get pump                   一个模块的所有点位
   railbus get tank.ai1 -o value      只输出值
   railbus get '*.di*' -o csv         所有输入",
     }

@@ -1,4 +1,4 @@
-//! What the parser finds wrong, in the user's language.
+//! Errors of the parser, in the user's language.
 
 use crate::texts::Text;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -7,8 +7,7 @@ use railbus_site::config::resembles;
 use railbus_words::Code;
 use railbus_words::Lang;
 
-/// The parser's error in words of the catalogue.
-/// `verb` is the command that was called, where there is one.
+/// The parser's error in texts of the catalogue. `verb` is the command that was called, if any.
 pub(crate) fn failure(lang: Lang, error: &clap::Error, verb: Option<&str>) -> Failure {
     let of = |kind| error.get(kind).map(text).unwrap_or_default();
     let name = of(ContextKind::InvalidArg);
@@ -40,7 +39,7 @@ pub(crate) fn failure(lang: Lang, error: &clap::Error, verb: Option<&str>) -> Fa
         (ContextKind::SuggestedArg, ContextKind::InvalidArg),
         (ContextKind::SuggestedValue, ContextKind::InvalidValue),
     ];
-    // The parser suggests what is far off, too.
+    // The parser also suggests words that are not similar at all.
     let meant = meant.into_iter().filter_map(|(suggested, said)| {
         let (suggested, said) = (of(suggested), of(said));
         let said = said.trim_start_matches('-');
@@ -65,7 +64,8 @@ pub(crate) fn failure(lang: Lang, error: &clap::Error, verb: Option<&str>) -> Fa
         .with_try(help)
 }
 
-/// The variable that a wrong value of a flag comes from: nobody sees it on the command line.
+/// The environment variable that a wrong value of a flag comes from: it does not show on the
+/// command line.
 fn variable(flag: &str, value: &str) -> Option<String> {
     let flag = flag.split(' ').next()?.strip_prefix("--")?;
     let name = format!("RAILBUS_{}", flag.to_uppercase().replace('-', "_"));
@@ -102,7 +102,7 @@ mod tests {
         assert!(told("railbus sim --demmo").contains("no argument \"--demmo\"\n  try:    --demo"));
         assert!(told("railbus sim --demo --seed x").contains("invalid value \"x\" for --seed"));
         assert!(told("railbus sim --demo --seed").contains("--seed"));
-        // What is far off is not suggested, and the help is that of the command.
+        // A word that is not similar is not suggested, and the help is that of the command.
         let far = told("railbus nosuch");
         assert_eq!(far.lines().count(), 2, "{far}");
         assert!(told("railbus get --nosuch").contains("try:    railbus help get"));

@@ -1,6 +1,6 @@
-//! A site opened here and now, for one command.
+//! A site that is opened for one command.
 
-use super::{AdHoc, Wanted};
+use super::{AdHoc, Options};
 use railbus_api::control::{BatchAnswer, GroupInfo, GroupRequest, SceneInfo, SceneRequest};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::sending::{SendAnswer, SendRequest};
@@ -10,21 +10,22 @@ use railbus_api::types::{
 };
 use railbus_app::api::sending;
 use railbus_app::api::watching::Watching;
-use railbus_app::api::{ask, control, failures, paths};
+use railbus_app::api::{ask, control, failures};
 use railbus_app::config_file;
 use railbus_bus::{EchoMode, Plan};
 use railbus_device::{Layout, Setup};
 use railbus_host::{LineState, Tap};
 use railbus_site::config::{LineConfig, ModuleConfig, Name, Range};
+use railbus_site::paths;
 use railbus_site::{Config, Service};
 use railbus_wire::{Address, Baud, Character, Instant, Settings};
 use railbus_words::Lang;
 use std::collections::BTreeMap;
 
-/// The name of a line that flags describe.
+/// The name of a line that is described by flags.
 const AD_HOC_LINE: &str = "line";
 
-/// A site opened here and now.
+/// A site that is opened for one command.
 #[derive(Debug)]
 pub(crate) struct Local {
     service: Service,
@@ -42,15 +43,15 @@ impl Watch {
 }
 
 impl Local {
-    /// Opens the site of the flags, or of a configuration. Ports that can't be opened are told
-    /// by what is asked of them.
-    pub(super) async fn open(wanted: &Wanted) -> Result<Local, Problem> {
-        let config = match &wanted.ad_hoc {
+    /// Opens the site of the flags, or of a configuration. A port that can't be opened is not an
+    /// error here: what is asked of its line fails.
+    pub(super) async fn open(options: &Options) -> Result<Local, Problem> {
+        let config = match &options.ad_hoc {
             Some(ad_hoc) => described(ad_hoc)?,
-            None => config_file::read(wanted.lang, wanted.config.as_deref())?.config,
+            None => config_file::read(options.lang, options.config.as_deref())?.config,
         };
         let lines: Vec<String> = config.lines.keys().cloned().collect();
-        let service = if wanted.polls {
+        let service = if options.polls {
             Service::start(config)
         } else {
             Service::start_quiet(config)
@@ -58,16 +59,16 @@ impl Local {
         let service = service
             .map_err(|why| Problem::new(codes::BAD_REQUEST).with("reason", why.to_string()))?;
         for line in lines {
-            // What became of it is asked below, where it matters.
+            // Whether it could be opened is checked below, where it matters.
             let _ = service.opened(&line).await;
         }
         Ok(Local {
             service,
-            polls: wanted.polls,
+            polls: options.polls,
         })
     }
 
-    /// The lines that have a port, and what passes on each of them.
+    /// The lines that have a port, and their traffic.
     pub(super) async fn taps(&self) -> Vec<(LineInfo, Instant, Tap)> {
         let mut taps = Vec::new();
         for line in ask::lines(&self.service) {
@@ -187,13 +188,13 @@ impl Local {
         failures::line_closed(&self.service, line)
     }
 
-    /// Refuses the name of a module or point that is not there.
+    /// Refuses a selector whose module or point does not exist.
     fn check(&self, selector: &str) -> Result<(), Problem> {
         ask::check_selector(&self.service, selector)
     }
 
-    /// Nothing is known of a module that was opened just now: what its outputs are before they
-    /// are switched, is asked. It does not matter whether that succeeds.
+    /// Reads the outputs of a module before they are switched: of one that was opened just now,
+    /// nothing is known yet. A read that fails does not matter.
     async fn read_before(&self, path: &str) -> Result<(), Problem> {
         let module = paths::split(path).map_or(path, |(module, _)| module);
         let line = self.service.module(module).map(|status| status.line);
@@ -213,13 +214,13 @@ impl Local {
         paths.sort();
         paths.dedup_by_key(|path| module(path));
         for path in paths {
-            // A line that is not open fails for its own outputs alone, and says so there.
+            // A line that is not open fails only the commands for its own outputs.
             let _ = self.read_before(&path).await;
         }
     }
 }
 
-/// The configuration that flags amount to.
+/// The configuration that the flags describe.
 pub(crate) fn described(ad_hoc: &AdHoc) -> Result<Config, Problem> {
     let wrong = |reason: String| Problem::new(codes::BAD_REQUEST).with("reason", reason);
     let baud = match ad_hoc.baud {

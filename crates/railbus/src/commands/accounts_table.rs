@@ -1,4 +1,4 @@
-//! Users and tokens as people see them.
+//! Tables of users and tokens.
 
 use super::user::UserText;
 use railbus_app::render::records::Records;
@@ -69,7 +69,7 @@ fn rows(told: &Value, key: &str) -> Vec<Value> {
     rows.cloned().unwrap_or_default()
 }
 
-/// A text of an account.
+/// A text field of an account.
 pub(super) fn text(row: &Value, key: &str) -> String {
     let text = row.get(key).and_then(Value::as_str);
     text.unwrap_or_default().to_owned()

@@ -1,11 +1,11 @@
-//! `railbus audit`: whether the log of what was done is as it was written, and all of it. Asks the
-//! daemon, or reads the files where none runs.
+//! `railbus audit`: checks that the audit log is complete and was not changed. Asks the daemon, or
+//! reads the files if none runs.
 
 mod texts;
 
 use super::Context;
+use crate::args;
 use crate::backend::Remote;
-use crate::cli;
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
 use railbus_api::past::VerifiedInfo;
@@ -26,11 +26,11 @@ pub(crate) const NAME: &str = "audit";
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let verb = |name, about, usage| {
-        let examples = cli::examples(lang, AuditText::Examples);
-        cli::verb(lang, name, about, usage).before_help(examples)
+        let examples = args::examples(lang, AuditText::Examples);
+        args::verb(lang, name, about, usage).before_help(examples)
     };
-    cli::verb(lang, NAME, AuditText::About, "railbus audit COMMAND")
-        .before_help(cli::examples(lang, AuditText::Examples))
+    args::verb(lang, NAME, AuditText::About, "railbus audit COMMAND")
+        .before_help(args::examples(lang, AuditText::Examples))
         .subcommand_required(true)
         .subcommand_help_heading(lang.get(Text::Commands))
         .subcommand(verb("verify", AuditText::Verify, "railbus audit verify"))
@@ -41,9 +41,9 @@ pub(crate) fn define(lang: Lang) -> Command {
         ))
 }
 
-/// Does what the command of the group says.
+/// Runs a command of the group.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
-    // The parser lets nothing through without a command that it knows.
+    // The parser accepts no arguments without a known command.
     let Some((verb, matches)) = matches.subcommand() else {
         return Ok(());
     };
@@ -94,12 +94,12 @@ fn whole(context: &Context, told: &VerifiedInfo) -> String {
         ];
         return context.lang.fill(AuditText::Whole, values) + "\n";
     }
-    // A record of numbers is JSON.
+    // A struct of numbers is always valid JSON.
     records::line(serde_json::to_value(told).unwrap_or_default())
 }
 
-/// Prints every record as it is, with its hash: as CSV where that is asked for, else a JSON
-/// document to a line.
+/// Prints every record with its hash: as CSV if that is asked for, otherwise as one JSON document
+/// per line.
 fn export(context: &Context) -> Result<(), Failure> {
     let is_csv = context.format == Format::Csv;
     context.block(async {

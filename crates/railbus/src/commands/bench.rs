@@ -1,12 +1,13 @@
-//! `railbus bench`: how many reads a line carries, and where the time goes. It only reads.
+//! `railbus bench`: how many reads per second a line can do, and what the time is spent on. It only
+//! reads.
 
 mod texts;
 
 use super::doctor::{Chosen, chosen_lines};
 use super::place::{self, Place, port_failure};
 use super::{Context, stop};
+use crate::args;
 use crate::backend::Backend;
-use crate::cli;
 use clap::{ArgMatches, Command};
 use railbus_app::failure::Failure;
 use railbus_app::render::table::Table;
@@ -25,28 +26,28 @@ use texts::BenchText;
 /// The name of the command.
 pub(crate) const NAME: &str = "bench";
 
-/// How long, if not said.
+/// How long it measures by default.
 const TIME: Micros = Micros::from_secs(10);
-/// More reads of one module are not kept: an hour at the fastest that a line can.
+/// The most reads of one module that are recorded: an hour at the highest rate that a line allows.
 const READS_MAX: usize = 1_000_000;
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         NAME,
         BenchText::About,
         "railbus bench [-l LINE] [--time TIME]",
     )
-    .before_help(cli::examples(lang, BenchText::Examples))
+    .before_help(args::examples(lang, BenchText::Examples))
     .arg(
-        cli::flag(lang, "time", BenchText::Time)
+        args::flag(lang, "time", BenchText::Time)
             .value_name("TIME")
             .value_parser(super::context::duration),
     )
 }
 
-/// What the reads of one module came to.
+/// The measurements of one module.
 struct Tally {
     id: ModuleId,
     module: String,
@@ -57,7 +58,7 @@ struct Tally {
     bad: u64,
 }
 
-/// Reads in turn for a while, also until Ctrl-C, and says what came of it.
+/// Reads the modules in turn for a time, or until Ctrl-C, and prints the result.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let time = matches.get_one("time").copied().unwrap_or(TIME);
@@ -74,10 +75,10 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A daemon's lines are not borrowed to measure them: its outputs would be nobody's meanwhile, and
-/// pulses and leases would end for it.
+/// Refuses a line that a daemon has. It is not borrowed: nobody would control its outputs in the
+/// meantime, and running pulses and leases would end.
 async fn not_served(context: &Context) -> Result<(), Failure> {
-    if context.wanted.ad_hoc.is_some() {
+    if context.options.ad_hoc.is_some() {
         return Ok(());
     }
     let Some(daemon) = context.daemon().await? else {
@@ -91,7 +92,7 @@ async fn not_served(context: &Context) -> Result<(), Failure> {
     Err(busy.because(why).with_try("railbus ls lines"))
 }
 
-/// The one line that is meant, with modules on it.
+/// The one line to measure, and its modules.
 fn line(context: &Context) -> Result<Chosen, Failure> {
     let mut lines = chosen_lines(context)?;
     lines.retain(|line| !line.modules.is_empty());
@@ -131,7 +132,7 @@ async fn measure(
         return Err(failed(error));
     }
     let mut tallies: Vec<Tally> = line.modules.iter().enumerate().filter_map(tally).collect();
-    // The first reads wait for the line to settle, and find out about an echo.
+    // The first reads wait until the line has settled, and find out whether there is an echo.
     for tally in &tallies {
         let _ = handle.run(tally.id, tally.op, Terms::default()).await;
     }
@@ -192,7 +193,7 @@ impl Tally {
 }
 
 fn millis(time: Micros) -> f64 {
-    // Tenths, as people read them.
+    // In tenths.
     (time.0 as f64 / 100.0).round() / 10.0
 }
 

@@ -1,8 +1,9 @@
-//! `railbus complete`: the names that fit at the end of a command line. The completion scripts
-//! ask this; it asks the daemon that the command would ask, else reads the configuration, and
-//! nothing else, gives up soon, and is silent where something is wrong.
+//! `railbus complete`: the names that fit at the end of a command line, for the completion scripts.
+//! Asks the daemon that the command would use, or else reads the configuration; never opens a port,
+//! gives up soon, and prints nothing if something is wrong.
 
-use crate::backend::{Backend, Wanted};
+use crate::args;
+use crate::backend::{Backend, Options};
 use crate::cli;
 use crate::commands::help::TOPICS;
 use crate::commands::schema::SCHEMAS;
@@ -23,15 +24,15 @@ use std::time::Duration;
 /// The name of the command.
 pub(crate) const NAME: &str = "complete";
 
-/// A daemon that does not answer by then is done without.
+/// How long the daemon may take to answer; after that it does without.
 const DAEMON: Duration = Duration::from_millis(300);
 
-/// Nobody waits longer for a name.
+/// How long a completion may take in all.
 const PATIENCE: Duration = DAEMON.saturating_add(Duration::from_millis(100));
 
-/// Its parser; it is not for people.
+/// Its parser; it is not meant for people.
 pub(crate) fn define(lang: Lang) -> Command {
-    cli::verb(lang, NAME, Text::CompleteAbout, "railbus complete -- WORD…")
+    args::verb(lang, NAME, Text::CompleteAbout, "railbus complete -- WORD…")
         .hide(true)
         .arg(
             Arg::new("WORD")
@@ -42,27 +43,27 @@ pub(crate) fn define(lang: Lang) -> Command {
         )
 }
 
-/// Prints the names, one to a line.
+/// Prints the names, one per line.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let words = matches.get_many::<String>("WORD").into_iter().flatten();
     let words: Vec<String> = words.cloned().collect();
-    let wanted = Wanted {
+    let options = Options {
         config: matches.get_one("config").cloned(),
         socket: matches.get_one("socket").cloned(),
         direct: matches.get_flag("direct"),
         lang,
-        ..Wanted::default()
+        ..Options::default()
     };
     let (sender, names) = mpsc::channel();
     // A file on a network that hangs must not hang the shell.
-    std::thread::spawn(move || sender.send(candidates(wanted, &words)));
+    std::thread::spawn(move || sender.send(candidates(options, &words)));
     let names = names.recv_timeout(PATIENCE).unwrap_or_default();
     let lines = names.into_iter().map(|name| name + "\n");
     out::result(lang, &lines.collect::<String>())
 }
 
-/// What fits for the last of the words, which may be empty or begun.
-fn candidates(wanted: Wanted, words: &[String]) -> Vec<String> {
+/// The candidates for the last of the words, which may be empty or incomplete.
+fn candidates(options: Options, words: &[String]) -> Vec<String> {
     let Some((current, before)) = words.split_last() else {
         return Vec::new();
     };
@@ -71,7 +72,7 @@ fn candidates(wanted: Wanted, words: &[String]) -> Vec<String> {
         .iter()
         .copied()
         .find(|word| cli::names().any(|name| name == *word));
-    let site = || names(wanted, &before);
+    let site = || names(options, &before);
     let all: Vec<String> = match (before.last().copied(), verb) {
         (Some("-l" | "--line"), _) => site().lines,
         (_, Some("get" | "watch" | "wait" | "history" | "read")) => site().paths(current, |_| true),
@@ -96,7 +97,7 @@ fn codes_of_findings() -> impl Iterator<Item = String> {
     findings::ALL.iter().map(|finding| finding.code.to_owned())
 }
 
-/// What there is that has a name.
+/// Everything on the site that has a name.
 #[derive(Default)]
 struct Names {
     lines: Vec<String>,
@@ -113,7 +114,7 @@ struct Named {
 }
 
 impl Names {
-    /// Modules, and the points of a module that is named so far.
+    /// Modules, and the points of the module that has been typed so far.
     fn paths(self, current: &str, wanted: impl Fn(&Named) -> bool) -> Vec<String> {
         let of = current.split_once('.').map(|(module, _)| module);
         let modules = self.modules.into_iter().filter(|_| of.is_none());
@@ -125,32 +126,32 @@ impl Names {
     }
 }
 
-/// The names of the site that the words so far mean; none where there is none.
-fn names(mut wanted: Wanted, before: &[&str]) -> Names {
+/// The names of the site that the words so far mean; none if there is no such site.
+fn names(mut options: Options, before: &[&str]) -> Names {
     let after = |flag: &str| {
         let at = before.iter().position(|word| *word == flag)?;
         before.get(at + 1).map(PathBuf::from)
     };
-    wanted.config = after("--config").or(wanted.config);
-    wanted.socket = after("--socket").or(wanted.socket);
-    wanted.direct |= before.contains(&"--direct");
+    options.config = after("--config").or(options.config);
+    options.socket = after("--socket").or(options.socket);
+    options.direct |= before.contains(&"--direct");
     let told = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
         .ok()
         .and_then(|runtime| {
-            let told = async { tokio::time::timeout(DAEMON, told(&wanted)).await };
+            let told = async { tokio::time::timeout(DAEMON, told(&options)).await };
             runtime.block_on(told).ok().flatten()
         });
     told.unwrap_or_else(|| {
-        let found = config_file::read(wanted.lang, wanted.config.as_deref());
+        let found = config_file::read(options.lang, options.config.as_deref());
         found.map(|found| written(found.config)).unwrap_or_default()
     })
 }
 
-/// Those that the daemon tells, where one serves what is meant.
-async fn told(wanted: &Wanted) -> Option<Names> {
-    let daemon = Backend::daemon(wanted).await.ok()??;
+/// The names that the daemon reports, if one serves this site.
+async fn told(options: &Options) -> Option<Names> {
+    let daemon = Backend::daemon(options).await.ok()??;
     let (lines, modules, points, scenes) = tokio::join!(
         daemon.lines(),
         daemon.modules(),
@@ -173,7 +174,7 @@ async fn told(wanted: &Wanted) -> Option<Names> {
     })
 }
 
-/// Those of a configuration.
+/// The names of a configuration.
 fn written(config: Config) -> Names {
     let points = config.modules.iter().flat_map(|(name, module)| {
         let setup = module.setup;

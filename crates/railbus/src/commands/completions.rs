@@ -1,9 +1,10 @@
-//! `railbus completions`: what a shell needs to complete commands, flags, and the names of
+//! `railbus completions`: scripts with which a shell completes commands, flags, and the names of
 //! modules and points.
 
 mod texts;
 
 use super::install;
+use crate::args;
 use crate::cli;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use clap_complete::{Shell, generate};
@@ -27,8 +28,8 @@ const SHELLS: [(&str, Shell); 5] = [
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus completions bash|zsh|fish|powershell|elvish [--install]";
-    cli::verb(lang, NAME, CompletionsText::About, usage)
-        .before_help(cli::examples(lang, CompletionsText::Examples))
+    args::verb(lang, NAME, CompletionsText::About, usage)
+        .before_help(args::examples(lang, CompletionsText::Examples))
         .arg(
             Arg::new("SHELL")
                 .help(lang.get(CompletionsText::Shell))
@@ -36,10 +37,10 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .hide_possible_values(true)
                 .required(true),
         )
-        .arg(cli::flag(lang, "install", CompletionsText::Install).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "install", CompletionsText::Install).action(ArgAction::SetTrue))
 }
 
-/// Prints the script, or puts it where the shell finds it.
+/// Prints the script, or installs it where the shell looks for it.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let name = matches.get_one::<String>("SHELL").map(String::as_str);
     let named = SHELLS.into_iter().find(|(known, _)| name == Some(*known));
@@ -60,14 +61,15 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The script: commands and flags as they are now, and a call for the names that change.
+/// The script: commands and flags as they are now, and a call of `railbus complete` for the names
+/// of the site.
 fn script(lang: Lang, shell: Shell) -> String {
     let mut bytes = Vec::new();
     generate(shell, &mut cli::define(lang), "railbus", &mut bytes);
     let fixed = String::from_utf8_lossy(&bytes).into_owned();
     match shell {
         Shell::PowerShell => {
-            // One completer per program: ours has to stand within it.
+            // A shell runs one completer per program: ours has to be within it.
             let (at, names) = (
                 "    $completions.Where{",
                 include_str!("completions/names.ps1"),
@@ -91,7 +93,8 @@ fn script(lang: Lang, shell: Shell) -> String {
     }
 }
 
-/// Where the shell looks for it, and the line that it needs where it does not by itself.
+/// Where the shell looks for it, and the line for the shell's settings if it does not look there by
+/// itself.
 fn place(shell: Shell) -> (PathBuf, Option<&'static str>) {
     let (data, settings) = (install::data_folder(), install::settings_folder());
     match shell {

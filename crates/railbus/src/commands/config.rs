@@ -1,12 +1,12 @@
-//! `railbus config`: what modules keep. A group of commands, one file each.
+//! `railbus config`: settings that are stored in modules. A group of commands, one file each.
 
 mod backup;
 pub(crate) mod boards;
 mod borrow;
+mod config_context;
 mod drive;
 mod file;
 mod find;
-mod ground;
 mod guided;
 mod log;
 pub(crate) mod plan;
@@ -16,7 +16,7 @@ mod show;
 mod texts;
 
 use super::config_check;
-use crate::cli;
+use crate::args;
 use clap::{ArgMatches, Command};
 use railbus_app::failure::Failure;
 use railbus_words::Lang;
@@ -103,16 +103,16 @@ const SUBS: &[Sub] = &[
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    cli::verb(lang, NAME, ConfigText::About, "railbus config COMMAND")
-        .before_help(cli::examples(lang, ConfigText::Examples))
+    args::verb(lang, NAME, ConfigText::About, "railbus config COMMAND")
+        .before_help(args::examples(lang, ConfigText::Examples))
         .subcommand_required(true)
         .subcommand_help_heading(lang.get(crate::texts::Text::Commands))
         .subcommands(SUBS.iter().map(|sub| (sub.define)(lang)))
 }
 
-/// Does what the command of the group says.
+/// Runs a command of the group.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
-    // The parser lets nothing through without a command that it knows.
+    // The parser accepts no arguments without a known command.
     let Some((name, matches)) = matches.subcommand() else {
         return Ok(());
     };

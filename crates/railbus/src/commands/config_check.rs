@@ -1,12 +1,12 @@
-//! `railbus config check` and `config path`: what is wrong with the configuration, what is
-//! unwise, and which file it is.
+//! `railbus config check` and `config path`: errors and warnings of the configuration, and which
+//! file it is.
 
 mod texts;
 
 pub(super) use texts::ConfigCheckText;
 
 use super::Context;
-use crate::cli;
+use crate::args;
 use clap::{ArgMatches, Command};
 use railbus_app::config_check::{Shown, lints, loads};
 use railbus_app::config_file::{self, Found, Why};
@@ -26,17 +26,17 @@ pub(super) const CHECK: &str = "check";
 pub(super) const PATH: &str = "path";
 
 pub(super) fn define_check(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         CHECK,
         ConfigCheckText::CheckAbout,
         "railbus config check [--config FILE]",
     )
-    .before_help(cli::examples(lang, ConfigCheckText::CheckExamples))
+    .before_help(args::examples(lang, ConfigCheckText::CheckExamples))
 }
 
 pub(super) fn define_path(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         PATH,
         ConfigCheckText::PathAbout,
@@ -44,7 +44,7 @@ pub(super) fn define_path(lang: Lang) -> Command {
     )
 }
 
-/// Prints what is unwise; what is wrong is the failure.
+/// Prints the warnings; errors make the command fail.
 pub(super) fn run_check(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let found = read(&context)?;
@@ -74,7 +74,7 @@ pub(super) fn run_check(lang: Lang, matches: &ArgMatches) -> Result<(), Failure>
     }
 }
 
-/// Prints where the configuration lies, and which places come before it.
+/// Prints where the configuration is, and which places take precedence.
 pub(super) fn run_path(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let (path, why) = context.config()?;
@@ -102,7 +102,7 @@ fn read(context: &Context) -> Result<Found, Failure> {
     config_file::read(context.lang, Some(&path)).map_err(|problem| context.failure(&problem))
 }
 
-/// The same for programs.
+/// The load of each line, for programs.
 fn load_rows(config: &Config) -> Vec<Value> {
     let names = config.lines.keys();
     names
@@ -113,7 +113,7 @@ fn load_rows(config: &Config) -> Vec<Value> {
         .collect()
 }
 
-/// Each warning and what to do, for people.
+/// Each warning and what to do about it, for people.
 fn page(lang: Lang, file: &str, shown: &[Shown]) -> String {
     let label = lang.get(railbus_app::texts::AppText::Try);
     let block = |warning: &Shown| {
@@ -134,7 +134,7 @@ fn listed(file: &str, shown: &[Shown]) -> Records {
     }
 }
 
-/// One line: how big it is, how loaded its lines are, and how many warnings.
+/// One line: the size of the site, the load of its lines, and the number of warnings.
 fn summary(lang: Lang, file: &str, config: &Config, warnings: usize) -> String {
     let (modules, loads) = (config.modules.len(), loads(lang, config));
     let values: &[(&str, &dyn Display)] = &[

@@ -1,8 +1,8 @@
-//! What the flags that every command has say, and the runtime that commands run in.
+//! The flags that every command has, and the runtime that commands run in.
 
-use super::look::{LookText, Lookers};
-use crate::backend::{AdHoc, AdHocModule, Backend, Remote, Wanted};
-use crate::cli::{LAST, flag};
+use super::trace::{TraceText, Tracers};
+use crate::args::{LAST, flag};
+use crate::backend::{AdHoc, AdHocModule, Backend, Options, Remote};
 use crate::texts::Text;
 use clap::builder::FalseyValueParser;
 use clap::{Arg, ArgAction, ArgMatches, value_parser};
@@ -22,8 +22,8 @@ use std::future::Future;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 
-/// Where the environment may say what a flag does not. The configuration and the language are
-/// looked for there in their own ways.
+/// Environment variables that replace flags. The configuration and the language have their own ways
+/// of looking.
 const ENVIRONMENT: [(&str, &str); 13] = [
     ("line", "RAILBUS_LINE"),
     ("output", "RAILBUS_OUTPUT"),
@@ -47,17 +47,17 @@ pub(crate) struct Context {
     pub(crate) format: Format,
     pub(crate) colour: Colour,
     pub(crate) quiet: bool,
-    /// How often `-v` was said.
+    /// How many times `-v` was given.
     pub(crate) verbose: u8,
-    /// A line of the configuration; a port is in `wanted`.
+    /// A line of the configuration; a port is in `options`.
     pub(crate) line: Option<String>,
     pub(crate) timeout: Option<Micros>,
-    pub(crate) wanted: Wanted,
-    /// Those who tell what passes, where `-v` asks for it.
-    lookers: Lookers,
-    /// Whose daemon it is was told.
+    pub(crate) options: Options,
+    /// The tasks that print the traffic, with `-v`.
+    tracers: Tracers,
+    /// The user was told whose daemon is used.
     has_told: Cell<bool>,
-    /// The lines that daemons have lent to this command.
+    /// The lines that this command has borrowed from daemons.
     borrowed: RefCell<Vec<(Remote, String)>>,
 }
 
@@ -65,7 +65,7 @@ pub(crate) struct Context {
 #[derive(Debug)]
 pub(crate) struct Files {
     pub(crate) config: PathBuf,
-    /// The folder of what is remembered.
+    /// The state folder.
     pub(crate) state: PathBuf,
     pub(crate) daemon: Option<Remote>,
 }
@@ -92,7 +92,7 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
             Colour::NAMES.to_vec(),
         ),
         switch("quiet", Text::QuietFlag).short('q'),
-        flag(lang, "log-file", LookText::LogFile)
+        flag(lang, "log-file", TraceText::LogFile)
             .value_name("FILE")
             .value_parser(value_parser!(PathBuf)),
         with("config", Text::ConfigFlag, "FILE").value_parser(value_parser!(PathBuf)),
@@ -126,7 +126,7 @@ pub(crate) fn global_flags(lang: Lang) -> Vec<Arg> {
     flags.into_iter().map(global).collect()
 }
 
-/// A length of time with its unit.
+/// A duration with its unit.
 pub(crate) fn duration(text: &str) -> Result<Micros, String> {
     Micros::parse(text).ok_or_else(String::new)
 }
@@ -139,7 +139,7 @@ impl Context {
         Context::with(lang, matches, (family, address))
     }
 
-    /// The same where a flag with a model names no module of its own.
+    /// The same for commands where a flag with a model does not name a module.
     pub(crate) fn of_line(lang: Lang, matches: &ArgMatches) -> Result<Context, Failure> {
         Context::with(lang, matches, (None, None))
     }
@@ -163,10 +163,10 @@ impl Context {
             verbose: matches.get_count("verbose"),
             line: line.filter(|_| ad_hoc.is_none()),
             timeout: matches.get_one("timeout").copied(),
-            lookers: Lookers::new(matches.get_one("log-file").cloned()),
+            tracers: Tracers::new(matches.get_one("log-file").cloned()),
             has_told: Cell::new(false),
             borrowed: RefCell::default(),
-            wanted: Wanted {
+            options: Options {
                 config: matches.get_one("config").cloned(),
                 socket: matches.get_one("socket").cloned(),
                 direct: matches.get_flag("direct"),
@@ -177,16 +177,16 @@ impl Context {
         })
     }
 
-    /// The daemon that serves what is meant, where one does and no flag is against it. Where
-    /// nothing here says which site is meant, people are told whose daemon it is.
+    /// The daemon to use, if there is one and no flag forbids it. If nothing in this folder says
+    /// which site is meant, the user is told whose daemon it is.
     pub(crate) async fn daemon(&self) -> Result<Option<Remote>, Failure> {
-        let daemon = Backend::daemon(&self.wanted).await;
+        let daemon = Backend::daemon(&self.options).await;
         let daemon = daemon.map_err(|problem| self.failure(&problem))?;
         if let Some(daemon) = &daemon
-            && self.wanted.socket.is_none()
+            && self.options.socket.is_none()
             && self.format == Format::Table
             && std::io::stderr().is_terminal()
-            && config_file::chosen(self.wanted.config.as_deref()).is_err()
+            && config_file::chosen(self.options.config.as_deref()).is_err()
             && !self.has_told.replace(true)
         {
             let site = daemon.name(self.lang);
@@ -195,14 +195,14 @@ impl Context {
         Ok(daemon)
     }
 
-    /// A daemon lent a line: it has it back before this command ends.
+    /// Notes a borrowed line: it is given back before this command ends.
     pub(crate) fn has_borrowed(&self, daemon: &Remote, line: &str) {
         self.borrowed
             .borrow_mut()
             .push((daemon.clone(), line.to_owned()));
     }
 
-    /// The files of the site that is meant: those of the daemon, or one's own.
+    /// The files of the site: those of the daemon, or our own.
     pub(crate) async fn files(&self) -> Result<Files, Failure> {
         if let Some(daemon) = self.daemon().await? {
             return Ok(Files {
@@ -211,7 +211,7 @@ impl Context {
                 daemon: Some(daemon),
             });
         }
-        let config = config_file::path(self.wanted.config.as_deref());
+        let config = config_file::path(self.options.config.as_deref());
         let config = config.map_err(|problem| self.failure(&problem))?;
         Ok(Files {
             state: config_file::state_folder(Some(&config)),
@@ -220,11 +220,11 @@ impl Context {
         })
     }
 
-    /// The configuration for who only reads it, and why it is that one: the one that is found
+    /// The configuration for commands that only read it, and why it is that one: the one found
     /// here, or else that of the daemon.
     pub(crate) fn config(&self) -> Result<(PathBuf, Why), Failure> {
-        let own = config_file::chosen(self.wanted.config.as_deref());
-        if self.wanted.socket.is_none() && (own.is_ok() || self.wanted.direct) {
+        let own = config_file::chosen(self.options.config.as_deref());
+        if self.options.socket.is_none() && (own.is_ok() || self.options.direct) {
             return own.map_err(|problem| self.failure(&problem));
         }
         match (self.block(self.daemon())?, own) {
@@ -238,17 +238,17 @@ impl Context {
         let backend = match self.daemon().await? {
             Some(daemon) => Backend::Daemon(daemon),
             None => {
-                let backend = Backend::here(&self.wanted).await;
+                let backend = Backend::here(&self.options).await;
                 backend.map_err(|problem| self.failure(&problem))?
             }
         };
         if self.verbose > 0 {
-            self.lookers.follow(self, &backend).await?;
+            self.tracers.follow(self, &backend).await?;
         }
         Ok(backend)
     }
 
-    /// A problem in words.
+    /// A problem as a failure in the user's language.
     pub(crate) fn failure(&self, problem: &Problem) -> Failure {
         Failure::of_problem(self.lang, problem)
     }
@@ -258,7 +258,7 @@ impl Context {
         Paint::of(self.colour, &std::io::stdout())
     }
 
-    /// Says something beside the result, unless that is not wanted.
+    /// Prints a note on stderr, unless `-q` suppresses it.
     pub(crate) fn note(&self, text: &str) {
         if !self.quiet {
             railbus_app::render::out::note(text);
@@ -275,7 +275,7 @@ impl Context {
             .build()
             .map_err(|error| Failure::of(self.lang, Code::System).because(error))?;
         let end = runtime.block_on(command);
-        runtime.block_on(self.lookers.finish());
+        runtime.block_on(self.tracers.finish());
         for (daemon, line) in self.borrowed.take() {
             runtime.block_on(daemon.has_back(&line));
         }
@@ -283,7 +283,7 @@ impl Context {
     }
 }
 
-/// Port and module named by flags alone, where they are.
+/// The port and module that flags describe, if they do.
 fn ad_hoc(
     lang: Lang,
     matches: &ArgMatches,

@@ -3,7 +3,7 @@
 mod known;
 
 use super::{Context, sniff};
-use crate::cli;
+use crate::args;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
@@ -24,8 +24,8 @@ pub(crate) const NAME: &str = "decode";
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus decode HEX… [--all] | railbus decode - | railbus decode -f FILE";
-    cli::verb(lang, NAME, Text::DecodeAbout, usage)
-        .before_help(cli::examples(lang, Text::DecodeExamples))
+    args::verb(lang, NAME, Text::DecodeAbout, usage)
+        .before_help(args::examples(lang, Text::DecodeExamples))
         .arg(
             Arg::new("HEX")
                 .help(lang.get(Text::DecodeHex))
@@ -34,16 +34,16 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .conflicts_with("file"),
         )
         .arg(
-            cli::flag(lang, "file", sniff::SniffText::DecodeFile)
+            args::flag(lang, "file", sniff::SniffText::DecodeFile)
                 .short('f')
                 .value_name("FILE")
                 .value_parser(value_parser!(PathBuf)),
         )
         .arg(sniff::filter_flag(lang).requires("file"))
-        .arg(cli::flag(lang, "all", Text::DecodeAll).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "all", Text::DecodeAll).action(ArgAction::SetTrue))
 }
 
-/// Prints the readings, best first.
+/// Prints the possible readings, best first.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     if let Some(file) = matches.get_one::<PathBuf>("file") {
@@ -79,13 +79,13 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     }
 }
 
-/// The failure of text that is no bytes.
+/// The failure of text that can't be read as bytes.
 pub(super) fn no_bytes(lang: Lang, text: &str) -> Failure {
     let message = lang.fill(Text::NoBytes, &[("text", &text)]);
     Failure::new(Code::Usage, message).with_try("railbus decode 03 05 00 3C FF 00 4D D4")
 }
 
-/// One frame to a line.
+/// Frames from standard input, one per line.
 fn standard_input(lang: Lang) -> Result<Vec<String>, Failure> {
     let mut text = String::new();
     let read = std::io::stdin().read_to_string(&mut text);
@@ -111,7 +111,7 @@ fn show(context: &Context, bytes: &[u8], readings: &[Reading], all: bool) -> Str
     if context.format == Format::Value {
         return format!("{}\n", best.meaning);
     }
-    // What is just as good a reading is never kept quiet.
+    // Readings as good as the best one are always shown.
     let count = |reading: &&Reading| all || reading.is_good() == best.is_good() && best.is_good();
     let mut text = String::new();
     for reading in readings

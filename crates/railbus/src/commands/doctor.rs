@@ -1,5 +1,5 @@
-//! `railbus doctor`: what is wrong with machine, port, line, modules, configuration and daemon,
-//! and how to mend it. It only reads, unless it is told to mend.
+//! `railbus doctor`: what is wrong with machine, port, line, modules, configuration and daemon, and
+//! how to fix it. It only reads, except with `--fix`.
 
 mod chosen;
 mod daemon;
@@ -10,8 +10,8 @@ mod texts;
 
 use super::explain::no_such_code;
 use super::{Context, stop};
+use crate::args;
 use crate::backend::{Backend, described};
-use crate::cli;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use jiff::Timestamp;
 use railbus_app::config_file;
@@ -30,18 +30,18 @@ use texts::DoctorText;
 /// The name of the command.
 pub(crate) const NAME: &str = "doctor";
 
-/// How long to listen to a line that nobody is asked on.
+/// How long it listens to a line before it reads the modules.
 const LISTEN: Duration = Duration::from_secs(2);
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus doctor [CODE] [-l LINE] [--fix [--yes]]";
-    cli::verb(lang, NAME, DoctorText::About, usage)
-        .before_help(cli::examples(lang, DoctorText::Examples))
+    args::verb(lang, NAME, DoctorText::About, usage)
+        .before_help(args::examples(lang, DoctorText::Examples))
         .arg(Arg::new("CODE").help(lang.get(DoctorText::Code)))
-        .arg(cli::flag(lang, "fix", DoctorText::Fix).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "fix", DoctorText::Fix).action(ArgAction::SetTrue))
         .arg(
-            cli::flag(lang, "yes", DoctorText::Yes)
+            args::flag(lang, "yes", DoctorText::Yes)
                 .short('y')
                 .action(ArgAction::SetTrue)
                 .requires("fix"),
@@ -51,10 +51,10 @@ pub(crate) fn define(lang: Lang) -> Command {
 /// The lines of the flags or of the configuration, for commands that only read.
 pub(super) fn chosen_lines(context: &Context) -> Result<Vec<Chosen>, Failure> {
     let failed = |problem| context.failure(&problem);
-    let config = match &context.wanted.ad_hoc {
+    let config = match &context.options.ad_hoc {
         Some(ad_hoc) => described(ad_hoc).map_err(failed)?,
         None => {
-            let named = context.wanted.config.as_deref();
+            let named = context.options.config.as_deref();
             config_file::read(context.lang, named)
                 .map_err(failed)?
                 .config
@@ -63,7 +63,7 @@ pub(super) fn chosen_lines(context: &Context) -> Result<Vec<Chosen>, Failure> {
     chosen::chosen(context, &config)
 }
 
-/// Looks at everything, shows it, and mends what it may.
+/// Checks everything, prints the findings, and fixes what it may.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let code = matches.get_one::<String>("CODE");
@@ -98,15 +98,15 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     Err(codes.iter().map(explain).fold(failure, Failure::with_try))
 }
 
-/// All that is found, section by section.
+/// All findings, section by section.
 async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, Failure> {
     let lang = context.lang;
     let mut stop = stop::Stop::new(context)?;
     let user = User::this(machine);
     let variable = |name: &str| std::env::var(name).ok();
     let mut found = system::check(lang, variable, Timestamp::now());
-    let socket = context.wanted.socket.as_deref();
-    // Side by side: one that hangs is waited for once.
+    let socket = context.options.socket.as_deref();
+    // In parallel, so that one that hangs delays nothing else.
     let (daemon, of_sockets) = tokio::join!(context.daemon(), daemon::check(lang, socket, &user));
     let served = daemon.as_ref().ok().and_then(Option::as_ref);
     let served = served.map(|daemon| daemon.config().to_owned());
@@ -116,7 +116,7 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
         match daemon {
             Ok(Some(daemon)) => served::examine(context, &Backend::Daemon(daemon)).await,
             Ok(None) => here(context, machine, &user, &config).await,
-            // Whose lines are meant is not known: none is opened here.
+            // It is not known whose lines are meant, so none is opened here.
             Err(why) => Ok(vec![daemon::refused(&why)]),
         }
     };
@@ -128,7 +128,7 @@ async fn examine(context: &Context, machine: &Machine) -> Result<Vec<Finding>, F
     Ok(found)
 }
 
-/// The lines to open here: that of the flags, or those of the configuration.
+/// The lines to open here: the one of the flags, or those of the configuration.
 async fn here(
     context: &Context,
     machine: &Machine,
@@ -144,7 +144,7 @@ async fn here(
             (number, found)
         });
     }
-    // Each takes its two seconds, all of them together no more.
+    // In parallel: each takes two seconds.
     let mut found = lines.join_all().await;
     found.sort_by_key(|(number, _)| *number);
     Ok(found
@@ -153,13 +153,13 @@ async fn here(
         .collect())
 }
 
-/// The configuration, and what is to be said of it.
+/// The configuration and its findings.
 struct Configuration {
     config: Config,
     findings: Vec<Finding>,
 }
 
-/// `served` is that of the daemon that is asked.
+/// `served` is the configuration of the daemon, if one is used.
 fn configuration(
     context: &Context,
     machine: &Machine,
@@ -167,11 +167,11 @@ fn configuration(
 ) -> Result<Configuration, Failure> {
     let lang = context.lang;
     let of = |config: Config, findings: Vec<Finding>| Ok(Configuration { config, findings });
-    if let Some(ad_hoc) = &context.wanted.ad_hoc {
+    if let Some(ad_hoc) = &context.options.ad_hoc {
         let config = described(ad_hoc).map_err(|problem| context.failure(&problem))?;
         return of(config, Vec::new());
     }
-    let named = served.or(context.wanted.config.as_deref());
+    let named = served.or(context.options.config.as_deref());
     let read = config_file::read(lang, named).map_err(|problem| context.failure(&problem));
     let found = match read {
         Ok(found) => found,

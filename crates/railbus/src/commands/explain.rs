@@ -1,6 +1,6 @@
 //! `railbus explain`: what a code means.
 
-use crate::cli;
+use crate::args;
 use crate::commands::Context;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
@@ -18,8 +18,8 @@ pub(crate) const NAME: &str = "explain";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    cli::verb(lang, NAME, Text::ExplainAbout, "railbus explain [CODE]")
-        .before_help(cli::examples(lang, Text::ExplainExamples))
+    args::verb(lang, NAME, Text::ExplainAbout, "railbus explain [CODE]")
+        .before_help(args::examples(lang, Text::ExplainExamples))
         .arg(Arg::new("CODE").help(lang.get(Text::ExplainCode)))
 }
 
@@ -40,13 +40,13 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     out::result(lang, &text)
 }
 
-/// The failure of naming a code that there is not.
+/// The failure for a code that does not exist.
 pub(super) fn no_such_code(lang: Lang, name: &str) -> Failure {
     let message = lang.fill(Text::NoSuchCode, &[("name", &name)]);
     Failure::new(Code::Usage, message).with_try("railbus explain")
 }
 
-/// A code of any kind; only errors end a command with an exit code.
+/// A code of any kind; only errors have an exit code.
 struct Explained {
     name: &'static str,
     page: Page,

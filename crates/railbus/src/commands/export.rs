@@ -1,9 +1,9 @@
-//! `railbus export`: the configuration for those who stay with another tool.
+//! `railbus export`: the configuration in forms for other tools.
 
 mod texts;
 
 use super::Context;
-use crate::cli;
+use crate::args;
 use clap::{Arg, ArgMatches, Command};
 use railbus_app::config_file;
 use railbus_app::failure::Failure;
@@ -24,8 +24,8 @@ pub(crate) const NAME: &str = "export";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    cli::verb(lang, NAME, ExportText::About, "railbus export mbpoll|csv")
-        .before_help(cli::examples(lang, ExportText::Examples))
+    args::verb(lang, NAME, ExportText::About, "railbus export mbpoll|csv")
+        .before_help(args::examples(lang, ExportText::Examples))
         .arg(
             Arg::new("FORM")
                 .help(lang.get(ExportText::Form))
@@ -43,7 +43,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let config = found.map_err(|problem| context.failure(&problem))?.config;
     match matches.get_one::<String>("FORM").map(String::as_str) {
         Some("csv") => {
-            // The form is the name of the export: only JSON can be asked for instead.
+            // The name of the export says its format; only JSON can be chosen instead.
             let format = match context.format {
                 format if format.is_json() => format,
                 _ => Format::Csv,
@@ -62,7 +62,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     }
 }
 
-/// Every point, one to a line.
+/// Every point, one per line.
 fn points(config: &Config) -> Records {
     let of_module = |(name, module): (&String, &ModuleConfig)| {
         let (setup, port) = (module.setup, config.lines.get(&module.line));
@@ -95,8 +95,8 @@ fn points(config: &Config) -> Records {
     }
 }
 
-/// A command line of mbpoll for each read of a Modbus module, and the modules that mbpoll can't
-/// speak to.
+/// An mbpoll command line for each read of a Modbus module, and the modules that mbpoll can't talk
+/// to.
 fn mbpoll(config: &Config) -> (Records, Vec<&str>) {
     let (mut rows, mut left_out) = (Vec::new(), Vec::new());
     for (name, module) in &config.modules {
@@ -131,7 +131,7 @@ fn mbpoll(config: &Config) -> (Records, Vec<&str>) {
     (records, left_out)
 }
 
-/// Mode and settings, and where; none where mbpoll has no such line.
+/// mbpoll's options for mode, settings and port; none if mbpoll has no such line.
 fn how(port: &LineName, setup: &Setup) -> Option<(String, String)> {
     let baud = setup.serial.baud.rate();
     let (parity, stop) = match setup.serial.character {
@@ -150,7 +150,7 @@ fn how(port: &LineName, setup: &Setup) -> Option<(String, String)> {
     }
 }
 
-/// What is read of a Modbus module, as mbpoll counts tables: which, from where, how many.
+/// The reads of a Modbus module as mbpoll numbers tables: which table, first reference, count.
 fn reads(setup: &Setup) -> Vec<(u8, u16, u16)> {
     let Ok(module) = Module::new(*setup) else {
         return Vec::new();

@@ -1,14 +1,14 @@
-//! `railbus extcap`: how Wireshark captures from a line. Not for people: its words are those of
-//! Wireshark's extcap interface.
+//! `railbus extcap`: how Wireshark captures from a line. Not meant for people: its words are those
+//! of Wireshark's extcap interface.
 
 use super::sniff::{self, SniffText};
 use super::{Context, place};
-use crate::cli;
+use crate::args;
 use clap::{ArgAction, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_sniff::capture::LINK_TYPE;
-use railbus_wire::Baud;
+use railbus_wire::{Baud, Character};
 use railbus_words::Code;
 use railbus_words::Lang;
 use std::path::PathBuf;
@@ -16,16 +16,16 @@ use std::path::PathBuf;
 /// The name of the command.
 pub(crate) const NAME: &str = "extcap";
 
-/// The source that any port can be named to.
+/// The capture source whose port is entered in Wireshark.
 const ANY: &str = "railbus";
-/// What the name of a configured line begins with.
+/// The prefix of the sources for configured lines.
 const LINE: &str = "railbus_";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let flag = |name| cli::flag(lang, name, SniffText::ExtcapFlag);
+    let flag = |name| args::flag(lang, name, SniffText::ExtcapFlag);
     let set = |name| flag(name).action(ArgAction::SetTrue);
-    cli::verb(lang, NAME, SniffText::ExtcapAbout, "railbus extcap …")
+    args::verb(lang, NAME, SniffText::ExtcapAbout, "railbus extcap …")
         .hide(true)
         .arg(set("extcap-interfaces"))
         .arg(set("extcap-dlts"))
@@ -41,7 +41,7 @@ pub(crate) fn define(lang: Lang) -> Command {
         )
 }
 
-/// Says what there is, or captures until nobody reads any more.
+/// Prints what Wireshark asks for, or captures until Wireshark closes the pipe.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let mut context = Context::of(lang, matches)?;
     if matches.get_flag("extcap-interfaces") {
@@ -85,7 +85,7 @@ fn interfaces(context: &Context) -> String {
     text
 }
 
-/// What is asked before a capture: which port, and how fast.
+/// The options that Wireshark asks the user for: port and speed.
 fn config(lang: Lang) -> String {
     let port = lang.get(SniffText::ExtcapPort);
     let baud = lang.get(SniffText::ExtcapBaud);
@@ -100,7 +100,7 @@ fn config(lang: Lang) -> String {
             &format!("value {{arg=1}}{{value={known}}}{{display={known}}}{{default={default}}}\n");
     }
     text += "arg {number=2}{call=--format}{display=8N1}{type=selector}\n";
-    for format in ["8N1", "8E1", "8O1", "8N2"] {
+    for format in Character::ALL.map(Character::name) {
         let default = format == "8N1";
         text += &format!(
             "value {{arg=2}}{{value={format}}}{{display={format}}}{{default={default}}}\n"

@@ -1,7 +1,7 @@
 //! `railbus get`: the values of points.
 
 use super::{Context, stop};
-use crate::cli;
+use crate::args;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_api::problem::{Problem, codes};
@@ -19,19 +19,19 @@ use serde_json::Value;
 /// The name of the command.
 pub(crate) const NAME: &str = "get";
 
-/// An age below this is not worth telling.
+/// Values younger than this are shown without their age.
 const YOUNG_MS: u64 = 1_000;
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus get TARGET… [--fresh] [--raw] [--last-known]";
-    cli::verb(lang, NAME, Text::GetAbout, usage)
+    args::verb(lang, NAME, Text::GetAbout, usage)
         .alias("read")
-        .before_help(cli::examples(lang, Text::GetExamples))
+        .before_help(args::examples(lang, Text::GetExamples))
         .arg(targets(lang).required(true))
-        .arg(cli::flag(lang, "fresh", Text::GetFresh).action(ArgAction::SetTrue))
-        .arg(cli::flag(lang, "raw", Text::GetRaw).action(ArgAction::SetTrue))
-        .arg(cli::flag(lang, "last-known", Text::LastKnown).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "fresh", Text::GetFresh).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "raw", Text::GetRaw).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "last-known", Text::LastKnown).action(ArgAction::SetTrue))
 }
 
 /// Modules, points and patterns.
@@ -50,7 +50,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         let mut stop = stop::Stop::new(&context)?;
         let backend = context.open().await?;
         let mut points = stop.or(backend.points(&targets, fresh)).await;
-        // A daemon may have no value yet: nobody is blamed who was not asked.
+        // A daemon may have no value yet: such modules are read before they are reported as faulty.
         let is_new = |point: &PointInfo| point.time.is_none() && point.quality == Quality::Bad;
         if let Some(Ok(known)) = &points
             && backend.is_daemon()
@@ -75,7 +75,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     }
     let mut shown = records(lang, &points, matches.get_flag("raw"));
     if context.format == Format::Value && matches.get_flag("last-known") {
-        // What is not known to be doubtful is shown.
+        // The quality is only left out when it is good.
         let rows = shown.rows.iter_mut().filter_map(Value::as_object_mut);
         rows.for_each(|row| drop(row.remove("quality")));
     }
@@ -88,9 +88,9 @@ pub(super) fn selected(matches: &ArgMatches) -> Vec<String> {
     given.into_iter().flatten().cloned().collect()
 }
 
-/// Points in any form.
+/// Points in any format.
 pub(super) fn records(lang: Lang, points: &[PointInfo], raw: bool) -> Records {
-    // What people call it can be spared; how good the value is can not.
+    // The description may be dropped on a narrow terminal; the quality may not.
     let mut table = Table::bare().spare(&[2]).names(2);
     for point in points {
         let mut notes = notes(lang, point);
@@ -121,7 +121,7 @@ pub(super) fn records(lang: Lang, points: &[PointInfo], raw: bool) -> Records {
     }
 }
 
-/// What is to be said of a value, in words.
+/// Remarks on a value.
 fn notes(lang: Lang, point: &PointInfo) -> Vec<String> {
     let mut notes = Vec::new();
     if point.quality != Quality::Good {
@@ -141,8 +141,8 @@ fn notes(lang: Lang, point: &PointInfo) -> Vec<String> {
     notes
 }
 
-/// The failure that values which could not be read amount to. A module is blamed for its own
-/// silence alone, and a line for its port.
+/// The failure for values that could not be read. A module is only blamed for its own silence, and
+/// a line for its port.
 fn verdict(
     context: &Context,
     points: &[PointInfo],
@@ -170,7 +170,7 @@ fn verdict(
         failure.with_fact("modules", modules.to_vec())
     };
     let silent = (!silent.is_empty()).then(|| of_modules(Text::SilentModules, &silent));
-    // A value that is too old is none, either.
+    // A stale value does not count as read, either.
     let stale = (!stale.is_empty()).then(|| of_modules(Text::StaleModules, &stale));
     let mut failures = silent.into_iter().chain(lines).chain(stale);
     let Some(first) = failures.next() else {

@@ -1,7 +1,8 @@
-//! `railbus help`: a command's help, or a page on what concerns them all.
+//! `railbus help`: a command's help, or a page on a topic that concerns all commands.
 
 mod texts;
 
+use crate::args;
 use crate::cli;
 use crate::commands::Context;
 use crate::commands::explain::exit_codes;
@@ -17,13 +18,13 @@ use texts::HelpText;
 /// The name of the command.
 pub(crate) const NAME: &str = "help";
 
-/// What can be asked beside the commands.
+/// The topics besides the commands.
 pub(crate) const TOPICS: [&str; 5] = ["exit-codes", "addressing", "units", "protocols", "safety"];
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    cli::verb(lang, NAME, HelpText::About, "railbus help [TOPIC]")
-        .before_help(cli::examples(lang, HelpText::Examples))
+    args::verb(lang, NAME, HelpText::About, "railbus help [TOPIC]")
+        .before_help(args::examples(lang, HelpText::Examples))
         .arg(
             Arg::new("TOPIC")
                 .help(lang.get(HelpText::Topic))
@@ -58,7 +59,7 @@ fn page(lang: Lang, text: HelpText) -> String {
 /// What `railbus COMMAND --help` says.
 fn of_command(lang: Lang, words: &[&str]) -> Result<String, Failure> {
     let mut command = cli::define(lang);
-    // Flags of every command reach those below only so.
+    // Only this adds the global flags to commands of a group.
     command.build();
     let mut found = &mut command;
     for word in words {
@@ -70,5 +71,5 @@ fn of_command(lang: Lang, words: &[&str]) -> Result<String, Failure> {
             tries.fold(Failure::new(Code::Usage, message), Failure::with_try)
         })?;
     }
-    Ok(cli::page(lang, &found.render_help()))
+    Ok(args::page(lang, &found.render_help()))
 }

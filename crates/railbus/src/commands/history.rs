@@ -1,10 +1,10 @@
-//! `railbus history`: what a point was.
+//! `railbus history`: past values of a point.
 
 mod texts;
 
 use super::Context;
+use crate::args;
 use crate::backend::{Detail, Remote};
-use crate::cli;
 use clap::{Arg, ArgMatches, Command, value_parser};
 use jiff::civil::{DateTime, Time};
 use jiff::tz::TimeZone;
@@ -29,12 +29,12 @@ use texts::HistoryText;
 /// The name of the command.
 pub(crate) const NAME: &str = "history";
 
-/// How long ago, where it is not said: an hour, in milliseconds.
+/// The default start: an hour ago, in milliseconds.
 const SINCE: i64 = 3_600_000;
 /// The longest time that can be asked for, in days.
 const DAYS_MAX: i64 = 36_500;
 const DAY_MS: i64 = 86_400_000;
-/// How many lines are shown where nobody says: more is read by nobody.
+/// The default number of lines.
 const LINES: usize = 100;
 /// The most lines that can be asked for.
 const LINES_MAX: i64 = 4_000;
@@ -42,36 +42,36 @@ const LINES_MAX: i64 = 4_000;
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus history POINT [--since WHEN] [--until WHEN] [--step TIME]";
-    cli::verb(lang, NAME, HistoryText::About, usage)
-        .before_help(cli::examples(lang, HistoryText::Examples))
+    args::verb(lang, NAME, HistoryText::About, usage)
+        .before_help(args::examples(lang, HistoryText::Examples))
         .arg(
             Arg::new("POINT")
                 .required(true)
                 .help(lang.get(HistoryText::Point)),
         )
         .arg(
-            cli::flag(lang, "since", HistoryText::Since)
+            args::flag(lang, "since", HistoryText::Since)
                 .value_name("WHEN")
                 .value_parser(When::read),
         )
         .arg(
-            cli::flag(lang, "until", HistoryText::Until)
+            args::flag(lang, "until", HistoryText::Until)
                 .value_name("WHEN")
                 .value_parser(When::read),
         )
         .arg(
-            cli::flag(lang, "step", HistoryText::Step)
+            args::flag(lang, "step", HistoryText::Step)
                 .value_name("TIME")
                 .value_parser(length),
         )
         .arg(
-            cli::flag(lang, "limit", HistoryText::Limit)
+            args::flag(lang, "limit", HistoryText::Limit)
                 .value_name("N")
                 .value_parser(value_parser!(u16).range(1..=LINES_MAX)),
         )
 }
 
-/// A moment, as people name it.
+/// A moment as the user gives it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum When {
     /// So many milliseconds ago.
@@ -81,7 +81,7 @@ enum When {
 }
 
 impl When {
-    /// `30m`, `7d`; `2026-11-22T14:00:00Z`; `2026-11-22 14:00` and `14:00` of this place.
+    /// `30m`, `7d`; `2026-11-22T14:00:00Z`; `2026-11-22 14:00` and `14:00` in local time.
     fn read(text: &str) -> Result<When, String> {
         if let Ok(millis) = length(text) {
             return Ok(When::Ago(millis));
@@ -120,16 +120,16 @@ fn length(text: &str) -> Result<i64, String> {
         .ok_or_else(String::new)
 }
 
-/// What is asked for.
+/// The period and the number of values that are asked for.
 #[derive(Clone, Copy, Debug)]
-struct Wanted {
+struct Options {
     span: (i64, i64),
     step: Option<i64>,
     limit: Option<usize>,
 }
 
-impl Wanted {
-    fn of(lang: Lang, matches: &ArgMatches) -> Result<Wanted, Failure> {
+impl Options {
+    fn of(lang: Lang, matches: &ArgMatches) -> Result<Options, Failure> {
         let now = Timestamp::now().as_millisecond().saturating_add(1);
         let when = |name: &str| matches.get_one::<When>(name).map(|when| when.millis(now));
         let until = when("until").unwrap_or(now);
@@ -139,15 +139,15 @@ impl Wanted {
             return Err(Failure::new(Code::Usage, message).with_try("railbus help history"));
         }
         let limit = matches.get_one::<u16>("limit");
-        Ok(Wanted {
+        Ok(Options {
             span: (since, until),
             step: matches.get_one("step").copied(),
             limit: limit.copied().map(usize::from),
         })
     }
 
-    /// All of it in stretches, unless only the last values are wanted. One more than these tells
-    /// whether there are others.
+    /// Condensed over the whole period, unless only the last values are wanted. One more than the
+    /// limit shows whether there are others.
     fn detail(self) -> Detail {
         match (self.step, self.limit) {
             (Some(step), _) => Detail::Step(step.unsigned_abs()),
@@ -157,25 +157,25 @@ impl Wanted {
     }
 }
 
-/// Prints every sample, or where they are many, what lay between which bounds.
+/// Prints every sample or, if there are too many, minimum and maximum of each interval.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let wanted = Wanted::of(lang, matches)?;
+    let options = Options::of(lang, matches)?;
     let named = matches.get_one::<String>("POINT");
     let path = named.map(String::as_str).unwrap_or_default();
     let (mut history, point) = context.block(async {
         let daemon = context.daemon().await?;
-        let told = ask(daemon, path, wanted).await;
+        let told = ask(daemon, path, options).await;
         told.map_err(|problem| context.failure(&problem))
     })?;
-    let more = wanted
+    let more = options
         .limit
         .is_some_and(|limit| keep_last(&mut history, limit));
     let records = records(&context, &history, &point);
     out::result(lang, &records.render(context.format))?;
     if more {
         context.note(lang.get(HistoryText::Older));
-    } else if let (None, Some(stretches)) = (wanted.step, &history.buckets) {
+    } else if let (None, Some(stretches)) = (options.step, &history.buckets) {
         let samples: u64 = stretches.iter().map(|stretch| u64::from(stretch.n)).sum();
         let values: &[(&str, &dyn Display)] = &[("samples", &samples), ("lines", &stretches.len())];
         context.note(&lang.fill(HistoryText::Means, values));
@@ -183,7 +183,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Leaves out what is older than the last so many; whether there was any.
+/// Keeps the last `limit` samples, and returns whether there were more.
 fn keep_last(history: &mut HistoryInfo, limit: usize) -> bool {
     fn cut<T>(list: &mut Option<Vec<T>>, limit: usize) -> bool {
         let Some(list) = list else { return false };
@@ -195,17 +195,17 @@ fn keep_last(history: &mut HistoryInfo, limit: usize) -> bool {
     cut(&mut history.buckets, limit) || samples
 }
 
-/// The history, and what is said of the point.
+/// The history, and what is known about the point.
 async fn ask(
     daemon: Option<Remote>,
     path: &str,
-    wanted: Wanted,
+    options: Options,
 ) -> Result<(HistoryInfo, Option<PointInfo>), Problem> {
     let Some(daemon) = daemon else {
         return Err(Problem::new(codes::NO_HISTORY).with_hint("railbus serve"));
     };
-    let history = daemon.history(path, wanted.span, wanted.detail()).await?;
-    // One that was taken out of the configuration has a history all the same.
+    let history = daemon.history(path, options.span, options.detail()).await?;
+    // A point that was removed from the configuration still has a history.
     let points = daemon.points(&[path.to_owned()], false).await;
     let point = points.ok().and_then(|points| points.into_iter().next());
     Ok((history, point))
@@ -245,7 +245,7 @@ fn records(context: &Context, history: &HistoryInfo, point: &Option<PointInfo>) 
     }
 }
 
-/// A value for programs: in CSV and bare, a state is a word, as it is everywhere there.
+/// A value for programs: in CSV and bare format a state is a word, as everywhere in these formats.
 fn bare(format: Format, value: Option<f64>, point: &Option<PointInfo>) -> serde_json::Value {
     let kind = point.as_ref().map(|point| point.kind);
     match (format, kind, value) {
@@ -282,7 +282,7 @@ fn of_bucket(lang: Lang, bucket: &BucketInfo, point: &Option<PointInfo>) -> [Str
     ]
 }
 
-/// A value with its unit; what is digital, in words where it is no mean.
+/// A value with its unit; a digital one as a word, unless it is a mean.
 fn shown(lang: Lang, value: Option<f64>, point: &Option<PointInfo>, whole: bool) -> String {
     let (Some(number), Some(point)) = (value, point) else {
         return value.map_or_else(|| "–".to_owned(), |number| number.to_string());

@@ -1,12 +1,11 @@
-//! Where files of one's own go, so that shells and `man` find them.
+//! Where a user's own files go, so that shells and `man` find them.
 
 use railbus_app::failure::Failure;
 use railbus_words::Code;
 use railbus_words::Lang;
 use std::path::{Path, PathBuf};
 
-/// The user's folder for data; that of the whole machine for root, unless the environment names
-/// one.
+/// The user's data folder; for root that of the whole machine, unless the environment names one.
 pub(super) fn data_folder() -> PathBuf {
     let named = named("XDG_DATA_HOME");
     let usual = || match rustix::process::geteuid().is_root() {
@@ -30,7 +29,7 @@ fn at_home(below: &str) -> PathBuf {
     std::env::home_dir().unwrap_or_default().join(below)
 }
 
-/// Writes a file whole or not at all, and makes its folder where it is missing.
+/// Writes a file whole or not at all, and creates its folder if needed.
 pub(super) fn write(lang: Lang, path: &Path, text: &[u8]) -> Result<(), Failure> {
     let failed = |error: std::io::Error| {
         Failure::of(lang, Code::Install).because(format!("{}: {error}", path.display()))

@@ -5,8 +5,8 @@ mod models;
 mod ports;
 
 use super::{Context, stop};
+use crate::args;
 use crate::backend::Backend;
-use crate::cli;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
 use railbus_api::problem::Problem;
@@ -30,9 +30,9 @@ const WHAT: [&str; 6] = ["modules", "points", "lines", "groups", "models", "port
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus ls [modules|lines|groups|models|ports] | ls points [MODULE…]";
-    cli::verb(lang, NAME, Text::LsAbout, usage)
+    args::verb(lang, NAME, Text::LsAbout, usage)
         .alias("list")
-        .before_help(cli::examples(lang, Text::LsExamples))
+        .before_help(args::examples(lang, Text::LsExamples))
         .arg(
             Arg::new("WHAT")
                 .help(lang.get(Text::LsWhat))
@@ -75,7 +75,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         _ => {
             let (mut all, mut down) = ask(&context, async |backend| {
                 let all = backend.modules().await?;
-                // The daemon looks for its ports by itself; here it was tried in vain.
+                // A daemon retries its ports by itself; here they were tried and could not be
+                // opened.
                 let down = match backend.is_daemon() {
                     true => Vec::new(),
                     false => backend.lines_down().await,
@@ -92,7 +93,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     out::result(lang, &records.render(context.format))
 }
 
-/// The failure of lines that could not be opened, each of which is told.
+/// The failure for lines that could not be opened; reports each of them.
 fn shut(context: &Context, down: &[(LineInfo, Problem)]) -> Result<(), Failure> {
     let Some(((_, last), others)) = down.split_last() else {
         return Ok(());
@@ -105,7 +106,7 @@ fn shut(context: &Context, down: &[(LineInfo, Problem)]) -> Result<(), Failure> 
     Err(context.failure(last))
 }
 
-/// Asks whoever knows.
+/// Asks the daemon or the site opened here.
 fn ask<T>(
     context: &Context,
     question: impl AsyncFnOnce(&Backend) -> Result<T, Problem>,
@@ -123,7 +124,8 @@ fn ask<T>(
 
 fn modules(lang: Lang, modules: &[ModuleInfo]) -> Records {
     let head = lang.get(Text::LsModulesHead).split('|');
-    // Line, protocol, errors, round trip, model, inputs, name, address, outputs.
+    // The order in which columns are dropped: line, protocol, errors, round trip, model, inputs,
+    // name, address, outputs.
     let mut table = Table::new(head)
         .spare(&[2, 4, 8, 7, 5, 10, 1, 3, 9])
         .names(1);
@@ -171,7 +173,7 @@ fn modules(lang: Lang, modules: &[ModuleInfo]) -> Records {
     }
 }
 
-/// Whether it is heard, and where it is not, when it was.
+/// Whether the module answers, and if not, when it last did.
 fn state(lang: Lang, module: &ModuleInfo) -> String {
     let state = values::presence(lang, module.state);
     if let Some(found) = &module.answers_as {
@@ -188,7 +190,7 @@ fn state(lang: Lang, module: &ModuleInfo) -> String {
 
 fn lines(lang: Lang, lines: &[LineInfo]) -> Records {
     let head = lang.get(Text::LsLinesHead).split('|');
-    // Modules, settings, port, name.
+    // Columns that may be dropped: modules, settings, port, name.
     let mut table = Table::new(head).spare(&[5, 3, 2, 1]).names(1);
     for line in lines {
         let state = lang.get(match line.state {

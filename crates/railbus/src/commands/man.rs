@@ -3,6 +3,7 @@
 mod texts;
 
 use super::install;
+use crate::args;
 use crate::cli;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
@@ -21,12 +22,12 @@ pub(crate) const NAME: &str = "man";
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus man [COMMAND] [--install] [--dir FOLDER]";
-    cli::verb(lang, NAME, ManText::About, usage)
-        .before_help(cli::examples(lang, ManText::Examples))
+    args::verb(lang, NAME, ManText::About, usage)
+        .before_help(args::examples(lang, ManText::Examples))
         .arg(Arg::new("NAME").help(lang.get(ManText::Name)))
-        .arg(cli::flag(lang, "install", ManText::Install).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "install", ManText::Install).action(ArgAction::SetTrue))
         .arg(
-            cli::flag(lang, "dir", ManText::Dir)
+            args::flag(lang, "dir", ManText::Dir)
                 .value_name("FOLDER")
                 .value_parser(value_parser!(PathBuf)),
         )
@@ -58,7 +59,7 @@ fn system(lang: Lang, error: io::Error) -> Failure {
     Failure::of(lang, Code::System).because(error)
 }
 
-/// Writes all pages below a folder of manuals: English ones and Chinese ones.
+/// Writes all pages below a folder for manuals, in English and Chinese.
 fn write_all(lang: Lang, folder: &Path) -> Result<(), Failure> {
     for (of, below) in [(Lang::En, "man1"), (Lang::Zh, "zh_CN/man1")] {
         for (name, command) in pages(of) {
@@ -71,7 +72,7 @@ fn write_all(lang: Lang, folder: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The program, its commands and theirs, by the name of the page.
+/// The program, its commands and their subcommands, by the name of the page.
 fn pages(lang: Lang) -> Vec<(String, Command)> {
     let mut root = cli::define(lang);
     root.build();
@@ -90,7 +91,7 @@ fn add(name: &str, command: &Command, pages: &mut Vec<(String, Command)>) {
     }
 }
 
-/// A page. The names of its sections are those of manuals in that language.
+/// A page. Its section titles are those customary for manuals in that language.
 fn page(lang: Lang, command: &Command) -> io::Result<String> {
     let man = Man::new(command.clone())
         .manual("railbus")
@@ -130,7 +131,7 @@ const SECTIONS: [(&str, &str); 6] = [
     ("EXTRA", "其他"),
 ];
 
-/// A line that roff must not read as one of its own commands.
+/// Escapes a line that roff would take for a command of its own.
 fn verbatim(line: &str) -> String {
     let line = line.replace('\\', "\\e").replace('-', "\\-");
     match line.starts_with(['.', '\'']) {

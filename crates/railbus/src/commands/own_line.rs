@@ -1,6 +1,6 @@
-//! A line opened here, for frames of one's own. The line's master sends them, as the daemon's
-//! does: what was asked before and is answered late is nobody's reply, nor is an echo, and the
-//! port is kept until nothing late can come any more.
+//! A line opened here for raw frames. The line's master sends them, just as the daemon's does: a
+//! late reply to an earlier request is never taken for the reply, nor is an echo, and the port is
+//! held until no late reply can arrive any more.
 
 use super::Context;
 use super::place::{Place, port_failure};
@@ -10,15 +10,15 @@ use railbus_host::{EchoMode, Fault, Line, LineConfig, Probe, ProbeResult, Settin
 use railbus_wire::{Decoded, Exchange, Frame, Micros, Protocol, ascii, lc02, r55, rtu};
 use railbus_words::Code;
 
-/// The silence that the slowest of the families wants before a request.
+/// The gap that the slowest of the families needs before a request.
 const GAP: Micros = Micros::from_millis(20);
 
-/// A line that nobody else has.
+/// A line that this process has to itself.
 pub(super) struct OwnLine<'c> {
     context: &'c Context,
     line: Line,
     settings: Settings,
-    /// It is known whether the adapter echoes, or was tried to be found out.
+    /// Whether the adapter echoes is known, or was tried once without result.
     knows_echo: bool,
 }
 
@@ -42,15 +42,16 @@ impl<'c> OwnLine<'c> {
         })
     }
 
-    /// Sends a request, and says what came of it.
+    /// Sends a request and returns its outcome.
     pub(super) async fn ask(
         &mut self,
         asked: Exchange<'static>,
         timeout: Micros,
     ) -> Result<ProbeResult, Failure> {
         if !self.knows_echo && is_own_reply(&asked) {
-            // The echo of such a request looks like the reply to it. A read does not, so that it
-            // shows whether there is one. Whoever answers it, and what, does not matter.
+            // The echo of such a request looks like its reply, so a read goes first: its reply
+            // differs from its echo, which shows whether there is one. Whether and how the read is
+            // answered does not matter.
             if let Some(look) = look(&asked) {
                 self.probe(look, timeout).await?;
             }
@@ -84,7 +85,7 @@ impl<'c> OwnLine<'c> {
         })
     }
 
-    /// Gives the port up, once no late reply can meet whoever opens it next.
+    /// Closes the port, once no late reply can reach the next program that opens it.
     pub(super) async fn close(self) {
         self.line.close().await;
     }
@@ -97,7 +98,7 @@ fn is_own_reply(asked: &Exchange<'_>) -> bool {
     asked.expects_reply() && matches!(asked.decode_response(sent.bytes()), Decoded::Whole { .. })
 }
 
-/// A read of the same module whose reply looks otherwise than the request.
+/// A read of the same module whose reply differs from the request.
 fn look(asked: &Exchange<'_>) -> Option<Exchange<'static>> {
     let address = asked.address();
     Some(match asked.protocol() {

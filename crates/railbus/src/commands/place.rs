@@ -1,4 +1,4 @@
-//! The line itself, for commands that need no module on it.
+//! The line, for commands that need no module on it.
 
 use super::Context;
 use crate::backend::{AdHoc, Backend};
@@ -9,7 +9,7 @@ use railbus_host::{EchoMode, LineName, PortError};
 use railbus_wire::{Baud, Character, Settings};
 use railbus_words::Code;
 
-/// A line to open oneself.
+/// A line, for opening it.
 #[derive(Clone, Debug)]
 pub(super) struct Place {
     pub(super) line: String,
@@ -20,15 +20,15 @@ pub(super) struct Place {
 
 /// Who has the line.
 pub(super) enum Access {
-    /// Nobody: it may be opened.
+    /// Nobody: it can be opened here.
     Here(Place),
     /// The daemon.
     Daemon(Backend),
 }
 
-/// The line that the flags mean, or the only one there is.
+/// The line that the flags mean, or the only one.
 pub(super) async fn find(context: &Context) -> Result<Access, Failure> {
-    if let Some(ad_hoc) = &context.wanted.ad_hoc {
+    if let Some(ad_hoc) = &context.options.ad_hoc {
         return described(context, ad_hoc).map(Access::Here);
     }
     if context.daemon().await?.is_some() {
@@ -37,7 +37,7 @@ pub(super) async fn find(context: &Context) -> Result<Access, Failure> {
     without_opening(context).map(Access::Here)
 }
 
-/// The line that flags alone describe.
+/// The line that the flags alone describe.
 fn described(context: &Context, ad_hoc: &AdHoc) -> Result<Place, Failure> {
     let baud = ad_hoc.baud.and_then(Baud::from_rate);
     Ok(Place {
@@ -51,13 +51,13 @@ fn described(context: &Context, ad_hoc: &AdHoc) -> Result<Place, Failure> {
     })
 }
 
-/// The line that the flags or the configuration mean, which is not opened here: who only listens
-/// must not raise a wire of the port, let alone send.
+/// The line that the flags or the configuration mean, without opening it: a command that only
+/// listens must not raise a control line of the port, let alone send.
 pub(super) fn without_opening(context: &Context) -> Result<Place, Failure> {
-    if let Some(ad_hoc) = &context.wanted.ad_hoc {
+    if let Some(ad_hoc) = &context.options.ad_hoc {
         return described(context, ad_hoc);
     }
-    let found = railbus_app::config_file::read(context.lang, context.wanted.config.as_deref());
+    let found = railbus_app::config_file::read(context.lang, context.options.config.as_deref());
     let found = found.map_err(|problem| context.failure(&problem))?;
     let lines = found.config.lines;
     let wanted = context.line.as_deref();
@@ -76,9 +76,9 @@ pub(super) fn without_opening(context: &Context) -> Result<Place, Failure> {
     })
 }
 
-/// The lines of the configuration and their ports; none where there is no configuration.
+/// The lines of the configuration and their ports; none if there is no configuration.
 pub(super) fn configured(context: &Context) -> Vec<(String, String)> {
-    let found = railbus_app::config_file::read(context.lang, context.wanted.config.as_deref());
+    let found = railbus_app::config_file::read(context.lang, context.options.config.as_deref());
     let lines = found.map(|found| found.config.lines).unwrap_or_default();
     lines
         .into_iter()
@@ -86,7 +86,7 @@ pub(super) fn configured(context: &Context) -> Vec<(String, String)> {
         .collect()
 }
 
-/// The line of `-l`, or the only one, of those that somebody has.
+/// The line of `-l`, or the only one, of those that the backend has.
 pub(super) async fn of(context: &Context, backend: &Backend) -> Result<Place, Failure> {
     let lines = backend.lines().await;
     let line = choose(context, lines.map_err(|problem| context.failure(&problem))?)?;
@@ -124,7 +124,8 @@ fn name(context: &Context, port: &str) -> Result<LineName, Failure> {
     })
 }
 
-/// Speed and format as the API says them; what it does not say, or nobody knows, is as `own`.
+/// Baud rate and format as the API reports them; those that it does not report are taken from
+/// `own`.
 pub(super) fn settings(baud: Option<u32>, format: Option<&str>, own: Settings) -> Settings {
     Settings {
         baud: baud.and_then(Baud::from_rate).unwrap_or(own.baud),
@@ -134,7 +135,7 @@ pub(super) fn settings(baud: Option<u32>, format: Option<&str>, own: Settings) -
     }
 }
 
-/// Why a port can't be opened, in words.
+/// Why a port can't be opened.
 pub(super) fn port_failure(context: &Context, place: &Place, error: &PortError) -> Failure {
     let lang = context.lang;
     let code = match error {

@@ -1,7 +1,7 @@
-//! `railbus pulse`: an output on for a while.
+//! `railbus pulse`: switches an output on for a time.
 
 use super::{Context, set, stop};
-use crate::cli;
+use crate::args;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_api::types::{PulseRequest, Pulsed, Timekeeper};
@@ -15,7 +15,7 @@ use railbus_words::time;
 /// The name of the command.
 pub(crate) const NAME: &str = "pulse";
 
-/// What CSV tells of a pulse.
+/// The columns in CSV.
 const PULSED: [&str; 7] = [
     "path",
     "value",
@@ -25,14 +25,14 @@ const PULSED: [&str; 7] = [
     "confirmed",
     "took_ms",
 ];
-/// A pulse timed here that is longer than this is warned of.
+/// Longer pulses that are timed here cause a warning.
 const LONG_MS: u64 = 5_000;
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus pulse POINT [DURATION] [--by auto|device|host] [--off]";
-    cli::verb(lang, NAME, Text::PulseAbout, usage)
-        .before_help(cli::examples(lang, Text::PulseExamples))
+    args::verb(lang, NAME, Text::PulseAbout, usage)
+        .before_help(args::examples(lang, Text::PulseExamples))
         .arg(
             Arg::new("POINT")
                 .help(lang.get(Text::PulsePoint))
@@ -44,16 +44,16 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .value_parser(super::context::duration),
         )
         .arg(
-            cli::flag(lang, "by", Text::PulseBy)
+            args::flag(lang, "by", Text::PulseBy)
                 .value_name("WHO")
                 .value_parser(["auto", "device", "host"])
                 .hide_possible_values(true),
         )
-        .arg(cli::flag(lang, "off", Text::PulseOff).action(ArgAction::SetTrue))
-        .arg(cli::flag(lang, "yes", Text::MeantYes).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "off", Text::PulseOff).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "yes", Text::MeantYes).action(ArgAction::SetTrue))
 }
 
-/// Gives the pulse, and waits for its end where it is timed here.
+/// Starts the pulse, and waits for its end if it is timed here.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let path = matches
@@ -90,13 +90,14 @@ async fn give(context: &Context, path: &str, wanted: PulseRequest) -> Result<(),
         context.note(context.lang.get(Text::PulseHere));
     }
     let shown = show(context, path, &pulsed);
-    // Who waits for the line that tells of it may act on it: it is told when it has begun.
+    // A program that waits for this line may act on it, so it is printed as soon as the pulse has
+    // begun.
     let told = out::result(context.lang, &shown);
     if !timed_here {
         backend.finish(true).await;
         return told;
     }
-    // Nothing is lost by waiting: at a signal the output is released at once.
+    // Waiting is safe: at a signal the output is released at once.
     let released = stop.or(wait(pulsed.ms)).await;
     backend.finish(released.is_none()).await;
     match released {
@@ -109,7 +110,7 @@ async fn give(context: &Context, path: &str, wanted: PulseRequest) -> Result<(),
     }
 }
 
-/// Until a pulse timed here has ended.
+/// Waits until a pulse timed here has ended.
 async fn wait(millis: Option<u64>) {
     let end = std::time::Duration::from_millis(millis.unwrap_or_default());
     tokio::time::sleep_until(tokio::time::Instant::now() + end).await;

@@ -1,4 +1,4 @@
-//! `railbus raw`: a frame of one's own.
+//! `railbus raw`: sends a raw frame.
 
 mod unknown;
 
@@ -6,8 +6,8 @@ use super::own_line::OwnLine;
 use super::place::{self, Access, Place};
 use super::sniff::SniffText;
 use super::{Context, decode, stop};
+use crate::args;
 use crate::backend::Backend;
-use crate::cli;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_api::sending::SendRequest;
@@ -17,10 +17,13 @@ use railbus_app::failure::Failure;
 use railbus_app::frames::meaning;
 use railbus_app::render::table::Table;
 use railbus_app::render::{Format, out, records};
-use railbus_commission::{Risk, is_answered, stowaway};
+use railbus_commission::{Risk, is_answered};
 use railbus_host::reply_in;
 use railbus_site::is_refused;
-use railbus_wire::{Address, Decoded, Exchange, Micros, Protocol, ascii, lc02, r55, rtu};
+use railbus_wire::{
+    Address, Decoded, Exchange, Micros, Protocol, REPLY_TIMEOUT, ascii, foreign_command, lc02, r55,
+    rtu,
+};
 use railbus_words::Code;
 use railbus_words::Lang;
 use railbus_words::{hex, time};
@@ -29,41 +32,38 @@ use serde_json::json;
 /// The name of the command.
 pub(crate) const NAME: &str = "raw";
 
-/// How long the reply may take to begin, unless the flags say otherwise.
-const TIMEOUT: Micros = Micros::from_millis(300);
-
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus raw [--crc|--proto P] HEX… | railbus raw --ascii TEXT";
-    cli::verb(lang, NAME, Text::RawAbout, usage)
-        .before_help(cli::examples(lang, Text::RawExamples))
+    args::verb(lang, NAME, Text::RawAbout, usage)
+        .before_help(args::examples(lang, Text::RawExamples))
         .arg(Arg::new("HEX").help(lang.get(Text::RawHex)).num_args(0..))
         .arg(
-            cli::flag(lang, "ascii", Text::RawAscii)
+            args::flag(lang, "ascii", Text::RawAscii)
                 .value_name("TEXT")
                 .conflicts_with("HEX"),
         )
-        .arg(cli::flag(lang, "crc", Text::RawCrc).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "crc", Text::RawCrc).action(ArgAction::SetTrue))
         .arg(
-            cli::flag(lang, "proto", Text::RawProto)
+            args::flag(lang, "proto", Text::RawProto)
                 .value_name("P")
                 .value_parser(Protocol::ALL.map(Protocol::name))
                 .hide_possible_values(true)
                 .conflicts_with("crc"),
         )
-        .arg(cli::flag(lang, "yes", Text::RawYes).action(ArgAction::SetTrue))
-        .arg(cli::flag(lang, "override", Text::RawOverride).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "yes", Text::RawYes).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "override", Text::RawOverride).action(ArgAction::SetTrue))
 }
 
-/// What came back.
+/// The reply.
 struct Answer {
     bytes: Vec<u8>,
     after_ms: u64,
-    /// What that is; none where nobody can know, because it was no request that is known.
+    /// How the exchange ended; none if the frame was not a known request, so nobody can tell.
     outcome: Option<Outcome>,
 }
 
-/// Sends it and prints what comes back.
+/// Sends the frame and prints the reply.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let frame = frame(lang, matches)?;
@@ -71,7 +71,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let asked = exact.or_else(|| asked(&frame));
     let stowaway = asked
         .as_ref()
-        .and_then(|asked| stowaway(&frame, asked.protocol(), &Protocol::ALL));
+        .and_then(|asked| foreign_command(&frame, asked.protocol(), Protocol::ALL));
     let risky = asked.as_ref().is_none_or(is_risky) || stowaway.is_some();
     if risky && !matches.get_flag("yes") {
         let failure = Failure::of(lang, Code::NeedsYes).because(hex::spaced(&frame));
@@ -89,7 +89,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     verdict(&context, asked.as_ref(), &answer)
 }
 
-/// The bytes to send, with their checksum.
+/// The bytes to send, including their checksum.
 fn frame(lang: Lang, matches: &ArgMatches) -> Result<Vec<u8>, Failure> {
     if let Some(text) = matches.get_one::<String>("ascii") {
         return Ok(hex::ascii(text));
@@ -114,13 +114,13 @@ fn frame(lang: Lang, matches: &ArgMatches) -> Result<Vec<u8>, Failure> {
     })
 }
 
-/// The request that exactly these bytes are, as the line's master sends it.
+/// The request that is encoded as exactly these bytes, as the line's master sends it.
 fn exact(bytes: &[u8]) -> Option<Exchange<'static>> {
     let protocol = asked(bytes)?.protocol();
     railbus_commission::request(protocol, bytes)
 }
 
-/// The request that the bytes are.
+/// The request that the bytes are, if any.
 fn asked(bytes: &[u8]) -> Option<Exchange<'_>> {
     let whole = |len: usize| len == bytes.len();
     if let Decoded::Whole { len, value } = r55::Exchange::decode_request(bytes)
@@ -147,8 +147,8 @@ fn asked(bytes: &[u8]) -> Option<Exchange<'_>> {
     rtu::Exchange::decode_frame(bytes).ok().map(Exchange::Rtu)
 }
 
-/// What the daemon is told that is meant. What switches outputs of one module is sent without a
-/// question here, as on a line of one's own; what lies past a lock is not.
+/// The confirmations that are passed to the daemon. Switching outputs of one module is sent without
+/// asking, as on a line opened here; a frame that passes a lock is not.
 fn meant(matches: &ArgMatches, asked: Option<&Exchange<'_>>) -> Vec<String> {
     let risk = asked.map(Risk::of);
     let said = risk.filter(|risk| *risk <= Risk::Output || matches.get_flag("yes"));
@@ -157,12 +157,12 @@ fn meant(matches: &ArgMatches, asked: Option<&Exchange<'_>>) -> Vec<String> {
     words.map(str::to_owned).collect()
 }
 
-/// Whether it is for all modules at once, or changes what a module keeps.
+/// Whether it is a broadcast, or changes stored settings.
 fn is_risky(asked: &Exchange<'_>) -> bool {
     Risk::of(asked) >= Risk::Kept
 }
 
-/// Whether it may do more than read. Nobody knows that of bytes that are no request.
+/// Whether it may do more than read. Bytes that are not a known request may do anything.
 fn acts(asked: Option<&Exchange<'_>>) -> bool {
     asked.is_none_or(|asked| Risk::of(asked) > Risk::Read)
 }
@@ -173,7 +173,7 @@ async fn ask(
     asked: Option<Exchange<'static>>,
     confirm: Vec<String>,
 ) -> Result<Answer, Failure> {
-    let timeout = context.timeout.unwrap_or(TIMEOUT);
+    let timeout = context.timeout.unwrap_or(REPLY_TIMEOUT);
     match place::find(context).await? {
         Access::Here(place) => {
             let mut stop = stop::Stop::new(context)?;
@@ -205,8 +205,8 @@ async fn ask(
     }
 }
 
-/// Asks on a line of one's own; none where it was interrupted. The port is kept, also then, until
-/// no late reply can come any more.
+/// Sends it on a line opened here; none if it was interrupted. In either case the port is held
+/// until no late reply can arrive any more.
 async fn here(
     context: &Context,
     place: &Place,
@@ -227,7 +227,7 @@ async fn here(
     }))
 }
 
-/// The line named, or the only one.
+/// The line that is named, or the only one.
 async fn line_of(context: &Context, daemon: &Backend) -> Result<String, Failure> {
     if let Some(line) = &context.line {
         return Ok(line.clone());
@@ -243,7 +243,7 @@ async fn line_of(context: &Context, daemon: &Backend) -> Result<String, Failure>
     }
 }
 
-/// What the reply says, where it is one, and who says it.
+/// The meaning of the reply, if it is one, and the address it comes from.
 fn read(
     lang: Lang,
     asked: Option<&Exchange<'_>>,
@@ -309,7 +309,7 @@ fn verdict(
         None if answer.bytes.is_empty() => {
             Err(Failure::of(lang, Code::NoReply).perhaps_acted(acts(asked)))
         }
-        // Nobody knows what the reply to such a frame should be.
+        // It is not known what the reply to such a frame should be.
         None if asked.is_none() => Ok(()),
         None => {
             let failure = Failure::of(lang, Code::Garbled);

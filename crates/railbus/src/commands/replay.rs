@@ -1,4 +1,4 @@
-//! `railbus replay`: what was captured, played again.
+//! `railbus replay`: plays a capture back, as host or as modules.
 
 mod host;
 mod module;
@@ -6,7 +6,7 @@ mod script;
 mod texts;
 
 use super::{Context, place};
-use crate::cli;
+use crate::args;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
 use railbus_app::render::Format;
@@ -23,10 +23,10 @@ pub(crate) const NAME: &str = "replay";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    let set = |name, help| cli::flag(lang, name, help).action(ArgAction::SetTrue);
+    let set = |name, help| args::flag(lang, name, help).action(ArgAction::SetTrue);
     let usage = "railbus replay FILE --as-module|--as-host [-l LINE] [--speed N] [--loop]";
-    cli::verb(lang, NAME, ReplayText::ReplayAbout, usage)
-        .before_help(cli::examples(lang, ReplayText::ReplayExamples))
+    args::verb(lang, NAME, ReplayText::ReplayAbout, usage)
+        .before_help(args::examples(lang, ReplayText::ReplayExamples))
         .arg(
             Arg::new("FILE")
                 .help(lang.get(ReplayText::File))
@@ -41,13 +41,13 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .required(true),
         )
         .arg(
-            cli::flag(lang, "speed", ReplayText::Speed)
+            args::flag(lang, "speed", ReplayText::Speed)
                 .value_name("N")
                 .value_parser(speed),
         )
         .arg(set("loop", ReplayText::Loop))
         .arg(
-            cli::flag(lang, "count", ReplayText::Count)
+            args::flag(lang, "count", ReplayText::Count)
                 .value_name("N")
                 .value_parser(value_parser!(u64).range(1..))
                 .requires("as-module"),
@@ -55,7 +55,7 @@ pub(crate) fn define(lang: Lang) -> Command {
         .arg(set("writes", ReplayText::Writes).requires("as-host"))
         .arg(set("yes", ReplayText::Yes).requires("writes"))
         .arg(
-            cli::flag(lang, "confirm", ReplayText::Confirm)
+            args::flag(lang, "confirm", ReplayText::Confirm)
                 .value_name("WORD")
                 .value_parser(["broadcast", "config"])
                 .hide_possible_values(true)
@@ -65,19 +65,19 @@ pub(crate) fn define(lang: Lang) -> Command {
         .arg(set("exit-code", ReplayText::ExitCode).requires("as-host"))
 }
 
-/// From a thousandth of the recorded pace to a thousand times of it.
+/// From a thousandth to a thousand times the recorded pace.
 fn speed(text: &str) -> Result<f64, String> {
     let number: f64 = text.parse().map_err(|_| String::new())?;
     let sensible = (0.001..=1_000.0).contains(&number);
     sensible.then_some(number).ok_or_else(String::new)
 }
 
-/// A time in microseconds at that speed.
+/// A time in microseconds, scaled by the speed.
 fn faster(micros: u64, speed: f64) -> u64 {
     (micros as f64 / speed) as u64
 }
 
-/// What a host may send.
+/// What the host may send.
 #[derive(Clone, Copy, Debug)]
 struct Allowed {
     writes: bool,
@@ -96,7 +96,7 @@ impl Allowed {
     }
 }
 
-/// Plays it.
+/// Plays it back.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let confirmed: Vec<&str> = matches
@@ -120,7 +120,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let script = Script::read(&context, path.map_or("".as_ref(), PathBuf::as_path))?;
     let mut place = place::without_opening(&context)?;
     if context
-        .wanted
+        .options
         .ad_hoc
         .as_ref()
         .is_some_and(|flags| flags.baud.is_none())

@@ -1,20 +1,21 @@
-//! `railbus scan`: who is on the line. It only reads.
+//! `railbus scan`: finds the modules on a line. It only reads.
 
 mod add;
 mod asked;
 mod keep;
+mod options;
 mod run;
 mod show;
 mod texts;
-mod wish;
 
 use super::place::{self, Access, Place};
 use super::{Context, stop};
+use crate::args;
 use crate::backend::Backend;
-use crate::cli;
 use asked::Asked;
 use clap::{ArgMatches, Command};
 use keep::Keep;
+use options::Options;
 use railbus_app::config_file;
 use railbus_app::failure::Failure;
 use railbus_commission::scan::{Known, Scanner, Scope};
@@ -26,7 +27,6 @@ use railbus_words::Lang;
 use run::{End, Report};
 use show::Live;
 use texts::ScanText;
-use wish::Wanted;
 
 /// The name of the command.
 pub(crate) const NAME: &str = "scan";
@@ -34,23 +34,23 @@ pub(crate) const NAME: &str = "scan";
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus scan [--quick|--full|--deep] [--addr 1-32] [--follow] [--add]";
-    let verb = cli::verb(lang, NAME, ScanText::About, usage);
-    wish::define(
+    let verb = args::verb(lang, NAME, ScanText::About, usage);
+    options::define(
         lang,
-        verb.before_help(cli::examples(lang, ScanText::Examples)),
+        verb.before_help(args::examples(lang, ScanText::Examples)),
     )
 }
 
-/// Scans and prints what was found, also after Ctrl-C.
+/// Scans and prints what was found, even after Ctrl-C.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of_line(lang, matches)?;
-    let wanted = Wanted::of(&context, matches);
-    if Scope::of(&wanted.wish, Vec::new()).runs.is_empty() {
+    let options = Options::of(&context, matches);
+    if Scope::of(&options.wish, Vec::new()).runs.is_empty() {
         let failure = Failure::of(lang, Code::ScanNothing);
         return Err(failure.because(lang.get(ScanText::NothingToAsk)));
     }
-    let (place, wanted, report, keep) = context.block(scan(&context, wanted))?;
-    Live::new(&context, &place, wanted.follow).end(&report, &wanted.wish)?;
+    let (place, options, report, keep) = context.block(scan(&context, options))?;
+    Live::new(&context, &place, options.follow).end(&report, &options.wish)?;
     match report.end {
         End::Complete => keep.drop(),
         End::Interrupted | End::TimeUp | End::Lost(_) => {
@@ -58,14 +58,17 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         }
         End::Noise | End::Unread => {}
     }
-    if wanted.add {
-        add::add(&context, &place, report.scanner.found(), &wanted)?;
+    if options.add {
+        add::add(&context, &place, report.scanner.found(), &options)?;
     }
     verdict(&context, &place, report)
 }
 
-/// Finds the line and asks everyone on it.
-async fn scan(context: &Context, wanted: Wanted) -> Result<(Place, Wanted, Report, Keep), Failure> {
+/// Finds the line and scans it.
+async fn scan(
+    context: &Context,
+    options: Options,
+) -> Result<(Place, Options, Report, Keep), Failure> {
     let mut stop = stop::Stop::new(context)?;
     let (place, known, daemon) = match place::find(context).await? {
         Access::Here(place) => {
@@ -78,24 +81,24 @@ async fn scan(context: &Context, wanted: Wanted) -> Result<(Place, Wanted, Repor
             (place, known, Some(backend))
         }
     };
-    let wanted = wanted.on(&place);
-    // Who is asked for some addresses is told of these alone.
-    let known: Vec<Known> = match &wanted.wish.addresses {
+    let options = options.on(&place);
+    // A scan of some addresses only needs to know the modules at these.
+    let known: Vec<Known> = match &options.wish.addresses {
         None => known,
         Some(addresses) => {
             let is_asked = |known: &Known| addresses.contains(&known.address.0);
             known.into_iter().filter(is_asked).collect()
         }
     };
-    let keep = Keep::of(context, &place, &wanted.wish).await;
-    let scope = Scope::of(&wanted.wish, known);
+    let keep = Keep::of(context, &place, &options.wish).await;
+    let scope = Scope::of(&options.wish, known);
     if has_own_speed(&place.port) && scope.runs.iter().any(|run| run.settings != place.settings) {
         let failure = Failure::of(context.lang, Code::ScanFixedSpeed);
         return Err(failure
             .because(&place.port)
             .with_fact("line", place.line.as_str()));
     }
-    let scanner = match wanted.resume {
+    let scanner = match options.resume {
         true => keep.resume(context, scope)?,
         false => Scanner::new(scope),
     };
@@ -103,25 +106,25 @@ async fn scan(context: &Context, wanted: Wanted) -> Result<(Place, Wanted, Repor
         None => Asked::open(context, &place).await?,
         Some(backend) => Asked::Daemon(backend),
     };
-    let mut live = Live::new(context, &place, wanted.follow);
-    live.begin(wanted.wish.depth, &scanner);
-    let limits = (&mut stop, wanted.max_time);
+    let mut live = Live::new(context, &place, options.follow);
+    live.begin(options.wish.depth, &scanner);
+    let limits = (&mut stop, options.max_time);
     let report = run::scan(context, &place, asked, scanner, limits, &mut live).await?;
-    Ok((place, wanted, report, keep))
+    Ok((place, options, report, keep))
 }
 
-/// Whether a serial server has the port, which sets its speed.
+/// Whether the port is a serial server, which sets its own speed.
 const fn has_own_speed(port: &LineName) -> bool {
     matches!(port, LineName::Tcp { .. } | LineName::ModbusTcp { .. })
 }
 
-/// The modules that the configuration has on this line. Where flags alone name the line there
-/// is none, and one that can't be read names none.
+/// The modules that the configuration has on this line. None if flags alone describe the line, or
+/// if the configuration can't be read.
 fn configured(context: &Context, place: &Place) -> Vec<Known> {
-    if context.wanted.ad_hoc.is_some() {
+    if context.options.ad_hoc.is_some() {
         return Vec::new();
     }
-    let read = config_file::read(context.lang, context.wanted.config.as_deref());
+    let read = config_file::read(context.lang, context.options.config.as_deref());
     let Ok(found) = read else { return Vec::new() };
     let modules = found.config.modules_of(&place.line);
     let known = modules.map(|(name, module)| Known {
@@ -160,7 +163,7 @@ async fn polled(
     Ok(known.collect())
 }
 
-/// How the command ends.
+/// The failure with which the command ends, if any.
 fn verdict(context: &Context, place: &Place, report: Report) -> Result<(), Failure> {
     let line = place.line.as_str();
     let probes = report.scanner.counts().probes;

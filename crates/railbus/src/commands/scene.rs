@@ -1,12 +1,12 @@
-//! `railbus scene`: steps of the configuration that are done one after the other.
+//! `railbus scene`: sequences of switching steps from the configuration.
 
 mod texts;
 
 use super::set::frames;
 use super::set::orders::{Order, State};
 use super::{Context, set, stop};
+use crate::args;
 use crate::backend::Backend;
-use crate::cli;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_api::control::{SceneInfo, SceneRequest, StepInfo};
@@ -26,8 +26,8 @@ pub(crate) const NAME: &str = "scene";
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let verb = |name, about, usage| {
-        let examples = cli::examples(lang, SceneText::Examples);
-        cli::verb(lang, name, about, usage).before_help(examples)
+        let examples = args::examples(lang, SceneText::Examples);
+        args::verb(lang, name, about, usage).before_help(examples)
     };
     let run = verb("run", SceneText::Run, "railbus scene run NAME [-n] [--yes]")
         .arg(
@@ -36,11 +36,11 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .help(lang.get(SceneText::Name)),
         )
         .arg(
-            cli::flag(lang, "dry-run", Text::DryRun)
+            args::flag(lang, "dry-run", Text::DryRun)
                 .short('n')
                 .action(ArgAction::SetTrue),
         )
-        .arg(cli::flag(lang, "yes", Text::MeantYes).action(ArgAction::SetTrue));
+        .arg(args::flag(lang, "yes", Text::MeantYes).action(ArgAction::SetTrue));
     verb(NAME, SceneText::About, "railbus scene COMMAND")
         .subcommand_required(true)
         .subcommand_help_heading(lang.get(Text::Commands))
@@ -48,9 +48,9 @@ pub(crate) fn define(lang: Lang) -> Command {
         .subcommand(run)
 }
 
-/// Does what the command of the group says.
+/// Runs a command of the group.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
-    // The parser lets nothing through without a command that it knows.
+    // The parser accepts no arguments without a known command.
     let Some((verb, matches)) = matches.subcommand() else {
         return Ok(());
     };
@@ -74,7 +74,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     play(&context, name, SceneRequest { confirm })
 }
 
-/// Asks whoever knows, and changes nothing.
+/// Asks the daemon or the site opened here, and changes nothing.
 fn look<T>(
     context: &Context,
     question: impl AsyncFnOnce(&Backend) -> Result<T, Failure>,
@@ -106,8 +106,8 @@ fn find<'s>(
     })
 }
 
-/// The orders of a scene, those together that are one command: outputs of one module that follow
-/// each other and go the same way.
+/// The switching steps of a scene, grouped into commands: consecutive steps for outputs of one
+/// module are one command if they are of the same kind.
 fn runs(scene: &SceneInfo) -> Vec<Vec<Order>> {
     let mut runs: Vec<Vec<Order>> = Vec::new();
     let mut waited = true;
@@ -133,7 +133,7 @@ fn runs(scene: &SceneInfo) -> Vec<Vec<Order>> {
     runs
 }
 
-/// Plays it, and waits for its end. After Ctrl-C what is under way ends.
+/// Runs it and waits for its end. After Ctrl-C the step in progress is finished.
 fn play(context: &Context, name: &str, wanted: SceneRequest) -> Result<(), Failure> {
     let (answer, stopped) = context.block(async {
         let mut stop = stop::Stop::new(context)?;

@@ -1,8 +1,8 @@
-//! `railbus schema`: the published form of every command's JSON.
+//! `railbus schema`: the published schemas of every command's JSON output.
 
 mod texts;
 
-use crate::cli;
+use crate::args;
 use crate::commands::Context;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
@@ -21,7 +21,7 @@ pub(crate) const NAME: &str = "schema";
 /// Name and text of each schema: that of a command has the command's name.
 pub(crate) const SCHEMAS: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/schemas.rs"));
 
-/// The name of the schema of the configuration's file, which is of no command.
+/// The name of the schema of the configuration file.
 const FILE: &str = "config-file";
 
 /// All of them.
@@ -32,8 +32,8 @@ fn all() -> impl Iterator<Item = (&'static str, &'static str)> {
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    cli::verb(lang, NAME, SchemaText::About, "railbus schema [COMMAND]")
-        .before_help(cli::examples(lang, SchemaText::Examples))
+    args::verb(lang, NAME, SchemaText::About, "railbus schema [COMMAND]")
+        .before_help(args::examples(lang, SchemaText::Examples))
         .arg(Arg::new("NAME").help(lang.get(SchemaText::Name)))
 }
 
@@ -70,9 +70,10 @@ fn list() -> Records {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli;
     use serde_json::Value;
 
-    /// These print no document: scripts, pages, and what shells and Wireshark ask for.
+    /// These print no documents, only scripts, pages, and what shells and Wireshark ask for.
     const WITHOUT: [&str; 4] = ["extcap", "completions", "man", "complete"];
 
     #[test]

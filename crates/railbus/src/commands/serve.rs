@@ -1,6 +1,6 @@
-//! `railbus serve`: the daemon, as the command line starts it.
+//! `railbus serve`: starts the daemon.
 
-use crate::cli;
+use crate::args;
 use crate::texts::Text;
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Command, value_parser};
@@ -18,20 +18,20 @@ pub(crate) const NAME: &str = "serve";
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus serve [--demo|--config FILE] [--listen ADDR] [--tls auto]";
     let file = |name, help| {
-        let flag = cli::flag(lang, name, help).value_name("FILE");
+        let flag = args::flag(lang, name, help).value_name("FILE");
         flag.value_parser(value_parser!(PathBuf))
     };
-    let switch = |name, help| cli::flag(lang, name, help).action(ArgAction::SetTrue);
-    cli::verb(lang, NAME, Text::ServeAbout, usage)
-        .before_help(cli::examples(lang, Text::ServeExamples))
+    let switch = |name, help| args::flag(lang, name, help).action(ArgAction::SetTrue);
+    args::verb(lang, NAME, Text::ServeAbout, usage)
+        .before_help(args::examples(lang, Text::ServeExamples))
         .arg(switch("demo", Text::ServeDemo))
         .arg(
-            cli::flag(lang, "listen", Text::ServeListen)
+            args::flag(lang, "listen", Text::ServeListen)
                 .value_name("ADDR")
                 .value_parser(value_parser!(SocketAddr)),
         )
         .arg(
-            cli::flag(lang, "tls", Text::ServeTls)
+            args::flag(lang, "tls", Text::ServeTls)
                 .value_name("HOW")
                 .value_parser(["auto"])
                 .hide_possible_values(true)
@@ -40,7 +40,7 @@ pub(crate) fn define(lang: Lang) -> Command {
         .arg(file("tls-cert", Text::ServeTlsCert).requires("tls-key"))
         .arg(file("tls-key", Text::ServeTlsKey).requires("tls-cert"))
         .arg(
-            cli::flag(lang, "name", Text::ServeName)
+            args::flag(lang, "name", Text::ServeName)
                 .value_name("HOST")
                 .action(ArgAction::Append),
         )

@@ -6,8 +6,8 @@ mod group;
 pub(super) mod orders;
 
 use super::{Context, stop};
+use crate::args;
 use crate::backend::Backend;
-use crate::cli;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 pub(super) use group::outcomes;
@@ -29,9 +29,9 @@ pub(crate) const NAME: &str = "set";
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus set TARGET STATE | set MODULE POINT=STATE…";
-    cli::verb(lang, NAME, Text::SetAbout, usage)
+    args::verb(lang, NAME, Text::SetAbout, usage)
         .alias("write")
-        .before_help(cli::examples(lang, Text::SetExamples))
+        .before_help(args::examples(lang, Text::SetExamples))
         .arg(
             Arg::new("TARGET")
                 .help(lang.get(Text::SetTargets))
@@ -39,36 +39,36 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .required_unless_present("all-boards"),
         )
         .arg(
-            cli::flag(lang, "all-boards", Text::AllBoards)
+            args::flag(lang, "all-boards", Text::AllBoards)
                 .value_name("STATE")
                 .value_parser(["on", "off"])
                 .hide_possible_values(true)
                 .conflicts_with("TARGET"),
         )
-        .arg(cli::flag(lang, "confirm", Text::Confirm).value_name("WORD"))
+        .arg(args::flag(lang, "confirm", Text::Confirm).value_name("WORD"))
         .arg(
-            cli::flag(lang, "dry-run", Text::DryRun)
+            args::flag(lang, "dry-run", Text::DryRun)
                 .short('n')
                 .action(ArgAction::SetTrue),
         )
-        .arg(cli::flag(lang, "no-verify", Text::NoVerify).action(ArgAction::SetTrue))
-        .arg(cli::flag(lang, "yes", Text::MeantYes).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "no-verify", Text::NoVerify).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "yes", Text::MeantYes).action(ArgAction::SetTrue))
 }
 
-/// On what terms outputs are switched.
+/// The options of a switching command.
 #[derive(Clone, Copy)]
 struct Terms {
     verify: bool,
     confirm: bool,
 }
 
-/// What came of one output.
+/// The outcome for one output.
 pub(super) struct Outcome {
     path: String,
     end: Result<Written, Failure>,
 }
 
-/// Switches them, module by module.
+/// Switches the outputs, module by module.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     if matches.contains_id("all-boards") {
@@ -120,7 +120,7 @@ fn bad_word(lang: Lang, word: &str) -> Failure {
         .with_try("railbus set yard k1=on k3=off")
 }
 
-/// Every output by its path: patterns, numbers and `all` need to know what there is.
+/// Resolves patterns, numbers and `all` to the paths of outputs, which needs the list of points.
 async fn resolve(
     context: &Context,
     backend: &Backend,
@@ -145,8 +145,8 @@ async fn resolve(
     Ok(resolved)
 }
 
-/// Switches outputs in the order given, those of one module that follow each other at once.
-/// After Ctrl-C what is under way ends, and nothing more is begun.
+/// Switches outputs in the given order, consecutive ones of one module together. After Ctrl-C the
+/// command in progress is finished, and no other is started.
 async fn carry_out(
     context: &Context,
     backend: &Backend,
@@ -263,7 +263,7 @@ pub(super) fn tell(context: &Context, outcomes: &[Outcome]) -> Result<(), Failur
                 };
                 merge(&mut row, json!({ "error": error }));
             }
-            // The one failure there is is told as such.
+            // A single failure is reported as it is.
             Err(_) => return Ok(()),
         }
         rows.push(row);
@@ -309,7 +309,7 @@ fn merge(row: &mut Value, more: Value) {
     }
 }
 
-/// The failure that the outcomes amount to.
+/// The failure that follows from the outcomes.
 pub(super) fn conclude(
     context: &Context,
     outcomes: Vec<Outcome>,

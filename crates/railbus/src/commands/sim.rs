@@ -4,12 +4,12 @@
 mod ctl;
 mod texts;
 
-use crate::cli;
+use crate::args;
 use crate::texts::Text;
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
 use railbus_app::render::Format;
-use railbus_plant::{DemoWanted, plant};
+use railbus_plant::{DemoOptions, plant};
 use railbus_words::Lang;
 use std::path::{Path, PathBuf};
 use texts::SimFlagText;
@@ -20,10 +20,10 @@ pub(crate) const NAME: &str = "sim";
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus sim PLANT.toml | --demo | ctl SOCKET ORDER";
-    let many = |name, help| cli::flag(lang, name, help).action(ArgAction::Append);
+    let many = |name, help| args::flag(lang, name, help).action(ArgAction::Append);
     let of_plant = |arg: Arg| arg.conflicts_with("demo");
-    cli::verb(lang, NAME, SimFlagText::About, usage)
-        .before_help(cli::examples(lang, SimFlagText::Examples))
+    args::verb(lang, NAME, SimFlagText::About, usage)
+        .before_help(args::examples(lang, SimFlagText::Examples))
         .after_help(lang.get(SimFlagText::Guide))
         .subcommand(ctl::define(lang))
         .subcommand_help_heading(lang.get(Text::Commands))
@@ -34,17 +34,17 @@ pub(crate) fn define(lang: Lang) -> Command {
                 .help(lang.get(SimFlagText::File))
                 .value_parser(value_parser!(PathBuf)),
         )
-        .arg(cli::flag(lang, "demo", SimFlagText::Demo).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "demo", SimFlagText::Demo).action(ArgAction::SetTrue))
         .group(ArgGroup::new("what").args(["FILE", "demo"]).required(true))
         .arg(many("pty", SimFlagText::Pty).value_name("[LINE=]PATH"))
         .arg(many("tcp", SimFlagText::Tcp).value_name("[LINE=]ADDR"))
         .arg(
-            cli::flag(lang, "seed", SimFlagText::Seed)
+            args::flag(lang, "seed", SimFlagText::Seed)
                 .value_name("N")
                 .value_parser(value_parser!(u64)),
         )
         .arg(of_plant(
-            cli::flag(lang, "speed", SimFlagText::Speed)
+            args::flag(lang, "speed", SimFlagText::Speed)
                 .value_name("F")
                 .value_parser(speed),
         ))
@@ -52,18 +52,18 @@ pub(crate) fn define(lang: Lang) -> Command {
             many("fault", SimFlagText::FaultFlag).value_name("WHO: WHAT"),
         ))
         .arg(of_plant(
-            cli::flag(lang, "control", SimFlagText::Control)
+            args::flag(lang, "control", SimFlagText::Control)
                 .value_name("PATH")
                 .value_parser(value_parser!(PathBuf)),
         ))
         .arg(of_plant(
-            cli::flag(lang, "state", SimFlagText::State)
+            args::flag(lang, "state", SimFlagText::State)
                 .value_name("FILE")
                 .value_parser(value_parser!(PathBuf)),
         ))
 }
 
-/// How many times faster than real.
+/// How many times faster than real time.
 fn speed(text: &str) -> Result<f64, String> {
     let speed = text.parse().ok();
     speed
@@ -91,8 +91,8 @@ fn texts_of(matches: &ArgMatches, name: &str) -> Vec<String> {
     all.into_iter().flatten().cloned().collect()
 }
 
-fn plant_wanted(file: &Path, matches: &ArgMatches) -> plant::Wanted {
-    plant::Wanted {
+fn plant_wanted(file: &Path, matches: &ArgMatches) -> plant::PlantOptions {
+    plant::PlantOptions {
         file: file.to_owned(),
         ptys: texts_of(matches, "pty"),
         tcps: texts_of(matches, "tcp"),
@@ -112,8 +112,8 @@ fn for_programs(matches: &ArgMatches) -> bool {
     format.is_some_and(Format::is_json)
 }
 
-fn demo_wanted(matches: &ArgMatches) -> DemoWanted {
-    DemoWanted {
+fn demo_wanted(matches: &ArgMatches) -> DemoOptions {
+    DemoOptions {
         pty: texts_of(matches, "pty").pop().map(PathBuf::from),
         tcp: texts_of(matches, "tcp").pop(),
         seed: matches.get_one("seed").copied().unwrap_or_default(),

@@ -1,4 +1,4 @@
-//! `railbus sniff`: what passes on a line, for one who only listens.
+//! `railbus sniff`: shows the traffic of a line, listening only.
 
 mod auto;
 mod filter;
@@ -9,8 +9,8 @@ mod texts;
 
 use super::place::{self, Place};
 use super::{Context, stop, wireshark};
+use crate::args;
 use crate::backend::Remote;
-use crate::cli;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use filter::Filter;
 use railbus_api::problem::Problem;
@@ -26,14 +26,14 @@ use railbus_words::Code;
 use railbus_words::Lang;
 use record::Recorder;
 use show::Sums;
-pub(super) use source::{Came, Capture, Clock, Wire, came};
+pub(super) use source::{Capture, Clock, Received, Wire, received};
 use source::{Listening, Source};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 pub(super) use texts::SniffText;
 
-/// A serial server may hold bytes back for so long inside a frame.
+/// How long a serial server may hold back bytes inside a frame.
 const NETWORK_SILENCE: Micros = Micros::from_millis(100);
 
 /// The name of the command.
@@ -43,36 +43,36 @@ pub(crate) const NAME: &str = "sniff";
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus sniff [--auto-baud] [--filter WORDS] [--write FILE] [--read FILE]";
     let file = |name, help| {
-        cli::flag(lang, name, help)
+        args::flag(lang, name, help)
             .value_name("FILE")
             .value_parser(value_parser!(PathBuf))
     };
-    cli::verb(lang, NAME, SniffText::SniffAbout, usage)
+    args::verb(lang, NAME, SniffText::SniffAbout, usage)
         .alias("monitor")
-        .before_help(cli::examples(lang, SniffText::SniffExamples))
-        .arg(cli::flag(lang, "auto-baud", SniffText::AutoBaud).action(ArgAction::SetTrue))
+        .before_help(args::examples(lang, SniffText::SniffExamples))
+        .arg(args::flag(lang, "auto-baud", SniffText::AutoBaud).action(ArgAction::SetTrue))
         .arg(filter_flag(lang))
         .arg(file("write", SniffText::Write).short('w'))
         .arg(file("read", SniffText::Read).conflicts_with("auto-baud"))
         .arg(
-            cli::flag(lang, "count", SniffText::Count)
+            args::flag(lang, "count", SniffText::Count)
                 .value_name("N")
                 .value_parser(value_parser!(u64).range(1..)),
         )
         .arg(
-            cli::flag(lang, "time", SniffText::Time)
+            args::flag(lang, "time", SniffText::Time)
                 .value_name("TIME")
                 .value_parser(super::context::duration),
         )
-        .arg(cli::flag(lang, "install-wireshark", SniffText::Install).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "install-wireshark", SniffText::Install).action(ArgAction::SetTrue))
         .arg(
-            cli::flag(lang, "dir", SniffText::Folder)
+            args::flag(lang, "dir", SniffText::Folder)
                 .value_name("DIR")
                 .value_parser(value_parser!(PathBuf))
                 .requires("install-wireshark"),
         )
         .arg(
-            cli::flag(lang, "dry-run", SniffText::DryRun)
+            args::flag(lang, "dry-run", SniffText::DryRun)
                 .short('n')
                 .action(ArgAction::SetTrue)
                 .requires("install-wireshark"),
@@ -81,7 +81,7 @@ pub(crate) fn define(lang: Lang) -> Command {
 
 /// The flag that takes a filter.
 pub(super) fn filter_flag(lang: Lang) -> Arg {
-    cli::flag(lang, "filter", SniffText::FilterFlag).value_name("WORDS")
+    args::flag(lang, "filter", SniffText::FilterFlag).value_name("WORDS")
 }
 
 /// The filter of the flag.
@@ -92,7 +92,7 @@ pub(super) fn filter_of(lang: Lang, matches: &ArgMatches) -> Result<Option<Filte
         .map_err(|wrong| Failure::new(Code::BadFilter, wrong.told(lang)).diagnosed())
 }
 
-/// Listens until it is stopped, or has heard what it should.
+/// Listens until it is stopped, or has heard as much as was asked for.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     if matches.get_flag("install-wireshark") {
@@ -123,7 +123,7 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     end
 }
 
-/// Decodes a capture file: what `--read` shows, without the sums.
+/// Decodes a capture file: what `--read` shows, without the totals.
 pub(super) fn of_file(
     context: &Context,
     path: &Path,
@@ -136,7 +136,7 @@ pub(super) fn of_file(
     hearing.read(path)
 }
 
-/// Listens and writes into a pipe that somebody reads, until he has heard enough.
+/// Listens and writes into a pipe, until its reader closes it.
 pub(super) fn to_pipe(context: &Context, pipe: &Path) -> Result<(), Failure> {
     let recorder = Recorder::pipe(context, pipe)?;
     let mut hearing = Hearing {
@@ -149,18 +149,18 @@ pub(super) fn to_pipe(context: &Context, pipe: &Path) -> Result<(), Failure> {
     }
 }
 
-/// What is done with what is heard.
+/// What is done with the traffic.
 struct Hearing<'a> {
     context: &'a Context,
     filter: Option<Filter>,
     recorder: Option<Recorder>,
     modules: Vec<Named>,
     sums: Sums,
-    /// How many more are shown.
+    /// How many more frames are shown.
     left: Option<u64>,
-    /// The numbers of lines in the file that is written.
+    /// The numbers that lines have in the file that is written.
     kept: BTreeMap<String, u32>,
-    /// It is shown, not only kept.
+    /// Traffic is shown, not only recorded.
     shows: bool,
 }
 
@@ -183,22 +183,24 @@ impl<'a> Hearing<'a> {
         let mut capture = Capture::open(self.context, path)?;
         self.modules = modules(self.context, None);
         self.head()?;
-        let mut ears: BTreeMap<usize, Ear> = BTreeMap::new();
-        while let Some((line, came)) = capture.next(self.context)? {
-            let ear = ears.entry(line).or_insert_with(|| {
+        let mut lines: BTreeMap<usize, ListenedLine> = BTreeMap::new();
+        while let Some((line, received)) = capture.next(self.context)? {
+            let listened = lines.entry(line).or_insert_with(|| {
                 let wire = capture.wire(line);
-                Ear::new(wire.name, wire.settings, self.context.timeout)
+                ListenedLine::new(wire.name, wire.settings, self.context.timeout)
             });
-            if self.take(ear, came)?.is_break() {
+            if self.take(listened, received)?.is_break() {
                 return Ok(());
             }
         }
-        for ear in ears.values_mut() {
+        for listened in lines.values_mut() {
             loop {
-                match self.drain(ear)? {
+                match self.drain(listened)? {
                     ControlFlow::Break(()) => return Ok(()),
                     ControlFlow::Continue(None) => break,
-                    ControlFlow::Continue(Some(due)) => ear.listener.handle(due, Input::Timeout),
+                    ControlFlow::Continue(Some(due)) => {
+                        listened.listener.handle(due, Input::Timeout)
+                    }
                 }
             }
         }
@@ -210,11 +212,11 @@ impl<'a> Hearing<'a> {
         Ok(())
     }
 
-    /// From a line.
+    /// Listens to a line.
     async fn listen(&mut self, auto: bool, time: Option<Micros>) -> Result<(), Failure> {
         let context = self.context;
         let mut stop = stop::Stop::new(context)?;
-        let (mut source, mut ear) = match context.daemon().await? {
+        let (mut source, mut listened) = match context.daemon().await? {
             Some(daemon) => self.at_daemon(&daemon).await?,
             None => self.at_port(auto, &mut stop).await?,
         };
@@ -222,42 +224,42 @@ impl<'a> Hearing<'a> {
         let clock = Clock::new();
         let end = time.map(|time| clock.now() + time);
         loop {
-            let due = match self.drain(&mut ear)? {
+            let due = match self.drain(&mut listened)? {
                 ControlFlow::Break(()) => return Ok(()),
                 ControlFlow::Continue(due) => due,
             };
             let due = due
                 .unwrap_or(Instant(u64::MAX))
                 .min(end.unwrap_or(Instant(u64::MAX)));
-            // What has come goes first: it decides what a deadline means.
-            let came = tokio::select! {
+            // What has arrived goes first: it decides what a deadline means.
+            let received = tokio::select! {
                 biased;
                 () = stop.requested() => {
-                    self.finish(&mut ear, clock.now())?;
+                    self.finish(&mut listened, clock.now())?;
                     return Err(stop::interrupted(context));
                 }
-                came = source.next(context, clock) => match came? {
-                    Some(came) => Some(came),
-                    None => return self.finish(&mut ear, clock.now()),
+                received = source.next(context, clock) => match received? {
+                    Some(received) => Some(received),
+                    None => return self.finish(&mut listened, clock.now()),
                 },
                 () = tokio::time::sleep(clock.until(due)) => None,
             };
-            match came {
-                Some(came) => {
-                    if self.take(&mut ear, came)?.is_break() {
+            match received {
+                Some(received) => {
+                    if self.take(&mut listened, received)?.is_break() {
                         return Ok(());
                     }
                 }
-                None => ear.listener.handle(clock.now(), Input::Timeout),
+                None => listened.listener.handle(clock.now(), Input::Timeout),
             }
             if end.is_some_and(|end| clock.now() >= end) {
-                return self.finish(&mut ear, clock.now());
+                return self.finish(&mut listened, clock.now());
             }
         }
     }
 
-    /// The daemon has the line: its own view of it is what there is to see.
-    async fn at_daemon(&mut self, daemon: &Remote) -> Result<(Source, Ear), Failure> {
+    /// The daemon has the line: what it sees of it is shown.
+    async fn at_daemon(&mut self, daemon: &Remote) -> Result<(Source, ListenedLine), Failure> {
         let context = self.context;
         let failed = |problem: Problem| context.failure(&problem);
         let frames = daemon.frames(context.line.as_deref()).await;
@@ -270,16 +272,16 @@ impl<'a> Hearing<'a> {
         self.modules = named.filter_map(Named::of).collect();
         let values: &[(&str, &dyn std::fmt::Display)] = &[("line", &wire.name)];
         context.note(&context.lang.fill(SniffText::ListeningDaemon, values));
-        let ear = Ear::own(wire.name, wire.settings, context.timeout);
-        Ok((Source::Daemon(frames), ear))
+        let listened = ListenedLine::own(wire.name, wire.settings, context.timeout);
+        Ok((Source::Daemon(frames), listened))
     }
 
-    /// Nobody has the line.
+    /// Nobody has the line: the port is opened for listening.
     async fn at_port(
         &mut self,
         auto: bool,
         stop: &mut stop::Stop,
-    ) -> Result<(Source, Ear), Failure> {
+    ) -> Result<(Source, ListenedLine), Failure> {
         let context = self.context;
         let mut place = place::without_opening(context)?;
         if auto {
@@ -290,17 +292,17 @@ impl<'a> Hearing<'a> {
         let values: &[(&str, &dyn std::fmt::Display)] =
             &[("port", &place.port), ("settings", &place.settings)];
         context.note(&context.lang.fill(SniffText::Listening, values));
-        let mut ear = Ear::new(place.line, place.settings, context.timeout);
+        let mut listened = ListenedLine::new(place.line, place.settings, context.timeout);
         if let LineName::Tcp { .. } = place.port {
-            ear.listener = ear.listener.with_silence(NETWORK_SILENCE);
+            listened.listener = listened.listener.with_silence(NETWORK_SILENCE);
         }
-        Ok((Source::Port(Box::new(port)), ear))
+        Ok((Source::Port(Box::new(port)), listened))
     }
 
-    /// Tells what is left when nobody listens any more.
-    fn finish(&mut self, ear: &mut Ear, now: Instant) -> Result<(), Failure> {
-        ear.listener.handle(now, Input::Silence);
-        self.drain(ear).map(|_| ())
+    /// Reports what is left at the end.
+    fn finish(&mut self, listened: &mut ListenedLine, now: Instant) -> Result<(), Failure> {
+        listened.listener.handle(now, Input::Silence);
+        self.drain(listened).map(|_| ())
     }
 
     fn head(&self) -> Result<(), Failure> {
@@ -313,48 +315,57 @@ impl<'a> Hearing<'a> {
         )
     }
 
-    /// Hands what came to a line's ear, after every timeout that fell due before it.
-    fn take(&mut self, ear: &mut Ear, came: Came) -> Result<ControlFlow<()>, Failure> {
-        let (at, bytes) = match &came {
-            Came::Bytes(at, bytes) | Came::Sent(at, bytes) | Came::Whole(at, bytes) => (at, bytes),
-            Came::Lost(count) => {
+    /// Passes what arrived to a line's listener, after every timeout that was due before it.
+    fn take(
+        &mut self,
+        listened: &mut ListenedLine,
+        received: Received,
+    ) -> Result<ControlFlow<()>, Failure> {
+        let (at, bytes) = match &received {
+            Received::Bytes(at, bytes) | Received::Sent(at, bytes) | Received::Whole(at, bytes) => {
+                (at, bytes)
+            }
+            Received::Lost(count) => {
                 let values: &[(&str, &dyn std::fmt::Display)] = &[("count", count)];
                 self.context
                     .note(&self.context.lang.fill(SniffText::Dropped, values));
                 return Ok(ControlFlow::Continue(()));
             }
         };
-        let begins = Instant(at.0.saturating_sub(ear.settings.frame_time(bytes.len()).0));
+        let begins = Instant(at.0.saturating_sub(listened.settings.frame_time(bytes.len()).0));
         loop {
-            match self.drain(ear)? {
+            match self.drain(listened)? {
                 ControlFlow::Break(()) => return Ok(ControlFlow::Break(())),
                 ControlFlow::Continue(Some(due)) if due <= begins => {
-                    ear.listener.handle(due, Input::Timeout);
+                    listened.listener.handle(due, Input::Timeout);
                 }
                 ControlFlow::Continue(_) => break,
             }
         }
-        match &came {
-            Came::Sent(..) => ear.listener.handle(*at, Input::Sent(bytes)),
-            Came::Bytes(..) => ear.listener.handle(*at, Input::Bytes(bytes)),
-            Came::Whole(..) | Came::Lost(_) => {
-                ear.listener.handle(*at, Input::Bytes(bytes));
-                ear.listener.handle(*at, Input::Silence);
+        match &received {
+            Received::Sent(..) => listened.listener.handle(*at, Input::Sent(bytes)),
+            Received::Bytes(..) => listened.listener.handle(*at, Input::Bytes(bytes)),
+            Received::Whole(..) | Received::Lost(_) => {
+                listened.listener.handle(*at, Input::Bytes(bytes));
+                listened.listener.handle(*at, Input::Silence);
             }
         }
-        Ok(match self.drain(ear)? {
+        Ok(match self.drain(listened)? {
             ControlFlow::Break(()) => ControlFlow::Break(()),
             ControlFlow::Continue(_) => ControlFlow::Continue(()),
         })
     }
 
-    /// Shows what a line's ear has to tell. Goes on with when it is due again.
-    fn drain(&mut self, ear: &mut Ear) -> Result<ControlFlow<(), Option<Instant>>, Failure> {
+    /// Shows what a line's listener reports. Continues with the next deadline.
+    fn drain(
+        &mut self,
+        listened: &mut ListenedLine,
+    ) -> Result<ControlFlow<(), Option<Instant>>, Failure> {
         loop {
-            match ear.listener.poll() {
+            match listened.listener.poll() {
                 Output::Wait(due) => return Ok(ControlFlow::Continue(due)),
                 Output::Heard(heard) => {
-                    if self.show(ear, &heard)?.is_break() {
+                    if self.show(listened, &heard)?.is_break() {
                         return Ok(ControlFlow::Break(()));
                     }
                 }
@@ -362,15 +373,15 @@ impl<'a> Hearing<'a> {
         }
     }
 
-    fn show(&mut self, ear: &Ear, heard: &Heard) -> Result<ControlFlow<()>, Failure> {
+    fn show(&mut self, listened: &ListenedLine, heard: &Heard) -> Result<ControlFlow<()>, Failure> {
         let (lang, format) = (self.context.lang, self.context.format);
-        self.sums.add(heard, ear.settings);
+        self.sums.add(heard, listened.settings);
         if let Some(recorder) = &mut self.recorder {
-            let line = match self.kept.get(&ear.line) {
+            let line = match self.kept.get(&listened.line) {
                 Some(line) => *line,
-                None => recorder.line(self.context, &ear.line, ear.settings)?,
+                None => recorder.line(self.context, &listened.line, listened.settings)?,
             };
-            self.kept.insert(ear.line.clone(), line);
+            self.kept.insert(listened.line.clone(), line);
             recorder.keep(self.context, line, heard)?;
         }
         if !self.shows {
@@ -384,7 +395,7 @@ impl<'a> Hearing<'a> {
         {
             return Ok(ControlFlow::Continue(()));
         }
-        let text = show::line(lang, format, &ear.line, heard, &facts);
+        let text = show::line(lang, format, &listened.line, heard, &facts);
         if let ControlFlow::Break(()) = out::put(lang, &text)? {
             return Ok(ControlFlow::Break(()));
         }
@@ -399,16 +410,16 @@ impl<'a> Hearing<'a> {
 }
 
 /// A line that is listened to.
-pub(super) struct Ear {
+pub(super) struct ListenedLine {
     line: String,
     settings: Settings,
     pub(super) listener: Listener,
 }
 
-impl Ear {
-    pub(super) fn new(line: String, settings: Settings, patience: Option<Micros>) -> Ear {
+impl ListenedLine {
+    pub(super) fn new(line: String, settings: Settings, patience: Option<Micros>) -> ListenedLine {
         let listener = Listener::new(settings);
-        Ear {
+        ListenedLine {
             line,
             settings,
             listener: match patience {
@@ -418,17 +429,18 @@ impl Ear {
         }
     }
 
-    /// The same for a line of our own: a reply that its master takes in pieces is whole here, too.
-    pub(super) fn own(line: String, settings: Settings, patience: Option<Micros>) -> Ear {
-        let mut ear = Ear::new(line, settings, patience);
-        ear.listener = ear.listener.with_silence(PIECE_PAUSE);
-        ear
+    /// The same for a line of our own: a reply that its master receives in pieces is whole here,
+    /// too.
+    pub(super) fn own(line: String, settings: Settings, patience: Option<Micros>) -> ListenedLine {
+        let mut listener = ListenedLine::new(line, settings, patience);
+        listener.listener = listener.listener.with_silence(PIECE_PAUSE);
+        listener
     }
 }
 
 /// The modules of the configuration, if there is one: on this line, or on all.
 fn modules(context: &Context, place: Option<&Place>) -> Vec<Named> {
-    let named = context.wanted.config.as_deref();
+    let named = context.options.config.as_deref();
     let Ok(found) = railbus_app::config_file::read(context.lang, named) else {
         return Vec::new();
     };

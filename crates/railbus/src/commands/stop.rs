@@ -7,12 +7,12 @@ use std::future::Future;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
 
-/// The signals that end a command. From its making on they no longer end the program at once.
+/// The signals that end a command. Once this is created, they no longer end the process at once.
 #[derive(Debug)]
 pub(super) struct Stop {
     interrupt: Signal,
     terminate: Signal,
-    /// Once true, what is borrowed is to be given back.
+    /// Becomes true when something borrowed must be given back.
     over: Option<watch::Receiver<bool>>,
 }
 
@@ -26,12 +26,12 @@ impl Stop {
         })
     }
 
-    /// From now on it is also a reason to stop that this becomes true.
+    /// From now on this becoming true is a reason to stop, too.
     pub(super) fn when(&mut self, over: watch::Receiver<bool>) {
         self.over = Some(over);
     }
 
-    /// Waits for one.
+    /// Waits for a reason to stop.
     pub(super) async fn requested(&mut self) {
         let over = async {
             match &mut self.over {
@@ -46,7 +46,7 @@ impl Stop {
         }
     }
 
-    /// The work's result, or none where a signal came first; the work is dropped then.
+    /// The result of the work, or none if a signal came first; then the work is dropped.
     pub(super) async fn or<T>(&mut self, work: impl Future<Output = T>) -> Option<T> {
         tokio::select! {
             done = work => Some(done),

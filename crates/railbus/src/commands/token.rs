@@ -1,9 +1,9 @@
-//! `railbus token`: what programs show to use the daemon over HTTP.
+//! `railbus token`: tokens with which programs use the daemon over HTTP.
 
-use super::keeper::{Order, ask};
+use super::accounts_client::{AccountRequest, send};
 use super::user::{UserText, points, points_of, role};
 use super::{Context, accounts_table};
-use crate::cli;
+use crate::args;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
 use railbus_app::failure::Failure;
@@ -17,8 +17,8 @@ pub(crate) const NAME: &str = "token";
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let verb = |name, about, usage| {
-        let examples = cli::examples(lang, UserText::TokenExamples);
-        cli::verb(lang, name, about, usage).before_help(examples)
+        let examples = args::examples(lang, UserText::TokenExamples);
+        args::verb(lang, name, about, usage).before_help(examples)
     };
     let name = || {
         let help = lang.get(UserText::TokenName);
@@ -30,12 +30,12 @@ pub(crate) fn define(lang: Lang) -> Command {
         .arg(role(lang))
         .arg(points(lang))
         .arg(
-            cli::flag(lang, "expires", UserText::TokenExpires)
+            args::flag(lang, "expires", UserText::TokenExpires)
                 .value_name("DAYS")
                 .value_parser(days),
         );
-    cli::verb(lang, NAME, UserText::TokenAbout, "railbus token COMMAND")
-        .before_help(cli::examples(lang, UserText::TokenExamples))
+    args::verb(lang, NAME, UserText::TokenAbout, "railbus token COMMAND")
+        .before_help(args::examples(lang, UserText::TokenExamples))
         .subcommand_required(true)
         .subcommand_help_heading(lang.get(Text::Commands))
         .subcommand(create)
@@ -50,9 +50,9 @@ fn days(text: &str) -> Result<u32, String> {
         .ok_or_else(String::new)
 }
 
-/// Does what the command of the group says.
+/// Runs a command of the group.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
-    // The parser lets nothing through without a command that it knows.
+    // The parser accepts no arguments without a known command.
     let Some((verb, matches)) = matches.subcommand() else {
         return Ok(());
     };
@@ -62,12 +62,12 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     match verb {
         "create" => create(&context, name, matches),
         "list" => {
-            let told = ask(&context, &Order::Tokens)?;
+            let told = send(&context, &AccountRequest::Tokens)?;
             let records = accounts_table::tokens(lang, &told);
             out::result(lang, &records.render(context.format))
         }
         _ => {
-            let told = ask(&context, &Order::RevokeToken(name))?;
+            let told = send(&context, &AccountRequest::RevokeToken(name))?;
             let text = match context.format {
                 Format::Table => lang.fill(UserText::TokenRevoked, &[("name", &name)]) + "\n",
                 _ => records::line(told),
@@ -79,13 +79,13 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
 
 fn create(context: &Context, name: &str, matches: &ArgMatches) -> Result<(), Failure> {
     let lang = context.lang;
-    let wish = json!({
+    let request = json!({
         "name": name,
         "role": matches.get_one::<String>("role"),
         "points": points_of(matches),
         "expires_days": matches.get_one::<u32>("expires").copied().unwrap_or(90),
     });
-    let told = ask(context, &Order::AddToken(wish))?;
+    let told = send(context, &AccountRequest::AddToken(request))?;
     if matches!(context.format, Format::Json | Format::Ndjson) {
         return out::result(lang, &records::line(told));
     }

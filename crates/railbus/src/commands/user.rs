@@ -3,14 +3,14 @@
 mod prompt;
 mod texts;
 
-use super::keeper::{Order, ask};
+use super::accounts_client::{AccountRequest, send};
 use super::{Context, accounts_table};
-use crate::cli;
+use crate::args;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
 use railbus_app::render::{Format, out, records};
-use railbus_gateway::access::ROLES;
+use railbus_site::Role;
 use railbus_words::Lang;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -22,8 +22,8 @@ pub(crate) const NAME: &str = "user";
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let verb = |name, about, usage| {
-        let examples = cli::examples(lang, UserText::Examples);
-        cli::verb(lang, name, about, usage).before_help(examples)
+        let examples = args::examples(lang, UserText::Examples);
+        args::verb(lang, name, about, usage).before_help(examples)
     };
     let add = verb("add", UserText::Add, "railbus user add NAME --role ROLE")
         .arg(name(lang))
@@ -33,8 +33,8 @@ pub(crate) fn define(lang: Lang) -> Command {
     let passwd = verb("passwd", UserText::Passwd, "railbus user passwd NAME")
         .arg(name(lang))
         .arg(password_file(lang));
-    cli::verb(lang, NAME, UserText::About, "railbus user COMMAND")
-        .before_help(cli::examples(lang, UserText::Examples))
+    args::verb(lang, NAME, UserText::About, "railbus user COMMAND")
+        .before_help(args::examples(lang, UserText::Examples))
         .subcommand_required(true)
         .subcommand_help_heading(lang.get(Text::Commands))
         .subcommand(add)
@@ -57,16 +57,16 @@ fn name(lang: Lang) -> Arg {
 
 /// `--role`.
 pub(super) fn role(lang: Lang) -> Arg {
-    cli::flag(lang, "role", UserText::Role)
+    args::flag(lang, "role", UserText::Role)
         .value_name("ROLE")
-        .value_parser(ROLES)
+        .value_parser(Role::NAMES)
         .hide_possible_values(true)
         .required(true)
 }
 
 /// `--points`.
 pub(super) fn points(lang: Lang) -> Arg {
-    cli::flag(lang, "points", UserText::Points)
+    args::flag(lang, "points", UserText::Points)
         .value_name("PATTERN")
         .value_delimiter(',')
         .num_args(1)
@@ -74,7 +74,7 @@ pub(super) fn points(lang: Lang) -> Arg {
 }
 
 fn password_file(lang: Lang) -> Arg {
-    cli::flag(lang, "password-file", UserText::PasswordFile)
+    args::flag(lang, "password-file", UserText::PasswordFile)
         .value_name("FILE")
         .value_parser(value_parser!(PathBuf))
 }
@@ -85,9 +85,9 @@ pub(super) fn points_of(matches: &ArgMatches) -> Vec<String> {
     points.into_iter().flatten().cloned().collect()
 }
 
-/// Does what the command of the group says.
+/// Runs a command of the group.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
-    // The parser lets nothing through without a command that it knows.
+    // The parser accepts no arguments without a known command.
     let Some((verb, matches)) = matches.subcommand() else {
         return Ok(());
     };
@@ -103,8 +103,8 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         let command = format!("railbus user {verb} {}{}", name(), role.unwrap_or_default());
         prompt::password(lang, (name(), &command), file.map(PathBuf::as_path))
     };
-    let locked = |locked: bool| Order::ChangeUser(name(), json!({ "locked": locked }));
-    let (order, done) = match verb {
+    let locked = |locked: bool| AccountRequest::ChangeUser(name(), json!({ "locked": locked }));
+    let (request, done) = match verb {
         "list" => return list(&context),
         "setup-link" => return setup_link(&context),
         "add" => {
@@ -114,17 +114,20 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
                 "points": points_of(matches),
                 "password": password()?.expose(),
             });
-            (Order::AddUser(user), UserText::Added)
+            (AccountRequest::AddUser(user), UserText::Added)
         }
         "passwd" => {
             let change = json!({ "password": password()?.expose() });
-            (Order::ChangeUser(name(), change), UserText::HasPassword)
+            (
+                AccountRequest::ChangeUser(name(), change),
+                UserText::HasPassword,
+            )
         }
         "lock" => (locked(true), UserText::Locked),
         "unlock" => (locked(false), UserText::Unlocked),
-        _ => (Order::RemoveUser(name()), UserText::Removed),
+        _ => (AccountRequest::RemoveUser(name()), UserText::Removed),
     };
-    let told = ask(&context, &order)?;
+    let told = send(&context, &request)?;
     let text = match context.format {
         Format::Table => lang.fill(done, &[("name", &name())]) + "\n",
         _ => records::line(told),
@@ -133,13 +136,13 @@ pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
 }
 
 fn list(context: &Context) -> Result<(), Failure> {
-    let told = ask(context, &Order::Users)?;
+    let told = send(context, &AccountRequest::Users)?;
     let records = accounts_table::users(context.lang, &told);
     out::result(context.lang, &records.render(context.format))
 }
 
 fn setup_link(context: &Context) -> Result<(), Failure> {
-    let told = ask(context, &Order::SetupLink)?;
+    let told = send(context, &AccountRequest::SetupLink)?;
     let link = told.get("setup_link").and_then(Value::as_str);
     let text = match context.format {
         Format::Json | Format::Ndjson => records::line(told),

@@ -1,6 +1,6 @@
-//! `railbus version`: which program this is, and for what.
+//! `railbus version`: the version of the program, and what it was built with.
 
-use crate::cli;
+use crate::args;
 use crate::commands::Context;
 use crate::texts::Text;
 use clap::{ArgMatches, Command};
@@ -18,10 +18,10 @@ pub(crate) const NAME: &str = "version";
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
-    cli::verb(lang, NAME, Text::VersionAbout, "railbus version")
+    args::verb(lang, NAME, Text::VersionAbout, "railbus version")
 }
 
-/// Prints the version, and what it can do.
+/// Prints the version and the supported features.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
     let version = env!("CARGO_PKG_VERSION");

@@ -1,11 +1,11 @@
-//! `railbus wait`: until points have the values that are wanted.
+//! `railbus wait`: waits until points have the wanted values.
 
 mod texts;
 mod want;
 
 use super::{Context, stop};
+use crate::args;
 use crate::backend::Backend;
-use crate::cli;
 use clap::{Arg, ArgMatches, Command};
 use railbus_api::problem::{Problem, codes};
 use railbus_api::types::{PointInfo, Quality, WatchEvent};
@@ -28,35 +28,35 @@ use want::Want;
 /// The name of the command.
 pub(crate) const NAME: &str = "wait";
 
-/// How long it is waited where nobody says.
+/// How long it waits by default.
 const PATIENCE: Micros = Micros(10_000_000);
 
-/// How long the last question may take, what the points are when the time is over.
+/// How long the last query of the points may take when the time is over.
 const LAST_WORD: Duration = Duration::from_secs(1);
 
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus wait POINT=VALUE… [--timeout TIME]";
-    cli::verb(lang, NAME, WaitText::About, usage)
-        .before_help(cli::examples(lang, WaitText::Examples))
+    args::verb(lang, NAME, WaitText::About, usage)
+        .before_help(args::examples(lang, WaitText::Examples))
         .arg(
             Arg::new("POINT=VALUE")
                 .help(lang.get(WaitText::Wants))
                 .num_args(1..)
                 .required(true),
         )
-        // How long in all, and not how long one reply may take: RAILBUS_TIMEOUT is of these.
+        // The time in all, not the timeout of one reply, which is what RAILBUS_TIMEOUT sets.
         .arg(
-            cli::flag(lang, "timeout", WaitText::Timeout)
+            args::flag(lang, "timeout", WaitText::Timeout)
                 .value_name("TIME")
                 .value_parser(super::context::duration),
         )
 }
 
-/// Waits, and says what came.
+/// Waits, and prints the values.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let mut context = Context::of(lang, matches)?;
-    context.wanted.polls = true;
+    context.options.polls = true;
     let words = matches.get_many::<String>("POINT=VALUE");
     let wants: Vec<Want> = words
         .into_iter()
@@ -105,7 +105,7 @@ async fn waited(
         if let Ok(end) = timeout_at(until, come(context, backend, &paths, wants)).await {
             return end;
         }
-        // Not all that becomes so is told at once: a value may be good again, and the same.
+        // Not every change is an event: a value may become good again without having changed.
         let known = timeout(LAST_WORD, backend.known(&paths)).await;
         let known = known.unwrap_or_else(|_| Ok(Vec::new()));
         let known = known.map_err(|problem| context.failure(&problem))?;
@@ -120,7 +120,7 @@ async fn waited(
     end.unwrap_or_else(|| Err(stop::interrupted(context)))
 }
 
-/// The points in the order of what is wanted of them, where they are so.
+/// The points in the order of the conditions, if all of these are met.
 fn met(wants: &[Want], told: &BTreeMap<String, PointInfo>) -> Option<Vec<PointInfo>> {
     let each = wants.iter().map(|want| {
         let point = told.get(&want.path);
@@ -129,7 +129,7 @@ fn met(wants: &[Want], told: &BTreeMap<String, PointInfo>) -> Option<Vec<PointIn
     each.collect()
 }
 
-/// Follows what happens until the points are as wanted.
+/// Follows the events until the points are as wanted.
 async fn come(
     context: &Context,
     backend: &Backend,
@@ -154,7 +154,7 @@ async fn come(
         if met(wants, &told).is_none() {
             continue;
         }
-        // What was told of the others may be out of date by now without a word having come.
+        // The values of the others may have become stale since, without an event.
         if told.len() > 1 {
             let known = backend.known(paths).await;
             let known = known.map_err(|problem| context.failure(&problem))?;
@@ -172,7 +172,7 @@ async fn come(
     Err(context.failure(&Problem::new(codes::DAEMON)))
 }
 
-/// The failure of having waited in vain: what the points are instead, and how old that is.
+/// The failure of a timeout: the values that the points have instead, and their age.
 fn in_vain(context: &Context, wants: &[Want], points: &[PointInfo], patience: Micros) -> Failure {
     let lang = context.lang;
     let time = time::duration(lang, patience.0 / 1_000);
@@ -200,7 +200,7 @@ fn in_vain(context: &Context, wants: &[Want], points: &[PointInfo], patience: Mi
             (Some(_), Quality::Stale | Quality::Bad) => WaitText::InsteadDoubtful,
         };
         rows.push(row(point));
-        // One that has its value is told, too: it may have had it too early or too late.
+        // Points with the wanted value are listed, too: they may have had it too early or too late.
         failure = failure.because(lang.fill(text, named));
     }
     failure.with_fact("points", rows)

@@ -1,8 +1,8 @@
-//! `railbus watch`: what changes, one line at a time.
+//! `railbus watch`: shows changes, one per line.
 
 use super::{Context, get, stop};
+use crate::args;
 use crate::backend::Watch;
-use crate::cli;
 use crate::texts::Text;
 use clap::{ArgAction, ArgMatches, Command};
 use railbus_api::types::{LineInfo, ModuleInfo, PointInfo, PortState, Quality, WatchEvent};
@@ -20,16 +20,16 @@ pub(crate) const NAME: &str = "watch";
 /// Its parser and help.
 pub(crate) fn define(lang: Lang) -> Command {
     let usage = "railbus watch [TARGET…] [--plain]";
-    cli::verb(lang, NAME, Text::WatchAbout, usage)
-        .before_help(cli::examples(lang, Text::WatchExamples))
+    args::verb(lang, NAME, Text::WatchAbout, usage)
+        .before_help(args::examples(lang, Text::WatchExamples))
         .arg(get::targets(lang).help(lang.get(Text::AllTargets)))
-        .arg(cli::flag(lang, "plain", Text::WatchPlain).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "plain", Text::WatchPlain).action(ArgAction::SetTrue))
 }
 
-/// Prints changes until it is stopped or nobody reads them any more.
+/// Prints changes until it is stopped or its output is closed.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let mut context = Context::of(lang, matches)?;
-    context.wanted.polls = true;
+    context.options.polls = true;
     let targets = get::selected(matches);
     context.block(async {
         let mut stop = stop::Stop::new(&context)?;
@@ -56,7 +56,7 @@ async fn follow(
     while let Some(event) = stop
         .or(watch.next())
         .await
-        // It watches until it is stopped: that is its usual end.
+        // Being stopped is its normal end.
         .ok_or_else(|| stop::interrupted(context).told())?
     {
         let event = event.map_err(|problem| context.failure(&problem))?;
@@ -64,7 +64,7 @@ async fn follow(
             return Ok(());
         }
     }
-    // Nobody tells anything any more: that is not the same as that nothing happens.
+    // No more events can come, which is not the same as nothing happening.
     Err(Failure::of(context.lang, Code::NoDaemon))
 }
 
@@ -87,7 +87,7 @@ fn show(context: &Context, event: &WatchEvent) -> String {
     }
 }
 
-/// Points as CSV and bare, as `railbus get` tells them.
+/// Points in CSV and bare format, as `railbus get` prints them.
 fn records(lang: Lang, points: &[PointInfo]) -> Records {
     let mut records = get::records(lang, points, false);
     let now = time::rfc3339(jiff::Timestamp::now());
@@ -104,7 +104,7 @@ fn records(lang: Lang, points: &[PointInfo]) -> Records {
     }
 }
 
-/// When, and what.
+/// The time and the text of an event.
 fn told(lang: Lang, event: &WatchEvent) -> (Option<&str>, String) {
     match event {
         WatchEvent::Point { point, before } => {

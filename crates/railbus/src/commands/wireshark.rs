@@ -1,4 +1,4 @@
-//! Puts the Wireshark dissector and capture source in place.
+//! Installs the Wireshark dissector and capture source.
 
 use super::Context;
 use super::sniff::SniffText;
@@ -10,17 +10,17 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Dissects what `sniff` keeps; it gives the same verdicts.
+/// Dissects what `sniff` records, with the same verdicts.
 const DISSECTOR: &str = include_str!("wireshark/railbus.lua");
 
-/// A file to be put somewhere.
+/// A file to install.
 struct Piece {
     path: PathBuf,
     text: String,
     mode: u32,
 }
 
-/// Writes both files, or only says where they would go.
+/// Writes both files, or only prints where they would go.
 pub(super) fn install(
     context: &Context,
     folder: Option<&Path>,
@@ -60,7 +60,8 @@ fn pieces(context: &Context, folder: Option<&Path>) -> Result<[Piece; 2], Failur
         Some(folder) => (folder.join("plugins"), folder.join("extcap")),
         None => folders(),
     };
-    // Wireshark asks every program of that folder what it can capture, by flags alone.
+    // Wireshark runs every program of that folder, with flags alone, to find out what it can
+    // capture.
     let quoted = program.display().to_string().replace('\'', "'\\''");
     let script = format!("#!/bin/sh\nexec '{quoted}' extcap \"$@\"\n");
     Ok([
@@ -77,8 +78,8 @@ fn pieces(context: &Context, folder: Option<&Path>) -> Result<[Piece; 2], Failur
     ])
 }
 
-/// The user's folders for plugins and capture sources, as the installed Wireshark names them: they
-/// moved from one version to another.
+/// The user's folders for plugins and capture sources, as the installed Wireshark reports them:
+/// they moved from one version to another.
 fn folders() -> (PathBuf, PathBuf) {
     let listed = Command::new("tshark").args(["-G", "folders"]).output();
     let listed = listed.map(|output| String::from_utf8_lossy(&output.stdout).into_owned());
@@ -102,12 +103,12 @@ fn folders() -> (PathBuf, PathBuf) {
 fn folder_named(listed: &str, name: &str) -> Option<PathBuf> {
     let mut lines = listed.lines().filter_map(|line| line.split_once(':'));
     let found = lines.find(|(known, _)| known.trim() == name)?;
-    // Several are parted by colons; the first one goes before the others.
+    // Several are separated by colons; the first one takes precedence.
     let first = found.1.trim().split(':').next()?;
     (!first.is_empty()).then(|| first.into())
 }
 
-/// Writes beside its place and moves it there, so that nobody meets half a file.
+/// Writes a temporary file next to it and renames that, so nobody sees half a file.
 fn put(piece: &Piece) -> std::io::Result<()> {
     if let Some(folder) = piece.path.parent() {
         std::fs::create_dir_all(folder)?;

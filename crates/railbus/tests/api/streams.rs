@@ -77,9 +77,14 @@ fn frames_are_told_in_words_of_either_language() {
             let message = client.until("frames", |m| is(m, "delta", "frames/main"));
             seen.extend(message["frames"].as_array().expect("a list").clone());
         }
-        // On a busy machine the simulator may answer too late; it never spoils a frame.
-        let fine = |frame: &Value| frame["verdict"] == "ok" || frame["verdict"] == "missing";
-        assert!(seen.iter().all(fine), "{seen:?}");
+        // On a busy machine the simulator may answer too late, and what comes then belongs to
+        // nothing.
+        let in_time = seen
+            .iter()
+            .take_while(|frame| frame["verdict"] != "missing");
+        for frame in in_time {
+            assert_eq!(frame["verdict"], "ok", "{seen:?}");
+        }
         let told = seen.iter().any(|frame| {
             let meaning = frame["meaning"].as_str().expect("words");
             frame["module"].is_string() && meaning.contains(word)
@@ -196,7 +201,7 @@ fn a_page_of_another_site_is_not_let_in() {
 #[test]
 fn there_is_an_end_to_the_room_and_places_come_back() {
     let daemon = Daemon::demo("room");
-    let mut clients: Vec<Client> = (0..64).map(|_| Client::open(&daemon)).collect();
+    let mut clients: Vec<Client> = (0..512).map(|_| Client::open(&daemon)).collect();
     let refused = Client::try_open(&daemon, "", "/api/v1/ws");
     assert_eq!(refused.err(), Some(503));
     assert_eq!(daemon.get("/api/v1/lines").status, 200, "others are served");

@@ -358,7 +358,7 @@ fn what_could_be_several_is_added_only_by_name() {
     );
     assert_eq!(found["could_be"], serde_json::json!(["eda9050"]));
     let zh = site.run(&format!("{scan} --lang zh"));
-    assert!(zh.out.contains("可能是 EDA9050，无法证实"), "{zh:?}");
+    assert!(zh.out.contains("可能是 EDA9050，无法确定"), "{zh:?}");
     let file = site.folder.join("railbus.toml");
     for flags in ["", " --model erc8"] {
         let none = site.run(&format!("{scan} --add --yes{flags}"));

@@ -29,7 +29,11 @@ pub(crate) fn calm(text: &str) -> String {
             let number = word.trim_end_matches([';', '；']);
             let is_noise = is_noisy && number.parse::<u16>().is_ok();
             let is_port = word.contains("127.0.0.1:");
-            match measured || is_noise || is_port || is_moment(word) || is_gap(word) {
+            // A module of the simulator was late, where the machine was busy.
+            let before = at.checked_sub(1).and_then(|at| words.get(at));
+            let is_online = words.iter().any(|word| matches!(*word, "online" | "在线"));
+            let is_late = is_online && before.is_some_and(is_unit) && word.parse::<u8>().is_ok();
+            match measured || is_noise || is_port || is_late || is_moment(word) || is_gap(word) {
                 true => "#",
                 false => *word,
             }

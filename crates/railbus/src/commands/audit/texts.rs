@@ -1,4 +1,4 @@
-//! What `railbus audit` says.
+//! The texts of `railbus audit`.
 
 railbus_words::texts! {
     pub(crate) AuditText;

@@ -1,4 +1,4 @@
-//! What `railbus bench` says.
+//! The texts of `railbus bench`.
 
 railbus_words::texts! {
     pub(crate) BenchText;

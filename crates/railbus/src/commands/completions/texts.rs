@@ -1,4 +1,4 @@
-//! What `railbus completions` says.
+//! The texts of `railbus completions`.
 
 railbus_words::texts! {
     pub(crate) CompletionsText;

@@ -1,9 +1,9 @@
 //! `railbus config backup`: everything readable of every module, in one file.
 
-use super::ground::{Ground, state_flag};
+use super::config_context::{ConfigContext, state_flag};
 use super::show::{read_all, words};
 use super::texts::ConfigText;
-use crate::cli;
+use crate::args;
 use crate::commands::Context;
 use clap::{Arg, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
@@ -20,17 +20,17 @@ use std::path::PathBuf;
 
 /// The name of the command.
 pub(super) const NAME: &str = "backup";
-/// The version of the file's form.
+/// The version of the file format.
 pub(super) const SCHEMA: u64 = 1;
-/// What the file says that it is.
+/// The `kind` in the file, which identifies it.
 pub(super) const KIND: &str = "railbus backup";
 
-/// A backup, as it is written down.
+/// A backup, as it is stored in the file.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Backup {
     pub(super) kind: String,
     pub(super) schema: u64,
-    /// Which site it is of.
+    /// The site's identifier.
     pub(super) site: String,
     pub(super) lines: BTreeMap<String, LineKept>,
     pub(super) modules: BTreeMap<String, ModuleKept>,
@@ -50,28 +50,28 @@ pub(super) struct ModuleKept {
     pub(super) line: String,
     pub(super) model: String,
     pub(super) protocol: String,
-    /// The product version, where the module tells one.
+    /// The product version, if the module reports one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) version: Option<u16>,
-    /// Each setting that is known, in the words of `config set`.
+    /// Each known setting, as `config set` names it.
     pub(super) settings: BTreeMap<String, String>,
 }
 
 pub(super) fn define(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         NAME,
         ConfigText::BackupAbout,
         "railbus config backup [MODULE…] [-O FILE]",
     )
-    .before_help(cli::examples(lang, ConfigText::BackupExamples))
+    .before_help(args::examples(lang, ConfigText::BackupExamples))
     .arg(
         Arg::new("MODULE")
             .help(lang.get(ConfigText::Modules))
             .num_args(0..),
     )
     .arg(
-        cli::flag(lang, "file", ConfigText::BackupTo)
+        args::flag(lang, "file", ConfigText::BackupTo)
             .short('O')
             .value_name("FILE")
             .value_parser(value_parser!(PathBuf)),
@@ -79,21 +79,21 @@ pub(super) fn define(lang: Lang) -> Command {
     .arg(state_flag(lang))
 }
 
-/// Reads every module and writes the file, or stdout where none is named.
+/// Reads every module and writes the file, or stdout if none is named.
 pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
-    let targets = ground.targets(&context, &words(matches, "MODULE"))?;
+    let cfg = ConfigContext::of(&context, matches)?;
+    let targets = cfg.targets(&context, &words(matches, "MODULE"))?;
     let (founds, failed) = context.block(async { Ok(read_all(&context, targets).await) })?;
     if founds.is_empty() {
         return failed.map_or(Ok(()), Err);
     }
     let of_line = |name: &String| founds.iter().any(|(target, _)| target.line == *name);
-    let lines = ground.config.lines.iter().filter(|(name, _)| of_line(name));
+    let lines = cfg.config.lines.iter().filter(|(name, _)| of_line(name));
     let backup = Backup {
         kind: KIND.to_owned(),
         schema: SCHEMA,
-        site: ground.site(&context)?,
+        site: cfg.site(&context)?,
         lines: lines
             .map(|(name, line)| {
                 let kept = LineKept {
@@ -109,7 +109,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             .map(|(target, found)| (target.name.clone(), kept(target, found)))
             .collect(),
     };
-    // A struct of texts and numbers is always JSON.
+    // A struct of texts and numbers is always valid JSON.
     let text = serde_json::to_string_pretty(&backup).unwrap_or_default() + "\n";
     match matches.get_one::<PathBuf>("file") {
         None => out::result(lang, &text)?,
@@ -122,11 +122,11 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             context.note(&lang.fill(ConfigText::BackedUp, values));
         }
     }
-    // What could not be read is not in it.
+    // Modules that could not be read are missing in the file.
     failed.map_or(Ok(()), Err)
 }
 
-/// What is known of a module.
+/// The entry of a module in the backup.
 pub(super) fn kept(target: &Target, found: &Found) -> ModuleKept {
     let known = railbus_app::settings::plan::known(target, found);
     let all = settings(&target.setup).into_iter();

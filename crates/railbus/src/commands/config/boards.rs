@@ -1,29 +1,28 @@
-//! The boards of a line, for the one command that is for all of them.
+//! The 0x55 boards of a line, for the one command that addresses all of them.
 
+use super::config_context::ConfigContext;
 use super::drive::Driver;
-use super::ground::Ground;
 use crate::commands::Context;
 use clap::ArgMatches;
 use railbus_app::failure::Failure;
 use railbus_app::settings::outcome;
 use railbus_app::settings::target::Target;
 use railbus_commission::{BoardState, all_boards};
-use railbus_device::Family;
 use railbus_wire::{Frame, r55};
 use railbus_words::Code;
 use railbus_words::hex;
 
-/// The boards that the configuration has on one line.
+/// The 0x55 boards that the configuration has on one line.
 pub(crate) struct Line {
     targets: Vec<Target>,
 }
 
 impl Line {
-    /// The line of `-l`, or the only one that has boards.
+    /// The line of `-l`, or the only one that has such boards.
     pub(crate) fn of(context: &Context, matches: &ArgMatches) -> Result<Line, Failure> {
-        let ground = Ground::of(context, matches)?;
-        let mut targets = ground.targets(context, &[])?;
-        targets.retain(|target| target.setup.family == Family::R55);
+        let cfg = ConfigContext::of(context, matches)?;
+        let mut targets = cfg.targets(context, &[])?;
+        targets.retain(|target| target.setup.family.datasheet().broadcast.is_some());
         let Some(first) = targets.first() else {
             return Err(Failure::of(context.lang, Code::NothingToDo));
         };
@@ -54,7 +53,7 @@ impl Line {
     }
 }
 
-/// Switches them, and reads each back.
+/// Switches all boards, and reads each back.
 pub(crate) async fn switch(
     context: &Context,
     line: &Line,

@@ -1,4 +1,4 @@
-//! A line that the daemon has is borrowed from it.
+//! Exclusive access to a line of the daemon.
 
 use super::texts::ConfigText;
 use crate::backend::{Borrowed, Remote};
@@ -7,23 +7,24 @@ use railbus_app::config_file::{self, Why};
 use railbus_app::failure::Failure;
 use railbus_host::LineName;
 
-/// Borrows the line behind a port from the daemon that has it. Nothing where none has, or where
-/// no daemon is to be asked.
+/// Borrows the line of a port from the daemon that has it. None if no daemon has it, or if none is
+/// to be used.
 pub(super) async fn borrow(
     context: &Context,
     port: &LineName,
 ) -> Result<Option<Borrowed>, Failure> {
-    if context.wanted.direct {
+    if context.options.direct {
         return Ok(None);
     }
-    let wanted = &context.wanted;
-    let daemons = match &wanted.socket {
+    let options = &context.options;
+    let daemons = match &options.socket {
         Some(socket) => vec![Remote::at(socket).await],
         None => Remote::usual().await,
     };
-    // The port that is named is meant, whoever has it; the site of a file, and no other.
-    let is_port = wanted.ad_hoc.is_some();
-    let file = config_file::chosen(wanted.config.as_deref()).ok();
+    // A port named by flags is borrowed whichever site it belongs to; a file only from the daemon
+    // of its site.
+    let is_port = options.ad_hoc.is_some();
+    let file = config_file::chosen(options.config.as_deref()).ok();
     let file = file.filter(|(_, why)| !is_port && *why != Why::Place);
     let mut failed = None;
     for daemon in daemons {
@@ -34,8 +35,8 @@ pub(super) async fn borrow(
                     return Ok(Some(borrowed));
                 }
             }
-            // If it has the port, that is told when the port is opened.
-            Err(_) if (is_port || file.is_some()) && wanted.socket.is_none() => {}
+            // If that daemon has the port, opening the port will fail and say so.
+            Err(_) if (is_port || file.is_some()) && options.socket.is_none() => {}
             Err(problem) => failed = failed.or(Some(problem)),
         }
     }
@@ -45,7 +46,7 @@ pub(super) async fn borrow(
     }
 }
 
-/// The same from this daemon.
+/// Borrows the line from this daemon.
 async fn borrow_of(
     context: &Context,
     daemon: &Remote,
@@ -71,7 +72,7 @@ async fn borrow_of(
     Ok(Some(borrowed))
 }
 
-/// Whether two names are of one port: a path may lead there through a link.
+/// Whether two names are of the same port: a path may be a link.
 fn same(a: &LineName, b: &LineName) -> bool {
     let path = |name: &LineName| match name {
         LineName::Serial(path) | LineName::Pty(path) => std::fs::canonicalize(path).ok(),

@@ -1,4 +1,4 @@
-//! Drives a procedure on a real line: sends what it asks, keeps the journal, tells the user.
+//! Runs a procedure on a real line: sends its requests, writes the journal, informs the user.
 
 use super::borrow::borrow;
 use super::texts::ConfigText;
@@ -19,16 +19,16 @@ use std::io::{BufRead, IsTerminal, Write};
 use std::time::Duration;
 use tokio::time::Instant as Moment;
 
-/// A line that is ours while the command runs.
+/// A line that this command has to itself.
 pub(super) struct Driver<'c> {
     context: &'c Context,
     talk: Talk,
     stop: Stop,
     store: Option<Store>,
     told: Option<Progress>,
-    /// Every question is answered with yes.
+    /// Confirms every question without asking.
     yes: bool,
-    /// Dropped after the port, so that the daemon finds it free.
+    /// Dropped after the port, so that the daemon finds the port free.
     _borrowed: Option<Borrowed>,
 }
 
@@ -80,12 +80,12 @@ impl<'c> Driver<'c> {
         })
     }
 
-    /// Asks no more: every question is answered with yes.
+    /// Stops asking: every question is confirmed.
     pub(super) const fn assume_yes(&mut self, yes: bool) {
         self.yes = yes;
     }
 
-    /// Whether the port can talk one way now and another way later.
+    /// Whether the port can follow a module from these settings to those.
     pub(super) fn follows(&self, from: Settings, to: Settings) -> bool {
         self.talk.follows(from, to)
     }
@@ -146,7 +146,7 @@ impl<'c> Driver<'c> {
         }
     }
 
-    /// Writes a record down.
+    /// Writes a record to the journal.
     pub(super) fn keep(&mut self, record: Record) -> std::io::Result<()> {
         match &mut self.store {
             Some(store) => keep(store, record),
@@ -190,7 +190,7 @@ impl<'c> Driver<'c> {
         }
     }
 
-    /// Asks the user; no where the question is not answered with yes.
+    /// Asks the user; false unless the answer is yes.
     pub(super) async fn agreed(&mut self, question: &str) -> bool {
         tokio::select! {
             answer = ask_user(question) => answer,
@@ -199,12 +199,12 @@ impl<'c> Driver<'c> {
     }
 }
 
-/// Whether there is somebody to ask.
+/// Whether there is a terminal to ask at.
 pub(super) fn can_ask() -> bool {
     std::io::stdin().is_terminal()
 }
 
-/// Refuses where nobody can be asked.
+/// Fails if there is nobody to ask.
 pub(super) fn must_ask(context: &Context) -> Result<(), Failure> {
     if can_ask() {
         return Ok(());
@@ -212,11 +212,11 @@ pub(super) fn must_ask(context: &Context) -> Result<(), Failure> {
     Err(Failure::of(context.lang, Code::NeedsAnswer))
 }
 
-/// One line of the user's, in the background: reading blocks.
+/// Reads the user's answer in the background: reading blocks.
 async fn ask_user(question: &str) -> bool {
     let _ = write!(std::io::stderr(), "{question} ");
     let (sender, answer) = tokio::sync::oneshot::channel();
-    // Not a task of the runtime, which would wait for it at its end.
+    // Not a task of the runtime, which would wait for it when it shuts down.
     std::thread::spawn(move || {
         let mut line = String::new();
         let read = std::io::stdin().lock().read_line(&mut line);

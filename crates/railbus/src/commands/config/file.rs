@@ -1,7 +1,7 @@
-//! The configuration follows the module.
+//! Keeps the configuration file in step with the module.
 
+use super::config_context::ConfigContext;
 use super::drive::Driver;
-use super::ground::Ground;
 use super::texts::ConfigText;
 use crate::commands::Context;
 use railbus_app::config_file::text_of;
@@ -10,23 +10,23 @@ use railbus_app::settings::outcome::{not_followed, placed};
 use railbus_commission::{Place, Record, State};
 use railbus_site::config::edit;
 
-/// Puts the module where it is heard now. Nothing is to be done where flags name it, or where the
-/// file says so already.
+/// Writes where the module is now into the configuration. Nothing to do if flags describe the
+/// module, or if the file is right already.
 pub(super) fn follow(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     driver: &mut Driver<'_>,
     record: Option<Record>,
     module: &str,
     place: Place,
 ) -> Result<(), Failure> {
     let lang = context.lang;
-    let Some(file) = &ground.file else {
+    let Some(file) = &cfg.file else {
         let hint = lang.fill(ConfigText::NoFile, &[("place", &placed(lang, place))]);
         context.note(&hint);
         return Ok(());
     };
-    let configured = ground.config.modules.get(module);
+    let configured = cfg.config.modules.get(module);
     if configured.is_some_and(|known| Place::of(&known.setup) == place) {
         return Ok(());
     }
@@ -37,7 +37,7 @@ pub(super) fn follow(
     edit::replace(file, Some(&before), &text).map_err(|error| failed(error.to_string()))?;
     context.note(&lang.fill(ConfigText::Filed, &[("file", &file.display())]));
     if let Some(record) = record {
-        // The file is right already: should this fail, a recovery only finds that it is.
+        // The file is right already: if this fails, a recovery will only confirm that.
         let _ = driver.keep(Record {
             state: State::Filed,
             ..record

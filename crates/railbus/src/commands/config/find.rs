@@ -1,4 +1,4 @@
-//! Where a module is: where the configuration has it, or else where one fresh from the factory is.
+//! Finds a module: where the configuration has it, or with factory settings.
 
 use super::drive::Driver;
 use crate::commands::Context;
@@ -7,18 +7,17 @@ use railbus_app::settings::outcome;
 use railbus_app::settings::target::Target;
 use railbus_commission::{Found, Place, Search, Trouble, look_up, read};
 use railbus_device::Setup;
-use railbus_wire::Address;
 
-/// What was found of a module.
+/// The result of a search.
 pub(super) enum Located {
-    /// The module.
+    /// The module was found.
     Here(Found),
-    /// Nobody at any of these places.
+    /// Nothing answered at any of the places.
     Missing,
 }
 
-/// Looks for a module at its place, then at others that are likely, then at that of the factory.
-/// Places where a neighbour of the same protocol should be are not looked at.
+/// Looks for a module at its place, then at other likely places, then at the factory's. Places of
+/// other modules with the same protocol are left out.
 pub(super) async fn locate(
     context: &Context,
     driver: &mut Driver<'_>,
@@ -33,7 +32,7 @@ pub(super) async fn locate(
     }
     let fresh = Setup {
         protocol: target.setup.protocol,
-        ..Setup::new(target.setup.family, FACTORY)
+        ..Setup::factory(target.setup.family)
     };
     let places: Vec<Place> = likely.iter().copied().chain([Place::of(&fresh)]).collect();
     let others = target
@@ -51,7 +50,7 @@ pub(super) async fn locate(
         .await
         .map_err(|trouble| failed(&trouble))?;
     match found {
-        // Once more as at the first look: is it the model that it should be?
+        // Read it again as at its own place: this checks that it is the right model.
         Some(found) => {
             let there = found.place.setup(&target.setup);
             let found = driver
@@ -64,6 +63,3 @@ pub(super) async fn locate(
         None => Ok(Located::Missing),
     }
 }
-
-/// The address that every family leaves the factory with.
-const FACTORY: Address = Address(1);

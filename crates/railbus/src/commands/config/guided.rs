@@ -1,11 +1,11 @@
-//! `railbus config calibrate` and `config factory`: led step by step (EMD-2A2Q).
+//! `railbus config calibrate` and `config factory`: guided step by step (EMD-2A2Q).
 
+use super::config_context::{ConfigContext, state_flag};
 use super::drive::{Driver, must_ask};
-use super::ground::{Ground, state_flag};
 use super::set::{self, Changed, finish, tell};
 use super::show::words;
 use super::texts::ConfigText;
-use crate::cli;
+use crate::args;
 use crate::commands::Context;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_app::failure::Failure;
@@ -34,7 +34,7 @@ fn arguments(lang: Lang, command: Command) -> Command {
                 .required(true),
         )
         .arg(
-            cli::flag(lang, "yes", ConfigText::Yes)
+            args::flag(lang, "yes", ConfigText::Yes)
                 .short('y')
                 .action(ArgAction::SetTrue),
         )
@@ -43,33 +43,33 @@ fn arguments(lang: Lang, command: Command) -> Command {
 
 pub(super) fn define_calibrate(lang: Lang) -> Command {
     let usage = "railbus config calibrate MODULE [--voltage 5.00V]";
-    let command = cli::verb(lang, CALIBRATE, ConfigText::CalibrateAbout, usage)
-        .before_help(cli::examples(lang, ConfigText::CalibrateExamples));
+    let command = args::verb(lang, CALIBRATE, ConfigText::CalibrateAbout, usage)
+        .before_help(args::examples(lang, ConfigText::CalibrateExamples));
     arguments(lang, command)
-        .arg(cli::flag(lang, "voltage", ConfigText::CalibrateVoltage).value_name("5.00V"))
+        .arg(args::flag(lang, "voltage", ConfigText::CalibrateVoltage).value_name("5.00V"))
 }
 
 pub(super) fn define_factory(lang: Lang) -> Command {
-    let command = cli::verb(
+    let command = args::verb(
         lang,
         FACTORY,
         ConfigText::FactoryAbout,
         "railbus config factory MODULE",
     )
-    .before_help(cli::examples(lang, ConfigText::FactoryExamples));
+    .before_help(args::examples(lang, ConfigText::FactoryExamples));
     arguments(lang, command)
 }
 
-/// The module and a job for it.
+/// The module, and the work to do on it.
 fn prepare(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     matches: &ArgMatches,
     by: By,
 ) -> Result<(Target, Job), Failure> {
     let names = words(matches, "MODULE");
-    let target = ground.target(context, names.first().map_or("", String::as_str))?;
-    if target.setup.family != railbus_device::Family::Emd2a2q {
+    let target = cfg.target(context, names.first().map_or("", String::as_str))?;
+    if !target.setup.family.datasheet().is_calibrated() {
         let told = format!("{} ({})", target.name, target.setup.family);
         return Err(Failure::of(context.lang, Code::SettingFixed).because(told));
     }
@@ -89,11 +89,11 @@ fn prepare(
     Ok((target, job))
 }
 
-/// Leads through a calibration.
+/// Guides the user through a calibration.
 pub(super) fn calibrate(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
-    let (target, job) = prepare(&context, &ground, matches, By::Calibrate)?;
+    let cfg = ConfigContext::of(&context, matches)?;
+    let (target, job) = prepare(&context, &cfg, matches, By::Calibrate)?;
     let text = matches
         .get_one::<String>("voltage")
         .map_or("5.00V", String::as_str);
@@ -106,7 +106,7 @@ pub(super) fn calibrate(lang: Lang, matches: &ArgMatches) -> Result<(), Failure>
     })?;
     let voltage = wanted.kept.voltage.unwrap_or_default();
     let (number, done) = context.block(async {
-        let mut driver = Driver::open(&context, &target, Some(ground.store(&context)?)).await?;
+        let mut driver = Driver::open(&context, &target, Some(cfg.store(&context)?)).await?;
         driver.assume_yes(matches.get_flag("yes"));
         let number = driver.next_change();
         let job = Job {
@@ -160,13 +160,13 @@ fn show(context: &Context, target: &Target, number: u64, done: &Calibrated) -> R
     out::result(lang, &records.render(context.format))
 }
 
-/// Brings the module back to what it left the factory with.
+/// Resets a module to its factory settings.
 pub(super) fn factory(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
-    let (target, job) = prepare(&context, &ground, matches, By::Factory)?;
+    let cfg = ConfigContext::of(&context, matches)?;
+    let (target, job) = prepare(&context, &cfg, matches, By::Factory)?;
     let changed = context.block(async {
-        let mut driver = Driver::open(&context, &target, Some(ground.store(&context)?)).await?;
+        let mut driver = Driver::open(&context, &target, Some(cfg.store(&context)?)).await?;
         context.note(&lang.fill(ConfigText::FactoryWarning, &[("module", &target.name)]));
         let sure = matches.get_flag("yes") || driver.agreed(lang.get(ConfigText::GoOn)).await;
         if !sure {
@@ -182,7 +182,7 @@ pub(super) fn factory(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
             }))
             .await;
         let end = end.map_err(|trouble| outcome::trouble(context.lang, &target, &trouble))?;
-        finish(&context, &ground, &mut driver, &target, number, &end)?;
+        finish(&context, &cfg, &mut driver, &target, number, &end)?;
         Ok(match end {
             Ended::Done(found) => Some(Changed {
                 target: target.clone(),

@@ -1,12 +1,12 @@
-//! `railbus config log`, `undo` and `recover`: what was changed, taking it back, and finding a
-//! module whose change was cut short.
+//! `railbus config log`, `undo` and `recover`: the journal of changes, undoing a change, and
+//! finding a module whose change was interrupted.
 
+use super::config_context::{ConfigContext, state_flag};
 use super::drive::Driver;
 use super::file;
-use super::ground::{Ground, state_flag};
 use super::set::{self, Terms, tell, write_flags};
 use super::texts::ConfigText;
-use crate::cli;
+use crate::args;
 use crate::commands::Context;
 use clap::{Arg, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
@@ -32,19 +32,19 @@ pub(super) const UNDO: &str = "undo";
 pub(super) const RECOVER: &str = "recover";
 
 pub(super) fn define(lang: Lang) -> Command {
-    cli::verb(lang, NAME, ConfigText::LogAbout, "railbus config log")
-        .before_help(cli::examples(lang, ConfigText::LogExamples))
+    args::verb(lang, NAME, ConfigText::LogAbout, "railbus config log")
+        .before_help(args::examples(lang, ConfigText::LogExamples))
         .arg(state_flag(lang))
 }
 
 pub(super) fn define_undo(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         UNDO,
         ConfigText::UndoAbout,
         "railbus config undo [NUMBER]",
     )
-    .before_help(cli::examples(lang, ConfigText::UndoExamples))
+    .before_help(args::examples(lang, ConfigText::UndoExamples))
     .arg(
         Arg::new("NUMBER")
             .help(lang.get(ConfigText::Number))
@@ -54,20 +54,20 @@ pub(super) fn define_undo(lang: Lang) -> Command {
 }
 
 pub(super) fn define_recover(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         RECOVER,
         ConfigText::RecoverAbout,
         "railbus config recover [MODULE…] [--addr N]",
     )
-    .before_help(cli::examples(lang, ConfigText::RecoverExamples))
+    .before_help(args::examples(lang, ConfigText::RecoverExamples))
     .arg(
         Arg::new("MODULE")
             .help(lang.get(ConfigText::Modules))
             .num_args(0..),
     )
     .arg(
-        cli::flag(lang, "addr", ConfigText::RecoverAddr)
+        args::flag(lang, "addr", ConfigText::RecoverAddr)
             .value_name("N")
             .value_parser(railbus_app::address),
     )
@@ -77,8 +77,8 @@ pub(super) fn define_recover(lang: Lang) -> Command {
 /// Prints the journal.
 pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
-    let log = ground.log(&context)?;
+    let cfg = ConfigContext::of(&context, matches)?;
+    let log = cfg.log(&context)?;
     let head = [
         ConfigText::HeadChange,
         ConfigText::HeadTime,
@@ -136,31 +136,31 @@ fn row(log: &Log, last: &Record, set: &BTreeMap<String, [String; 2]>) -> Value {
     })
 }
 
-/// Writes the old values of a change back, by a change of its own.
+/// Writes the old values of a change back, as a new change.
 pub(super) fn undo(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
-    let log = ground.log(&context)?;
+    let cfg = ConfigContext::of(&context, matches)?;
+    let log = cfg.log(&context)?;
     let asked: Option<u64> = matches.get_one("NUMBER").copied();
     let number = asked.or_else(|| log.records.last().map(|record| record.change));
     let no_change = || Failure::of(lang, Code::NoChange).because(asked.unwrap_or_default());
     let number = number.ok_or_else(no_change)?;
     let last = log.change(number).last().ok_or_else(no_change)?;
-    let target = target_of(&context, &ground, last)?;
+    let target = target_of(&context, &cfg, last)?;
     let wanted = taking_back(lang, &log, last, &target)?;
     let terms = Terms {
         undoes: Some(number),
         ..Terms::of(matches, By::Undo)
     };
-    let end = context.block(set::carry_out(&context, &ground, &target, wanted, &terms))?;
+    let end = context.block(set::carry_out(&context, &cfg, &target, wanted, &terms))?;
     tell(&context, end.into_iter().collect())
 }
 
-/// The module that a record is about, as the configuration has it; where flags name it, where the
-/// record says that it is.
-fn target_of(context: &Context, ground: &Ground, record: &Record) -> Result<Target, Failure> {
-    let mut target = ground.target(context, &record.module)?;
-    if ground.file.is_none()
+/// The module of a record, as the configuration has it; if flags describe it, where the record has
+/// it.
+fn target_of(context: &Context, cfg: &ConfigContext, record: &Record) -> Result<Target, Failure> {
+    let mut target = cfg.target(context, &record.module)?;
+    if cfg.file.is_none()
         && let Some(place) = record.found.as_ref().unwrap_or(&record.to).place()
     {
         target.setup = place.setup(&target.setup);
@@ -168,17 +168,17 @@ fn target_of(context: &Context, ground: &Ground, record: &Record) -> Result<Targ
     Ok(target)
 }
 
-/// Finds modules: those whose change is open, those named, or whoever is at an address.
+/// Finds modules: those with an unfinished change, those named, or the one at an address.
 pub(super) fn recover(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
+    let cfg = ConfigContext::of(&context, matches)?;
     let names = super::show::words(matches, "MODULE");
     let address: Option<u8> = matches.get_one("addr").copied();
     let results = context.block(async {
         let mut results = Vec::new();
-        let store = ground.store(&context)?;
+        let store = cfg.store(&context)?;
         let open: Vec<Record> = store.log().open().into_iter().cloned().collect();
-        let behind = behind(&ground, store.log());
+        let behind = behind(&cfg, store.log());
         drop(store);
         let mut wanted: Vec<String> = names.clone();
         if let Some(address) = address {
@@ -186,8 +186,7 @@ pub(super) fn recover(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
                 module.setup.address == Address(address)
             };
             wanted.extend(
-                ground
-                    .config
+                cfg.config
                     .modules
                     .iter()
                     .filter(at)
@@ -200,12 +199,12 @@ pub(super) fn recover(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
         let all = names.is_empty() && address.is_none();
         for record in &open {
             if all || wanted.contains(&record.module) {
-                results.push(one_open(&context, &ground, record).await?);
+                results.push(one_open(&context, &cfg, record).await?);
             }
         }
         for name in &wanted {
             if open.iter().all(|record| record.module != *name) {
-                results.push(one_named(&context, &ground, name).await?);
+                results.push(one_named(&context, &cfg, name).await?);
             }
         }
         Ok(results)
@@ -231,12 +230,12 @@ pub(super) fn recover(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     show_recovered(&context, results)
 }
 
-/// The modules that moved while the configuration file was not written any more.
-fn behind(ground: &Ground, log: &Log) -> Vec<String> {
-    if ground.file.is_none() {
+/// The modules that moved without the configuration file having been updated.
+fn behind(cfg: &ConfigContext, log: &Log) -> Vec<String> {
+    if cfg.file.is_none() {
         return Vec::new();
     }
-    let modules = ground.config.modules.iter();
+    let modules = cfg.config.modules.iter();
     let moved = modules.filter(|(name, module)| {
         let known = log.unfiled(name);
         known.is_some_and(|place| place != Place::of(&module.setup))
@@ -244,7 +243,7 @@ fn behind(ground: &Ground, log: &Log) -> Vec<String> {
     moved.map(|(name, _)| name.clone()).collect()
 }
 
-/// What became of one module.
+/// The outcome for one module.
 struct Traced {
     target: Target,
     change: Option<u64>,
@@ -253,9 +252,13 @@ struct Traced {
     told: &'static str,
 }
 
-async fn one_open(context: &Context, ground: &Ground, record: &Record) -> Result<Traced, Failure> {
-    let target = target_of(context, ground, record)?;
-    let mut driver = Driver::open(context, &target, Some(ground.store(context)?)).await?;
+async fn one_open(
+    context: &Context,
+    cfg: &ConfigContext,
+    record: &Record,
+) -> Result<Traced, Failure> {
+    let target = target_of(context, cfg, record)?;
+    let mut driver = Driver::open(context, &target, Some(cfg.store(context)?)).await?;
     let others = target
         .neighbours
         .iter()
@@ -282,14 +285,7 @@ async fn one_open(context: &Context, ground: &Ground, record: &Record) -> Result
             .store()
             .and_then(|store| store.log().change(record.change).last().cloned());
         let last = last.filter(|last| last.state == State::Done);
-        file::follow(
-            context,
-            ground,
-            &mut driver,
-            last,
-            &target.name,
-            found.place,
-        )?;
+        file::follow(context, cfg, &mut driver, last, &target.name, found.place)?;
     }
     Ok(Traced {
         target,
@@ -300,9 +296,9 @@ async fn one_open(context: &Context, ground: &Ground, record: &Record) -> Result
     })
 }
 
-async fn one_named(context: &Context, ground: &Ground, name: &str) -> Result<Traced, Failure> {
-    let target = ground.target(context, name)?;
-    let mut driver = Driver::open(context, &target, Some(ground.store(context)?)).await?;
+async fn one_named(context: &Context, cfg: &ConfigContext, name: &str) -> Result<Traced, Failure> {
+    let target = cfg.target(context, name)?;
+    let mut driver = Driver::open(context, &target, Some(cfg.store(context)?)).await?;
     let others = target
         .neighbours
         .iter()
@@ -319,14 +315,7 @@ async fn one_named(context: &Context, ground: &Ground, name: &str) -> Result<Tra
     let (found, garbled) =
         end.map_err(|trouble| outcome::trouble(context.lang, &target, &trouble))?;
     if let Some(found) = &found {
-        file::follow(
-            context,
-            ground,
-            &mut driver,
-            None,
-            &target.name,
-            found.place,
-        )?;
+        file::follow(context, cfg, &mut driver, None, &target.name, found.place)?;
     }
     let lang = context.lang;
     let told = match found {

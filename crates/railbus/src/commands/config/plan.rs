@@ -1,12 +1,12 @@
-//! `railbus plan` and `railbus apply`: the settings that the configuration wants, and those that
-//! the modules keep.
+//! `railbus plan` and `railbus apply`: compares the settings in the configuration with those stored
+//! in the modules.
 
+use super::config_context::{ConfigContext, state_flag};
 use super::drive::Driver;
 use super::find::{Located, locate};
-use super::ground::{Ground, state_flag};
 use super::set::{self, Terms, change_at};
 use super::texts::ConfigText;
-use crate::cli;
+use crate::args;
 use crate::commands::Context;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
@@ -28,33 +28,33 @@ pub(crate) const NAME: &str = "plan";
 pub(crate) const APPLY: &str = "apply";
 
 pub(crate) fn define(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         NAME,
         ConfigText::PlanAbout,
         "railbus plan [MODULE…] [--exit-code]",
     )
-    .before_help(cli::examples(lang, ConfigText::PlanExamples))
+    .before_help(args::examples(lang, ConfigText::PlanExamples))
     .arg(
         Arg::new("MODULE")
             .help(lang.get(ConfigText::Modules))
             .num_args(0..),
     )
-    .arg(cli::flag(lang, "exit-code", ConfigText::ExitCode).action(ArgAction::SetTrue))
+    .arg(args::flag(lang, "exit-code", ConfigText::ExitCode).action(ArgAction::SetTrue))
     .arg(state_flag(lang))
 }
 
 pub(crate) fn define_apply(lang: Lang) -> Command {
     let usage = "railbus apply [--only MODULE] [--yes] [-O report.json]";
-    cli::verb(lang, APPLY, ConfigText::ApplyAbout, usage)
-        .before_help(cli::examples(lang, ConfigText::ApplyExamples))
+    args::verb(lang, APPLY, ConfigText::ApplyAbout, usage)
+        .before_help(args::examples(lang, ConfigText::ApplyExamples))
         .arg(
-            cli::flag(lang, "only", ConfigText::ApplyOnly)
+            args::flag(lang, "only", ConfigText::ApplyOnly)
                 .value_name("MODULE")
                 .action(ArgAction::Append),
         )
         .arg(
-            cli::flag(lang, "report", ConfigText::ApplyReport)
+            args::flag(lang, "report", ConfigText::ApplyReport)
                 .short('O')
                 .value_name("FILE")
                 .value_parser(value_parser!(PathBuf)),
@@ -62,7 +62,7 @@ pub(crate) fn define_apply(lang: Lang) -> Command {
         .args(set::write_flags(lang))
 }
 
-/// What is the matter with one module.
+/// The state of one module.
 struct Entry {
     target: Target,
     wanted: Wanted,
@@ -70,7 +70,7 @@ struct Entry {
 }
 
 impl Entry {
-    /// What differs: the setting, its value now and the one wanted.
+    /// What differs: the setting, its present value, and the wanted one.
     fn differences(&self) -> Vec<(Key, String, String)> {
         let Ok(Some(found)) = &self.found else {
             return Vec::new();
@@ -90,11 +90,11 @@ impl Entry {
     }
 }
 
-/// What the configuration wants of a module: where it is, and what its settings table says.
-fn desired(ground: &Ground, target: &Target) -> Wanted {
+/// The settings that the configuration wants a module to have: its place and its settings table.
+fn desired(cfg: &ConfigContext, target: &Target) -> Wanted {
     let setup: &Setup = &target.setup;
     let place = Kept::at(Place::of(setup));
-    let settings = ground
+    let settings = cfg
         .config
         .modules
         .get(&target.name)
@@ -109,10 +109,10 @@ fn desired(ground: &Ground, target: &Target) -> Wanted {
     wanted
 }
 
-/// Looks at every module.
+/// Reads every module.
 async fn survey(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     targets: Vec<Target>,
 ) -> Result<Vec<Entry>, Failure> {
     let mut entries = Vec::new();
@@ -127,7 +127,7 @@ async fn survey(
                 Ok(Located::Missing) => Ok(None),
                 Err(failure) => Err(failure),
             };
-            let wanted = desired(ground, target);
+            let wanted = desired(cfg, target);
             entries.push(Entry {
                 target: target.clone(),
                 wanted,
@@ -138,7 +138,7 @@ async fn survey(
     Ok(entries)
 }
 
-/// The modules of each line together.
+/// Sorts modules by line.
 fn by_line(mut targets: Vec<Target>) -> Vec<Target> {
     targets.sort_by(|a, b| (&a.line, &a.name).cmp(&(&b.line, &b.name)));
     targets
@@ -147,9 +147,9 @@ fn by_line(mut targets: Vec<Target>) -> Vec<Target> {
 /// Shows what `apply` would do.
 pub(crate) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
-    let targets = by_line(ground.targets(&context, &super::show::words(matches, "MODULE"))?);
-    let entries = context.block(survey(&context, &ground, targets))?;
+    let cfg = ConfigContext::of(&context, matches)?;
+    let targets = by_line(cfg.targets(&context, &super::show::words(matches, "MODULE"))?);
+    let entries = context.block(survey(&context, &cfg, targets))?;
     show(&context, &entries)?;
     let differs = entries
         .iter()
@@ -248,8 +248,8 @@ fn row(lang: Lang, entry: &Entry) -> Value {
     })
 }
 
-/// The order in which a line is changed: addresses first, what leaves the line as it is next, and
-/// what takes a module to another speed or parity last.
+/// The order in which modules are changed: new addresses first, then settings that don't change how
+/// the module communicates, and finally speed, parity and checksum.
 fn order(entry: &Entry) -> u8 {
     let keys: Vec<Key> = entry
         .differences()
@@ -263,17 +263,17 @@ fn order(entry: &Entry) -> u8 {
     }
 }
 
-/// Writes what differs, one module at a time, until one fails.
+/// Writes the differences, one module at a time, until one fails.
 pub(crate) fn apply(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
-    let targets = by_line(ground.targets(&context, &super::show::words(matches, "only"))?);
+    let cfg = ConfigContext::of(&context, matches)?;
+    let targets = by_line(cfg.targets(&context, &super::show::words(matches, "only"))?);
     let terms = Terms::of(matches, By::Apply);
     let (report, failed) = context.block(async {
-        let mut entries = survey(&context, &ground, targets).await?;
+        let mut entries = survey(&context, &cfg, targets).await?;
         show(&context, &entries)?;
         entries.sort_by_key(order);
-        Ok(apply_all(&context, &ground, &entries, &terms).await)
+        Ok(apply_all(&context, &cfg, &entries, &terms).await)
     })?;
     if let Some(file) = matches.get_one::<PathBuf>("report") {
         let text = json!({ "schema": 1, "applied": report }).to_string() + "\n";
@@ -286,7 +286,7 @@ pub(crate) fn apply(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
 
 async fn apply_all(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     entries: &[Entry],
     terms: &Terms,
 ) -> (Vec<Value>, Option<Failure>) {
@@ -295,7 +295,7 @@ async fn apply_all(
         let name = entry.target.name.as_str();
         let end = match &entry.found {
             Ok(Some(_)) if entry.differences().is_empty() => continue,
-            Ok(Some(found)) => apply_one(context, ground, entry, *found, terms).await,
+            Ok(Some(found)) => apply_one(context, cfg, entry, *found, terms).await,
             Ok(None) => Err(Failure::of(context.lang, Code::NotFound).because(name)),
             Err(failure) => Err(Failure::of(context.lang, failure.code()).because(name)),
         };
@@ -313,7 +313,7 @@ async fn apply_all(
 
 async fn apply_one(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     entry: &Entry,
     found: Found,
     terms: &Terms,
@@ -322,11 +322,11 @@ async fn apply_one(
     let store = if terms.dry {
         None
     } else {
-        Some(ground.store(context)?)
+        Some(cfg.store(context)?)
     };
     let mut driver = Driver::open(context, target, store).await?;
     let wanted = entry.wanted.clone();
-    let done = change_at(context, ground, &mut driver, target, found, wanted, terms).await?;
+    let done = change_at(context, cfg, &mut driver, target, found, wanted, terms).await?;
     if let Some(done) = &done {
         let place = placed(context.lang, done.found.place);
         let values: &[(&str, &dyn std::fmt::Display)] = &[

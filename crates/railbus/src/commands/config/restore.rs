@@ -1,13 +1,13 @@
-//! `railbus config restore` and `config diff`: modules and a backup of them.
+//! `railbus config restore` and `config diff`: writes a backup back, or compares modules with it.
 
 use super::backup::{Backup, KIND, ModuleKept, SCHEMA, kept};
+use super::config_context::{ConfigContext, state_flag};
 use super::drive::{Driver, must_ask};
 use super::find::{Located, locate};
-use super::ground::{Ground, state_flag};
 use super::set::{Changed, Terms, change_at, tell, write_flags};
 use super::show::{read_all, words};
 use super::texts::ConfigText;
-use crate::cli;
+use crate::args;
 use crate::commands::Context;
 use clap::{Arg, ArgAction, ArgMatches, Command, value_parser};
 use railbus_app::config_file::text_of;
@@ -36,21 +36,21 @@ fn file_arguments(lang: Lang, command: Command) -> Command {
                 .required(true)
                 .value_parser(value_parser!(PathBuf)),
         )
-        .arg(cli::flag(lang, "other-site", ConfigText::OtherSite).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "other-site", ConfigText::OtherSite).action(ArgAction::SetTrue))
 }
 
 pub(super) fn define(lang: Lang) -> Command {
     let usage = "railbus config restore FILE [--module X] [--map OLD=NEW] [-n]";
-    let command = cli::verb(lang, NAME, ConfigText::RestoreAbout, usage)
-        .before_help(cli::examples(lang, ConfigText::RestoreExamples));
+    let command = args::verb(lang, NAME, ConfigText::RestoreAbout, usage)
+        .before_help(args::examples(lang, ConfigText::RestoreExamples));
     file_arguments(lang, command)
         .arg(
-            cli::flag(lang, "module", ConfigText::RestoreModule)
+            args::flag(lang, "module", ConfigText::RestoreModule)
                 .value_name("MODULE")
                 .action(ArgAction::Append),
         )
         .arg(
-            cli::flag(lang, "map", ConfigText::RestoreMap)
+            args::flag(lang, "map", ConfigText::RestoreMap)
                 .value_name("OLD=NEW")
                 .action(ArgAction::Append),
         )
@@ -59,20 +59,20 @@ pub(super) fn define(lang: Lang) -> Command {
 
 pub(super) fn define_diff(lang: Lang) -> Command {
     let usage = "railbus config diff FILE [MODULE…] [--exit-code]";
-    let command = cli::verb(lang, DIFF, ConfigText::DiffAbout, usage)
-        .before_help(cli::examples(lang, ConfigText::DiffExamples));
+    let command = args::verb(lang, DIFF, ConfigText::DiffAbout, usage)
+        .before_help(args::examples(lang, ConfigText::DiffExamples));
     file_arguments(lang, command)
         .arg(
             Arg::new("MODULE")
                 .help(lang.get(ConfigText::Modules))
                 .num_args(0..),
         )
-        .arg(cli::flag(lang, "exit-code", ConfigText::ExitCode).action(ArgAction::SetTrue))
+        .arg(args::flag(lang, "exit-code", ConfigText::ExitCode).action(ArgAction::SetTrue))
         .arg(state_flag(lang))
 }
 
 /// Reads a backup, and refuses one of another version or site.
-fn backup(context: &Context, ground: &Ground, matches: &ArgMatches) -> Result<Backup, Failure> {
+fn backup(context: &Context, cfg: &ConfigContext, matches: &ArgMatches) -> Result<Backup, Failure> {
     let lang = context.lang;
     let file: PathBuf = matches.get_one("FILE").cloned().unwrap_or_default();
     let wrong = |code: Code, why: String| {
@@ -92,14 +92,14 @@ fn backup(context: &Context, ground: &Ground, matches: &ArgMatches) -> Result<Ba
     }
     let backup: Backup =
         serde_json::from_value(read).map_err(|error| wrong(Code::BackupFile, error.to_string()))?;
-    let site = ground.site(context)?;
+    let site = cfg.site(context)?;
     if backup.site != site && !matches.get_flag("other-site") {
         return Err(wrong(Code::BackupSite, format!("{} ≠ {site}", backup.site)));
     }
     Ok(backup)
 }
 
-/// What a module of the backup is to keep in the place of a target.
+/// The settings from the backup that a target is to have.
 fn wanted(context: &Context, target: &Target, kept: &ModuleKept) -> Result<Wanted, Failure> {
     let setup = &target.setup;
     if kept.model != setup.family.name() || kept.protocol != setup.protocol.name() {
@@ -115,7 +115,7 @@ fn wanted(context: &Context, target: &Target, kept: &ModuleKept) -> Result<Wante
     }
     let mut wanted = Wanted::default();
     for (name, value) in &kept.settings {
-        // What no command changes is in the backup to be looked at.
+        // Read-only settings are in the backup for information.
         if key(setup, name).is_some_and(|(_, access)| !access.is_writable()) {
             continue;
         }
@@ -126,10 +126,10 @@ fn wanted(context: &Context, target: &Target, kept: &ModuleKept) -> Result<Wante
     Ok(wanted)
 }
 
-/// Which module of the backup goes where.
+/// Which module of the backup is restored to which target.
 fn pairs(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     matches: &ArgMatches,
     backup: &Backup,
 ) -> Result<Vec<(Target, Wanted)>, Failure> {
@@ -158,38 +158,38 @@ fn pairs(
             .iter()
             .find(|(from, _)| from == old)
             .map_or(old, |(_, to)| to);
-        let target = ground.target(context, new)?;
+        let target = cfg.target(context, new)?;
         let wanted = wanted(context, &target, kept)?;
         pairs.push((target, wanted));
     }
     Ok(pairs)
 }
 
-/// Writes a backup back, one module after the other; a new one is found at the factory's place.
+/// Restores a backup, one module after the other; a new module is found by its factory settings.
 pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
-    let backup = backup(&context, &ground, matches)?;
-    let pairs = pairs(&context, &ground, matches, &backup)?;
+    let cfg = ConfigContext::of(&context, matches)?;
+    let backup = backup(&context, &cfg, matches)?;
+    let pairs = pairs(&context, &cfg, matches, &backup)?;
     let terms = Terms::of(matches, By::Restore);
     if !terms.dry && !terms.yes {
         must_ask(&context)?;
     }
-    let (changed, failed) = context.block(restore_all(&context, &ground, &pairs, &terms))?;
+    let (changed, failed) = context.block(restore_all(&context, &cfg, &pairs, &terms))?;
     tell(&context, changed)?;
     failed.map_or(Ok(()), Err)
 }
 
-/// Each module in turn; the first failure ends it, and what was done before is told.
+/// Restores each module in turn. Stops at the first failure, and reports what was done before.
 async fn restore_all(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     pairs: &[(Target, Wanted)],
     terms: &Terms,
 ) -> Result<(Vec<Changed>, Option<Failure>), Failure> {
     let mut changed = Vec::new();
     for (target, wanted) in pairs {
-        match restore_one(context, ground, target, wanted, terms).await {
+        match restore_one(context, cfg, target, wanted, terms).await {
             Ok(done) => changed.extend(done),
             Err(failure) => return Ok((changed, Some(failure))),
         }
@@ -199,7 +199,7 @@ async fn restore_all(
 
 async fn restore_one(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     target: &Target,
     wanted: &Wanted,
     terms: &Terms,
@@ -207,7 +207,7 @@ async fn restore_one(
     let store = if terms.dry {
         None
     } else {
-        Some(ground.store(context)?)
+        Some(cfg.store(context)?)
     };
     let mut driver = Driver::open(context, target, store).await?;
     let likely = [wanted.kept.place(Place::of(&target.setup))];
@@ -215,7 +215,7 @@ async fn restore_one(
         Located::Here(found) => {
             change_at(
                 context,
-                ground,
+                cfg,
                 &mut driver,
                 target,
                 found,
@@ -228,11 +228,11 @@ async fn restore_one(
     }
 }
 
-/// Compares modules with a backup of them.
+/// Compares modules with their backup.
 pub(super) fn diff(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
-    let backup = backup(&context, &ground, matches)?;
+    let cfg = ConfigContext::of(&context, matches)?;
+    let backup = backup(&context, &cfg, matches)?;
     let names = words(matches, "MODULE");
     let only = |name: &String| names.is_empty() || names.contains(name);
     if let Some(missing) = names
@@ -243,7 +243,7 @@ pub(super) fn diff(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     }
     let mut targets = Vec::new();
     for name in backup.modules.keys().filter(|name| only(name)) {
-        targets.push(ground.target(&context, name)?);
+        targets.push(cfg.target(&context, name)?);
     }
     let (founds, failed) = context.block(async { Ok(read_all(&context, targets).await) })?;
     let head = [

@@ -1,11 +1,11 @@
-//! `railbus config set`: changes settings of a module, and asks before.
+//! `railbus config set`: changes settings of a module, after asking.
 
+use super::config_context::{ConfigContext, state_flag};
 use super::drive::{Driver, must_ask};
 use super::file;
-use super::ground::{Ground, state_flag};
 use super::show::words;
 use super::texts::ConfigText;
-use crate::cli;
+use crate::args;
 use crate::commands::Context;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use railbus_app::failure::Failure;
@@ -27,13 +27,13 @@ use serde_json::{Value, json};
 pub(super) const NAME: &str = "set";
 
 pub(super) fn define(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         NAME,
         ConfigText::SetAbout,
         "railbus config set MODULE SETTING=VALUE… | set -l LINE SETTING=VALUE",
     )
-    .before_help(cli::examples(lang, ConfigText::SetExamples))
+    .before_help(args::examples(lang, ConfigText::SetExamples))
     .arg(
         Arg::new("SETTING")
             .help(lang.get(ConfigText::Pairs))
@@ -46,10 +46,10 @@ pub(super) fn define(lang: Lang) -> Command {
 /// The flags of every command that writes settings.
 pub(super) fn write_flags(lang: Lang) -> Vec<Arg> {
     vec![
-        cli::flag(lang, "dry-run", ConfigText::DryRun)
+        args::flag(lang, "dry-run", ConfigText::DryRun)
             .short('n')
             .action(ArgAction::SetTrue),
-        cli::flag(lang, "yes", ConfigText::Yes)
+        args::flag(lang, "yes", ConfigText::Yes)
             .short('y')
             .action(ArgAction::SetTrue),
         state_flag(lang),
@@ -59,14 +59,14 @@ pub(super) fn write_flags(lang: Lang) -> Vec<Arg> {
 /// Shows what would be written, asks, and writes it.
 pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
+    let cfg = ConfigContext::of(&context, matches)?;
     let given = words(matches, "SETTING");
     let terms = Terms::of(matches, By::Set);
     let (targets, pairs) = match given.split_first() {
-        Some((name, pairs)) if !name.contains('=') => (vec![ground.target(&context, name)?], pairs),
-        // Flags name one module.
-        _ if ground.file.is_none() => (ground.targets(&context, &[])?, given.as_slice()),
-        _ => (whole_line(&context, &ground, &given)?, given.as_slice()),
+        Some((name, pairs)) if !name.contains('=') => (vec![cfg.target(&context, name)?], pairs),
+        // Flags describe a single module.
+        _ if cfg.file.is_none() => (cfg.targets(&context, &[])?, given.as_slice()),
+        _ => (whole_line(&context, &cfg, &given)?, given.as_slice()),
     };
     let mut jobs = Vec::new();
     for target in targets {
@@ -81,7 +81,7 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let (changed, failed) = context.block(async {
         let mut changed = Vec::new();
         for (target, wanted) in &jobs {
-            match carry_out(&context, &ground, target, wanted.clone(), &terms).await {
+            match carry_out(&context, &cfg, target, wanted.clone(), &terms).await {
                 Ok(done) => changed.extend(done),
                 Err(failure) => return Ok((changed, Some(failure))),
             }
@@ -92,11 +92,11 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     failed.map_or(Ok(()), Err)
 }
 
-/// The modules of a whole line that have these settings, one after the other. Only what may be
-/// the same for all of them.
+/// The modules of a whole line that have these settings, one after the other. Only for settings
+/// that may be the same for all of them.
 fn whole_line(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     pairs: &[String],
 ) -> Result<Vec<Target>, Failure> {
     let of = |pair: &String| pair.split('=').next().unwrap_or_default().to_owned();
@@ -106,8 +106,8 @@ fn whole_line(
         let failure = Failure::of(context.lang, Code::Usage).because(name);
         return Err(failure.with_try("railbus config set pump address=9"));
     }
-    if context.line.is_none() && ground.config.lines.len() > 1 {
-        let lines = ground.config.lines.keys().map(|line| format!("-l {line}"));
+    if context.line.is_none() && cfg.config.lines.len() > 1 {
+        let lines = cfg.config.lines.keys().map(|line| format!("-l {line}"));
         let failure = Failure::of(context.lang, Code::NoLine);
         return Err(lines.fold(failure, Failure::with_try));
     }
@@ -116,7 +116,7 @@ fn whole_line(
             .iter()
             .all(|name| key(&target.setup, name).is_some_and(|(_, access)| access.is_writable()))
     };
-    let mut targets = ground.targets(context, &[])?;
+    let mut targets = cfg.targets(context, &[])?;
     targets.retain(has_all);
     if targets.is_empty() {
         return Err(Failure::of(context.lang, Code::NothingToDo).because(names.join(" ")));
@@ -124,7 +124,7 @@ fn whole_line(
     Ok(targets)
 }
 
-/// On what terms a change is made.
+/// The options of a change.
 pub(super) struct Terms {
     pub(super) yes: bool,
     pub(super) dry: bool,
@@ -143,7 +143,7 @@ impl Terms {
     }
 }
 
-/// What was changed.
+/// A change that was made.
 pub(super) struct Changed {
     pub(super) target: Target,
     pub(super) number: u64,
@@ -152,10 +152,10 @@ pub(super) struct Changed {
     pub(super) same: bool,
 }
 
-/// One module, from the first look to the configuration's file. Nothing where it was only shown.
+/// Changes one module and the configuration file. None if the change was only shown.
 pub(super) async fn carry_out(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     target: &Target,
     wanted: Wanted,
     terms: &Terms,
@@ -163,16 +163,16 @@ pub(super) async fn carry_out(
     let store = if terms.dry {
         None
     } else {
-        Some(ground.store(context)?)
+        Some(cfg.store(context)?)
     };
     let mut driver = Driver::open(context, target, store).await?;
-    change_one(context, ground, &mut driver, target, wanted, terms).await
+    change_one(context, cfg, &mut driver, target, wanted, terms).await
 }
 
-/// The same on a line that is open already.
+/// The same on a line that is already open.
 pub(super) async fn change_one(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     driver: &mut Driver<'_>,
     target: &Target,
     wanted: Wanted,
@@ -183,13 +183,13 @@ pub(super) async fn change_one(
         .run(read(target.setup))
         .await
         .map_err(|trouble| failed(&trouble))?;
-    change_at(context, ground, driver, target, found, wanted, terms).await
+    change_at(context, cfg, driver, target, found, wanted, terms).await
 }
 
-/// The same of a module that was found, wherever that is.
+/// The same for a module that was found, possibly at another place.
 pub(super) async fn change_at(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     driver: &mut Driver<'_>,
     target: &Target,
     found: Found,
@@ -245,7 +245,7 @@ pub(super) async fn change_at(
         .run(change(job))
         .await
         .map_err(|trouble| failed(&trouble))?;
-    finish(context, ground, driver, target, number, &end)?;
+    finish(context, cfg, driver, target, number, &end)?;
     match end {
         Ended::Same(found) | Ended::Done(found) => Ok(Some(Changed {
             target: target.clone(),
@@ -254,22 +254,22 @@ pub(super) async fn change_at(
             before,
             same: false,
         })),
-        // Everything else was told as a failure.
+        // All other results were reported as failures.
         _ => Ok(None),
     }
 }
 
-/// A change of the same module whose end is not known.
+/// An unfinished change of the same module.
 fn open_before(driver: &mut Driver<'_>, module: &str) -> Option<u64> {
     let open = driver.store()?.log().open();
     let of_module = open.iter().find(|record| record.module == module);
     of_module.map(|record| record.change)
 }
 
-/// The configuration's file follows the module wherever it was found, then its end is told.
+/// Updates the configuration file wherever the module was found, then reports how the change ended.
 pub(super) fn finish(
     context: &Context,
-    ground: &Ground,
+    cfg: &ConfigContext,
     driver: &mut Driver<'_>,
     target: &Target,
     number: u64,
@@ -284,13 +284,13 @@ pub(super) fn finish(
             .store()
             .map(|store| store.log().change(number).last().cloned());
         let last = log.flatten();
-        file::follow(context, ground, driver, last, &target.name, found.place)?;
+        file::follow(context, cfg, driver, last, &target.name, found.place)?;
     }
     outcome::ended(context.lang, target, number, end)
 }
 
-/// A serial server keeps its own speed, and a pseudo-terminal knows no parity: who changes the
-/// module's would lose it.
+/// Refuses a change that the port can't follow: a serial server has its own speed, and a
+/// pseudo-terminal no parity. The module would be lost.
 pub(super) fn follows_port(
     context: &Context,
     target: &Target,
@@ -304,7 +304,7 @@ pub(super) fn follows_port(
     Err(failure.because(&target.port))
 }
 
-/// What would change, and the frames of it.
+/// The changes and their frames.
 fn show(
     context: &Context,
     target: &Target,
@@ -354,7 +354,7 @@ fn show(
     out::result(lang, &records.render(context.format))
 }
 
-/// What was changed, for people and programs.
+/// Reports the changes, for people and programs.
 pub(super) fn tell(context: &Context, all: Vec<Changed>) -> Result<(), Failure> {
     let lang = context.lang;
     let mut table = Table::bare();

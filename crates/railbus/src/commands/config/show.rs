@@ -1,9 +1,9 @@
-//! `railbus config show` and `get`: the settings of modules, as they keep them now.
+//! `railbus config show` and `get`: the settings that are stored in modules.
 
+use super::config_context::{ConfigContext, state_flag};
 use super::drive::Driver;
-use super::ground::{Ground, state_flag};
 use super::texts::ConfigText;
-use crate::cli;
+use crate::args;
 use crate::commands::Context;
 use crate::texts::Text;
 use clap::{Arg, ArgMatches, Command};
@@ -26,13 +26,13 @@ pub(super) const NAME: &str = "show";
 pub(super) const GET: &str = "get";
 
 pub(super) fn define(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         NAME,
         ConfigText::ShowAbout,
         "railbus config show [MODULE…]",
     )
-    .before_help(cli::examples(lang, ConfigText::ShowExamples))
+    .before_help(args::examples(lang, ConfigText::ShowExamples))
     .arg(
         Arg::new("MODULE")
             .help(lang.get(ConfigText::Modules))
@@ -42,13 +42,13 @@ pub(super) fn define(lang: Lang) -> Command {
 }
 
 pub(super) fn define_get(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         GET,
         ConfigText::GetAbout,
         "railbus config get MODULE SETTING…",
     )
-    .before_help(cli::examples(lang, ConfigText::GetExamples))
+    .before_help(args::examples(lang, ConfigText::GetExamples))
     .arg(
         Arg::new("MODULE")
             .help(lang.get(ConfigText::Module))
@@ -69,13 +69,13 @@ pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     print(lang, matches, &names, &|_| true)
 }
 
-/// The same of single settings.
+/// The same for single settings.
 pub(super) fn get(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
+    let cfg = ConfigContext::of(&context, matches)?;
     let names = words(matches, "MODULE");
     let wanted = words(matches, "SETTING");
-    for target in ground.targets(&context, &names)? {
+    for target in cfg.targets(&context, &names)? {
         let known: Vec<String> = settings(&target.setup)
             .iter()
             .map(|(key, _)| key.to_string())
@@ -90,7 +90,7 @@ pub(super) fn get(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     })
 }
 
-/// The words of an argument.
+/// The values of an argument.
 pub(super) fn words(matches: &ArgMatches, name: &str) -> Vec<String> {
     matches
         .get_many::<String>(name)
@@ -107,8 +107,8 @@ fn print(
     wanted: &dyn Fn(Key) -> bool,
 ) -> Result<(), Failure> {
     let context = Context::of(lang, matches)?;
-    let ground = Ground::of(&context, matches)?;
-    let targets = ground.targets(&context, names)?;
+    let cfg = ConfigContext::of(&context, matches)?;
+    let targets = cfg.targets(&context, names)?;
     let several = targets.len() > 1;
     let mut head = vec![
         ConfigText::HeadSetting,
@@ -150,8 +150,8 @@ fn print(
     failed.map_or(Ok(()), Err)
 }
 
-/// Reads modules, those of one line one after the other. Those that can't be read are told
-/// together, when the others have been shown.
+/// Reads modules, those of one line one after the other. Those that can't be read are reported
+/// together after the others.
 pub(super) async fn read_all(
     context: &Context,
     targets: Vec<Target>,
@@ -184,7 +184,7 @@ pub(super) async fn read_all(
     (founds, failed)
 }
 
-/// What the failures amount to: the first of them where nothing was read at all.
+/// Combines failures into one: the first of them if nothing was read at all.
 fn together(
     context: &Context,
     count: usize,

@@ -1,4 +1,4 @@
-//! What the commands of the group say.
+//! The texts of `railbus config`.
 
 use railbus_words::texts;
 

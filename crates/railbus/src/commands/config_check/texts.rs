@@ -1,4 +1,4 @@
-//! What `railbus config check` and `config path` say.
+//! The texts of `railbus config check` and `config path`.
 
 railbus_words::texts! {
     pub(crate) ConfigCheckText;

@@ -1,4 +1,4 @@
-//! Frames that datasheets print wrong.
+//! Frames that are misprinted in datasheets.
 
 use railbus_words::Lang;
 
@@ -45,7 +45,7 @@ const KNOWN: &[Known] = &[
     },
 ];
 
-/// The misprint that these bytes are.
+/// The misprint with these bytes.
 pub(super) fn find(bytes: &[u8]) -> Option<&'static Known> {
     KNOWN.iter().find(|known| known.bytes == bytes)
 }

@@ -1,4 +1,4 @@
-//! Which lines are looked at.
+//! Which lines are checked.
 
 use crate::commands::Context;
 use railbus_app::doctor::line::Chosen;
@@ -10,7 +10,7 @@ use railbus_words::Code;
 /// The lines of a configuration, or the one that `-l` names.
 ///
 /// # Errors
-/// Where there is no line of that name.
+/// If there is no line of that name.
 pub(super) fn chosen(context: &Context, config: &Config) -> Result<Vec<Chosen>, Failure> {
     if let Some(wanted) = context
         .line
@@ -40,7 +40,7 @@ pub(super) fn chosen(context: &Context, config: &Config) -> Result<Vec<Chosen>, 
     Ok(chosen.collect())
 }
 
-/// The failure of naming a line that there is not.
+/// The failure for a line that does not exist.
 pub(super) fn no_line<'n>(
     context: &Context,
     wanted: &str,

@@ -26,7 +26,7 @@ pub(super) async fn check(lang: Lang, named: Option<&Path>, user: &User) -> Vec<
     found
 }
 
-/// Why no daemon is asked, and no line opened here instead.
+/// Why the daemon is not used, and no line is opened here instead.
 pub(super) fn refused(why: &Failure) -> Finding {
     let code = match why.code() {
         Code::OtherSite => "D507",
@@ -35,7 +35,7 @@ pub(super) fn refused(why: &Failure) -> Finding {
     Finding::error(Section::Daemon, code, why.why().join(" · "))
 }
 
-/// What is to be said of a socket; nothing where there is none.
+/// The findings about a socket; none if it does not exist.
 async fn of_socket(lang: Lang, path: &PathBuf, user: &User) -> Vec<Finding> {
     let Ok(about) = std::fs::symlink_metadata(path) else {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! Mending: the exact commands are shown, and run only after a yes.
+//! Fixes: the exact commands are shown, and only run after a yes.
 
 use super::texts::DoctorText;
 use crate::commands::Context;
@@ -31,7 +31,7 @@ pub(super) fn run(context: &Context, found: &[Finding], yes: bool) -> Result<(),
     Ok(())
 }
 
-/// Asks at the terminal; where there is none, nobody can say yes.
+/// Asks at the terminal; no if there is none.
 fn agreed(context: &Context) -> Result<bool, Failure> {
     let lang = context.lang;
     let stdin = std::io::stdin();
@@ -39,7 +39,7 @@ fn agreed(context: &Context) -> Result<bool, Failure> {
         let message = lang.get(DoctorText::NobodyToAsk).to_owned();
         return Err(Failure::new(Code::NeedsYes, message).with_try("railbus doctor --fix --yes"));
     }
-    // Where stderr is gone, so is whoever would be asked.
+    // If stderr is closed, the user does not see the question either.
     let _ = write!(std::io::stderr(), "{} ", lang.get(DoctorText::Ask));
     let mut answer = String::new();
     let read = stdin.lock().read_line(&mut answer);
@@ -47,7 +47,7 @@ fn agreed(context: &Context) -> Result<bool, Failure> {
     Ok(["y", "yes", "是"].contains(&answer.trim().to_lowercase().as_str()))
 }
 
-/// What it prints goes to stderr: stdout is for the findings.
+/// The command's output goes to stderr: stdout is for the findings.
 fn run_one(context: &Context, command: &str) -> Result<(), Failure> {
     let lang = context.lang;
     let failed = |why: String| {

@@ -1,4 +1,4 @@
-//! The lines and modules of a daemon, as it sees them: nobody else may open them.
+//! The lines and modules of a daemon, as it reports them: no other program can open them.
 
 use super::chosen::no_line;
 use crate::backend::Backend;
@@ -7,18 +7,18 @@ use railbus_api::types::{ModuleInfo, ModuleState};
 use railbus_app::doctor::{Finding, Section, told};
 use railbus_app::failure::Failure;
 
-/// What the daemon knows of its lines and modules.
+/// The findings about the daemon's lines and modules.
 ///
 /// # Errors
-/// Where there is no line of that name.
+/// If there is no line of that name.
 pub(super) async fn examine(context: &Context, backend: &Backend) -> Result<Vec<Finding>, Failure> {
     let (lines, mut modules) = (backend.lines().await, backend.modules().await);
-    // Nobody is blamed who was not asked.
+    // Modules that were never read are read before they are reported.
     let is_new = |module: &&ModuleInfo| module.state == ModuleState::Unheard;
     let new = modules.iter().flatten().filter(is_new);
     let new: Vec<String> = new.map(|module| module.module.clone()).collect();
     if !new.is_empty() {
-        // What came of it, the modules say.
+        // The result shows in the state of the modules.
         let _ = backend.points(&new, true).await;
         modules = backend.modules().await;
     }

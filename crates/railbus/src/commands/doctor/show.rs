@@ -1,4 +1,4 @@
-//! Findings as people and programs read them.
+//! Shows findings to people and programs.
 
 use super::texts::DoctorText;
 use crate::commands::Context;
@@ -47,7 +47,7 @@ pub(super) fn result(context: &Context, found: &[Finding]) -> Result<(), Failure
     out::result(lang, &text)
 }
 
-/// Section by section; marks carry words for those who see no colours.
+/// Section by section; marks have words beside them for readers without colours.
 fn page(lang: Lang, found: &[Finding], paint: Paint) -> String {
     let heads = [
         Section::System,

@@ -1,4 +1,4 @@
-//! What `railbus doctor` says beside the table of findings.
+//! The texts of `railbus doctor` besides the table of findings.
 
 railbus_words::texts! {
     pub(crate) DoctorText;

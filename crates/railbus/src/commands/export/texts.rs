@@ -1,4 +1,4 @@
-//! What `railbus export` says.
+//! The texts of `railbus export`.
 
 railbus_words::texts! {
     pub(crate) ExportText;

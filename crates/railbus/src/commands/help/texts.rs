@@ -1,4 +1,4 @@
-//! What `railbus help` says.
+//! The texts of `railbus help`.
 
 railbus_words::texts! {
     pub(crate) HelpText;
@@ -46,7 +46,7 @@ The daemon is found by its socket: --socket, RAILBUS_SOCKET, or railbus.sock in 
 /run/railbus or the user's temporary folder; RAILBUS_RUN sets a folder that replaces these. If
 the daemon serves a different configuration than the one found here, the command is refused:
 name the site with --socket or --config.",
-        zh: "总线、模块和测点的名称
+        zh: "总线、模块和点位的名称
 
   -l main                     railbus.toml 中的总线
   -l /dev/ttyUSB0             串口；最好用固定名称 /dev/serial/by-id/…
@@ -54,8 +54,8 @@ name the site with --socket or --config.",
   -l mbtcp:10.0.0.5           Modbus TCP 网关；默认端口 502
   -l pty:/tmp/railbus-main    伪终端，例如 railbus sim 所建
 
-  pump                        模块；即其所有测点
-  pump.do0                    测点：标签与模块上所印一致
+  pump                        模块；即其所有点位
+  pump.do0                    点位：标签与模块上所印一致
   '*.di*'                     通配；须加引号，以免被 shell 展开
   yard 1,3=on                 按端子编号指定输出；也可写 1-3=on
 
@@ -162,7 +162,7 @@ scan、get、ls、watch 和 doctor 只读取。set 加 -n 只显示报文而不�
 “完成”指模块已确认。已应答但回读不一致时退出码为 6；没有应答而命令可能已执行时，错误信息会说明。
 不可重复的命令（翻转、点动）不会自动重发。
 
-配置中测点的 locked = true 禁止任何命令和程序写入。
+配置中点位的 locked = true 禁止任何命令和程序写入。
 
 Ctrl-C 会等线路上的报文结束，并断开由本程序计时的点动输出。若被强行终止，由本程序计时的点动会保持
 接通；守护进程（railbus serve）或自行计时的模块则不会。

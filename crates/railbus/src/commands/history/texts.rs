@@ -1,11 +1,11 @@
-//! What `railbus history` says.
+//! The texts of `railbus history`.
 
 railbus_words::texts! {
     pub(crate) HistoryText;
 
     About {
         en: "Show the recorded values of a point (kept by the daemon).",
-        zh: "显示守护进程保存的测点历史值。",
+        zh: "显示守护进程保存的点位历史值。",
     }
     Examples {
         en: "  railbus history tank.ai1
@@ -19,7 +19,7 @@ railbus_words::texts! {
   railbus history tank.ai1 --since 12h --step 10m
   railbus history tank.ai1 --since 08:00 --until 16:30 -o csv > tank.csv",
     }
-    Point { en: "A point, such as pump.do0", zh: "测点，例如 pump.do0" }
+    Point { en: "A point, such as pump.do0", zh: "点位，例如 pump.do0" }
     Since {
         en: "Start: \"2026-11-22 08:00\", 08:00, or 30m, 12h, 7d ago; default 1h",
         zh: "起始：\"2026-11-22 08:00\"、08:00，或 30m、12h、7d 之前；默认 1h",

@@ -9,7 +9,7 @@ use railbus_words::Lang;
 use serde_json::json;
 
 pub(super) fn records(lang: Lang) -> Records {
-    // Title, addresses, speeds, protocols.
+    // Columns that may be dropped: title, addresses, speeds, protocols.
     let mut table = Table::new(lang.get(Text::LsModelsHead).split('|')).spare(&[1, 5, 7, 6]);
     let mut rows = Vec::new();
     for family in Family::ALL {

@@ -1,4 +1,4 @@
-//! The serial ports of this machine. To list them opens none.
+//! The serial ports of this machine. Listing them opens none.
 
 use crate::texts::Text;
 use railbus_app::machine::{Machine, ports};
@@ -9,7 +9,7 @@ use railbus_words::time;
 use serde_json::json;
 
 pub(super) fn records(lang: Lang, machine: &Machine) -> Records {
-    // Latency, since when, driver, holder.
+    // Columns that may be dropped: latency, since when, driver, holder.
     let mut table = Table::new(lang.get(Text::LsPortsHead).split('|')).spare(&[2, 4, 1, 3]);
     let mut rows = Vec::new();
     for port in ports::adapters(machine) {

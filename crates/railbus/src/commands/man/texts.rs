@@ -1,4 +1,4 @@
-//! What `railbus man` says.
+//! The texts of `railbus man`.
 
 railbus_words::texts! {
     pub(crate) ManText;

@@ -1,6 +1,6 @@
-//! Bytes that are no request of any protocol. The line's master sends none of them: it could not
-//! know what may answer. So nothing is made of what comes back, and for as long as a reply can be
-//! late the line is only listened to, before and after.
+//! Bytes that are no request of any protocol. The line's master does not send them, since it can't
+//! know what might answer. Their reply is not interpreted, and before and after, nothing is sent
+//! for as long as a reply may be late.
 
 use super::Answer;
 use crate::commands::Context;
@@ -11,14 +11,14 @@ use railbus_wire::Micros;
 use std::time::Duration;
 use tokio::time::{Instant, timeout_at};
 
-/// Silence that ends a reply; adapters hand it over in pieces.
+/// The silence that ends a reply; adapters deliver it in pieces.
 const SILENCE: Duration = Duration::from_millis(50);
-/// After so long no late reply comes any more.
+/// After this time no late reply can arrive.
 const LATE: Duration = Duration::from_millis(500);
-/// Something that never stops talking is not listened to for ever.
+/// The most bytes that are read, should something never stop sending.
 const BYTES_MAX: usize = 600;
 
-/// Sends them, and says what comes back.
+/// Sends them, and returns what comes back.
 pub(super) async fn ask(
     context: &Context,
     place: &Place,
@@ -44,7 +44,7 @@ pub(super) async fn ask(
     let sent = Instant::now() + micros(settings.frame_time(frame.len()));
     let heard = hear(&mut port, sent + micros(timeout), SILENCE, frame).await;
     let (bytes, last) = heard.map_err(lost)?;
-    // What comes now is for nobody, and must not meet whoever opens the port next.
+    // What arrives now is no reply, and must not reach the next program that opens the port.
     let rest = hear(&mut port, sent + LATE, Duration::ZERO, &[]).await;
     rest.map_err(lost)?;
     port.close();
@@ -56,8 +56,8 @@ pub(super) async fn ask(
     })
 }
 
-/// Hears until the first byte is overdue, or it has been silent for a while; says when the last
-/// byte came. An echo of what was sent is not the reply that is waited for.
+/// Receives until the first byte is overdue, or until it has been silent for a while; returns when
+/// the last byte came. An echo of the request does not count as the reply.
 async fn hear(
     port: &mut AnyPort,
     deadline: Instant,
@@ -84,7 +84,8 @@ async fn hear(
     Ok((heard, last))
 }
 
-/// Where more follows than what was sent, that is an echo. Alone it may be a reply.
+/// Removes the echo: if more follows than what was sent, the first bytes are an echo. Alone they
+/// may be a reply.
 fn without_echo(mut heard: Vec<u8>, sent: &[u8]) -> Vec<u8> {
     if heard.len() > sent.len() && heard.starts_with(sent) {
         heard.drain(..sent.len());

@@ -1,4 +1,4 @@
-//! The host of a capture: its requests are sent again, and what comes back is compared.
+//! Plays back the host of a capture: sends its requests again and compares the replies.
 
 use super::script::{PAUSE_MAX, Played, Script};
 use super::{Allowed, ReplayText, faster};
@@ -9,29 +9,26 @@ use crate::commands::stop::{self, Stop};
 use railbus_app::failure::Failure;
 use railbus_app::frames::meaning;
 use railbus_app::render::{out, records};
-use railbus_commission::{request, stowaway};
-use railbus_wire::{Exchange, Micros};
+use railbus_commission::request;
+use railbus_wire::{Exchange, REPLY_TIMEOUT, foreign_command};
 use railbus_words::hex;
 use serde_json::json;
 use std::ops::ControlFlow;
 use std::time::Duration;
 use tokio::time::sleep;
 
-/// How long a reply may take to begin, unless the flags say otherwise.
-const TIMEOUT: Micros = Micros::from_millis(300);
-
-/// What came of a request.
+/// The outcome of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum End {
     Same,
     Differs,
-    /// It was answered then and is not now.
+    /// It was answered in the capture, but not now.
     Silent,
-    /// It may not be sent.
+    /// It is not allowed to be sent.
     Skipped,
 }
 
-/// How many of each.
+/// The number of each outcome.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Ends {
     pub(super) same: u64,
@@ -39,7 +36,7 @@ pub(super) struct Ends {
     pub(super) skipped: u64,
 }
 
-/// Sends what is allowed, once or again and again.
+/// Sends what is allowed, once or repeatedly.
 pub(super) async fn play(
     context: &Context,
     place: &Place,
@@ -62,7 +59,7 @@ async fn play_on(
     allowed: Allowed,
     stop: &mut Stop,
 ) -> Result<Ends, Failure> {
-    let timeout = context.timeout.unwrap_or(TIMEOUT);
+    let timeout = context.timeout.unwrap_or(REPLY_TIMEOUT);
     let mut ends = Ends::default();
     let protocols = script.protocols();
     loop {
@@ -72,18 +69,20 @@ async fn play_on(
             if stop.or(sleep(pause)).await.is_none() {
                 return Err(stop::interrupted(context));
             }
-            // What the line's master can't send as it was is not sent, either.
+            // A request that the line's master can't send byte for byte is not sent.
             let exact = |asked: Exchange<'_>| request(asked.protocol(), &played.request);
             let exchange = played.exchange().and_then(exact);
-            // What a module of another protocol would obey is not sent, whatever was said.
+            // A request that a module of another protocol would obey is never sent, whatever the
+            // flags say.
             let clean = |asked: &Exchange<'_>| {
-                stowaway(&played.request, asked.protocol(), &protocols).is_none()
+                let others = protocols.iter().copied();
+                foreign_command(&played.request, asked.protocol(), others).is_none()
             };
             let sent = exchange.filter(|asked| allowed.covers(asked) && clean(asked));
             let (heard, end) = match sent {
                 None => (Vec::new(), End::Skipped),
                 Some(asked) => {
-                    // A frame on the wire is not cut off: a stop waits for the reply.
+                    // A frame on the wire is not cut off: Ctrl-C waits for the reply.
                     let met = line.ask(asked, timeout).await?;
                     let end = compared(played, &met.bytes);
                     (met.bytes, end)

@@ -1,4 +1,4 @@
-//! The modules of a capture: requests are answered as they were then.
+//! Plays back the modules of a capture: answers requests as they were answered then.
 
 use super::script::{PAUSE_MAX, Reply, Script};
 use super::{ReplayText, faster};
@@ -9,14 +9,14 @@ use crate::commands::stop::{self, Stop};
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_host::{AnyPort, Port, PortError, SerialOptions};
-use railbus_sniff::{Heard, Input, Listener, Output, Role};
+use railbus_sniff::{FrameRole, Heard, Input, Listener, Output};
 use railbus_wire::Instant;
 use railbus_words::hex;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-/// What was answered to one request, in order, and whose turn it is.
+/// The replies to one request, in order, and which is next.
 #[derive(Debug, Default)]
 struct Answers {
     all: Vec<Option<Reply>>,
@@ -24,7 +24,7 @@ struct Answers {
 }
 
 impl Answers {
-    /// The next answer; after the last one that again, or the first where it goes round.
+    /// The next reply; after the last one the last again, or the first with `round`.
     fn take(&mut self, round: bool) -> Option<Reply> {
         let answer = self.all.get(self.next).cloned().flatten();
         let last = self.next + 1 >= self.all.len();
@@ -37,7 +37,7 @@ impl Answers {
     }
 }
 
-/// Answers until it is stopped, or has answered `count` requests.
+/// Replies until it is stopped, or has answered `count` requests.
 pub(super) async fn play(
     context: &Context,
     place: &Place,
@@ -72,14 +72,14 @@ pub(super) async fn play(
                 Output::Heard(Heard::Missing(_)) => {}
                 Output::Heard(Heard::Frame(frame)) => {
                     let asked = frame.readings.first().and_then(|reading| reading.role);
-                    if asked != Some(Role::Request) {
+                    if asked != Some(FrameRole::Request) {
                         continue;
                     }
                     let known = answers.get_mut(frame.bytes.as_slice());
                     let reply = known.and_then(|answers| answers.take(round));
                     if let Some(reply) = &reply {
                         let wait = faster(reply.after.0.min(PAUSE_MAX.0), speed);
-                        // From the request's end, some of which has passed already.
+                        // Counted from the end of the request, which is some time ago already.
                         let at = Instant(frame.end.0.saturating_add(wait));
                         tokio::time::sleep(clock.until(at)).await;
                         port.send(&reply.bytes, place.settings).map_err(lost)?;

@@ -1,9 +1,9 @@
-//! What a capture file says was asked and answered.
+//! The requests and replies of a capture file.
 
 use crate::commands::Context;
-use crate::commands::sniff::{Came, Capture, Ear};
+use crate::commands::sniff::{Capture, ListenedLine, Received};
 use railbus_app::failure::Failure;
-use railbus_sniff::{Frame, Heard, Input, Output, Reading, Role};
+use railbus_sniff::{Frame, FrameRole, Heard, Input, Output, Reading};
 use railbus_wire::{Exchange, Instant, Micros, Protocol, Settings};
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -11,22 +11,22 @@ use std::path::Path;
 
 use super::ReplayText;
 
-/// The most exchanges that are played.
+/// The most exchanges that are played back.
 const EXCHANGES_MAX: usize = 100_000;
-/// The longest pause that is waited for.
+/// The longest pause that is kept.
 pub(super) const PAUSE_MAX: Micros = Micros::from_secs(60);
 
-/// A request as it was heard, and what came back.
+/// A request as captured, and its reply.
 #[derive(Clone, Debug)]
 pub(super) struct Played {
-    /// From the end of what came before to its beginning.
+    /// The time from the end of the previous frame to its beginning.
     pub(super) pause: Micros,
     pub(super) request: Vec<u8>,
     reading: Reading,
     pub(super) reply: Option<Reply>,
 }
 
-/// What came back, right or wrong, and how long after the request.
+/// The reply, right or wrong, and how long after the request it came.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Reply {
     pub(super) after: Micros,
@@ -34,7 +34,7 @@ pub(super) struct Reply {
 }
 
 impl Played {
-    /// What was asked; none where that is not known here.
+    /// The request; none if its protocol is unknown.
     pub(super) fn exchange(&self) -> Option<Exchange<'_>> {
         self.reading.request(&self.request)
     }
@@ -49,7 +49,7 @@ pub(super) struct Script {
 }
 
 impl Script {
-    /// The protocols that requests were made in.
+    /// The protocols of the requests.
     pub(super) fn protocols(&self) -> Vec<Protocol> {
         let spoken = |protocol: &Protocol| {
             let mut played = self.played.iter();
@@ -61,21 +61,24 @@ impl Script {
     pub(super) fn read(context: &Context, path: &Path) -> Result<Script, Failure> {
         let mut capture = Capture::open(context, path)?;
         let mut first = None;
-        let mut script: Option<(Script, Ear)> = None;
-        while let Some((line, came)) = capture.next(context)? {
+        let mut script: Option<(Script, ListenedLine)> = None;
+        while let Some((line, received)) = capture.next(context)? {
             if *first.get_or_insert(line) != line {
                 continue;
             }
-            let (script, ear) = script.get_or_insert_with(|| {
+            let (script, listened) = script.get_or_insert_with(|| {
                 let wire = capture.wire(line);
                 let script = Script {
                     settings: wire.settings,
                     played: Vec::new(),
                     last: Instant(0),
                 };
-                (script, Ear::new(wire.name, wire.settings, context.timeout))
+                (
+                    script,
+                    ListenedLine::new(wire.name, wire.settings, context.timeout),
+                )
             });
-            script.hear(ear, &came);
+            script.hear(listened, &received);
             if script.played.len() > EXCHANGES_MAX {
                 return Err(unplayable(context.lang, ReplayText::TooLong));
             }
@@ -86,16 +89,16 @@ impl Script {
         }
     }
 
-    fn hear(&mut self, ear: &mut Ear, came: &Came) {
-        match came {
-            Came::Sent(at, bytes) => ear.listener.handle(*at, Input::Sent(bytes)),
-            Came::Bytes(at, bytes) | Came::Whole(at, bytes) => {
-                ear.listener.handle(*at, Input::Bytes(bytes));
-                ear.listener.handle(*at, Input::Silence);
+    fn hear(&mut self, listened: &mut ListenedLine, received: &Received) {
+        match received {
+            Received::Sent(at, bytes) => listened.listener.handle(*at, Input::Sent(bytes)),
+            Received::Bytes(at, bytes) | Received::Whole(at, bytes) => {
+                listened.listener.handle(*at, Input::Bytes(bytes));
+                listened.listener.handle(*at, Input::Silence);
             }
-            Came::Lost(_) => {}
+            Received::Lost(_) => {}
         }
-        while let Output::Heard(heard) = ear.listener.poll() {
+        while let Output::Heard(heard) = listened.listener.poll() {
             if let Heard::Frame(frame) = heard {
                 self.add(frame);
             }
@@ -110,13 +113,13 @@ impl Script {
         self.last = frame.end;
         let best = frame.readings.first().copied();
         match best {
-            Some(reading) if reading.role == Some(Role::Request) => self.played.push(Played {
+            Some(reading) if reading.role == Some(FrameRole::Request) => self.played.push(Played {
                 pause,
                 request: frame.bytes,
                 reading,
                 reply: None,
             }),
-            // Whatever came after a request is played as its reply, damage and all.
+            // Whatever followed a request is played as its reply, damaged or not.
             _ => {
                 let open = self
                     .played

@@ -1,4 +1,4 @@
-//! What `replay` says.
+//! The texts of `replay`.
 
 railbus_words::texts! {
     pub(crate) ReplayText;

@@ -1,7 +1,7 @@
-//! What was found is written into the configuration, where the user wants it.
+//! Adds the modules found to the configuration, if the user wants that.
 
+use super::options::Options;
 use super::texts::ScanText;
-use super::wish::Wanted;
 use crate::backend::Remote;
 use crate::commands::Context;
 use crate::commands::place::Place;
@@ -10,7 +10,7 @@ use railbus_app::failure::Failure;
 use railbus_app::render::out;
 use railbus_app::scan::setup;
 use railbus_commission::scan::Found;
-use railbus_device::{Family, Setup};
+use railbus_device::Setup;
 use railbus_site::Config;
 use railbus_site::config::add::{NewLine, free_name, with_modules};
 use railbus_site::config::edit;
@@ -18,15 +18,15 @@ use railbus_words::Code;
 use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
-/// The name of a line that only its port is known of.
+/// The name of a line of which only the port is known.
 const LINE: &str = "main";
 
-/// Writes the modules that are new and known.
+/// Adds the modules that are new and whose model is known.
 pub(super) fn add(
     context: &Context,
     place: &Place,
     found: &[Found],
-    wanted: &Wanted,
+    options: &Options,
 ) -> Result<(), Failure> {
     let lang = context.lang;
     let failed = |file: &Path, why: &dyn std::fmt::Display| {
@@ -45,7 +45,7 @@ pub(super) fn add(
         .then(|| place.line.clone());
     let name = named.or_else(|| by_port.into_iter().next());
     let name = name.unwrap_or_else(|| line_name(&config, &place.line));
-    let modules = new_modules(&config, &name, found, wanted);
+    let modules = new_modules(&config, &name, found, options);
     if modules.is_empty() {
         context.note(lang.get(ScanText::NothingNew));
         return Ok(());
@@ -57,12 +57,12 @@ pub(super) fn add(
     };
     let after = with_modules(&before, line, &modules);
     let after = after.ok_or_else(|| failed(&file, &lang.get(ScanText::NotRightText)))?;
-    if !wanted.yes && !confirmed(context, &file, &before, &after)? {
+    if !options.yes && !confirmed(context, &file, &before, &after)? {
         context.note(lang.get(ScanText::NotWritten));
         return Ok(());
     }
     match daemon {
-        // It brings the new modules into force, too.
+        // The daemon also applies the new modules.
         Some(daemon) => context.block(async {
             let written = daemon.replace_config(&before, &after).await;
             written.map_err(|problem| context.failure(&problem))
@@ -76,8 +76,8 @@ pub(super) fn add(
     let (names, file) = (names.join(", "), file.display());
     context.note(&lang.fill(ScanText::Written, &[("names", &names), ("file", &file)]));
     let boards = modules.iter();
-    let boards = boards.filter(|(_, setup)| setup.family == Family::R55);
-    if let (None, Some((_, first))) = (wanted.outputs, boards.clone().next()) {
+    let boards = boards.filter(|(_, setup)| setup.family.datasheet().channels_vary);
+    if let (None, Some((_, first))) = (options.outputs, boards.clone().next()) {
         let names: Vec<&str> = boards.map(|(name, _)| name.as_str()).collect();
         let names = names.join(", ");
         let told: [(&str, &dyn std::fmt::Display); 2] =
@@ -87,7 +87,7 @@ pub(super) fn add(
     Ok(())
 }
 
-/// The configuration, its text, and the daemon that has it; a new one where there is none.
+/// The configuration, its text, and the daemon that uses it; a new configuration if there is none.
 fn file(context: &Context) -> Result<(PathBuf, String, Option<Remote>), Failure> {
     let (path, daemon) = match context.block(context.files()) {
         Ok(files) => (files.config, files.daemon),
@@ -98,13 +98,13 @@ fn file(context: &Context) -> Result<(PathBuf, String, Option<Remote>), Failure>
         return Ok((path, String::new(), daemon));
     }
     let text = config_file::text_of(&path).map_err(|problem| context.failure(&problem))?;
-    // One with problems is told of, and not touched.
+    // A file with problems is reported, and left alone.
     let read = config_file::read(context.lang, Some(&path));
     read.map_err(|problem| context.failure(&problem))?;
     Ok((path, text, daemon))
 }
 
-/// A name for a line that is new to the file.
+/// A name for a line that is not in the file yet.
 fn line_name(config: &Config, line: &str) -> String {
     let is_slug = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
     let fits = !line.is_empty() && line.len() <= 32 && line.chars().all(is_slug);
@@ -117,22 +117,22 @@ fn line_name(config: &Config, line: &str) -> String {
     free.unwrap_or_else(|| LINE.to_owned())
 }
 
-/// Those of a known family, at addresses that nothing of the file has.
+/// Modules of a known family, at addresses that nothing in the file has.
 fn new_modules(
     config: &Config,
     line: &str,
     found: &[Found],
-    wanted: &Wanted,
+    options: &Options,
 ) -> Vec<(String, Setup)> {
     let mut modules: Vec<(String, Setup)> = Vec::new();
     let mut sorted: Vec<&Found> = found.iter().collect();
     sorted.sort_by_key(|found| found.asked.address);
     for found in sorted {
-        let Some(mut setup) = setup(found, wanted.model) else {
+        let Some(mut setup) = setup(found, options.model) else {
             continue;
         };
-        if setup.family == Family::R55 {
-            setup.outputs = wanted.outputs.unwrap_or(setup.outputs);
+        if setup.family.datasheet().channels_vary {
+            setup.outputs = options.outputs.unwrap_or(setup.outputs);
         }
         let same =
             |other: &Setup| other.address == setup.address && other.protocol == setup.protocol;
@@ -146,7 +146,7 @@ fn new_modules(
     modules
 }
 
-/// Shows what is to be written, and asks.
+/// Shows what would be written, and asks.
 fn confirmed(context: &Context, file: &Path, before: &str, after: &str) -> Result<bool, Failure> {
     let lang = context.lang;
     out::note(&lang.fill(ScanText::WillWrite, &[("file", &file.display())]));

@@ -1,5 +1,5 @@
-//! Who puts a scan's questions on the line: the scan itself, or the daemon that has it. There
-//! they go between its own polls.
+//! Sends a scan's requests: on a line opened here, or through the daemon that has the line. The
+//! daemon sends them between its own polls.
 
 use crate::backend::Backend;
 use crate::commands::Context;
@@ -14,16 +14,16 @@ use railbus_wire::{Frame, Micros, Protocol};
 use railbus_words::Code;
 use railbus_words::hex;
 
-/// Whoever has the line.
+/// What sends the requests.
 pub(super) enum Asked {
-    /// Opened here.
+    /// A line opened here.
     Line(Line),
     /// The daemon has it.
     Daemon(Backend),
 }
 
 impl Asked {
-    /// Opens the line here.
+    /// Opens the line.
     pub(super) async fn open(context: &Context, place: &Place) -> Result<Asked, Failure> {
         let mut config = LineConfig::new(place.port.clone());
         config.serial.settings = place.settings;
@@ -33,7 +33,7 @@ impl Asked {
         Ok(Asked::Line(line))
     }
 
-    /// One question, and what came of it.
+    /// Sends one request and returns its outcome.
     pub(super) async fn probe(
         &self,
         context: &Context,
@@ -96,7 +96,7 @@ async fn ask_daemon(
     })
 }
 
-/// A late reply as the daemon tells it.
+/// A late reply as the daemon reports it.
 fn late(told: &LateAnswer) -> Option<LateReply> {
     let mut protocols = Protocol::ALL.into_iter();
     let protocol = protocols.find(|protocol| protocol.name() == told.protocol)?;

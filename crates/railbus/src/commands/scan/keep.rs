@@ -1,4 +1,4 @@
-//! A scan that was broken off, kept for when it goes on.
+//! Scans that were interrupted, stored so that they can be resumed.
 
 use super::texts::ScanText;
 use crate::commands::Context;
@@ -13,14 +13,14 @@ use serde_json::{Value, json};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// The longest that such a file becomes.
+/// The largest size of such a file, in bytes.
 const LEN_MAX: u64 = 1 << 22;
 
-/// Where a scan is kept that was broken off.
+/// Where the interrupted scan of a line is stored.
 #[derive(Debug)]
 pub(super) struct Keep {
     file: PathBuf,
-    /// The line and everything that was asked for: another scan must not go on with this one.
+    /// The line and all options: a scan is only resumed with the same ones.
     options: String,
 }
 
@@ -34,7 +34,7 @@ impl Keep {
         }
     }
 
-    /// The scan that goes on.
+    /// The scan to resume.
     pub(super) fn resume(&self, context: &Context, scope: Scope) -> Result<Scanner, Failure> {
         let lang = context.lang;
         let none = || {
@@ -54,7 +54,7 @@ impl Keep {
         Ok(scanner(&kept, scope))
     }
 
-    /// Keeps a scan that was broken off; whether that succeeded.
+    /// Stores an interrupted scan; returns whether that succeeded.
     pub(super) fn put(&self, scanner: &Scanner) -> bool {
         let mut kept = of_scanner(scanner);
         kept["schema"] = 1.into();
@@ -67,22 +67,22 @@ impl Keep {
             .is_ok()
     }
 
-    /// Forgets it: the scan came to its end.
+    /// Deletes it: the scan is complete.
     pub(super) fn drop(&self) {
         let _ = std::fs::remove_file(&self.file);
     }
 }
 
-/// Where this line's scans are kept.
+/// Where the scans of this line are stored.
 async fn folder(context: &Context) -> PathBuf {
-    let files = match &context.wanted.ad_hoc {
+    let files = match &context.options.ad_hoc {
         None => context.files().await.ok(),
         Some(_) => None,
     };
     files.map_or_else(|| config_file::state_folder(None), |files| files.state)
 }
 
-/// The line and what is asked for, in words that differ where these do.
+/// The line and the options as text, which differs if any of these differs.
 fn options(place: &Place, wish: &Wish) -> String {
     let names = |list: Option<Vec<String>>| list.map_or("-".to_owned(), |list| list.join(","));
     let told = |list: &Option<Vec<u8>>| {
@@ -136,7 +136,7 @@ fn scanner(kept: &Value, scope: Scope) -> Scanner {
     let place = At {
         run: number("run").unwrap_or_default(),
         asked: number("asked").unwrap_or_default(),
-        // Older files say nothing of it.
+        // Files of older versions don't have it.
         slow: kept["slow"].as_bool().unwrap_or_default(),
     };
     let list = |key: &str| kept[key].as_array().cloned().unwrap_or_default();

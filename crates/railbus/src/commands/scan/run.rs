@@ -1,4 +1,4 @@
-//! The scan itself: puts the questions on the line, until all were asked or it is stopped.
+//! Runs the scan: sends its requests until it is complete or stopped.
 
 use super::asked::Asked;
 use super::show::Live;
@@ -12,13 +12,13 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 use tokio::time::sleep_until;
 
-/// A question that takes so long to be sent and answered waits for a silence that never comes.
+/// A request that takes this long waits for a silence that never comes.
 const UNSENT_MAX: Duration = Duration::from_secs(10);
 
 /// How a scan ended.
 #[derive(Debug)]
 pub(super) enum End {
-    /// All were asked.
+    /// Everything was asked.
     Complete,
     /// Ctrl-C.
     Interrupted,
@@ -26,9 +26,9 @@ pub(super) enum End {
     TimeUp,
     /// The line is never silent.
     Noise,
-    /// Who reads the results has heard enough.
+    /// The output was closed.
     Unread,
-    /// The line or the daemon was lost.
+    /// The line or the daemon failed.
     Lost(Failure),
 }
 
@@ -37,12 +37,12 @@ pub(super) enum End {
 pub(super) struct Report {
     pub(super) scanner: Scanner,
     pub(super) took: Micros,
-    /// What it was thought to take at its beginning.
+    /// The estimated duration at its start.
     pub(super) estimate: Micros,
     pub(super) end: End,
 }
 
-/// Asks everyone.
+/// Runs a scan to its end.
 pub(super) async fn scan(
     context: &Context,
     place: &Place,

@@ -1,8 +1,8 @@
-//! What a scan finds, for people and programs.
+//! Shows what a scan finds, to people and programs.
 
+use super::options;
 use super::run::{End, Report};
 use super::texts::ScanText;
-use super::wish;
 use crate::commands::Context;
 use crate::commands::place::Place;
 use railbus_app::failure::Failure;
@@ -20,19 +20,19 @@ use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::ops::ControlFlow;
 
-/// How wide the bar of the progress is.
+/// The width of the progress bar.
 const BAR: usize = 32;
-/// The widths of the columns that come one after the other.
+/// The widths of the columns, from left to right.
 const WIDTHS: [usize; 7] = [11, 9, 8, 10, 48, 8, 0];
 
-/// What is shown while a scan runs.
+/// Shows a scan while it runs.
 #[derive(Debug)]
 pub(super) struct Live<'c> {
     context: &'c Context,
     place: &'c Place,
-    /// Each module as soon as it is found.
+    /// Prints each module as soon as it is found.
     streams: bool,
-    /// Somebody watches.
+    /// Shows the progress: stderr is a terminal.
     bar: bool,
     headed: bool,
 }
@@ -48,7 +48,7 @@ impl<'c> Live<'c> {
         }
     }
 
-    /// What is to come, and how long it takes.
+    /// Prints what will be scanned and how long it takes.
     pub(super) fn begin(&self, depth: Depth, scanner: &Scanner) {
         let lang = self.context.lang;
         let depth = lang.get(match depth {
@@ -58,7 +58,7 @@ impl<'c> Live<'c> {
         });
         let time = about(lang, scanner.progress().left);
         let port = self.place.port.to_string();
-        // A line that only a flag names is called by its port.
+        // A line that is only known from a flag is called by its port.
         let line = match self.place.line == port {
             true => port,
             false => format!("{}  {port}", self.place.line),
@@ -72,7 +72,7 @@ impl<'c> Live<'c> {
         self.context.note(&lang.fill(ScanText::Begin, values));
     }
 
-    /// A module was found.
+    /// Reports a module that was found.
     pub(super) fn found(&mut self, found: &Found) -> Result<ControlFlow<()>, Failure> {
         if !self.streams {
             return Ok(ControlFlow::Continue(()));
@@ -105,7 +105,7 @@ impl<'c> Live<'c> {
         out::put(lang, &text)
     }
 
-    /// How far the scan is, over the line that said so before.
+    /// Shows the progress, over the line that showed it before.
     pub(super) fn progress(&self, scanner: &Scanner) {
         if !self.bar {
             return;
@@ -127,14 +127,14 @@ impl<'c> Live<'c> {
         let _ = write!(std::io::stderr(), "\r  {text}\x1b[K");
     }
 
-    /// Takes the progress away.
+    /// Clears the progress.
     pub(super) fn clear(&self) {
         if self.bar {
             let _ = write!(std::io::stderr(), "\r\x1b[K");
         }
     }
 
-    /// Everything found; what streams has told it already.
+    /// Prints everything found; with a stream, that was printed already.
     pub(super) fn end(&self, report: &Report, wish: &Wish) -> Result<(), Failure> {
         let lang = self.context.lang;
         let mut found: Vec<&Found> = report.scanner.found().iter().collect();
@@ -164,7 +164,7 @@ impl<'c> Live<'c> {
         Ok(())
     }
 
-    /// The end in words, and what to do next.
+    /// The result in words, and what to do next.
     fn sum_up(&self, report: &Report, wish: &Wish) {
         let (lang, scanner) = (self.context.lang, &report.scanner);
         let found = scanner.found();
@@ -201,7 +201,7 @@ impl<'c> Live<'c> {
             note(&lang.fill(ScanText::Skipped, &[("count", &counts.skipped)]));
         }
         if scanner.is_slow() {
-            let command = wish::with_patience(self.context, wish);
+            let command = options::with_patience(self.context, wish);
             note(&lang.fill(ScanText::NextSlow, &[("command", &command)]));
         }
         if !matches!(report.end, End::Complete | End::Noise | End::Unread) {
@@ -223,7 +223,7 @@ impl<'c> Live<'c> {
             let mut there = found.iter().filter(|found| found.asked.address.0 == *addr);
             there.any(|found| found.known.is_some())
         };
-        // How two of the configuration are parted depends on their model.
+        // What to do about two configured modules depends on their model.
         let (known, new): (Vec<u8>, Vec<u8>) = conflicts.into_iter().partition(is_known);
         for addr in known {
             note(&lang.fill(ScanText::NextRecover, &[("addr", &addr)]));
@@ -234,7 +234,8 @@ impl<'c> Live<'c> {
     }
 }
 
-/// The addresses at which two modules may be, each once: they may be heard in several protocols.
+/// The addresses that more than one module may have, each once: they may answer in several
+/// protocols.
 fn conflicts(scanner: &Scanner) -> Vec<u8> {
     let found = scanner.found().iter().filter(|found| found.is_conflict());
     let mut addresses: Vec<u8> = found.map(|found| found.asked.address.0).collect();
@@ -243,14 +244,14 @@ fn conflicts(scanner: &Scanner) -> Vec<u8> {
     addresses
 }
 
-/// One module, as an event of a stream.
+/// A module as an event of the stream.
 fn event(place: &Place, found: &Found) -> String {
     let mut row = row(place, found);
     row["ev"] = "found".into();
     records::line(row)
 }
 
-/// The end of a stream.
+/// The last event of the stream.
 fn ended(place: &Place, report: &Report) -> String {
     let mut all = summary(place, report);
     all["ev"] = "end".into();
@@ -316,7 +317,8 @@ fn listed(lang: Lang, place: &Place, found: &[&Found], speeds: bool) -> Records 
         true => ScanText::SpeedHead,
         false => ScanText::Head,
     };
-    // Round trip, detail, protocol; the speed comes before them, where it is shown.
+    // Columns that may be dropped: round trip, detail, protocol. The speed is before them, if it is
+    // shown.
     let spare: &'static [usize] = match speeds {
         true => &[5, 4, 2],
         false => &[4, 3, 1],
@@ -336,7 +338,7 @@ fn listed(lang: Lang, place: &Place, found: &[&Found], speeds: bool) -> Records 
     }
 }
 
-/// What people read of a module.
+/// The cells of a module's row.
 fn cells(lang: Lang, found: &Found, speeds: bool) -> Vec<String> {
     let model = found.identity.model.clone();
     let rtt = match found.answers.is_empty() {
@@ -413,7 +415,7 @@ fn detail(lang: Lang, found: &Found) -> String {
     parts.join(lang.of([", ", "，"]))
 }
 
-/// A row whose columns are as wide as it was thought before.
+/// A row with fixed column widths: rows are printed before all of them are known.
 fn row_of(cells: &[String]) -> String {
     let cells = cells.iter().zip(WIDTHS);
     let cells: Vec<String> = cells.map(|(cell, wide)| width::pad(cell, wide)).collect();

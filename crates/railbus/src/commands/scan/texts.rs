@@ -1,4 +1,4 @@
-//! What the scan says.
+//! The texts of `railbus scan`.
 
 railbus_words::texts! {
     pub(crate) ScanText;
@@ -122,7 +122,7 @@ railbus_words::texts! {
     VerdictOk { en: "ok", zh: "正常" }
     VerdictBehaves { en: "ok (by behaviour)", zh: "正常（按行为判断）" }
     VerdictRefused { en: "refused: present, but refuses", zh: "拒绝：在线但不执行" }
-    VerdictCouldBe { en: "could be {models}; not proven", zh: "可能是 {models}，无法证实" }
+    VerdictCouldBe { en: "could be {models}; not proven", zh: "可能是 {models}，无法确定" }
     VerdictOdd { en: "unexpected reply: not a known model", zh: "未知模块：不是 railbus 支持的型号" }
     VerdictGarbled {
         en: "garbled: two modules on one address?",

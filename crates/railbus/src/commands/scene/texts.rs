@@ -1,4 +1,4 @@
-//! What `railbus scene` says.
+//! The texts of `railbus scene`.
 
 railbus_words::texts! {
     pub(crate) SceneText;

@@ -1,4 +1,4 @@
-//! What `railbus schema` says.
+//! The texts of `railbus schema`.
 
 railbus_words::texts! {
     pub(crate) SchemaText;

@@ -1,4 +1,4 @@
-//! `railbus set --all-boards`: every 0x55 board of a line at once (choice 34).
+//! `railbus set --all-boards`: switches every 0x55 board of a line at once (choice 34).
 
 use crate::commands::Context;
 use crate::commands::config::boards::{Line, switch};
@@ -13,7 +13,7 @@ use railbus_app::texts::AppText;
 use railbus_words::Code;
 use serde_json::json;
 
-/// Switches them, and tells what each known one reads back.
+/// Switches them, and reports what each known one reads back.
 pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure> {
     let lang = context.lang;
     let on = matches
@@ -66,7 +66,8 @@ pub(super) fn run(context: &Context, matches: &ArgMatches) -> Result<(), Failure
         table,
     };
     out::result(lang, &records.render(context.format))?;
-    // Nobody answers what is for all: who does not show it now may have done it.
+    // A broadcast is not answered: a board that does not show the state now may still have
+    // switched.
     let failed = states.iter().filter(|(_, state)| !state.as_commanded);
     let perhaps: Vec<String> = failed.map(|(name, _)| name.clone()).collect();
     let failed = perhaps.len();

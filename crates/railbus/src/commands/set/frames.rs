@@ -1,4 +1,4 @@
-//! The frames that `set` would send, for `--dry-run`.
+//! The frames that `set --dry-run` shows.
 
 use super::orders::{Order, State};
 use crate::backend::Backend;
@@ -14,7 +14,7 @@ use railbus_words::Code;
 use railbus_words::hex;
 use serde_json::json;
 
-/// Every frame of orders that follow each other, each time those of one module together.
+/// Every frame of these switching steps, consecutive ones of one module together.
 pub(in crate::commands) async fn show<'o>(
     context: &Context,
     backend: &Backend,
@@ -51,7 +51,7 @@ pub(in crate::commands) async fn show<'o>(
     Ok(records.render(context.format))
 }
 
-/// The ops of one module's orders: each as many outputs as one frame takes.
+/// The ops for the outputs of one module, each with as many as fit into one frame.
 fn ops(context: &Context, module: &Module, group: &[Order]) -> Result<Vec<Op>, Failure> {
     let mut ops = Vec::new();
     let mut left = Bank::default();
@@ -82,7 +82,7 @@ fn ops(context: &Context, module: &Module, group: &[Order]) -> Result<Vec<Op>, F
     Ok(writes)
 }
 
-/// The module as its description tells it.
+/// The module that the API describes.
 fn module_of(info: &ModuleInfo) -> Option<Module> {
     let family = Family::from_name(&info.model)?;
     let protocols = Protocol::ALL.into_iter();

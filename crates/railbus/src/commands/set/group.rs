@@ -1,4 +1,4 @@
-//! `railbus set '@night' off`: a group, in as few frames as can be.
+//! `railbus set '@night' off`: switches a group, in as few frames as possible.
 
 use super::orders::{Order, State};
 use super::{Outcome, Terms, bad_word, conclude, frames, stop, tell};
@@ -10,7 +10,7 @@ use railbus_api::types::{Value, Written};
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
 
-/// Switches the group that the words name.
+/// Switches the group that the arguments name.
 pub(super) fn run(
     context: &Context,
     words: &[String],
@@ -37,7 +37,7 @@ pub(super) fn run(
     let (answer, stopped) = context.block(async {
         let mut stop = stop::Stop::new(context)?;
         let backend = context.open().await?;
-        // After Ctrl-C what is under way ends.
+        // After Ctrl-C the command in progress is finished.
         let (answer, stopped) = {
             let work = backend.set_group(&group, wanted);
             tokio::pin!(work);
@@ -55,7 +55,7 @@ pub(super) fn run(
     conclude(context, outcomes, stopped)
 }
 
-/// The frames that would switch it as it is now, module by module.
+/// The frames that would switch it in its present state, module by module.
 async fn frames_of(
     context: &Context,
     backend: &Backend,
@@ -74,7 +74,7 @@ async fn frames_of(
         GroupValue::Set(false) => State::Off,
         GroupValue::Word(GroupWord::Toggle) => {
             let points = backend.points(&found.members, true).await.map_err(told)?;
-            // As the group itself does it: off where any is on, or may be.
+            // The same rule as for the group itself: off if any output is on, or may be.
             match points
                 .iter()
                 .all(|point| point.value == Some(Value::Bool(false)))
@@ -88,14 +88,13 @@ async fn frames_of(
     for path in &found.members {
         orders.extend(Order::to(path, state));
     }
-    // In how many frames a module is switched does not depend on where it stands in the list.
+    // The number of frames for a module does not depend on its position in the list.
     orders.sort_by(|a, b| a.module.cmp(&b.module));
     let modules = orders.chunk_by(|a, b| a.module == b.module);
     frames::show(context, backend, modules).await
 }
 
-/// The group and what it is to become: `@night off`, `@night=toggle`; or the word that makes no
-/// sense.
+/// The group and its new state: `@night off`, `@night=toggle`; or the word that can't be parsed.
 fn parse(words: &[String]) -> Result<(String, GroupValue), String> {
     let (group, state) = match words {
         [one] => one.split_once('=').ok_or_else(|| one.clone())?,
@@ -110,7 +109,7 @@ fn parse(words: &[String]) -> Result<(String, GroupValue), String> {
     Ok((group.trim_start_matches('@').to_owned(), value))
 }
 
-/// What came of each output.
+/// The outcome for each output.
 pub(in crate::commands) fn outcomes(context: &Context, answer: BatchAnswer) -> Vec<Outcome> {
     let end = |result: BatchResult| match (result.confirmed, result.error) {
         (Some(confirmed), None) => Ok(Written {

@@ -1,9 +1,9 @@
-//! What `set` is asked for: `pump.do0 on`, `yard 1,3=on`, `oven k1=on k2=off k5=toggle`,
-//! `oven all=off`.
+//! The arguments of `set`: `pump.do0 on`, `yard 1,3=on`, `oven k1=on k2=off k5=toggle`, `oven
+//! all=off`.
 
 use railbus_api::types::PointInfo;
 
-/// What an output is to become.
+/// The new state of an output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::commands) enum State {
     On,
@@ -12,7 +12,7 @@ pub(in crate::commands) enum State {
 }
 
 impl State {
-    /// The state of a word, in both languages.
+    /// Parses the name of a state, in either language.
     pub(super) fn from_word(word: &str) -> Option<State> {
         Some(match word.to_ascii_lowercase().as_str() {
             "on" | "1" | "true" | "接通" | "吸合" | "合" => State::On,
@@ -23,17 +23,17 @@ impl State {
     }
 }
 
-/// One output, or several, of a module.
+/// One or several outputs of a module, and their new state.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::commands) struct Order {
-    /// The module; may hold patterns.
+    /// The module; may contain wildcards.
     pub(in crate::commands) module: String,
-    /// The point's label, its number as printed, a pattern, or `all`.
+    /// The point's label, its number as printed, a wildcard pattern, or `all`.
     pub(in crate::commands) point: String,
     pub(in crate::commands) state: State,
 }
 
-/// Reads the words, or gives back the one that makes no sense.
+/// Parses the arguments, or returns the one that can't be parsed.
 pub(super) fn parse(words: &[String]) -> Result<Vec<Order>, String> {
     let mut orders = Vec::new();
     let mut module: Option<&str> = None;
@@ -58,7 +58,7 @@ pub(super) fn parse(words: &[String]) -> Result<Vec<Order>, String> {
         };
         let (module, points) = match (target.split_once('.'), module) {
             (Some((module, points)), _) => (module, points),
-            // A state for a whole module, as in `set oven off`, is not taken: it is `all=off`.
+            // A state for a whole module, as in `set oven off`, is not accepted: it is `all=off`.
             (None, Some(module)) => (module, target),
             (None, None) => return Err(word.to_owned()),
         };
@@ -83,8 +83,8 @@ pub(super) fn parse(words: &[String]) -> Result<Vec<Order>, String> {
 /// The most outputs that a module has.
 const OUTPUTS_MAX: u8 = 32;
 
-/// `1-3` as `1`, `2` and `3`, `k1-k3` and `k1-3` as `k1` and so on; anything else as it is. None
-/// where it can't be a range.
+/// Expands a range: `1-3` to `1`, `2` and `3`, `k1-k3` and `k1-3` to `k1` and so on; anything else
+/// stays as it is. None for an invalid range.
 fn numbered(point: &str) -> Option<Vec<String>> {
     let Some((first, last)) = point.split_once('-') else {
         return Some(vec![point.to_owned()]);
@@ -105,7 +105,7 @@ fn numbered(point: &str) -> Option<Vec<String>> {
 }
 
 impl Order {
-    /// The order for the output of this path.
+    /// The command for the output with this path.
     pub(in crate::commands) fn to(path: &str, state: State) -> Option<Order> {
         let (module, point) = path.split_once('.')?;
         Some(Order {
@@ -120,7 +120,7 @@ impl Order {
         format!("{}.{}", self.module, self.point)
     }
 
-    /// The selector to ask for, where the path is not that of one output already.
+    /// The selector to resolve, unless the path is that of a single output already.
     pub(super) fn needs(&self) -> Option<String> {
         let number = self.point.bytes().all(|byte| byte.is_ascii_digit());
         if number || self.point == "all" {
@@ -131,7 +131,7 @@ impl Order {
         }
     }
 
-    /// The order for one output that there is, if it is meant.
+    /// The command for an existing output, if it is selected.
     pub(super) fn of(&self, output: &PointInfo) -> Option<Order> {
         let label = output
             .label

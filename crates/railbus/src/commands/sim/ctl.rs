@@ -1,7 +1,7 @@
-//! `railbus sim ctl`: orders for a simulator that runs elsewhere.
+//! `railbus sim ctl`: commands for a simulator that runs elsewhere.
 
 use super::texts::SimFlagText;
-use crate::cli;
+use crate::args;
 use clap::{Arg, ArgMatches, Command, value_parser};
 use railbus_app::failure::Failure;
 use railbus_app::render::out;
@@ -15,18 +15,18 @@ use std::time::Duration;
 /// The name of the command.
 pub(super) const NAME: &str = "ctl";
 
-/// An order is carried out at once; who takes longer hangs.
+/// Commands are carried out at once; a simulator that takes longer hangs.
 const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Its parser and help.
 pub(super) fn define(lang: Lang) -> Command {
-    cli::verb(
+    args::verb(
         lang,
         NAME,
         SimFlagText::CtlAbout,
         "railbus sim ctl SOCKET [ORDER]",
     )
-    .before_help(cli::examples(lang, SimFlagText::CtlExamples))
+    .before_help(args::examples(lang, SimFlagText::CtlExamples))
     .arg(
         Arg::new("SOCKET")
             .help(lang.get(SimFlagText::CtlSocket))
@@ -42,7 +42,7 @@ pub(super) fn define(lang: Lang) -> Command {
     )
 }
 
-/// Sends the order, or those on stdin, and shows the answers.
+/// Sends the command, or those on stdin, and prints the answers.
 pub(super) fn run(lang: Lang, matches: &ArgMatches) -> Result<(), Failure> {
     let path: PathBuf = matches.get_one("SOCKET").cloned().unwrap_or_default();
     let words: Vec<&str> = matches
@@ -100,7 +100,7 @@ impl Link {
     }
 }
 
-/// The code and the words of an answer that is an error, in whichever language.
+/// The code and the text of an error, in either language.
 fn refusal(answer: &str) -> Option<(Code, &str)> {
     let head = ["error[", "错误["];
     let rest = head.iter().find_map(|head| answer.strip_prefix(head))?;

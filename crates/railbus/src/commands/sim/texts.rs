@@ -1,4 +1,4 @@
-//! What `railbus sim` and its help say.
+//! The texts of `railbus sim` and its help.
 
 railbus_words::texts! {
     pub(crate) SimFlagText;

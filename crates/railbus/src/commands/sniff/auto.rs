@@ -1,6 +1,6 @@
-//! Speed and parity found by listening: at each in turn, until bytes make frames.
+//! Finds baud rate and parity by listening with each in turn, until bytes make frames.
 
-use super::source::{Came, Clock, Listening};
+use super::source::{Clock, Listening, Received};
 use super::texts::SniffText;
 use crate::commands::place::Place;
 use crate::commands::{Context, stop};
@@ -13,7 +13,7 @@ use railbus_wire::{Baud, Character, Instant, Micros, Protocol, Settings};
 use railbus_words::Code;
 use serde_json::json;
 
-/// Speeds in the order in which they are met with.
+/// Baud rates, the most common ones first.
 const BAUDS: [Baud; 8] = [
     Baud::B9600,
     Baud::B115200,
@@ -24,38 +24,38 @@ const BAUDS: [Baud; 8] = [
     Baud::B2400,
     Baud::B1200,
 ];
-/// How long one is listened to, from the first byte on.
+/// How long to listen with one setting, from the first byte on.
 const DWELL: Micros = Micros::from_millis(700);
-/// How long a first byte may take.
+/// How long to wait for a first byte.
 const QUIET_MAX: Micros = Micros::from_secs(10);
-/// So many right frames end a round early.
+/// This many valid frames end a round early.
 const ENOUGH: u64 = 8;
-/// So many bytes before the first right frame may be what was left of another.
+/// This many bytes before the first valid frame may be the rest of another frame.
 const LEAD_MAX: u64 = 64;
-/// With so many it is sure, if hardly anything else was heard.
+/// With this many valid frames the result is certain, if hardly anything else was received.
 const SURE: u64 = 5;
 
-/// What a speed and format made of the line.
+/// What was received with one baud rate and format.
 #[derive(Clone, Copy, Debug)]
 struct Round {
     settings: Settings,
-    /// Bytes heard, and those of them in right frames.
+    /// Bytes received, and how many of them were in valid frames.
     heard: u64,
     good: u64,
     frames: u64,
-    /// Bytes before the first right frame, in whose middle the listening may have begun.
+    /// Bytes before the first valid frame: listening may have begun in the middle of one.
     lead: u64,
 }
 
 impl Round {
-    /// The share of right bytes, in thousandths.
+    /// The share of bytes in valid frames, in thousandths.
     fn share(&self) -> u64 {
         let whole = self.heard.saturating_sub(self.lead.min(LEAD_MAX));
         (self.good * 1_000 / whole.max(1)).min(1_000)
     }
 }
 
-/// Finds the settings of a line and tells how.
+/// Finds the settings of a line and prints how.
 pub(super) async fn find(
     context: &Context,
     place: &Place,
@@ -92,8 +92,8 @@ pub(super) async fn find(
     Ok(best.settings)
 }
 
-/// A receiver without parity takes frames with it for right ones; one with parity takes none
-/// without it. So those are asked first.
+/// A receiver without parity accepts frames with parity; one with parity rejects frames without. So
+/// receivers with parity are tried first.
 async fn with_parity(
     context: &Context,
     place: &Place,
@@ -149,12 +149,12 @@ async fn listen(
     let mut listener = Listener::new(settings);
     let mut end = clock.now() + QUIET_MAX;
     while round.frames < ENOUGH {
-        let came = tokio::select! {
+        let received = tokio::select! {
             () = stop.requested() => return Err(stop::interrupted(context)),
             () = tokio::time::sleep(clock.until(end)) => break,
-            came = port.next(context, clock) => came?,
+            received = port.next(context, clock) => received?,
         };
-        if let Came::Bytes(at, bytes) = came {
+        if let Received::Bytes(at, bytes) = received {
             if round.heard == 0 {
                 end = at + DWELL;
             }
@@ -172,7 +172,7 @@ async fn listen(
     Ok(round)
 }
 
-/// Adds up what is a frame beyond doubt: ASCII without a checksum may be chance.
+/// Counts only certain frames: ASCII without a checksum may be chance.
 fn count(listener: &mut Listener, round: &mut Round) {
     while let Output::Heard(heard) = listener.poll() {
         let Heard::Frame(frame) = heard else { continue };

@@ -9,14 +9,14 @@
 use super::texts::SniffText;
 use crate::commands::context;
 use railbus_app::frames::Facts;
-use railbus_sniff::{Role, Verdict};
+use railbus_sniff::{FrameRole, Verdict};
 use railbus_wire::{Micros, Protocol};
 use railbus_words::Lang;
 
 /// The longest filter in bytes, which also bounds how deep it nests.
 const LEN_MAX: usize = 500;
 
-/// What is wanted.
+/// What is shown.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::commands) enum Filter {
     Not(Box<Filter>),
@@ -26,13 +26,13 @@ pub(in crate::commands) enum Filter {
     Address(u8),
     Protocol(Protocol),
     Module(String),
-    /// The reply's time, or the gap's, is longer than this.
+    /// The response time, or the gap, is longer than this.
     Longer(Time, Micros),
     /// It is shorter.
     Shorter(Time, Micros),
 }
 
-/// A word that stands for itself.
+/// A word without a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::commands) enum Word {
     Good,
@@ -48,7 +48,7 @@ pub(in crate::commands) enum Word {
     Ambiguous,
 }
 
-/// Which time is measured.
+/// Which time is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::commands) enum Time {
     Reply,
@@ -72,7 +72,7 @@ const WORDS: [(&str, Word); 14] = [
     ("ambiguous", Word::Ambiguous),
 ];
 
-/// Where a filter goes wrong, in characters from 1, and how.
+/// Where a filter is wrong, in characters from 1, and why.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(in crate::commands) struct Wrong {
     at: usize,
@@ -90,7 +90,7 @@ impl Wrong {
 }
 
 impl Filter {
-    /// Reads a filter.
+    /// Parses a filter.
     pub(in crate::commands) fn parse(text: &str) -> Result<Filter, Wrong> {
         if text.len() > LEN_MAX {
             return Err(Wrong {
@@ -111,7 +111,7 @@ impl Filter {
         }
     }
 
-    /// Whether something heard is wanted.
+    /// Whether something received matches.
     pub(in crate::commands) fn wants(&self, facts: &Facts<'_>) -> bool {
         let time = |time: &Time| match time {
             Time::Reply => facts.after,
@@ -132,8 +132,8 @@ impl Filter {
                 Word::Refused => facts.verdict == Some(Verdict::Refused),
                 Word::Unknown => facts.verdict == Some(Verdict::Unknown),
                 Word::Missing => facts.verdict.is_none(),
-                Word::Request => facts.role == Some(Role::Request),
-                Word::Reply => facts.role == Some(Role::Reply),
+                Word::Request => facts.role == Some(FrameRole::Request),
+                Word::Reply => facts.role == Some(FrameRole::Reply),
                 Word::Write => facts.write == Some(true),
                 Word::Read => facts.write == Some(false),
                 Word::Late => facts.late,
@@ -143,14 +143,14 @@ impl Filter {
     }
 }
 
-/// A piece of a filter and where it stands, in characters from 1.
+/// A token of a filter and its position, in characters from 1.
 #[derive(Clone, Debug)]
 struct Token {
     text: String,
     at: usize,
 }
 
-/// Words, and the signs between them.
+/// Words, and the operators between them.
 fn tokens(text: &str) -> Vec<Token> {
     let mut tokens: Vec<Token> = Vec::new();
     let mut fresh = true;
@@ -179,7 +179,7 @@ fn tokens(text: &str) -> Vec<Token> {
 struct Parser {
     tokens: Vec<Token>,
     next: usize,
-    /// The place behind the last character.
+    /// The position after the last character.
     end: usize,
 }
 
@@ -194,7 +194,7 @@ impl Parser {
         found
     }
 
-    /// The next piece is not what should stand there.
+    /// The error that the next token is not what is expected there.
     fn wrong(&self, why: SniffText) -> Wrong {
         let token = self.tokens.get(self.next);
         Wrong {
@@ -313,7 +313,7 @@ mod tests {
             protocols: vec![Protocol::Rtu],
             address: Some(3),
             module: Some("oven"),
-            role: Some(Role::Reply),
+            role: Some(FrameRole::Reply),
             verdict: Some(Verdict::Good),
             write: Some(false),
             late: false,

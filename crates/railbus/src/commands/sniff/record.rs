@@ -1,4 +1,4 @@
-//! Frames kept in a capture file.
+//! Records frames in a capture file.
 
 use crate::commands::Context;
 use railbus_app::failure::Failure;
@@ -11,7 +11,7 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// A capture file that is written.
+/// A capture file that is being written.
 pub(in crate::commands) struct Recorder {
     path: PathBuf,
     out: Box<dyn Write>,
@@ -19,7 +19,7 @@ pub(in crate::commands) struct Recorder {
 }
 
 impl Recorder {
-    /// A new file, or the standard output for `-`. A file that is there already is not touched.
+    /// A new file, or the standard output for `-`. An existing file is not overwritten.
     pub(in crate::commands) fn create(context: &Context, path: &Path) -> Result<Recorder, Failure> {
         let out: Box<dyn Write> = if path == Path::new("-") {
             Box::new(std::io::stdout())
@@ -30,7 +30,7 @@ impl Recorder {
         Recorder::begin(context, path, out)
     }
 
-    /// A pipe that somebody has made and reads.
+    /// A pipe that another program has created and reads.
     pub(in crate::commands) fn pipe(context: &Context, path: &Path) -> Result<Recorder, Failure> {
         let pipe = OpenOptions::new().write(true).open(path);
         let pipe = pipe.map_err(|error| failed(context, path, error))?;
@@ -48,7 +48,7 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Adds a line and gives its number.
+    /// Adds a line and returns its number.
     pub(in crate::commands) fn line(
         &mut self,
         context: &Context,
@@ -60,8 +60,8 @@ impl Recorder {
         Ok(self.lines - 1)
     }
 
-    /// Keeps a frame. What is no frame, such as a missing reply, has no bytes to keep; who reads
-    /// the file sees it from the times.
+    /// Records a frame. What is no frame, such as a missing reply, has no bytes to record; the
+    /// times in the file show it.
     pub(in crate::commands) fn keep(
         &mut self,
         context: &Context,

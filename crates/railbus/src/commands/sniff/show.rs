@@ -1,19 +1,19 @@
-//! What was heard, shown line by line as it comes, and summed up at the end.
+//! Shows the traffic line by line, and totals at the end.
 
 use super::texts::SniffText;
 use jiff::tz::TimeZone;
 use railbus_app::frames::words;
 use railbus_app::frames::{Facts, addressee, as_json, at, timestamp};
 use railbus_app::render::{Format, records};
-use railbus_sniff::{Heard, Reading, Role, Verdict};
+use railbus_sniff::{FrameRole, Heard, Reading, Verdict};
 use railbus_wire::{Instant, Micros, Settings};
 use railbus_words::Lang;
 use railbus_words::{hex, time, width};
 
-/// The widths of the columns but the last, in which nothing has to end.
+/// The widths of the columns except the last, which needs none.
 const WIDTHS: [usize; 6] = [12, 7, 3, 8, 4, 44];
 
-/// The heading of a form, if it has one.
+/// The heading of an output format, if it has one.
 pub(in crate::commands) fn head(lang: Lang, format: Format) -> String {
     match format {
         Format::Table => row(lang.get(SniffText::Head).split('|').map(str::to_owned)),
@@ -22,7 +22,7 @@ pub(in crate::commands) fn head(lang: Lang, format: Format) -> String {
     }
 }
 
-/// One thing heard.
+/// One line of output.
 pub(in crate::commands) fn line(
     lang: Lang,
     format: Format,
@@ -68,8 +68,8 @@ fn table(lang: Lang, heard: &Heard, facts: &Facts<'_>) -> String {
     let gap = gap.map(words::millis).unwrap_or_default();
     let direction = match (heard, facts.role) {
         (Heard::Missing(_), _) => "–",
-        (_, Some(Role::Request)) => "→",
-        (_, Some(Role::Reply)) => "←",
+        (_, Some(FrameRole::Request)) => "→",
+        (_, Some(FrameRole::Reply)) => "←",
         (_, None) => "?",
     };
     let protocol = facts.protocols.first();
@@ -89,7 +89,7 @@ fn table(lang: Lang, heard: &Heard, facts: &Facts<'_>) -> String {
         .chain([format!("{address:>4}"), meaning, bytes]))
 }
 
-/// ASCII frames as text, all else as hexadecimal digits.
+/// ASCII frames as text, all others as hexadecimal digits.
 fn readable(bytes: &[u8], reading: Option<&Reading>) -> String {
     let is_ascii = reading.is_some_and(|r| r.protocol == railbus_wire::Protocol::Ascii);
     if !is_ascii {
@@ -103,7 +103,7 @@ fn readable(bytes: &[u8], reading: Option<&Reading>) -> String {
     text.collect()
 }
 
-/// What is added up over a run.
+/// The totals.
 #[derive(Debug, Default)]
 pub(in crate::commands) struct Sums {
     frames: u64,
@@ -135,7 +135,7 @@ impl Sums {
         }
     }
 
-    /// Whether nothing was heard at all.
+    /// Whether nothing was received at all.
     pub(in crate::commands) const fn is_empty(&self) -> bool {
         self.frames == 0 && self.missing == 0
     }

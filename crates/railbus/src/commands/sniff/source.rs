@@ -1,4 +1,4 @@
-//! Where what is heard comes from: a port, or a capture file.
+//! Where traffic comes from: a port, the daemon, or a capture file.
 
 use super::texts::SniffText;
 use crate::backend::Frames;
@@ -7,7 +7,7 @@ use crate::commands::place::{Place, port_failure};
 use railbus_api::types::{FrameEvent, LineInfo};
 use railbus_app::failure::Failure;
 use railbus_host::{AnyPort, LineName, Port, PortError, SerialOptions};
-use railbus_sniff::capture::{Direction, LINK_TYPE, Reader, Step, Why};
+use railbus_sniff::capture::{Damage, Direction, LINK_TYPE, ReadStep, Reader};
 use railbus_wire::{Baud, Character, Instant, Settings};
 use railbus_words::Code;
 use railbus_words::hex;
@@ -16,20 +16,20 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time;
 
-/// Something that came, and on which line.
+/// Something received, and on which line.
 #[derive(Debug)]
-pub(in crate::commands) enum Came {
-    /// Bytes, the last of which ended then.
+pub(in crate::commands) enum Received {
+    /// Bytes, and the time at which the last of them ended.
     Bytes(Instant, Vec<u8>),
-    /// A whole frame of the master, which ended then.
+    /// A whole frame of the master, and when it ended.
     Sent(Instant, Vec<u8>),
-    /// A whole frame of somebody, which ended then.
+    /// A whole frame of any sender, and when it ended.
     Whole(Instant, Vec<u8>),
     /// Events were lost.
     Lost(u64),
 }
 
-/// Microseconds since 1970 that never go back.
+/// A clock in microseconds since 1970 that never goes back.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::commands) struct Clock {
     epoch: u64,
@@ -50,13 +50,13 @@ impl Clock {
         Instant(self.epoch + u64::try_from(passed).unwrap_or_default())
     }
 
-    /// How long it is until then.
+    /// The time from now until then.
     pub(in crate::commands) fn until(self, then: Instant) -> time::Duration {
         time::Duration::from_micros(then.since(self.now()).0)
     }
 }
 
-/// A port that can only be listened to.
+/// A port that is only listened to.
 #[derive(Debug)]
 pub(in crate::commands) struct Listening {
     port: AnyPort,
@@ -92,12 +92,12 @@ impl Listening {
         &mut self,
         context: &Context,
         clock: Clock,
-    ) -> Result<Came, Failure> {
+    ) -> Result<Received, Failure> {
         let read = self.port.read(&mut self.buffer).await;
         let count =
             read.map_err(|error| port_failure(context, &self.place, &PortError::of_loss(&error)))?;
         let bytes = self.buffer.get(..count).unwrap_or_default();
-        Ok(Came::Bytes(clock.now(), bytes.to_vec()))
+        Ok(Received::Bytes(clock.now(), bytes.to_vec()))
     }
 
     pub(in crate::commands) fn close(&mut self) {
@@ -105,7 +105,7 @@ impl Listening {
     }
 }
 
-/// What is listened to.
+/// The source.
 #[derive(Debug)]
 pub(in crate::commands) enum Source {
     /// A port.
@@ -115,12 +115,12 @@ pub(in crate::commands) enum Source {
 }
 
 impl Source {
-    /// What comes next; none where the daemon has ended.
+    /// The next item; none if the daemon has ended.
     pub(in crate::commands) async fn next(
         &mut self,
         context: &Context,
         clock: Clock,
-    ) -> Result<Option<Came>, Failure> {
+    ) -> Result<Option<Received>, Failure> {
         match self {
             Source::Port(port) => port.next(context, clock).await.map(Some),
             Source::Daemon(frames) => loop {
@@ -128,15 +128,15 @@ impl Source {
                     return Ok(None);
                 };
                 let event = event.map_err(|problem| context.failure(&problem))?;
-                if let Some(came) = came(event) {
-                    return Ok(Some(came));
+                if let Some(received) = received(event) {
+                    return Ok(Some(received));
                 }
             },
         }
     }
 }
 
-/// The first thing that the daemon says is which line it is.
+/// The line: the daemon names it first.
 pub(in crate::commands) async fn line_of(
     context: &Context,
     frames: &mut Frames,
@@ -148,16 +148,16 @@ pub(in crate::commands) async fn line_of(
     }
 }
 
-/// What an event of the daemon, or of a line of one's own, brings.
-pub(in crate::commands) fn came(event: FrameEvent) -> Option<Came> {
+/// The item of an event of the daemon, or of a line of our own.
+pub(in crate::commands) fn received(event: FrameEvent) -> Option<Received> {
     let bytes = |text: &str| hex::parse(text);
     match event {
         FrameEvent::Line { .. } => None,
-        FrameEvent::Gap { dropped } => Some(Came::Lost(dropped)),
+        FrameEvent::Gap { dropped } => Some(Received::Lost(dropped)),
         FrameEvent::Heard { at_us, bytes: text } => {
-            Some(Came::Bytes(Instant(at_us), bytes(&text)?))
+            Some(Received::Bytes(Instant(at_us), bytes(&text)?))
         }
-        // The moment told is when it was handed to the port.
+        // The event's time is when the frame was written to the port.
         FrameEvent::Sent {
             at_us,
             baud,
@@ -167,7 +167,7 @@ pub(in crate::commands) fn came(event: FrameEvent) -> Option<Came> {
             let bytes = bytes(&text)?;
             let settings = settings(&format!("{baud} {format}")).unwrap_or(Settings::FACTORY);
             let end = Instant(at_us) + settings.frame_time(bytes.len());
-            Some(Came::Sent(end, bytes))
+            Some(Received::Sent(end, bytes))
         }
     }
 }
@@ -196,14 +196,14 @@ pub(in crate::commands) struct Capture {
     file: File,
     reader: Reader,
     buffer: Vec<u8>,
-    /// What of the buffer is done.
+    /// How much of the buffer has been processed.
     done: usize,
     ended: bool,
-    /// Packets of other link types.
+    /// The number of packets with other link types.
     pub(in crate::commands) skipped: u64,
 }
 
-/// How much of a file is read at once.
+/// How much of a file is read at once, in bytes.
 const PIECE: usize = 64 << 10;
 
 impl Capture {
@@ -220,7 +220,7 @@ impl Capture {
         })
     }
 
-    /// The lines met so far.
+    /// The lines found so far.
     pub(in crate::commands) fn wire(&self, number: usize) -> Wire {
         let interface = self.reader.interfaces().get(number);
         let name = interface.map(|interface| interface.name.clone());
@@ -237,13 +237,13 @@ impl Capture {
     pub(in crate::commands) fn next(
         &mut self,
         context: &Context,
-    ) -> Result<Option<(usize, Came)>, Failure> {
+    ) -> Result<Option<(usize, Received)>, Failure> {
         loop {
             let rest = self.buffer.get(self.done..).unwrap_or_default();
             let broken = |why| unreadable(context, &self.path, why);
             match self.reader.next(rest) {
-                Ok(Step::Other(len)) => self.done += len,
-                Ok(Step::Packet(len, packet)) => {
+                Ok(ReadStep::Other(len)) => self.done += len,
+                Ok(ReadStep::Packet(len, packet)) => {
                     self.done += len;
                     let known = self.reader.interfaces().get(packet.line);
                     if known.is_none_or(|line| line.link_type != LINK_TYPE) {
@@ -254,17 +254,17 @@ impl Capture {
                     let (at, line, direction) = (packet.at, packet.line, packet.direction);
                     let settings = self.wire(line).settings;
                     let end = at + settings.frame_time(bytes.len());
-                    let came = match direction {
-                        Some(Direction::Out) => Came::Sent(end, bytes),
-                        _ => Came::Whole(end, bytes),
+                    let received = match direction {
+                        Some(Direction::Out) => Received::Sent(end, bytes),
+                        _ => Received::Whole(end, bytes),
                     };
-                    return Ok(Some((line, came)));
+                    return Ok(Some((line, received)));
                 }
-                Ok(Step::More(_)) if self.ended && rest.is_empty() => return Ok(None),
-                Ok(Step::More(_)) if self.ended => {
+                Ok(ReadStep::More(_)) if self.ended && rest.is_empty() => return Ok(None),
+                Ok(ReadStep::More(_)) if self.ended => {
                     return Err(broken(context.lang.get(SniffText::FileEnds).to_owned()));
                 }
-                Ok(Step::More(_)) => self.fill(context)?,
+                Ok(ReadStep::More(_)) => self.fill(context)?,
                 Err(why) => {
                     let reason = context.lang.get(reason(why.why));
                     let values: &[(&str, &dyn std::fmt::Display)] =
@@ -275,7 +275,7 @@ impl Capture {
         }
     }
 
-    /// Reads on. What is kept is at most a block and a piece.
+    /// Reads on. The buffer holds at most a block and a piece.
     fn fill(&mut self, context: &Context) -> Result<(), Failure> {
         self.buffer.drain(..self.done.min(self.buffer.len()));
         self.done = 0;
@@ -294,23 +294,21 @@ fn unreadable(context: &Context, path: &Path, why: impl ToString) -> Failure {
         .with_fact("file", path)
 }
 
-const fn reason(why: Why) -> SniffText {
+const fn reason(why: Damage) -> SniffText {
     match why {
-        Why::NoCapture => SniffText::NoCapture,
-        Why::Length => SniffText::BlockLength,
-        Why::TooMuch => SniffText::BlockTooMuch,
-        Why::Interface => SniffText::BlockLine,
-        Why::Packet => SniffText::BlockPacket,
+        Damage::NoCapture => SniffText::NoCapture,
+        Damage::Length => SniffText::BlockLength,
+        Damage::TooMuch => SniffText::BlockTooMuch,
+        Damage::Interface => SniffText::BlockLine,
+        Damage::Packet => SniffText::BlockPacket,
     }
 }
 
-/// `9600 8N1`, as our own files say it.
+/// Parses `9600 8N1`, as in our own files.
 fn settings(text: &str) -> Option<Settings> {
     let (baud, format) = text.split_once(' ')?;
-    let all = [Character::N1, Character::E1, Character::O1, Character::N2];
-    let mut all = all.into_iter();
     Some(Settings {
         baud: Baud::from_rate(baud.parse().ok()?)?,
-        character: all.find(|known| known.to_string() == format)?,
+        character: Character::from_name(format)?,
     })
 }

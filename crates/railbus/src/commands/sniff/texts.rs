@@ -1,4 +1,4 @@
-//! What `sniff`, `extcap` and `replay` say.
+//! The texts of `sniff`, `extcap` and `replay`.
 
 railbus_words::texts! {
     pub(crate) SniffText;

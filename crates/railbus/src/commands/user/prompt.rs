@@ -1,5 +1,5 @@
-//! Asking for a password: at the terminal, without showing it, or from a file; never from the
-//! command line, which everybody on the machine can read.
+//! Reads a password: from the terminal, without showing it, or from a file; never from the command
+//! line, which everybody on the machine can read.
 
 use super::UserText;
 use railbus_app::failure::Failure;
@@ -14,9 +14,9 @@ use std::path::Path;
 /// The longest line that is read, in bytes.
 const LEN_MAX: usize = 1_024;
 
-/// The password, from a file or from whoever sits at the terminal.
+/// The password, from a file or typed at the terminal.
 ///
-/// `command` is the way to name a file instead.
+/// `command` is the command line that reads it from a file instead.
 pub(super) fn password(
     lang: Lang,
     (name, command): (&str, &str),
@@ -63,7 +63,7 @@ fn at_terminal(lang: Lang, name: &str, command: &str) -> Result<Secret, Failure>
     }
 }
 
-/// A terminal that shows nothing of what is typed, until this is dropped.
+/// A terminal that does not show what is typed, until this is dropped.
 struct Hidden {
     terminal: File,
     before: Termios,
@@ -74,13 +74,13 @@ impl Hidden {
         let terminal = File::options().read(true).write(true).open("/dev/tty")?;
         let before = tcgetattr(&terminal)?;
         let mut hidden = before.clone();
-        // Ctrl-C comes as a letter, so that the terminal is put back before this ends.
+        // Ctrl-C is read as a character, so that the terminal is restored before the process ends.
         hidden.local_modes -= LocalModes::ECHO | LocalModes::ICANON | LocalModes::ISIG;
         tcsetattr(&terminal, OptionalActions::Flush, &hidden)?;
         Ok(Hidden { terminal, before })
     }
 
-    /// What is typed; nothing where it was broken off.
+    /// What was typed; none if it was cancelled.
     fn ask(&self, question: &str) -> io::Result<Option<Secret>> {
         let mut terminal = &self.terminal;
         write!(terminal, "{question}")?;
@@ -92,7 +92,7 @@ impl Hidden {
             }
             match letter[0] {
                 b'\r' | b'\n' => break Some(&typed),
-                // Ctrl-U, and both keys that take a letter back, with all of its bytes.
+                // Ctrl-U, and both keys that delete a character, with all of its bytes.
                 21 => typed.clear(),
                 8 | 127 => while typed.pop().is_some_and(|byte: u8| byte & 0xC0 == 0x80) {},
                 byte if typed.len() < LEN_MAX => typed.push(byte),
@@ -106,7 +106,7 @@ impl Hidden {
 
 impl Drop for Hidden {
     fn drop(&mut self) {
-        // Where this fails there is no terminal any more.
+        // If this fails, there is no terminal any more.
         let _ = tcsetattr(&self.terminal, OptionalActions::Flush, &self.before);
     }
 }

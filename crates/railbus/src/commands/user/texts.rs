@@ -1,4 +1,4 @@
-//! What `railbus user` and `railbus token` say.
+//! The texts of `railbus user` and `railbus token`.
 
 railbus_words::texts! {
     pub(crate) UserText;
@@ -56,7 +56,7 @@ railbus_words::texts! {
         zh: "没有可输入密码的终端；请用 --password-file",
     }
     NoFile { en: "can't read the password from {file}", zh: "无法从 {file} 读取密码" }
-    UsersHead { en: "USER|ROLE|POINTS|STATE|SINCE", zh: "用户|角色|测点|状态|创建时间" }
+    UsersHead { en: "USER|ROLE|POINTS|STATE|SINCE", zh: "用户|角色|点位|状态|创建时间" }
     All { en: "all", zh: "全部" }
     Good { en: "active", zh: "有效" }
     IsLocked { en: "locked", zh: "已锁定" }
@@ -88,6 +88,6 @@ railbus_words::texts! {
     TokenRevoked { en: "token {name} revoked", zh: "已撤销 {name}" }
     TokensHead {
         en: "TOKEN|ROLE|POINTS|STATE|BY|UNTIL|ID",
-        zh: "令牌|角色|测点|状态|签发者|有效期至|编号",
+        zh: "令牌|角色|点位|状态|签发者|有效期至|编号",
     }
 }

@@ -1,11 +1,11 @@
-//! What `railbus wait` says.
+//! The texts of `railbus wait`.
 
 railbus_words::texts! {
     pub(crate) WaitText;
 
     About {
         en: "Wait until points have the given values.",
-        zh: "等待测点达到指定的值。",
+        zh: "等待点位达到指定的值。",
     }
     Examples {
         en: "  railbus wait pump.di0=on --timeout 5s
@@ -28,7 +28,7 @@ railbus_words::texts! {
     BadWord {
         en: "\"{word}\" can't be waited for; expected POINT=on, POINT=off, POINT=NUMBER or \
             POINT=LOW..HIGH, as the point is",
-        zh: "无法等待 \"{word}\"；按测点类型应写 测点=on、测点=off、测点=数值 或 测点=LOW..HIGH",
+        zh: "无法等待 \"{word}\"；按点位类型应写 点位=on、点位=off、点位=数值 或 点位=LOW..HIGH",
     }
     InVain {
         en: "not reached within {time}",

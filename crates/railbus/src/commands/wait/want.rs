@@ -1,22 +1,22 @@
-//! What is waited for.
+//! The conditions that `wait` waits for.
 
 use railbus_api::types::{Kind, PointInfo, Quality, Value};
 
 /// A value that a point is to have.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Want {
-    /// As it was said: `pump.di0=on`.
+    /// As the user wrote it: `pump.di0=on`.
     pub(super) word: String,
     /// The point.
     pub(super) path: String,
-    /// As a state; `1` may be one, or a number.
+    /// As a state; `1` may be a state or a number.
     state: Option<bool>,
-    /// As a number: from this to that.
+    /// As a range of numbers, both ends included.
     range: Option<(f64, f64)>,
 }
 
 impl Want {
-    /// Reads it; none where it makes no sense.
+    /// Parses a condition; none if it is invalid.
     pub(super) fn read(word: &str) -> Option<Want> {
         let (path, value) = word.split_once('=')?;
         let (module, label) = path.split_once('.')?;
@@ -48,7 +48,7 @@ impl Want {
         }
     }
 
-    /// Whether the point has it, in good quality. A number is compared as it is shown.
+    /// Whether the point has it, with good quality. A number is compared as it is displayed.
     pub(super) fn is_met_by(&self, point: Option<&PointInfo>) -> bool {
         let Some(point) = point.filter(|point| point.quality == Quality::Good) else {
             return false;

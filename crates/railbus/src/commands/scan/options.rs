@@ -1,26 +1,17 @@
-//! What the flags say is to be scanned.
+//! The options of a scan.
 
 use super::texts::ScanText;
-use crate::cli;
+use crate::args;
 use crate::commands::place::Place;
 use crate::commands::{Context, context};
 use clap::{Arg, ArgAction, ArgGroup, ArgMatches, Command, value_parser};
 use railbus_app::scan::{addresses, ranges};
-use railbus_commission::scan::{Depth, SLOW_TIMEOUT, Wish};
+use railbus_commission::scan::{Depth, SLOW_TIMEOUT, SPEEDS, Wish};
 use railbus_device::Family;
 use railbus_host::LineName;
 use railbus_wire::{Baud, Character, Micros, Protocol};
 use railbus_words::Lang;
 
-/// The speeds that modules of the five families have, likely ones first.
-const ALL: [Baud; 6] = [
-    Baud::B9600,
-    Baud::B19200,
-    Baud::B4800,
-    Baud::B38400,
-    Baud::B2400,
-    Baud::B1200,
-];
 const PARITIES: [(&str, Character); 3] = [
     ("n", Character::N1),
     ("e", Character::E1),
@@ -29,15 +20,15 @@ const PARITIES: [(&str, Character); 3] = [
 
 /// Adds the flags.
 pub(super) fn define(lang: Lang, command: Command) -> Command {
-    let switch = |name, text| cli::flag(lang, name, text).action(ArgAction::SetTrue);
+    let switch = |name, text| args::flag(lang, name, text).action(ArgAction::SetTrue);
     let list = |name, text, value: &'static str, names: Vec<&'static str>| -> Arg {
-        cli::flag(lang, name, text)
+        args::flag(lang, name, text)
             .value_name(value)
             .value_delimiter(',')
             .value_parser(names)
             .hide_possible_values(true)
     };
-    let one = |name, text, value: &'static str| cli::flag(lang, name, text).value_name(value);
+    let one = |name, text, value: &'static str| args::flag(lang, name, text).value_name(value);
     command
         .arg(switch("quick", ScanText::Quick))
         .arg(switch("full", ScanText::Full))
@@ -79,23 +70,23 @@ pub(super) fn define(lang: Lang, command: Command) -> Command {
         .arg(one("max-time", ScanText::MaxTime, "TIME").value_parser(context::duration))
 }
 
-/// What the flags say.
+/// The options of a scan.
 #[derive(Debug)]
-pub(super) struct Wanted {
+pub(super) struct Options {
     pub(super) wish: Wish,
     pub(super) follow: bool,
     pub(super) add: bool,
     pub(super) yes: bool,
-    /// What those are taken for that could be it.
+    /// The model to assume where a module's replies fit several.
     pub(super) model: Option<Family>,
-    /// How many outputs the boards have that do not tell it.
+    /// The number of outputs of boards that don't report it.
     pub(super) outputs: Option<u8>,
     pub(super) resume: bool,
     pub(super) max_time: Option<Micros>,
 }
 
-impl Wanted {
-    pub(super) fn of(context: &Context, matches: &ArgMatches) -> Wanted {
+impl Options {
+    pub(super) fn of(context: &Context, matches: &ArgMatches) -> Options {
         let flag = |name: &str| matches.get_flag(name);
         let named = |name: &str| -> Option<Vec<&String>> {
             let given = matches.get_many::<String>(name);
@@ -107,7 +98,7 @@ impl Wanted {
             _ => Depth::Quick,
         };
         let bauds = match flag("all-bauds") {
-            true => Some(ALL.to_vec()),
+            true => Some(SPEEDS.to_vec()),
             false => named("baud").map(|names| {
                 let rates = names.iter().filter_map(|name| name.parse().ok());
                 in_order(rates.filter_map(Baud::from_rate))
@@ -123,7 +114,7 @@ impl Wanted {
         });
         let addresses: Option<&Addresses> = matches.get_one("addr");
         let checksum = matches.get_one::<String>("checksum").map(String::as_str);
-        Wanted {
+        Options {
             wish: Wish {
                 depth,
                 line: None,
@@ -151,8 +142,8 @@ impl Wanted {
         }
     }
 
-    /// The same on a line with a speed of its own; a gateway of Modbus TCP takes nothing else.
-    pub(super) fn on(mut self, place: &Place) -> Wanted {
+    /// The same for a line with a speed of its own; over Modbus TCP nothing else is possible.
+    pub(super) fn on(mut self, place: &Place) -> Options {
         self.wish.line = Some(place.settings);
         if let LineName::ModbusTcp { .. } = place.port {
             self.wish.protocols.get_or_insert(vec![Protocol::Rtu]);
@@ -161,9 +152,9 @@ impl Wanted {
     }
 }
 
-/// The command that scans the same and waits for slow modules.
+/// The command for the same scan with long timeouts, for slow modules.
 pub(super) fn with_patience(context: &Context, wish: &Wish) -> String {
-    let ad_hoc = context.wanted.ad_hoc.as_ref();
+    let ad_hoc = context.options.ad_hoc.as_ref();
     let line = ad_hoc.map(|named| &named.port).or(context.line.as_ref());
     let line = line.map(|line| format!("-l {line}"));
     let format = ad_hoc.and_then(|named| named.format);
@@ -200,7 +191,7 @@ pub(super) fn with_patience(context: &Context, wish: &Wish) -> String {
     format!("railbus scan {}", flags.collect::<Vec<_>>().join(" "))
 }
 
-/// Each of them once, in the order in which they were named.
+/// Removes duplicates, keeping the order in which they were named.
 fn in_order<T: PartialEq>(named: impl Iterator<Item = T>) -> Vec<T> {
     let mut all = Vec::new();
     for one in named {

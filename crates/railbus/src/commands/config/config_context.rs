@@ -1,8 +1,7 @@
-//! What a command of the group stands on: the configuration, its modules, and the folder of the
-//! journal.
+//! What every command of the group needs: the configuration, its modules, and the journal's folder.
 
+use crate::args;
 use crate::backend;
-use crate::cli;
 use crate::commands::Context;
 use clap::{Arg, ArgMatches, value_parser};
 use railbus_app::config_file;
@@ -19,27 +18,27 @@ use std::path::PathBuf;
 use super::texts::ConfigText;
 use railbus_app::settings::target::{NoTarget, Target};
 
-/// What a command of the group stands on.
+/// What every command of the group needs.
 #[derive(Debug)]
-pub(super) struct Ground {
+pub(super) struct ConfigContext {
     pub(super) config: Config,
-    /// The configuration's file; none where flags name port and module.
+    /// The configuration file; none if flags describe port and module.
     pub(super) file: Option<PathBuf>,
     state: PathBuf,
 }
 
 /// `--state`, the folder of the journal.
 pub(super) fn state_flag(lang: Lang) -> Arg {
-    cli::flag(lang, "state", ConfigText::StateFlag)
+    args::flag(lang, "state", ConfigText::StateFlag)
         .value_name("DIR")
         .value_parser(value_parser!(PathBuf))
 }
 
-impl Ground {
-    /// What flags and configuration say.
-    pub(super) fn of(context: &Context, matches: &ArgMatches) -> Result<Ground, Failure> {
+impl ConfigContext {
+    /// From the flags and the configuration.
+    pub(super) fn of(context: &Context, matches: &ArgMatches) -> Result<ConfigContext, Failure> {
         let failed = |problem| context.failure(&problem);
-        let (config, file, state) = match &context.wanted.ad_hoc {
+        let (config, file, state) = match &context.options.ad_hoc {
             Some(ad_hoc) => {
                 let config = backend::described(ad_hoc).map_err(failed)?;
                 (config, None, config_file::state_folder(None))
@@ -59,7 +58,7 @@ impl Ground {
             .ok()
             .flatten()
             .cloned();
-        Ok(Ground {
+        Ok(ConfigContext {
             config,
             file,
             state: named.unwrap_or(state),
@@ -107,7 +106,7 @@ impl Ground {
         Ok(all)
     }
 
-    /// What tells this site from every other: a number drawn when it is first asked for, kept
+    /// The identifier of this site: a random number, generated when it is first needed and stored
     /// beside the journal.
     pub(super) fn site(&self, context: &Context) -> Result<String, Failure> {
         let failed = |error: std::io::Error| {
@@ -128,12 +127,12 @@ impl Ground {
         Ok(name)
     }
 
-    /// The journal, held for this command alone.
+    /// The journal, locked by this command.
     pub(super) fn store(&self, context: &Context) -> Result<Store, Failure> {
         Store::open(&self.state).map_err(|error| store_failure(context.lang, &self.state, &error))
     }
 
-    /// The journal as it is, for reading.
+    /// The journal, for reading.
     pub(super) fn log(&self, context: &Context) -> Result<Log, Failure> {
         Store::peek(&self.state).map_err(|error| {
             let told = format!("{}: {error}", self.state.display());

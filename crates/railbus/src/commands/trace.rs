@@ -1,13 +1,13 @@
-//! `-v`: what passes on the line while a command does its work. Once said, a line for each
-//! exchange; twice, a line for each frame with its bytes and times.
+//! `-v`: shows the traffic of the line while a command runs. With `-v` a line per exchange; with
+//! `-vv` a line per frame, with its bytes and times.
 
 use super::Context;
-use super::sniff::{self, Came, Ear, Wire};
-use crate::backend::{Backend, Tape};
+use super::sniff::{self, ListenedLine, Received, Wire};
+use crate::backend::{Backend, Traffic};
 use railbus_app::failure::Failure;
 use railbus_app::frames::Facts;
 use railbus_app::render::{Format, out};
-use railbus_sniff::{Heard, Input, Output, Role, Verdict};
+use railbus_sniff::{FrameRole, Heard, Input, Output, Verdict};
 use railbus_wire::Instant;
 use railbus_words::Code;
 use railbus_words::Lang;
@@ -21,34 +21,34 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 railbus_words::texts! {
-    pub(crate) LookText;
+    pub(crate) TraceText;
 
     LogFile { en: "What -v shows goes to this file", zh: "-v 的内容写入此文件" }
 }
 
-/// What has come already is told before the command ends, but nothing is waited for longer.
+/// How long to wait for traffic that is still to be printed before the command ends.
 const REST: Duration = Duration::from_millis(5);
 
-/// Those who tell what passes on the lines.
+/// The tasks that print the traffic of the lines.
 #[derive(Debug)]
-pub(super) struct Lookers {
+pub(super) struct Tracers {
     file: Option<PathBuf>,
     tasks: Mutex<Vec<JoinHandle<()>>>,
     stop: watch::Sender<bool>,
 }
 
-impl Lookers {
-    pub(super) fn new(file: Option<PathBuf>) -> Lookers {
-        Lookers {
+impl Tracers {
+    pub(super) fn new(file: Option<PathBuf>) -> Tracers {
+        Tracers {
             file,
             tasks: Mutex::new(Vec::new()),
             stop: watch::Sender::new(false),
         }
     }
 
-    /// Follows every line from now on.
+    /// Traces every line from now on.
     pub(super) async fn follow(&self, context: &Context, backend: &Backend) -> Result<(), Failure> {
-        for (line, tape) in backend.tapes().await {
+        for (line, traffic) in backend.traffic().await {
             let log = match &self.file {
                 None => None,
                 Some(path) => Some(open(path).map_err(|error| {
@@ -57,25 +57,25 @@ impl Lookers {
                 })?),
             };
             let wire = Wire::of(line);
-            let looker = Looker {
+            let tracer = Tracer {
                 lang: context.lang,
                 bytes: context.verbose > 1,
                 line: wire.name.clone(),
-                ear: Ear::own(wire.name, wire.settings, context.timeout),
+                listened: ListenedLine::own(wire.name, wire.settings, context.timeout),
                 log,
             };
-            let task = tokio::spawn(looker.run(tape, self.stop.subscribe()));
+            let task = tokio::spawn(tracer.run(traffic, self.stop.subscribe()));
             lock(&self.tasks).push(task);
         }
         Ok(())
     }
 
-    /// Lets them tell what they still have.
+    /// Lets them print what has arrived already.
     pub(super) async fn finish(&self) {
         self.stop.send_replace(true);
         let tasks = std::mem::take(&mut *lock(&self.tasks));
         for task in tasks {
-            // Fails only where it broke down.
+            // Fails only if the task panicked.
             let _ = task.await;
         }
     }
@@ -90,51 +90,51 @@ fn open(path: &PathBuf) -> std::io::Result<File> {
 }
 
 async fn ended(stop: &mut watch::Receiver<bool>) {
-    // Fails where the command is gone, which is an end, too.
+    // Fails if the command is gone, which is an end, too.
     drop(stop.wait_for(|stop| *stop).await);
 }
 
-/// Who tells what passes on one line.
-struct Looker {
+/// Prints the traffic of one line.
+struct Tracer {
     lang: Lang,
     bytes: bool,
     line: String,
-    ear: Ear,
+    listened: ListenedLine,
     log: Option<File>,
 }
 
-impl Looker {
-    async fn run(mut self, mut tape: Tape, mut stop: watch::Receiver<bool>) {
+impl Tracer {
+    async fn run(mut self, mut traffic: Traffic, mut stop: watch::Receiver<bool>) {
         loop {
             let event = tokio::select! {
                 biased;
-                event = tape.next() => event,
+                event = traffic.next() => event,
                 () = ended(&mut stop) => {
-                    tokio::time::timeout(REST, tape.next()).await.ok().flatten()
+                    tokio::time::timeout(REST, traffic.next()).await.ok().flatten()
                 }
             };
             let Some(event) = event else { break };
-            if let Some(came) = sniff::came(event) {
-                self.take(came);
+            if let Some(received) = sniff::received(event) {
+                self.take(received);
             }
         }
-        self.ear.listener.handle(Instant(0), Input::Silence);
+        self.listened.listener.handle(Instant(0), Input::Silence);
         self.drain();
     }
 
-    fn take(&mut self, came: Came) {
-        match came {
-            Came::Bytes(at, bytes) => self.ear.listener.handle(at, Input::Bytes(&bytes)),
-            Came::Sent(at, bytes) | Came::Whole(at, bytes) => {
-                self.ear.listener.handle(at, Input::Sent(&bytes));
+    fn take(&mut self, received: Received) {
+        match received {
+            Received::Bytes(at, bytes) => self.listened.listener.handle(at, Input::Bytes(&bytes)),
+            Received::Sent(at, bytes) | Received::Whole(at, bytes) => {
+                self.listened.listener.handle(at, Input::Sent(&bytes));
             }
-            Came::Lost(_) => {}
+            Received::Lost(_) => {}
         }
         self.drain();
     }
 
     fn drain(&mut self) {
-        while let Output::Heard(heard) = self.ear.listener.poll() {
+        while let Output::Heard(heard) = self.listened.listener.poll() {
             let facts = Facts::of(&heard, &[]);
             let text = match self.bytes {
                 true => {
@@ -153,20 +153,20 @@ impl Looker {
 
     fn say(&mut self, text: &str) {
         match &mut self.log {
-            // A full disk must not end a command that is at work.
+            // A full disk must not stop a command in the middle of its work.
             Some(file) => drop(writeln!(file, "{text}")),
             None => out::note(text),
         }
     }
 }
 
-/// One line for a whole exchange: told with its reply, or with the end of the waiting for one.
+/// One line for a whole exchange: printed with its response, or when the timeout has passed.
 fn exchange(lang: Lang, line: &str, heard: &Heard, facts: &Facts<'_>) -> Option<String> {
     let (at, asked) = match heard {
         Heard::Missing(missing) => (missing.at, Some(&missing.asked)),
         Heard::Frame(frame) => {
             let reading = frame.readings.first();
-            let request = reading.filter(|reading| reading.role == Some(Role::Request));
+            let request = reading.filter(|reading| reading.role == Some(FrameRole::Request));
             let asked = request.and_then(|reading| reading.request(&frame.bytes));
             if asked.is_some_and(|asked| asked.expects_reply()) && frame.verdict == Verdict::Good {
                 return None;
