@@ -25,8 +25,8 @@ const all = (pattern) => sources.flatMap((text) => [...text.matchAll(pattern)].m
 /** What is no event of the history: the command itself, and a test that only its webhook gets. */
 const NONE = ["write", "webhook_test"];
 
-/** No command that was begun ends so, and no rule: what it names is looked for before. */
-const NEVER = ["no_such_group", "no_such_scene", "no_such_line", "no_such_module", "no_such_point", "not_an_output", "playing", "no_lease", "lease_time"];
+/** No command that was begun ends so, and no rule: what it names, and whether it may, is asked before. */
+const NEVER = ["no_such_group", "no_such_scene", "no_such_line", "no_such_module", "no_such_point", "not_an_output", "playing", "no_lease", "lease_time", "role_too_low", "not_permitted"];
 
 test("every event that the daemon knows has words", () => {
   const codes = new Set([

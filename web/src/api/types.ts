@@ -16,6 +16,7 @@ export type LineInfo = Schemas["LineInfo"];
 export type LoadInfo = Schemas["LoadInfo"];
 export type LoggedChange = Schemas["LoggedChange"];
 export type ModuleInfo = Schemas["ModuleInfo"];
+export type ModelSheet = Schemas["ModelInfo"];
 export type Operation = Schemas["OpInfo"];
 export type RegisterRead = Schemas["RegisterRead"];
 export type Role = Schemas["Role"];

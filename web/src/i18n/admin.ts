@@ -14,7 +14,7 @@ export const admin = {
   role_about_operator: ["can also switch outputs", "还可操作输出"],
   role_about_engineer: ["can also change the configuration", "还可修改配置"],
   role_about_admin: ["can also manage users and tokens", "还可管理用户和令牌"],
-  points_limited: ["Limited to", "仅限这些测点"],
+  points_limited: ["Limited to", "仅限这些点位"],
   points_all: ["all", "全部"],
   points_hint: ["Leave empty for all, or e.g. pump.*, oven.k1", "留空表示全部，或如 pump.*, oven.k1"],
   made: ["Created", "创建时间"],

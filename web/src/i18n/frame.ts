@@ -31,7 +31,7 @@ export const frame = {
   demo_mark: ["demo", "演示"],
   demo_title: ["Simulated modules: not a real site", "仿真模块，均非真实设备"],
   search: ["Search", "搜索"],
-  search_hint: ["Module, point or page", "模块、测点或页面"],
+  search_hint: ["Module, point or page", "模块、点位或页面"],
   search_none: ["No matches", "没有匹配项"],
   language: ["Language: {name}", "语言：{name}"],
   theme: ["Theme: {name}", "主题：{name}"],

@@ -19,7 +19,6 @@ export const lines = {
   address: ["address {n}", "地址 {n}"],
   module_called: ["Name", "名称"],
   module_name: ["ID", "标识"],
-  model_r55: ["0x55 board", "0x55 继电器板"],
   board_outputs: ["Number of relays", "继电器路数"],
   board_outputs_ask: ["The board does not report it: enter 1 to {n}, as printed on it.", "此板不报告路数：请按板上标注填写 1 到 {n}。"],
   name_rule: ["Lower-case letters, digits and _, starting with a letter", "小写字母、数字和下划线，以字母开头"],

@@ -18,7 +18,7 @@ export const points = {
   confirmed_title_sent: ["Sent; this command has no reply", "已发送；此命令无应答"],
   verdict_failed: ["failed", "失败"],
   verdict_unknown: ["result unknown", "结果未知"],
-  verdict_not_verified: ["not verified", "未证实"],
+  verdict_not_verified: ["not verified", "回读不一致"],
   verdict_failed_why: ["Failed: nothing was switched.", "失败：未动作。"],
   verdict_unknown_why: [
     "Result unknown: it may have switched. Look before you repeat it.",
@@ -26,7 +26,7 @@ export const points = {
   ],
   verdict_not_verified_why: [
     "Not verified: the output reads back differently.",
-    "未证实：回读状态与命令不一致。",
+    "回读的状态与命令不一致。",
   ],
   hold: ["hold", "长按"],
   hold_title: [
@@ -51,7 +51,7 @@ export const points = {
   reason_line_closed: ["line closed", "总线已关闭"],
   reason_lent: ["line busy (settings being changed)", "总线占用中（正在更改设置）"],
   reason_lost: ["no connection since {at}", "{at} 起失去连接"],
-  no_such_point: ["no such point", "没有此测点"],
+  no_such_point: ["no such point", "没有此点位"],
   outputs: ["Outputs", "输出"],
   inputs: ["Inputs", "输入"],
   analogs: ["Analog inputs", "模拟量输入"],
@@ -82,7 +82,7 @@ export const points = {
   find_modules: ["Find modules", "扫描模块"],
   errors_1h: ["errors in the last hour: {n}", "最近一小时 {n} 次错误"],
   trend_short: ["Last minute: {min} – {max}", "最近一分钟：{min} 至 {max}"],
-  filter_modules: ["Filter by module, model, line or point name", "按模块、型号、总线或测点名称筛选"],
+  filter_modules: ["Filter by module, model, line or point name", "按模块、型号、总线或点位名称筛选"],
   as_list: ["Table", "列表"],
   on_of: ["{n} of {m} on", "{m} 个中 {n} 个接通"],
   module: ["Module", "模块"],

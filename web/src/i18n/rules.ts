@@ -25,7 +25,7 @@ export const rules = {
   rule_never: ["not triggered since start", "启动以来未执行"],
   rule_when: ["When", "当"],
   rule_choose: ["Choose…", "请选择…"],
-  rule_kind_point: ["a point", "某个测点"],
+  rule_kind_point: ["a point", "某个点位"],
   rule_kind_time: ["a time of day", "某个时刻"],
   rule_kind_module: ["a module is offline", "模块离线"],
   rule_kind_line: ["a line is offline", "总线离线"],

@@ -6,7 +6,7 @@ export const system = {
   uptime: ["Uptime", "已运行"],
   memory: ["Memory", "内存"],
   contains: ["Site", "站点"],
-  contains_n: ["lines: {lines}, modules: {modules}, points: {points}", "{lines} 条总线，{modules} 个模块，{points} 个测点"],
+  contains_n: ["lines: {lines}, modules: {modules}, points: {points}", "{lines} 条总线，{modules} 个模块，{points} 个点位"],
   storage: ["History", "历史存储"],
   storage_size: ["{size}, since {oldest}", "{size}，自 {oldest} 起"],
   storage_full: ["Disk full: history is paused, control still works.", "磁盘已满：不再保存历史，控制不受影响。"],

@@ -1,7 +1,7 @@
 // Display names of lines, modules and points, and their ids in the configuration.
-import { named, t } from "../i18n/index.svelte";
+import { named } from "../i18n/index.svelte";
 import { lines, modules, points } from "../api/live.svelte";
-import { BOARD } from "./points";
+import { modelOf } from "../api/models.svelte";
 
 export const lineName = (line: string): string => named(lines.get(line)?.name) ?? line;
 export const moduleName = (module: string): string => named(modules.get(module)?.name) ?? module;
@@ -20,7 +20,7 @@ export function pointText(path: string): string {
 }
 
 /** The model's title; for a board without a name of its own, what it is. */
-export const modelTitle = ({ model, title }: { model: string | null; title: string }): string => (model === BOARD ? t("model_r55") : title);
+export const modelTitle = ({ model, title }: { model: string | null; title: string }): string => modelOf(model)?.title ?? title;
 
 /** The same for a module and for a line. */
 export const moduleText = (module: string): string => both(moduleName(module), module);

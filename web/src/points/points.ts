@@ -7,9 +7,6 @@ import { lines, lostAt, pointsOf } from "../api/live.svelte";
 import { showsHidden } from "../app/prefs.svelte";
 import type { ModuleInfo, PointInfo } from "../api/types";
 
-/** The board that does not report how many channels it has. */
-export const BOARD = "r55";
-
 /** The value is good, and the page is still connected. */
 export function isFresh(point: PointInfo): boolean {
   return point.quality === "good" && lostAt() === null;

@@ -28,9 +28,6 @@ export interface Chosen {
   outputs?: number | undefined;
 }
 
-/** The most channels that a board can have that does not report them. */
-export const BOARD_MOST = 32;
-
 /** Adds new modules to the configuration, and gives known ones their new names. */
 export async function adopt(chosen: Chosen[]): Promise<void> {
   for (const { found, name } of chosen) {

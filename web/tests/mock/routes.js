@@ -28,6 +28,7 @@ function faults(text) {
 export const routes = [
   ["GET", /^\/session$/, () => site.session],
   ["GET", /^\/lines$/, () => ({ schema: 1, lines: site.lines })],
+  ["GET", /^\/models$/, () => ({ schema: 1, models: [] })],
   ["GET", /^\/modules$/, () => ({ schema: 1, modules: site.modules })],
   ["GET", /^\/points$/, () => ({ schema: 1, points: site.points })],
   [
