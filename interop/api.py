@@ -1,5 +1,5 @@
-"""The daemon's HTTP API as programs of others judge it: schemathesis sends what the API's own
-document allows and forbids, and the OpenMetrics parser of prometheus_client reads the metrics.
+"""Third-party judges of the daemon's HTTP API: schemathesis sends what the API's own document
+allows and forbids, and the OpenMetrics parser of prometheus_client reads the metrics.
 
 `cargo xtask test` runs this from the root of the repository, with the Python of the peers.
 """
@@ -17,7 +17,7 @@ import time
 import api_metrics
 import rig
 
-# The same every time.
+# The same for every run.
 SEED = "20261122"
 EXAMPLES = {"nobody": "4", "admin": "12"}
 CHECKS = (
@@ -27,13 +27,13 @@ CHECKS = (
     "response_schema_conformance",
     "negative_data_rejection",
 )
-# A request that takes longer is a failure, and so is a run.
+# The timeouts of a request and of a run, in seconds; exceeding one is a failure.
 REQUEST_MAX = "30"
 RUN_MAX = 150
 
 SIM = "it pulls plugs and drops outputs with the power; tests/api/sim.rs orders it"
 
-# Not asked, each for its reason; all else is.
+# Not called, with the reason; everything else is.
 APART = {
     "/ws": "an upgrade, which schemathesis does not speak; tests/api/streams.rs does",
     "/watch": "a stream that ends only with its client; tests/api/streams.rs follows it",
@@ -55,7 +55,7 @@ APART = {
 }
 LAST = ("/scans", "/ops/{op}")
 
-# What the configuration's own routes may spoil, so that the rest stays to be switched.
+# Created for the configuration's own routes to break, so that the rest remains usable.
 SPARE = [
     ("POST", "/config/lines", {"line": "spare", "port": "/dev/railbus-no-such-port"}),
     ("POST", "/config/modules", {"modules": [
@@ -66,11 +66,11 @@ SPARE = [
 
 
 class Wrong(Exception):
-    """Something is not as it must be."""
+    """A check has failed."""
 
 
 class OverSocket(http.client.HTTPConnection):
-    """HTTP over the daemon's socket: its own user, who may everything."""
+    """HTTP over the daemon's socket: as its own user, who may do everything."""
 
     def __init__(self, path):
         super().__init__("localhost", timeout=60)
@@ -113,7 +113,7 @@ class Daemon:
         self.folder.cleanup()
 
     def ask(self, method, path, body=None, base="/api/v1"):
-        """Asks as its own user; gives back status and text."""
+        """Sends a request as its own user; returns status and text."""
         connection = OverSocket(self.socket)
         text = None if body is None else json.dumps(body)
         connection.request(method, base + path, text)
@@ -123,14 +123,14 @@ class Daemon:
         return found
 
     def get(self, path):
-        """What is there, as JSON."""
+        """The JSON at a path."""
         status, text = self.ask("GET", path)
         if status != 200:
             raise Wrong(f"GET {path}: {status} {text}")
         return json.loads(text)
 
     def until(self, what, done):
-        """Waits until something is so."""
+        """Waits until a condition is true."""
         end = time.monotonic() + 60
         while not done():
             if time.monotonic() > end:
@@ -138,7 +138,7 @@ class Daemon:
             time.sleep(0.1)
 
     def outputs(self):
-        """What the modules of the demo say of their outputs now."""
+        """The outputs of the demo's modules, read from them now."""
         points = self.get("/points?fresh=1")["points"]
         return {
             f"{point['module']}.{point['label']}": point.get("value")
@@ -147,7 +147,7 @@ class Daemon:
         }
 
     def entries(self):
-        """All that was done, the newest first."""
+        """All entries of the audit log, newest first."""
         found, cursor = [], ""
         while True:
             page = self.get(f"/audit?limit=500{cursor}")
@@ -158,7 +158,7 @@ class Daemon:
 
 
 def schemathesis(daemon, token, paths):
-    """Lets schemathesis ask; gives back its failures in words."""
+    """Runs schemathesis; returns its failures as text."""
     words = ["run", f"{daemon.origin}/api/v1/openapi.json", "--no-color", "--seed", SEED]
     words += ["--max-examples", EXAMPLES["admin" if token else "nobody"]]
     words += ["--phases", "coverage,fuzzing"]
@@ -179,17 +179,17 @@ def schemathesis(daemon, token, paths):
 
 
 def all_but(paths):
-    """Every path but these."""
+    """Arguments for every path but these."""
     return [word for path in paths for word in ("--exclude-path", path)]
 
 
 def only(paths):
-    """These paths."""
+    """Arguments for these paths."""
     return [word for path in paths for word in ("--include-path", path)]
 
 
 def moved_without_order(before, after, entries):
-    """Outputs that are not as they were, though nobody ordered it."""
+    """Outputs that have changed although nothing commanded it."""
     named = {(entry["module"], word) for entry in entries for word in words_of(entry["what"])}
     moved = [path for path in before if after.get(path) != before[path]]
     return [path for path in moved if tuple(path.split(".")) not in named]
@@ -201,7 +201,7 @@ def words_of(what):
 
 
 def is_sound(daemon):
-    """What must be so whatever was asked: it answers, and nothing it keeps is spoilt."""
+    """What must hold whatever was sent: it answers, and nothing that it stores is damaged."""
     for path, base in (("/healthz", ""), ("/readyz", "")):
         status, text = daemon.ask("GET", path, base=base)
         if status != 200:
@@ -231,7 +231,7 @@ def as_nobody():
 
 
 def as_admin():
-    """With every right nothing breaks, and nothing moves that was not ordered."""
+    """With all rights nothing breaks, and nothing moves without a command."""
     with Daemon() as daemon:
         good(daemon)
         for method, path, body in SPARE:
@@ -262,7 +262,7 @@ def good(daemon):
 
 
 def main():
-    """Runs it all; gives back the exit code."""
+    """Runs everything; returns the exit code."""
     began = time.monotonic()
     command = [os.environ.get("CARGO", "cargo"), "build", "--quiet", "--package", "railbus"]
     subprocess.run([*command, "--target-dir", str(rig.target())], check=True, cwd=rig.ROOT)

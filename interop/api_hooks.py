@@ -1,9 +1,9 @@
-"""What schemathesis is told beside the API's own document: names that are there, so that not
-every question ends with "there is no such thing"."""
+"""What schemathesis needs besides the API's own document: names that exist, so that not every
+request ends with "not found"."""
 
 import schemathesis
 
-# What a place in an address is called, and what of the demo it can hold.
+# Path parameters, and values that exist in the demo.
 THERE = {
     "module": ["pump", "oven", "gate", "yard", "tank", "spare"],
     "label": ["do0", "do1", "k1", "k2", "di0", "ai1"],
@@ -11,9 +11,9 @@ THERE = {
     "group": ["night", "spare"],
     "scene": ["evening", "spare"],
 }
-# Of them what may be changed and taken away: what all else is tried on stays.
+# Those of them that may be changed and deleted; the others are needed for the rest.
 SPARE = {name: ["spare"] for name in ("module", "line", "group", "scene")}
-# The same of what follows the `?`.
+# The same for query parameters.
 ASKED = {
     "point": ["pump.do0", "oven.k1", "tank.ai1"],
     "select": ["pump.do0", "oven"],
@@ -32,7 +32,7 @@ ASKED = {
 
 @schemathesis.hook
 def before_load_schema(context, schema):
-    """Gives texts in addresses a choice of what is there; any other text stays possible."""
+    """Offers existing names for path parameters; any other text stays possible."""
     for path, item in schema["paths"].items():
         places = THERE | (SPARE if path.startswith("/config/") else {})
         for operation in item.values():

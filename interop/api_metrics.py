@@ -1,11 +1,11 @@
-"""`/metrics` as the OpenMetrics parser of prometheus_client reads it, and what the conventions
-of Prometheus ask of names and values."""
+"""Checks `/metrics` with the OpenMetrics parser of prometheus_client, and against Prometheus'
+conventions for names and values."""
 
 import math
 
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
-# Families that must be there, and as what.
+# Families that must exist, and their types.
 WANTED = {
     "railbus_requests": "counter",
     "railbus_request_seconds": "histogram",
@@ -21,7 +21,7 @@ SCALED += ("_percent",)
 
 
 def wrong(text):
-    """What is wrong with a text of metrics, in words."""
+    """What is wrong with a text of metrics."""
     try:
         families = list(text_string_to_metric_families(text))
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""The checksums of the protocols, made here so that nothing tested is asked for them."""
+"""The checksums of the protocols, computed here, independently of what is tested."""
 
 
 def total(data):
@@ -7,7 +7,7 @@ def total(data):
 
 
 def crc(data):
-    """The CRC of Modbus, as it is sent: low byte first."""
+    """The CRC of Modbus in the order in which it is sent: low byte first."""
     value = 0xFFFF
     for byte in data:
         value ^= byte

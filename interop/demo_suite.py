@@ -1,4 +1,4 @@
-"""`railbus sim --demo` itself: all foreign masters in turn, and all protocols on one wire."""
+"""`railbus sim --demo` itself: all third-party masters in turn, and all protocols on one wire."""
 
 import os
 import re
@@ -25,11 +25,11 @@ MASTERS = {
 MODBUS = {"oven": (3, 60, 8), "tank": (5, 8, 2)}
 
 
-# The longest silence that a module of the line wants before its requests, the ERC-8's. Without it
-# a Modbus module takes a request and the reply of another module before it for one frame; a
-# master that turns from one module to another must leave it, and libmodbus does not.
+# The longest silence that a module of the line needs before a request, the ERC-8's. Without it a
+# Modbus module takes a request together with the previous reply of another module for one frame; a
+# master that addresses one module after another has to leave that gap, and libmodbus does not.
 GAP = 0.02
-# So long nothing may come where nothing must.
+# How long nothing may arrive where nothing is allowed to.
 SILENCE = 0.4
 
 
@@ -58,17 +58,17 @@ class Demo(Script):
         self.process.wait(5)
 
     def ask(self, entries, request, reply=b""):
-        """As it is, after the gap."""
+        """As in the base class, after the gap."""
         time.sleep(GAP)
         super().ask(entries, request, reply)
 
     def unwanted(self):
-        """Without a panel silence is believed by the clock. What comes later than that is told with
-        the next reply, before which it stands."""
+        """Without a panel, silence is decided by the clock. Bytes that arrive later are reported
+        with the next reply, in front of it."""
         return self.port.hear(1, SILENCE)
 
     def shape(self, entries, request, count, pattern):
-        """The reply must be so many bytes of this form: inputs move by themselves."""
+        """The reply must have this length and match this pattern: inputs move by themselves."""
         time.sleep(GAP)
         self.port.send(request)
         got = self.port.hear(count, PATIENCE)
@@ -86,7 +86,7 @@ def demo():
 
 
 def plainly(s):
-    """What the plain script says."""
+    """What the plain script sends."""
     s.ask("pump answers", text("$01M"), text("!019060"))
     s.shape("pump answers", text("$016"), 8, rb"!000[0-9A-F]00\r")
     s.ask("pump obeys", text("#010005"), text(">"))
@@ -115,7 +115,7 @@ def plainly(s):
     s.check("another speed: silent", s.unwanted(), b"")
     s.port.speed(9600)
     s.ask("another speed: silent", request, reply)
-    # The others were not touched by any of it.
+    # The others were not affected by any of it.
     s.shape("pump obeys", text("$016"), 8, rb"!050[0-9A-F]00\r")
 
 

@@ -1,5 +1,5 @@
-"""Foreign masters against our firmware in QEMU: the steps of `modbus_cases.py`, as pymodbus and
-mbpoll say them, to boards whose relays are seen on another way.
+"""Third-party masters against our firmware in QEMU: the steps of `modbus_cases.py`, sent by
+pymodbus and mbpoll to boards whose relays are observed independently.
 
 `cargo xtask firmware test` runs this. By hand it is
 `target/interop-venv/bin/python interop/firmware.py target/firmware [WORD...]`.
@@ -19,14 +19,15 @@ import rig
 WORKERS = 6
 SHOWN = 10
 
-# Tables that try every address and speed before the power goes off. The firmware spares its EEPROM:
-# what so many changes come to at power-up is another matter, so that follows on a fresh board.
+# Tables that try every address and speed before the power goes off. The firmware limits EEPROM
+# writes, so the result of that many changes at power-up is a different matter; the rest runs on a
+# fresh board.
 SPARED = ("ERC-8", "EDA9060A Modbus", "EDA9050 Modbus")
 
 
 def reachable(steps):
-    """The steps that can be taken in QEMU. Its UART has no parity, and nobody there tells when an
-    output moved: pulses are left to the trials."""
+    """The steps that are possible in QEMU. Its UART has no parity, and changes of outputs have no
+    time stamps: pulses are left to the trials."""
     moved = [at for at, step in enumerate(steps) if is_done(step, "changes ")
              or isinstance(step, modbus_cases.Pulses)]
     if moved:
@@ -37,9 +38,8 @@ def reachable(steps):
 
 
 def settled(module, steps):
-    """The steps, where a board that gets another speed is given the time to change, before anybody
-    asks at the new one, or sees that it is silent at the old one: a busy machine may hold it up
-    behind its reply."""
+    """The steps, with time for a board to change its speed before it is read at the new one, or
+    is expected to be silent at the old one: a busy machine may hold it up after its reply."""
     model = module.split(",")[0].removeprefix("model=")
     waited_for = None
     for step, following in zip(steps, [*steps[1:], None]):
@@ -51,8 +51,8 @@ def settled(module, steps):
 
 
 def lives(table, module, steps):
-    """What happens to one module, or to one until it loses its power and to another one from
-    shortly before that."""
+    """Splits the steps: those up to a loss of power, and those for a fresh board from shortly
+    before."""
     if table not in SPARED:
         return [(table, table, module, steps)]
     before = next(at for at, step in enumerate(steps) if is_done(step, "power "))
@@ -63,12 +63,12 @@ def lives(table, module, steps):
 
 
 def is_done(step, command):
-    """Whether a step does this at the panel."""
+    """Whether a step runs this command at the panel."""
     return isinstance(step, modbus_cases.Do) and step.command.startswith(command)
 
 
 class Board(rig.Rig):
-    """A board in QEMU. Time can't be skipped there, so it is waited for."""
+    """A board in QEMU. Time can't be skipped there, so it really waits."""
 
     images = None
 
@@ -97,7 +97,7 @@ def suites(words):
 
 
 def judge(suite):
-    """Runs a suite; gives back its line and its failures."""
+    """Runs a suite; returns its line and its failures."""
     name, run = suite
     began = time.monotonic()
     try:
@@ -110,7 +110,7 @@ def judge(suite):
 
 
 def main(images, *words):
-    """Gives back the exit code."""
+    """Returns the exit code."""
     Board.images = os.path.abspath(images)
     failed, chosen = 0, list(suites(words))
     with concurrent.futures.ThreadPoolExecutor(WORKERS) as pool:

@@ -1,4 +1,4 @@
-"""libmodbus against every module that speaks Modbus RTU, by way of `libmodbus_suite.c`."""
+"""libmodbus against every module with Modbus RTU, through `libmodbus_suite.c`."""
 
 import pathlib
 import subprocess
@@ -11,7 +11,7 @@ from rig import target
 SOURCE = pathlib.Path(__file__).with_suffix(".c")
 PROGRAM = target() / "libmodbus_suite"
 
-# What modbus_set_slave takes; a reply from beyond it is not heard.
+# The highest unit that modbus_set_slave accepts; replies from higher ones are not received.
 UNIT_MAX = 247
 
 
@@ -46,17 +46,17 @@ class Master:
         self.process.stdout.close()
 
     def speed(self, rate):
-        """Goes to another speed."""
+        """Changes the speed."""
         self._say("close")
         self._say(f"open {self.port} {rate}")
         self.timeout = None
 
     def can(self, unit, step):
-        """Whether it can say this: it always sends whole frames with a good CRC."""
+        """Whether it can send this: it always sends whole frames with a correct CRC."""
         return unit <= UNIT_MAX and not isinstance(step, Wire)
 
     def request(self, unit, step, timeout):
-        """Asks, and gives back what came."""
+        """Sends a request and returns the outcome."""
         if timeout != self.timeout:
             self._say(f"timeout {int(1000 * timeout)}")
             self.timeout = timeout

@@ -1,20 +1,20 @@
-"""Drives a module through the steps of `modbus_cases.py` with a master that others wrote."""
+"""Drives a module through the steps of `modbus_cases.py` with a third-party master."""
 
 from modbus_cases import LINES, SILENT, Ask, Do, Pulses, Speed, Unit
 from rig import Rig, Tally
 
-# How long masters wait for a reply, in seconds: where one must come, and where none may. What they
-# take for silence is judged by the rig, which knows what its modules have said to it.
+# How long masters wait for a reply, in seconds: if one must come, and if none may. Whether it
+# really was silence is decided by the rig, which knows what its modules have sent.
 PATIENCE = 10.0
 SILENCE = 0.4
 
 
 def drive(name, open_master, open_helper=None, lines=None):
-    """The suites of one master, one for each line: a name, and a function that gives back a tally.
-    `lines` are title, table, module and steps of each; if not said, all there are.
+    """The suites of one master, one per line: a name, and a function that returns a tally.
+    `lines` are title, table, module and steps of each; all by default.
 
-    What the master cannot say is not counted; where it would change the module, a helper says
-    it, so that the steps after it find what they expect.
+    Steps that the master can't send are not counted; if they would change the module, a helper
+    sends them, so that later steps find what they expect.
     """
     lines = lines or [(table, table, *line) for table, line in LINES.items()]
     return [

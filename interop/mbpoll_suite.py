@@ -1,5 +1,5 @@
-"""mbpoll against every module that speaks Modbus RTU: one process for each request. It reads with
-FC01 to FC04, writes one value with FC05 or FC06 and several with FC0F or FC10."""
+"""mbpoll against every module with Modbus RTU: one process per request. It reads with FC01 to
+FC04, writes one value with FC05 or FC06 and several with FC0F or FC10."""
 
 import re
 import subprocess
@@ -33,11 +33,11 @@ class Master:
         pass
 
     def speed(self, rate):
-        """Goes to another speed."""
+        """Changes the speed."""
         self.rate = rate
 
     def can(self, unit, step):
-        """Whether it can say this."""
+        """Whether it can send this."""
         if not isinstance(step, Ask) or not 1 <= unit <= 247:
             return False
         if isinstance(step.arg, int):
@@ -45,7 +45,7 @@ class Master:
         return (len(step.arg) == 1) == (step.fc in (5, 6))
 
     def request(self, unit, step, timeout):
-        """Asks, and gives back what came."""
+        """Sends a request and returns the outcome."""
         reads = isinstance(step.arg, int)
         count = step.arg if reads else 1
         values = [] if reads else [str(value) for value in step.arg]

@@ -1,7 +1,7 @@
-"""What every foreign Modbus master is made to ask, as data: one list of steps for each module.
+"""The requests of the third-party Modbus masters as data: a list of steps for each module.
 
-A step names the entries of `tables.py` that it exercises; `""` is a step on the way. The masters
-(`pymodbus_suite.py`, `libmodbus_suite.py`, `mbpoll_suite.py`) differ in what they can say at all.
+A step names the entries of `tables.py` that it covers; `""` is an intermediate step. The masters
+(`pymodbus_suite.py`, `libmodbus_suite.py`, `mbpoll_suite.py`) differ in what they can send.
 """
 
 import dataclasses
@@ -38,7 +38,7 @@ class Raw:
 
 @dataclasses.dataclass
 class Wire:
-    """A frame as it is, without any CRC added."""
+    """A frame sent as it is, without a CRC being added."""
 
     entries: str | list
     frame: str
@@ -47,21 +47,21 @@ class Wire:
 
 @dataclasses.dataclass
 class Unit:
-    """The master turns to another address."""
+    """Changes the address that the master uses."""
 
     address: int
 
 
 @dataclasses.dataclass
 class Speed:
-    """The master's port goes to another speed."""
+    """Changes the speed of the master's port."""
 
     rate: int
 
 
 @dataclasses.dataclass
 class Do:
-    """Something is done at the panel; where `want` is given, it is the answer."""
+    """A command at the panel; `want`, if given, is the answer."""
 
     command: str
     entries: str | list = ""
@@ -102,7 +102,8 @@ def absent(want, tail):
 
 
 def on_the_wire(state):
-    """What is no request for the module gets no reply; `state` is what it still is after that."""
+    """Frames that are no request for the module get no reply; `state` must be unchanged
+    afterwards."""
     return [
         Unit(2),
         *[dataclasses.replace(step, entries="another address: silent", want=SILENT)
@@ -117,7 +118,7 @@ def on_the_wire(state):
 
 
 def runs(fc, entries, values, first=0, count=None):
-    """Reads every run inside `values`, which begin at `first`."""
+    """Reads every run of `values`, which begin at `first`."""
     count = count or len(values)
     return [
         Ask(entries, fc, first + start, length, values[start:start + length])
@@ -127,7 +128,7 @@ def runs(fc, entries, values, first=0, count=None):
 
 
 def write_runs(entries, first, count, total=None):
-    """Writes every run of coils on and then off again, each seen in a read of all."""
+    """Writes every run of coils on and then off again, each checked by reading all."""
     total = total or count
     steps = []
     for start in range(count):
@@ -142,7 +143,7 @@ def write_runs(entries, first, count, total=None):
 
 
 def each_coil(first, count, total=None):
-    """FC05 on and off for each coil, each seen in a read of all."""
+    """FC05 on and off for each coil, each checked by reading all."""
     total = total or count
     steps = []
     for coil in range(count):
@@ -213,7 +214,7 @@ ERC8 = [
     Ask("", 1, 60, 8, _PATTERN),
     Ask("", 15, 60, [0] * 8, DONE),
     *on_the_wire(_ERC8_STATE),
-    # Addresses, up and down again.
+    # Addresses, up and back.
     *[step for old, new in [*zip(range(1, 32), range(2, 33)), (32, 1)] for step in (
         Ask([f"fc06 address {new}", "fc06 address: reply from the old one"], 6, 0, [new], DONE),
         Unit(new),
@@ -246,7 +247,7 @@ ERC8 = [
     Ask("", 6, 1, [1], DONE),
     Speed(9600),
     Ask("", 6, 0, [1], DONE),
-    # To all: only the address.
+    # Broadcasts: only the address.
     Unit(0),
     Ask("broadcast fc06 address: obeyed, silent", 6, 0, [6], SILENT),
     Unit(6),
@@ -294,7 +295,7 @@ _READ_ONLY = (0, 6, 7)
 
 
 def _emd_command(value, stands, entries):
-    """A command through register 5: its bit stands, and is gone when the work is done."""
+    """A command through register 5: its bit is set, and cleared when the work is done."""
     return [
         Ask(entries, 6, 5, [value], DONE),
         Ask(entries, 3, 5, 1, [stands]),
@@ -315,7 +316,7 @@ EMD2A2Q = [
     *[Ask(f"fc01 coil {at}: exception 2", 1, at, 1, exception(2)) for at in (0, 7, 10, 65535)],
     Raw("fc01 count 0: exception 3", "0100080000", exception(3)),
     Raw("fc01 count 2001: exception 3", "01000807D1", exception(3)),
-    # The product version, which is whatever it is, is 12 here.
+    # The product version, which is not specified, is 12 here.
     *[Ask(f"fc03 register {at}", 3, at, 1, [value])
       for at, value in enumerate([12, *_EMD_REGISTERS])],
     *runs(3, "fc03 every run of 0-7", [12, *_EMD_REGISTERS]),
@@ -367,7 +368,7 @@ EMD2A2Q = [
     Ask("fc04: exception 1", 4, 6, 1, exception(1)),
     *absent(exception(1), "exception 1"),
     *on_the_wire(_EMD_STATE),
-    # What lies at the inputs.
+    # The analog inputs.
     *[step for value, read in ((871, 871), (2000, 2000), (-30, 0), (0, 0)) for step in (
         Do(f"analog emd2a2q 0 {value}"),
         Ask("analog 1 below 0 reads 0" if value < 0 else f"analog 1 {value}", 3, 6, 2, [read, 0]),
@@ -457,7 +458,7 @@ EMD2A2Q = [
         Do(f"parity {letter}"),
         Ask(f"fc06 parity {code}", 3, 1, 3, [1, 2, code]),
     )],
-    # To all: every write.
+    # Broadcasts: every write.
     Unit(0),
     Ask("broadcast fc05: obeyed, silent", 5, 8, [1], SILENT),
     Unit(1),
@@ -508,13 +509,13 @@ _EDA_ADDRESSES = (2, 85, 247, 248, 255, 1)
 
 
 def _fc10(at, *words):
-    """FC10 as the master adds nothing to: some write one register with FC06 instead."""
+    """FC10 as raw data: some masters write a single register with FC06 instead."""
     data = "".join(f"{word:04X}" for word in words)
     return f"10{at:04X}{len(words):04X}{2 * len(words):02X}{data}"
 
 
 def _eda_refusals(outputs, inputs):
-    """What both modules leave unanswered; coils and inputs up to these numbers exist."""
+    """Requests that both modules leave unanswered; coils and inputs exist up to these numbers."""
     return [
         *[Raw(f"fc05 value {value}: silent", f"050001{value}", SILENT)
           for value in ("0001", "0100", "FFFF")],
@@ -542,7 +543,7 @@ def _eda_refusals(outputs, inputs):
 
 
 def _eda_addresses(read_back):
-    """Every address that FC10 may set; `read_back(address)` proves it."""
+    """Every address that FC10 may set; `read_back(address)` verifies it."""
     steps = []
     for new in _EDA_ADDRESSES:
         steps += [
@@ -556,7 +557,7 @@ def _eda_addresses(read_back):
 
 
 def _eda_speeds(read_back):
-    """Every speed that FC10 may set; `read_back(code)` proves it."""
+    """Every speed that FC10 may set; `read_back(code)` verifies it."""
     steps = []
     for code, rate in _EDA_SPEEDS.items():
         steps += [
@@ -569,7 +570,7 @@ def _eda_speeds(read_back):
 
 
 def _inputs(name, entry, inputs, total):
-    """Each input high alone, then all of them open again."""
+    """Each input high alone, then all open again."""
     steps = []
     for high in range(inputs):
         want = [int(n == high) for n in range(total)]
@@ -702,7 +703,7 @@ EDA9060A = [
     Ask("power-up: relays off", 1, 0, 4, [0] * 4),
     Ask("power-up: settings kept", 3, 0, 4, [0x9060, 0x2106, 0x0305, 0]),
     Ask("", 16, 0, [0x0106, 0x000A], DONE),
-    # To all.
+    # Broadcasts.
     Unit(0),
     Ask("broadcast fc05: obeyed, silent", 5, 1, [1], SILENT),
     Unit(1),

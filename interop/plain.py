@@ -1,6 +1,6 @@
-"""ASCII, LC-02 and 0x55 as a plain script speaks them: the codec and the port are all here, and
-nothing is imported that knows these protocols. What is asked stands in `plain_ascii.py`,
-`plain_lc02.py` and `plain_r55.py`."""
+"""ASCII, LC-02 and 0x55 in a plain script: codec and port are all here, and nothing is imported
+that knows these protocols. The requests are in `plain_ascii.py`, `plain_lc02.py` and
+`plain_r55.py`."""
 
 import os
 import select
@@ -10,7 +10,7 @@ import time
 from rig import Rig, Tally
 
 SPEEDS = {3: 1200, 4: 2400, 5: 4800, 6: 9600, 7: 19200}
-# How long to wait for what must come.
+# How long to wait for a reply that must come, in seconds.
 PATIENCE = 10.0
 
 
@@ -49,7 +49,7 @@ def r55_reply(address, function, word=0):
 
 
 def rtu(*body):
-    """A Modbus frame, which modules in these protocols must not take for theirs."""
+    """A Modbus frame, which modules in these protocols must ignore."""
     crc = 0xFFFF
     for byte in body:
         crc ^= byte
@@ -67,7 +67,7 @@ class Port:
         self.speed(9600)
 
     def close(self):
-        """Leaves the port."""
+        """Closes the port."""
         os.close(self.fd)
 
     def speed(self, rate):
@@ -83,7 +83,7 @@ class Port:
         os.write(self.fd, data)
 
     def hear(self, count, seconds):
-        """At most so many bytes, within so many seconds."""
+        """At most this many bytes, within this many seconds."""
         deadline = time.monotonic() + seconds
         heard = b""
         while len(heard) < count:
@@ -95,7 +95,7 @@ class Port:
 
 
 class Script:
-    """One line, and what a suite does on it."""
+    """One line, and a suite on it."""
 
     def __init__(self, table, *modules):
         self.tally = Tally(table)
@@ -118,15 +118,15 @@ class Script:
         self.tally.check(entries, (surplus + got).hex(" "), reply.hex(" "), what)
 
     def unwanted(self):
-        """What came where nothing must: the rig says how much that is, and no clock of ours."""
+        """What came although nothing should have: the rig knows how much that is, not our clock."""
         return self.port.hear(self.rig.silence(), PATIENCE)
 
     def check(self, entries, got, want, what="the rig"):
-        """Something else than a reply must be so."""
+        """A check of something else than a reply."""
         self.tally.check(entries, got, want, what)
 
     def do(self, command):
-        """Does something at the panel."""
+        """Runs a command at the panel."""
         return self.rig.do(command)
 
     def settle(self):

@@ -24,7 +24,7 @@ SYNTAX = {
 
 
 def module(s, name, outputs, answers_new):
-    """What both modules have: `s` speaks to one at address 01, 9600 baud, called m."""
+    """What both modules have: `s` talks to one at address 01, 9600 baud, named m."""
     inputs = 4 if outputs == 4 else 7
     full, high = (1 << outputs) - 1, (1 << inputs) - 1
 
@@ -56,7 +56,7 @@ def module(s, name, outputs, answers_new):
     s.do("levels m 255")
     data("$AA6 unused bits are 0", 0)
 
-    # What is refused changes nothing.
+    # A refused command changes nothing.
     s.ask("", text("#010005"), text(">"))
     for code in ("00", "41"):
         s.ask(f"%AA type {code}: silent", text(f"%0102{code}0600"))
@@ -84,7 +84,7 @@ def module(s, name, outputs, answers_new):
     data(["another address: silent, nothing"], 5)
     s.ask("", text("$012"), text("!01400600"))
 
-    # How a frame begins and ends.
+    # Where a frame begins and ends.
     answer = text(f"!01{name}")
     for frame in (b"\n$01M\r", b"$0\n1M\r", b"$01M\n\r"):
         s.ask("syntax: LF ignored", frame, answer)
@@ -218,7 +218,7 @@ def pulses(s):
 
 
 def address_zero(s):
-    """Address 00 means everybody in Modbus, so that a module there answers nothing."""
+    """Address 00 is the broadcast address in Modbus, so a module there answers nothing."""
     entry = "address 00 in Modbus: broadcast only"
     s.ask("", text("%0100400600"), text("!01"))
     s.ask("", text("#0040005"), text("!00"))
@@ -251,7 +251,7 @@ def eda9050():
 
 
 def switches():
-    """What the simulator can be told to do otherwise."""
+    """The options of the simulator."""
     with Script("ASCII switches", "name=m,model=eda9060a,aloud,lower-case") as s:
         for word, requests in {
             "bad value": ("#010010", "#011401", "%0101400800", "#0140300"),

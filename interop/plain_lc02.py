@@ -6,7 +6,7 @@ FOREIGN = {"ascii": text("$01M"), "rtu": rtu(1, 1, 0, 0, 0, 16), "r55": r55(1, 0
 
 
 def module(s, model, outputs):
-    """What both modules have: `s` speaks to one at address 01, 9600 baud, called m."""
+    """What both modules have: `s` talks to one at address 01, 9600 baud, named m."""
     inputs = 4 if outputs == 4 else 7
     full, high = (1 << outputs) - 1, (1 << inputs) - 1
 
@@ -43,7 +43,7 @@ def module(s, model, outputs):
           bytes.fromhex(printed))
     s.do("levels m 255")
 
-    # What is refused changes nothing.
+    # A refused command changes nothing.
     write("", 0xFF, 5)
     for value in (2, 0xFF):
         s.ask(f"04 value {value:02X} for one channel: silent", lc02(1, 4, 0, value))
@@ -76,7 +76,7 @@ def module(s, model, outputs):
         s.ask("garbage before a request is skipped", garbage + lc02(1, 3),
               lc02_reply(1, 5, high))
 
-    # 0D as every field.
+    # 0D in every field.
     addresses = [0, 0x0A, 0x0D, 0x0C, 0x7F, 0xFF, 1]
     for old, new in zip([1, *addresses], addresses):
         entries = [f"02 address {new:02X}"] if new != 0x0C else []
@@ -151,7 +151,7 @@ def eda9060a():
 
 
 def eda9050():
-    """EDA9050 with its INIT* pin to ground."""
+    """EDA9050 with its INIT* pin grounded."""
     with Script("EDA9050 LC-02", "name=m,model=eda9050,proto=lc02") as s:
         module(s, (0x90, 0x50), 8)
         s.ask("05: silent", lc02(1, 5, 1, 10))

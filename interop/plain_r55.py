@@ -5,10 +5,10 @@ from plain import Script, lc02, r55, r55_reply, rtu, text
 ALL = 0xFFFFFFFF
 EVERYBODY = 245
 FOREIGN = {"ascii": text("$01M"), "lc02": lc02(1, 3), "rtu": rtu(1, 1, 0, 0, 0, 16)}
-# The twins that are not answered, which are no constant offset.
+# The unanswered counterparts, which are not at a constant offset.
 TWINS = {0x11: 0x31, 0x12: 0x32, 0x13: 0x33, 0x14: 0x34, 0x15: 0x35, 0x16: 0x36,
          0x20: 0x30, 0x21: 0x37, 0x22: 0x38}
-# What each function makes of a state, given its data.
+# The new state for each function, given its data.
 EFFECTS = {
     0x11: lambda state, word: state & ~(1 << word - 1),
     0x12: lambda state, word: state | 1 << word - 1,
@@ -22,7 +22,7 @@ ONE_CHANNEL = (0x11, 0x12, 0x20, 0x21, 0x22)
 
 
 class Board(Script):
-    """A line with one board, or more of them, whose outputs are followed here."""
+    """A line with one board or several, whose outputs are tracked here."""
 
     def __init__(self, *modules):
         super().__init__("0x55 boards", *modules)
@@ -30,7 +30,7 @@ class Board(Script):
         self.state = 0
 
     def command(self, entries, function, word, address=None):
-        """A command that is answered with the state, or a twin that is not."""
+        """A command that is answered with the state, or its unanswered counterpart."""
         original = next((one for one, twin in TWINS.items() if twin == function), function)
         self.state = EFFECTS[original](self.state, word) & ALL
         address = address or self.address
@@ -42,16 +42,16 @@ class Board(Script):
             self.read(entries)
 
     def read(self, entries):
-        """The state must be what it is here."""
+        """The state must be the one tracked here."""
         self.ask(entries, r55(self.address, 0x10), r55_reply(self.address, 0x10, self.state))
 
     def set(self, word):
-        """All outputs, on the way to something."""
+        """Sets all outputs, in preparation."""
         self.command("", 0x13, word)
 
 
 def commands():
-    """A board of 32 relays: what switches at once."""
+    """A board of 32 relays: commands that switch at once."""
     with Board("name=m,model=r55") as s:
         s.read(["power-up: relays off", "10 state"])
         for word, function in (("off", 0x11), ("on", 0x12)):
@@ -59,7 +59,7 @@ def commands():
             for channel in range(1, 33):
                 s.command([f"printed table: {word} {channel}", f"{function:x} each channel",
                            f"{function:x} reply: own code, state after"], function, channel)
-        # As printed, sums and all.
+        # As printed, including the checksums.
         for frame, word in (("5501120000000169", "on 1"), ("5501110000002087", "off 32")):
             s.state = EFFECTS[int(frame[4:6], 16)](s.state, int(frame[6:14], 16))
             s.ask(f"printed table: {word}", bytes.fromhex(frame),
@@ -107,7 +107,7 @@ def commands():
 
 
 def refused(s):
-    """What gets no reply and changes nothing."""
+    """Frames that get no reply and change nothing."""
     s.set(0x12345678)
     for function in ONE_CHANNEL:
         s.ask(f"{function:x} channel 0: silent", r55(1, function, 0))
@@ -152,7 +152,7 @@ def chains(s):
     s.ask("chain: only the last is answered",
           r55(1, 0x13, 0) + r55(1, 0x12, 32) + r55(1, 0x12, 1) + r55(1, 0x10),
           r55_reply(1, 0x10, s.state))
-    # The last that is answered at all, with what it saw.
+    # The last one that is answered, with the state that it saw.
     s.ask("chain: only the last is answered",
           r55(1, 0x10) + r55(1, 0x33, 0), r55_reply(1, 0x10, s.state))
     s.state = 0
@@ -160,7 +160,7 @@ def chains(s):
 
 
 def jogs():
-    """A board of 32 relays: what switches by itself later."""
+    """A board of 32 relays: commands that switch later."""
     with Board("name=m,model=r55") as s:
         for function in (0x21, 0x22, 0x37, 0x38):
             closes = function in (0x21, 0x37)
@@ -198,14 +198,14 @@ def jogs():
 
 
 def times(s, function, closes):
-    """The times that fit 24 bits, on channel 7 and in virtual time."""
+    """Times that fit into 24 bits, on channel 7 and in virtual time."""
     rest = s.state
     jogged = rest ^ 1 << 6
     for millis in (0, 1, 1000, 65536, 16777215):
         entry = f"{function:x} time {millis} ms"
         s.set(rest)
         s.do("changes m")
-        # No time at all is the end state at once.
+        # A time of 0 is the end state at once.
         request = r55(1, function, millis << 8 | 7)
         if function < 0x30:
             s.ask(entry, request, r55_reply(1, function, jogged if millis else rest))
@@ -219,8 +219,9 @@ def times(s, function, closes):
         s.read(entry)
 
 
-# Later commands for channel 3 that leave it as a jog of 5 s, close or open, would not: function,
-# data, and how often, for a toggle must come twice to leave the state that the jog began with.
+# Later commands for channel 3 that leave it in a state that a jog of 5 s, close or open, would not:
+# function, data, and how often, since a toggle must come twice to restore the state that the jog
+# began with.
 LATER_ON = [(0x12, 3, 1), (0x13, 4, 1), (0x15, 4, 1), (0x16, 4, 2), (0x20, 3, 2),
             (0x22, 1000 << 8 | 3, 1)]
 LATER_OFF = [(0x11, 3, 1), (0x13, 0, 1), (0x14, 4, 1), (0x16, 4, 2), (0x20, 3, 2),
@@ -228,7 +229,7 @@ LATER_OFF = [(0x11, 3, 1), (0x13, 0, 1), (0x14, 4, 1), (0x16, 4, 2), (0x20, 3, 2
 
 
 def cancelled(s):
-    """A later command for the channel ends its jog: the channel does not go back after 5 s."""
+    """A later command for the channel ends its jog: the channel does not switch back after 5 s."""
     for jog, later in ((0x21, LATER_ON), (0x37, LATER_ON), (0x22, LATER_OFF), (0x38, LATER_OFF)):
         for function, word, times_sent in later:
             entry = f"{jog:x} after {function:x}: cancelled"
@@ -301,7 +302,7 @@ def everybody():
     with Board("name=a,model=r55,addr=1", "name=b,model=r55,addr=2,outputs=8") as s:
 
         def both(entries):
-            """Both boards are in the state that is here."""
+            """Both boards have the state tracked here."""
             for address, mask in ((1, ALL), (2, 0xFF)):
                 s.ask(entries, r55(address, 0x10), r55_reply(address, 0x10, s.state & mask))
 
@@ -331,7 +332,7 @@ def everybody():
         s.ask("two boards obey one broadcast", bytes.fromhex("55F533FFFFFFFF79"))
         both(["two boards obey one broadcast", "33 to 245: obeyed, silent"])
 
-        # The smaller board has no more than it has.
+        # The smaller board has no more channels.
         for function in ONE_CHANNEL:
             s.ask(f"{function:x} channel above the count: silent", r55(2, function, 9))
         for function in (0x31, 0x32, 0x30, 0x37, 0x38):

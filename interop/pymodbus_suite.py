@@ -1,5 +1,5 @@
-"""pymodbus against every module that speaks Modbus RTU. It can say everything: what it will not
-say by itself goes out as a PDU of our own, and damaged frames by way of its packet trace."""
+"""pymodbus against every module with Modbus RTU. It can send everything: what it refuses to build
+goes out as a PDU of our own, and damaged frames through its packet trace."""
 
 import logging
 
@@ -14,7 +14,7 @@ logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 
 class Verbatim(ModbusPDU):
-    """A request of bytes that somebody else has chosen."""
+    """A request with given bytes."""
 
     def __init__(self, unit, pdu):
         super().__init__(dev_id=unit)
@@ -32,7 +32,7 @@ class Master:
         self.client = ModbusSerialClient(
             port, baudrate=9600, retries=0, trace_packet=self._packet
         )
-        # It gives up a port after a few silences otherwise.
+        # Otherwise it gives up a port after a few silences.
         self.client.set_max_no_responses(1_000_000)
         if not self.client.connect():
             raise ConnectionError(f"pymodbus cannot open {port}")
@@ -44,21 +44,21 @@ class Master:
         self.close()
 
     def close(self):
-        """Leaves the port."""
+        """Closes the port."""
         self.client.close()
 
     def speed(self, rate):
-        """Goes to another speed."""
+        """Changes the speed."""
         # Closing and opening it again would race with its lock, which children of other threads
         # hold for a moment.
         self.client.socket.baudrate = rate
 
     def can(self, _unit, _step):
-        """Whether it can say this."""
+        """Whether it can send this."""
         return True
 
     def request(self, unit, step, timeout):
-        """Asks, and gives back what came."""
+        """Sends a request and returns the outcome."""
         for params in (self.client.comm_params, self.client.transaction.comm_params):
             params.timeout_connect = timeout
         self.frame = bytes.fromhex(step.frame) if isinstance(step, Wire) else None

@@ -1,4 +1,4 @@
-"""Simulated modules on a pseudo terminal, and the tally of what a suite has checked."""
+"""Simulated modules on a pseudo-terminal, and the tally of a suite's checks."""
 
 import os
 import pathlib
@@ -33,7 +33,7 @@ class Rig:
 
     @classmethod
     def command(cls):
-        """The program that serves the modules, and what it wants behind the link's path."""
+        """The program that serves the modules, and its arguments after the link's path."""
         return [target() / "interop-rig/debug/railbus-interop-rig"], []
 
     def __enter__(self):
@@ -46,7 +46,7 @@ class Rig:
         self.folder.cleanup()
 
     def do(self, command):
-        """Does something at a module, such as `power oven cycle`; gives back the answer."""
+        """Runs a command at a module, such as `power oven cycle`; returns the answer."""
         self.process.stdin.write(command + "\n")
         self.process.stdin.flush()
         answer = self.process.stdout.readline().split(None, 1)
@@ -55,13 +55,13 @@ class Rig:
         return answer[1].strip() if len(answer) > 1 else ""
 
     def silence(self):
-        """How many bytes come for what was sent last, when all that it leads to has happened: what
-        was sent is at the modules then, and by their clock they had the time to answer."""
+        """How many bytes come for what was sent last, after all its effects: it has arrived at
+        the modules by then, and by their clock they had the time to answer."""
         return int(self.do("silence"))
 
     def after(self, got):
-        """What a request got. A master believes silence by its own clock, within which a request
-        may still be on its way to a module on a busy machine; the next one would then come right
+        """The outcome of a request. A master decides silence by its own clock; on a busy machine
+        a request may still be on its way to a module then, and the next one would come right
         behind it."""
         if got != SILENT:
             return got
@@ -69,12 +69,12 @@ class Rig:
         return f"{said} bytes, too late" if said else got
 
     def outputs(self, name):
-        """The outputs of a module as they are, whatever it says of them."""
+        """The real state of a module's outputs, whatever it reports."""
         return int(self.do(f"outputs {name}"), 16)
 
     def pulses(self, name):
-        """The pulses that have ended since this was last asked: (channel, milliseconds) each,
-        in virtual time and exact."""
+        """The pulses that have ended since the last call: (channel, milliseconds) each, in
+        virtual time and exact."""
         began, ended = {}, []
         for change in self.do(f"changes {name}").split():
             at, channel, on = (int(word) for word in change.split(":"))
@@ -85,12 +85,12 @@ class Rig:
         return ended
 
 
-# So many failures of a suite are enough: each may cost a reply's timeout.
+# After this many failures a suite stops: each may cost a reply's timeout.
 ENOUGH = 20
 
 
 class GivenUp(Exception):
-    """A suite has failed too often to go on; its tally says where."""
+    """A suite has had too many failures to go on; its tally shows them."""
 
     def __init__(self, tally):
         super().__init__(f"gave up after {ENOUGH} failures")
@@ -109,7 +109,7 @@ class Tally:
         self.failures = []
 
     def check(self, entries, got, want, what=""):
-        """One check that exercises these entries, given as a line of the table or several."""
+        """One check that covers these entries, given as a line of the table or several."""
         entries = self._known(entries)
         self.covered |= entries
         if got == want:
@@ -121,7 +121,7 @@ class Tally:
                 raise GivenUp(self)
 
     def cannot(self, entries):
-        """The master has no way to say this."""
+        """The master has no way to send this."""
         self.inexpressible |= self._known(entries)
 
     def _known(self, lines):

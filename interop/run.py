@@ -1,7 +1,7 @@
-"""Foreign masters against simulated modules on pseudo terminals.
+"""Third-party masters against simulated modules on pseudo-terminals.
 
 `cargo xtask test` runs this from the root of the repository. By hand it is
-`target/interop-venv/bin/python interop/run.py [WORD...]`, where words choose the suites that have
+`target/interop-venv/bin/python interop/run.py [WORD...]`, where words select the suites that have
 one of them in their names.
 """
 
@@ -16,18 +16,18 @@ import time
 import rig
 import tables
 
-# What must be there: how to see it, and the line that installs it.
+# What must be installed: how to check, and the command that installs it.
 PYTHON = ("pymodbus", "serial")
 PROGRAMS = ("gcc", "pkg-config", "mbpoll", "socat")
 
-# Suites side by side: they mostly wait for a line that is as slow as a real one.
+# Suites in parallel: they mostly wait for a line that is as slow as a real one.
 WORKERS = 12
-# Failures of a suite that are shown.
+# How many failures of a suite are shown.
 SHOWN = 10
 
 
 def missing():
-    """The lines that install what is not there."""
+    """The commands that install what is missing."""
     lines = []
     if not all(importlib.util.find_spec(name) for name in PYTHON):
         lines.append(f"{sys.executable} -m pip install 'pymodbus==3.*' pyserial")
@@ -43,7 +43,7 @@ def missing():
 
 
 def build():
-    """Builds the program that serves the modules, and the one that the fault matrix judges."""
+    """Builds the program that serves the modules, and the one that the fault matrix tests."""
     command = [os.environ.get("CARGO", "cargo"), "build", "--quiet"]
     of_rig = ["--manifest-path", str(rig.ROOT / "interop/rig/Cargo.toml")]
     of_rig += ["--target-dir", str(rig.target() / "interop-rig")]
@@ -69,7 +69,7 @@ def suites(words):
 
 
 def alone(words):
-    """The same of what judges by time, and wants the machine for itself."""
+    """The same for suites that judge by time and need the machine for themselves."""
     from matrix import run as matrix
 
     return chosen((matrix,), words)
@@ -82,7 +82,7 @@ def chosen(modules, words):
 
 
 def timed(run):
-    """Runs a suite; gives back its tally and the seconds it took."""
+    """Runs a suite; returns its tally and the seconds it took."""
     began = time.monotonic()
     try:
         tally = run()
@@ -92,8 +92,8 @@ def timed(run):
 
 
 def run_all(wanted):
-    """Runs the suites side by side and prints a line for each; gives back name and tally of
-    each, and how many broke off."""
+    """Runs the suites in parallel and prints a line for each; returns name and tally of each, and
+    how many were aborted."""
     tallies, lost = [], 0
     with concurrent.futures.ThreadPoolExecutor(WORKERS) as pool:
         running = {pool.submit(timed, run): name for name, run in wanted}
@@ -115,14 +115,14 @@ def run_all(wanted):
 
 
 def uncovered(tallies):
-    """The entries of the tables that no check exercises, and how many there are in all."""
+    """The entries of the tables that no check covers, and how many there are in all."""
     entries = [(table, entry) for table in tables.TABLES for entry in tables.entries(table)]
     covered = {(tally.table, entry) for _, tally in tallies for entry in tally.covered}
     return [entry for entry in entries if entry not in covered], len(entries)
 
 
 def main(words):
-    """Runs what was asked for; gives back the exit code."""
+    """Runs what the arguments name; returns the exit code."""
     began = time.monotonic()
     absent = missing()
     for line in absent:

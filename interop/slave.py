@@ -1,4 +1,4 @@
-"""A slave made with pymodbus: what `slave.c` is with libmodbus."""
+"""A slave with pymodbus, like `slave.c` with libmodbus."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""railbus as the master of foreign slaves, made with libmodbus and pymodbus."""
+"""railbus as the master of third-party slaves, with libmodbus and pymodbus."""
 
 import contextlib
 import json
@@ -14,7 +14,8 @@ from rig import target
 HERE = pathlib.Path(__file__).parent
 PROGRAM = target() / "debug/railbus"
 
-# What is asked of the slave, in turn: the model it is taken for, the words, and what must come.
+# The commands, in turn: the model that the slave is configured as, the arguments, and the expected
+# result.
 STEPS = (
     ("erc8", ["get", "erc8.k1"], {"erc8.k1": False}),
     ("erc8", ["set", "erc8.k1", "on"], {"erc8.k1": (True, "readback")}),
@@ -46,7 +47,7 @@ def cable(folder):
 
 
 def libmodbus(folder):
-    """How to start the slave made with libmodbus."""
+    """How to start the libmodbus slave."""
     found = subprocess.run(
         ["pkg-config", "--cflags", "--libs", "libmodbus"],
         capture_output=True, text=True, check=True,
@@ -58,19 +59,19 @@ def libmodbus(folder):
 
 
 def pymodbus(_):
-    """How to start the slave made with pymodbus."""
+    """How to start the pymodbus slave."""
     return [sys.executable, HERE / "slave.py"]
 
 
 def told(answer):
-    """What railbus says of each point: its value, or value and confirmation of a write."""
+    """What railbus reports for each point: its value, or value and confirmation of a write."""
     points = {point["path"]: point["value"] for point in answer.get("points", [])}
     writes = answer.get("set", [])
     return points | {write["path"]: (write["value"], write["confirmed"]) for write in writes}
 
 
 class Tally:
-    """One slave, and what came of all steps, as the runner of the other suites counts."""
+    """One slave and the result of all steps, in the form of the other suites."""
 
     table, open, covered, inexpressible = "", frozenset(), frozenset(), frozenset()
 
@@ -82,7 +83,7 @@ class Tally:
                 process = subprocess.Popen([*command, end], stdout=subprocess.PIPE, text=True)
                 try:
                     process.stdout.readline()
-                    # A server of pymodbus opens its port after it has said so.
+                    # pymodbus opens the port of a server after it has printed that it did.
                     time.sleep(1)
                     self.run(master)
                 finally:

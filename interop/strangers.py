@@ -1,7 +1,7 @@
 """Boards of other makers, as far as a scan can see them: what each answers to a request.
 
-A stranger is a function from the bytes of one request to those of its reply, or nothing. What is
-told of the boards is what their makers' manuals say of their maps; the frames are made here.
+A stranger is a function from the bytes of one request to those of its reply, or None. What the
+boards have is taken from their makers' manuals; the frames are made here.
 """
 
 import struct
@@ -20,9 +20,9 @@ def reply(function, *data):
 
 
 def modbus(coils=(), inputs=(), holding=(), read=(), outside=2, unknown=1):
-    """A Modbus module with these runs, each a first number and what stands there: a count for
-    bits, values for registers. `outside` and `unknown` are the exceptions for what it lacks, or
-    nothing where it is silent."""
+    """A Modbus module with these runs, each a first number and its content: a count for bits,
+    values for registers. `outside` and `unknown` are the exceptions for what it lacks, or None if
+    it is silent."""
     spaces = {1: coils, 2: inputs, 3: holding, 4: read}
 
     def answer(request):
@@ -45,7 +45,7 @@ def modbus(coils=(), inputs=(), holding=(), read=(), outside=2, unknown=1):
 
 
 def dcon(name):
-    """A DCON module that says that it is called so, and no more."""
+    """A DCON module that reports this name, and no more."""
 
     def answer(request):
         asked = f"${ADDRESS:02X}M\r".encode()
@@ -55,12 +55,13 @@ def dcon(name):
 
 
 def echo(request):
-    """A converter that gives back all that it hears."""
+    """A converter that returns everything it receives."""
     return request
 
 
 def everything(request):
-    """A PLC that has whatever is asked for, with its address wherever it looks for it."""
+    """A PLC that has everything that is read, with its address in every place where it is looked
+    for."""
     if len(request) != 8 or request[0] != ADDRESS or crc(request[:6]) != request[6:]:
         return None
     function, count = request[1], struct.unpack(">H", request[4:6])[0]
@@ -72,20 +73,20 @@ def everything(request):
 
 
 def gateway(request):
-    """A gateway to Modbus TCP whose module is off: 0A or 0B to whatever is asked."""
+    """A gateway to Modbus TCP whose module is off: 0A or 0B to every request."""
     if len(request) != 8 or crc(request[:6]) != request[6:]:
         return None
     return reply(request[1] | 0x80, 0x0A if request[1] == 1 else 0x0B)
 
 
 def slow(request):
-    """An ERC-8's coils, and whatever else it is asked, after 0.4 s."""
+    """Coils 0 to 99, an ERC-8's among them, after 0.4 s."""
     time.sleep(0.4)
     return modbus(coils=[(0, 100)])(request)
 
 
 def garbled(request):
-    """An ERC-8's coils; where a refusal belongs, only a part of one comes."""
+    """An ERC-8's coils; instead of a refusal only a part of one comes."""
     good = modbus(coils=[(60, 8)])(request)
     return good[:3] if good and good[1] & 0x80 else good
 
@@ -120,7 +121,7 @@ STRANGERS = {
 
 
 def serve(kind, port):
-    """A slave made with pymodbus."""
+    """A pymodbus slave."""
     from pymodbus import FramerType
     from pymodbus.datastore import (
         ModbusDeviceContext,

@@ -1,5 +1,5 @@
-"""railbus on a line with a board of another maker: it gives it no family's name, and sends it
-nothing but reads, whatever it is taken for."""
+"""railbus on a line with a board of another maker: it does not take it for one of its families,
+and sends it nothing but reads, whatever model it is configured as."""
 
 import json
 import os
@@ -20,13 +20,13 @@ HERE = pathlib.Path(__file__).parent
 PROGRAM = target() / "debug/railbus"
 FAMILIES = ("EDA9060A", "EDA9050", "ERC-8", "EMD-2A2Q", "0x55 board")
 
-# What it is taken for: the model and its protocol.
+# What it is configured as: the model and its protocol.
 TAKEN_FOR = (("erc8", "rtu"), ("emd2a2q", "rtu"), ("eda9050", "rtu"), ("eda9060a", "rtu"),
              ("eda9060a", "ascii"), ("eda9050", "ascii"))
 
 
 def split(buffer):
-    """The first whole request of what was heard, and what is left; none while it is not whole."""
+    """The first whole request in these bytes, and the rest; None while it is incomplete."""
     if buffer[:1] == b"\r":
         return b"", buffer[1:]
     if buffer[:1] in (b"$", b"#", b"%", b"@", b"~"):
@@ -37,7 +37,7 @@ def split(buffer):
 
 
 def only_reads(request):
-    """Whether a request asks, and changes nothing."""
+    """Whether a request only reads."""
     if request[:1] == b"$":
         return request[3:4] in b"M236F" and len(request) in (5, 7)
     if request[:1] == b"L":
@@ -48,7 +48,7 @@ def only_reads(request):
 
 
 class Line:
-    """A pseudo terminal with a stranger at its far end, and all requests that went there."""
+    """A pseudo-terminal with a stranger at its far end, and all requests that were sent there."""
 
     def __init__(self, stranger):
         self.near, slave = os.openpty()
@@ -62,7 +62,7 @@ class Line:
             self.process = subprocess.Popen(command, stdout=subprocess.PIPE,
                                             stderr=subprocess.DEVNULL, text=True)
             self.process.stdout.readline()
-            # A server of pymodbus opens its port after it has said so.
+            # pymodbus opens the port of a server after it has printed that it did.
             time.sleep(1)
         self.stranger = stranger
         self.thread = threading.Thread(target=self.run, daemon=True)
@@ -79,7 +79,7 @@ class Line:
             self.process.wait(5)
 
     def run(self):
-        """Takes requests to the stranger and its replies back."""
+        """Passes requests to the stranger and its replies back."""
         buffer, ends = b"", [end for end in (self.near, self.far) if end is not None]
         while not self.closed:
             ready, _, _ = select.select(ends, [], [], 0.1)
@@ -94,7 +94,8 @@ class Line:
                     break
                 self.requests += [request] if request else []
                 if self.far is not None:
-                    # A server of pymodbus does not get over what is no Modbus: it hears no pauses.
+                    # A pymodbus server does not recover from bytes that are not Modbus: it detects
+                    # no pauses.
                     if crc(request[:-2]) == request[-2:]:
                         os.write(self.far, request)
                 elif answer := self.stranger(request):
@@ -102,7 +103,7 @@ class Line:
 
 
 class Tally:
-    """One stranger, and what came of it, as the runner of the other suites counts."""
+    """One stranger and its result, in the form of the other suites."""
 
     table, open, covered, inexpressible = "", frozenset(), frozenset(), frozenset()
 

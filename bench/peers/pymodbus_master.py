@@ -1,4 +1,4 @@
-"""The async pymodbus master: so many reads of coils, one after the other.
+"""The asynchronous pymodbus master: reads coils a given number of times.
 
 Arguments: terminal, address, first coil, number of coils, number of reads.
 """

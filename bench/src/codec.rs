@@ -1,4 +1,4 @@
-//! Instruction counts of the codec, and the check that they do not creep up.
+//! Instruction counts of the codec, and the check that they do not grow.
 
 use crate::limits::Limits;
 use crate::table::Table;
@@ -7,11 +7,11 @@ use crate::{count, jobs};
 /// What to do with the counts.
 #[derive(PartialEq)]
 pub enum After {
-    /// Only show them.
+    /// Only print them.
     Nothing,
-    /// Fail where there are more than there may be.
+    /// Fail if a count exceeds its limit.
     Check,
-    /// Note them.
+    /// Store them.
     Update,
 }
 
@@ -25,7 +25,7 @@ pub fn table(after: After) -> Result<Table, String> {
         let limit = limits.of(job.name)?;
         let (before, most) = (limit.last.to_string(), limit.most.to_string());
         let (floor, ratio) = match after {
-            // The floor is for reading, not for judging.
+            // The floor is printed for comparison only.
             After::Check => (String::new(), String::new()),
             After::Nothing | After::Update => {
                 let floor = count::per_iteration(&format!("{}-floor", job.name))?;
@@ -48,7 +48,7 @@ pub fn table(after: After) -> Result<Table, String> {
     Ok(table)
 }
 
-/// The child that callgrind watches.
+/// The child process that callgrind measures.
 pub fn one(name: &str, times: &str) -> Result<(), String> {
     let times: u32 = times
         .parse()

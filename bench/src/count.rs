@@ -2,12 +2,12 @@
 
 use std::process::{Child, Command, Stdio};
 
-/// What is counted of a program.
+/// What is counted.
 #[derive(Clone, Copy)]
 pub enum What {
-    /// The user instructions it executes.
+    /// The user instructions executed.
     Instructions,
-    /// How often it allocates.
+    /// The number of allocations.
     Allocations,
 }
 
@@ -55,8 +55,8 @@ pub fn end(what: What, program: Child) -> Result<u64, String> {
         .ok_or_else(|| format!("valgrind printed no count:\n{text}"))
 }
 
-/// The instructions of one iteration of a job of this program: exact, for the rest of the
-/// program cancels out.
+/// The instructions of one iteration of a job of this program: exact, as the rest of the program
+/// cancels out.
 pub fn per_iteration(name: &str) -> Result<u64, String> {
     const FEW: u64 = 1_000;
     const MANY: u64 = 2_000;

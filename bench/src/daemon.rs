@@ -1,14 +1,14 @@
-//! The released program: how it is built, started and ended.
+//! The release build of the program: building, starting and stopping it.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-/// A program that is ended with the measurement.
+/// A process that ends with the measurement.
 pub struct Running(Child);
 
 impl Running {
-    /// Its number.
+    /// Its process id.
     pub fn id(&self) -> u32 {
         self.0.id()
     }
@@ -21,7 +21,7 @@ impl Drop for Running {
     }
 }
 
-/// Starts railbus, and gives back what it said until the words came that end its beginning.
+/// Starts railbus, and returns its output up to the words `until`.
 pub fn start(words: &[&str], until: &str) -> Result<(Running, String), String> {
     let program = program();
     let mut child = Command::new(&program)
@@ -44,7 +44,7 @@ pub fn start(words: &[&str], until: &str) -> Result<(Running, String), String> {
     Ok((running, told))
 }
 
-/// Builds the program as users get it.
+/// Builds the program as released.
 pub fn build() -> Result<(), String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut command = Command::new(cargo);
@@ -57,18 +57,21 @@ pub fn build() -> Result<(), String> {
         .ok_or_else(|| "railbus can't be built".to_owned())
 }
 
-/// Where it is then.
+/// Its path; `RAILBUS_PROGRAM` names another build of it.
 fn program() -> PathBuf {
+    if let Some(program) = std::env::var_os("RAILBUS_PROGRAM") {
+        return program.into();
+    }
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
     let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
     Path::new(root).join(target).join("release/railbus")
 }
 
-/// A folder that goes with the measurement.
+/// A temporary folder that is deleted after the measurement.
 pub struct Folder(PathBuf);
 
 impl Folder {
-    /// A new one below this.
+    /// Creates one below this folder.
     pub fn new(below: &Path, name: &str) -> Result<Folder, String> {
         let path = below.join(format!("railbus-bench-{}-{name}", std::process::id()));
         std::fs::create_dir_all(&path).map_err(|why| format!("{}: {why}", path.display()))?;
@@ -87,7 +90,7 @@ impl Drop for Folder {
     }
 }
 
-/// Where the daemon that said this listens.
+/// The address in the output of a daemon.
 pub fn address_in(told: &str) -> Result<&str, String> {
     let address = told
         .lines()

@@ -1,9 +1,9 @@
-//! The least programs: the same bytes in and out as the jobs and the same checks, with every
-//! field hard-coded. Nothing here is general, so nothing can be faster but other arithmetic.
+//! The smallest possible programs: the same bytes in and out as the jobs and the same checks, with
+//! every field hard-coded. Nothing here is general, so only other arithmetic could be faster.
 
 use std::hint::black_box;
 
-/// What a floor gives: how many bytes it wrote and what it learned.
+/// The result of a floor: how many bytes it wrote, and the value it read.
 type Done = Option<(usize, u32)>;
 
 const CRC_TABLE: [u16; 256] = {
@@ -58,7 +58,7 @@ fn hex(byte: u8) -> [u8; 2] {
     [digit(byte >> 4), digit(byte & 15)]
 }
 
-/// A module takes upper case only, a host either.
+/// A module accepts upper case only, a host either.
 fn unhex(digit: u8, lower_case: bool) -> Option<u8> {
     match digit {
         b'0'..=b'9' => Some(digit - b'0'),
@@ -81,7 +81,8 @@ fn put_ascii_end(out: &mut [u8], len: usize) -> usize {
     len + 3
 }
 
-/// An ASCII frame ends with its first CR and nothing else, so even the least program looks for it.
+/// An ASCII frame ends with its first CR and nothing else, so even the smallest program looks for
+/// it.
 fn ascii_is_whole(rx: &[u8], len: usize) -> bool {
     rx.iter().position(|&character| character == b'\r') == Some(len - 1)
         && rx[len - 3..len - 1] == hex(sum(&rx[..len - 3]))

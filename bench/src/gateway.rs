@@ -1,6 +1,6 @@
-//! The whole program as a site has it: what it takes beyond the wire, what a flood of clients costs
-//! a line, and what many lines cost the machine. The released `railbus` is measured, with simulated
-//! modules whose characters take their time at 9600.
+//! The whole program as on a site: its latency beyond the wire, what a flood of clients costs a
+//! line, and what many lines cost the machine. The release build of `railbus` is measured, with
+//! simulated modules whose characters take their time at 9600.
 
 use crate::daemon::{Folder, address_in, build, start};
 use crate::latency::{self, DELTA_MAX, Measured, WRITE_MAX};
@@ -11,26 +11,26 @@ use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// A line may become so much slower by a flood, in percent.
+/// By how much a flood may slow a line down, in percent.
 pub const SLOWER_MAX: f64 = 20.0;
-/// Many lines may take so much memory, in MiB,
+/// How much memory many lines may use, in MiB,
 pub const MEMORY_MAX: f64 = 64.0;
-/// and so much of one core, in percent.
+/// and how much of one core, in percent.
 pub const SHARE_MAX: f64 = 25.0;
-/// So many lines with so many modules each.
+/// How many lines, with this many modules each.
 pub const LINES: usize = 32;
 /// See [`LINES`].
 pub const MODULES: usize = 8;
-/// So long each measurement lasts.
+/// How long each measurement lasts.
 const ROUND: Duration = Duration::from_secs(10);
-/// How often each is repeated, turn by turn.
+/// How often each is repeated, alternating.
 const ROUNDS: usize = 3;
-/// New connections in a second.
+/// New connections per second.
 const CONNECTIONS: u32 = 1_000;
 /// Connections that send half a request each.
 const HALVES: usize = 100;
 
-/// How many exchanges there were, by the program's own count over its socket.
+/// The number of exchanges, counted by the program and read over its socket.
 fn exchanges(socket: &str) -> Result<f64, String> {
     let failed = |why: std::io::Error| format!("{socket}: {why}");
     let mut stream = std::os::unix::net::UnixStream::connect(socket).map_err(failed)?;
@@ -45,14 +45,14 @@ fn exchanges(socket: &str) -> Result<f64, String> {
     Ok(ok.filter_map(count).sum())
 }
 
-/// Exchanges in a second while something else goes on.
+/// Exchanges per second while something else goes on.
 fn rate(socket: &str) -> Result<f64, String> {
     let (begun, before) = (Instant::now(), exchanges(socket)?);
     std::thread::sleep(ROUND);
     Ok((exchanges(socket)? - before) / begun.elapsed().as_secs_f64())
 }
 
-/// Comes and goes, so many times a second, until it is over.
+/// Opens and closes this many connections per second, until it is over.
 fn come_and_go(address: &str, over: &AtomicBool, made: &AtomicU64) {
     let mut due = Instant::now();
     let body = "x".repeat(64 << 10);
@@ -63,7 +63,7 @@ fn come_and_go(address: &str, over: &AtomicBool, made: &AtomicU64) {
             continue;
         };
         let number = made.fetch_add(1, Ordering::Relaxed);
-        // Every hundredth sends as much as a body may be.
+        // Every hundredth sends a body of the maximum size.
         if number.is_multiple_of(100) {
             let head = format!(
                 "PUT /api/v1/points/pump/do0 HTTP/1.1\r\nHost: {address}\r\n\
@@ -75,7 +75,7 @@ fn come_and_go(address: &str, over: &AtomicBool, made: &AtomicU64) {
     }
 }
 
-/// Sends half a request on many connections, and again on others when they were closed.
+/// Sends half a request on many connections, and replaces those that are closed.
 fn send_halves(address: &str, over: &AtomicBool) {
     while !over.load(Ordering::Relaxed) {
         let half = format!("GET /api/v1/points HTTP/1.1\r\nHost: {address}\r\nX: ");
@@ -95,8 +95,8 @@ fn send_halves(address: &str, over: &AtomicBool) {
     }
 }
 
-/// Exchanges in a second on the demo's line without a flood and with one, and how many connections
-/// a second that was.
+/// Exchanges per second on the demo's line without a flood and with one, and the connections per
+/// second of the flood.
 fn flood() -> Result<[f64; 3], String> {
     let folder = Folder::new(&std::env::temp_dir(), "flood")?;
     let socket = folder.path("socket");
@@ -128,7 +128,7 @@ fn flood() -> Result<[f64; 3], String> {
     Ok([calm, flooded, came].map(|mut numbers| crate::table::median(&mut numbers)))
 }
 
-/// The plant of many lines, as the simulator has it and as the daemon has it.
+/// The plant of many lines, as the simulator and the daemon have it.
 fn plant(folder: &Folder) -> Result<[String; 2], String> {
     let mut texts = [String::new(), String::new()];
     for line in 0..LINES {
@@ -152,8 +152,8 @@ fn plant(folder: &Folder) -> Result<[String; 2], String> {
     <[String; 2]>::try_from(paths).map_err(|_| "two files".to_owned())
 }
 
-/// Seconds of a processor and bytes of memory that a process has used.
-fn used(process: u32) -> Result<(f64, f64), String> {
+/// The processor time in seconds and the memory in bytes that a process has used.
+pub fn used(process: u32) -> Result<(f64, f64), String> {
     let read = |name: &str| {
         let path = format!("/proc/{process}/{name}");
         std::fs::read_to_string(&path).map_err(|why| format!("{path}: {why}"))
@@ -161,7 +161,7 @@ fn used(process: u32) -> Result<(f64, f64), String> {
     let stat = read("stat")?;
     let after_name = stat.rsplit(") ").next().unwrap_or_default();
     let ticks = after_name.split(' ').skip(11).take(2);
-    // The kernel counts in hundredths for programs, whatever it does itself.
+    // The kernel reports hundredths to programs, whatever it uses itself.
     let seconds = ticks
         .filter_map(|ticks| ticks.parse::<f64>().ok())
         .sum::<f64>()
@@ -172,7 +172,7 @@ fn used(process: u32) -> Result<(f64, f64), String> {
     Ok((seconds, kilobytes.unwrap_or(f64::NAN) * 1_024.0))
 }
 
-/// Memory in MiB, share of a processor and exchanges in a second of a site with many lines.
+/// Memory in MiB, share of a processor and exchanges per second of a site with many lines.
 fn many() -> Result<[f64; 3], String> {
     let folder = Folder::new(&std::env::temp_dir(), "many")?;
     let [plant, site] = plant(&folder)?;
@@ -189,7 +189,7 @@ fn many() -> Result<[f64; 3], String> {
         &site,
     ];
     let (daemon, _) = start(&words, "Ctrl-C")?;
-    // The first replies are waited for longer, for they may come twice.
+    // The timeout of the first replies is longer, since they may come twice.
     std::thread::sleep(Duration::from_secs(15));
     let (begun, before) = (Instant::now(), used(daemon.id())?);
     let rate = rate(&socket)?;
@@ -198,11 +198,11 @@ fn many() -> Result<[f64; 3], String> {
     Ok([after.1 / f64::from(1 << 20), share, rate])
 }
 
-/// What of all that was measured, and what exceeds its limit.
+/// The results, and which of them exceed their limits.
 pub struct Gateway {
     /// Writes over HTTP.
     pub writes: Table,
-    /// Changes, to a client of the WebSocket.
+    /// Changes, until a WebSocket client has them.
     pub deltas: Table,
     /// A flood of clients.
     pub flood: Table,
@@ -212,7 +212,7 @@ pub struct Gateway {
 }
 
 impl Gateway {
-    /// Fails where something exceeds its limit.
+    /// Fails if a limit is exceeded.
     pub fn check(&self) -> Result<(), String> {
         if self.exceeded.is_empty() {
             return Ok(());
@@ -276,7 +276,7 @@ pub fn measure() -> Result<Gateway, String> {
         ("memory of many lines, MiB", memory, MEMORY_MAX),
         ("many lines of one core, %", share, SHARE_MAX),
     ];
-    // What is no number is beyond every limit.
+    // Not a number exceeds every limit.
     let beyond = limits
         .into_iter()
         .filter(|(_, is, most)| is > most || is.is_nan());

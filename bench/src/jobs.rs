@@ -1,8 +1,8 @@
-//! What is counted: four exchanges in each of the four protocols, as module and as host.
+//! The jobs that are counted: four exchanges in each of the four protocols, as module and as host.
 //!
-//! A *server* job reads a request and writes its reply; a *client* job writes a request and
-//! reads its reply. `any-client-read` is `rtu-client-read` through the [`Exchange`] of any
-//! protocol, as the line master does it.
+//! A *server* job reads a request and writes its reply; a *client* job writes a request and reads
+//! its reply. `any-client-read` is `rtu-client-read` through the [`Exchange`] of any protocol, as
+//! the line master does it.
 
 use crate::floor;
 use railbus_wire::{
@@ -10,7 +10,7 @@ use railbus_wire::{
 };
 use std::hint::black_box;
 
-/// Works on the bytes received and a frame to send; gives what it learned.
+/// Reads the bytes received and writes a frame to send; returns the value it read.
 type Work = fn(&[u8], &mut Frame) -> Option<u32>;
 /// The same without the library.
 type Floor = fn(&[u8], &mut [u8; 256]) -> Option<(usize, u32)>;
@@ -27,7 +27,7 @@ pub struct Job {
 }
 
 impl Job {
-    /// Runs the job so many times, after one time that checks its result.
+    /// Runs the job this many times, after one run that checks its result.
     pub fn repeat(&self, is_floor: bool, times: u32) -> Result<(), String> {
         let mut frame = Frame::new();
         let mut buffer = [0; 256];
@@ -55,7 +55,7 @@ impl Job {
     }
 }
 
-/// The outputs and inputs that every module here has: the state 0311h of sixteen coils.
+/// The outputs and inputs of every module here: the state 0311h of sixteen coils.
 const STATE: u32 = 0x0311;
 
 const RTU_READ: &[u8] = &[0x01, 0x01, 0x00, 0x00, 0x00, 0x10, 0x3D, 0xC6];
@@ -70,7 +70,7 @@ const R55_STATE: &[u8] = &[0x22, 0x01, 0x10, 0, 0, 0x03, 0x11, 0x47];
 const R55_CLOSE: &[u8] = &[0x55, 0x01, 0x12, 0, 0, 0, 0x04, 0x6C];
 const R55_CLOSED: &[u8] = &[0x22, 0x01, 0x12, 0, 0, 0x03, 0x11, 0x49];
 
-/// All jobs. ASCII jobs carry checksums, so that every protocol here has one.
+/// All jobs. ASCII jobs use checksums, so that every protocol here has one.
 pub const JOBS: &[Job] = &[
     Job {
         name: "rtu-server-read",
@@ -210,12 +210,12 @@ pub const JOBS: &[Job] = &[
     },
 ];
 
-/// The module's own address, and the host's choice.
+/// The module's own address, and the one the host uses.
 fn one() -> Address {
     Address(black_box(1))
 }
 
-/// What a write asks for, in one number: the state above, the channel below.
+/// A write in one number: the state above, the channel below.
 fn write_of(channel: u8, on: bool) -> u32 {
     u32::from(on) << 8 | u32::from(channel)
 }

@@ -1,6 +1,6 @@
-//! How long the whole program takes beyond the wire: for a write over HTTP, and until a change
-//! reaches a client of the WebSocket. The modules are the demo's, at 9600, polled as fast as the
-//! line goes.
+//! The latency of the whole program beyond the wire: of a write over HTTP, and until a change
+//! reaches a WebSocket client. The modules are the demo's, at 9600, polled as fast as the line
+//! allows.
 
 use crate::daemon::{Folder, Running, address_in, start};
 use crate::live::{Live, Said};
@@ -17,22 +17,23 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
 
-/// What 99 of 100 writes may take beyond the wire's own time, where a commit costs nothing, in ms.
+/// What 99 of 100 writes may take beyond the wire's own time, with commits that cost nothing, in
+/// ms.
 pub const WRITE_MAX: f64 = 5.0;
-/// What a change may take from the last byte of its reply to a client, in the median, in ms.
+/// What a change may take from the last byte of its reply to a client, at the median, in ms.
 pub const DELTA_MAX: f64 = 10.0;
 /// How many writes are measured.
 pub const WRITES: usize = 400;
-/// How long changes are looked at.
+/// How long changes are measured.
 const LOOK: Duration = Duration::from_secs(120);
-/// After an opening the first replies are waited for longer, for they may come twice.
+/// After the port is opened, the timeout of the first replies is longer, since they may come twice.
 const WARM_UP: Duration = Duration::from_secs(12);
-/// What is written, turn by turn.
+/// The outputs that are written in turn.
 const OUTPUTS: [&str; 4] = ["pump/do0", "gate/do0", "oven/k1", "yard/k1"];
-/// A folder that no disk holds up.
+/// A folder in memory, where no disk adds a delay.
 const IN_MEMORY: &str = "/dev/shm";
 
-/// What passed on the line, and what it was about.
+/// The traffic of the line, and what each exchange was about.
 type Passed = (Vec<Heard>, Vec<Said>);
 
 /// The daemon, with the modules on its line.
@@ -45,7 +46,7 @@ struct Rig {
 }
 
 impl Rig {
-    /// All of it, with what the daemon keeps in a folder below this.
+    /// Starts all of it, with the daemon's files in a folder below this.
     fn start(below: &Path, moving: bool) -> Result<Rig, String> {
         let folder = Folder::new(below, "latency")?;
         let pty = Pty::new()?;
@@ -90,7 +91,7 @@ impl Rig {
         Ok(stream)
     }
 
-    /// What passed on the line from its beginning to its end, which is now.
+    /// The traffic of the line from its start until now.
     fn stop(self) -> Result<Passed, String> {
         drop(self.daemon);
         let ended = self.line.join();
@@ -98,8 +99,8 @@ impl Rig {
     }
 }
 
-/// One request and the whole answer to it.
-fn ask(
+/// One request and its whole answer.
+pub fn ask(
     mut stream: impl Read + Write,
     method: &str,
     path: &str,
@@ -144,14 +145,14 @@ fn length_in(head: &str) -> usize {
 struct Took {
     /// Until the client had the answer.
     all: f64,
-    /// What the wire needed of it.
+    /// The part of the wire.
     wire: f64,
-    /// Exchanges of others that the line was given to beyond the one it was at.
+    /// How many other exchanges the line carried before it, except the one in progress.
     overtaken: usize,
 }
 
-/// What a byte takes through a pseudo-terminal to somebody who waits for it, in ms, until it is
-/// over: how busy the machine is with other things.
+/// How long a byte takes through a pseudo-terminal to a waiting reader, in ms, until it is over:
+/// this shows how busy the machine is with other things.
 fn crossings(over: &AtomicBool) -> Result<Vec<f64>, String> {
     let pty = Pty::new()?;
     let mut end = File::open(&pty.path).map_err(|why| why.to_string())?;
@@ -175,7 +176,7 @@ fn crossings(over: &AtomicBool) -> Result<Vec<f64>, String> {
     })
 }
 
-/// Writes as [`ask_for_writes`], and how busy the machine was with other things meanwhile.
+/// Writes like [`ask_for_writes`], and how busy the machine was with other things meanwhile.
 fn writes(below: &Path) -> Result<(Vec<Took>, Vec<f64>), String> {
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
@@ -188,7 +189,7 @@ fn writes(below: &Path) -> Result<(Vec<Took>, Vec<f64>), String> {
     })
 }
 
-/// Writes, verified, one after the other at moments that have nothing to do with the line's.
+/// Verified writes, one after the other at moments that are independent of the line's.
 fn ask_for_writes(below: &Path) -> Result<Vec<Took>, String> {
     let rig = Rig::start(below, false)?;
     let mut stream = rig.connect()?;
@@ -218,8 +219,8 @@ fn ask_for_writes(below: &Path) -> Result<Vec<Took>, String> {
     spans.into_iter().map(took).collect()
 }
 
-/// What the wire needs for a write: what is left of the exchange that it is at when the write comes
-/// to the line, the write, its read-back, and the silence before each.
+/// What the wire needs for a write: the rest of the exchange in progress when the write comes to
+/// the line, the write, its read-back, and the silence before each.
 fn took(sent: Instant, answered: Instant, record: &[Heard], said: &[Said]) -> Option<Took> {
     let of = |number: usize| Some((record.get(number)?, said.get(number)?));
     let write = (0..record.len())
@@ -252,7 +253,7 @@ fn millis(span: Duration) -> f64 {
     span.as_secs_f64() * 1e3
 }
 
-/// From the last byte of a reply that shows a change to the client that is told of it, in ms.
+/// From the last byte of a reply that shows a change to the client that receives it, in ms.
 fn deltas() -> Result<Vec<f64>, String> {
     let rig = Rig::start(&std::env::temp_dir(), true)?;
     let url = format!("ws://{}/api/v1/ws", rig.address);
@@ -293,11 +294,11 @@ fn deltas() -> Result<Vec<f64>, String> {
 pub struct Measured {
     /// 99 of 100 writes took no more than this beyond the wire's own time.
     pub added: f64,
-    /// The median of the time that a change took to a client.
+    /// The median time until a change reached a client.
     pub delta: f64,
 }
 
-/// The tables of both, and what is limited of them.
+/// The tables of both, and the limited values.
 pub fn tables() -> Result<([Table; 2], Measured), String> {
     let mut first = Table::new(&[
         "state folder",

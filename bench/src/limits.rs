@@ -1,6 +1,6 @@
 //! The committed counts and limits, `codec-limits.toml`.
 //!
-//! One line per job, `name = { last = 321, most = 400 }`, which is as much TOML as is read here.
+//! One line per job, `name = { last = 321, most = 400 }`, is all the TOML that is parsed here.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -8,13 +8,13 @@ use std::path::PathBuf;
 /// How much above its last count a job may be before the check fails, in percent.
 const TOLERANCE: u64 = 5;
 
-/// What is known of one job.
+/// The limits of one job.
 #[derive(Clone)]
 pub struct Limit {
     name: String,
     /// The count at the last update.
     pub last: u64,
-    /// The count that is never to be exceeded.
+    /// The count that must never be exceeded.
     pub most: u64,
 }
 
@@ -73,7 +73,7 @@ impl Limits {
             .ok_or_else(|| format!("codec-limits.toml has no line for {name}"))
     }
 
-    /// Takes a new count as the last one.
+    /// Stores a new count as the last one.
     pub fn note(&mut self, name: &str, count: u64) {
         for limit in &mut self.limits {
             if limit.name == name {
@@ -82,7 +82,7 @@ impl Limits {
         }
     }
 
-    /// Writes the file anew.
+    /// Writes the file.
     pub fn write(&self) -> Result<(), String> {
         let mut text = self.comment.clone();
         for Limit { name, last, most } in &self.limits {

@@ -1,4 +1,4 @@
-//! The demo's modules as they live: what is written can be read back, and inputs move.
+//! The demo's modules as they behave: what is written can be read back, and inputs move.
 
 use crate::responder::Modules;
 use crate::scene::{Step, ask};
@@ -10,18 +10,18 @@ use std::time::Duration;
 
 /// As in the demo: from the end of a request to the reply.
 const TURNAROUND: Duration = Duration::from_millis(5);
-/// How far apart inputs move, at least; and by how much more, so that no beat comes of it.
+/// The shortest interval between changes of inputs, and a variation of it that avoids beats.
 const MOVES_EVERY: Duration = Duration::from_millis(400);
 const MOVES_LATER: u32 = 97;
 
 /// What one exchange was about.
 #[derive(Clone, Copy, Debug)]
 pub struct Said {
-    /// Whose it was.
+    /// The module.
     pub module: usize,
-    /// One of the reads that go round all the time.
+    /// One of the regular polls.
     pub is_poll: bool,
-    /// The reply was another than the last one to the same request.
+    /// The reply differed from the previous one to the same request.
     pub changed: bool,
 }
 
@@ -40,7 +40,7 @@ pub struct Live {
     now: Instant,
     step: Step,
     replies: BTreeMap<Vec<u8>, Vec<u8>>,
-    /// When the next input moves, and how many have; nothing where they stay as they are.
+    /// When the next input changes, and how many have; none if they do not change.
     moves: Option<(std::time::Instant, u32)>,
     /// What each answered exchange was about.
     pub said: Vec<Said>,
@@ -64,7 +64,7 @@ impl Live {
         })
     }
 
-    /// Moves an input of one of the modules that have any, when it is time.
+    /// Changes an input of one of the modules that have any, when it is due.
     fn move_inputs(&mut self) {
         let Some((at, count)) = &mut self.moves else {
             return;

@@ -5,10 +5,12 @@
 //! railbus-bench codec                  instructions of the codec
 //! railbus-bench codec --update         the same, and write them into `codec-limits.toml`
 //! railbus-bench line                   the line master on a line that takes no time
+//! railbus-bench line --count           only its user instructions
 //! railbus-bench paced                  the line master on a line whose characters take theirs
 //! railbus-bench gateway                the whole program: writes, changes, a flood, many lines
 //! railbus-bench gateway --check        the same, and fails where a limit is exceeded
 //! railbus-bench gateway --write        the same, into its section of the page
+//! railbus-bench subscribers            what those cost who follow the site over WebSockets
 //! railbus-bench --check                what must never get worse; for CI
 //! ```
 //!
@@ -32,6 +34,7 @@ mod paced;
 mod page;
 mod responder;
 mod scene;
+mod subscribers;
 mod table;
 
 use codec::After;
@@ -53,8 +56,8 @@ fn main() -> ExitCode {
 const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/performance.md");
 
 const USAGE: &str = "usage: railbus-bench \
-    [all [--write FILE] | codec [--check | --update] | line | paced | \
-    gateway [--check | --write] | --check]";
+    [all [--write FILE] | codec [--check | --update] | line [--count] | paced | \
+    gateway [--check | --write] | subscribers | --check]";
 
 fn run(args: &[&str]) -> Result<(), String> {
     match *args {
@@ -66,8 +69,10 @@ fn run(args: &[&str]) -> Result<(), String> {
             codec::table(After::Update).map(|table| print!("{table}"))
         }
         ["line"] => line::table().map(|table| print!("{table}")),
+        ["line", "--count"] => line::counts().map(|counts| print!("{counts}")),
         ["paced"] => paced::tables().map(|[wire, strict]| print!("{wire}\n{strict}")),
         ["gateway"] => gateway::measure().map(|told| print!("{told}")),
+        ["subscribers"] => subscribers::table().map(|table| print!("{table}")),
         ["gateway", "--write"] => page::renew(PAGE),
         ["gateway", "--check"] => gateway::measure().and_then(|told| {
             print!("{told}");

@@ -1,4 +1,4 @@
-//! The masters, each a process of its own: ours, the floor, and others'.
+//! The masters, each a process of its own: ours, the floor, and third-party ones.
 
 use crate::scene::{Scene, command};
 use railbus_host::{Event, Line, LineConfig, LineEvent, LineName, Module, ModuleId, Plan, Terms};
@@ -17,7 +17,7 @@ use tokio::sync::Notify;
 use tokio_modbus::client::{Reader, rtu};
 use tokio_modbus::slave::Slave;
 
-/// Who asks.
+/// The master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Master {
     /// A plain loop of write and read over the same bytes.
@@ -36,7 +36,7 @@ pub enum Master {
 
 use Master::{Commands, Floor, Libmodbus, Ours, Pymodbus, TokioModbus};
 
-/// Those of others.
+/// The third-party ones.
 pub const PEERS: [Master; 3] = [Libmodbus, TokioModbus, Pymodbus];
 
 impl Master {
@@ -52,7 +52,7 @@ impl Master {
         }
     }
 
-    /// How to start it for so many exchanges; nothing where it is not installed.
+    /// The command to run it for this many exchanges; none if it is not installed.
     pub fn start(self, scene: (&str, u32), path: &Path, count: usize) -> Option<Command> {
         let coils = || {
             Scene::new("rtu", 0)
@@ -83,7 +83,7 @@ impl Master {
     }
 }
 
-/// What the others read: the coils of the scene `rtu`.
+/// What the third-party masters read: the coils of the scene `rtu`.
 struct Coils {
     address: u8,
     first: u16,
@@ -107,7 +107,7 @@ fn peers() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("peers")
 }
 
-/// The C master, compiled beside this program where that was not done since.
+/// The C master, compiled beside this program unless that was done already.
 fn libmodbus() -> Option<PathBuf> {
     let program = std::env::current_exe()
         .ok()?
@@ -127,7 +127,7 @@ fn libmodbus() -> Option<PathBuf> {
     Some(program)
 }
 
-/// A Python that has pymodbus: the one that `cargo xtask` installs peers for, or the system's.
+/// A Python that has pymodbus: the one for which `cargo xtask` installs peers, or the system's.
 fn python() -> Option<PathBuf> {
     let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/interop-venv/bin/python");
     [own, PathBuf::from("python3")].into_iter().find(|python| {
@@ -139,7 +139,7 @@ fn python() -> Option<PathBuf> {
     })
 }
 
-/// Is the master of this name until so many exchanges are done.
+/// Runs the master of this name for this many exchanges.
 pub fn be(name: &str, scene: (&str, u32), path: &str, count: usize) -> Result<(), String> {
     let what = Scene::new(scene.0, scene.1)?;
     match [Floor, Ours, Commands, TokioModbus]
@@ -154,7 +154,7 @@ pub fn be(name: &str, scene: (&str, u32), path: &str, count: usize) -> Result<()
     }
 }
 
-/// A line needs no timers of tokio's; others do.
+/// A line does not need tokio's timers; others do.
 fn runtime(timers: bool) -> Result<tokio::runtime::Runtime, String> {
     let mut builder = tokio::runtime::Builder::new_current_thread();
     if timers {
@@ -163,7 +163,7 @@ fn runtime(timers: bool) -> Result<tokio::runtime::Runtime, String> {
     builder.enable_io().build().map_err(|why| why.to_string())
 }
 
-/// The least master: the same requests, the same silence, no look at the replies.
+/// The smallest master: the same requests, the same silence, without checking the replies.
 fn floor(scene: &Scene, path: &str, count: usize) -> rustix::io::Result<()> {
     let port = rustix::fs::open(path, OFlags::RDWR | OFlags::NOCTTY, Mode::empty())?;
     let timer = timerfd_create(TimerfdClockId::Monotonic, TimerfdFlags::CLOEXEC)?;

@@ -1,5 +1,5 @@
-//! The line master on a line whose characters take their time: how near it comes to the limit
-//! of the line, and whether it keeps the silence.
+//! The line master on a line whose characters take their time: how close it comes to the limit of
+//! the line, and whether it keeps the silence.
 
 use crate::master::{Master, PEERS};
 use crate::responder::{Heard, Pty, Wire};
@@ -12,18 +12,18 @@ const BAUDS: [u32; 3] = [9_600, 38_400, 115_200];
 /// How long each run takes, about, and how many runs of each there are.
 const SECONDS: f64 = 1.0;
 const ROUNDS: usize = 3;
-/// Requests at the beginning that are not counted: after its opening the line master gives the
+/// Requests at the start that are not counted: after opening the port the line master gives the
 /// first 20 replies time to come twice.
 pub const WARM_UP: usize = 25;
 
-/// How many requests the module that insists on the silence is sent.
+/// How many requests are sent to the module that insists on the silence.
 pub const STRICT: usize = 40;
 
 /// One run.
 struct Run {
-    /// The part of the limit reached, 1 at most where the silence is kept.
+    /// The fraction of the limit reached, at most 1 if the silence is kept.
     reached: f64,
-    /// The limit in exchanges a second.
+    /// The limit in exchanges per second.
     limit: f64,
     too_early: usize,
     requests: usize,
@@ -124,7 +124,7 @@ fn run(master: Master, name: &str, baud: u32) -> Result<Option<Run>, String> {
     let (Some(first), Some(last)) = (record.first(), record.last()) else {
         return Err(format!("{} asks nothing", master.name()));
     };
-    // What cannot be helped: the wire's own time, and the silence that each request needs.
+    // The minimum: the wire's own time, and the silence that each request needs.
     let needed: f64 = record
         .windows(2)
         .map(|pair| ((pair[0].ended - pair[0].began) + pair[1].gap).as_secs_f64())
@@ -148,7 +148,7 @@ fn strict() -> Result<Table, String> {
     Ok(table)
 }
 
-/// How many of 40 requests a module answers that insists on 3.5 silent characters, at 9600.
+/// How many of 40 requests are answered by a module that insists on 3.5 silent characters, at 9600.
 pub fn answers(master: Master) -> Result<Option<usize>, String> {
     let wire = Wire {
         baud: 9_600,

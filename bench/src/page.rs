@@ -10,7 +10,7 @@ use crate::paced::{self, STRICT};
 use crate::scene::NAMES;
 use std::process::Command;
 
-/// By how many percent another compiler may miss [`INSTRUCTIONS_MAX`].
+/// By how many percent [`INSTRUCTIONS_MAX`] may be exceeded with another compiler.
 const TOLERANCE: u64 = 3;
 
 /// Measures everything and writes the page.
@@ -88,7 +88,7 @@ all checks included.
 /// The heading of the section that [`renew`] writes, and of the one after it.
 const HEADINGS: [&str; 2] = ["## The gateway\n", "## Codec\n"];
 
-/// Measures the whole program, and writes that section of the page anew.
+/// Measures the whole program, and rewrites that section of the page.
 pub fn renew(file: &str) -> Result<(), String> {
     let failed = |why: std::io::Error| format!("{file}: {why}");
     let page = std::fs::read_to_string(file).map_err(failed)?;
@@ -101,7 +101,7 @@ pub fn renew(file: &str) -> Result<(), String> {
     std::fs::write(file, page).map_err(failed)
 }
 
-/// What the page says of the whole program.
+/// The page's section about the whole program.
 fn section(measured: &gateway::Gateway) -> String {
     let gateway::Gateway {
         writes,

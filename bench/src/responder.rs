@@ -12,11 +12,11 @@ use std::path::PathBuf;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Sleeping ends this long before a moment; the rest is spun away.
+/// Sleeping ends this long before a deadline; the rest is spent spinning.
 const SPIN: Duration = Duration::from_micros(200);
-/// After a reply the next request is awaited spinning for so long beyond 3.5 characters.
+/// How long, beyond 3.5 characters, it spins for the next request after a reply.
 const SPIN_FOR_REQUEST: Duration = Duration::from_millis(1);
-/// Nobody measured here is silent for so long.
+/// No master measured here is silent for this long.
 const PATIENCE: Timespec = Timespec {
     tv_sec: 20,
     tv_nsec: 0,
@@ -45,18 +45,18 @@ impl Modules for &Scene {
 pub struct Wire {
     /// Its speed, at 10 bits a character.
     pub baud: u32,
-    /// A request that follows earlier than 3.5 characters is not answered.
+    /// A request that comes earlier than 3.5 characters after the last one is not answered.
     pub strict: bool,
-    /// It keeps its moments by spinning, on whatever core it has; else by sleeping, and what it is
-    /// late by makes the wire slower.
+    /// It keeps its deadlines by spinning, on whatever core it has; otherwise by sleeping, and
+    /// being late makes the wire slower.
     pub spins: bool,
 }
 
-/// One request and what came of it.
+/// One request and its outcome.
 pub struct Heard {
     /// When the request began.
     pub began: Instant,
-    /// When its reply had ended, or the request where there was none.
+    /// When its reply had ended, or the request if there was none.
     pub ended: Instant,
     /// It came earlier than 3.5 characters after the last one.
     pub too_early: bool,
@@ -74,7 +74,7 @@ pub struct Pty {
 }
 
 impl Pty {
-    /// A new one.
+    /// Creates one.
     pub fn new() -> Result<Pty, String> {
         let make = || -> rustix::io::Result<Pty> {
             let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
@@ -94,7 +94,7 @@ impl Pty {
         make().map_err(|why| format!("no pseudo-terminal: {why}"))
     }
 
-    /// Answers until the master closes its end; the record of what was asked.
+    /// Answers until the master closes its end; returns the requests.
     pub fn serve(
         &self,
         mut modules: impl Modules,
@@ -154,7 +154,7 @@ impl Pty {
         }
     }
 
-    /// The next bytes; nothing when the master has closed its end.
+    /// The next bytes; none when the master has closed its end.
     fn read(
         &self,
         buffer: &mut [u8],
@@ -179,10 +179,10 @@ impl Pty {
         }
     }
 
-    /// Writes these bytes; nothing is wrong where nobody is at the other end.
+    /// Writes these bytes; it is not an error if the other end is closed.
     pub fn write(&self, bytes: &[u8]) -> Result<(), String> {
         match rustix::io::write(&self.fd, bytes) {
-            // The master may have left already.
+            // The master may have closed its end already.
             Ok(_) | Err(Errno::IO) => Ok(()),
             Err(why) => Err(format!("the pseudo-terminal takes nothing: {why}")),
         }

@@ -1,20 +1,20 @@
-//! What is asked and answered: modules, and every request to them with its reply, which the
-//! simulated modules gave beforehand.
+//! Requests and replies: modules, and every request to them with its reply, which the simulated
+//! modules gave beforehand.
 
 use railbus_device::{Bank, Eeprom, Family, Module, Op, Options, Setup};
 use railbus_sim::{Input, Line, LineConfig, Output, demo};
 use railbus_wire::{Address, Channel, Frame, Instant, Micros, Protocol, Settings};
 
-/// Protocols alone, and the demo line where four of them are mixed.
+/// Each protocol alone, and the demo line, where four of them are mixed.
 pub const NAMES: [&str; 5] = ["rtu", "ascii", "lc02", "r55", "demo"];
 
-/// Modules on one line and what they say.
+/// Modules on one line and their replies.
 pub struct Scene {
-    /// The modules, as the line master is told of them.
+    /// The modules, as they are described to the line master.
     pub modules: Vec<Setup>,
-    /// One round of reads, in the order in which the line master asks.
+    /// One round of reads, in the order in which the line master sends them.
     pub reads: Vec<Step>,
-    /// What else may be asked: greetings, fences, and the write of [`command`].
+    /// Other requests that may come: identification, fences, and the write of [`command`].
     others: Vec<Step>,
     /// From the end of a request to the reply.
     pub turnaround: Micros,
@@ -26,7 +26,7 @@ pub struct Step {
     pub request: Vec<u8>,
     /// Its reply.
     pub reply: Vec<u8>,
-    /// The silence that must lie before the request.
+    /// The silence that is needed before the request.
     pub gap: Micros,
 }
 
@@ -41,7 +41,7 @@ pub fn t3_5(baud: u32) -> Micros {
 }
 
 impl Scene {
-    /// The scene of this name on a line of this speed; 0 is a line without one.
+    /// The scene of this name on a line of this speed; 0 is a line without a speed.
     pub fn new(name: &str, baud: u32) -> Result<Scene, String> {
         let alone = |family, protocol| {
             vec![Setup {
@@ -95,7 +95,7 @@ impl Scene {
     }
 }
 
-/// The request of an op and what a simulated module answers to it after [`command`].
+/// The request of an op and a simulated module's reply to it after [`command`].
 fn step(module: &Module, op: &Op) -> Result<Option<Step>, String> {
     let Ok(exchange) = module.exchange(op) else {
         return Ok(None);

@@ -1,4 +1,4 @@
-//! Tables in Markdown, which can be read as they are.
+//! Tables in Markdown, aligned to be readable as text.
 
 use std::fmt;
 
@@ -37,13 +37,13 @@ impl fmt::Display for Table {
     }
 }
 
-/// The middle of these numbers, of which there must be one.
+/// The median of these numbers, of which there must be at least one.
 pub fn median(numbers: &mut [f64]) -> f64 {
     numbers.sort_by(f64::total_cmp);
     numbers[numbers.len() / 2]
 }
 
-/// What so many of 100 of these numbers do not exceed; there must be one.
+/// The percentile of these numbers, of which there must be at least one.
 pub fn percentile(numbers: &mut [f64], of_100: usize) -> f64 {
     numbers.sort_by(f64::total_cmp);
     numbers[(numbers.len() * of_100).div_ceil(100).max(1) - 1]

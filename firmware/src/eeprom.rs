@@ -4,11 +4,11 @@ use crate::i2c::{Absent, I2c, Pins};
 use embedded_storage::{ReadStorage, Storage};
 
 const ADDRESS: u8 = 0x50;
-/// What all of these chips have, and far more than the settings take.
+/// The smallest size among these chips, and far more than the settings take.
 const CAPACITY: usize = 4096;
-/// The smallest page among them: a write goes round inside its page.
+/// The smallest page among them: a write wraps within its page.
 const PAGE: u32 = 32;
-/// While it writes, up to 10 ms, the chip does not answer; one question takes 25 µs or more.
+/// While it writes, up to 10 ms, the chip does not answer; one poll takes 25 µs or more.
 const QUESTIONS: u32 = 600;
 
 /// The chip.
@@ -23,7 +23,7 @@ impl<P: Pins> At24c<P> {
         At24c { bus }
     }
 
-    /// Whether it answers, as soon as it does.
+    /// Waits until it answers.
     fn wait(&mut self) -> Result<(), Absent> {
         let mut answers = (0..QUESTIONS).map(|_| self.bus.write(ADDRESS, &[]));
         answers.find(Result::is_ok).unwrap_or(Err(Absent))
@@ -56,7 +56,7 @@ impl<P: Pins> Storage for At24c<P> {
     }
 }
 
-/// The two bytes that say where.
+/// The two address bytes.
 const fn place(offset: u32) -> [u8; 2] {
     (offset as u16).to_be_bytes()
 }

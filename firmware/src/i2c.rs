@@ -1,10 +1,10 @@
-//! I2C by hand: two open-drain pins and a pause.
+//! Bit-banged I2C: two open-drain pins and a pause.
 
-/// The two pins. High means let go: a pull-up makes it high, unless another pulls it low.
+/// The two pins. High means released: a pull-up makes it high, unless another device pulls it low.
 pub trait Pins {
-    /// Lets the clock go, or pulls it low.
+    /// Releases the clock, or pulls it low.
     fn clock(&mut self, high: bool);
-    /// Lets the data line go, or pulls it low.
+    /// Releases the data line, or pulls it low.
     fn data(&mut self, high: bool);
     /// Whether the data line is high.
     fn data_is_high(&self) -> bool;
@@ -12,19 +12,19 @@ pub trait Pins {
     fn pause(&self);
 }
 
-/// The chip at this address did not answer, or not to its end.
+/// The chip at this address did not answer, or stopped answering.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Absent;
 
-/// The bus, of which this is the only master.
+/// The bus; this is the only master on it.
 #[derive(Debug)]
 pub struct I2c<P> {
     pins: P,
 }
 
 impl<P: Pins> I2c<P> {
-    /// A bus that is idle whatever a chip was doing: a reset may have come in the middle of a
-    /// byte that it sends, and then it holds the data line until it has got all its clocks.
+    /// Makes the bus idle whatever a chip was doing: a reset may have come in the middle of a byte
+    /// that it sends, and then it holds the data line until it has got all its clocks.
     pub fn new(pins: P) -> I2c<P> {
         let mut bus = I2c { pins };
         bus.pins.data(true);
@@ -47,7 +47,7 @@ impl<P: Pins> I2c<P> {
         result
     }
 
-    /// Writes `to`, which is most often a register's number, and reads what lies there.
+    /// Writes `to`, usually the number of a register, and reads from there.
     ///
     /// # Errors
     /// [`Absent`].
@@ -90,8 +90,8 @@ impl<P: Pins> I2c<P> {
         byte
     }
 
-    /// One clock. What lies on the data line while it is high.
-    // Out of line: a bit takes longer than a call, and there are many places that make one.
+    /// One clock. Returns the data line while it is high.
+    // Not inlined: a bit takes longer than a call, and there are many callers.
     #[inline(never)]
     fn bit(&mut self, high: bool) -> bool {
         self.pins.clock(false);
@@ -137,15 +137,15 @@ mod tests {
     use super::*;
     use std::cell::{Cell, RefCell};
 
-    /// A chip at address 48h with four registers, as a state of the two lines sees it.
+    /// A chip at address 48h with four registers, modelled from the state of the two lines.
     #[derive(Default)]
     struct Chip {
         clock: Cell<bool>,
         master: Cell<bool>,
-        /// What the chip makes of the data line: true lets it go.
+        /// The chip's output on the data line: true releases it.
         chip: Cell<bool>,
         bits: RefCell<Vec<bool>>,
-        /// Bytes since the start, the address first; none while it is not meant.
+        /// Bytes since the start, the address first; none while another chip is addressed.
         bytes: RefCell<Vec<u8>>,
         is_meant: Cell<bool>,
         sends: Cell<bool>,

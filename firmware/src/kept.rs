@@ -1,26 +1,26 @@
-//! The settings that a module starts with, and where it keeps those that follow.
+//! The settings that a module starts with, and where later ones are stored.
 
 use railbus_device::{Eeprom, Setup};
 use railbus_nvm::{Counters, Held, Keeper, Record, RecordError, Store};
 use railbus_wire::Instant;
 
-/// Where the settings come from that a module started with.
+/// Where the settings that a module started with came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// Its store held none: they are the factory's.
+    /// Its store was empty: they are the factory's.
     Factory,
     /// Its store.
     Kept,
-    /// The factory's, as the store holds those of a family that this image is not.
+    /// The factory's, as the store has those of a family that this image is not for.
     OtherFamily,
-    /// The factory's, as the store holds those of a newer firmware; nothing will be kept.
+    /// The factory's, as the store has those of a newer firmware; nothing will be stored.
     Newer,
     /// The factory's, as the store does not answer.
     Unreadable,
 }
 
 impl Origin {
-    /// What the console says of it.
+    /// Its word on the console.
     #[must_use]
     pub const fn text(self) -> &'static str {
         match self {
@@ -33,7 +33,7 @@ impl Origin {
     }
 }
 
-/// What makes a module the one it is, and its keeper.
+/// The settings of a module, and where they are stored.
 #[derive(Debug)]
 pub struct Kept<S> {
     keeper: Keeper<S>,
@@ -42,11 +42,11 @@ pub struct Kept<S> {
 }
 
 impl<S: Store> Kept<S> {
-    /// What this store holds, or the factory's settings of this module.
+    /// The settings in this store, or the factory's settings of this module.
     ///
     /// # Errors
-    /// Where the factory cannot have made such a module.
-    // What reading takes of the stack is given back before the module runs.
+    /// If such a module can't have left the factory.
+    // Frees the stack that reading needs before the module runs.
     #[inline(never)]
     pub fn load(store: S, factory: &Setup) -> Result<Kept<S>, RecordError> {
         let mut keeper = Keeper::new(store);
@@ -66,7 +66,7 @@ impl<S: Store> Kept<S> {
         })
     }
 
-    /// What is kept, or will be.
+    /// The settings that are stored, or will be.
     pub const fn record(&self) -> &Record {
         &self.record
     }
@@ -76,21 +76,21 @@ impl<S: Store> Kept<S> {
         self.origin
     }
 
-    /// What became of all settings to be kept.
+    /// How often settings were stored, and how that went.
     pub const fn counters(&self) -> Counters {
         self.keeper.counters()
     }
 
-    /// Keeps these settings, now or as soon as that may be.
+    /// Stores these settings, now or as soon as possible.
     pub fn save(&mut self, now: Instant, settings: &Eeprom) {
-        // The engine has no settings that its module cannot have.
+        // The engine never has settings that its module can't have.
         if let Ok(record) = self.record.with(*settings) {
             self.record = record;
             self.keeper.save(now, &self.record);
         }
     }
 
-    /// Keeps what is waiting, where its time has come; when to ask again.
+    /// Stores pending settings when it is time; returns when to call again.
     pub fn poll(&mut self, now: Instant) -> Option<Instant> {
         self.keeper.poll(now)
     }
@@ -103,7 +103,7 @@ mod tests {
     use railbus_nvm::Bytes;
     use railbus_wire::Address;
 
-    /// A store that holds this, or does not answer.
+    /// A store with this content, or one that does not answer.
     struct Holds(Result<Option<Bytes>, ()>);
 
     impl Store for &mut Holds {

@@ -1,9 +1,9 @@
-//! The modules as firmware: all that is not one board's.
+//! The modules as firmware: everything that is not specific to a board.
 //!
-//! [`Module`] is the loop around the engine that the simulator runs, too. A board gives it the
-//! functions of [`Board`], and calls [`Module::step`] whenever something happened or the moment
-//! has come that the last step named. [`Ring`] and [`Outbox`] are what interrupts and loop
-//! share; [`Panel`] is a module's relays and inputs on I2C chips.
+//! [`Module`] is the loop around the engine, which is the simulator's, too. A board provides the
+//! functions of [`Board`], and calls [`Module::step`] whenever something happened or the time has
+//! come that the last step returned. [`Ring`] and [`Outbox`] are shared by interrupts and loop;
+//! [`Panel`] is a module's relays and inputs on I2C chips.
 //!
 //! All of it is tested on the host, and none of it is unsafe.
 
@@ -39,7 +39,7 @@ pub use ring::{Heard, Ring, What};
 use railbus_device::{Family, Setup};
 use railbus_wire::Address;
 
-/// What this image is: the family that it was built for.
+/// The family that this image was built for.
 pub const FAMILY: Family = if cfg!(feature = "eda9060a") {
     Family::Eda9060a
 } else if cfg!(feature = "eda9050") {
@@ -52,7 +52,7 @@ pub const FAMILY: Family = if cfg!(feature = "eda9060a") {
     Family::Erc8
 };
 
-/// A module as it leaves the factory: address 1.
+/// A module with factory settings: address 1.
 #[must_use]
 pub fn factory() -> Setup {
     Setup::new(FAMILY, Address(1))

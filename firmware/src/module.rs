@@ -1,26 +1,26 @@
-//! The loop around the engine: what boards do alike.
+//! The loop around the engine, common to all boards.
 
 use crate::{Heard, Sensed, What};
 use railbus_device::{Eeprom, Effect, Engine, Input, Output, SetupError};
 use railbus_nvm::Record;
 use railbus_wire::{Instant, Micros, Settings};
 
-/// Inputs are read when a frame begins, unless they were so lately: they are only ever looked
-/// at to answer somebody, so that a silent line costs nothing.
+/// Inputs are read when a frame begins, unless that was done less than this ago: they are only
+/// needed for answers, so a silent line costs nothing.
 const SENSED_FOR: Micros = Micros::from_millis(5);
 
-/// How much longer than its characters take a reply may be under way. Then the transmitter has
-/// stalled, and the line belongs to the others again.
+/// How much longer than its characters take a reply may take to send. After that the transmitter
+/// has stalled, and the line is released.
 const STALL: Micros = Micros::from_millis(200);
 
-/// What a board does for the module on it.
+/// What a board provides for its module.
 pub trait Board {
-    /// The time since it was started. It never runs backwards.
+    /// The time since start-up. It never goes back.
     fn now(&self) -> Instant;
-    /// The oldest character heard and not taken yet.
+    /// Takes the oldest character received.
     fn hear(&mut self) -> Option<Heard>;
-    /// When the oldest one will have ended that [`Board::hear`] holds back until then. Boards
-    /// whose UART has the pace of the line hold none back.
+    /// When the oldest character that [`Board::hear`] holds back will have ended. Boards whose UART
+    /// has the pace of the line hold none back.
     fn heard_at(&self) -> Option<Instant> {
         None
     }
@@ -28,36 +28,36 @@ pub trait Board {
     fn transmit(&mut self, bytes: &[u8]);
     /// When the last byte to send went into the shift register; nothing before that.
     fn drained(&self) -> Option<Instant>;
-    /// Lets go of the line and listens. What was not sent is forgotten.
+    /// Releases the line and listens. Unsent bytes are dropped.
     fn listen(&mut self);
-    /// Talks and listens this way from now on.
+    /// Uses this speed and format from now on.
     fn retune(&mut self, serial: Settings);
     /// Lights the LED, or not.
     fn light(&mut self, lit: bool);
-    /// Brings the outputs into these states: bit n = output n is on.
+    /// Sets the outputs: bit n = output n is on.
     fn drive(&mut self, outputs: u32);
-    /// What lies at the inputs now.
+    /// Reads the inputs.
     fn sense(&mut self) -> Sensed;
-    /// Keeps the settings. The reply that says so leaves after this.
+    /// Stores the settings. The reply that confirms them is sent after this.
     fn save(&mut self, settings: &Eeprom);
 }
 
-/// What happened since the start; each number begins anew after the last there is.
+/// Counters since start-up; they wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Characters heard.
+    /// Characters received.
     pub heard: u32,
     /// Of these, characters with a wrong stop bit or parity.
     pub bad: u32,
-    /// Characters lost, as nobody took them in time.
+    /// Characters lost, as they were not taken in time.
     pub lost: u32,
     /// Replies sent.
     pub replies: u32,
-    /// Replies given up, since the transmitter did not send.
+    /// Replies given up because the transmitter did not send.
     pub stalled: u32,
 }
 
-/// Whose turn it is on the line.
+/// Who may send on the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Turn {
     /// The others'.
@@ -74,18 +74,18 @@ pub struct Module {
     engine: Engine,
     deadline: Option<Instant>,
     turn: Turn,
-    /// The latest time that the engine was told.
+    /// The latest time that was passed to the engine.
     told: Instant,
     sensed: Option<Instant>,
     counts: Counts,
 }
 
 impl Module {
-    /// A module that is powered up now and keeps this.
+    /// A module that is powered up now, with these settings.
     ///
     /// # Errors
-    /// Where no module can be as described.
-    // What it takes of the stack to make one is given back before the module runs.
+    /// If no module can have them.
+    // Frees the stack that creating one needs before the module runs.
     #[inline(never)]
     pub fn new(kept: &Record, now: Instant) -> Result<Module, SetupError> {
         Ok(Module {
@@ -98,7 +98,7 @@ impl Module {
         })
     }
 
-    /// Takes the board into use: outputs off, inputs read, listening as the settings say.
+    /// Initializes the board: outputs off, inputs read, listening as the settings say.
     pub fn start(&mut self, board: &mut impl Board) {
         board.drive(self.engine.outputs());
         board.retune(self.engine.active().serial);
@@ -107,10 +107,10 @@ impl Module {
         self.drain(board);
     }
 
-    /// Does all that is to be done now. When to come again, unless something happens before.
+    /// Does everything that is due. Returns when to call again, unless something happens before.
     pub fn step(&mut self, board: &mut impl Board) -> Option<Instant> {
-        // Read before the characters are: what was heard until now is told first, so that no
-        // silence is believed in which somebody spoke.
+        // Read before the characters are: everything received until now is passed on first, so that
+        // no silence is assumed during which there was traffic.
         let now = board.now();
         while self.turn == Turn::Others
             && let Some(heard) = board.hear()
@@ -161,7 +161,7 @@ impl Module {
         }
     }
 
-    /// Reads the inputs and tells the engine. What a board does not know stays as it was.
+    /// Reads the inputs for the engine. What a board can't read stays as it was.
     fn sense(&mut self, at: Instant, board: &mut impl Board) {
         let sensed = board.sense();
         self.sensed = Some(at);
@@ -178,7 +178,7 @@ impl Module {
         }
     }
 
-    /// Lets go of the line when the last stop bit has left, or when nothing leaves.
+    /// Releases the line when the last stop bit has left, or when the transmitter has stalled.
     fn take_turns(&mut self, now: Instant, board: &mut impl Board) {
         if let Turn::Ours { give_up } = self.turn {
             if let Some(drained) = board.drained() {

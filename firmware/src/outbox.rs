@@ -1,4 +1,4 @@
-//! Bytes on their way out, from the loop that writes them to the interrupt that sends them.
+//! Bytes to send, from the loop that writes them to the interrupt that sends them.
 
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
@@ -21,7 +21,7 @@ impl<const N: usize> Outbox<N> {
         }
     }
 
-    /// Puts bytes in, in place of what there is; those beyond the room are left out.
+    /// Replaces the content by these bytes; those that exceed the capacity are dropped.
     pub fn fill(&self, bytes: &[u8]) {
         self.clear();
         for (slot, byte) in self.bytes.iter().zip(bytes) {
@@ -41,7 +41,7 @@ impl<const N: usize> Outbox<N> {
         Some(self.bytes.get(taken as usize)?.load(Ordering::Relaxed))
     }
 
-    /// Forgets what was not taken.
+    /// Drops what was not taken.
     pub fn clear(&self) {
         self.len.store(0, Ordering::Release);
     }

@@ -17,8 +17,8 @@ const OUTPUTS: [u8; 2] = [0x60, 0x61];
 const INPUTS: u8 = 0x62;
 const ANALOGS: [u8; 2] = [0x48, 0x49];
 
-/// The first of the PCA9552's four registers with two bits for each LED, and the bit that makes
-/// it go on to the next by itself.
+/// The first of the PCA9552's four registers with two bits for each LED, with the auto-increment
+/// bit.
 const SELECTORS: u8 = 0x06 | 0x10;
 /// The TMP105's registers: what it measures, and its settings.
 const TEMPERATURE: u8 = 0;
@@ -31,12 +31,12 @@ const IO: usize = 0;
 const IN: usize = 2;
 const AI: usize = 3;
 
-/// What lies at a module's inputs.
+/// The state of a module's inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sensed {
-    /// What the digital pins say; nothing where nobody knows.
+    /// The digital pins; none if they could not be read.
     pub panel: Option<Pinned>,
-    /// The analog inputs, in hundredths; nothing where nobody knows.
+    /// The analog inputs, in hundredths; none if they could not be read.
     pub analogs: [Option<i16>; 2],
     /// Bit n = output n cannot be moved.
     pub stuck: u32,
@@ -57,11 +57,11 @@ pub struct Pinned {
 #[derive(Debug)]
 pub struct Panel<P> {
     bus: I2c<P>,
-    /// How many chips of outputs this module has.
+    /// How many output chips this module has.
     output_chips: usize,
-    /// What the outputs shall be.
+    /// The wanted outputs.
     outputs: u32,
-    /// What each chip was told; nothing where that did not arrive.
+    /// The last state written to each chip; none if that failed.
     shown: [Option<u16>; 2],
     missing: u8,
 }
@@ -83,8 +83,8 @@ impl<P: Pins> Panel<P> {
         panel
     }
 
-    /// Brings the outputs into these states: bit n = output n is on. Chips that do not hear it
-    /// are told again at the next [`Panel::sense`].
+    /// Sets the outputs: bit n = output n is on. Chips that do not answer are written again at the
+    /// next [`Panel::sense`].
     pub fn drive(&mut self, outputs: u32) {
         self.outputs = outputs;
         for (index, address) in (0..self.output_chips).zip(OUTPUTS) {
@@ -102,7 +102,7 @@ impl<P: Pins> Panel<P> {
         }
     }
 
-    /// Reads the inputs that this module has.
+    /// Reads the inputs of this module.
     pub fn sense(&mut self) -> Sensed {
         self.drive(self.outputs);
         let stuck = self
@@ -125,7 +125,7 @@ impl<P: Pins> Panel<P> {
         sensed
     }
 
-    /// The chips that did not answer when they were last asked.
+    /// The chips that did not answer last time.
     pub fn missing(&self) -> impl Iterator<Item = &'static str> {
         let missing = self.missing;
         let named = NAMES.iter().zip([1u8, 2, 4, 8, 16]);
@@ -134,7 +134,7 @@ impl<P: Pins> Panel<P> {
 
     fn pins(&mut self) -> Result<Pinned, Absent> {
         let mut bits = [0; 4];
-        // What drives the pins, not what lies at them: QEMU before 9.0 has that upside down.
+        // What drives the pins, not their state: QEMU before 9.0 has that inverted.
         let done = self.bus.read(INPUTS, &[SELECTORS], &mut bits);
         self.note(IN, done);
         done?;
@@ -152,7 +152,7 @@ impl<P: Pins> Panel<P> {
     }
 }
 
-/// The chips of the analog inputs that this family has.
+/// The analog input chips of this family.
 fn analogs() -> impl Iterator<Item = (usize, u8)> {
     let count = crate::FAMILY.profile().analogs;
     ANALOGS.into_iter().enumerate().take(usize::from(count))

@@ -1,18 +1,18 @@
-//! What the console says. It goes without `core::fmt`, which takes 3 KiB.
+//! The text on the console. It does without `core::fmt`, which takes 3 KiB.
 
 use crate::{Module, Origin};
 use railbus_nvm::Counters;
 
-/// Why the module starts.
+/// Why the module has started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reset {
-    /// Power came, or somebody pressed the button.
+    /// Power-up, or the reset button.
     Power,
     /// The loop had stopped.
     Watchdog,
-    /// The program found itself broken, in this line of its source.
+    /// A panic, in this line of the source.
     Panic(u32),
-    /// The processor refused an instruction.
+    /// A fault of the processor.
     Fault,
 }
 
@@ -23,17 +23,17 @@ pub struct About {
     pub board: &'static str,
     /// Why it started.
     pub reset: Reset,
-    /// Where the settings come from.
+    /// Where the settings came from.
     pub origin: Origin,
-    /// What became of settings to be kept.
+    /// How often settings were stored, and how that went.
     pub store: Counters,
-    /// The most bytes of stack that were in use.
+    /// The most stack that was in use, in bytes.
     pub stack: u32,
-    /// Seconds since the start.
+    /// Seconds since start-up.
     pub uptime: u32,
 }
 
-/// One line of text, cut off where it is too long.
+/// One line of text, truncated if it is too long.
 #[derive(Debug)]
 pub struct Text {
     bytes: [u8; Text::MAX],
@@ -59,13 +59,13 @@ impl Text {
         self.bytes.get(..self.len).unwrap_or_default()
     }
 
-    // Out of line: it is called some thirty times, and with fewer arguments than what it calls.
+    // Not inlined: it is called some thirty times, with fewer arguments than what it calls.
     #[inline(never)]
     fn say(&mut self, text: &str) {
         self.fill(text, &[]);
     }
 
-    /// Adds text, in which each `#` stands for the next of the numbers.
+    /// Adds text, in which each `#` is replaced by the next of the numbers.
     fn fill(&mut self, text: &str, numbers: &[u32]) {
         let mut numbers = numbers.iter();
         for byte in text.bytes() {
@@ -102,8 +102,8 @@ impl Default for Text {
     }
 }
 
-/// Line `number` of what the module says of itself, from 0; nothing after the last. `missing`
-/// names the chips that do not answer.
+/// Line `number` of the report, from 0; none after the last. `missing` are the chips that do not
+/// answer.
 pub fn line(
     number: u8,
     module: &Module,

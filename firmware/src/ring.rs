@@ -1,10 +1,9 @@
-//! What the line brings, from the interrupt that hears it to the loop that understands it.
+//! Received characters, from the interrupt that receives them to the loop that parses them.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 use railbus_wire::Instant;
 
-/// How many characters wait at most: more than the loop ever leaves lying at 115200 baud while
-/// it stores settings.
+/// The capacity: more than ever accumulates at 115200 baud while the loop stores settings.
 const CAPACITY: u32 = 128;
 
 /// One character off the line.
@@ -21,16 +20,17 @@ pub struct Heard {
 pub enum What {
     /// This byte.
     Byte(u8),
-    /// Nobody knows: its stop bit or parity was wrong.
+    /// Unknown: its stop bit or parity was wrong.
     Bad,
-    /// Nobody knows: nobody took it in time.
+    /// Unknown: it was not taken in time.
     Lost,
 }
 
-/// The characters that wait, oldest first. One side pushes and one side pops.
+/// Pending characters, oldest first. One side pushes and one side pops.
 ///
-/// An entry is one word: nine bits for what was heard, and the lowest 23 bits of its microsecond,
-/// which are enough for times of up to four seconds before and after the one at which is looked.
+/// An entry is one word: nine bits for the character, and the lowest 23 bits of its time in
+/// microseconds, which are enough for times of up to four seconds before and after the time of
+/// reading.
 #[derive(Debug)]
 pub struct Ring {
     slots: [AtomicU32; CAPACITY as usize],
@@ -54,20 +54,20 @@ impl Ring {
         }
     }
 
-    /// Whether another character has room.
+    /// Whether there is room for another character.
     #[must_use]
     pub fn has_room(&self) -> bool {
         let pushed = self.pushed.load(Ordering::Relaxed);
         pushed.wrapping_sub(self.popped.load(Ordering::Acquire)) < CAPACITY
     }
 
-    /// Whether nothing waits.
+    /// Whether it is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.pushed.load(Ordering::Acquire) == self.popped.load(Ordering::Relaxed)
     }
 
-    /// Adds a character; false, and nothing added, where it has no room.
+    /// Adds a character; returns false, and adds nothing, if it is full.
     pub fn push(&self, heard: Heard) -> bool {
         let at = self.pushed.load(Ordering::Relaxed);
         let Some(slot) = self.slot(at).filter(|_| self.has_room()) else {
@@ -83,12 +83,12 @@ impl Ring {
         true
     }
 
-    /// When the oldest character ended or will end. `now` is read after it is known to be there,
-    /// so that it is not older than what it helps to date.
+    /// When the oldest character ended or will end. `now` is read after that character is known to
+    /// be there, so that it is not older than the time that it helps to reconstruct.
     pub fn next_at(&self, now: impl FnOnce() -> Instant) -> Option<Instant> {
         let word = self.oldest()?;
         let now = now();
-        // Both wrap, and what is in front of the highest bit is none of ours.
+        // Both wrap, and what is above the highest bit is irrelevant.
         let ahead = (word & !WHAT).wrapping_sub((now.0 as u32) << TIME_SHIFT) as i32 >> TIME_SHIFT;
         Some(Instant(now.0.saturating_add_signed(ahead.into())))
     }

@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 /// Relay 1 on, and its reply: coil 60, decimal [ERC-8 §2].
 const ON: [u8; 8] = [0x01, 0x05, 0x00, 0x3C, 0xFF, 0x00, 0x4C, 0x36];
 
-/// What a board was told, in order.
+/// The calls of a board, in order.
 #[derive(Debug, PartialEq)]
 enum Told {
     Transmit(Vec<u8>),
@@ -19,7 +19,7 @@ enum Told {
     Save(Eeprom),
 }
 
-/// A board with an obedient clock.
+/// A board whose clock is set by the test.
 #[derive(Default)]
 struct Bench {
     now: u64,
@@ -67,7 +67,7 @@ impl Board for Bench {
 }
 
 impl Bench {
-    /// A started module; what it told the board until then is forgotten.
+    /// A started module; the calls so far are cleared.
     fn with(family: Family) -> (Bench, Module) {
         let record = Record::factory(&Setup::new(family, Address(1))).unwrap();
         let mut module = Module::new(&record, Instant(0)).unwrap();
@@ -77,7 +77,7 @@ impl Bench {
         (bench, module)
     }
 
-    /// These characters come one after the other from `from` on, at 9600 8N1.
+    /// These characters are received from `from` on, at 9600 8N1.
     fn says(&mut self, from: u64, bytes: &[u8]) {
         let ends = (1..).map(|count| Instant(from) + Settings::FACTORY.frame_time(count));
         let heard = ends.zip(bytes).map(|(at, byte)| Heard {
@@ -87,7 +87,7 @@ impl Bench {
         self.line.extend(heard);
     }
 
-    /// Lets time pass as the module asks for it, and not beyond `until`.
+    /// Advances the time as the module asks for it, up to `until`.
     fn run(&mut self, module: &mut Module, until: u64) {
         loop {
             match module.step(self) {
@@ -138,7 +138,7 @@ fn the_relay_moves_before_the_reply_and_the_line_is_let_go_after_it() {
 fn silence_is_only_believed_when_all_that_was_heard_is_told() {
     let (mut bench, mut module) = Bench::with(Family::Erc8);
     bench.says(1_000, &ON);
-    // The loop comes round once, long after the frame and its silence.
+    // The loop only makes a pass long after the frame and its silence.
     bench.now = 50_000;
     bench.run(&mut module, 60_000);
     assert_eq!(bench.replies(), 1);
@@ -167,7 +167,7 @@ fn a_transmitter_that_stalls_gives_the_line_back() {
     bench.run(&mut module, 1_000_000);
     assert_eq!(bench.told.pop(), Some(Told::Listen));
     assert_eq!(module.counts().stalled, 1);
-    // And it hears again.
+    // And it receives again.
     bench.says(1_100_000, &ON);
     bench.run(&mut module, 1_150_000);
     assert_eq!(bench.replies(), 2);
@@ -178,7 +178,8 @@ fn what_comes_while_it_talks_waits_until_it_listens() {
     let (mut bench, mut module) = Bench::with(Family::Erc8);
     bench.says(1_000, &ON);
     bench.run(&mut module, 20_000);
-    // QEMU's host has the reply at once, and asks the next before it could have ended.
+    // QEMU's host has the reply at once, and sends the next request before the reply could have
+    // ended.
     bench.says(21_000, &ON);
     bench.drained = Some(Instant(22_000));
     bench.run(&mut module, 60_000);

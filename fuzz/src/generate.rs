@@ -4,7 +4,7 @@
 pub struct Random(u64);
 
 impl Random {
-    /// A generator; every seed gives another sequence.
+    /// Creates a generator; every seed gives another sequence.
     pub fn new(seed: u64) -> Random {
         // Seeds are small numbers; spread them, and never start at zero.
         Random((seed ^ 0x9E37_79B9_7F4A_7C15).wrapping_mul(0xBF58_476D_1CE4_E5B9) | 1)
@@ -56,9 +56,9 @@ impl Random {
         }
     }
 
-    /// One change somewhere.
+    /// One random change.
     fn mutate(&mut self, frame: &mut Vec<u8>, corpus: &[Vec<u8>]) {
-        /// Bytes that mean something to one of the codecs.
+        /// Bytes with a meaning in one of the codecs.
         const SPECIAL: &[u8] =
             b"\x00\x01\x0D\x0F\x10\x7F\x80\xFF\x55\x22\x4C\x57\x6C\x63\xF5$%#@~!>?*0Aa";
         let at = self.below(frame.len() + 1);
@@ -83,7 +83,7 @@ impl Random {
         }
     }
 
-    /// Makes some checksum right again, so that the checks behind it are reached.
+    /// Repairs a checksum, so that the checks behind it are reached.
     fn repair(&mut self, frame: &mut Vec<u8>) {
         let len = frame.len();
         match (self.below(4), frame.first().copied()) {

@@ -13,7 +13,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// What is asked for on the command line.
+/// The arguments of the command line.
 struct Options {
     inputs: u64,
     seed: u64,
@@ -86,7 +86,7 @@ fn run(options: &Options) -> Result<(), String> {
     Ok(())
 }
 
-/// Feeds one input; a panic, whose message is on standard error by then, is a failure.
+/// Runs one input; a panic, whose message is on standard error by then, is a failure.
 fn feed((name, target): &Target, input: &[u8]) -> Result<(), String> {
     catch_unwind(AssertUnwindSafe(|| target(input))).map_err(|_| {
         let hex: String = input.iter().map(|byte| format!("{byte:02X}")).collect();
@@ -94,7 +94,7 @@ fn feed((name, target): &Target, input: &[u8]) -> Result<(), String> {
     })
 }
 
-/// All frames of all vectors, right and wrong ones.
+/// All frames of all vectors, valid and invalid ones.
 fn corpus() -> Result<Vec<Vec<u8>>, String> {
     let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../vectors"));
     let mut frames = Vec::new();

@@ -1,10 +1,10 @@
-//! Listeners and capture files: bytes of strangers, both of them.
+//! Listeners and capture files, whose bytes both come from elsewhere.
 //!
-//! Invariants: nothing panics; a listener tells every byte once and in order, whatever the pieces
-//! and pauses, in frames of a bounded length, and holds no more than a frame or two back; a
-//! capture file is read in steps that lie inside it; what was kept is read again as it was.
+//! Invariants: nothing panics; a listener reports every byte once and in order, whatever the pieces
+//! and pauses, in frames of a bounded length, and holds back no more than a frame or two; a capture
+//! file is read in steps that lie within it; a recorded frame is read back unchanged.
 
-use railbus_sniff::capture::{self, Direction, Reader, Step};
+use railbus_sniff::capture::{self, Direction, ReadStep, Reader};
 use railbus_sniff::{Frame, Heard, Input, Listener, Output};
 use railbus_wire::{Instant, Micros, Settings};
 
@@ -49,7 +49,7 @@ fn drain(listener: &mut Listener, told: &mut Vec<u8>) {
     }
 }
 
-/// A capture file, as it is and behind a right beginning.
+/// A capture file, as it is and after a valid beginning.
 pub fn captured(data: &[u8]) {
     read(data);
     let mut file = capture::header("fuzz");
@@ -58,7 +58,7 @@ pub fn captured(data: &[u8]) {
     let mut file = capture::header("fuzz");
     file.extend(capture::interface("main", "9600 8N1"));
     file.extend(capture::packet(0, Instant(7), data, None, "ok"));
-    // A damaged length, option or number somewhere in what was right.
+    // A damaged length, option or number somewhere in a valid file.
     if let [at, value, ..] = *data {
         let at = usize::from(at) * file.len() / 256;
         file[at] ^= value;
@@ -70,23 +70,23 @@ fn read(mut file: &[u8]) {
     let mut reader = Reader::new();
     while let Ok(step) = reader.next(file) {
         let len = match step {
-            Step::More(missing) => {
+            ReadStep::More(missing) => {
                 assert!(missing > 0);
                 return;
             }
-            Step::Packet(len, packet) => {
+            ReadStep::Packet(len, packet) => {
                 assert!(packet.line < reader.interfaces().len());
                 assert!(packet.bytes.len() <= len);
                 len
             }
-            Step::Other(len) => len,
+            ReadStep::Other(len) => len,
         };
         assert!((12..=file.len()).contains(&len));
         file = &file[len..];
     }
 }
 
-/// A frame kept with any comment.
+/// A frame recorded with any comment.
 pub fn kept(data: &[u8]) {
     let (comment, bytes) = data.split_at(data.len() / 3);
     let comment = String::from_utf8_lossy(comment);
@@ -99,12 +99,12 @@ pub fn kept(data: &[u8]) {
     let mut rest = file.as_slice();
     while rest.len() > file.len() - head {
         match reader.next(rest) {
-            Ok(Step::Other(len)) => rest = &rest[len..],
+            Ok(ReadStep::Other(len)) => rest = &rest[len..],
             other => panic!("{other:?}"),
         }
     }
     match reader.next(rest) {
-        Ok(Step::Packet(len, packet)) => {
+        Ok(ReadStep::Packet(len, packet)) => {
             assert_eq!(len, rest.len());
             assert_eq!((packet.at, packet.bytes), (Instant(1 << 40), bytes));
             assert_eq!(packet.direction, way);

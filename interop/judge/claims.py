@@ -1,4 +1,4 @@
-"""What was asked, what was told, and in which window of the judge's own clock."""
+"""What was requested, what was reported, and in which window of the judge's own clock."""
 
 import dataclasses
 import datetime
@@ -9,17 +9,17 @@ import time
 
 @dataclasses.dataclass
 class Part:
-    """One output of a command: what was wanted of it, and what was told."""
+    """One output of a command: what was requested, and what was reported."""
 
     relay: str
-    # What it was to become at once; none: the other state.
+    # The state it was to have at once; None: the opposite of the present one.
     want: object
     told: dict = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass
 class Claim:
-    """A command. Unless `answered`, whoever was asked went away."""
+    """A command. Unless `answered`, the connection was lost."""
 
     kind: str
     parts: list
@@ -28,7 +28,7 @@ class Claim:
     answered: bool = False
     status: int = 0
     verify: bool = True
-    # Of pulses and leases: how long it lasts, and who times it.
+    # For pulses and leases: how long they last, and who times them.
     seconds: float = 0.0
     by: str = ""
     is_raw: bool = False
@@ -39,39 +39,39 @@ class Claim:
     number: int = 0
 
     def did_nothing(self, part):
-        """Whether it was told that nothing was done."""
+        """Whether the answer said that nothing was done."""
         if not self.answered or not is_error(part):
             return False
         return not part.told.get("may_have_acted") and not is_undone(part)
 
     def is_done(self, part):
-        """Whether it was told that it was done."""
+        """Whether the answer said that it was done."""
         return self.answered and "confirmed" in part.told and not is_error(part)
 
     def is_done_or_renewed(self, part):
-        """Whether it was told to be done, or to go on."""
+        """Whether the answer said that it was done, or renewed."""
         return self.is_done(part) or self.answered and bool(part.told.get("renewed"))
 
     def words(self):
-        """For the report."""
+        """A line for the report."""
         parts = ", ".join(f"{p.relay}={p.want} -> {p.told}" for p in self.parts)
         return (f"#{self.number} {self.who} {self.kind} [{self.since:.3f}, {self.until:.3f}] "
                 f"status {self.status} {parts}")
 
 
 def is_error(part):
-    """Whether an output was not switched, or is not any more."""
+    """Whether the answer reports an output as not switched, or as restored."""
     return "code" in part.told
 
 
 def is_undone(part):
-    """Whether it was told to have been taken back."""
+    """Whether the answer reports it as undone."""
     return part.told.get("code") == "E0456"
 
 
 @dataclasses.dataclass
 class Reading:
-    """A value that was told to be good, and since when it is claimed to have been so."""
+    """A value that was reported as good, and since when it is claimed to have been true."""
 
     path: str
     value: bool
@@ -87,33 +87,33 @@ class Book:
         self.claims, self.readings = [], []
         self._numbers = itertools.count(1)
         self._lock = threading.Lock()
-        # Wall clock less our clock, as it was found at several times.
+        # Wall clock minus our clock, as measured at several times.
         self.offsets = [time.time() - time.monotonic()]
 
     def begin(self, claim):
-        """A command goes out."""
+        """Records a command that is being sent."""
         with self._lock:
             claim.number = next(self._numbers)
             self.claims.append(claim)
         return claim
 
     def mark_clock(self):
-        """Notes how the two clocks stand."""
+        """Records the difference of the two clocks."""
         self.offsets.append(time.time() - time.monotonic())
 
     def mono(self, text):
-        """The window of our clock in which a time of the wall clock lies."""
+        """The window of our clock that contains a time of the wall clock."""
         wall = wall_time(text) if isinstance(text, str) else text
         return wall - max(self.offsets), wall - min(self.offsets) + 0.001
 
 
 def wall_time(text):
-    """Seconds since 1970 of RFC 3339."""
+    """RFC 3339 as seconds since 1970."""
     return datetime.datetime.fromisoformat(text.replace("Z", "+00:00")).timestamp()
 
 
 def take_answer(claim, status, answer):
-    """Lays what was answered into the claim."""
+    """Adds the answer to the claim."""
     claim.answered, claim.status = True, status
     if status != 200:
         for part in claim.parts:
@@ -140,7 +140,7 @@ KEPT = ("value", "before", "confirmed", "audit", "code", "may_have_acted", "by",
 
 
 def trimmed(answer):
-    """What is judged of an answer."""
+    """The parts of an answer that are judged."""
     kept = {key: answer[key] for key in KEPT if answer.get(key) is not None}
     if "reason" in kept:
         kept["reason"] = str(kept["reason"])[:80]

@@ -1,4 +1,4 @@
-"""Eight clients that command everything there is to be commanded, a reader and a follower."""
+"""Eight clients that use every command there is, a reader and a WebSocket follower."""
 
 import random
 import threading
@@ -12,12 +12,12 @@ CLIENTS = 8
 WEIGHTS = {"set": 30, "unverified": 6, "if": 6, "toggle": 8, "raw": 8, "pulse": 10, "jog": 6,
            "lease": 8, "unlease": 4, "batch": 8, "all_or_nothing": 6, "outputs": 4, "group": 3,
            "scene": 3, "silent": 2, "keyed": 4}
-# A read that was begun so long before it was told may have been in flight.
+# A read that began this long before it was reported may have been in flight.
 AGE_TOLERANCE = 0.015
 
 
 class Client(threading.Thread):
-    """One client. `outputs` are those that it switches alone or beside others."""
+    """One client. `outputs` are those that it switches, alone or together with other clients."""
 
     def __init__(self, plant, name, seed, outputs, pause=0.01):
         super().__init__(daemon=True)
@@ -52,7 +52,7 @@ class Client(threading.Thread):
         getattr(self, "do_" + kind)(self.random.choice(self.outputs))
 
     def send(self, claim, method, path, body, key=None):
-        """Gives a command and books what was told."""
+        """Sends a command and records the answer."""
         claim.who = self.who
         self.plant.book.begin(claim)
         headers = {"Idempotency-Key": key} if key else {}
@@ -85,13 +85,13 @@ class Client(threading.Thread):
         return self.one(kind, relay, want, "POST", "/pulse", body, **more)
 
     def lease(self, relay, want, seconds):
-        """Holds an output for a time."""
+        """Leases an output."""
         body = {"value": want, "ttl_ms": round(seconds * 1000)}
         more = {"seconds": round(seconds * 1000) / 1000, "by": "host"}
         return self.one("lease", relay, want, "PUT", "/lease", body, **more)
 
     def toggle(self, relay, raw, key=None):
-        """Switches an output over."""
+        """Toggles an output."""
         more = {"is_raw": raw, **({"key": key} if key else {})}
         return self.one("toggle", relay, None, "POST", "/toggle", {"raw": raw}, **more)
 
@@ -148,11 +148,11 @@ class Client(threading.Thread):
     def do_unlease(self, relay):
         relay = self.random.choice(sorted(self.leases)) if self.leases else relay
         self.leases.pop(relay, None)
-        # Another client may have leased it since: where that lease ends, only the answer says.
+        # Another client may have leased it since: whose lease this ends, only the answer says.
         self.one("unlease", relay, None, "DELETE", "/lease", None)
 
     def several(self, count):
-        """Outputs of any modules, each with what it is to become."""
+        """Outputs of any modules, each with its new state."""
         chosen = self.random.sample(self.outputs, min(count, len(self.outputs)))
         return [Part(relay, self.coin()) for relay in chosen]
 
@@ -195,7 +195,7 @@ class Client(threading.Thread):
 
 
 def book_points(book, points, since, until, how):
-    """Books all good values among points that were told."""
+    """Records all good values among these points."""
     for point in points:
         if point.get("quality") != "good" or not isinstance(point.get("value"), bool):
             continue
@@ -208,7 +208,7 @@ def book_points(book, points, since, until, how):
 
 
 class Reader(threading.Thread):
-    """Reads all points again and again, some of them fresh, and follows the WebSocket."""
+    """Reads all points repeatedly, some of them fresh, and follows the WebSocket."""
 
     def __init__(self, plant, seed, pause=0.05):
         super().__init__(daemon=True)
@@ -216,7 +216,7 @@ class Reader(threading.Thread):
         self.over, self.follower, self.life = False, None, None
 
     def follow(self):
-        """One WebSocket for each life of the daemon."""
+        """One WebSocket per life of the daemon."""
         life = len(self.plant.daemon.lives)
         if self.life == life:
             return

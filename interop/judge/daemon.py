@@ -1,4 +1,4 @@
-"""The program under test: its configuration, its process, and how it is asked."""
+"""The program under test: its configuration, its process, and requests to it."""
 
 import base64
 import http.client
@@ -13,21 +13,21 @@ import threading
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
-# Nothing takes longer.
+# The timeout of everything.
 PATIENCE = 20.0
-# The daemon closes a connection that nobody uses; one that was idle for so long is not used again.
+# The daemon closes idle connections; one that was idle for this long is not used again.
 IDLE_MAX = 5.0
 
 
 def program():
-    """The program: what the tests have built, or what RAILBUS names."""
+    """The program: the one the tests have built, or the one in RAILBUS."""
     named = os.environ.get("RAILBUS")
     folder = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
     return pathlib.Path(named) if named else folder / "debug/railbus"
 
 
 def build():
-    """Builds it, unless it is named."""
+    """Builds it, unless RAILBUS names one."""
     if os.environ.get("RAILBUS"):
         return
     command = [os.environ.get("CARGO", "cargo"), "build", "--quiet", "--package", "railbus",
@@ -80,7 +80,7 @@ class Daemon:
         self.config = self.folder / "railbus.toml"
         self.config.write_text(text, encoding="utf-8")
         self.process = None
-        # [since, told to end, until, how]: of each process; none while it runs.
+        # [since, signalled, until, signal] of each process; None while it runs.
         self.lives = []
         self.log = open(self.folder / "log", "ab")
         self._local = threading.local()
@@ -108,7 +108,7 @@ class Daemon:
             time.sleep(0.01)
 
     def end(self, how):
-        """Ends it by this signal."""
+        """Sends it this signal and waits for its end."""
         life = self.lives[-1]
         life[1], life[3] = time.monotonic(), how
         self.process.send_signal(signal.SIGKILL if how == "KILL" else signal.SIGTERM)
@@ -121,13 +121,13 @@ class Daemon:
         life[2] = time.monotonic()
 
     def close(self):
-        """Ends it, if it runs."""
+        """Stops it, if it runs."""
         if self.process and self.process.poll() is None:
             self.end("TERM")
         self.log.close()
 
     def ask(self, method, path, body=None, headers=None):
-        """Asks, and gives back status and JSON. OSError: nobody answered."""
+        """Sends a request; returns status and JSON. OSError: no answer."""
         connection = getattr(self._local, "connection", None)
         if connection is None or time.monotonic() - self._local.used > IDLE_MAX:
             if connection:
@@ -146,13 +146,13 @@ class Daemon:
         return answer.status, json.loads(data) if data else None
 
     def send_signal_at(self, when, how):
-        """Kills it at that moment, whatever goes on."""
+        """Kills it at that moment, whatever is in progress."""
         time.sleep(max(when - time.monotonic(), 0))
         self.end(how)
 
 
 class Follower:
-    """A WebSocket that hands each message to `take`, with the time at which it came."""
+    """A WebSocket that passes each message to `take`, with the time at which it came."""
 
     def __init__(self, daemon, topics, take):
         self.socket = socket.socket(socket.AF_UNIX)
@@ -214,7 +214,7 @@ class Follower:
             return
 
     def close(self):
-        """Hears no more."""
+        """Stops receiving."""
         try:
             self.socket.shutdown(socket.SHUT_RDWR)
         except OSError:

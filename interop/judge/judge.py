@@ -1,30 +1,30 @@
-"""Compares what was told with what was so. Knows claims, windows and the log of the relays; knows
-nothing of the program or of the protocols."""
+"""Compares what was reported with what was true. Knows claims, windows and the log of the relays,
+and nothing of the program or of the protocols."""
 
 import bisect
 import collections
 
 from claims import is_undone
 
-# So much more than said may the end of a pulse or a lease take while nothing is wrong with its
-# line; what was wrong, or a daemon that did not run, is added.
+# How much later than due a pulse or lease may end while nothing is wrong with its line. The time of
+# faults, and time without a daemon, is added.
 END_MAX = 4.0
-# So much later than said may an order of an end still come: one that was lost, or whose answer was,
-# is tried again after one, two and four seconds, and each try takes its time.
+# How much later than due the command that ends it may still arrive: if it or its reply was lost, it
+# is retried after one, two and four seconds, and each attempt takes its time.
 TRIED_AGAIN = 12.0
-# A timed end may come so much earlier than told: what is rounded.
+# How much earlier than reported a timed end may come, because of rounding.
 EARLY = 0.012
-# A command ends by itself after so long: five seconds to be sent, and as many to be read back.
+# After this time a command has ended: five seconds to be sent, and as many to be read back.
 UNANSWERED_MAX = 10.0
-# A value may be known for so long before a command says that it was so before.
+# How old a value may be that a command reports as the state before it.
 BEFORE_MAX = 2.5
-# After a reply that this machine itself sent too late, and after a reading by another master,
-# nothing is promised of that line for so long.
+# How long nothing is guaranteed for a line after a reply that this machine itself sent too late, or
+# after another master has read it.
 OVERDUE = 6.0
-# How long after an answer an order may still reach a module: what lies in the terminal.
+# How long after an answer a command may still reach a module: what is still in the terminal.
 IN_FLIGHT = 0.02
 
-# Everything that is judged, by name, and what it says.
+# Everything that is judged: its name, and what it claims.
 KINDS = {
     "readback": "what was read back was so",
     "reply": "an order came and was answered",
@@ -43,14 +43,15 @@ KINDS = {
     "back": "a line works again when nothing is wrong any more",
 }
 
-# Those that hang on a reply that came in time.
+# Those that depend on a reply that came in time.
 OF_VALUES = ("readback", "reply", "reply value", "before", "reading", "history")
 
 False_ = collections.namedtuple("False_", "kind relay when words")
 
 
 class Judge:
-    """The judge of one run. `lives` are those of the daemon; `jogs` outputs that go back alone."""
+    """The judge of one run. `lives` are those of the daemon; `jogs` are outputs that switch back
+    by themselves."""
 
     def __init__(self, world, book, lives, pulsing=(), line_of=None):
         self.world, self.book, self.lives = world, book, lives
@@ -75,8 +76,9 @@ class Judge:
                        for relay, changes in world.changes.items()}
 
     def _given_up(self, claim):
-        """Until when a command may go on whose client got no answer: as long as the daemon lived,
-        which ends in order what it has begun, or as a command does at most."""
+        """How long a command may still act if its client got no answer: for the rest of the
+        daemon's life, which finishes in order what it has begun, or for as long as a command
+        takes at most."""
         at_most = claim.until + UNANSWERED_MAX
         ends = [life[2] for life in self.lives if life[0] <= claim.until and life[2]]
         return max(claim.until, min([at_most, *(end for end in ends if end >= claim.since)]))
@@ -87,15 +89,15 @@ class Judge:
         first = bisect.bisect_left(begins, since - self._longest)
         return self._by_relay[relay][first:bisect.bisect_right(begins, until)]
 
-    # What was so ---------------------------------------------------------------------------
+    # What was true -------------------------------------------------------------------------
 
     def value_at(self, relay, when):
-        """The state of a relay then."""
+        """The state of a relay at that time."""
         at = bisect.bisect_right(self._times.get(relay, []), when) - 1
         return self.world.changes[relay][at][1] if at >= 0 else None
 
     def held(self, relay, since, until, value):
-        """Whether it was so at any moment of a window."""
+        """Whether it had this value at any moment of a window."""
         if self.value_at(relay, since) == value:
             return True
         times, changes = self._times.get(relay, []), self.world.changes[relay]
@@ -104,19 +106,19 @@ class Judge:
         return any(change[1] == value for change in changes[first:last])
 
     def orders(self, relay, since, until, value=None):
-        """The orders that may have come in a window."""
+        """The commands that may have arrived in a window."""
         return [act for act in self.world.acts.get(relay, [])
                 if act.hi >= since and act.lo <= until and value in (None, act.value)]
 
     def is_troubled(self, relay, since, until):
-        """Whether something was wrong with the relay, its module or its line meanwhile."""
+        """Whether there was a fault of the relay, its module or its line in this window."""
         module = relay.split(".")[0]
         stretches = [stretch for what in (relay, module, self.line_of.get(module))
                      for stretch in self.world.troubles.get(what, [])]
         return any(a <= until and (b is None or b >= since) for a, b in stretches)
 
     def calm_after(self, relay, since, length):
-        """When so much time has passed since then in which nothing was wrong and the daemon ran."""
+        """When this much time has passed since then without faults and with the daemon running."""
         end = since + length
         if relay not in self._bad:
             self._bad[relay] = self._bad_times(relay)
@@ -126,7 +128,7 @@ class Judge:
         return end
 
     def _bad_times(self, relay):
-        """When something was wrong with a relay or on its way, and when the daemon was away."""
+        """The times of faults of a relay or on its way, and the times without a daemon."""
         module = relay.split(".")[0]
         bad = [stretch for what in (relay, module, self.line_of.get(module))
                for stretch in self.world.troubles.get(what, [])]
@@ -138,12 +140,12 @@ class Judge:
         return sorted(bad)
 
     def is_outside(self, relay, when):
-        """Whether this machine broke the promise that the judge makes to the daemon."""
+        """Whether this machine broke the timing that the judge guarantees to the daemon."""
         line = self.line_of.get(relay.split(".")[0])
         return any(late <= when <= late + OVERDUE for late in self.world.overdue.get(line, []))
 
     def told(self, kind, good, relay, when, words):
-        """One check. `words` say more of a lie, or are a function that does."""
+        """One check. `words` describe a false claim, or are a function that does."""
         if not good and kind in OF_VALUES and self.is_outside(relay, when):
             self.outside[kind] += 1
             return
@@ -154,15 +156,16 @@ class Judge:
     # Claims --------------------------------------------------------------------------------
 
     def judge(self):
-        """All that was claimed."""
+        """Judges all claims."""
         first, began = {}, {}
         for claim in self.book.claims:
-            # Who sent a key in vain may have been heard: the answer to the next is of that.
+            # A key that was sent without getting an answer may have been received: the next answer
+            # is for that.
             since = began.setdefault(claim.key, claim.since) if claim.key else claim.since
             if not claim.answered:
                 continue
             if claim.key and claim.key in first:
-                # Asked again: the answer is the first one, and so is what it says.
+                # A repeated key: the answer is the first one, with the same content.
                 same = claim.parts[0].told == first[claim.key].parts[0].told
                 both = (claim, first[claim.key])
                 self.told("twice", same, claim.parts[0].relay, claim.until,
@@ -185,8 +188,8 @@ class Judge:
     def _confirmed(self, claim, part, since):
         relay, told = part.relay, part.told
         if told.get("before") is not None and not told.get("renewed"):
-            # Before its own order, where it is known which one that is: others may order meanwhile,
-            # a pulse or a lease may end, and its own may be lost.
+            # The state before its own command, if it is certain which one that is: others may
+            # command in the meantime, a pulse or a lease may end, and its own command may be lost.
             alone = not any(other is not claim and other.until >= since
                             for other, _ in self._near(relay, since, claim.until))
             acts = self.orders(relay, since, claim.until)
@@ -205,7 +208,7 @@ class Judge:
             want = value if part.want is None else part.want
             acts = self.orders(relay, since, claim.until, None if part.want is None else want)
             acts = [act for act in acts if act.answered]
-            # An order that a pulse output ignores is none, and is answered.
+            # A pulse output ignores such a command, and answers it.
             good = bool(acts) or relay in self.pulsing and not want
             self.told("reply", good, relay, claim.until, claim.words)
             if claim.verify and acts and value is not None and relay not in self.pulsing:
@@ -213,11 +216,11 @@ class Judge:
                 self.told("reply value", good, relay, claim.until, claim.words)
 
     def _is_contradicted(self, act, relay, value, claim):
-        """Whether one of the two readings after an order told the other state."""
+        """Whether one of the two readings after a command reported the other state."""
         if self.held(relay, act.hi, claim.until, value):
             return False
         replies = self.world.replies.get(relay.split(".")[0], [])
-        # They were noted as they were sent.
+        # In the order in which they were sent.
         first = bisect.bisect_left(replies, act.hi, key=lambda reply: reply.sent)
         last = bisect.bisect_right(replies, claim.until, key=lambda reply: reply.sent)
         after = [reply for reply in replies[first:last] if reply.lo >= act.hi]
@@ -233,34 +236,34 @@ class Judge:
         before, after = self.value_at(relay, claim.since), self.value_at(relay, claim.until)
         self.told("undone", before == after, relay, claim.until, claim.words)
 
-    # Orders --------------------------------------------------------------------------------
+    # Commands ------------------------------------------------------------------------------
 
     def _orders(self, relay):
-        """Each order was somebody's."""
+        """Each command that arrived belongs to a request."""
         claims, begins = self._by_relay[relay], self._begins.get(relay, [])
         for act in self.world.acts[relay]:
-            # The newest first: it is nearly always one of those.
+            # Newest first: it is nearly always one of those.
             before = reversed(claims[:bisect.bisect_right(begins, act.hi)])
             good = any(self._may_order(act, claim, part) for claim, part in before)
             self.told("nobody's", good, relay, act.hi, lambda act=act: "\n  ".join(
                 [f"{act} came, and nobody ordered it then", *self._last_words(relay, act.hi, 6)]))
 
     def _last_words(self, relay, when, count):
-        """What was said of a relay last before that."""
+        """The last requests for a relay before that."""
         before = [claim for claim, _ in self._by_relay[relay] if claim.since <= when]
         return [claim.words() for claim in before[-count:]]
 
     def _may_order(self, act, claim, part):
-        """Whether an order may come of this command, or of its end."""
+        """Whether a command may come from this request, or from its end."""
         if claim.since > act.hi or claim.did_nothing(part):
             return False
         until = claim.until + IN_FLIGHT
         if claim.kind == "unlease" and part.told.get("confirmed") == "reply":
-            # What was acknowledged and not seen is not believed, and tried again.
+            # An end that was acknowledged but not seen is not trusted, and retried.
             until = self.calm_after(part.relay, claim.until, TRIED_AGAIN)
             return act.kind == "set" and act.lo <= until and act.value == part.told.get("value")
         if act.kind != "set":
-            # Of a toggle or a pulse of the module only what asks for that.
+            # Toggles and the module's own pulses only come from requests for them.
             fits = claim.kind == "jog" or claim.by in ("device",) or claim.is_raw
             fits = fits or part.relay in self.pulsing
             return fits and act.lo <= until
@@ -273,15 +276,15 @@ class Judge:
         return self._is_ending(act, claim, part) is True
 
     def _is_ending(self, act, claim, part):
-        """Whether this is the end of what the command began; None: it has no end."""
+        """Whether this is the end of what the request began; None: it has no end."""
         if claim.by != "host" or part.want == act.value:
             return None
         if not claim.is_done_or_renewed(part):
-            # What may have begun is ended all the same, at once or later.
+            # What may have begun is ended in any case, at once or later.
             return act.lo <= self.calm_after(part.relay, claim.until + claim.seconds, TRIED_AGAIN)
         due = claim.until + claim.seconds
         if any(life[3] == "TERM" and claim.since <= life[1] <= act.hi for life in self.lives):
-            # Who is told to stop ends at once what it has begun, or after its next start.
+            # A daemon that is stopped ends at once what it has begun, or after its next start.
             return act.lo <= self.calm_after(part.relay, due, TRIED_AGAIN)
         if act.hi < claim.since + claim.seconds - EARLY:
             return False
@@ -290,7 +293,7 @@ class Judge:
         return act.lo <= self.calm_after(part.relay, due, TRIED_AGAIN)
 
     def _is_leased(self, act, claim, part):
-        """Whether the lease holds still, by its last renewal; of several at once by all of them."""
+        """Whether the lease still holds, by its last renewal; of several at once by all of them."""
         same = [other for other, own in self._by_relay[part.relay]
                 if other.kind == "lease" and own.want == part.want and other.until < act.lo
                 and other.since >= claim.since and other.is_done_or_renewed(own)]
@@ -299,7 +302,7 @@ class Judge:
         return bool(last) and all(o.since + o.seconds - EARLY > act.hi for o in last)
 
     def _twice(self, relay):
-        """Each toggle and each pulse of the module has a command of its own."""
+        """Each toggle and each pulse of the module has a request of its own."""
         acts = [act for act in self.world.acts[relay] if act.kind != "set"]
         if not acts:
             return
@@ -335,7 +338,7 @@ class Judge:
                       if other is not claim and other.until >= claim.since
                       and not other.did_nothing(own)]
             if claim.kind == "lease":
-                # Its last renewal counts.
+                # The last renewal counts.
                 others = [other for other in others if other.since > claim.since
                           or other.kind != "lease" or other.parts[0].want != part.want]
             if others or until > self.over:
@@ -347,19 +350,19 @@ class Judge:
     # The end of a run ----------------------------------------------------------------------
 
     def candidates(self, relay, until):
-        """What an output may be then by what was told, and since when that says so."""
+        """The states that an output may have according to the answers, and since when."""
         may, since = {self.value_at(relay, 0.0)}, 0.0
         clusters = self._clusters_of(relay)
         last = bisect.bisect_right(clusters, until, key=lambda cluster: cluster[0][0].since)
         clusters = [[both for both in cluster if both[0].since <= until]
                     for cluster in clusters[:last]]
-        # What was before the last of which one is sure does not matter.
+        # What was before the last certain one does not matter.
         first = next((nth for nth in reversed(range(last)) if self._decides(clusters[nth])), 0)
         for cluster in clusters[first:]:
             new = set()
             for claim, part in cluster:
                 if not claim.did_nothing(part):
-                    # What is taken back is as it was before the batch came to it.
+                    # What is undone is as it was before the batch came to it.
                     new |= may if is_undone(part) else self._final(claim, part)
             is_done = any(self._is_sure(claim, part) for claim, part in cluster)
             may = new if is_done else new | may
@@ -367,7 +370,7 @@ class Judge:
         return may, since
 
     def _clusters_of(self, relay):
-        """The commands for a relay, those together that were at work at the same time."""
+        """The commands for a relay, concurrent ones grouped."""
         if relay not in self._clusters:
             clusters, ends = [], float("-inf")
             for claim, part in self._by_relay[relay]:
@@ -380,12 +383,13 @@ class Judge:
 
     @staticmethod
     def _is_sure(claim, part):
-        """Whether an output is for sure what the command wanted, or what one beside it did."""
+        """Whether an output certainly has the state that the command set, or that a concurrent
+        one did."""
         sure = claim.is_done(part) and part.told["confirmed"] != "sent"
         return sure and not claim.did_nothing(part) and not part.told.get("renewed")
 
     def _decides(self, cluster):
-        """Whether these commands alone say what the output may be after them."""
+        """Whether these commands alone determine the state that the output may have after them."""
         return (any(self._is_sure(claim, part) for claim, part in cluster)
                 and not any(is_undone(part) for _, part in cluster))
 
@@ -403,12 +407,12 @@ class Judge:
         return {value} if claim.is_done(part) and value is not None else {False, True}
 
     def left(self, now):
-        """In the end, all being quiet, each output is as its last commands wanted it."""
+        """With everything idle, each output has the state that its last commands set."""
         for relay in self._by_relay:
             if relay not in self._times:
                 continue
             may, since = self.candidates(relay, now)
-            # What a relay drops or does not do with its own trouble, no command says.
+            # The state of a relay with faults of its own follows from no command.
             if self.is_troubled(relay, since - 1.0, now):
                 continue
             value = self.value_at(relay, now)

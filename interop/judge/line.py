@@ -1,4 +1,4 @@
-"""A line of modules behind a pseudo terminal, and everything that may go wrong with it."""
+"""A line of modules on a pseudo-terminal, and everything that may go wrong with it."""
 
 import heapq
 import itertools
@@ -13,49 +13,50 @@ from modules import Reply
 
 # A module's usual turnaround.
 TURNAROUND = 0.004
-# Replies within this are promised to be told apart; what is made late here comes well before it.
+# Late replies are guaranteed to be recognised within this time; those made here come well before
+# it.
 PROMISED = 0.5
 LATE_MAX = 0.44
-# A second copy of a reply is promised to be told apart within this of the first; what is sent twice
-# here comes well before it.
+# A second copy of a reply is guaranteed to be recognised within this time after the first; those
+# made here come well before it.
 AGAIN_PROMISED = 0.1
 AGAIN_MAX = 0.07
-# Bytes that make no request are forgotten after so long.
+# Bytes that make no request are dropped after this time.
 FORGOTTEN = 0.05
-# So often it is looked whether somebody has opened the terminal.
+# How often to check whether the terminal has been opened.
 LOOK_AGAIN = 0.002
-# So often it is looked at the clock, so that it is known when a request came.
+# How often to note the time, so that the arrival of a request is known.
 TICK = 0.015
 
-# The faults of a line that are drawn for each request, and how often where they are in force. After
-# each the line has to be cautious for a while: more of them would only mean fewer commands.
+# The faults that are drawn for each request, with their odds. After each the line has to be careful
+# for a while: more of them would only mean fewer commands.
 ODDS = {"late": 0.05, "late5": 0.01, "lost_request": 0.02, "lost_reply": 0.02, "twice": 0.05,
         "garbled": 0.03, "master": 0.03, "pieces": 0.05}
-# Those by which a line must be no worse than slow.
+# Those that may only slow a line down.
 INSIDE = ("late", "lost_request", "lost_reply", "twice", "garbled", "pieces")
 
 
 def is_order(world, module, frame):
-    """Whether a frame ordered something of a module."""
+    """Whether a frame commanded something of a module."""
     return any(acts[-1].frame == frame for acts in map(world.acts.get, module.labels) if acts)
 
 
 class Line:
-    """The line. `faults` are those in force."""
+    """The line. `faults` are the present ones."""
 
     def __init__(self, world, name, path, modules, seed):
         self.world, self.name, self.path, self.modules = world, name, path, modules
         self.random = random.Random(seed)
         self.faults, self.echo, self.echo_once, self.babble = set(), False, 0, False
-        # So many replies come twice before anything else: who duplicates shows it early.
+        # This many replies are duplicated at the start: a duplicating adapter shows itself early.
         self.twice_first = 0
-        # Modules of which, after an order, the first reading comes and the second is lost.
+        # Modules whose second reading after a command is lost.
         self.lose_second = set()
         self._lose_reads = {}
         self.trace = []
         self.asked = {module.name: 0 for module in modules}
         self._queue, self._order = [], itertools.count()
-        # When the last of what is under way comes, where the line keeps its order.
+        # When the last of the held-up bytes arrive, if the line keeps its order.
         self._last = 0.0
         self._wake, self._stop = os.pipe(), False
         self._fd = None
@@ -66,18 +67,18 @@ class Line:
         self._thread.start()
 
     def plug(self):
-        """The port is there."""
+        """Makes the port appear."""
         with self._lock:
             self._fd, terminal = os.openpty()
             tty.setraw(terminal)
             os.symlink(os.ttyname(terminal), self.path)
-            # Nobody but the program has it open, so that it is free once the program has gone.
+            # Only the program has it open, so it is free once the program has gone.
             os.close(terminal)
             self.world.trouble_ends(self.name, time.monotonic())
         os.write(self._wake[1], b"\0")
 
     def unplug(self):
-        """The port is gone."""
+        """Makes the port disappear."""
         with self._lock:
             self.world.trouble(self.name, time.monotonic())
             os.unlink(self.path)
@@ -90,7 +91,7 @@ class Line:
         os.write(self._wake[1], b"\0")
 
     def close(self):
-        """No more of it."""
+        """Ends the line."""
         self._stop = True
         os.write(self._wake[1], b"\0")
         self._thread.join()
@@ -100,7 +101,7 @@ class Line:
             os.close(fd)
 
     def do(self, change):
-        """Changes something between two frames; `change` is given the time."""
+        """Changes something between two frames; `change` gets the time."""
         with self._lock:
             now = time.monotonic()
             for module in self.modules:
@@ -108,7 +109,7 @@ class Line:
             return change(now)
 
     def heal(self):
-        """Nothing goes wrong any more."""
+        """Ends all faults."""
         def change(now):
             self.faults, self.babble, self.echo_once = set(), False, 0
             self.lose_second.clear()
@@ -127,7 +128,7 @@ class Line:
         self.do(change)
 
     def start_babble(self):
-        """Somebody on it never stops sending."""
+        """A device on it never stops sending."""
         def change(now):
             self.babble = True
             self.world.trouble(self.name, now)
@@ -152,7 +153,7 @@ class Line:
             os.write(self._fd, data)
 
     def _is_open(self):
-        """Whether anybody has the terminal open: what comes at other times is lost."""
+        """Whether the terminal is open: what is sent at other times is lost."""
         poll = select.poll()
         poll.register(self._fd, select.POLLIN)
         return not any(what & select.POLLHUP for _, what in poll.poll(0))
@@ -179,7 +180,7 @@ class Line:
             now = time.monotonic()
             ready = select.select(ports, [], [], 0)[0]
             if self._fd not in ready:
-                # Nothing was there at that moment; what is there later came after it.
+                # Nothing had arrived at that moment; what is found later came after it.
                 looked = now
                 ready = ready or select.select(ports, [], [], max(min([*wait, TICK]), 0))[0]
             with self._lock:
@@ -191,7 +192,7 @@ class Line:
                 try:
                     data = os.read(self._fd, 600)
                 except OSError:
-                    # Whoever had it open has just gone.
+                    # The program that had it open has just gone.
                     continue
                 hi = time.monotonic()
                 self._note(hi, ">", data)
@@ -240,7 +241,7 @@ class Line:
         self._fate(module, reply, tells, (lo, hi, number), frame, strange)
 
     def _fate(self, module, reply, tells, seen, frame, strange):
-        """What becomes of a reply."""
+        """Decides what happens to a reply."""
         lo, hi, number = seen
         delay, clean = TURNAROUND if not strange else 0.0, True
         states = module.told() if tells else {}
@@ -262,7 +263,7 @@ class Line:
             delay = self.random.uniform(0.02, LATE_MAX)
         if self._draw("late5"):
             delay = self.random.uniform(0.5, 5.0)
-        # A module answers one request after the other, whatever holds its replies up.
+        # A module answers one request after the other, whatever delays its replies.
         delay = max(delay, module.busy_until - hi)
         module.busy_until = hi + delay
         if module.has_checksum and self._draw("garbled"):
@@ -298,15 +299,15 @@ class Line:
         for after, data, done in copies:
             self._put(hi + after, data, done)
         if not strange and self._draw("master") and tells and module.names_itself:
-            # Somebody else asks the same a little later.
+            # Another master sends the same request a little later.
             def ask(_when, frame=frame):
                 self._answer_all(frame, time.monotonic(), time.monotonic(), strange=True)
             later = hi + delay + self.random.uniform(0.001, 0.1)
             heapq.heappush(self._queue, (later, next(self._order), frame, ask))
 
     def _put(self, due, data, done):
-        """Sends this then. What comes later than is promised holds up all behind it, as in an
-        adapter or on TCP: nothing overtakes it."""
+        """Sends this at that time. Bytes that are later than guaranteed delay everything behind
+        them, as in an adapter or on TCP: the order is kept."""
         now = time.monotonic()
         if "late5" in self.faults or self._last > now:
             due = self._last = max(due, self._last)

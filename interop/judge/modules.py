@@ -1,7 +1,7 @@
 """Modules of all five families as their datasheets describe them: frames, outputs, timed outputs.
 
-Nothing of the project's own code is used here. A module acts on a frame, and says in the log of the
-world what it was told and what its relays did; what becomes of its reply is the line's business.
+Nothing of the project's own code is used here. A module acts on a frame, and logs in the world
+what it was commanded and what its relays did; what happens to its reply is up to the line.
 """
 
 import collections
@@ -10,8 +10,8 @@ import threading
 from checksums import crc, total
 
 Act = collections.namedtuple("Act", "lo hi kind value frame answered")
-Act.__doc__ = """An order for one relay that a module carried out. It arrived between `lo` and `hi`;
-`kind` is `set`, `toggle` or `timed`; a reply went out where it was `answered`."""
+Act.__doc__ = """A command for one relay that a module carried out. It arrived between `lo` and
+`hi`; `kind` is `set`, `toggle` or `timed`; `answered` says whether a reply was sent."""
 
 Reply = collections.namedtuple("Reply", "lo sent states clean")
 Reply.__doc__ = "A reading of outputs: the states told, and whether it came unspoilt in time."
@@ -24,28 +24,28 @@ class World:
         self.changes = collections.defaultdict(list)
         self.acts = collections.defaultdict(list)
         self.replies = collections.defaultdict(list)
-        # Stretches of time in which something was wrong with a relay, a module or a line.
+        # Periods in which a relay, a module or a line had a fault.
         self.troubles = collections.defaultdict(list)
-        # When a reply left that the test's own machine made later than promised, by line.
+        # When the test's own machine sent a reply later than guaranteed, by line.
         self.overdue = collections.defaultdict(list)
-        # Stretches in which the replies of a line were held up longer than promised.
+        # Periods in which the replies of a line were held up longer than guaranteed.
         self.stalls = collections.defaultdict(list)
         self.lines = {}
         self.frames = 0
         self.lock = threading.Lock()
 
     def change(self, relay, when, value, cause):
-        """A relay, or what lies at an input, is so from now on."""
+        """A relay or an input has this state from now on."""
         changes = self.changes[relay]
         if not changes or changes[-1][1] != value:
             changes.append((when, value, cause))
 
     def trouble(self, what, since, until=None):
-        """Something is wrong with that from then on, or was until then."""
+        """Something has a fault from then on, or had one until then."""
         self.troubles[what].append([since, until])
 
     def stall(self, line, since, until):
-        """Replies of a line are held up for so long."""
+        """The replies of a line are held up for this long."""
         stalls = self.stalls[line]
         if stalls and stalls[-1][1] >= since:
             stalls[-1][1] = until
@@ -53,7 +53,7 @@ class World:
             stalls.append([since, until])
 
     def trouble_ends(self, what, until):
-        """It is right again."""
+        """The fault has ended."""
         for stretch in self.troubles[what]:
             if stretch[1] is None:
                 stretch[1] = until
@@ -70,7 +70,7 @@ class Module:
     protocol = ""
     # Whether a garbled reply can be told from a good one.
     has_checksum = True
-    # Whether its data replies name it.
+    # Whether its data replies contain its address.
     names_itself = True
 
     def __init__(self, world, name, address, outputs, inputs=()):
@@ -103,7 +103,7 @@ class Module:
         self.world.change(self.labels[channel], when, bool(value), cause)
 
     def order(self, seen, channel, value, kind="set", after=None):
-        """One output is ordered somewhere; `after` is when it goes back by itself."""
+        """Switches one output; `after` is when it switches back by itself."""
         if channel >= len(self.labels):
             return
         lo, hi, frame = seen
@@ -121,20 +121,20 @@ class Module:
         self._move(channel, value, hi, f"frame {frame}")
 
     def orders(self, seen, mask, on, kind="set"):
-        """Several outputs are."""
+        """Switches several outputs."""
         for channel in range(len(self.labels)):
             if mask >> channel & 1:
                 self.order(seen, channel, bool(on >> channel & 1), kind)
 
     def unanswered(self, frame):
-        """The reply to that frame did not go out."""
+        """The reply to that frame was not sent."""
         for relay in self.labels:
             acts = self.world.acts[relay]
             if acts and acts[-1].frame == frame:
                 acts[-1] = acts[-1]._replace(answered=False)
 
     def set_power(self, on, now):
-        """Its supply goes or comes back; outputs drop with it."""
+        """Switches its supply off or on; without it outputs drop."""
         self.settle(now)
         if not on:
             self.due.clear()
@@ -147,18 +147,18 @@ class Module:
             self.world.trouble_ends(self.name, now)
 
     def exchange(self, now):
-        """Another one of the kind is put in its place."""
+        """Replaces it by another module of the same kind."""
         self.set_power(False, now)
         self.set_power(True, now)
 
     def set_levels(self, levels, now):
-        """What lies at the inputs."""
+        """Sets the inputs."""
         self.levels = levels
         for channel, path in enumerate(self.inputs):
             self.world.change(path, now, bool(levels >> channel & 1), "an input changes")
 
     def told(self):
-        """What a reading of its outputs tells now, by relay."""
+        """What a reading of its outputs reports now, by relay."""
         return {relay: bool(self.state >> nth & 1) for nth, relay in enumerate(self.labels)}
 
 
@@ -171,7 +171,7 @@ class Rtu(Module):
 
     @staticmethod
     def take(data):
-        """The length of the request at the beginning of these bytes; 0: none is there."""
+        """The length of the request at the beginning of these bytes; 0 if there is none."""
         if len(data) < 8:
             return 0
         length = 9 + data[6] if data[1] in (0x0F, 0x10) else 8
@@ -180,15 +180,15 @@ class Rtu(Module):
         return length
 
     def is_for(self, frame):
-        """Whether it is asked."""
+        """Whether the request is for this module."""
         return frame[0] == self.address
 
     def register(self, _number):
-        """What a holding register holds; none: there is no such."""
+        """The value of a holding register; None if it does not exist."""
         return None
 
     def act(self, frame, seen):
-        """Does what the frame says. Gives back the reply, and whether that tells the outputs."""
+        """Carries out a frame. Returns the reply, and whether it reports the outputs."""
         function, at, count = frame[1], word(frame[2:]), word(frame[4:])
         body = self._body(function, at, count, frame, seen)
         if body is None:
@@ -299,7 +299,7 @@ class EdaAscii(Module):
         return end if data[:1] in b"$#%" and end else 0
 
     def is_for(self, frame):
-        """Whether it is asked, with the checksum that it wants."""
+        """Whether the request is for this module, with a correct checksum if it uses one."""
         text = frame[:-1]
         if self.has_checksum:
             if text[-2:] != b"%02X" % total(text[:-2]):
@@ -308,7 +308,7 @@ class EdaAscii(Module):
         return len(text) >= 4 and text[1:3] == b"%02X" % self.address
 
     def act(self, frame, seen):
-        """Does what the frame says. Gives back the reply, and whether that tells the outputs."""
+        """Carries out a frame. Returns the reply, and whether it reports the outputs."""
         text = frame[:-3 if self.has_checksum else -1].decode("latin-1")
         own, command = f"!{self.address:02X}", text[3:]
         reply = None
@@ -350,18 +350,18 @@ class EdaLc02(Module):
 
     @classmethod
     def take(cls, data):
-        """The length goes by the command."""
+        """The length depends on the command."""
         length = cls.LENGTHS.get(data[3], 0) if len(data) >= 6 else 0
         good = length and len(data) >= length and data[:2] == b"\x4C\x57"
         good = good and data[length - 1] == 0x0D and total(data[2:length - 2]) == data[length - 2]
         return length if good else 0
 
     def is_for(self, frame):
-        """Whether it is asked."""
+        """Whether the request is for this module."""
         return frame[2] == self.address
 
     def act(self, frame, seen):
-        """Does what the frame says. Gives back the reply, and whether that tells the outputs."""
+        """Carries out a frame. Returns the reply, and whether it reports the outputs."""
         command, count = frame[3], len(self.labels)
         data = None
         if command == 1:
@@ -399,11 +399,11 @@ class R55(Module):
         return 8 if len(data) >= 8 and data[0] == 0x55 and total(data[:7]) == data[7] else 0
 
     def is_for(self, frame):
-        """Whether it is asked."""
+        """Whether the request is for this board."""
         return frame[1] == self.address
 
     def act(self, frame, seen):
-        """Does what the frame says. Gives back the reply, and whether that tells the outputs."""
+        """Carries out a frame. Returns the reply, and whether it reports the outputs."""
         function, data = frame[2], int.from_bytes(frame[3:7], "big")
         silent = {0x30: 0x20, 0x37: 0x21, 0x38: 0x22}
         plain = silent.get(function, function - 0x20 if 0x31 <= function <= 0x36 else function)

@@ -1,4 +1,4 @@
-"""A site to be judged: lines of all families, the daemon, and what is asked of it at the end."""
+"""A site to be judged: lines of all families, the daemon, and the checks at the end."""
 
 import os
 import tempfile
@@ -10,15 +10,14 @@ from judge import Judge
 from line import Line
 from modules import EdaAscii, EdaLc02, EdaRtu, Emd, Erc8, R55, World
 
-# A line must work again so long after everything is right.
+# How soon after the last fault a line must work again.
 BACK_MAX = 12.0
-# A sample may be as old as a good value, and a look at all of them older; and so much younger.
+# A sample may be as old as a good value, one of all points older; and this much newer.
 HISTORY_BEFORE, HISTORY_AFTER = 3.2, 0.65
 
 
 def whole_site(world):
-    """All families in all protocols, on six lines: it is the lines that limit how much is
-    commanded."""
+    """All families in all protocols, on six lines, since the lines limit the number of commands."""
     pulsing = EdaRtu(world, "gate", 3)
     pulsing.pulse_mask, pulsing.width = 0b1000, 0.5
     return {
@@ -69,23 +68,23 @@ class Plant:
         return [relay for module in self.modules for relay in module.labels]
 
     def start(self):
-        """Starts the daemon, and waits until all modules are heard."""
+        """Starts the daemon, and waits until all modules have answered."""
         self.daemon.start()
         return self.wait_back()
 
     def heal(self):
-        """Everything is right again."""
+        """Ends all faults."""
         for line in self.lines:
             line.heal()
 
     def settled(self):
-        """What is so up to now is in the log."""
+        """Brings the log up to date."""
         for line in self.lines:
             line.do(lambda now: None)
         return time.monotonic()
 
     def wait_back(self, limit=BACK_MAX):
-        """Waits until every module is read; says which are not."""
+        """Waits until every module is read; returns those that are not."""
         began, missing = time.monotonic(), ["nobody answers"]
         while time.monotonic() - began < limit:
             try:
@@ -102,7 +101,7 @@ class Plant:
         return not missing
 
     def wait_ended(self, limit):
-        """Waits until nothing is in a pulse or lease; says what still is."""
+        """Waits until no output is in a pulse or lease; returns those that still are."""
         began = time.monotonic()
         while True:
             _, answer = self.daemon.ask("GET", "/points")
@@ -113,7 +112,7 @@ class Plant:
             time.sleep(0.1)
 
     def judged(self):
-        """A judge of what was claimed up to now."""
+        """A judge of the claims so far."""
         self.settled()
         names = {name: line.name for name, line in self.line_of.items()}
         judge = Judge(self.world, self.book, self.daemon.lives, self.pulsing, names)
@@ -121,14 +120,14 @@ class Plant:
         return judge
 
     def judge_rest(self, judge):
-        """Whether the lines came back, and what audit log and history say."""
+        """Checks that the lines came back, the audit log, and the history."""
         for when, missing in self.back:
             judge.told("back", not missing, ",".join(missing), when, "not heard again in time")
         self._audit(judge)
         self._history(judge)
 
     def _audit(self, judge):
-        """The log says what was answered, and is as it was written."""
+        """The log agrees with the answers, and its chain verifies."""
         entries, cursor = {}, ""
         while cursor is not None:
             tail = f"&cursor={cursor}" if cursor else ""
@@ -156,7 +155,7 @@ class Plant:
                            lambda claim=claim, entry=entry: f"{claim.words()}\n  {entry}")
 
     def _history(self, judge):
-        """Each good sample was so."""
+        """Each good sample was true."""
         since = wall_ms(self.book, judge.over - 3600)
         paths = list(judge.world.changes)
         for path in paths:

@@ -1,15 +1,15 @@
 """The judge around the daemon: the real program on lines whose modules know what they did.
 
-Modules of all families stand behind pseudo terminals and note what each relay did, when, and for
-which frame. Clients command `railbus serve` with everything that it offers and note what they were
-told, and in which window of the judge's own clock. Lines go wrong in every way that is known here,
-the daemon is killed, and then both notes are compared: KINDS in `judge.py` is the list. First come
-trials that aim at one moment, then rounds of load with faults.
+Modules of all families on pseudo-terminals record what each relay did, when, and for which frame.
+Clients send `railbus serve` every kind of command and record the answers, each with its window of
+the judge's own clock. Lines fail in every way that is known here, the daemon is killed, and then
+both records are compared: KINDS in `judge.py` is the list. First come trials that aim at one
+moment, then rounds of load with faults.
 
     interop/judge/run.py [--seconds N] [--seed S] [--only NAME] [--late]
 
-By itself it takes two minutes. `--only` runs one trial, by its name, or `soak`; `--late` makes
-replies later than is promised to be told apart, and judges how rare false readings are.
+By default it takes two minutes. `--only` runs one trial, by its name, or `soak`; `--late` sends
+replies later than is guaranteed to be recognised, and judges how rare false readings are.
 """
 
 import argparse
@@ -30,24 +30,24 @@ from soak import Soak
 from trials import TRIALS
 
 SECONDS = 120.0
-# The trials take so long together.
+# How long the trials take together.
 TRIALS_TAKE = 42.0
-# Of the soak, for each second: who ran fewer has judged too little. A busy machine makes some
-# twenty commands.
+# Minimums of the soak, per second: a run with fewer has judged too little. A busy machine makes
+# some twenty commands.
 FLOORS = {"commands": 5.0, "reading": 100.0, "nobody's": 2.0, "readback": 1.5, "left": 1.0}
-# Of the soak, for each minute.
+# Minimum of the soak, per minute.
 KILLS_MIN = 6.0
-# Where replies come later than promised, so many of a hundred thousand readings may be false.
+# If replies are later than guaranteed, how many of 100,000 readings may be false.
 LATE_MAX = 1.0
 BY_READING = ("reading", "history", "before")
-# Failures of a kind that are shown.
+# How many failures of a kind are shown.
 SHOWN = 3
 AROUND = 3.0
 ROWS = 40
 
 
 def clock_lag(lags, stop):
-    """Notes how late this machine wakes, which says how busy it is."""
+    """Records how late this machine wakes, which shows how busy it is."""
     while not stop.is_set():
         began = time.monotonic()
         time.sleep(0.01)
@@ -55,7 +55,7 @@ def clock_lag(lags, stop):
 
 
 def show(failure, plant, base, replay):
-    """What was said, and what the relay and its line did around it."""
+    """The claim, and what the relay and its line did around that time."""
     print(f"FALSE {failure.kind} ({KINDS[failure.kind]}): {failure.relay}")
     print(f"  at {failure.when:.3f}: {failure.words}")
     near = [(when, f"{'on' if value else 'off'}, {cause}")
@@ -74,7 +74,7 @@ def show(failure, plant, base, replay):
 
 
 class Run:
-    """Everything, and what came of it."""
+    """The whole run and its results."""
 
     def __init__(self, args):
         self.args, self.failed = args, []
@@ -83,7 +83,7 @@ class Run:
         self.began = time.monotonic()
 
     def take(self, name, plant, judge, floors):
-        """What one of them found."""
+        """Adds the results of one part."""
         self.checked += judge.checked
         self.outside += judge.outside
         shown = collections.Counter()
@@ -103,7 +103,7 @@ class Run:
                 self.failed.append(f"{name}: only {few}")
 
     def tolerated(self, judge):
-        """The kinds of which a few may be false where replies come too late."""
+        """The kinds of which a few may be false if replies are too late."""
         if not self.args.late:
             return ()
         false = sum(failure.kind in BY_READING for failure in judge.false)
@@ -112,14 +112,14 @@ class Run:
         return BY_READING if false <= max(checked * LATE_MAX / 100_000, 1) else ()
 
     def replay(self, name):
-        """How to do the same again."""
+        """The command that repeats this run."""
         late = " --late" if self.args.late else ""
         seconds = f" --seconds {self.args.seconds:g}" if name == "soak" else ""
         return (f"python3 interop/judge/run.py --seed {self.args.seed} "
                 f"--only '{name}'{seconds}{late}")
 
     def trials(self):
-        """The trials, a few side by side."""
+        """The trials, a few in parallel."""
         wanted = {name: trial for name, trial in TRIALS.items()
                   if self.args.only in (None, name)}
         with concurrent.futures.ThreadPoolExecutor(3) as pool:
@@ -156,7 +156,7 @@ class Run:
             soak.plant.__exit__()
 
     def table(self, lags):
-        """All kinds of claims: how many were checked, how many were false."""
+        """A table of all kinds of claims: how many were checked, how many were false."""
         print(f"\n{'claim':12} {'checked':>9} {'false':>6}")
         for kind, what in KINDS.items():
             print(f"{kind:12} {self.checked[kind]:9} {self.false[kind]:6}  {what}")
@@ -166,13 +166,13 @@ class Run:
 
 
 def self_test():
-    """The judge has to report each kind of lie before it is believed."""
+    """The judge has to detect each kind of false claim before it is trusted."""
     tests = unittest.defaultTestLoader.discover(str(HERE), "test_*.py")
     return unittest.TextTestRunner(verbosity=1).run(tests).wasSuccessful()
 
 
 def main(words):
-    """Runs what was asked for; gives back the exit code."""
+    """Runs what the arguments name; returns the exit code."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=float, default=SECONDS)
     parser.add_argument("--seed", default="20261122")

@@ -1,4 +1,5 @@
-"""Rounds of load with faults, each followed by a silence in which everything must be as told."""
+"""Rounds of load with faults, each followed by an idle time in which everything must be as
+reported."""
 
 import itertools
 import random
@@ -7,19 +8,19 @@ import time
 from clients import CLIENTS, Client, Reader
 from plant import Plant, whole_site
 
-# What is in force on the lines in a round.
+# The faults of the lines in a round.
 MODES = (("late",), ("lost_request", "lost_reply"), ("twice",), ("garbled", "pieces"),
          ("late", "lost_request", "lost_reply", "twice", "garbled", "pieces"), (),
          ("echo",), ("master", "lost_reply"), ("once", "late"))
-# What happens in the midst of a round.
+# What happens during a round.
 EVENTS = ("kill", "kill", "kill", "kill", "kill", "kill_loop", "kill_loop", "term", "reload",
           "unplug", "power", "exchange", "stuck", "welded", "babble", "inputs")
-# So many of them in each round, and so many kills in a loop of them.
+# How many of them in each round, and how many kills in a loop of them.
 EVENTS_EACH, LOOP = 3, 4
 GROUPS = (("wide", ("oven.k1", "hall.do1", "yard.k1", "pump.do0")),
           ("near", ("oven.k2", "oven.k3")))
 SCENES = (("dusk", (("oven.k4", True), ("yard.k2", False), ("shed.do0", True))),)
-# So long does a round load the lines.
+# How long a round loads the lines, in seconds.
 ROUND = 7.0
 
 
@@ -29,10 +30,10 @@ class Soak:
     def __init__(self, seed, modes=MODES, pause=0.01, say=print):
         self.seed, self.random, self.say, self.modes = seed, random.Random(seed), say, modes
         self.kills = self.terms = self.rounds = self.others = 0
-        # How many seconds it took to judge all of it.
+        # How many seconds the judging took.
         self.judging = 0.0
         self.plant = Plant(seed, whole_site, GROUPS, SCENES, pulsing={"gate.do3": 0.5})
-        # What was in a pulse or lease at the end of each round, and when the rounds were.
+        # The pulses and leases at the end of each round, and when the rounds were.
         self.lefts, self.quiet = [], []
         outputs = self.plant.outputs()
         shared = self.random.sample(outputs, 14) + ["oven.k1", "yard.k1"]
@@ -44,7 +45,7 @@ class Soak:
         self.reader = Reader(self.plant, f"{seed}/reader")
 
     def run(self, seconds):
-        """Rounds for so long; gives back the judge of all of them."""
+        """Runs rounds for this long; returns the judge of all of them."""
         plant = self.plant
         end = time.monotonic() + seconds
         plant.start()
@@ -69,7 +70,7 @@ class Soak:
         return judge
 
     def round(self, mode, *events):
-        """Load, faults and events, then silence."""
+        """Load, faults and events, then idle time."""
         plant, since = self.plant, time.monotonic()
         self.rounds += 1
         words = "+".join(mode) or "nothing"
@@ -92,7 +93,7 @@ class Soak:
         self.silence("echo" in mode)
 
     def silence(self, echoes):
-        """Everything is right, nobody commands, and what was begun comes to its end."""
+        """Without faults and commands, until what was begun has ended."""
         plant = self.plant
         for client in self.clients:
             client.go.clear()
@@ -105,17 +106,17 @@ class Soak:
         plant.wait_back()
         held = plant.wait_ended(8.0)
         self.lefts.append((time.monotonic(), ",".join(held)))
-        # What is in a terminal or a reply is over.
+        # Until nothing is left in a terminal or a reply.
         time.sleep(0.6)
         self.quiet.append(plant.settled())
 
     def set_echo(self, on):
-        """The adapters echo from now on, or no longer; nobody has the lines."""
+        """Makes the adapters echo from now on, or not; the lines are closed."""
         for line in self.plant.lines:
             line.echo = on
 
     def double(self):
-        """Whoever sends replies twice shows that early."""
+        """An adapter that duplicates replies shows that early."""
         for line in self.plant.lines:
             line.twice_first = 3
 
@@ -144,7 +145,7 @@ class Soak:
         self.restart("TERM")
 
     def reload(self):
-        """The configuration changes a little, beside everything else."""
+        """Changes the configuration a little, while everything else goes on."""
         _, shown = self.plant.daemon.ask("GET", "/config")
         text = self.plant.text + f"# {self.random.random()}\n"
         headers = {"If-Match": f'"{shown["etag"]}"'}

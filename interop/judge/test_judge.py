@@ -1,4 +1,4 @@
-"""The judge against logs that lie: each kind of lie has to be reported, and the truth must not."""
+"""The judge against false logs: it has to detect each kind of false claim, and accept true ones."""
 
 import tempfile
 import time
@@ -22,14 +22,14 @@ class Told:
         self.world.change(RELAY, 0.0, False, "at the beginning")
 
     def acts(self, when, value, kind="set", moves=True, answered=True):
-        """The relay is ordered somewhere."""
+        """The relay is commanded at that time."""
         self.world.acts[RELAY].append(Act(when, when, kind, value, 1, answered))
         if moves:
             self.world.change(RELAY, when, value, "frame 1")
         return self
 
     def says(self, kind, want, since, until, answer, status=200, **more):
-        """A command was answered so."""
+        """A command with this answer."""
         claim = Claim(kind, [Part(RELAY, want)], since, until, **more)
         self.book.begin(claim)
         if answer is not None:
@@ -37,17 +37,17 @@ class Told:
         return self
 
     def reads(self, since, until, value):
-        """A good value was told."""
+        """A good value was reported."""
         self.book.readings.append(Reading(RELAY, value, since, until, "get"))
         return self
 
     def tells(self, when, value, clean=True):
-        """The module told its state."""
+        """The module reported its state."""
         self.world.replies["oven"].append(Reply(when, when, {RELAY: value}, clean))
         return self
 
     def judge(self, over=100.0, left=False):
-        """The kinds of lies that are found."""
+        """The kinds of false claims that are found."""
         judge = Judge(self.world, self.book, self.lives, (), {"oven": "rtu"})
         judge.over = over
         judge.judge()
@@ -70,7 +70,7 @@ MAY_HAVE = {"code": "E0302", "may_have_acted": True}
 
 
 class Lies(unittest.TestCase):
-    """Each lie is found, and what differs from it by the lie alone is not."""
+    """Each false claim is found, and a true one that differs only in that is accepted."""
 
     def lie(self, told, *kinds, **more):
         self.assertEqual(told.judge(**more), sorted(kinds))
@@ -103,7 +103,7 @@ class Lies(unittest.TestCase):
     def test_before(self):
         self.true(Told().acts(10.1, True)
                   .says("set", True, 10, 10.2, readback(True, before=False)))
-        # Another one's order was there before, and its own was lost.
+        # Another client's command came before, and its own was lost.
         self.true(Told().acts(5, True).says("set", True, 4.9, 5.1, readback(True))
                   .acts(10.1, False).says("set", False, 10, 10.2, readback(False))
                   .says("set", False, 10.05, 10.3, readback(False, before=False)))
@@ -218,7 +218,7 @@ class Lies(unittest.TestCase):
         self.lie(tried(19.6), "end")
 
     def test_a_pulse_beside_a_set(self):
-        """The set ended first, and whoever ended last leaves it off, too."""
+        """The set ended first, and the one that ended last leaves it off, too."""
         told = Told().acts(10.05, False).acts(10.1, True)
         told.says("pulse", True, 10, 10.2, readback(True), seconds=1.0, by="host")
         told.says("set", False, 10.01, 10.15, readback(False))
@@ -273,7 +273,7 @@ class Lies(unittest.TestCase):
 
 
 class Order(unittest.TestCase):
-    """What comes too late is overtaken by nothing."""
+    """Bytes that are late are not overtaken."""
 
     def test_nothing_overtakes_what_is_held_up(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -310,12 +310,12 @@ class Order(unittest.TestCase):
             line.close()
         of_each = [[number for number in came if number % 2 == nth] for nth in range(2)]
         self.assertEqual([sorted(numbers) for numbers in of_each], of_each)
-        # Modules do not wait for each other.
+        # Modules answer independently of each other.
         self.assertNotEqual(sorted(came), came)
 
 
 class Modules(unittest.TestCase):
-    """The modules answer as the datasheets print."""
+    """The modules send the frames that are printed in the datasheets."""
 
     def answer(self, module, frame):
         self.assertEqual(module.take(frame), len(frame))

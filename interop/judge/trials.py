@@ -1,4 +1,4 @@
-"""What goes wrong only at a certain moment, aimed at."""
+"""Faults that only show at a certain moment, aimed at."""
 
 import random
 import threading
@@ -8,12 +8,12 @@ from clients import Client
 from modules import EdaAscii, EdaLc02, EdaRtu, Erc8, R55
 from plant import Plant
 
-# After so long an end that could not be reached is tried again, and has been.
+# After this time an end that failed has been retried.
 AGAIN = 3.5
 
 
 def beside(*calls):
-    """Runs these at once, and waits for all."""
+    """Runs these in parallel, and waits for all."""
     threads = [threading.Thread(target=call, daemon=True) for call in calls]
     for thread in threads:
         thread.start()
@@ -22,7 +22,7 @@ def beside(*calls):
 
 
 def client(plant, seed, name="trial"):
-    """A client that does what it is told."""
+    """A client that only sends what it is given."""
     return Client(plant, name, seed, plant.outputs())
 
 
@@ -64,7 +64,8 @@ def beside_a_pulse(seed):
 
 
 def contradicted(seed):
-    """Relays that acknowledge and do not move; the second reading is lost: never done."""
+    """Relays that acknowledge and do not move; the second reading is lost: never reported as
+    done."""
     def lines(world):
         modules = [
             Erc8(world, "erc", 1), EdaRtu(world, "rtu", 1), EdaAscii(world, "ascii", 1, 4),
@@ -94,7 +95,7 @@ def contradicted(seed):
 
 
 def one_echo(seed):
-    """One request comes back, then another master asks the same: the line goes on."""
+    """One request is echoed, then another master sends the same: the line keeps working."""
     def lines(world):
         return {"rtu": [Erc8(world, "oven", 1), EdaRtu(world, "gate", 2)],
                 "mixed": [EdaLc02(world, "hall", 1, 8), R55(world, "yard", 2)]}
@@ -148,7 +149,7 @@ def late_echo(seed):
 
 
 def takeover(seed):
-    """A pulse is taken over by a set that is answered, and then comes a kill -9."""
+    """A pulse is taken over by a set that is answered, then kill -9."""
     rng = random.Random(seed)
     with Plant(seed, four_ovens) as plant:
         plant.start()
@@ -172,7 +173,7 @@ def takeover(seed):
 
 
 def lease_over_a_kill(seed):
-    """A renewed lease holds until it said, over a kill, and no longer in a loop of kills."""
+    """A renewed lease holds as long as reported, over a kill, and no longer in a loop of kills."""
     with Plant(seed, four_ovens) as plant:
         plant.start()
         one = client(plant, 1)
@@ -200,7 +201,7 @@ def lease_over_a_kill(seed):
 
 
 def keys(seed):
-    """The same Idempotency-Key acts once: at once, again, and after a kill -9."""
+    """The same Idempotency-Key acts once: concurrently, repeated, and after a kill -9."""
     def lines(world):
         return {"a": [R55(world, "yard", 1)]}
 
@@ -222,7 +223,7 @@ def keys(seed):
 
 
 def welded(seed):
-    """A relay is welded when its pulse ends, and a reading is lost: the end is tried again."""
+    """A relay is welded when its pulse ends, and a reading is lost: the end is retried."""
     with Plant(seed, four_ovens) as plant:
         plant.start()
         one, relays = client(plant, 1), [module.labels[0] for module in plant.modules]
@@ -243,7 +244,7 @@ def welded(seed):
         return plant, judge
 
 
-# By name: the trial, and which check counts how often at least.
+# By name: the trial, and the check that must have run, with its minimum count.
 TRIALS = {
     "beside a pulse": (beside_a_pulse, {"left": 30}),
     "contradicted": (contradicted, {"reply value": 30}),

@@ -1,22 +1,23 @@
-"""Rows of the matrix about what a daemon has begun and has to end, about values that have grown
-old, and about a line that another program has or that holds everything up."""
+"""Rows of the matrix about what a daemon has begun and has to end, about stale values, and about
+a line that another program has or that stalls."""
 
 import re
 import subprocess
 import threading
 import time
 
-# Within so long after its time the end of a pulse or lease has come, where nothing is wrong, and
-# where the module was away and an end has to be tried again.
+# How soon after its time a pulse or lease has ended: without faults, and if the module was away and
+# the end has to be retried.
 ENDED = 2.0
 TRIED_AGAIN = 8.0
-# So long a reply of a line that stalls is held up: longer than any is waited for.
+# How long a stalling line holds a reply up: longer than any timeout.
 STALL = 1.5
-# So long a value may be told that is read no more, and a line that stalled take to work again.
+# How long a value that is no longer read may be reported, and a line that stalled may take to
+# recover.
 OLD = 2.0
 BACK = 2.0
-# When it is asked so often, 0.1 s apart, a line that was lent is there again: a busy machine takes
-# longer for each.
+# How many requests, 0.1 s apart, until a line that was lent is back: on a busy machine each takes
+# longer.
 ASKED = 18
 
 # The address is taken.
@@ -31,12 +32,12 @@ def off_outputs(case, address=1):
 
 
 def is_on(case, channel, address=1):
-    """Whether an output is on, whatever is said of it."""
+    """Whether an output really is on."""
     return bool(case.line.units[address].outputs >> channel & 1)
 
 
 def wait_until(holds, seconds):
-    """Waits until something is so; gives back whether it is."""
+    """Waits until a condition is true; returns whether it is."""
     deadline = time.monotonic() + seconds
     while not holds():
         if time.monotonic() > deadline:
@@ -74,7 +75,7 @@ def beside_a_pulse(begin):
                 if not wait_until(lambda c=channel: not is_on(case, c), ENDED):
                     yield f"{WRONG}on for good after {1000 * delay:.0f} ms"
                     return
-        # Neither does an end come that is due no more.
+        # Nor does an end come that is no longer due.
         time.sleep(0.5)
         yield WRONG + "on" if any(is_on(case, c) for c in off_outputs(case)) else "right"
 
@@ -93,7 +94,7 @@ def kill_after_takeover(case):
 
 
 def kill_within_a_lease(case):
-    """A lease that was renewed, and kill -9: it holds until it said, and then ends."""
+    """A lease that was renewed, and kill -9: it holds as long as reported, and then ends."""
     channel = off_outputs(case)[0]
     lease(case, channel, 400)
     asked = time.monotonic()
@@ -103,7 +104,7 @@ def kill_within_a_lease(case):
     case.start()
     time.sleep(max(renewed + 1.5 - time.monotonic(), 0))
     holds = is_on(case, channel)
-    # Who was held up until it may have ended has seen nothing that is wrong.
+    # If this script was held up until it may have ended, it has seen nothing wrong.
     holds = holds or time.monotonic() > asked + 2.5
     yield "right" if status == 200 and holds else f"{WRONG}{status}, ended early"
     ended = wait_until(lambda: not is_on(case, channel), 1.0 + ENDED)
@@ -111,7 +112,7 @@ def kill_within_a_lease(case):
 
 
 def kills_within_a_lease(case):
-    """A lease, and a daemon that is killed again and again: it ends all the same."""
+    """A lease, and a daemon that is killed repeatedly: it still ends."""
     channel = off_outputs(case)[0]
     status, _ = lease(case, channel, 2000)
     due = time.monotonic() + 2.0 + ENDED
@@ -124,7 +125,7 @@ def kills_within_a_lease(case):
 
 
 def raw_late(case):
-    """`raw` without a daemon: its reply is late, and the outputs are others by then."""
+    """`raw` without a daemon: its reply is late, and the outputs have changed by then."""
     case.line.play(1, "late_within")
     yield raw(case, case.column.read)
     case.line.heal()
@@ -141,7 +142,7 @@ def raw_echo(case):
 
 
 def raw(case, frame):
-    """How a frame of one's own ends: none of those here is answered in time."""
+    """How a raw frame ends: none of those here is answered in time."""
     done = subprocess.run(
         [case.program(), "raw", *frame, "-l", f"pty:{case.line.path}", "--direct", "-o", "json"],
         capture_output=True, text=True, timeout=15, check=False, cwd=case.folder.name)
@@ -150,7 +151,7 @@ def raw(case, frame):
 
 
 def taken_address(case):
-    """The address that a module is to have is that of one that answers after 0.4 s."""
+    """The new address for a module belongs to another one, which answers after 0.4 s."""
     before = case.line.units[1].outputs
     case.line.add(9, before)
     case.line.play(9, "slow_module", ("read", "write", "other"))
@@ -167,7 +168,7 @@ def taken_address(case):
 
 
 def grown_old(case):
-    """Unit 1 answers no more; what is known of it is told as no good value, and unit 2, which is
+    """Unit 1 stops answering; its cached values are not reported as good, and unit 2, which is
     polled as well, is not blamed for it."""
     yield case.get(1)
     time.sleep(0.5)
@@ -199,7 +200,7 @@ def end_is_tried_again(case):
 
 
 def borrower_is_killed(case):
-    """The line is lent to a scan, which gets a kill -9; then the daemon has the line again."""
+    """The line is lent to a scan, which gets a kill -9; then the daemon takes the line back."""
     channel = off_outputs(case)[0]
     pulse(case, channel, 1500)
     scan = subprocess.Popen([case.program(), "scan", *case.way()], stdout=subprocess.DEVNULL,
@@ -219,8 +220,8 @@ def borrower_is_killed(case):
 
 
 def stalls(case):
-    """All replies are held up for a while, and then come in their order, again and again; the
-    outputs are others by then."""
+    """All replies are held up for a while and then arrive in their order, repeatedly; the outputs
+    have changed by then."""
     yield case.get(1)
     for _ in range(4):
         case.line.stall(STALL)

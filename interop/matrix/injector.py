@@ -1,5 +1,5 @@
-"""Two scripted modules at the far end of a pseudo terminal, which answer by the book until told
-to misbehave. Only the standard library is used; the frames are made here and nowhere else."""
+"""Two scripted modules at the far end of a pseudo-terminal, which answer correctly until told to
+misbehave. Only the standard library is used; the frames are made here and nowhere else."""
 
 import collections
 import copy
@@ -17,32 +17,30 @@ import tty
 
 from checksums import crc, total
 
-# So late is a reply that comes too late: after any reply timeout, and before its request is
-# forgotten.
+# The delay of a late reply: after any timeout, and before its request is forgotten.
 LATE = 0.75
-# A reply that comes too late or once more may be later than it says by so much: what comes later
-# still, nothing is promised of. What a busy machine has held up for longer is not sent, as if the
-# line had lost it.
+# How much later than nominal a late or duplicated reply may be: for later ones nothing is
+# guaranteed. What a busy machine has held up for longer is not sent, as if the line had lost it.
 SPARE = 0.13
-# The line is looked at so often at least: what is heard was not there a look before, so that it is
-# known when it was sent at the earliest.
+# How often the line is checked at least: what is found was not there at the previous check, which
+# bounds when it was sent.
 LOOK = 0.02
-# So late is one that is told apart all the same, also by who asks without a daemon.
+# The delay up to which a late reply is recognised in any case, also without a daemon.
 WITHIN = 0.45
-# A reply that came too late or once more comes so long after the next request, and the reply to
-# that one after a further while.
+# How long after the next request a late or duplicated reply comes, and how much later the reply to
+# that request.
 STRAY = 0.005
 BEHIND = 0.015
-# The second copy of a reply comes so long after the first.
+# How long after the first the second copy of a reply comes.
 AGAIN = 0.02
 # A module's usual turnaround, and a slow one: long enough that another client's request waits
-# behind it, and that a host which learns how fast a module is waits its longest.
+# behind it, and that a host which adapts to a module's speed uses its longest timeout.
 TURNAROUND = 0.01
 SLOW = 0.16
-# The turnaround of a module that is slower than any reply is waited for at first.
+# The turnaround of a module that is slower than the initial timeout.
 SLOW_MODULE = 0.4
 
-# Bytes that make no request are forgotten after so long.
+# Bytes that make no request are dropped after this time.
 FORGOTTEN = 0.05
 
 Request = collections.namedtuple("Request", "unit kind detail")
@@ -51,7 +49,7 @@ Request.__doc__ = "A request to a unit: `read`, `write` or `other`, and what its
 
 class Unit:
     """A module: its outputs and inputs, the writes that it carried out, and how often it was read
-    since it was last told to do something."""
+    since its last fault was set."""
 
     def __init__(self, outputs, inputs=0):
         self.outputs, self.inputs, self.writes, self.reads = outputs, inputs, 0, 0
@@ -75,7 +73,7 @@ class Rtu:
         self.first, self.count, self.registers = first, count, registers
 
     def take(self, data):
-        """The first request in these bytes, and how many of them are done with."""
+        """The first request in these bytes, and how many of them are consumed."""
         if len(data) < 8:
             return None, 0
         long = data[1] in (0x0F, 0x10)
@@ -121,7 +119,7 @@ class Rtu:
 
     @staticmethod
     def resize(body, step):
-        """A reply with one byte of data more or less."""
+        """A reply with one data byte more or less."""
         data = body[3:-1] if step < 0 else body[3:] + b"\x01"
         return bytes([*body[:2], len(data)]) + data
 
@@ -154,7 +152,7 @@ class Ascii:
         self.checksum = checksum
 
     def take(self, data):
-        """The first request in these bytes, and how many of them are done with."""
+        """The first request in these bytes, and how many of them are consumed."""
         end = data.find(b"\r") + 1
         frame = data[:end].rstrip(b"\r")
         if self.checksum:
@@ -198,7 +196,7 @@ class Ascii:
 
     @staticmethod
     def refusal(request):
-        """What other makers' modules say."""
+        """What other makers' modules reply."""
         return b"?%02X" % request.unit
 
     @staticmethod
@@ -213,7 +211,7 @@ class Lc02:
     LENGTHS = {1: 6, 2: 9, 3: 6, 4: 8, 5: 8, 6: 6}
 
     def take(self, data):
-        """The first request in these bytes, and how many of them are done with."""
+        """The first request in these bytes, and how many of them are consumed."""
         if len(data) < 6:
             return None, 0
         length = self.LENGTHS.get(data[3], 6)
@@ -247,7 +245,7 @@ class Lc02:
 
     @staticmethod
     def resize(body, step):
-        """A reply with one byte of data more or less."""
+        """A reply with one data byte more or less."""
         return body[:-1] if step < 0 else body[:1] + b"\x00" + body[1:]
 
     @staticmethod
@@ -266,7 +264,7 @@ class R55:
 
     @staticmethod
     def take(data):
-        """The first request in these bytes, and how many of them are done with."""
+        """The first request in these bytes, and how many of them are consumed."""
         if len(data) < 8:
             return None, 0
         frame = data[:8]
@@ -295,7 +293,7 @@ class R55:
 
     @staticmethod
     def resize(body, step):
-        """A reply with one byte of data more or less."""
+        """A reply with one data byte more or less."""
         return body[:3] + (body[4:] if step < 0 else b"\x00" + body[3:])
 
     @staticmethod
@@ -315,7 +313,7 @@ class R55:
 
 
 class TcpPort:
-    """A serial server: a port of TCP in front of a terminal. `number` is that of the port."""
+    """A serial server: a TCP port in front of a terminal. `number` is that of the port."""
 
     def __init__(self, path):
         self._listener = socket.create_server(("127.0.0.1", 0))
@@ -353,7 +351,7 @@ class TcpPort:
             master.close()
 
     def close(self):
-        """No more of it."""
+        """Ends it."""
         os.write(self._stop[1], b"\0")
         self._thread.join()
         self._listener.close()
@@ -362,22 +360,23 @@ class TcpPort:
 
 
 def noise(seed, length):
-    """Bytes without meaning, always the same ones."""
+    """Random bytes, always the same ones."""
     return random.Random(seed).randbytes(length)
 
 
 class Line:
-    """A pseudo terminal, the modules behind it, and what becomes of their replies.
+    """A pseudo-terminal, the modules behind it, and what happens to their replies.
 
-    `play(unit, fault, kind)` says what happens to the next requests of a kind; see `_answers`."""
+    `play(unit, fault, kind)` sets the fault of the next requests of a kind; see `_answers`.
+    """
 
     def __init__(self, codec, path):
         self.codec, self.path = codec, path
         self.units = {}
         self.echo = False
-        # So many requests come back, and then no more.
+        # How many more requests are echoed.
         self.echoes = 0
-        # A second master says the same at the same moment, every 0.3 to 0.7 s.
+        # A second master sends the same at the same moment, every 0.3 to 0.7 s.
         self.second_master = False
         self._second_at = 0.0
         self.babble = False
@@ -385,9 +384,9 @@ class Line:
         self._began = time.monotonic()
         self._faults = {}
         self._strays = []
-        # When the line was looked at before what was heard last.
+        # When the line was checked before the last bytes were received.
         self._looked = self._began
-        # Until then nothing gets to the master, and from then on the next request ends that.
+        # Until then nothing reaches the master, and after it the next request ends that.
         self._held_until, self._held_for = 0.0, 0.0
         self._queue, self._order = [], itertools.count()
         self._lock = threading.Lock()
@@ -410,19 +409,19 @@ class Line:
         self._nudge()
 
     def free(self):
-        """Whoever had the port was killed, which leaves it barred while we have it open."""
+        """The program that had the port was killed: it stays locked while we have it open."""
         with self._lock:
             fcntl.ioctl(self._slave, termios.TIOCNXCL)
 
     def unplug(self):
-        """Takes the port away."""
+        """Removes the port."""
         with self._lock:
             os.unlink(self.path)
             master, slave, self._master = self._master, self._slave, None
             os.close(slave)
             os.close(master)
             self._note("unplugged")
-        # The port is gone when nobody waits for it any more.
+        # The port is gone once nothing waits for it.
         self._nudge()
 
     def close(self):
@@ -437,24 +436,24 @@ class Line:
             os.close(end)
 
     def play(self, unit, fault, kinds=("read",), times=None):
-        """From now on this happens to requests of these kinds, so many times or always."""
+        """From now on requests of these kinds have this fault, so many times or always."""
         with self._lock:
             for kind in kinds:
                 self._faults[unit, kind] = [fault, times]
 
     def heal(self):
-        """All modules answer by the book again."""
+        """Ends the faults of all modules."""
         with self._lock:
             self._faults.clear()
 
     def add(self, address, outputs):
-        """One more module."""
+        """Adds a module."""
         with self._lock:
             self.units[address] = Unit(outputs)
 
     def stall(self, seconds):
-        """All replies are held up for so long and until somebody asks; then they come at once, in
-        their order."""
+        """All replies are held up for this long and until the next request; then they arrive at
+        once, in their order."""
         with self._lock:
             self._held_until, self._held_for = float("inf"), time.monotonic() + seconds
 
@@ -469,7 +468,7 @@ class Line:
             self._seen.wait_for(lambda: self._counts[unit] > count, seconds)
 
     def wait_idle(self, seconds):
-        """Waits until everything late has come."""
+        """Waits until everything late has been sent."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             with self._lock:
@@ -498,14 +497,14 @@ class Line:
         self._strays.append((due, data, overdue))
 
     def _send_late(self, data, overdue, what="<"):
-        """Sends what comes too late or once more, unless it would be later than it says."""
+        """Sends a late or duplicated reply, unless it would be later than nominal."""
         if time.monotonic() > overdue:
             self._note("held up", data)
         else:
             self._send(data, what)
 
     def _disturbed(self, data):
-        """What becomes of a reply: two that talk at once are not understood."""
+        """What happens to a reply: two senders at once can't be understood."""
         return self._random.randbytes(len(data)) if self.babble else data
 
     def _run(self):
@@ -564,7 +563,7 @@ class Line:
     def _answer(self, request):
         if self._held_for < time.monotonic() < self._held_until:
             self._held_until = time.monotonic() + STRAY
-        # What is late comes now: into this request's turn.
+        # Late replies come now: into this request's turn.
         behind = 0
         for _, data, overdue in self._strays:
             self._later(STRAY, data, overdue)
@@ -587,7 +586,7 @@ class Line:
             codec.act(request, unit)
         unit.reads = {"write": 0, "read": unit.reads + 1}.get(request.kind, unit.reads)
         if name == "stuck":
-            # It says what it would be if its relay had moved.
+            # It reports the state that it would have if its relay had moved.
             unit = copy.copy(unit)
             codec.act(request, unit)
         body = codec.body(request, unit)

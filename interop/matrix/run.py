@@ -1,18 +1,18 @@
 """The fault matrix: what two modules can do wrong, in every protocol, against the real program.
 
-A scripted pair of modules (`injector.py`) sits behind a pseudo terminal; `railbus serve` has the
-terminal; a client asks through `railbus get` and `railbus set`. Each question ends
+A scripted pair of modules (`injector.py`) sits behind a pseudo-terminal; `railbus serve` has the
+terminal; a client runs `railbus get` and `railbus set`. Each request ends
 
 - `right`: the true value, or a success that is true,
 - `safe`: an error with its code and an exit code that is not 0,
-- `false`: a value that is not so, where nothing is promised: the reply came later than 0.5 s,
+- `false`: a wrong value where nothing is guaranteed: the reply came later than 0.5 s,
 - `WRONG`: anything else, such as a false value, the success of a write that never happened, or
   nothing within 15 s.
 
-What must come is in `ROWS`; what came last is in `../matrix.md`. By hand, from the root of the
-repository: `interop/matrix/run.py [--write] [--trace] [WORD...]`, where words choose the cases
-that have one of them in their names, `--write` makes the table anew (never with a `WRONG`), and
-`--trace` keeps what was said in all cases, not only in those that failed.
+The expected ends are in `ROWS`; those of the last run are in `../matrix.md`. By hand, from the root
+of the repository: `interop/matrix/run.py [--write] [--trace] [WORD...]`, where words select the
+cases that have one of them in their names, `--write` updates the table (never with a `WRONG`), and
+`--trace` keeps the output of all cases, not only of those that failed.
 """
 
 import collections
@@ -36,25 +36,25 @@ from injector import Ascii, Lc02, Line, R55, Rtu, TcpPort, Unit
 
 ROOT = HERE.parent.parent
 TABLE = HERE.parent / "matrix.md"
-# What was said in the cases that failed.
+# The output of the cases that failed.
 LOG = ROOT / "target/fault-matrix.log"
 
-# Cases side by side: they mostly wait.
+# Cases in parallel: they mostly wait.
 WORKERS = 8
-# Nothing may take longer.
+# The timeout of everything.
 PATIENCE = 15.0
-# Nothing that must come soon is judged by the clock alone, which goes on when the machine is busy
-# with something else. So much longer than asking for what needs no line may an error take whose
-# reason was known before, in seconds.
+# How much longer than a request that needs no line an error may take if its reason was known
+# before, in seconds. Not the clock alone, which goes on while a busy machine does something else.
 AT_ONCE = 1.5
-# When it is asked so often, so many seconds apart, the line must work again, or a babble be named.
+# How far apart requests are, in seconds, and after how many of them the line must work again or the
+# babble must be reported.
 APART = 0.1
 BACK = 18
 NAMED = 40
-# So long the line may take that another master has spoilt.
+# How long the line may take to recover from another master.
 QUIET = 2.0
 
-# What the two units have switched on, no output the same.
+# The outputs of the two units, all different.
 OUTPUTS = {1: 0x25, 2: 0xDA}
 
 # `read` and `write` are what `railbus raw` is given to read unit 1, and to switch its second output
@@ -101,11 +101,11 @@ def program():
 
 
 class Client:
-    """A question that is being asked, and how it ends."""
+    """A request in progress, and how it ends."""
 
     def __init__(self, case, arguments, judge):
         self.case, self.judge = case, judge
-        # How it ended, for each unit asked.
+        # How it ended, for each unit.
         self.ends, self.took = [], PATIENCE
         self.arguments = [*arguments, "-o", "json"]
         self.thread = threading.Thread(target=self._run, daemon=True)
@@ -135,7 +135,7 @@ class Client:
 
 
 def error_of(done):
-    """`safe` and the code of the error, if it is an honest one."""
+    """`safe` and the code of the error, if it is a proper one."""
     for text in (*done.stderr.splitlines(), *done.stdout.splitlines()):
         try:
             told = json.loads(text)
@@ -156,7 +156,7 @@ class OverSocket(http.client.HTTPConnection):
 
 
 class Case:
-    """One row in one protocol: a line, a daemon, and what is asked."""
+    """One row in one protocol: a line, a daemon, and the requests."""
 
     program = staticmethod(program)
 
@@ -203,14 +203,14 @@ class Case:
             time.sleep(0.02)
 
     def answers(self):
-        """Whether the daemon does. A socket that one left behind who was killed does not count."""
+        """Whether the daemon listens. A socket left by one that was killed does not count."""
         try:
             return self.ask("GET", "/lines")[0] == 200
         except OSError:
             return False
 
     def ask(self, method, path, body=None):
-        """Asks the daemon over HTTP; gives back the status and what was answered."""
+        """Sends the daemon an HTTP request; returns status and answer."""
         connection = OverSocket(str(self.socket))
         text = None if body is None else json.dumps(body)
         try:
@@ -235,7 +235,7 @@ class Case:
         self.errors.close()
 
     def stop(self):
-        """The daemon ends in order."""
+        """Stops the daemon with SIGTERM."""
         self.daemon.terminate()
         try:
             self.daemon.wait(PATIENCE)
@@ -248,7 +248,7 @@ class Case:
         self.daemon = None
 
     def journal(self):
-        """What the daemon wrote."""
+        """What the daemon has logged."""
         self.errors.flush()
         return pathlib.Path(self.errors.name).read_text(encoding="utf-8")
 
@@ -261,20 +261,20 @@ class Case:
         self.folder.cleanup()
 
     def way(self):
-        """The flags that say whom to ask."""
+        """The flags for the daemon, or for the port."""
         if self.direct:
             return ["--direct", "--config", self.config]
         return ["--socket", self.socket]
 
     def truth(self, address):
-        """The outputs that are read of a unit, as they are."""
+        """The real state of the outputs that are read of a unit."""
         outputs = self.line.units[address].outputs
         name = "ab"[address - 1]
         return {f"{name}.{label}": bool(outputs >> nth & 1)
                 for nth, label in enumerate(self.column.labels)}
 
     def getting(self, *addresses, fresh=True):
-        """Begins to read the outputs of these units, or what is known of them."""
+        """Starts a read of the outputs of these units, or of their cached values."""
         want = [self.truth(address) for address in addresses]
 
         def judge(done):
@@ -299,7 +299,7 @@ class Case:
         return error_of(done) if done.returncode else "WRONG: no value, and no error"
 
     def putting(self, address):
-        """Begins to switch on the first output that is off."""
+        """Starts a command that switches on the first output that is off."""
         unit = self.line.units[address]
         nth = min(nth for nth in range(4) if not unit.outputs >> nth & 1)
         path = f"{'ab'[address - 1]}.{self.column.labels[nth]}"
@@ -313,7 +313,7 @@ class Case:
         return Client(self, ["set", path, "on"], judge)
 
     def lines(self):
-        """What is told of the line, for which nobody asks the line."""
+        """The state of the line, which is reported without using the line."""
         done = subprocess.run([program(), "ls", "lines", "-o", "json", *self.way()],
                               capture_output=True, text=True, timeout=PATIENCE, check=False)
         self.log.append(done.stdout + done.stderr)
@@ -328,12 +328,12 @@ class Case:
         return self.putting(address).wait()
 
     def flip(self, address):
-        """Someone switches all outputs at the unit."""
+        """Somebody switches all outputs at the unit."""
         self.line.units[address].outputs ^= 0x0F
 
     def warm_up(self):
-        """Both modules answer once, slowly, so that the program waits its longest from now on.
-        Then their outputs change, so that what it knows of them is not true any more."""
+        """Both modules answer once, slowly, so that the program uses its longest timeout from now
+        on. Then their outputs change, so that the cached values are no longer true."""
         for address in OUTPUTS:
             self.line.play(address, "slow")
             ends = (self.get(address) for _ in range(3))
@@ -356,7 +356,7 @@ def s0(case):
 
 
 def s1(case):
-    """A's replies come after the timeout, while the line is idle; then B is asked."""
+    """A's replies come after the timeout, while the line is idle; then B is read."""
     case.warm_up()
     case.line.play(1, "late")
     yield case.get(1)
@@ -365,7 +365,7 @@ def s1(case):
 
 
 def s2(case):
-    """The late reply comes when the same unit is asked the same again, its outputs others now."""
+    """The late reply comes during the same request to the same unit, whose outputs have changed."""
     case.warm_up()
     case.line.play(1, "late")
     yield case.get(1)
@@ -375,7 +375,7 @@ def s2(case):
 
 
 def s3(case):
-    """The late replies of unit 1 come when unit 2 is asked, and before its own reply."""
+    """The late replies of unit 1 come while unit 2 is read, before its own reply."""
     case.warm_up()
     yield from _late_and_other(case)
 
@@ -454,7 +454,7 @@ def _write_fault(fault):
 
 
 def s15(case):
-    """The module refuses, or is silent where its protocol knows no refusal."""
+    """The module refuses, or is silent if its protocol has no refusal."""
     fault = "refuse" if hasattr(case.line.codec, "refusal") else "dead"
     case.line.play(1, fault, ("read", "write"))
     yield case.get(1)
@@ -477,8 +477,8 @@ def s18(case):
 
 
 def s19(case):
-    """The reply comes twice, the second one when unit 2 is asked; then unit 1 is asked again,
-    its outputs others now."""
+    """The reply comes twice, the second time while unit 2 is read; then unit 1 is read again, its
+    outputs having changed."""
     case.warm_up()
     case.line.play(1, "twice")
     before = case.line.asked(1)
@@ -492,7 +492,7 @@ def s19(case):
 
 
 def s20(case):
-    """The late `>` of unit 1 comes when dead unit 2 is written; its late data when unit 2 is
+    """The late `>` of unit 1 comes while dead unit 2 is written; its late data while unit 2 is
     read."""
     case.warm_up()
     case.line.play(1, "late", ("write",))
@@ -530,7 +530,7 @@ def s21(case):
 
 
 def s22(case):
-    """The relays of unit 1 do not move: it says that it is done, and reads otherwise."""
+    """The relays of unit 1 do not move: it acknowledges, and reads otherwise."""
     case.line.play(1, "stuck", ("write",))
     yield case.put(1)
     yield case.get(2)
@@ -546,7 +546,7 @@ def s22_lost(case):
 
 
 def s23(case):
-    """Requests come back before their replies, on a line that did not echo."""
+    """Requests are echoed before their replies, on a line without echo so far."""
     yield case.get(1)
     case.line.echoes = 2
     time.sleep(2)
@@ -555,7 +555,7 @@ def s23(case):
 
 
 def s24(case):
-    """A second master says the same at the same moment, again and again; then it is gone."""
+    """A second master sends the same at the same moment, repeatedly; then it is gone."""
     yield case.get(1)
     case.line.second_master = True
     time.sleep(6)
@@ -576,7 +576,7 @@ def s25(case):
 
 
 def _both(fault, other=None):
-    """One command without a daemon asks both units."""
+    """One command without a daemon for both units."""
     def row(case):
         case.line.play(1, fault)
         case.line.play(2, other)
@@ -586,7 +586,7 @@ def _both(fault, other=None):
 
 
 def s2_direct(case):
-    """As S2, and each question opens the port anew."""
+    """Like S2, but each request opens the port anew."""
     case.line.play(1, "late")
     yield case.get(1)
     case.line.heal()
@@ -595,7 +595,7 @@ def s2_direct(case):
 
 
 class Row:
-    """A row: what happens, what is asked, and which ends each question may have."""
+    """A row: what happens, what is requested, and which ends each request may have."""
 
     def __init__(self, run, what, asks, *ends, **besides):
         self.run, self.what, self.asks, self.ends = run, what, asks, ends
@@ -716,7 +716,7 @@ ROWS = {
 
 
 def run_case(row_name, column_name):
-    """The ends of one row in one column, and what was said on the line and by the programs."""
+    """The ends of one row in one column, with the traffic and the output of the programs."""
     row = ROWS[row_name]
     case = Case(COLUMNS[column_name], row)
     ends = []
@@ -738,12 +738,12 @@ LETTERS = "ABCD"
 
 
 def absence(row_name, column_name):
-    """Why a row makes no sense in a protocol, if it makes none."""
+    """Why a row is not applicable to a protocol, if it is not."""
     return ROWS[row_name].absent.get(COLUMNS[column_name].protocol)
 
 
 def is_allowed(row, ends):
-    """Whether each question ended in one of its ways."""
+    """Whether each request ended in one of its allowed ways."""
     words = [end.split()[0] for end in ends]
     return len(words) == len(row.ends) and all(
         word in allowed for word, allowed in zip(words, row.ends)
@@ -751,8 +751,8 @@ def is_allowed(row, ends):
 
 
 def cell(row, ends):
-    """The ends as the table shows them. Where two ways are as good, time decides between them,
-    and the table shows both."""
+    """The ends as the table shows them. If two are equally good, timing decides between them, and
+    the table shows both."""
     words = []
     for letter, end, allowed in zip(LETTERS, ends, row.ends):
         word = end if end.startswith("WRONG") else end.split()[0]
@@ -762,18 +762,18 @@ def cell(row, ends):
 
 
 def must(row):
-    """The cell of a row whose questions end as they must."""
+    """The cell of a row whose requests end as they must."""
     ends = enumerate(row.ends)
     return ", ".join(f"{LETTERS[nth]} {must_be(allowed)}" for nth, allowed in ends)
 
 
 def must_be(allowed):
-    """The ends of which one is as good as the other."""
+    """The ends that are equally good."""
     return " or ".join(word for word in ("right", "safe", "false", "named") if word in allowed)
 
 
 def as_table(cells):
-    """The page that is committed."""
+    """The page to be committed."""
     lines = [
         "# The fault matrix",
         "",
@@ -807,16 +807,16 @@ def committed():
 
 
 def cases(words):
-    """Rows and columns that are wanted and make sense."""
+    """The applicable rows and columns that were selected."""
     names = [(row, column) for row in ROWS for column in COLUMNS if not absence(row, column)]
     wanted = [name for name in names
               if not words or any(word in name[0].split() or word in name[1] for word in words)]
-    # The long ones first.
+    # Long ones first.
     return sorted(wanted, key=lambda name: name[0] not in ("S18", "S20", "S21", "S4", "S15"))
 
 
 def judged(name, known):
-    """Runs a case; gives back whether it ended as it must, its cell and its trace."""
+    """Runs a case; returns whether it ended as it must, its cell and its trace."""
     row = ROWS[name[0]]
     ends, trace = run_case(*name)
     told = cell(row, ends)
@@ -824,7 +824,7 @@ def judged(name, known):
 
 
 def run(words, write=False, trace=False):
-    """Runs the cases; gives back how many passed, and the failures in words."""
+    """Runs the cases; returns how many passed, and the failures as text."""
     known, wanted, failures, said = committed(), cases(words), [], []
     expected = [None if write else known.get(name, "nothing") for name in wanted]
     with concurrent.futures.ProcessPoolExecutor(WORKERS) as pool:
@@ -847,7 +847,7 @@ def run(words, write=False, trace=False):
 
 
 class Tally:
-    """What all of it came to, as the runner of the other suites counts."""
+    """The overall result, in the form of the other suites."""
 
     table, open, covered, inexpressible = "", frozenset(), frozenset(), frozenset()
 
@@ -859,7 +859,7 @@ SUITES = [("fault matrix", Tally)]
 
 
 def main(words):
-    """Runs what was asked for; gives back the exit code."""
+    """Runs what the arguments name; returns the exit code."""
     began = time.monotonic()
     flags = [word for word in words if word.startswith("--")]
     words = [word for word in words if not word.startswith("--")]

@@ -16,20 +16,20 @@ use railbus_wire::{Character, FRAME_MAX, Instant, Settings};
 
 static RING: Ring = Ring::new();
 static OUTBOX: Outbox<FRAME_MAX> = Outbox::new();
-/// The interrupt has brought something since the loop began to look.
+/// The interrupt has had something for the loop since the loop last looked.
 static NEWS: AtomicBool = AtomicBool::new(true);
 /// When the last byte of a reply went out: the low half of its microseconds.
 static DRAINED_AT: AtomicU32 = AtomicU32::new(0);
 static DRAINED: AtomicBool = AtomicBool::new(false);
 
-/// How often to ask at most whether the last stop bit has left: more than a bit at 1200 baud.
+/// How many times to check whether the last stop bit has left: more than a bit at 1200 baud.
 const PATIENCE: u32 = 50_000;
 
 #[interrupt]
 fn USART1() {
     let state = UART.sr().read();
     if state.rxne() || state.ore() {
-        // Reading takes the character, and what was wrong with it.
+        // Reading takes the character and its error flags.
         let byte = UART.dr().read().dr() as u8;
         if state.rxne() {
             let bad = state.fe() || state.pe();
@@ -56,7 +56,7 @@ fn heard(what: What) {
     RING.push(Heard { at: now(), what });
 }
 
-/// The loop begins to look.
+/// The loop starts a pass.
 pub(crate) fn look() {
     NEWS.store(false, Ordering::Relaxed);
 }
@@ -106,11 +106,11 @@ impl Line {
         UART.cr1().modify(|control| control.set_txeie(true));
     }
 
-    /// Lets go of the line, whatever was being done.
+    /// Releases the line, whatever was in progress.
     pub(crate) fn listen(&mut self) {
         UART.cr1().modify(|control| control.set_txeie(false));
         OUTBOX.clear();
-        // The module waits until the last character has left; what may be missing is a rounding.
+        // The module waits until the last character has left; only a rounding error may be missing.
         for _ in 0..PATIENCE {
             if UART.sr().read().tc() {
                 break;
@@ -124,7 +124,7 @@ impl Line {
     }
 
     pub(crate) fn retune(&mut self, serial: Settings) {
-        // The UART has every speed and format that a module has.
+        // The UART supports every speed and format that a module has.
         let _ = self.uart.set_config(&config(serial));
         // That leaves the receiver on and its interrupt off.
         UART.cr1().modify(|control| control.set_rxneie(true));

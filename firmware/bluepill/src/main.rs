@@ -38,13 +38,13 @@ use railbus_nvm::Flash;
 use railbus_wire::{Instant, Micros, Settings};
 use terminals::{Shared, Terminals};
 
-/// Where the settings lie: as in `memory.x`.
+/// Where the settings are: as in `memory.x`.
 const SETTINGS: core::ops::Range<u32> = 60 * 1024..64 * 1024;
 
-/// How long the loop may take to come round, in microseconds.
+/// How long the loop may take for a pass, in microseconds.
 const PATIENCE: u32 = 4_000_000;
 
-/// How often it comes round at least.
+/// How often it makes a pass at least.
 const FEED_EVERY: Micros = Micros::from_secs(1);
 
 #[entry]
@@ -124,12 +124,12 @@ fn now() -> Instant {
     Instant(embassy_time::Instant::now().as_micros())
 }
 
-/// Until then, or until the line brings something.
+/// Sleeps until then, or until the line has something.
 fn sleep_until(at: Instant) {
     let alarm = Timer::at(embassy_time::Instant::from_micros(at.0));
-    // Asking once is what sets it; nobody has to be told.
+    // Polling once sets the alarm; no task has to be woken.
     let _ = pin!(alarm).poll(&mut Context::from_waker(Waker::noop()));
-    // What comes between the questions and the sleep ends the sleep at once.
+    // An event between the checks and the sleep ends the sleep at once.
     cortex_m::interrupt::free(|_| {
         if !line::has_news() && now() < at {
             cortex_m::asm::wfi();
@@ -177,7 +177,7 @@ impl Board for BluePill {
     }
 }
 
-/// A reset lets go of every pin: the direction pin's resistor lets go of the line, and those at
+/// A reset releases every pin: the direction pin's resistor then releases the line, and those at
 /// the relays' driver switch them off.
 #[exception]
 unsafe fn HardFault(_frame: &ExceptionFrame) -> ! {

@@ -14,16 +14,16 @@ bind_interrupts!(struct Interrupts {
     ADC1_2 => InterruptHandler<ADC1>;
 });
 
-/// Outputs and inputs that there are pins for.
+/// Outputs and inputs for which there are pins.
 const OUTPUTS: usize = 8;
 const INPUTS: usize = 7;
 
-/// Hundredths of a volt at the terminal that make the converter say its most: three times the
-/// 3.3 V of the pin.
+/// The voltage at the terminal that is full scale of the converter, in hundredths of a volt: three
+/// times the 3.3 V of the pin.
 const FULL: u32 = 990;
 const MOST: u32 = 4095;
 
-/// A module as it leaves the factory. A 0x55 board has the eight outputs that there are.
+/// A module with factory settings. A 0x55 board has the eight outputs that exist.
 pub(crate) fn factory() -> Setup {
     let setup = railbus_firmware::factory();
     Setup {
@@ -32,7 +32,7 @@ pub(crate) fn factory() -> Setup {
     }
 }
 
-/// What PB0 and PB1 are.
+/// The use of PB0 and PB1.
 pub(crate) enum Shared {
     /// The two lowest DIP switches.
     Dip([Input<'static>; 2]),
@@ -122,19 +122,19 @@ fn pulled_up(pin: Peri<'static, AnyPin>) -> Input<'static> {
     Input::new(pin, Pull::Up)
 }
 
-/// Bit n = pin n is so.
+/// Bit n = the condition holds for pin n.
 fn bits(pins: &[Input<'static>], is: fn(&Input<'static>) -> bool) -> u32 {
     let bits = pins.iter().rev();
     bits.fold(0, |bits, pin| bits << 1 | u32::from(is(pin)))
 }
 
-/// What lies at an analog terminal, in hundredths of a volt.
+/// The voltage at an analog terminal, in hundredths of a volt.
 fn volts(adc: &mut Adc<'static, ADC1>, pin: &mut impl AdcChannel<ADC1>) -> i16 {
     let raw = outcome(adc.read(pin, SampleTime::CYCLES239_5));
     (u32::from(raw) * FULL / MOST) as i16
 }
 
-/// The outcome of what is done in some microseconds. If it never is, the watchdog barks.
+/// The result of something that takes some microseconds. If it never ends, the watchdog resets.
 fn outcome<T>(future: impl Future<Output = T>) -> T {
     let mut future = pin!(future);
     loop {

@@ -1,4 +1,4 @@
-//! Time, and being woken: TIMER0 never stops, TIMER1 is the alarm.
+//! Time and wake-ups: TIMER0 never stops, TIMER1 is the alarm.
 
 use crate::map::{CLOCK_HZ, TIMER0, TIMER1};
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -6,14 +6,14 @@ use railbus_wire::Instant;
 
 const RUN_AND_INTERRUPT: u32 = 1 | 1 << 3;
 const TICKS_PER_MICRO: u32 = CLOCK_HZ / 1_000_000;
-/// TIMER0 comes round every 2^27 µs, so that no time is ever divided in 64 bits.
+/// TIMER0 wraps every 2^27 µs, so that no time needs a 64-bit division.
 const ROUND_SHIFT: u32 = 27;
 const ROUND_TICKS: u32 = TICKS_PER_MICRO << ROUND_SHIFT;
 const LAST: u32 = ROUND_TICKS - 1;
-/// A timer that reaches this fires at once.
+/// The shortest alarm: a timer that reaches it fires at once.
 const SHORTEST: u64 = 1;
 
-/// How often TIMER0 has come round: every 134 s.
+/// How often TIMER0 has wrapped: every 134 s.
 static ROUNDS: AtomicU32 = AtomicU32::new(0);
 
 pub(crate) fn start() {
@@ -32,13 +32,13 @@ pub(crate) fn now() -> Instant {
             break (rounds, passed, came_round);
         }
     };
-    // It came round, and the interrupt that counts it still has to.
+    // It has wrapped, and the interrupt that counts that is still pending.
     let uncounted = came_round && passed < ROUND_TICKS / 2;
     let rounds = u64::from(rounds) + u64::from(uncounted);
     Instant(rounds << ROUND_SHIFT | u64::from(passed / TICKS_PER_MICRO))
 }
 
-/// Wakes the processor at that time, or at once where it is over.
+/// Wakes the processor at that time, or at once if it has passed.
 pub(crate) fn wake_at(at: Instant) {
     TIMER1.control.write(0);
     TIMER1.interrupt.write(1);

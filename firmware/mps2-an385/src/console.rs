@@ -1,4 +1,4 @@
-//! UART1: what the module says of itself, a line at a time, when it starts and when it gets a
+//! UART1: the module's status, a line at a time, printed when it starts and when it receives a
 //! character.
 
 use crate::line::{IN, INTERRUPT_IN, INTERRUPT_OUT, IS_FULL_IN, OUT};
@@ -34,17 +34,17 @@ pub(crate) fn give_out() {
     }
 }
 
-/// Whether a line can be said.
+/// Whether a line can be printed.
 pub(crate) fn is_idle() -> bool {
     IDLE.load(Ordering::Acquire)
 }
 
-/// Whether somebody has asked since the last time.
+/// Whether the status has been asked for since the last time.
 pub(crate) fn asked() -> bool {
     ASKED.load(Ordering::Relaxed)
 }
 
-/// They are being answered.
+/// The request is being answered.
 pub(crate) fn answered() {
     ASKED.store(false, Ordering::Relaxed);
 }

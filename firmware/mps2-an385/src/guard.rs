@@ -1,4 +1,4 @@
-//! What happens when the program fails: the line is let go of first, then all begins anew.
+//! What happens when the program fails: the line is released first, then the program restarts.
 
 use crate::line;
 use crate::map::{CLOCK_HZ, LAST_WORDS, WATCHDOG};
@@ -6,11 +6,11 @@ use cortex_m::peripheral::SCB;
 use railbus_firmware::Reset;
 use railbus_wire::Micros;
 
-/// How long the loop may take to come round, and while it drives the line beyond twice the time
+/// How long the loop may take for a pass; while it drives the line, in addition to twice the time
 /// that its characters take.
 const PATIENCE_MICROS: u32 = 4_000_000;
 const DRIVING_MICROS: u32 = 1_000_000;
-/// How often it comes round at least.
+/// How often it makes a pass at least.
 pub(crate) const FEED_EVERY: Micros = Micros::from_secs(1);
 
 const UNLOCK: u32 = 0x1ACC_E551;
@@ -29,12 +29,12 @@ pub(crate) fn start() {
     listening();
 }
 
-/// The line is driven, and its characters take so many microseconds.
+/// The line is driven, and its characters take this many microseconds.
 pub(crate) fn driving(micros: u32) {
     expect(micros.saturating_mul(2).saturating_add(DRIVING_MICROS));
 }
 
-/// The line is let go of.
+/// The line is released.
 pub(crate) fn listening() {
     expect(PATIENCE_MICROS);
 }
@@ -47,14 +47,14 @@ fn expect(micros: u32) {
     WATCHDOG.lock.write(0);
 }
 
-/// The loop has come round.
+/// The loop has made a pass.
 pub(crate) fn feed() {
     WATCHDOG.lock.write(UNLOCK);
     WATCHDOG.clear.write(1);
     WATCHDOG.lock.write(0);
 }
 
-/// Why the program starts; asked once.
+/// Why the program started; cleared by reading.
 pub(crate) fn why_reset() -> Reset {
     let [mark, word] = LAST_WORDS;
     if mark.read() != MARK {

@@ -1,11 +1,11 @@
-//! Which interrupt does what: the end of the vector table.
+//! The interrupt handlers: the end of the vector table.
 
 use crate::map::INTERRUPTS;
 use crate::{NEWS, clock, console, guard, line};
 use core::sync::atomic::Ordering;
 use railbus_firmware::Reset;
 
-/// By number, as the board has them (ARM DAI0385). It ends with the last that is let through:
+/// By number, as on the board (ARM DAI0385). It ends with the last one that is enabled:
 /// cortex-m-rt's own table has all 240 that a Cortex-M3 may have.
 // SAFETY: the linker script takes this section and this name as the end of the vector table.
 // The processor keeps what a C function may spoil, so that it may call one.
@@ -24,7 +24,7 @@ static __INTERRUPTS: [extern "C" fn(); 10] = [
     alarm,
 ];
 
-/// Lets through all that have a handler.
+/// Enables all that have a handler.
 pub(crate) fn let_through() {
     INTERRUPTS.write(0b11_0000_1111);
 }

@@ -1,12 +1,12 @@
 //! UART0 on its RS-485 transceiver: the interrupts' half, and the loop's.
 //!
-//! LED 0 is the direction pin: high drives the line, low listens, which it does after a reset.
+//! LED 0 is the direction pin: high drives the line, low listens, which is its state after a reset.
 //! The receiver is off while the line is driven.
 //!
-//! QEMU brings all characters of a frame at once, or late when its machine is busy. On a line
-//! they take their time, and so they do here: none ends earlier than the time of a character
-//! after the one before it, and those that lie there together end right after one another. Where
-//! characters come as fast as they may, that changes nothing.
+//! QEMU delivers all characters of a frame at once, or late when its machine is busy. On a line
+//! they take their time, and so they do here: none ends earlier than one character time after the
+//! one before it, and those that arrive together end right after one another. If characters come at
+//! full speed, that changes nothing.
 
 use crate::map::{CLOCK_HZ, LEDS, UART0};
 use crate::{clock, guard};
@@ -24,13 +24,13 @@ pub(crate) const OUT: u32 = 1;
 pub(crate) const IN: u32 = 1 << 1;
 pub(crate) const INTERRUPT_OUT: u32 = 1 << 2;
 pub(crate) const INTERRUPT_IN: u32 = 1 << 3;
-/// Hearing, with or without room for more.
+/// Receiving, with or without waiting for room to send.
 const HEARING: u32 = OUT | IN | INTERRUPT_OUT | INTERRUPT_IN;
 const DEAF: u32 = OUT | IN | INTERRUPT_OUT;
 
 static RING: Ring = Ring::new();
 static OUTBOX: Outbox<FRAME_MAX> = Outbox::new();
-/// When the last character ended, in two halves: only [`take_in`] touches them.
+/// When the last character ended, in two halves: only [`take_in`] uses them.
 static LAST_AT: [AtomicU32; 2] = [AtomicU32::new(0), AtomicU32::new(0)];
 /// How many microseconds a character takes.
 static CHARACTER: AtomicU32 = AtomicU32::new(0);
@@ -38,10 +38,10 @@ static CHARACTER: AtomicU32 = AtomicU32::new(0);
 static DRAINED_AT: AtomicU32 = AtomicU32::new(0);
 static DRAINED: AtomicBool = AtomicBool::new(false);
 
-/// Characters came, or room for them.
+/// Characters came, or there is room for more.
 pub(crate) fn take_in() {
     UART0.interrupt.write(IN);
-    // Once for all that lie there: QEMU may be held up while we take them, and that is no pause
+    // Once for all that have arrived: QEMU may be held up while we take them, and that is no pause
     // between them.
     let now = clock::now();
     while RING.has_room() {
@@ -60,11 +60,11 @@ pub(crate) fn take_in() {
             what,
         });
     }
-    // The loop turns it on again; what the UART has to drop meanwhile, it tells then.
+    // The loop turns it on again; the UART then reports what it had to drop.
     UART0.control.write(DEAF);
 }
 
-/// When a character ends that comes now.
+/// When a character that comes now ends.
 fn ends_at(now: Instant) -> Instant {
     let [high, low] = &LAST_AT;
     let last =
@@ -121,21 +121,21 @@ pub(crate) fn drained() -> Option<Instant> {
     Some(Instant(now.0.saturating_sub(age.into())))
 }
 
-/// Lets go of the line, whatever was being done.
+/// Releases the line, whatever was in progress.
 pub(crate) fn listen() {
     LEDS.write(LEDS.read() & !DRIVE);
     guard::listening();
     OUTBOX.clear();
 }
 
-/// Only the speed: this UART has one format of characters. The others' parity is neither sent
-/// nor checked, but their length counts in all times.
+/// Only the speed: this UART has one character format. Parity is neither sent nor checked, but the
+/// length of its characters counts in all times.
 pub(crate) fn retune(serial: Settings) {
     let character = serial.frame_time(1).0 as u32;
     CHARACTER.store(character, Ordering::Relaxed);
     UART0.divider.write(CLOCK_HZ / serial.baud.rate());
     UART0.control.write(HEARING);
-    // QEMU's multiplexer keeps what came before this, and hands it on when a character is taken.
+    // QEMU's multiplexer keeps what came before this, and delivers it when a character is taken.
     if UART0.state.read() & IS_FULL_IN == 0 {
         UART0.data.read();
     }

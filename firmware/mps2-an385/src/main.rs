@@ -21,7 +21,7 @@ use railbus_firmware::{About, At24c, Board, Heard, I2c, Kept, Module, Panel, Pin
 use railbus_nvm::Slots;
 use railbus_wire::{Instant, Settings};
 
-/// An interrupt has brought something since the loop began to look.
+/// An interrupt has had something for the loop since the loop last looked.
 pub(crate) static NEWS: AtomicBool = AtomicBool::new(true);
 
 #[entry]
@@ -31,8 +31,8 @@ fn main() -> ! {
     console::start();
     interrupts::let_through();
     let store = Slots::new(At24c::new(I2c::new(ShieldPins)));
-    // By reference, and so is the module: they are most of the memory that is in use, and are
-    // not to be copied.
+    // By reference, and so is the module: they are most of the memory in use, and must not be
+    // copied.
     let Ok(kept) = &mut Kept::load(store, &railbus_firmware::factory()) else {
         panic!("the factory makes modules of the family");
     };
@@ -48,7 +48,7 @@ fn main() -> ! {
     }
 }
 
-/// Goes round whenever something has happened or is due, and sleeps in between.
+/// Makes a pass whenever something has happened or is due, and sleeps in between.
 fn run(module: &mut Module, board: &mut Mps2<'_>) -> ! {
     module.start(board);
     loop {
@@ -60,7 +60,7 @@ fn run(module: &mut Module, board: &mut Mps2<'_>) -> ! {
         let feed_at = clock::now() + guard::FEED_EVERY;
         let due = Instant::earliest(&[step_at, save_at, Some(feed_at)]);
         clock::wake_at(due.unwrap_or(feed_at));
-        // What comes between the question and the sleep ends the sleep at once.
+        // An event between the check and the sleep ends the sleep at once.
         cortex_m::interrupt::disable();
         if !NEWS.load(Ordering::Relaxed) {
             cortex_m::asm::wfi();
@@ -75,12 +75,12 @@ struct Mps2<'a> {
     panel: Panel<ShieldPins>,
     kept: &'a mut Kept<Slots<At24c<ShieldPins>>>,
     reset: Reset,
-    /// The line that the console says next.
+    /// The line that the console prints next.
     next_line: u8,
 }
 
 impl Mps2<'_> {
-    /// Says a line on the console, if there is one to say.
+    /// Prints a line on the console, if there is one to print.
     fn talk(&mut self, module: &Module) {
         if self.next_line == 0 && !console::asked() || !console::is_idle() {
             return;

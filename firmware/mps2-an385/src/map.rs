@@ -1,5 +1,5 @@
-//! Where the registers are (ARM DAI0385 and DDI0479). The one file that makes numbers into
-//! places: all the rest of the board is safe code on top.
+//! Where the registers are (ARM DAI0385 and DDI0479). The only file that turns numbers into
+//! addresses: all the rest of the board is safe code on top.
 
 /// A register of 32 bits, or a word of memory that outlives a reset.
 #[derive(Clone, Copy, Debug)]
@@ -24,7 +24,7 @@ pub(crate) struct Timer {
     pub(crate) control: Register,
     pub(crate) value: Register,
     pub(crate) reload: Register,
-    /// Reads whether it has reached zero; a 1 written forgets that.
+    /// Reads whether it has reached zero; writing a 1 clears that.
     pub(crate) interrupt: Register,
 }
 
@@ -43,7 +43,7 @@ pub(crate) struct Uart {
     pub(crate) data: Register,
     pub(crate) state: Register,
     pub(crate) control: Register,
-    /// Reads which interrupts are pending; ones written forget them.
+    /// Reads which interrupts are pending; writing ones clears them.
     pub(crate) interrupt: Register,
     pub(crate) divider: Register,
 }
@@ -63,7 +63,7 @@ const fn uart(base: usize) -> Uart {
 pub(crate) struct Watchdog {
     pub(crate) load: Register,
     pub(crate) control: Register,
-    /// Any value written begins anew.
+    /// Writing any value restarts it.
     pub(crate) clear: Register,
     pub(crate) lock: Register,
 }
@@ -77,15 +77,15 @@ const fn watchdog(base: usize) -> Watchdog {
     }
 }
 
-/// An SBCON: two pins by hand. Ones written let a pin go, or pull it low.
+/// An SBCON: two pins set by software. Writing ones releases a pin, or pulls it low.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TwoPins {
-    /// Reads what lies at the pins.
+    /// Reads the state of the pins.
     pub(crate) set: Register,
     pub(crate) clear: Register,
 }
 
-/// What processor and peripherals run at.
+/// The clock of processor and peripherals.
 pub(crate) const CLOCK_HZ: u32 = 25_000_000;
 
 pub(crate) const TIMER0: Timer = timer(0x4000_0000);
@@ -100,13 +100,13 @@ pub(crate) const SHIELD_I2C: TwoPins = TwoPins {
     clear: Register(0x4002_A004),
 };
 
-/// Interrupts to be let through: bit n = interrupt n.
+/// Enabled interrupts: bit n = interrupt n.
 pub(crate) const INTERRUPTS: Register = Register(0xE000_E100);
 
 /// Two words that a reset leaves as they are; memory.x keeps variables out of them.
 pub(crate) const LAST_WORDS: [Register; 2] = [Register(0x2000_6000), Register(0x2000_6004)];
 
-/// How much of its stack the program has used at most, in bytes: it is painted at the start.
+/// How much of its stack the program has used at most, in bytes: it is painted at start-up.
 pub(crate) fn stack_used() -> u32 {
     /// What cortex-m-rt paints with.
     const PAINT: u32 = 0xCCCC_CCCC;

@@ -3,22 +3,22 @@
 use railbus_device::{Applies, Eeprom, Family, Layout, Options, Setup};
 use railbus_wire::{Address, Baud, Micros, Protocol};
 
-/// A module to be put on the line.
+/// A module of the line.
 pub struct Description {
-    /// What the panel calls it.
+    /// Its name at the panel.
     pub name: String,
-    /// What the wire can't tell.
+    /// The settings that the wire can't show.
     pub setup: Setup,
-    /// What it starts with.
+    /// Its settings at power-up.
     pub eeprom: Eeprom,
-    /// The switches that are on.
+    /// The options that are on.
     pub options: Options,
 }
 
-/// Reads the value of one `--module`.
+/// Parses the value of one `--module`.
 ///
 /// # Errors
-/// Says which word is not understood.
+/// Names the word that is not understood.
 pub fn module(text: &str) -> Result<Description, String> {
     let words: Vec<(&str, &str)> = text
         .split(',')
@@ -83,7 +83,7 @@ pub fn module(text: &str) -> Result<Description, String> {
 /// A protocol by its name.
 ///
 /// # Errors
-/// Where there is none of that name.
+/// If there is none of that name.
 pub fn protocol(name: &str) -> Result<Protocol, String> {
     let found = Protocol::ALL.into_iter().find(|known| known.name() == name);
     found.ok_or_else(|| format!("no protocol `{name}`"))

@@ -9,22 +9,22 @@ use std::time::Duration;
 /// A change of an output: when in microseconds, which one, and whether it is on now.
 type Change = (u64, u8, bool);
 
-/// So long after a request a module may still begin to answer it.
+/// How long after a request a module may still begin to answer it.
 const ANSWER: Micros = Micros::from_millis(300);
 
-/// A line whose clock is the real one plus what was skipped.
+/// A line whose clock is the real one plus the time that was skipped.
 pub struct Served {
     line: Line,
     started: std::time::Instant,
     skipped: Micros,
     changes: Vec<(ModuleId, Change)>,
-    /// What the host has heard and the driver has not fetched.
+    /// What the host has received and the driver has not fetched yet.
     heard: Vec<u8>,
-    /// How many bytes the host has heard since it sent last.
+    /// How many bytes the host has received since it last sent.
     said: usize,
-    /// When nobody begins to answer any more what it sent.
+    /// When no module can begin to answer the last request any more.
     settled: Instant,
-    /// How the host sends and hears, apart from its speed.
+    /// The host's character format.
     pub character: Character,
 }
 
@@ -32,7 +32,7 @@ impl Served {
     /// A line with these modules, powered up now.
     ///
     /// # Errors
-    /// Where a module can't be as described.
+    /// If a module can't be as described.
     pub fn new(modules: Vec<Description>) -> Result<Served, SetupError> {
         let mut line = Line::new(LineConfig {
             chunks: Chunks::Single,
@@ -64,7 +64,7 @@ impl Served {
         Instant(passed) + self.skipped
     }
 
-    /// Does all that is due, and says how long nothing will be.
+    /// Does everything that is due, and returns how long nothing will be.
     pub fn run(&mut self) -> Option<Duration> {
         let now = self.now();
         self.line.handle(now, Input::Timeout);
@@ -85,7 +85,7 @@ impl Served {
         }
     }
 
-    /// What the host has heard since it was last asked.
+    /// Takes what the host has received since the last call.
     pub fn take_heard(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.heard)
     }
@@ -98,20 +98,20 @@ impl Served {
         self.line.handle(now, Input::Send { bytes, settings });
     }
 
-    /// How many bytes come for what the host sent last. The time that modules may take to begin is
-    /// let pass at once, as far as it is not over: nobody has to believe silence by a clock.
+    /// How many bytes come in reply to what the host sent last. The time that modules may still
+    /// take to begin is skipped, so silence need not be decided by a clock.
     pub fn silence(&mut self) -> usize {
         self.skip(self.settled.since(self.now()));
         self.said
     }
 
-    /// Somebody does something at a module, and it is done.
+    /// Operates a module, and carries it out.
     pub fn act(&mut self, module: ModuleId, act: Act) {
         self.line.handle(self.now(), Input::Act(module, act));
         self.run();
     }
 
-    /// Lets time pass at once, with all that happens in it.
+    /// Skips time, with everything that happens in it.
     pub fn skip(&mut self, time: Micros) {
         self.run();
         self.skipped = Micros(self.skipped.0 + time.0);
@@ -124,17 +124,17 @@ impl Served {
         modules.find(|module| self.line.name(*module) == name)
     }
 
-    /// The outputs of a module as they are: bit n = output n is on.
+    /// The real state of a module's outputs: bit n = output n is on.
     pub fn outputs(&self, module: ModuleId) -> u32 {
         self.line.engine(module).outputs()
     }
 
-    /// What a module keeps.
+    /// The settings that a module has stored.
     pub fn eeprom(&self, module: ModuleId) -> Eeprom {
         *self.line.engine(module).eeprom()
     }
 
-    /// The changes of a module's outputs since this was last asked.
+    /// The changes of a module's outputs since the last call.
     pub fn take_changes(&mut self, module: ModuleId) -> Vec<Change> {
         let of_module = self.changes.extract_if(.., |(whose, _)| *whose == module);
         of_module.map(|(_, change)| change).collect()

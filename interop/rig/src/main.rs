@@ -1,11 +1,11 @@
-//! Serves simulated modules on a pseudo terminal, at the speed of a real line, so that masters
-//! which others wrote can drive them.
+//! Serves simulated modules on a pseudo-terminal, at the speed of a real line, for third-party
+//! masters.
 //!
 //! ```text
 //! railbus-interop-rig LINK --module name=oven,model=erc8,addr=3 [--module ...]
 //! ```
 //!
-//! Standard input is the panel of the modules (`panel.rs`); at its end the program ends.
+//! Standard input is the panel of the modules (`panel.rs`); at its end the program exits.
 
 mod describe;
 mod line;
@@ -96,7 +96,7 @@ fn serve(mut served: Served, pty: &Pty) -> Result<(), String> {
     }
 }
 
-/// How many bytes come to a master for what it sent last, however late that is here.
+/// How many bytes come in reply to what a master sent last, however late that arrives here.
 fn silence(served: &mut Served, pty: &Pty) -> Result<String, String> {
     let rest = pty.rest(served.character);
     let (bytes, settings) = rest.map_err(|error| error.to_string())?;

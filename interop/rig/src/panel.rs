@@ -1,5 +1,5 @@
-//! What a person does at the modules, one line of standard input each, and one line back:
-//! `ok`, `ok` and an answer, or `error` and why.
+//! The panel of the modules: a command per line of standard input, and a line in answer: `ok`, `ok`
+//! with a value, or `error` with the reason.
 
 use crate::describe;
 use crate::line::Served;
@@ -7,7 +7,7 @@ use railbus_device::Eeprom;
 use railbus_sim::{Act, ModuleId, Power};
 use railbus_wire::{Character, Micros};
 
-/// Does what one line says.
+/// Carries out one command.
 ///
 /// # Errors
 /// Says what is not understood.

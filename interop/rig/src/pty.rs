@@ -1,4 +1,4 @@
-//! The pseudo terminal that a master opens as its serial port.
+//! The pseudo-terminal that a master opens as its serial port.
 
 use railbus_wire::{Baud, Character, Settings};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -11,16 +11,17 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::ffi::OsStringExt;
 use std::path::Path;
 
-/// So long may a pause be inside what the master wrote at once.
+/// How long a pause inside a single write of the master may be.
 const PIECES: Timespec = Timespec {
     tv_sec: 0,
     tv_nsec: 4_000_000,
 };
 
-/// What is sent behind all that a master has sent, to know when that is here. No master sends this.
+/// Sent after everything that a master has sent, to know when that has arrived. No master sends
+/// this.
 const MARK: &[u8] = b"\0railbus: is all of it here?\0";
 
-/// Our end, and the other one kept open so that masters may come and go.
+/// Our end, and the other one kept open so that masters can come and go.
 pub struct Pty {
     ours: OwnedFd,
     theirs: OwnedFd,
@@ -30,7 +31,7 @@ impl Pty {
     /// A raw terminal at 9600 baud, with a symbolic link to it.
     ///
     /// # Errors
-    /// What the system says.
+    /// Those of the system.
     pub fn open(link: &Path) -> std::io::Result<Pty> {
         let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
         grantpt(&ours)?;
@@ -52,19 +53,19 @@ impl Pty {
         self.ours.as_fd()
     }
 
-    /// What the master sent, and at which speed its port is set; nothing where none of our
-    /// modules can have that speed. A pseudo terminal has no parity, so the panel says it.
+    /// What the master sent, and the speed of its port; none if no module can have that speed. A
+    /// pseudo-terminal has no parity, so the panel sets it.
     ///
     /// # Errors
-    /// What the system says.
+    /// Those of the system.
     pub fn read<'a>(
         &self,
         buffer: &'a mut [u8],
         character: Character,
     ) -> std::io::Result<(&'a [u8], Option<Settings>)> {
         let mut count = 0;
-        // The kernel hands over what was written at once in two pieces where one of its buffers
-        // ends, and a busy machine makes a pause between them that would end a Modbus frame.
+        // The kernel delivers a single write in two pieces where one of its buffers ends, and on a
+        // busy machine the pause between them would end a Modbus frame.
         while count < buffer.len() {
             match rustix::io::read(&self.ours, &mut buffer[count..]) {
                 Ok(more) => count += more,
@@ -81,11 +82,11 @@ impl Pty {
         Ok((&buffer[..count], settings))
     }
 
-    /// All that the master has sent so far, who sends nothing meanwhile: on a busy machine it may
-    /// lie for a while in the kernel. Else as [`Pty::read`].
+    /// Everything that the master has sent so far, while it sends nothing more: on a busy machine
+    /// it may stay in the kernel for a while. Otherwise like [`Pty::read`].
     ///
     /// # Errors
-    /// What the system says.
+    /// Those of the system.
     pub fn rest(&self, character: Character) -> std::io::Result<(Vec<u8>, Option<Settings>)> {
         rustix::io::write(&self.theirs, MARK)?;
         let (mut rest, mut buffer) = (Vec::new(), [0; 512]);
@@ -99,7 +100,7 @@ impl Pty {
         }
     }
 
-    /// Gives the master what it hears; what it does not fetch is lost, as on a wire.
+    /// Sends to the master; what it does not fetch is lost, as on a wire.
     pub fn write(&self, bytes: &[u8]) {
         let _ = rustix::io::write(&self.ours, bytes);
     }
